@@ -1,0 +1,78 @@
+"""``fleetlog``: the verbs, loaded when called, and the one place that turns errors into a line and an exit status."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import click
+
+from fleetlog import __version__
+from fleetlog.errors import EXIT_INPUT, EXIT_INTERRUPTED, FleetlogError
+
+# name: (module, one line); the line stands here so that --help imports nothing else.
+VERBS: dict[str, tuple[str, str]] = {
+    "import": ("import_", "Read logs, match them to the roads, write a dataset and its replay."),
+    "simulate": ("simulate", "Generate the trajectories of a fleet on a site."),
+    "analyze": ("analyze", "Trips, stops, energy, density, heat maps, chargers."),
+    "calibrate": ("calibrate", "Fit a truck to measured runs."),
+    "diagnose": ("diagnose", "Say where model and recording differ, and what physics was left out."),
+    "export": ("export", "Write a dataset in another format."),
+    "info": ("info", "Describe a dataset, log, map or recording."),
+    "view": ("view", "Open a replay in the Rerun viewer."),
+    "demo": ("demo", "Do the whole job on sample data."),
+}
+
+
+class Verbs(click.Group):
+    """Commands by name, imported only when asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """In the order of a first visit, not of the alphabet."""
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command, or None."""
+        if cmd_name not in VERBS:
+            return None
+        import importlib
+
+        command = importlib.import_module(f"fleetlog.cli.{VERBS[cmd_name][0]}").command
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The list of verbs without importing any."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in VERBS.items()])
+
+
+@click.command(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]}, no_args_is_help=True)
+@click.version_option(__version__, "-V", "--version", message="fleetlog %(version)s")
+def cli() -> None:
+    """Replay, simulate and explain the logs of electric vehicle fleets."""
+
+
+def entry() -> None:
+    """Run the command line and exit with its status."""
+    # BLAS threads that spin on a busy machine cost more than they give; must be set before numpy loads.
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    try:
+        status = cli.main(standalone_mode=False)
+    except FleetlogError as error:
+        click.echo(f"fleetlog: {error.line()}", err=True)
+        status = EXIT_INPUT
+    except click.exceptions.Abort:
+        click.echo("fleetlog: interrupted; nothing was written", err=True)
+        status = EXIT_INTERRUPTED
+    except click.ClickException as error:
+        error.show()
+        status = error.exit_code
+    except BrokenPipeError:
+        sys.stderr.close()
+        status = EXIT_INPUT
+    except OSError as error:
+        click.echo(f"fleetlog: {error.filename or ''}: {error.strerror or error}", err=True)
+        status = EXIT_INPUT
+    sys.exit(status if isinstance(status, int) else 0)

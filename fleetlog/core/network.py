@@ -1,0 +1,278 @@
+"""The road network: directed edges with geometry, and which edge may follow which."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.errors import SiteError, nearest
+
+if TYPE_CHECKING:
+    import networkx as nx
+
+Floats = NDArray[np.float64]
+Index = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Edge:
+    """One directed edge as a map format describes it; the raw material of :class:`Network`.
+
+    ``points`` is (n, 3), n >= 2, metres in the site frame, along the direction of travel.  ``start`` and ``end`` name
+    nodes.  ``road`` is the id that both directions share.  ``speed_limit`` [m/s] and ``width`` [m] are NaN where unknown.
+    """
+
+    id: str
+    start: str
+    end: str
+    points: Floats
+    road: str
+    speed_limit: float = float("nan")
+    width: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Network:
+    """Directed edges as arrays; edge i is ``edge_ids[i]``.
+
+    Attributes
+    ----------
+    edge_ids : E names.  An edge and its reverse share ``roads[i]``.
+    node_ids : V names.
+    start, end : (E,) node indices.
+    points : (P, 3) vertices of all edges, end to end;  ``first`` (E + 1,): edge i owns points first[i]:first[i + 1].
+    distance : (P,) length along its edge from the edge's start to each vertex [m] (horizontal and vertical: 3-D).
+    length : (E,) [m];  speed_limit : (E,) [m/s], NaN unknown;  width : (E,) [m], NaN unknown.
+    reverse : (E,) index of the same road in the other direction, -1 where there is none.
+    next_first, next_edges : CSR of the edges that may follow: of edge i, next_edges[next_first[i]:next_first[i + 1]].
+    has_elevation : whether the map gave heights; where not, z is 0 and slope is unknown, not level.
+    """
+
+    edge_ids: tuple[str, ...]
+    roads: tuple[str, ...]
+    node_ids: tuple[str, ...]
+    start: Index
+    end: Index
+    points: Floats
+    first: Index
+    distance: Floats
+    length: Floats
+    speed_limit: Floats
+    width: Floats
+    reverse: Index
+    next_first: Index
+    next_edges: Index
+    has_elevation: bool = False
+
+    def __len__(self) -> int:
+        return len(self.edge_ids)
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        """Edge index by id."""
+        return {e: i for i, e in enumerate(self.edge_ids)}
+
+    def edge(self, edge_id: str) -> int:
+        """Index of ``edge_id``; :class:`SiteError` naming the nearest known one otherwise."""
+        try:
+            return self.index[edge_id]
+        except KeyError:
+            raise SiteError(f"no edge {edge_id!r}", do=nearest(edge_id, self.edge_ids)) from None
+
+    @cached_property
+    def node_points(self) -> Floats:
+        """(V, 3) position of every node: the mean of the edge ends that meet there [m]."""
+        total = np.zeros((len(self.node_ids), 3))
+        count = np.zeros(len(self.node_ids))
+        for node, point in (
+            (self.start, self.points[self.first[:-1]]),
+            (self.end, self.points[self.first[1:] - 1]),
+        ):
+            np.add.at(total, node, point)
+            np.add.at(count, node, 1.0)
+        return np.asarray(total / np.maximum(count, 1.0)[:, None], dtype=np.float64)
+
+    def successors(self, edge: int) -> Index:
+        """Indices of the edges that may follow ``edge``."""
+        return self.next_edges[self.next_first[edge] : self.next_first[edge + 1]]
+
+    def polyline(self, edge: int) -> Floats:
+        """(n, 3) vertices of one edge [m]."""
+        return self.points[self.first[edge] : self.first[edge + 1]]
+
+    @cached_property
+    def extent(self) -> tuple[float, float, float, float]:
+        """xmin, ymin, xmax, ymax [m]."""
+        low, high = self.points[:, :2].min(axis=0), self.points[:, :2].max(axis=0)
+        return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+    @cached_property
+    def _ladder(self) -> tuple[Floats, Floats]:
+        """Vertex distances and edge starts on one growing axis, so one search serves all edges."""
+        gap = float(self.length.max(initial=0.0)) + 1.0
+        starts = np.arange(len(self), dtype=np.float64) * gap
+        owner = np.repeat(np.arange(len(self)), np.diff(self.first))
+        return self.distance + starts[owner], starts
+
+    def segment(self, edge: Index, offset: Floats) -> tuple[NDArray[np.intp], Floats]:
+        """Index of the vertex before each place, and the share of that segment passed, for (N,) edges and offsets [m]."""
+        ladder, starts = self._ladder
+        offset = np.clip(offset, 0.0, self.length[edge])
+        k = np.searchsorted(ladder, starts[edge] + offset, side="right") - 1
+        k = np.clip(k, self.first[edge], self.first[np.asarray(edge) + 1] - 2)
+        span = np.maximum(self.distance[k + 1] - self.distance[k], 1e-12)
+        return k, np.asarray((offset - self.distance[k]) / span, dtype=np.float64)
+
+    def position(self, edge: Index, offset: Floats) -> Floats:
+        """(N, 3) places in the site frame [m]."""
+        k, share = self.segment(edge, offset)
+        return np.asarray(
+            self.points[k] + share[:, None] * (self.points[k + 1] - self.points[k]), dtype=np.float64
+        )
+
+    def heading(self, edge: Index, offset: Floats) -> Floats:
+        """(N,) direction of travel [rad], counter-clockwise from east."""
+        k, _ = self.segment(edge, offset)
+        d = self.points[k + 1] - self.points[k]
+        return np.asarray(np.arctan2(d[:, 1], d[:, 0]), dtype=np.float64)
+
+    def slope(self, edge: Index, offset: Floats) -> Floats:
+        """(N,) slope angle along the direction of travel [rad], uphill positive; 0 where the map has no elevation."""
+        k, _ = self.segment(edge, offset)
+        d = self.points[k + 1] - self.points[k]
+        return np.asarray(np.arctan2(d[:, 2], np.maximum(np.hypot(d[:, 0], d[:, 1]), 1e-9)), dtype=np.float64)
+
+    def to_networkx(self) -> nx.DiGraph[int]:
+        """The line graph, edge to edge; ``length`` [m] of an arc is that of the edge it leaves."""
+        import networkx as nx
+
+        graph: nx.DiGraph[int] = nx.DiGraph()
+        graph.add_nodes_from(range(len(self)))
+        for i in range(len(self)):
+            graph.add_edges_from(((i, int(j)) for j in self.successors(i)), length=float(self.length[i]))
+        return graph
+
+
+def reverse_id(edge_id: str) -> str:
+    """Id of the other direction of a road digitised once: ``r`` and ``-r``, as SUMO writes it."""
+    return edge_id[1:] if edge_id.startswith("-") else "-" + edge_id
+
+
+def reversed_edge(edge: Edge) -> Edge:
+    """The same road in the other direction."""
+    return Edge(
+        reverse_id(edge.id),
+        edge.end,
+        edge.start,
+        edge.points[::-1].copy(),
+        edge.road,
+        edge.speed_limit,
+        edge.width,
+    )
+
+
+def build_network(
+    edges: Sequence[Edge],
+    turns: Iterable[tuple[str, str]] | None = None,
+    forbidden: Iterable[tuple[str, str]] = (),
+    has_elevation: bool | None = None,
+) -> Network:
+    """Edges as a :class:`Network`.
+
+    Parameters
+    ----------
+    edges : in any order; ids must differ.
+    turns : the allowed (edge id, next edge id).  By default every edge that leaves the node where one ends may follow
+        it, but not its own reverse unless nothing else leaves (a dead end lets a truck turn round).
+    forbidden : (edge id, next edge id) to leave out of the default.
+    has_elevation : by default whether any height differs from another.
+    """
+    if not edges:
+        raise SiteError(
+            "the map has no drivable road", do="check the lane types or road classes that are kept"
+        )
+    index = {e.id: i for i, e in enumerate(edges)}
+    if len(index) != len(edges):
+        twice, _ = Counter(e.id for e in edges).most_common(1)[0]
+        raise SiteError(f"two roads share the id {twice!r}", do="give every road an id of its own")
+    nodes: dict[str, int] = {}
+    start = np.array([nodes.setdefault(e.start, len(nodes)) for e in edges], dtype=np.int32)
+    end = np.array([nodes.setdefault(e.end, len(nodes)) for e in edges], dtype=np.int32)
+    points = np.concatenate([np.asarray(e.points, dtype=np.float64) for e in edges])
+    first = np.concatenate([[0], np.cumsum([len(e.points) for e in edges])]).astype(np.int32)
+    steps = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1)
+    steps[first[:-1]] = 0.0
+    distance = np.cumsum(steps)
+    distance -= np.repeat(distance[first[:-1]], np.diff(first))
+    by_road: dict[str, list[int]] = {}
+    for i, e in enumerate(edges):
+        by_road.setdefault(e.road, []).append(i)
+    reverse = np.full(len(edges), -1, dtype=np.int32)
+    for i, e in enumerate(edges):
+        for j in by_road[e.road]:
+            if j != i and start[j] == end[i] and end[j] == start[i] and edges[j].id == reverse_id(e.id):
+                reverse[i] = j
+    if turns is None:
+        follow = _default_turns(
+            start, end, reverse, {(index[a], index[b]) for a, b in forbidden if a in index and b in index}
+        )
+    else:
+        follow = [[] for _ in edges]
+        for a, b in turns:
+            follow[index[a]].append(index[b])
+    follow = [sorted(set(f)) for f in follow]
+    return Network(
+        edge_ids=tuple(e.id for e in edges),
+        roads=tuple(e.road for e in edges),
+        node_ids=tuple(nodes),
+        start=start,
+        end=end,
+        points=points,
+        first=first,
+        distance=distance,
+        length=distance[first[1:] - 1].copy(),
+        speed_limit=np.array([e.speed_limit for e in edges], dtype=np.float64),
+        width=np.array([e.width for e in edges], dtype=np.float64),
+        reverse=reverse,
+        next_first=np.concatenate([[0], np.cumsum([len(f) for f in follow])]).astype(np.int32),
+        next_edges=np.array([j for f in follow for j in f], dtype=np.int32),
+        has_elevation=bool(np.ptp(points[:, 2]) > 1e-6) if has_elevation is None else has_elevation,
+    )
+
+
+def _default_turns(
+    start: Index, end: Index, reverse: Index, forbidden: set[tuple[int, int]]
+) -> list[list[int]]:
+    leaving: dict[int, list[int]] = {}
+    for j, node in enumerate(start):
+        leaving.setdefault(int(node), []).append(j)
+    follow = []
+    for i, node in enumerate(end):
+        ways = [j for j in leaving.get(int(node), []) if (i, j) not in forbidden]
+        onward = [j for j in ways if j != reverse[i]]
+        follow.append(onward or ways)
+    return follow
+
+
+@dataclass(frozen=True)
+class LoadReport:
+    """What became of the roads of a map file: ``read`` came in, ``kept`` are driven, ``dropped`` counts by reason."""
+
+    format: str
+    read: int
+    kept: int
+    dropped: dict[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def line(self) -> str:
+        """One sentence for the terminal."""
+        why = ", ".join(f"{n} {reason}" for reason, n in self.dropped.items())
+        return f"{self.format}: {self.read} roads read, {self.kept} kept" + (
+            f" (left out: {why})" if why else ""
+        )

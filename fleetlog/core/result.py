@@ -1,0 +1,108 @@
+"""What an analysis answers: numbers, tables and a few drawable shapes.  ``store`` writes it, ``view`` draws it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A raster over the floor: ``values`` (rows from south to north, columns from west to east), NaN where empty.
+
+    ``x0, y0`` is the south-west corner [m], ``cell`` the cell size [m].  ``diverging`` draws with a symmetric colour map
+    around zero.
+    """
+
+    name: str
+    values: Floats
+    x0: float
+    y0: float
+    cell: float
+    label: str
+    diverging: bool = False
+    mask: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True)
+class EdgeValues:
+    """A value on directed edges, or on stretches of them: ``edge`` (N,) indices, ``start``/``end`` (N,) offsets [m]."""
+
+    name: str
+    edge: NDArray[np.int32]
+    start: Floats
+    end: Floats
+    values: Floats
+    label: str
+    diverging: bool = False
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Labelled points on the floor ((N, 2) m): stops, chargers, critical areas.  ``size`` (N,) in metres."""
+
+    name: str
+    xy: Floats
+    labels: tuple[str, ...]
+    size: Floats
+    kind: Literal["place", "charger", "critical", "point"] = "point"
+
+
+@dataclass(frozen=True)
+class MovingLines:
+    """Line segments on the floor that change with time: at ``time[i]`` (int64 us) the strips ``lines[i]`` ((k, 2, 2) m) with flags."""
+
+    name: str
+    time: NDArray[np.int64]
+    lines: tuple[Floats, ...]
+    critical: tuple[NDArray[np.bool_], ...]
+
+
+@dataclass(frozen=True)
+class Series:
+    """Curves over time or another axis: ``x`` (N,) (int64 us when ``over_time``), ``y`` by name."""
+
+    name: str
+    x: NDArray[Any]
+    y: dict[str, Floats]
+    x_label: str
+    y_label: str
+    over_time: bool = False
+    stacked: bool = False
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Labelled bars."""
+
+    name: str
+    labels: tuple[str, ...]
+    values: Floats
+    label: str
+
+
+Shape = Grid | EdgeValues | Marks | MovingLines | Series | Bars
+
+
+@dataclass
+class Result:
+    """The answer to one question.
+
+    ``summary`` is JSON-ready; a quantity's key ends in its unit or ``units`` says it.  ``tables`` are written as Parquet,
+    those named in ``places`` (with columns x, y) as GeoJSON too.  ``lines`` is the answer in at most ten sentences for the terminal.
+    """
+
+    name: str
+    summary: dict[str, Any]
+    tables: dict[str, pd.DataFrame] = field(default_factory=dict)
+    places: dict[str, pd.DataFrame] = field(default_factory=dict)
+    shapes: list[Shape] = field(default_factory=list)
+    lines: list[str] = field(default_factory=list)

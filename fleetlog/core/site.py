@@ -1,0 +1,199 @@
+"""A site: its frame on the earth, roads, places, zones and buildings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fleetlog.core.network import Edge, Network, build_network
+from fleetlog.errors import SiteError
+
+Floats = NDArray[np.float64]
+PlaceKind = Literal["pick", "drop", "park", "charge"]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Right-handed local metres, x east, y north, z up, about an origin on the WGS 84 ellipsoid.
+
+    Azimuthal equidistant about (``latitude``, ``longitude``) [degrees]; ``rotation`` [rad] turns the local x axis
+    counter-clockwise from east.
+    """
+
+    latitude: float
+    longitude: float
+    rotation: float = 0.0
+
+    @cached_property
+    def _projection(self) -> Any:
+        from pyproj import Transformer
+
+        local = (
+            f"+proj=aeqd +lat_0={self.latitude!r} +lon_0={self.longitude!r} +ellps=WGS84 +units=m +no_defs"
+        )
+        return Transformer.from_crs("EPSG:4326", local, always_xy=True)
+
+    def to_local(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Floats, Floats]:
+        """x, y [m] of geographic coordinates [degrees]."""
+        east, north = self._projection.transform(np.asarray(longitude, float), np.asarray(latitude, float))
+        c, s = np.cos(self.rotation), np.sin(self.rotation)
+        return c * east + s * north, -s * east + c * north
+
+    def to_geographic(self, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+        """Latitude, longitude [degrees] of local coordinates [m]."""
+        x, y = np.asarray(x, float), np.asarray(y, float)
+        c, s = np.cos(self.rotation), np.sin(self.rotation)
+        longitude, latitude = self._projection.transform(c * x - s * y, s * x + c * y, direction="INVERSE")
+        return latitude, longitude
+
+
+@dataclass(frozen=True)
+class Place:
+    """A spot where trucks stay: pick, drop, park or charge; metres in the site frame."""
+
+    id: str
+    kind: PlaceKind
+    x: float
+    y: float
+    plugs: int = 1
+    power: float = float("nan")
+    """Charging power [W] of one plug, for kind ``charge``."""
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A polygon ((n, 2) metres) with a speed limit [m/s] (NaN: none), or under a roof."""
+
+    id: str
+    polygon: Floats
+    speed_limit: float = float("nan")
+    covered: bool = False
+
+
+@dataclass(frozen=True)
+class Building:
+    """A polygon ((n, 2) metres) of a height [m]; drawn in the 3-D replay."""
+
+    id: str
+    polygon: Floats
+    height: float = 6.0
+
+
+@dataclass(frozen=True)
+class Site:
+    """The plant.  ``frame`` is None where nothing says where on earth it lies; ``network`` is None without a map."""
+
+    name: str = "site"
+    frame: Frame | None = None
+    network: Network | None = None
+    traffic: Literal["right", "left"] = "right"
+    places: tuple[Place, ...] = ()
+    zones: tuple[Zone, ...] = ()
+    buildings: tuple[Building, ...] = ()
+    source: dict[str, Any] = field(default_factory=dict)
+    """Where it was read from: file names and sha256, for provenance."""
+
+    def roads(self) -> Network:
+        """The network, or :class:`SiteError` where the site has none."""
+        if self.network is None:
+            raise SiteError(f"site {self.name!r} has no road network", do="give one with --site")
+        return self.network
+
+
+def site_to_dict(site: Site) -> dict[str, Any]:
+    """A JSON-ready picture of the whole site, network included; :func:`site_from_dict` reads it back exactly."""
+    out: dict[str, Any] = {"name": site.name, "traffic": site.traffic, "source": site.source}
+    if site.frame:
+        out["frame"] = {k: getattr(site.frame, k) for k in ("latitude", "longitude", "rotation")}
+    out["place"] = [
+        {k: _json(getattr(p, k)) for k in ("id", "kind", "x", "y", "plugs", "power")} for p in site.places
+    ]
+    out["zone"] = [
+        {"id": z.id, "polygon": z.polygon.tolist(), "speed_limit": _json(z.speed_limit), "covered": z.covered}
+        for z in site.zones
+    ]
+    out["building"] = [
+        {"id": b.id, "polygon": b.polygon.tolist(), "height": b.height} for b in site.buildings
+    ]
+    if site.network is not None:
+        out["network"] = _network_to_dict(site.network)
+    return out
+
+
+def _json(value: Any) -> Any:
+    return None if isinstance(value, float) and np.isnan(value) else value
+
+
+def _network_to_dict(n: Network) -> dict[str, Any]:
+    edges = [
+        {
+            "id": n.edge_ids[i],
+            "road": n.roads[i],
+            "from": n.node_ids[n.start[i]],
+            "to": n.node_ids[n.end[i]],
+            "speed_limit": _json(float(n.speed_limit[i])),
+            "width": _json(float(n.width[i])),
+            "next": [n.edge_ids[j] for j in n.successors(i)],
+            "points": n.polyline(i).tolist(),
+        }
+        for i in range(len(n))
+    ]
+    return {"has_elevation": n.has_elevation, "edges": edges}
+
+
+def site_from_dict(data: dict[str, Any]) -> Site:
+    """The site of a dictionary made by :func:`site_to_dict`."""
+    nan = float("nan")
+    frame = Frame(**data["frame"]) if data.get("frame") else None
+    places = tuple(
+        Place(
+            p["id"],
+            p["kind"],
+            p["x"],
+            p["y"],
+            p.get("plugs", 1),
+            nan if p.get("power") is None else p["power"],
+        )
+        for p in data.get("place", ())
+    )
+    zones = tuple(
+        Zone(
+            z["id"],
+            np.asarray(z["polygon"], float),
+            nan if z.get("speed_limit") is None else z["speed_limit"],
+            z["covered"],
+        )
+        for z in data.get("zone", ())
+    )
+    buildings = tuple(
+        Building(b["id"], np.asarray(b["polygon"], float), b["height"]) for b in data.get("building", ())
+    )
+    network = _network_from_dict(data["network"]) if data.get("network") else None
+    return Site(
+        data["name"],
+        frame,
+        network,
+        data.get("traffic", "right"),
+        places,
+        zones,
+        buildings,
+        data.get("source", {}),
+    )
+
+
+def _network_from_dict(data: dict[str, Any]) -> Network:
+    nan = float("nan")
+    edges = [
+        Edge(
+            e["id"], e["from"], e["to"], np.asarray(e["points"], float), e["road"],
+            nan if e["speed_limit"] is None else e["speed_limit"],
+            nan if e["width"] is None else e["width"],
+        )
+        for e in data["edges"]
+    ]  # fmt: skip
+    turns = [(e["id"], j) for e in data["edges"] for j in e["next"]]
+    return build_network(edges, turns=turns, has_elevation=data["has_elevation"])

@@ -1,0 +1,225 @@
+"""The checked table of one vehicle's motion, as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core import columns as cols
+from fleetlog.errors import DataError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Codes = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Labels:
+    """A column of repeated strings: ``names[codes[i]]``, and code -1 for null."""
+
+    codes: Codes
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    def __getitem__(self, index: Any) -> Labels:
+        return Labels(self.codes[index], self.names)
+
+    def strings(self) -> list[str | None]:
+        """The values, one by one; for small tables and tests."""
+        return [self.names[c] if c >= 0 else None for c in self.codes]
+
+    def recode(self, order: Mapping[str, int]) -> Codes:
+        """Codes in another numbering, for example a network's edge indices; -1 for null and for unknown names."""
+        table = np.array([order.get(n, -1) for n in self.names] + [-1], dtype=np.int32)
+        return table[self.codes]
+
+    @classmethod
+    def of(cls, values: Any) -> Labels:
+        """From any sequence of strings, None meaning null."""
+        import pandas as pd
+
+        codes, names = pd.factorize(np.asarray(values, dtype=object), use_na_sentinel=True)
+        return cls(codes.astype(np.int32), tuple(str(n) for n in names))
+
+
+Values = Floats | Ints | Labels | NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One vehicle, one stretch of time.
+
+    Attributes
+    ----------
+    vehicle_id : str
+    time : (N,) int64, microseconds since 1970-01-01 UTC, strictly increasing.
+    columns : by the names of :mod:`fleetlog.core.columns` (without vehicle_id and timestamp) or a log's own further
+        names.  Floats are float64 with NaN for null; ``trip_id`` is int64 with -1 for null; labels are :class:`Labels`.
+        A column that is wholly unknown is simply absent.
+    """
+
+    vehicle_id: str
+    time: Ints
+    columns: dict[str, Values] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.columns
+
+    def __getitem__(self, index: slice | NDArray[Any]) -> Trajectory:
+        """The rows of a slice, a boolean mask or an index array."""
+        return Trajectory(self.vehicle_id, self.time[index], {k: v[index] for k, v in self.columns.items()})
+
+    def floats(self, name: str) -> Floats:
+        """A float column; all NaN where the log has none."""
+        values = self.columns.get(name)
+        if values is None:
+            return np.full(len(self), np.nan)
+        return np.asarray(values, dtype=np.float64)
+
+    def has(self, name: str) -> bool:
+        """Whether the column is there with at least one known value."""
+        values = self.columns.get(name)
+        if values is None:
+            return False
+        if isinstance(values, Labels):
+            return bool((values.codes >= 0).any())
+        if name == "trip_id":
+            return bool((values >= 0).any())
+        return values.dtype.kind not in "f" or bool(np.isfinite(values).any())
+
+    def labels(self, name: str) -> Labels:
+        """A label column; all null where the log has none."""
+        values = self.columns.get(name)
+        return values if isinstance(values, Labels) else Labels(np.full(len(self), -1, np.int32), ())
+
+    def trip_ids(self) -> Ints:
+        """(N,) trip of every row, -1 where unknown."""
+        values = self.columns.get("trip_id")
+        return np.full(len(self), -1, np.int64) if values is None else np.asarray(values, dtype=np.int64)
+
+    def seconds(self, origin: int | None = None) -> Floats:
+        """(N,) seconds since ``origin`` (microseconds; the first row by default)."""
+        if not len(self):
+            return np.zeros(0)
+        return np.asarray((self.time - (self.time[0] if origin is None else origin)) * 1e-6, dtype=np.float64)
+
+    def with_columns(self, **new: Values) -> Trajectory:
+        """A copy with columns added or replaced."""
+        return Trajectory(self.vehicle_id, self.time, {**self.columns, **new})
+
+    def check(self) -> None:
+        """Raise :class:`DataError` unless lengths agree and time increases strictly."""
+        for name, values in self.columns.items():
+            if len(values) != len(self):
+                raise DataError(
+                    f"vehicle {self.vehicle_id}: column {name} has {len(values)} rows, time has {len(self)}"
+                )
+        if len(self) > 1 and not bool((np.diff(self.time) > 0).all()):
+            row = int(np.argmax(np.diff(self.time) <= 0)) + 1
+            raise DataError(f"vehicle {self.vehicle_id}: time does not increase at row {row}")
+
+
+def to_arrow(trajectory: Trajectory) -> pa.Table:
+    """The trajectory as an Arrow table: the contract's columns in order, then the log's own ones by name."""
+    import pyarrow as pa
+
+    known = {c.name for c in cols.COLUMNS}
+    fields, arrays = [], []
+    for column in cols.COLUMNS:
+        fields.append(cols.arrow_field(column))
+        arrays.append(_arrow_array(trajectory, column, fields[-1].type))
+    for name in sorted(set(trajectory.columns) - known):
+        array = _extra_array(trajectory.columns[name])
+        arrays.append(array)
+        fields.append(pa.field(name, array.type, metadata={"unit": "", "meaning": "kept from the log"}))
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+
+
+def _arrow_array(t: Trajectory, column: cols.Column, kind: pa.DataType) -> pa.Array:
+    import pyarrow as pa
+
+    if column.name == "vehicle_id":
+        return pa.repeat(pa.scalar(t.vehicle_id, kind), len(t)) if len(t) else pa.array([], kind)
+    if column.name == "timestamp":
+        return pa.array(t.time, pa.int64()).cast(kind)
+    values = t.columns.get(column.name)
+    if values is None:
+        return pa.nulls(len(t), kind)
+    if isinstance(values, Labels):
+        return _label_array(values)
+    if column.kind == "int64":
+        ints = np.asarray(values, dtype=np.int64)
+        return pa.array(ints, kind, mask=ints < 0)
+    floats = np.asarray(values, dtype=np.float64)
+    return pa.array(floats, kind, mask=np.isnan(floats))
+
+
+def _label_array(labels: Labels) -> pa.Array:
+    import pyarrow as pa
+
+    indices = pa.array(labels.codes, pa.int32(), mask=labels.codes < 0)
+    return pa.DictionaryArray.from_arrays(indices, pa.array(list(labels.names), pa.string()))
+
+
+def _extra_array(values: Values) -> pa.Array:
+    import pyarrow as pa
+
+    if isinstance(values, Labels):
+        return _label_array(values)
+    if values.dtype.kind == "f":
+        return pa.array(values, mask=np.isnan(values))
+    return pa.array(values)
+
+
+def from_arrow(table: pa.Table, vehicle_id: str) -> Trajectory:
+    """The trajectory in an Arrow table of one vehicle; columns that are wholly null are left out."""
+    import pyarrow as pa
+
+    time = table.column("timestamp").cast(pa.timestamp("us", tz="UTC")).cast(pa.int64()).to_numpy()
+    columns: dict[str, Values] = {}
+    for name in table.column_names:
+        chunk = table.column(name)
+        if name in ("vehicle_id", "timestamp", "date") or (len(chunk) and chunk.null_count == len(chunk)):
+            continue
+        columns[name] = _numpy_values(chunk, name)
+    return Trajectory(vehicle_id, np.asarray(time, dtype=np.int64), columns)
+
+
+def _numpy_values(chunk: pa.ChunkedArray, name: str) -> Values:
+    import pyarrow as pa
+
+    if pa.types.is_string(chunk.type) or pa.types.is_large_string(chunk.type):
+        chunk = chunk.dictionary_encode()
+    if pa.types.is_dictionary(chunk.type):
+        array = chunk.unify_dictionaries().combine_chunks()
+        if isinstance(array, pa.ChunkedArray):
+            array = array.chunk(0) if array.num_chunks else pa.array([], chunk.type)
+        codes = array.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int32)
+        return Labels(codes, tuple(array.dictionary.to_pylist()))
+    if name == "trip_id":
+        return np.asarray(chunk.fill_null(-1).to_numpy(), dtype=np.int64)
+    if pa.types.is_floating(chunk.type) or pa.types.is_integer(chunk.type):
+        return np.asarray(chunk.cast(pa.float64()).to_numpy(), dtype=np.float64)
+    return np.asarray(chunk.to_numpy())
+
+
+def concatenate(pieces: list[Trajectory]) -> Trajectory:
+    """Pieces of one vehicle in order of time, as one; a column missing in a piece is null there."""
+    if len(pieces) == 1:
+        return pieces[0]
+    import pyarrow as pa
+
+    tables = [to_arrow(p) for p in pieces]
+    return from_arrow(pa.concat_tables(tables, promote_options="default"), pieces[0].vehicle_id)

@@ -1,0 +1,157 @@
+"""A truck: what the nominal model needs to know of a vehicle type, with a documented default for every key but mass."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from fleetlog.errors import TruckError, nearest
+
+
+def _key(default: float, unit: str, meaning: str, low: float = 0.0, high: float = float("inf")) -> Any:
+    return field(default=default, metadata={"unit": unit, "meaning": meaning, "low": low, "high": high})
+
+
+@dataclass(frozen=True)
+class Chassis:
+    """Mass and shape."""
+
+    mass: float = field(
+        metadata={"unit": "kg", "meaning": "with battery, without load", "low": 1.0, "high": 1e5}
+    )
+    rated_load: float = _key(2500.0, "kg", "heaviest load that may be lifted")
+    turn_radius: float = _key(2.5, "m", "paths are rounded with this radius at junctions")
+    length: float = _key(3.0, "m", "of the footprint, forks included", 0.1, 30.0)
+    width: float = _key(1.2, "m", "of the footprint", 0.1, 10.0)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Traction and what the driver asks of it."""
+
+    efficiency: float = _key(0.80, "1", "battery to wheel", 1e-3, 1.0)
+    regeneration: float = _key(0.30, "1", "wheel to battery, share of braking work", 0.0, 1.0)
+    max_power: float = _key(18000.0, "W", "at the wheel")
+    max_speed: float = _key(5.0, "m/s", "on level ground", 1e-3)
+    speed_factor: float = _key(1.0, "1", "share of the limit that drivers use", 1e-3, 2.0)
+    max_acceleration: float = _key(0.6, "m/s2", "setting off", 1e-3)
+    max_deceleration: float = _key(0.8, "m/s2", "braking", 1e-3)
+    max_lateral_acceleration: float = _key(1.2, "m/s2", "in turns", 1e-3)
+
+
+@dataclass(frozen=True)
+class Resistance:
+    """Forces against motion."""
+
+    rolling: float = _key(0.015, "1", "rolling coefficient", 0.0, 1.0)
+    drag_area: float = _key(0.0, "m2", "c_d A")
+
+
+@dataclass(frozen=True)
+class Lift:
+    """The mast."""
+
+    efficiency: float = _key(0.65, "1", "battery to raised load", 1e-3, 1.0)
+    recuperation: float = _key(0.0, "1", "share of the lowering work returned", 0.0, 1.0)
+    carriage_mass: float = _key(350.0, "kg", "lifted with every load")
+    raise_speed: float = _key(0.35, "m/s", "raising", 1e-3)
+    lower_speed: float = _key(0.45, "m/s", "lowering", 1e-3)
+
+
+@dataclass(frozen=True)
+class Auxiliary:
+    """Whatever is on while the key is on."""
+
+    power: float = _key(400.0, "W", "controller, lights, display")
+
+
+@dataclass(frozen=True)
+class Battery:
+    """The traction battery."""
+
+    voltage: float = _key(48.0, "V", "nominal", 1.0)
+    capacity_wh: float = _key(30000.0, "Wh", "usable energy", 1.0)
+    internal_resistance: float = _key(0.0, "ohm", "at the terminals")
+
+
+@dataclass(frozen=True)
+class Truck:
+    """The nominal truck; every analysis and the simulator read this and nothing else of a vehicle type."""
+
+    chassis: Chassis
+    name: str = "truck"
+    drive: Drive = Drive()
+    resistance: Resistance = Resistance()
+    lift: Lift = Lift()
+    auxiliary: Auxiliary = Auxiliary()
+    battery: Battery = Battery()
+
+    def with_value(self, key: str, value: float) -> Truck:
+        """A copy with one dotted key changed, as ``drive.efficiency``."""
+        section, name = key.split(".")
+        return replace(self, **{section: replace(getattr(self, section), **{name: value})})
+
+    def value(self, key: str) -> float:
+        """The value of a dotted key, as ``drive.efficiency``."""
+        section, name = key.split(".")
+        return float(getattr(getattr(self, section), name))
+
+
+SECTIONS: dict[str, type] = {
+    "chassis": Chassis, "drive": Drive, "resistance": Resistance, "lift": Lift, "auxiliary": Auxiliary, "battery": Battery,
+}  # fmt: skip
+
+
+def load_truck(path: str | Path) -> Truck:
+    """Read a truck file (TOML); :class:`TruckError` names the key at fault and the nearest known one."""
+    path = Path(path)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise TruckError(
+            "no such file", where=path, do="give a truck file or the name of a preset with --truck"
+        ) from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise TruckError(f"not readable as TOML: {error}", where=path) from None
+    return truck_from_dict(data, path)
+
+
+def truck_from_dict(data: dict[str, Any], where: str | Path | None = None) -> Truck:
+    """A truck of nested sections, checked."""
+    known = {*SECTIONS, "name"}
+    for key in data:
+        if key not in known:
+            raise TruckError("unknown key", where=where, place=key, do=nearest(key, known))
+    if "mass" not in data.get("chassis", {}):
+        raise TruckError(
+            "the mass is missing", where=where, place="chassis.mass", do="state it in kg, with battery"
+        )
+    sections = {name: _section(name, kind, data.get(name, {}), where) for name, kind in SECTIONS.items()}
+    return Truck(name=str(data.get("name", "truck")), **sections)
+
+
+def _section(name: str, kind: type, values: Any, where: str | Path | None) -> Any:
+    if not isinstance(values, dict):
+        raise TruckError("is not a section", where=where, place=name, do=f"write [{name}] and its keys below")
+    known = {f.name: f for f in fields(kind)}
+    for key, value in values.items():
+        place = f"{name}.{key}"
+        if key not in known:
+            raise TruckError("unknown key", where=where, place=place, do=nearest(key, known))
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise TruckError(f"{value!r} is not a number", where=where, place=place)
+        low, high = known[key].metadata["low"], known[key].metadata["high"]
+        if not low <= value <= high:
+            unit = known[key].metadata["unit"]
+            raise TruckError(f"{value} is outside {low:g} to {high:g} {unit}", where=where, place=place)
+    return kind(**{k: float(v) for k, v in values.items()})
+
+
+def truck_to_dict(truck: Truck) -> dict[str, Any]:
+    """Nested sections, as in the file."""
+    return {
+        "name": truck.name,
+        **{s: {f.name: getattr(getattr(truck, s), f.name) for f in fields(k)} for s, k in SECTIONS.items()},
+    }

@@ -1,0 +1,75 @@
+"""The family of errors.  Each says where, what is wrong and what to do next, in one line.
+
+    FleetlogError                     exit status 1
+    ├── InputError                    a file or a row of the user's is at fault
+    │   ├── FormatError               not of the format it was taken for
+    │   ├── SiteError                 a map or a site file
+    │   └── TruckError                a truck file
+    ├── DataError                     the files are well formed, the data cannot carry the question
+    └── OutputError                   the result cannot be written where it was asked for
+
+``UsageError`` of click (exit status 2) stays with the command line.  ``fleetlog.cli.main`` is the one place that
+turns these into a line on standard error.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+
+EXIT_DONE, EXIT_INPUT, EXIT_USAGE, EXIT_DAMAGED, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
+
+
+class FleetlogError(Exception):
+    """Base of everything that fleetlog raises on purpose.
+
+    Parameters
+    ----------
+    what : what is wrong, a clause without a full stop.
+    where : the file, and ``place`` in it (line, record, key), when there is one.
+    do : what the reader should do about it.
+    """
+
+    def __init__(
+        self, what: str, *, where: str | Path | None = None, place: str | None = None, do: str | None = None
+    ) -> None:
+        self.what, self.where, self.place, self.do = what, where, place, do
+        super().__init__(self.line())
+
+    def line(self) -> str:
+        """The whole message on one line: where, place: what; what to do."""
+        head = ", ".join(str(part) for part in (self.where, self.place) if part is not None)
+        text = f"{head}: {self.what}" if head else self.what
+        return " ".join((f"{text}; {self.do}" if self.do else text).split())
+
+
+class InputError(FleetlogError):
+    """A file or a row that the user gave is at fault."""
+
+
+class FormatError(InputError):
+    """A file is not of the format that it was taken for."""
+
+
+class SiteError(InputError):
+    """A map or a site file is at fault."""
+
+
+class TruckError(InputError):
+    """A truck file is at fault."""
+
+
+class DataError(FleetlogError):
+    """The data are well formed but cannot carry the question that was asked of them."""
+
+
+class OutputError(FleetlogError):
+    """The result cannot be written where it was asked for."""
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """``'did you mean X?'`` for the known word closest to ``word``, else the list of the known ones."""
+    names = sorted(known)
+    close = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
+    return f"did you mean {close[0]!r}?" if close else f"known are {', '.join(names)}"

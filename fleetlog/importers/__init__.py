@@ -1,0 +1,1 @@
+"""One file a log format: raw log to batches of rows."""

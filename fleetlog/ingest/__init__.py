@@ -1,0 +1,1 @@
+"""From raw logs to a dataset: clean, derive, match, cut into trips."""

@@ -1,0 +1,92 @@
+"""The sum of the terms: battery power of a motion, and its ledger.
+
+    F        = sum of force terms                       [N]
+    P_drive  = F v / efficiency where F v >= 0, F v regeneration where F v < 0
+    P        = P_drive + sum of power terms             [W] at the battery terminals, > 0 when discharging
+    P_cell   = P + internal_resistance (P / voltage)^2  what the state of charge pays
+
+``ledger`` splits P_drive among the forces in proportion, so its rows add up to P exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import Floats, Term, Values
+from fleetlog.registry import parts
+
+
+def all_terms() -> dict[str, Term]:
+    """Every term in the folder of terms, by name."""
+    return parts("fleetlog.physics.terms", "TERM")
+
+
+@dataclass(frozen=True)
+class Physics:
+    """The nominal truck and the values of the terms that were added or changed; the one list of terms.
+
+    ``values[term]`` maps the term's parameters to numbers, or to (N,) arrays along a given motion.  Terms in ``off`` are
+    left out of the sum, nominal or not.
+    """
+
+    truck: Truck
+    values: dict[str, Values] = field(default_factory=dict)
+    off: frozenset[str] = frozenset()
+
+    def active(self) -> list[Term]:
+        """Nominal terms and added ones, in the order of their names."""
+        return [
+            t for n, t in sorted(all_terms().items()) if (t.nominal or n in self.values) and n not in self.off
+        ]
+
+    def actual_truck(self) -> Truck:
+        """The truck with every value that a term replaces."""
+        truck = self.truck
+        for term in self.active():
+            for name, value in self.values.get(term.name, {}).items():
+                key = term.by_name[name].truck_key
+                if key is not None:
+                    truck = truck.with_value(key, float(value))
+        return truck
+
+    def actual_motion(self, motion: Motion) -> Motion:
+        """The motion with the load that acts, where a term replaces it."""
+        for term in self.active():
+            if term.acts == "load" and term.function is not None:
+                payload = term.function(motion, self.truck, self.values[term.name])
+                motion = motion.replaced(payload=payload)
+        return motion
+
+
+def ledger(motion: Motion, physics: Physics) -> dict[str, Floats]:
+    """Battery power by term, (N,) watts each; the sum over terms is the model's power."""
+    truck, motion = physics.actual_truck(), physics.actual_motion(motion)
+    forces: dict[str, Floats] = {}
+    powers: dict[str, Floats] = {}
+    for term in physics.active():
+        if term.function is None or term.acts not in ("force", "power"):
+            continue
+        into = forces if term.acts == "force" else powers
+        into[term.name] = term.function(motion, truck, physics.values.get(term.name, {}))
+    total = sum(forces.values(), np.zeros(len(motion)))
+    conversion = np.where(total >= 0.0, 1.0 / truck.drive.efficiency, truck.drive.regeneration) * motion.speed
+    return {**{n: f * conversion for n, f in forces.items()}, **powers}
+
+
+def battery_power(motion: Motion, physics: Physics) -> Floats:
+    """(N,) power at the battery terminals [W], > 0 when discharging."""
+    return np.asarray(sum(ledger(motion, physics).values(), np.zeros(len(motion))))
+
+
+def cell_power(terminal: Floats, truck: Truck) -> Floats:
+    """(N,) power that the state of charge pays [W]: P + R (P / V)^2."""
+    return terminal + truck.battery.internal_resistance * (terminal / truck.battery.voltage) ** 2
+
+
+def soc_change(terminal: Floats, dt: Floats, truck: Truck) -> Floats:
+    """(N,) change of the state of charge in each sample."""
+    return -cell_power(terminal, truck) * dt / (3600.0 * truck.battery.capacity_wh)

@@ -1,0 +1,21 @@
+"""Aerodynamic drag in still air."""
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import AIR_DENSITY, Floats, Parameter, Term, Values
+
+
+def force(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """F = 1/2 rho c_d A v^2 [N]; c_d A is some 3 to 5 m2 for a counterbalance truck with an upright mast."""
+    return 0.5 * AIR_DENSITY * truck.resistance.drag_area * motion.speed**2
+
+
+TERM = Term(
+    "aerodynamic_drag",
+    "force",
+    "air drag is larger than the truck file says",
+    (Parameter("drag_area", "m2", 0.0, 15.0, truck_key="resistance.drag_area"),),
+    force,
+    nominal=True,
+    depends_on=("speed",),
+)

@@ -1,0 +1,22 @@
+"""Whatever is on while the key is on."""
+
+import numpy as np
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import Floats, Parameter, Term, Values
+
+
+def power(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """P = constant [W]; 150 to 500 W for controller, lights and display."""
+    return np.full(len(motion), truck.auxiliary.power)
+
+
+TERM = Term(
+    "auxiliary_load",
+    "power",
+    "something draws constant power, driving or standing",
+    (Parameter("power", "W", 0.0, 6000.0, truck_key="auxiliary.power"),),
+    power,
+    nominal=True,
+)

@@ -1,0 +1,26 @@
+"""Road slope."""
+
+import numpy as np
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import GRAVITY, Floats, Parameter, Term, Values, total_mass
+
+
+def force(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """F = m g sin(theta) [N], theta the map's slope along the motion plus what was found (``slope``: tan theta)."""
+    theta = motion.slope + np.arctan(values.get("slope", 0.0))
+    return total_mass(motion, truck) * GRAVITY * np.sin(theta)
+
+
+TERM = Term(
+    "grade",
+    "force",
+    "the road climbs or falls where the map is level",
+    (Parameter("slope", "1", -0.3, 0.3),),
+    force,
+    nominal=True,
+    field=True,
+    odd=True,
+    depends_on=("x", "y", "heading"),
+)

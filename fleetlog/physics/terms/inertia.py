@@ -1,0 +1,13 @@
+"""Acceleration of the mass."""
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import Floats, Term, Values, total_mass
+
+
+def force(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """F = m a [N]; Newton's second law, for a mass without rotating parts (see rotational_inertia)."""
+    return total_mass(motion, truck) * motion.acceleration
+
+
+TERM = Term("inertia", "force", "acceleration of truck and load", function=force, nominal=True)

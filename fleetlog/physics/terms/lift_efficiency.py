@@ -1,0 +1,24 @@
+"""Raising and lowering the load."""
+
+import numpy as np
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import GRAVITY, Floats, Parameter, Term, Values
+
+
+def power(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """P = (payload + carriage) g h' / efficiency raising, times recuperation lowering [W]; h' = d fork_height / dt."""
+    work = (motion.payload + truck.lift.carriage_mass) * GRAVITY * motion.lift_speed
+    return np.where(motion.lift_speed > 0.0, work / truck.lift.efficiency, work * truck.lift.recuperation)
+
+
+TERM = Term(
+    "lift_efficiency",
+    "power",
+    "the hydraulic lift is less efficient than the truck file says",
+    (Parameter("efficiency", "1", 0.15, 1.0, truck_key="lift.efficiency"),),
+    power,
+    nominal=True,
+    depends_on=("lift_speed", "payload"),
+)

@@ -1,0 +1,28 @@
+"""Rolling resistance."""
+
+import numpy as np
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import GRAVITY, Floats, Parameter, Term, Values, total_mass
+
+
+def force(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """F = f m g cos(theta) while rolling, 0 at rest [N].
+
+    f is about 0.006 to 0.02 for tyres on asphalt or concrete, 0.012 to 0.025 for superelastic tyres; independent of
+    speed below some 10 m/s.
+    """
+    pressed = total_mass(motion, truck) * GRAVITY * np.cos(motion.slope)
+    return np.where(motion.speed > 0.0, truck.resistance.rolling * pressed, 0.0)
+
+
+TERM = Term(
+    "rolling_resistance",
+    "force",
+    "tyres roll harder or easier than the truck file says, everywhere",
+    (Parameter("coefficient", "1", 0.002, 0.08, truck_key="resistance.rolling"),),
+    force,
+    nominal=True,
+    depends_on=("payload",),
+)

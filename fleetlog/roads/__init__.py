@@ -1,0 +1,1 @@
+"""One file a map format: map to network; matching and routing on it."""

@@ -1,0 +1,76 @@
+"""Output appears whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from fleetlog.errors import OutputError
+
+MARK = ".partial-"
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OSError):
+        return True
+    return True
+
+
+def _clear_leftovers(target: Path) -> None:
+    """Remove what killed runs left beside ``target``."""
+    for left in target.parent.glob(f".{target.name}{MARK}*"):
+        pid = left.name.rsplit(MARK, 1)[1].split("-")[0]
+        if pid.isdigit() and not _alive(int(pid)):
+            shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink(missing_ok=True)
+
+
+def check_free(target: Path, overwrite: bool) -> None:
+    """Raise :class:`OutputError` if ``target`` is there and must not be replaced, or cannot be written."""
+    if target.exists() and not overwrite:
+        raise OutputError("is already there", where=target, do="choose another name or add --overwrite")
+    if not target.absolute().parent.is_dir():
+        raise OutputError("its folder does not exist", where=target, do=f"make {target.parent} first")
+
+
+@contextmanager
+def atomic_output(target: str | Path, *, overwrite: bool = False, folder: bool = True) -> Iterator[Path]:
+    """A scratch folder (or file name) beside ``target`` that becomes ``target`` when the block ends well.
+
+    An older ``target`` is only replaced with ``overwrite``, and then only at the end; a killed run leaves nothing but a
+    hidden scratch folder, which the next run removes.
+    """
+    target = Path(target)
+    check_free(target, overwrite)
+    _clear_leftovers(target)
+    scratch = target.parent / f".{target.name}{MARK}{os.getpid()}-{secrets.token_hex(3)}"
+    if folder:
+        scratch.mkdir()
+    try:
+        yield scratch
+        _swap_in(scratch, target)
+    finally:
+        if scratch.is_dir():
+            shutil.rmtree(scratch, ignore_errors=True)
+        else:
+            scratch.unlink(missing_ok=True)
+
+
+def _swap_in(scratch: Path, target: Path) -> None:
+    if not target.exists():
+        scratch.rename(target)
+        return
+    if target.is_file():
+        scratch.replace(target)
+        return
+    old = target.parent / f".{target.name}{MARK}{os.getpid()}-old"
+    target.rename(old)
+    scratch.rename(target)
+    shutil.rmtree(old, ignore_errors=True)

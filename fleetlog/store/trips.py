@@ -1,0 +1,117 @@
+"""Trips: a truck sets off, drives, and stands until it sets off again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+STANDING_SPEED = 0.2
+"""Below this a truck stands [m/s]."""
+MIN_STOP = 15.0
+"""A shorter standstill does not end a trip: it is a wait on the way [s]."""
+MAX_GAP = 60.0
+"""A longer silence of the log ends a trip [s]."""
+MIN_LOAD_CHANGE = 25.0
+"""A change of payload at a standstill ends a trip, however short the stop [kg]."""
+
+Ints = NDArray[np.int64]
+
+
+def trip_ids(trajectory: Trajectory, first: int = 0) -> Ints:
+    """(N,) trip of every row, counting up from ``first``.
+
+    A trip begins where the truck sets off after a standstill of ``MIN_STOP`` or with a load change, or after a gap of
+    ``MAX_GAP``; the standstill at its end belongs to it, so that lifting and waiting there are part of its energy and the
+    trips of a vehicle cover all its rows.
+    """
+    n = len(trajectory)
+    if n == 0:
+        return np.zeros(0, np.int64)
+    t = trajectory.seconds()
+    speed = trajectory.floats("speed")
+    moving = np.nan_to_num(speed, nan=1.0) > STANDING_SPEED
+    begins = np.zeros(n, dtype=bool)
+    begins[1:] |= np.diff(t) > MAX_GAP
+    for start, stop in _runs(~moving):
+        if (
+            start > 0
+            and stop < n
+            and (t[stop] - t[start] >= MIN_STOP or _load_changes(trajectory, start, stop))
+        ):
+            begins[stop] = True
+    return np.asarray(first + np.cumsum(begins), dtype=np.int64)
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Half-open row ranges in which ``mask`` holds."""
+    edge = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))
+
+
+def _load_changes(t: Trajectory, start: int, stop: int) -> bool:
+    payload = t.columns.get("payload")
+    if payload is None:
+        return False
+    before, after = float(payload[max(start - 1, 0)]), float(payload[stop])  # type: ignore[arg-type]
+    return abs(after - before) > MIN_LOAD_CHANGE
+
+
+def trip_table(trajectory: Trajectory) -> pd.DataFrame:
+    """One row a trip: vehicle_id, trip_id, start, end, duration [s], distance [m], from/to [m], payload, energy [J], SOC."""
+    import pandas as pd
+
+    ids = trajectory.trip_ids()
+    begin = np.flatnonzero(np.diff(ids, prepend=ids[:1] - 1)) if len(ids) else np.zeros(0, int)
+    if not len(begin):
+        return pd.DataFrame()
+    end = np.append(begin[1:], len(ids)) - 1
+    t = trajectory.seconds()
+    dt = np.clip(np.diff(t, append=t[-1:]), 0.0, MAX_GAP)
+    dt[end] = 0.0
+    x, y, speed = trajectory.floats("x"), trajectory.floats("y"), np.nan_to_num(trajectory.floats("speed"))
+    power, soc, payload = (trajectory.floats(c) for c in ("battery_power", "soc", "payload"))
+
+    def add(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.add.reduceat(values, begin), dtype=np.float64)
+
+    driven = add(np.where(speed > STANDING_SPEED, dt, 0.0))
+    matched = (trajectory.labels("edge_id").codes >= 0).astype(float)
+    return pd.DataFrame({
+        "vehicle_id": trajectory.vehicle_id, "trip_id": ids[begin],
+        "start": pd.to_datetime(trajectory.time[begin], unit="us", utc=True),
+        "end": pd.to_datetime(trajectory.time[end], unit="us", utc=True),
+        "rows": end - begin + 1, "duration": t[end] - t[begin], "driving_time": driven,
+        "distance": add(speed * dt), "max_speed": np.maximum.reduceat(speed, begin),
+        "x_start": x[begin], "y_start": y[begin], "x_end": x[end], "y_end": y[end],
+        "payload": add(np.where(speed > STANDING_SPEED, payload * dt, 0.0)) / np.where(driven > 0, driven, np.nan),
+        "energy": add(power * dt), "soc_start": soc[begin], "soc_end": soc[end],
+        "matched": add(matched) / (end - begin + 1),
+    })  # fmt: skip
+
+
+def merge_split_trips(trips: pd.DataFrame) -> pd.DataFrame:
+    """One row a trip where a trip was written in several pieces (at a chunk's edge), in order of vehicle and trip."""
+    if not trips.duplicated(["vehicle_id", "trip_id"]).any():
+        return trips.sort_values(["vehicle_id", "trip_id"], ignore_index=True)
+    trips = trips.assign(_load=trips.payload * trips.driving_time, _fit=trips.matched * trips.rows)
+    first, last, total = "first", "last", "sum"
+    how = dict(
+        start=first, end=last, rows=total, driving_time=total, distance=total, max_speed="max", x_start=first, y_start=first,
+        x_end=last, y_end=last, energy=total, soc_start=first, soc_end=last, _load=total, _fit=total,
+    )  # fmt: skip
+    out = (
+        trips.sort_values(["vehicle_id", "trip_id", "start"])
+        .groupby(["vehicle_id", "trip_id"], as_index=False)
+        .agg(how)
+    )
+    out["duration"] = (out.end - out.start).dt.total_seconds()
+    out["payload"] = out._load / out.driving_time.where(out.driving_time > 0)
+    out["matched"] = out._fit / out.rows
+    return out[[c for c in trips.columns if not c.startswith("_")]]

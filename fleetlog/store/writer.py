@@ -1,0 +1,146 @@
+"""Writing a dataset: Parquet parts by day and vehicle, trips, description; whole or not at all."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+from urllib.parse import quote
+
+import numpy as np
+
+from fleetlog import FORMAT_VERSION
+from fleetlog.core.site import Site, site_to_dict
+from fleetlog.core.trajectory import Trajectory, to_arrow
+from fleetlog.errors import DataError
+from fleetlog.store.atomic import atomic_output
+from fleetlog.store.trips import trip_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+DAY = 86_400_000_000
+ROW_GROUP = 1 << 17
+
+
+class DatasetWriter:
+    """A dataset being written in the scratch folder ``path``; made by :meth:`create`.
+
+    ``write`` takes trajectories in order of time for each vehicle, any number of pieces; vehicles in any order.
+    """
+
+    def __init__(self, path: Path, kind: Literal["recorded", "simulated"], site: Site) -> None:
+        self.path, self.kind, self.site = path, kind, site
+        self.provenance: dict[str, Any] = {}
+        self.summary: dict[str, Any] = {}
+        self._rows: dict[str, int] = {}
+        self._span: list[int] = []
+        self._last: dict[str, int] = {}
+        self._columns: dict[str, str] = {}
+        self._trips: list[pd.DataFrame] = []
+        self._parts: dict[tuple[str, str], int] = {}
+
+    @classmethod
+    @contextmanager
+    def create(
+        cls,
+        target: str | Path,
+        kind: Literal["recorded", "simulated"],
+        site: Site,
+        *,
+        overwrite: bool = False,
+    ) -> Iterator[DatasetWriter]:
+        """A writer whose dataset appears as ``target`` when the block ends without an error."""
+        with atomic_output(target, overwrite=overwrite) as scratch:
+            writer = cls(scratch, kind, site)
+            yield writer
+            writer.finish()
+
+    def write(self, trajectory: Trajectory) -> None:
+        """Append the rows of one vehicle; they must be later than those already written for it."""
+        if not len(trajectory):
+            return
+        trajectory.check()
+        vehicle = trajectory.vehicle_id
+        if trajectory.time[0] <= self._last.get(vehicle, -(1 << 62)):
+            raise DataError(f"vehicle {vehicle}: rows are not later than those already written")
+        self._last[vehicle] = int(trajectory.time[-1])
+        day = trajectory.time // DAY
+        for begin, end in _day_ranges(day):
+            self._write_part(trajectory[begin:end], int(day[begin]))
+        self._rows[vehicle] = self._rows.get(vehicle, 0) + len(trajectory)
+        self._span = [
+            min([*self._span[:1], int(trajectory.time[0])]),
+            max([*self._span[1:], int(trajectory.time[-1])]),
+        ]
+        if trajectory.has("trip_id"):
+            self._trips.append(trip_table(trajectory))
+
+    def _write_part(self, piece: Trajectory, day: int) -> None:
+        import pyarrow.parquet as pq
+
+        date = str(np.datetime64(day, "D"))
+        folder = (
+            self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(piece.vehicle_id, safe='')}"
+        )
+        folder.mkdir(parents=True, exist_ok=True)
+        number = self._parts.get((piece.vehicle_id, date), 0)
+        self._parts[piece.vehicle_id, date] = number + 1
+        table = to_arrow(piece).drop_columns(["vehicle_id"])
+        for f in table.schema:
+            self._columns.setdefault(f.name, (f.metadata or {}).get(b"unit", b"").decode())
+        pq.write_table(
+            table, folder / f"part-{number:05d}.parquet", compression="zstd", row_group_size=ROW_GROUP
+        )
+
+    def finish(self) -> None:
+        """Write trips, site and description; :meth:`create` calls it."""
+        self._write_trips()
+        (self.path / "site.json").write_text(json.dumps(site_to_dict(self.site)), encoding="utf-8")
+        start, end = (_iso(t) for t in self._span) if self._span else (None, None)
+        frame = self.site.frame
+        description = {
+            "format_version": FORMAT_VERSION,
+            "kind": self.kind,
+            "site": {
+                "name": self.site.name,
+                "frame": None
+                if frame is None
+                else {k: getattr(frame, k) for k in ("latitude", "longitude", "rotation")},
+                "edges": 0 if self.site.network is None else len(self.site.network),
+            },
+            "vehicles": dict(sorted(self._rows.items())),
+            "start": start,
+            "end": end,
+            "rows": sum(self._rows.values()),
+            "columns": {"vehicle_id": "", **self._columns},
+            "provenance": self.provenance,
+            "summary": self.summary,
+        }
+        # Written last: a folder without it is no dataset.
+        (self.path / "dataset.json").write_text(json.dumps(description, indent=1) + "\n", encoding="utf-8")
+
+    def _write_trips(self) -> None:
+        import pandas as pd
+
+        from fleetlog.store.trips import merge_split_trips
+
+        tables = [t for t in self._trips if len(t)]
+        trips = (
+            merge_split_trips(pd.concat(tables, ignore_index=True))
+            if tables
+            else pd.DataFrame({"vehicle_id": [], "trip_id": []})
+        )
+        trips.to_parquet(self.path / "trips.parquet", index=False)
+
+
+def _day_ranges(day: Any) -> list[tuple[int, int]]:
+    cuts = [0, *(np.flatnonzero(np.diff(day)) + 1).tolist(), len(day)]
+    return list(itertools.pairwise(cuts))
+
+
+def _iso(microseconds: int) -> str:
+    return str(np.datetime64(microseconds, "us")) + "Z"

@@ -1,0 +1,1 @@
+"""The only code that draws: Rerun recordings and PNG pictures."""
