@@ -1,0 +1,28 @@
+"""Fixtures that every test folder shares."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+# BLAS threads that spin on a busy machine cost more than they give; set before numpy loads.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+SHARED = ROOT.parent / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of real logs and maps beside the project."""
+    if not SHARED.is_dir():
+        pytest.skip("the real logs and maps (../shared/data) are not here")
+    return SHARED
+
+
+@pytest.fixture(scope="session")
+def project_root() -> Path:
+    return ROOT
