@@ -1,7 +1,7 @@
 """Write the reference pages that are made from code: columns, commands, physics terms, truck keys.
 
-    python docs/generate.py            write them
-    python docs/generate.py --check    exit 1 when one is not fresh
+python docs/generate.py            write them
+python docs/generate.py --check    exit 1 when one is not fresh
 """
 
 from __future__ import annotations
@@ -26,14 +26,22 @@ def columns() -> str:
     kinds = {"time": "timestamp[us, UTC]", "label": "string (dictionary)"}
     rows = [f"| `{c.name}` | {kinds.get(c.kind, c.kind)} | {c.unit} | {c.meaning} |" for c in COLUMNS]
     head = "# The columns of a trajectory\n\nUnknown is null, never zero. Any further column of a log is kept under its own name.\n\n"
-    return MADE + head + "| column | type | unit | meaning |\n| --- | --- | --- | --- |\n" + "\n".join(rows) + "\n"
+    return (
+        MADE
+        + head
+        + "| column | type | unit | meaning |\n| --- | --- | --- | --- |\n"
+        + "\n".join(rows)
+        + "\n"
+    )
 
 
 def truck() -> str:
     """The keys of a truck file."""
     out = [MADE + "# The keys of a truck file\n\nAll but `chassis.mass` have a default.\n"]
     for section, kind in SECTIONS.items():
-        out.append(f"\n## [{section}]\n\n{(kind.__doc__ or '').strip()}\n\n| key | default | unit | meaning |\n| --- | --- | --- | --- |")
+        out.append(
+            f"\n## [{section}]\n\n{(kind.__doc__ or '').strip()}\n\n| key | default | unit | meaning |\n| --- | --- | --- | --- |"
+        )
         for f in fields(kind):
             default = "" if f.default is f.default_factory else f"{f.default:g}"
             default = default if isinstance(f.default, float) else ""
@@ -43,9 +51,16 @@ def truck() -> str:
 
 def terms() -> str:
     """The physics terms."""
-    out = [MADE + "# Physics terms\n\nOne file a term in `fleetlog/physics/terms/`; a term of your own is one more file there.\n"]
+    out = [
+        MADE
+        + "# Physics terms\n\nOne file a term in `fleetlog/physics/terms/`; a term of your own is one more file there.\n"
+    ]
     for name, term in sorted(all_terms().items()):
-        law = " ".join((term.function.__doc__ or "").split()) if term.function else "It changes a value of the truck."
+        law = (
+            " ".join((term.function.__doc__ or "").split())
+            if term.function
+            else "It changes a value of the truck."
+        )
         out.append(f"\n## {name}\n\nMissing: {term.statement}.\n\n{law}\n")
         out += [f"- `{p.name}` [{p.unit}], plausible {p.low:g} to {p.high:g}" for p in term.parameters]
     return "\n".join(out) + "\n"

@@ -24,7 +24,9 @@ START = datetime(2026, 3, 2, 6, 0, 0, tzinfo=UTC)
 DURATION = 1800.0
 STEP = 0.05
 G = 9.81
-NOMINAL = dict(mass=4420.0, eta=0.79, regen=0.30, rolling=0.0146, aux=470.0, eta_lift=0.65, carriage=350.0, wh=30000.0)
+NOMINAL = dict(
+    mass=4420.0, eta=0.79, regen=0.30, rolling=0.0146, aux=470.0, eta_lift=0.65, carriage=350.0, wh=30000.0
+)
 TRUCK = """name = "counterbalance-48V"
 [chassis]
 mass = 4420.0
@@ -102,7 +104,10 @@ def route(starts: list[tuple[Way, float]], ends: list[tuple[Way, float]]) -> lis
             seen[way] = cost
         for after in NEXT[way]:
             count += 1
-            heapq.heappush(queue, (cost + (way.road.length - s + 3.0) / way.road.speed, count, after, CUT, (way, s, back)))
+            heapq.heappush(
+                queue,
+                (cost + (way.road.length - s + 3.0) / way.road.speed, count, after, CUT, (way, s, back)),
+            )
     raise SystemExit("no route")
 
 
@@ -150,7 +155,11 @@ class Truck:
         self.mass = NOMINAL["mass"] * rng.normal(1, 0.006)
         self.rolling = NOMINAL["rolling"] * rng.normal(1, 0.02)
         self.aux = NOMINAL["aux"] + rng.normal(0, 12)
-        self.factor, self.lateral, self.pull = rng.normal(0.92, 0.02), rng.normal(1.1, 0.05), rng.normal(0.55, 0.03)
+        self.factor, self.lateral, self.pull = (
+            rng.normal(0.92, 0.02),
+            rng.normal(1.1, 0.05),
+            rng.normal(0.55, 0.03),
+        )
         names = [n for n, (kind, _) in SPOTS.items() if kind == ("pick" if number % 2 else "drop")]
         self.place = names[number % len(names)]
         self.soc, self.load, self.fork, self.v, self.s = rng.uniform(0.55, 0.95), 0.0, 0.3, 0.0, 0.0
@@ -167,7 +176,9 @@ class Truck:
         """The next trip, and what to do at its end."""
         kind = "drop" if self.load else "pick"
         east = self.x > 100
-        free = [n for n, (k, near) in SPOTS.items() if k == kind and n != self.place and near and n not in taken]
+        free = [
+            n for n, (k, near) in SPOTS.items() if k == kind and n != self.place and near and n not in taken
+        ]
         if self.id == "T7" and t > 1050 and not self.load:
             free = ["charger-1"]
         if not free:
@@ -183,7 +194,14 @@ class Truck:
         else:
             load = self.rng.uniform(300, 1900) if kind == "pick" else 0.0
             pause = self.rng.uniform(2, 6)
-            self.todo = [("wait", pause), ("fork", top), ("load", load), ("wait", self.rng.uniform(1, 4)), ("fork", 0.3), ("wait", pause)]
+            self.todo = [
+                ("wait", pause),
+                ("fork", top),
+                ("load", load),
+                ("wait", self.rng.uniform(1, 4)),
+                ("fork", 0.3),
+                ("wait", pause),
+            ]
 
     def drive(self, others: list[Truck]) -> float:
         """One step along the path; the acceleration."""
@@ -197,7 +215,9 @@ class Truck:
                 near = min(near, ahead)
         if near < 9 and self.blocked < 5.0:
             target = min(target, max(0.0, 0.6 * (near - 4.2)))
-        self.blocked = self.blocked + STEP if near < 4.6 and self.v < 0.1 else max(0.0, self.blocked - 0.4 * STEP)
+        self.blocked = (
+            self.blocked + STEP if near < 4.6 and self.v < 0.1 else max(0.0, self.blocked - 0.4 * STEP)
+        )
         wanted = (target - self.v) / 0.35
         a = float(np.clip(wanted, -0.9, self.pull))
         if self.v + a * STEP < 0.05 and self.s < self.path.s[-1] - 0.4 and target > 0:
@@ -221,7 +241,11 @@ class Truck:
         else:
             self.plan(t, {o.place for o in others if o is not self})
         v, m = 0.5 * (v0 + self.v), self.mass + self.load
-        f = m * (self.v - v0) / STEP + (m * G * (self.rolling * math.cos(math.atan(slope)) if v > 0 else 0.0)) + m * G * math.sin(math.atan(slope))
+        f = (
+            m * (self.v - v0) / STEP
+            + (m * G * (self.rolling * math.cos(math.atan(slope)) if v > 0 else 0.0))
+            + m * G * math.sin(math.atan(slope))
+        )
         drive = f * v / NOMINAL["eta"] if f * v > 0 else f * v * NOMINAL["regen"]
         work = (self.load + NOMINAL["carriage"]) * G * lift
         p = drive + (work / NOMINAL["eta_lift"] if work > 0 else 0.0) + self.aux
@@ -252,7 +276,20 @@ class Truck:
         p = self.power * r.normal(1, 0.01) + r.normal(0, 25)
         self.power = 0.0
         weighed = 0.0 if not self.load else self.load * r.normal(1, 0.002)
-        self.rows.append((t, self.x + n[0], self.y + n[1], max(0.0, self.v + r.normal(0, 0.015)), weighed, self.fork, p, self.soc, self.heading, self.charging))
+        self.rows.append(
+            (
+                t,
+                self.x + n[0],
+                self.y + n[1],
+                max(0.0, self.v + r.normal(0, 0.015)),
+                weighed,
+                self.fork,
+                p,
+                self.soc,
+                self.heading,
+                self.charging,
+            )
+        )
 
 
 def record() -> list[Truck]:
@@ -285,10 +322,14 @@ def write_gz(name: str, text: str) -> None:
 def write_csv(trucks: list[Truck]) -> None:
     """The fleet's own recorder: fleetlog's column names."""
     rows = [(t, truck.id, r) for truck in trucks for r in truck.rows for t in [r[0]]]
-    out = ["vehicle_id,timestamp,latitude,longitude,speed,payload,fork_height,battery_power,soc,ambient_temperature"]
+    out = [
+        "vehicle_id,timestamp,latitude,longitude,speed,payload,fork_height,battery_power,soc,ambient_temperature"
+    ]
     for t, name, r in sorted(rows, key=lambda q: (q[0], q[1])):
         lon, lat = geographic(r[1], r[2])
-        out.append(f"{name},{stamp(t)},{lat:.8f},{lon:.8f},{r[3]:.2f},{r[4]:.0f},{r[5]:.2f},{r[6]:.0f},{r[7]:.4f},{6 + t / 1200:.1f}")
+        out.append(
+            f"{name},{stamp(t)},{lat:.8f},{lon:.8f},{r[3]:.2f},{r[4]:.0f},{r[5]:.2f},{r[6]:.0f},{r[7]:.4f},{6 + t / 1200:.1f}"
+        )
     out[700:700] = [out[699]] * 3  # a row sent again
     broken = out[2500].split(",")
     broken[2] = f"{float(broken[2]) + 0.01:.8f}"  # a fix one kilometre off
@@ -303,7 +344,9 @@ def write_other_csv(trucks: list[Truck]) -> None:
         for i, r in enumerate(truck.rows):
             lon, lat = geographic(r[1], r[2])
             kmh = -3.6 if i % 600 == 599 else r[3] * 3.6
-            out.append(f"{truck.id};{stamp(r[0])};{lat:.8f};{lon:.8f};{kmh:.1f};{r[4]:.0f};{r[5]:.2f};{r[6] / 1000:.3f};{r[7] * 100:.2f}")
+            out.append(
+                f"{truck.id};{stamp(r[0])};{lat:.8f};{lon:.8f};{kmh:.1f};{r[4]:.0f};{r[5]:.2f};{r[6] / 1000:.3f};{r[7] * 100:.2f}"
+            )
     write_gz("other_maker.csv.gz", "\n".join(out) + "\n")
 
 

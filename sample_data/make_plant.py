@@ -315,7 +315,10 @@ def opendrive() -> str:
 
 
 def main() -> None:
-    (HERE / "roads.geojson").write_text(json.dumps(geojson(), separators=(",", ":")).replace('{"type":"Feature",', '\n{"type":"Feature",') + "\n")
+    (HERE / "roads.geojson").write_text(
+        json.dumps(geojson(), separators=(",", ":")).replace('{"type":"Feature",', '\n{"type":"Feature",')
+        + "\n"
+    )
     (HERE / "plant.xodr").write_text(opendrive())
     (HERE / "site.toml").write_text(site_toml("sample plant", "roads.geojson"))
     (HERE / "site_3d.toml").write_text(site_toml("sample plant", "plant.xodr"))

@@ -10,14 +10,26 @@ from fleetlog.cli.main import VERBS, cli
 
 
 def run(*args, **more):
-    return subprocess.run([sys.executable, "-m", "fleetlog", *args], capture_output=True, text=True, check=False, **more)
+    return subprocess.run(
+        [sys.executable, "-m", "fleetlog", *args], capture_output=True, text=True, check=False, **more
+    )
 
 
 def test_help_imports_nothing_heavy():
     code = "import sys; from fleetlog.cli.main import cli; cli(['--help'], standalone_mode=False); print(*sys.modules)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     loaded = set(out.split())
-    assert not loaded & {"numpy", "pyarrow", "pandas", "rerun", "scipy", "numba", "pyproj", "networkx", "matplotlib"}
+    assert not loaded & {
+        "numpy",
+        "pyarrow",
+        "pandas",
+        "rerun",
+        "scipy",
+        "numba",
+        "pyproj",
+        "networkx",
+        "matplotlib",
+    }
 
 
 def walk(command, path=()):

@@ -28,7 +28,9 @@ def test_distance_and_azimuth_from_the_origin_are_the_geodesic_ones(latitude, lo
         assert np.cos(np.radians(90 - azimuth) - east_of_x) == pytest.approx(1, abs=1e-6)
 
 
-@given(st.floats(-60, 60), st.floats(-179, 179), st.floats(-5000, 5000), st.floats(-5000, 5000), st.floats(-3, 3))
+@given(
+    st.floats(-60, 60), st.floats(-179, 179), st.floats(-5000, 5000), st.floats(-5000, 5000), st.floats(-3, 3)
+)
 def test_there_and_back(latitude, longitude, x, y, rotation):
     frame = Frame(latitude, longitude, rotation)
     assert np.allclose(frame.to_local(*frame.to_geographic(x, y)), (x, y), atol=1e-6)

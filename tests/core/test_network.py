@@ -13,12 +13,17 @@ from fleetlog.errors import SiteError
 
 
 def edge(name, start, end, *points, **more):
-    return Edge(name, start, end, np.array([(*p, 0.0)[:3] for p in points], float), more.pop("road", name), **more)
+    return Edge(
+        name, start, end, np.array([(*p, 0.0)[:3] for p in points], float), more.pop("road", name), **more
+    )
 
 
 def cross():
     """Four two-way arms meeting in c."""
-    arms = [edge(f"r{i}", "c", f"n{i}", (0, 0), (10 * math.cos(a), 10 * math.sin(a))) for i, a in enumerate((0, 1.57, 3.14, 4.71))]
+    arms = [
+        edge(f"r{i}", "c", f"n{i}", (0, 0), (10 * math.cos(a), 10 * math.sin(a)))
+        for i, a in enumerate((0, 1.57, 3.14, 4.71))
+    ]
     return build_network([e for a in arms for e in (a, reversed_edge(a))])
 
 
@@ -36,7 +41,10 @@ def test_no_turning_round_but_at_a_dead_end():
     assert list(n.successors(n.edge("r0"))) == [inbound]
 
 
-@given(st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-5, 5)), min_size=2, max_size=8), st.floats(0, 1))
+@given(
+    st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-5, 5)), min_size=2, max_size=8),
+    st.floats(0, 1),
+)
 def test_position_is_at_its_distance_along_the_line(points, share):
     p = np.array(points)
     if np.linalg.norm(np.diff(p, axis=0), axis=1).min() < 1e-3:
@@ -63,11 +71,17 @@ def test_a_site_survives_json():
     import json
 
     n = cross()
-    site = Site("s", Frame(50, 9, 0.1), n, "left", (Place("p", "charge", 1, 2),), (Zone("z", np.eye(3)[:, :2], 2.0),))
+    site = Site(
+        "s", Frame(50, 9, 0.1), n, "left", (Place("p", "charge", 1, 2),), (Zone("z", np.eye(3)[:, :2], 2.0),)
+    )
     again = site_from_dict(json.loads(json.dumps(site_to_dict(site))))
     assert again.frame == site.frame and again.places[0].id == "p" and again.zones[0].speed_limit == 2.0
     m = again.network
-    assert m.edge_ids == n.edge_ids and np.array_equal(m.next_edges, n.next_edges) and np.array_equal(m.points, n.points)
+    assert (
+        m.edge_ids == n.edge_ids
+        and np.array_equal(m.next_edges, n.next_edges)
+        and np.array_equal(m.points, n.points)
+    )
     assert np.array_equal(m.reverse, n.reverse)
 
 
