@@ -17,7 +17,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
-from make_plant import CUT, PLACES, ROADS, Way, bezier, geographic, turn_curve, turns, ways
+from make_plant import CUT, PLACES, Way, bezier, geographic, turn_curve, turns, ways
 
 HERE = Path(__file__).parent
 START = datetime(2026, 3, 2, 6, 0, 0, tzinfo=UTC)

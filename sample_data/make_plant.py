@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -226,7 +227,7 @@ def turn_curve(a: Way, b: Way) -> list[tuple[float, float]]:
 
 def bezier_length(p: list[tuple[float, float]], n: int = 200) -> float:
     points = [bezier(p, i / n) for i in range(n + 1)]
-    return sum(math.dist(q, r) for q, r in zip(points, points[1:], strict=False))
+    return sum(math.dist(q, r) for q, r in pairwise(points))
 
 
 def bezier(p: list[tuple[float, float]], t: float) -> tuple[float, float]:

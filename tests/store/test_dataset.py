@@ -1,6 +1,7 @@
 """Datasets on disk: what is written is read, whole or not at all, and in the layout that other tools read."""
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pyarrow.dataset as pads
@@ -60,7 +61,7 @@ def test_pieces_make_no_difference(tmp_path_factory, cuts):
     path = tmp_path_factory.mktemp("d")
     for name, edges in (("one", [0, 500]), ("many", sorted({0, 500, *cuts}))):
         with DatasetWriter.create(path / name, "recorded", Site()) as w:
-            for a, b in zip(edges, edges[1:], strict=False):
+            for a, b in pairwise(edges):
                 w.write(t[a:b])
     one, many = Dataset(path / "one"), Dataset(path / "many")
     same(one.read(t.vehicle_id), many.read(t.vehicle_id))
