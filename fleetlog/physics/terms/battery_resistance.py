@@ -1,0 +1,24 @@
+"""The loss inside the battery."""
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import Floats, Parameter, Term, Values
+
+
+def loss(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """P = R (power / U)^2 [W], paid by the state of charge and not seen at the terminals; ``motion.power`` at the terminals.
+
+    First order of the exact current at constant voltage U (see :mod:`fleetlog.physics.battery`).  About 12 mOhm for 48 V
+    625 Ah lead-acid, 4 mOhm for 48 V 405 Ah LFP (estimates).
+    """
+    return truck.battery.internal_resistance * (motion.power / truck.battery.voltage) ** 2
+
+
+TERM = Term(
+    "battery_resistance",
+    "loss",
+    "the battery loses power inside, with the square of the current",
+    (Parameter("resistance", "ohm", 0.0, 2.0, truck_key="battery.internal_resistance"),),
+    loss,
+    depends_on=("battery_power",),
+)

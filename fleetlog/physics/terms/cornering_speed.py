@@ -1,0 +1,25 @@
+"""Slowing down for turns."""
+
+import numpy as np
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import Floats, Parameter, Term, Values
+
+
+def speed(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """v = sqrt(a_lat / |curvature|) [m/s], inf on straights; a_lat of 1 to 1.5 m/s2 is usual for laden trucks (estimate)."""
+    bend = np.abs(motion.curvature)
+    with np.errstate(divide="ignore"):
+        return np.sqrt(truck.drive.max_lateral_acceleration / bend)
+
+
+TERM = Term(
+    "cornering_speed",
+    "speed",
+    "trucks take turns more slowly than the truck file says",
+    (Parameter("lateral_acceleration", "m/s2", 0.02, 8.0, truck_key="drive.max_lateral_acceleration"),),
+    speed,
+    nominal=True,
+    depends_on=("curvature",),
+)

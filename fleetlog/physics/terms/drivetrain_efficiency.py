@@ -1,0 +1,12 @@
+"""From battery to wheel."""
+
+from fleetlog.physics.term import Parameter, Term
+
+# P = F v / efficiency where F v >= 0: controller, motor and gear together, 0.65 to 0.85 for industrial trucks (estimate).
+TERM = Term(
+    "drivetrain_efficiency",
+    "truck",
+    "the drive loses more or less between battery and wheel than the truck file says",
+    (Parameter("efficiency", "1", 0.3, 1.0, truck_key="drive.efficiency"),),
+    depends_on=("speed", "acceleration"),
+)

@@ -1,0 +1,20 @@
+"""The load that is really on the forks."""
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import Floats, Parameter, Term, Values
+
+
+def load(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """The payload that acts [kg]: ``factor`` times the recorded one; everything with mass in it follows."""
+    return values.get("factor", 1.0) * motion.payload
+
+
+TERM = Term(
+    "payload",
+    "load",
+    "the true load differs from the recorded one",
+    (Parameter("factor", "1", 0.2, 4.0, neutral=1.0),),
+    load,
+    depends_on=("payload",),
+)

@@ -1,0 +1,12 @@
+"""From wheel to battery."""
+
+from fleetlog.physics.term import Parameter, Term
+
+# P = F v regeneration where F v < 0; 0 for trucks that brake by friction, up to some 0.7 (estimate).
+TERM = Term(
+    "regeneration",
+    "truck",
+    "braking returns more or less energy than the truck file says",
+    (Parameter("regeneration", "1", 0.0, 1.0, truck_key="drive.regeneration"),),
+    depends_on=("acceleration",),
+)

@@ -1,0 +1,20 @@
+"""Wheels, gears and rotors that are spun up with the truck."""
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import Floats, Parameter, Term, Values, total_mass
+
+
+def force(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """F = (factor - 1) m a [N]; ``factor`` = 1 + sum(J i^2 / r^2) / m, about 1.05 to 1.15 for electric trucks (estimate)."""
+    return (values.get("factor", 1.0) - 1.0) * total_mass(motion, truck) * motion.acceleration
+
+
+TERM = Term(
+    "rotational_inertia",
+    "force",
+    "more mass is accelerated than was weighed, as of rotating parts",
+    (Parameter("factor", "1", 0.8, 2.0, neutral=1.0),),
+    force,
+    depends_on=("acceleration",),
+)

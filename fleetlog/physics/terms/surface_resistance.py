@@ -1,0 +1,29 @@
+"""Rolling resistance that a stretch of floor adds."""
+
+import numpy as np
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import GRAVITY, Floats, Parameter, Term, Values, total_mass
+
+
+def force(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """F = (factor - 1) f m g cos(theta) while rolling, 0 at rest [N]; what the floor adds to the truck's own rolling.
+
+    ``factor`` is the rolling coefficient here over that of the truck file: about 1.3 on worn asphalt, 2 on gravel, 4 on
+    loose ground (worn and loose against new asphalt-concrete: Carvill, Mechanical Engineer's Data Handbook).
+    """
+    pressed = total_mass(motion, truck) * GRAVITY * np.cos(motion.slope)
+    extra = (np.asarray(values.get("factor", 1.0)) - 1.0) * truck.resistance.rolling
+    return np.where(motion.speed > 0.0, extra * pressed, 0.0)
+
+
+TERM = Term(
+    "surface_resistance",
+    "force",
+    "the floor rolls harder on some roads, the same in both directions",
+    (Parameter("factor", "1", 0.2, 10.0, neutral=1.0),),
+    force,
+    field=True,
+    depends_on=("x", "y"),
+)

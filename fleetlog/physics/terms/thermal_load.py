@@ -1,0 +1,32 @@
+"""Heating and cooling that follow the temperature outside."""
+
+import numpy as np
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import Floats, Parameter, Term, Values
+
+
+def power(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """P = heating max(threshold - T, 0) + cooling max(T - threshold, 0) [W]; 0 where the temperature is unknown.
+
+    Newton's law of cooling in the steady state.  ``heating`` and ``cooling`` in W/K, ``threshold`` in degC.  A cabin
+    heater of 1 to 2 kW at 20 K below the threshold is 50 to 100 W/K (our estimate).
+    """
+    above = np.nan_to_num(motion.ambient_temperature - values.get("threshold", 15.0), nan=0.0)
+    heating, cooling = values.get("heating", 0.0), values.get("cooling", 0.0)
+    return heating * np.maximum(-above, 0.0) + cooling * np.maximum(above, 0.0)
+
+
+TERM = Term(
+    "thermal_load",
+    "power",
+    "heating or cooling follows the outside temperature",
+    (
+        Parameter("heating", "W/K", 0.0, 1000.0),
+        Parameter("cooling", "W/K", 0.0, 1000.0),
+        Parameter("threshold", "degC", -20.0, 40.0, neutral=15.0),
+    ),
+    power,
+    depends_on=("ambient_temperature",),
+)

@@ -1,0 +1,20 @@
+"""A force that grows in proportion to speed."""
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import Floats, Parameter, Term, Values
+
+
+def force(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """F = c v [N], ``coefficient`` c in N s/m: churning oil in gears and hubs, eddy currents; no load in it."""
+    return values.get("coefficient", 0.0) * motion.speed
+
+
+TERM = Term(
+    "viscous_drag",
+    "force",
+    "a drag that grows in proportion to speed, as of oil in gears",
+    (Parameter("coefficient", "N s/m", 0.0, 500.0),),
+    force,
+    depends_on=("speed",),
+)
