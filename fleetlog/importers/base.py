@@ -1,0 +1,187 @@
+"""What every log format gives: batches of rows in SI units, and a report of what was read.
+
+A format is one module of this package that holds ``IMPORTER``, an :class:`Importer`.  It turns a file into
+:class:`RawBatch` es and does nothing else: cleaning, frames, derived columns and matching are :mod:`fleetlog.ingest`'s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.trajectory import Ints, Labels, Values
+from fleetlog.errors import FormatError, InputError, nearest
+from fleetlog.importers._open import compression, head_of, plain_suffix, plural
+from fleetlog.registry import parts
+
+if TYPE_CHECKING:
+    from fleetlog.importers._profile import Profile
+
+GEOGRAPHIC = ("latitude", "longitude")
+LOCAL = ("x", "y")
+
+
+class Reject(NamedTuple):
+    """A row that could not be used: its line or record number (from 1), why, and its text (or a picture of its values)."""
+
+    record: int
+    reason: str
+    text: str
+
+
+@dataclass(frozen=True)
+class RawBatch:
+    """N rows as a log gives them, several vehicles mixed, in any order; nothing cleaned but everything in SI units.
+
+    Attributes
+    ----------
+    vehicle : (N,) labels, no nulls.
+    time : (N,) int64, microseconds since 1970-01-01 UTC.
+    columns : (N,) arrays by name.  Positions are ``latitude``, ``longitude`` [degrees, WGS 84] or ``x``, ``y`` [m, site
+        frame], ``z`` [m, up; ellipsoid or sea level as the log has it]; the further columns of
+        :mod:`fleetlog.core.columns` in the contract's units (NaN for unknown); then the log's own columns under their own
+        names, float64 or :class:`~fleetlog.core.trajectory.Labels`.
+        A batch without position columns is a *channel*: its values are interpolated onto the rows that have positions (a
+        battery message that comes at its own times).  A row with NaN for its position stays a row of its own.
+    record : (N,) int64, line or record number in the file, from 1.
+    rejects : rows met on the way that could not be used.
+    progress : share of the file that has been read, 0 to 1.
+    """
+
+    vehicle: Labels
+    time: Ints
+    columns: dict[str, Values]
+    record: Ints
+    rejects: list[Reject] = field(default_factory=list)
+    progress: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def has_position(self) -> bool:
+        """Whether the batch carries positions, or is a channel to be joined to them."""
+        return any(all(n in self.columns for n in pair) for pair in (GEOGRAPHIC, LOCAL))
+
+    @classmethod
+    def of(
+        cls,
+        vehicle: str | Labels,
+        time: NDArray[np.int64],
+        columns: dict[str, Values],
+        record: NDArray[np.int64] | None = None,
+        rejects: Iterable[Reject] = (),
+        progress: float = 0.0,
+    ) -> RawBatch:
+        """A batch; one vehicle may be named by a string, and records are numbered from 1 where not given."""
+        n = len(time)
+        labels = Labels(np.zeros(n, np.int32), (vehicle,)) if isinstance(vehicle, str) else vehicle
+        numbers = np.arange(1, n + 1, dtype=np.int64) if record is None else record
+        return cls(labels, np.asarray(time, np.int64), columns, numbers, list(rejects), progress)
+
+
+@dataclass
+class ReadReport:
+    """What a file turned out to hold; an importer fills it while it reads, the summary says it aloud."""
+
+    path: Path
+    format: str = ""
+    recognised: dict[str, str] = field(default_factory=dict)
+    """Column or field of the log -> what it was taken for, as ``"speed, from km/h"``."""
+    notes: list[str] = field(default_factory=list)
+    """Anything else that was decided and not asked for."""
+    damage: list[str] = field(default_factory=list)
+    """What is broken or cut off, where, and how much is whole; any entry makes the exit status 3."""
+
+    def note(self, text: str) -> None:
+        """Say something once."""
+        if text not in self.notes:
+            self.notes.append(text)
+
+    def damaged(self, text: str) -> None:
+        """Report damage once."""
+        if text not in self.damage:
+            self.damage.append(text)
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How to read: the user's profile, if any, and the report to fill."""
+
+    report: ReadReport
+    profile: Profile | None = None
+
+    @property
+    def vehicle(self) -> str | None:
+        """The constant vehicle id of the profile."""
+        return self.profile.vehicle if self.profile else None
+
+
+@dataclass(frozen=True)
+class Importer:
+    """A log format.
+
+    Attributes
+    ----------
+    name : as ``--format`` takes it.
+    suffixes : lower case with the dot, as ``(".gpx",)``; those of compression are taken off first.
+    sniff : whether the file looks like this format, from its path and its first 64 KiB, decompressed (``b""`` for a folder).
+    read : the rows, batch by batch, in bounded memory; raises :class:`~fleetlog.errors.FormatError` when nothing is usable.
+    rank : formats of a lower rank are asked first; 0 for those with a signature, 9 for a last resort.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    sniff: Callable[[Path, bytes], bool]
+    read: Callable[[Path, ReadOptions], Iterator[RawBatch]]
+    rank: int = 0
+
+
+def importers() -> dict[str, Importer]:
+    """Every known format by name."""
+    return parts("fleetlog.importers", "IMPORTER")
+
+
+def by_name(name: str) -> Importer:
+    """The format called ``name``."""
+    known = importers()
+    if name not in known:
+        raise InputError(f"no log format {name!r}", do=nearest(name, known))
+    return known[name]
+
+
+def find(path: Path) -> Importer | None:
+    """The format of ``path``: its suffix is asked first, then every signature; None when nothing fits."""
+    head = head_of(path)
+    suffix = plain_suffix(path)
+    order = sorted(importers().values(), key=lambda i: (suffix not in i.suffixes, i.rank, i.name))
+    return next((i for i in order if i.sniff(path, head)), None)
+
+
+def detect(path: Path) -> Importer:
+    """The format of ``path``, or an error that says what the file looks like."""
+    importer = find(path)
+    if importer is None:
+        raise FormatError(
+            f"no log format fits ({_looks(path)})",
+            where=path,
+            do=f"name it with --format: {', '.join(sorted(importers()))}",
+        )
+    return importer
+
+
+def _looks(path: Path) -> str:
+    if path.is_dir():
+        return "a folder"
+    head = head_of(path)
+    if not head:
+        return "the file is empty"
+    packed = compression(path)
+    control = sum(b < 9 or 13 < b < 32 for b in head)
+    kind = "binary" if control > 0.02 * len(head) else "text"
+    return f"{kind}, {plural(path.stat().st_size, 'byte')}{', ' + packed if packed else ''}"
