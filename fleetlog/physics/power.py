@@ -5,7 +5,8 @@
     P        = P_drive + sum of power terms             [W] at the battery terminals, > 0 when discharging
     P_cell   = P + internal_resistance (P / voltage)^2  what the state of charge pays
 
-``ledger`` splits P_drive among the forces in proportion, so its rows add up to P exactly.
+``ledger`` splits P_drive among the forces in proportion, so its rows add up to P exactly; ``cell_ledger`` adds the loss
+inside the battery, so its rows add up to P_cell.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
+from fleetlog.physics.field import Field
 from fleetlog.physics.term import Floats, Term, Values
 from fleetlog.registry import parts
 
@@ -30,18 +32,32 @@ class Physics:
     """The nominal truck and the values of the terms that were added or changed; the one list of terms.
 
     ``values[term]`` maps the term's parameters to numbers, or to (N,) arrays along a given motion.  Terms in ``off`` are
-    left out of the sum, nominal or not.
+    left out of the sum, nominal or not.  ``fields[term]`` holds the first parameter of a field term where it varies over
+    the roads; its edges are those of the network that the motions lie on.  ``intervals[term][parameter]`` is (low, high).
     """
 
     truck: Truck
     values: dict[str, Values] = field(default_factory=dict)
     off: frozenset[str] = frozenset()
+    fields: dict[str, Field] = field(default_factory=dict)
+    intervals: dict[str, dict[str, tuple[float, float]]] = field(default_factory=dict)
 
     def active(self) -> list[Term]:
         """Nominal terms and added ones, in the order of their names."""
         return [
-            t for n, t in sorted(all_terms().items()) if (t.nominal or n in self.values) and n not in self.off
+            t
+            for n, t in sorted(all_terms().items())
+            if (t.nominal or n in self.values or n in self.fields) and n not in self.off
         ]
+
+    def values_along(self, term: Term, motion: Motion) -> Values:
+        """The values of a term's parameters, its field looked up along the motion."""
+        values = self.values.get(term.name, {})
+        if term.name not in self.fields:
+            return values
+        first = term.parameters[0]
+        neutral = float(np.asarray(values.get(first.name, first.nominal(self.truck))))
+        return {**values, first.name: self.fields[term.name].along(motion, neutral)}
 
     def actual_truck(self) -> Truck:
         """The truck with every value that a term replaces."""
@@ -57,7 +73,7 @@ class Physics:
         """The motion with the load that acts, where a term replaces it."""
         for term in self.active():
             if term.acts == "load" and term.function is not None:
-                payload = term.function(motion, self.truck, self.values[term.name])
+                payload = term.function(motion, self.truck, self.values_along(term, motion))
                 motion = motion.replaced(payload=payload)
         return motion
 
@@ -71,7 +87,7 @@ def ledger(motion: Motion, physics: Physics) -> dict[str, Floats]:
         if term.function is None or term.acts not in ("force", "power"):
             continue
         into = forces if term.acts == "force" else powers
-        into[term.name] = term.function(motion, truck, physics.values.get(term.name, {}))
+        into[term.name] = term.function(motion, truck, physics.values_along(term, motion))
     total = sum(forces.values(), np.zeros(len(motion)))
     conversion = np.where(total >= 0.0, 1.0 / truck.drive.efficiency, truck.drive.regeneration) * motion.speed
     return {**{n: f * conversion for n, f in forces.items()}, **powers}
@@ -80,6 +96,23 @@ def ledger(motion: Motion, physics: Physics) -> dict[str, Floats]:
 def battery_power(motion: Motion, physics: Physics) -> Floats:
     """(N,) power at the battery terminals [W], > 0 when discharging."""
     return np.asarray(sum(ledger(motion, physics).values(), np.zeros(len(motion))))
+
+
+def cell_ledger(motion: Motion, physics: Physics) -> dict[str, Floats]:
+    """What the state of charge pays by term, (N,) watts each: the ledger and the loss inside the battery."""
+    rows = ledger(motion, physics)
+    terminal = np.asarray(sum(rows.values(), np.zeros(len(motion))))
+    return {**rows, "battery_resistance": cell_power(terminal, physics.actual_truck()) - terminal}
+
+
+def allowed_speed(motion: Motion, physics: Physics) -> Floats:
+    """(N,) highest speed [m/s] where ``motion.speed`` is what road and truck allow; the lowest of all terms of speed."""
+    truck, motion = physics.actual_truck(), physics.actual_motion(motion)
+    cap = motion.speed
+    for term in physics.active():
+        if term.acts == "speed" and term.function is not None:
+            cap = np.minimum(cap, term.function(motion, truck, physics.values_along(term, motion)))
+    return cap
 
 
 def cell_power(terminal: Floats, truck: Truck) -> Floats:

@@ -56,9 +56,10 @@ class Term:
     power      W at the battery terminals, > 0 consuming
     load       the payload that acts, kg (replaces the recorded one)
     truck      nothing of its own: it only changes values of the truck (``truck_key`` of its parameters)
-    loss       nothing at the terminals: an internal loss that only the state of charge sees, W
-    speed      the highest speed that this effect allows, m/s (inf where it allows any)
-    sensor     a fault of the recording, not of the vehicle; ``function`` is not called by the power sum
+    loss       an internal loss that only the state of charge sees, W; ``motion.power`` is that at the terminals
+    speed      the highest speed that this effect allows, m/s (inf where it allows any), ``motion.speed`` being what road
+               and truck allow; no function where it acts on the motion otherwise (truck values, standing still)
+    sensor     what the log shows of the channel in place of the truth; a fault of the recording, not of the vehicle
     =========  ==========================================================================================
 
     ``nominal`` terms belong to the nominal model.  A ``field`` term's first parameter may vary over the road network:

@@ -1,0 +1,148 @@
+"""A number that varies over the roads: the first parameter of a field term, per stretch of directed edge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.network import Network
+from fleetlog.physics.term import Floats
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMNS = ("edge_id", "x", "y", "heading", "from", "to", "value", "low", "high", "samples")
+"""Of a field's Parquet file; ``from`` and ``to`` may be absent and then mean the whole edge."""
+MARGIN = 2.0
+"""A place off the map belongs to a stretch whose middle is within half its length and this much [m]."""
+MAX_TURN = np.pi / 3
+"""... and whose heading differs by less than this [rad]."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """N stretches.
+
+    Attributes
+    ----------
+    edge : (N,) int32 index into the network's edges, -1 where there is no map.
+    start, end : (N,) offsets along the edge [m].
+    x, y, heading : (N,) middle of the stretch [m, m, rad].
+    value, low, high : (N,) the parameter and its interval;  samples : (N,) int64 rows or passages behind it.
+    """
+
+    edge: NDArray[np.int32]
+    start: Floats
+    end: Floats
+    x: Floats
+    y: Floats
+    heading: Floats
+    value: Floats
+    low: Floats
+    high: Floats
+    samples: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    def __getitem__(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Field:
+        """The stretches of an index array or mask."""
+        return Field(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    @cached_property
+    def _ladder(self) -> tuple[NDArray[np.intp], Floats, float]:
+        """Order of the stretches on one growing axis of edges laid end to end, their starts on it, and its pitch."""
+        pitch = float(self.end.max(initial=0.0)) + 1.0
+        order = np.lexsort((self.start, self.edge))
+        return order, (self.edge * pitch + self.start)[order], pitch
+
+    def along(self, motion: Motion, neutral: float) -> Floats:
+        """(N,) the value at each sample of a motion: that of its stretch of edge, off the map of the nearest, else ``neutral``."""
+        out = np.full(len(motion), neutral)
+        if not len(self):
+            return out
+        order, starts, pitch = self._ladder
+        at = motion.edge * pitch + np.minimum(motion.edge_offset, pitch - 0.5)
+        k = order[np.maximum(np.searchsorted(starts, at, side="right") - 1, 0)]
+        offset = motion.edge_offset
+        # The last stretch of an edge takes the offsets that rounding puts just beyond it.
+        inside = (
+            (self.edge[k] == motion.edge) & (offset >= self.start[k] - 1e-6) & (offset <= self.end[k] + 1e-6)
+        )
+        on = inside & (motion.edge >= 0)
+        out[on] = self.value[k[on]]
+        off = np.flatnonzero(motion.edge < 0)
+        if len(off):
+            out[off] = self._nearest(motion.x[off], motion.y[off], motion.heading[off], neutral)
+        return out
+
+    def _nearest(self, x: Floats, y: Floats, heading: Floats, neutral: float) -> Floats:
+        from scipy.spatial import cKDTree
+
+        reach = MARGIN + 0.5 * (self.end - self.start)
+        near = min(8, len(self))
+        tree = cKDTree(np.column_stack([self.x, self.y]))
+        found = tree.query(np.column_stack([x, y]), k=near)
+        distance, k = (np.asarray(part).reshape(len(x), near) for part in found)
+        turn = np.abs(np.angle(np.exp(1j * (heading[:, None] - self.heading[k]))))
+        fits = (distance <= reach[k]) & (turn < MAX_TURN)
+        best = np.argmax(fits, axis=1)
+        row = np.arange(len(x))
+        return np.where(fits[row, best], self.value[k[row, best]], neutral)
+
+
+def stretches(
+    network: Network, edge: NDArray[np.int32], start: Floats, end: Floats, value: Floats,
+    low: Floats | None = None, high: Floats | None = None, samples: NDArray[np.int64] | None = None,
+) -> Field:  # fmt: skip
+    """A field of (N,) stretches ``start`` to ``end`` [m] of a network's directed edges."""
+    edge, middle = np.asarray(edge, np.int32), 0.5 * (np.asarray(start, float) + end)
+    place = network.position(edge, middle)
+    nan, none = np.full(len(edge), np.nan), np.zeros(len(edge), np.int64)
+    return Field(
+        edge, np.asarray(start, float), np.asarray(end, float), place[:, 0], place[:, 1],
+        network.heading(edge, middle), np.asarray(value, float),
+        nan if low is None else low, nan if high is None else high, none if samples is None else samples,
+    )  # fmt: skip
+
+
+def mirrored(field: Field, network: Network, odd: bool) -> Field:
+    """The field with the other direction of every road that it has in one direction only; ``odd``: of opposite sign."""
+    known = np.zeros(len(network) + 1, dtype=bool)
+    known[field.edge] = True
+    back = np.where(field.edge >= 0, network.reverse[field.edge], -1).astype(np.int32)
+    one_way = field[np.flatnonzero((back >= 0) & ~known[back])]
+    if not len(one_way):
+        return field
+    back = network.reverse[one_way.edge].astype(np.int32)
+    length, sign = network.length[back], -1.0 if odd else 1.0
+    low, high = (sign * one_way.high, sign * one_way.low) if odd else (one_way.low, one_way.high)
+    other = stretches(
+        network, back, length - one_way.end, length - one_way.start, sign * one_way.value, low, high, one_way.samples
+    )  # fmt: skip
+    return Field(*(np.concatenate([getattr(field, f.name), getattr(other, f.name)]) for f in fields(Field)))
+
+
+def field_table(field: Field, network: Network | None) -> pd.DataFrame:
+    """The table that is written: the columns of ``COLUMNS``."""
+    import pandas as pd
+
+    names = None if network is None else network.edge_ids
+    ids = [None if names is None or e < 0 else names[e] for e in field.edge]
+    columns = (
+        ids,
+        field.x,
+        field.y,
+        field.heading,
+        field.start,
+        field.end,
+        field.value,
+        field.low,
+        field.high,
+    )
+    return pd.DataFrame(dict(zip(COLUMNS, (*columns, field.samples), strict=True)))

@@ -1,0 +1,162 @@
+"""Physics on disk: ``model.toml`` and ``fields/TERM.parquet``, what ``diagnose`` and ``calibrate`` find and others take up.
+
+format_version = 1
+truck = "counterbalance-48V"       # the nominal truck that it was found against, for the reader
+off = []                           # terms left out of the sum
+[term.auxiliary_load]
+power = 661.0
+[term.grade]
+field = "fields/grade.parquet"     # the first parameter per stretch of road
+[interval.auxiliary_load]
+power = [640.0, 690.0]
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fleetlog.core.network import Network
+from fleetlog.core.truck import Truck
+from fleetlog.errors import InputError, nearest
+from fleetlog.physics.field import COLUMNS, Field, field_table, mirrored
+from fleetlog.physics.power import Physics, all_terms
+from fleetlog.physics.term import Term
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FILE = "model.toml"
+KEYS = ("format_version", "truck", "off", "term", "interval")
+
+
+def save_physics(path: str | Path, physics: Physics, network: Network | None = None) -> None:
+    """Write ``physics`` (all but its truck) into the folder ``path``: model.toml, and its fields beside it."""
+    import tomli_w
+
+    folder = Path(path)
+    term: dict[str, dict[str, Any]] = {
+        n: {k: float(v) for k, v in values.items()} for n, values in physics.values.items()
+    }
+    if physics.fields:
+        (folder / "fields").mkdir(exist_ok=True)
+    for name, found in physics.fields.items():
+        place = f"fields/{name}.parquet"
+        field_table(found, network).to_parquet(folder / place, index=False)
+        term.setdefault(name, {})["field"] = place
+    data = {"format_version": 1, "truck": physics.truck.name, "off": sorted(physics.off), "term": term}
+    if physics.intervals:
+        data["interval"] = {n: {k: list(v) for k, v in p.items()} for n, p in physics.intervals.items()}
+    (folder / FILE).write_text(tomli_w.dumps(data), encoding="utf-8")
+
+
+def load_physics(path: str | Path, truck: Truck, network: Network | None = None) -> Physics:
+    """The physics of a model file, or of the folder with one, for a truck and the network that motions will lie on.
+
+    :class:`InputError` names the file, the term or parameter at fault and the nearest known one.
+    """
+    path = Path(path)
+    file = path / FILE if path.is_dir() else path
+    data = _read(file)
+    values: dict[str, dict[str, float]] = {}
+    found: dict[str, Field] = {}
+    for name, entries in data.get("term", {}).items():
+        term = _term(name, file)
+        place = entries.get("field")
+        numbers = {k: v for k, v in entries.items() if k != "field"}
+        values[name] = {k: _number(term, k, v, file) for k, v in numbers.items()}
+        if place is not None:
+            found[name] = _field(term, file.parent / str(place), network, file)
+    off = frozenset(_term(name, file).name for name in data.get("off", ()))
+    intervals = {
+        _term(n, file).name: {k: (float(v[0]), float(v[1])) for k, v in p.items()}
+        for n, p in data.get("interval", {}).items()
+    }
+    # A field needs no entry of numbers of its own.
+    numbers_of = {n: v for n, v in values.items() if v or n not in found}
+    return Physics(truck, dict(numbers_of), off, found, intervals)
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        data = tomllib.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(
+            "no such model", where=file, do="give the output of fleetlog diagnose, or its model.toml"
+        ) from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"not readable as TOML: {error}", where=file) from None
+    for key in data:
+        if key not in KEYS:
+            raise InputError("unknown key", where=file, place=key, do=nearest(key, KEYS))
+    if data.get("format_version", 1) != 1:
+        raise InputError(f"format version {data['format_version']}, this fleetlog reads 1", where=file)
+    return data
+
+
+def _term(name: str, file: Path) -> Term:
+    known = all_terms()
+    if name not in known:
+        raise InputError(f"unknown term {name!r}", where=file, place=f"term.{name}", do=nearest(name, known))
+    return known[name]
+
+
+def _number(term: Term, name: str, value: Any, file: Path) -> float:
+    place = f"term.{term.name}.{name}"
+    if name not in term.by_name:
+        do = nearest(name, [*term.by_name, *(["field"] if term.field else [])])
+        raise InputError("unknown parameter", where=file, place=place, do=do)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise InputError(f"{value!r} is not a number", where=file, place=place)
+    return float(value)
+
+
+def _field(term: Term, parquet: Path, network: Network | None, file: Path) -> Field:
+    import pandas as pd
+    import pyarrow as pa
+
+    place = f"term.{term.name}.field"
+    if not term.field:
+        raise InputError(
+            "this term does not vary over the roads", where=file, place=place, do="give a number"
+        )
+    try:
+        table = pd.read_parquet(parquet)
+    except FileNotFoundError:
+        raise InputError(f"{parquet.name} is missing", where=file, place=place) from None
+    except (OSError, pa.ArrowInvalid) as error:
+        raise InputError(f"not readable as Parquet: {error}", where=parquet) from None
+    for column in COLUMNS:
+        if column not in table and column not in ("from", "to", "low", "high", "samples"):
+            raise InputError(f"has no column {column!r}", where=parquet)
+    field = _of_table(table, network, parquet)
+    # What belongs to the road itself acts in both directions; a rule of traffic only where it was seen.
+    return mirrored(field, network, term.odd) if network is not None and term.acts == "force" else field
+
+
+def _of_table(table: pd.DataFrame, network: Network | None, parquet: Path) -> Field:
+    n = len(table)
+    edge = np.full(n, -1, np.int32)
+    if network is not None:
+        for i, name in enumerate(table["edge_id"].tolist()):
+            if isinstance(name, str) and name not in network.index:
+                do = f"give the site that it was found on; {nearest(name, network.edge_ids)}"
+                raise InputError(f"no edge {name!r} on this site", where=parquet, place=f"row {i}", do=do)
+            edge[i] = network.index[name] if isinstance(name, str) else -1
+    length = np.zeros(n) if network is None else np.where(edge >= 0, network.length[edge], 0.0)
+
+    def column(name: str, missing: Any) -> Any:
+        fill = np.broadcast_to(np.asarray(missing, float), n)
+        if name not in table:
+            return fill.copy()
+        given = table[name].to_numpy(float)
+        return np.where(np.isnan(given), fill, given)
+
+    return Field(
+        edge, column("from", 0.0), column("to", length), column("x", 0.0), column("y", 0.0),
+        column("heading", 0.0), column("value", 0.0), column("low", np.nan), column("high", np.nan),
+        column("samples", 0.0).astype(np.int64),
+    )  # fmt: skip
