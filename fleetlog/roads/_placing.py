@@ -1,0 +1,105 @@
+"""Bring the roads of a map into the frame of a site."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from fleetlog.core.network import Edge, Network
+from fleetlog.core.site import Frame
+from fleetlog.errors import SiteError
+from fleetlog.roads.formats.base import Floats, RoadMap
+
+SAME = 0.01
+"""Local metres of a map stay untouched where its frame reproduces them within this [m]."""
+FAR = 50_000.0
+"""Roads farther than this [m] from the frame's origin are in another frame than the site says."""
+
+
+def place_map(road_map: RoadMap, frame: Frame | None) -> tuple[list[Edge], Frame | None, list[str]]:
+    """Edges in the site frame, the frame, and what is worth saying.
+
+    Parameters
+    ----------
+    frame : the site's own; None takes the map's, or one about its centre.
+    """
+    if road_map.geographic:
+        points = np.concatenate([e.points for e in road_map.edges])
+        frame = frame or centre_frame(points[:, 1], points[:, 0])
+        return _moved(road_map.edges, *frame.to_local(points[:, 1], points[:, 0])), frame, []
+    if road_map.geographic_of is None:
+        note = [
+            "the map does not say where on earth it lies; its coordinates are taken as the site's local metres"
+        ]
+        return road_map.edges, frame, note
+    return _place_local(road_map, frame)
+
+
+def _place_local(road_map: RoadMap, frame: Frame | None) -> tuple[list[Edge], Frame, list[str]]:
+    assert road_map.geographic_of is not None
+    points = np.concatenate([e.points for e in road_map.edges])
+    latitude, longitude = road_map.geographic_of(points[:, 0], points[:, 1])
+    if frame is None:
+        frame = _own_frame(road_map, points)
+    x, y = frame.to_local(latitude, longitude)
+    moved = float(np.hypot(x - points[:, 0], y - points[:, 1]).max())
+    if moved <= SAME:
+        return road_map.edges, frame, []
+    note = f"coordinates are brought from the map's projection into the site frame; the largest change is {moved:.2f} m"
+    return _moved(road_map.edges, x, y), frame, [note]
+
+
+def _own_frame(road_map: RoadMap, points: Floats) -> Frame:
+    """A frame whose axes are the map's: about its (0, 0) where that is near the roads, else about their centre."""
+    assert road_map.geographic_of is not None
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    near = bool((np.maximum(np.abs(low), np.abs(high)) < FAR / 5).all())
+    origin = np.zeros(2) if near else (low + high) / 2.0
+    step = max(1.0, float((high - low).max()) / 2.0)
+    axis = np.array([origin, [origin[0] + step, origin[1]]])
+    latitude, longitude = road_map.geographic_of(axis[:, 0], axis[:, 1])
+    plain = Frame(float(latitude[0]), float(longitude[0]))
+    east, north = plain.to_local(latitude, longitude)
+    rotation = math.atan2(float(north[1] - north[0]), float(east[1] - east[0]))
+    return replace(plain, rotation=rotation if abs(rotation) > 1e-9 else 0.0)
+
+
+def centre_frame(latitude: Floats, longitude: Floats) -> Frame:
+    """A frame about the middle of the extent, rotation 0; :class:`SiteError` where it is larger than a region."""
+    if np.ptp(latitude) > 5.0 or np.ptp(longitude) > 10.0:
+        raise SiteError(
+            "the roads span more than a region", do="cut the map to the site or correct its coordinates"
+        )
+    middle = [float((v.min() + v.max()) / 2.0) for v in (latitude, longitude)]
+    return Frame(round(middle[0], 9), round(middle[1], 9))
+
+
+def _moved(edges: list[Edge], x: Floats, y: Floats) -> list[Edge]:
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise SiteError(
+            "its coordinates cannot be brought into the site frame", do="check the frame and the map"
+        )
+    if float(np.hypot(x, y).min()) > FAR:
+        away = float(np.hypot(x, y).min()) / 1000.0
+        raise SiteError(
+            f"the roads are {away:.0f} km from the site's frame", do="correct [frame] or give another map"
+        )
+    bounds = np.cumsum([len(e.points) for e in edges])[:-1]
+    pieces = zip(np.split(x, bounds), np.split(y, bounds), edges, strict=True)
+    return [replace(e, points=np.column_stack([px, py, e.points[:, 2]])) for px, py, e in pieces]
+
+
+def distance_to_roads(network: Network, spots: Floats) -> Floats:
+    """(N,) horizontal distance [m] of spots (N, 2) from the nearest road."""
+    inner = np.ones(len(network.points), dtype=bool)
+    inner[network.first[1:] - 1] = False
+    a = network.points[inner, :2]
+    d = network.points[np.flatnonzero(inner) + 1, :2] - a
+    square = np.maximum((d * d).sum(axis=1), 1e-18)
+    gaps = []
+    for spot in spots:
+        share = np.clip(((spot - a) * d).sum(axis=1) / square, 0.0, 1.0)
+        gaps.append(float(np.linalg.norm(a + share[:, None] * d - spot, axis=1).min()))
+    return np.array(gaps)

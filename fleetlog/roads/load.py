@@ -1,0 +1,170 @@
+"""Sites: a site file with its map, or a map alone."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fleetlog.core.network import LoadReport, build_network
+from fleetlog.core.site import Place, Site
+from fleetlog.errors import SiteError, nearest
+from fleetlog.registry import parts
+from fleetlog.roads import _tables
+from fleetlog.roads._placing import distance_to_roads, place_map
+from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap
+from fleetlog.store.provenance import sha256
+
+HEAD = 4096
+"""Bytes that a format is recognised by."""
+OFF_ROADS = 10.0
+"""A place farther than this [m] from every road gets a warning."""
+TOP = ("name", "frame", "network", "place", "zone", "building")
+
+
+def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
+    """Read a site file (TOML) with the map that it names, or a map of any format directly.
+
+    Parameters
+    ----------
+    path : a site file, its folder, or a map.
+
+    Returns
+    -------
+    The site, and a report for every map that was read (none for a site without roads).
+
+    Raises
+    ------
+    SiteError
+        One line that says which file, where in it, what is wrong and what to do.
+
+    Notes
+    -----
+    A map in degrees without a site file gets a frame about its centre, rotation 0.  Local metres stay as they are, with the
+    frame of the map's geoReference where it has one; without it the site has no frame.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "site.toml"
+    if not path.is_file():
+        raise SiteError("no such file", where=path, do="give a site file (.toml) or a map")
+    try:
+        return _load_toml(path) if path.suffix.lower() == ".toml" else _load_map(path)
+    except OSError as error:
+        raise SiteError(f"not readable: {error.strerror}", where=path) from None
+    except SiteError as error:
+        if error.where is None:
+            raise SiteError(error.what, where=path, place=error.place, do=error.do) from None
+        raise
+
+
+def readers() -> dict[str, Reader]:
+    """Every map format by name."""
+    return parts("fleetlog.roads.formats", "READER")
+
+
+def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
+    """The roads of a map file in its own coordinates; the format is recognised by content, then by suffix."""
+    with path.open("rb") as stream:
+        head = stream.read(HEAD)
+    if not head.strip():
+        raise SiteError("the file is empty", where=path, do="give a map")
+    suffix = path.suffix.lower()
+    found = [r for r in readers().values() if r.sniff(head)] or [
+        r for r in readers().values() if suffix in r.suffixes
+    ]
+    if not found:
+        known = ", ".join(sorted({s for r in readers().values() for s in r.suffixes}))
+        raise SiteError("not a map of a known format", where=path, do=f"known are {known}")
+    # Two formats can share an opening; the suffix then decides.
+    reader = next((r for r in found if suffix in r.suffixes), found[0])
+    return reader.read(path, options or MapOptions())
+
+
+def _load_map(path: Path) -> tuple[Site, list[LoadReport]]:
+    road_map = read_map(path)
+    edges, frame, notes = place_map(road_map, None)
+    network = build_network(edges, road_map.turns, road_map.forbidden, road_map.has_elevation)
+    source = {"network": {"file": path.name, "sha256": sha256(path)}}
+    traffic = road_map.traffic or "right"
+    site = Site(path.stem, frame, network, traffic, road_map.places, source=source)
+    return _checked(site, road_map.report, notes)
+
+
+def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise SiteError(f"not readable as TOML: {error}", where=path, do="correct the line") from None
+    for key in data:
+        if key not in TOP:
+            raise SiteError("unknown key", where=path, place=key, do=nearest(key, TOP))
+    name = _tables.table({k: data[k] for k in ("name",) if k in data}, _tables.SITE, path, "")
+    site = Site(
+        name.get("name", path.parent.resolve().name),
+        _tables.frame(data, path),
+        places=_tables.places(data, path),
+        zones=_tables.zones(data, path),
+        buildings=_tables.buildings(data, path),
+        source={"site": {"file": path.name, "sha256": sha256(path)}},
+    )
+    if "network" not in data:
+        return site, []
+    return _with_network(
+        site, _tables.table(data["network"], _tables.NETWORK, path, "network", ("file",)), path
+    )
+
+
+def _with_network(site: Site, settings: dict[str, Any], path: Path) -> tuple[Site, list[LoadReport]]:
+    file = _map_file(settings["file"], path)
+    options = MapOptions(settings.get("traffic"), settings.get("lane_types"), settings.get("road_classes"))
+    road_map = read_map(file, options)
+    edges, frame, notes = place_map(road_map, site.frame)
+    try:
+        network = build_network(edges, road_map.turns, road_map.forbidden, road_map.has_elevation)
+    except SiteError as error:
+        raise SiteError(error.what, where=file, do=error.do) from None
+    known = {p.id for p in site.places}
+    site = replace(
+        site,
+        frame=frame,
+        network=network,
+        traffic=settings.get("traffic") or road_map.traffic or "right",
+        places=site.places + tuple(p for p in road_map.places if p.id not in known),
+        source={**site.source, "network": {"file": file.name, "sha256": sha256(file)}},
+    )
+    return _checked(site, road_map.report, notes)
+
+
+def _map_file(name: str, path: Path) -> Path:
+    """The map that a site file names; a relative name must stay in the site's folder, an absolute one may be anywhere."""
+    folder, file = path.parent.resolve(), Path(name)
+    if not file.is_absolute():
+        file = path.parent / file
+        if not file.resolve().is_relative_to(folder):
+            raise SiteError(
+                f"{name!r} leads out of the site's folder", where=path, place="network.file",
+                do="put the map beside the site file or write its absolute path",
+            )  # fmt: skip
+    if not file.is_file():
+        raise SiteError(f"no such file {name!r}", where=path, place="network.file", do="correct the name")
+    return file
+
+
+def _checked(site: Site, report: LoadReport, notes: list[str]) -> tuple[Site, list[LoadReport]]:
+    notes = [*report.notes, *notes, *_strays(site.places, site)]
+    return site, [replace(report, notes=tuple(notes))]
+
+
+def _strays(places: tuple[Place, ...], site: Site) -> list[str]:
+    if not places or site.network is None:
+        return []
+    gaps = distance_to_roads(site.network, np.array([[p.x, p.y] for p in places]))
+    return [
+        f"place {p.id!r} is {gap:.0f} m from the nearest road"
+        for p, gap in zip(places, gaps, strict=True)
+        if gap > OFF_ROADS
+    ]
