@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import ClassVar
 
 import click
 
 from fleetlog import __version__
+from fleetlog.cli.lazy import LazyGroup
 from fleetlog.errors import EXIT_INPUT, EXIT_INTERRUPTED, FleetlogError
 
 # name: (module, one line); the line stands here so that --help imports nothing else.
@@ -24,27 +26,10 @@ VERBS: dict[str, tuple[str, str]] = {
 }
 
 
-class Verbs(click.Group):
-    """Commands by name, imported only when asked for."""
+class Verbs(LazyGroup):
+    """The verbs of ``fleetlog``."""
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """In the order of a first visit, not of the alphabet."""
-        return list(VERBS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command, or None."""
-        if cmd_name not in VERBS:
-            return None
-        import importlib
-
-        command = importlib.import_module(f"fleetlog.cli.{VERBS[cmd_name][0]}").command
-        assert isinstance(command, click.Command)
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The list of verbs without importing any."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in VERBS.items()])
+    verbs: ClassVar[dict[str, tuple[str, str]]] = {name: (f"fleetlog.cli.{module}", line) for name, (module, line) in VERBS.items()}
 
 
 @click.command(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]}, no_args_is_help=True)

@@ -104,15 +104,25 @@ SECTIONS: dict[str, type] = {
 }  # fmt: skip
 
 
+PRESETS = Path(__file__).parents[1] / "physics" / "presets"
+"""Folder of the trucks that come with fleetlog; every number's source stands in the file."""
+
+
+def preset_names() -> list[str]:
+    """Names of the trucks that come with fleetlog."""
+    return sorted(p.stem for p in PRESETS.glob("*.toml"))
+
+
 def load_truck(path: str | Path) -> Truck:
-    """Read a truck file (TOML); :class:`TruckError` names the key at fault and the nearest known one."""
+    """Read a truck file (TOML) or a preset by its name; :class:`TruckError` names the key at fault and the nearest known one."""
     path = Path(path)
+    if not path.exists() and path.name == str(path) and path.name in preset_names():
+        path = PRESETS / f"{path.name}.toml"
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise TruckError(
-            "no such file", where=path, do="give a truck file or the name of a preset with --truck"
-        ) from None
+        do = f"give a truck file or a preset: {nearest(path.name, preset_names())}"
+        raise TruckError("no such file", where=path, do=do) from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise TruckError(f"not readable as TOML: {error}", where=path) from None
     return truck_from_dict(data, path)

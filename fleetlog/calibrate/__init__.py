@@ -1,0 +1,1 @@
+"""Fitting a truck to measured runs."""
