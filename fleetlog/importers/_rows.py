@@ -1,0 +1,134 @@
+"""Rows gathered one at a time into batches, and the small conversions that formats share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+
+from fleetlog.core.trajectory import Labels, Values
+from fleetlog.importers.base import RawBatch, Reject
+
+BATCH = 1 << 16
+"""Rows in a batch: large enough for columns to pay, small enough for bounded memory."""
+REJECT_TEXT = 400
+"""Characters of a rejected record that are kept."""
+NAN = float("nan")
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_MICROSECOND = timedelta(microseconds=1)
+
+
+class Rows:
+    """Rows of one kind, column by column; :meth:`take` gives them as a :class:`RawBatch`.
+
+    ``always`` names the columns that every batch has (the positions, unless the rows are a channel); ``share`` says how
+    much of the file has been read.
+    """
+
+    def __init__(self, *always: str, share: Callable[[], float] = lambda: 0.0) -> None:
+        self._always, self._share = always, share
+        self.total = 0
+        """Rows taken or waiting."""
+        self.rejected = 0
+        """Rows that were refused so far."""
+        self._clear()
+
+    def _clear(self) -> None:
+        self._vehicle: list[str] = []
+        self._time: list[int] = []
+        self._record: list[int] = []
+        self._columns: dict[str, list[Any]] = {name: [] for name in self._always}
+        self._rejects: list[Reject] = []
+
+    def add(self, vehicle: str, time: int, record: int, values: dict[str, Any]) -> None:
+        """One row; ``time`` in microseconds.  A value is a float, or a string for a label; a column missing here is null."""
+        n = len(self._time)
+        columns = self._columns
+        for name, value in values.items():
+            column = columns.get(name)
+            if column is None:
+                columns[name] = column = []
+            if len(column) < n:
+                column.extend([None] * (n - len(column)))
+            column.append(value)
+        self._vehicle.append(vehicle)
+        self._time.append(time)
+        self._record.append(record)
+        self.total += 1
+
+    def reject(self, record: int, reason: str, text: object = "") -> None:
+        """A row that cannot be used."""
+        self.rejected += 1
+        self._rejects.append(Reject(record, reason, str(text)[:REJECT_TEXT]))
+
+    @property
+    def full(self) -> bool:
+        """Whether it is time to :meth:`take`."""
+        return len(self._time) >= BATCH or len(self._rejects) >= BATCH
+
+    def take(self) -> RawBatch:
+        """The rows so far as a batch; starts afresh."""
+        n = len(self._time)
+        columns: dict[str, Values] = {k: _column(v, n) for k, v in self._columns.items()}
+        batch = RawBatch(
+            Labels.of(self._vehicle) if n else Labels(np.zeros(0, np.int32), ()),
+            np.array(self._time, dtype=np.int64),
+            columns,
+            np.array(self._record, dtype=np.int64),
+            self._rejects,
+            self._share(),
+        )
+        self._clear()
+        return batch
+
+    def drain(self) -> Iterator[RawBatch]:
+        """The last batch, if anything waits."""
+        if self._time or self._rejects:
+            yield self.take()
+
+
+def _column(values: list[Any], n: int) -> Values:
+    if len(values) < n:
+        values.extend([None] * (n - len(values)))
+    try:
+        return np.array(values, dtype=np.float64)  # None becomes NaN
+    except (TypeError, ValueError):
+        return Labels.of([None if v is None else str(v) for v in values])
+
+
+def microseconds(moment: datetime) -> int:
+    """Microseconds since 1970 UTC; a time without a zone is taken for UTC."""
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=UTC)
+    return (moment - _EPOCH) // _MICROSECOND
+
+
+def iso_time(text: str) -> int:
+    """Microseconds since 1970 UTC of an ISO 8601 time; :class:`ValueError` where it is none."""
+    return microseconds(datetime.fromisoformat(text.strip()))
+
+
+def finite(value: Any) -> float:
+    """A float of anything, NaN where there is none."""
+    if value is None or isinstance(value, bool):
+        return NAN
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        return NAN
+    return number if math.isfinite(number) else NAN
+
+
+def heading_of_course(degrees: float) -> float:
+    """Heading [rad], counter-clockwise from east, of a course over ground [degrees], clockwise from north."""
+    return math.remainder(math.radians(90.0 - degrees), math.tau)
+
+
+def heading_of_quaternion(x: float, y: float, z: float, w: float) -> float:
+    """Yaw [rad] of a unit quaternion: atan2(2 (w z + x y), 1 - 2 (y^2 + z^2)); NaN for the zero quaternion."""
+    if not x * x + y * y + z * z + w * w > 1e-6:
+        return NAN
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

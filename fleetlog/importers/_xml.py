@@ -1,0 +1,91 @@
+"""Safe, streaming reading of XML from outside: nothing is expanded, fetched or kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from fleetlog.errors import FormatError
+from fleetlog.importers._open import open_bytes, plural
+from fleetlog.importers.base import ReadReport
+
+LIMIT = 1 << 26
+"""Bytes between two elements of interest; beyond it the file is no log but an attack or a mistake."""
+
+
+class Elements:
+    """The end events of chosen elements, each emptied after use, so that memory does not grow with the file.
+
+    Entities are not expanded, nothing is loaded from elsewhere, libxml2's limits on depth and text stay on.  A file that is
+    cut off or broken gives what came before; ``report`` hears of it.
+    """
+
+    def __init__(self, path: Path, report: ReadReport, tags: tuple[str, ...]) -> None:
+        self.path, self.report, self.tags = path, report, tags
+        self._stream, self._raw = open_bytes(path, report)
+        self._since = 0
+
+    def share(self) -> float:
+        """Share of the file that has been read."""
+        return self._raw.share
+
+    def read(self, size: int = -1) -> bytes:
+        """For the parser."""
+        data = self._stream.read(min(size, 1 << 15) if size > 0 else 1 << 15)
+        self._since += len(data)
+        if self._since > LIMIT:
+            raise FormatError(
+                f"one element holds more than {LIMIT >> 20} MB of XML",
+                where=self.path,
+                do="this is no log; leave it out",
+            )
+        return data
+
+    def __iter__(self) -> Iterator[tuple[str, Any]]:
+        from lxml import etree
+
+        events = etree.iterparse(
+            self, events=("end",), tag=[f"{{*}}{t}" for t in self.tags],
+            resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,
+        )  # fmt: skip
+        try:
+            for _, element in events:
+                self._since = 0
+                yield etree.QName(element).localname, element
+                _forget(element)
+        except etree.XMLSyntaxError as error:
+            line = f"line {error.position[0]}" if error.position and error.position[0] else "the start"
+            self.report.damaged(f"the XML breaks off or is wrong at {line} ({_brief(error)})")
+        finally:
+            self._stream.close()
+
+
+def _forget(element: Any) -> None:
+    """Empty an element whose end was seen and drop the siblings before it."""
+    element.clear()
+    parent = element.getparent()
+    while parent is not None and element.getprevious() is not None:
+        previous = element.getprevious()
+        if local(previous) == "name":
+            return
+        del parent[parent.index(previous)]
+
+
+def local(element: Any) -> str:
+    """The tag without its namespace; ``""`` for comments and instructions."""
+    tag = element.tag
+    return tag.rsplit("}", 1)[-1] if isinstance(tag, str) else ""
+
+
+def _brief(error: Exception) -> str:
+    return " ".join(str(error).split())[:120]
+
+
+def nothing_usable(path: Path, report: ReadReport, what: str, do: str) -> FormatError:
+    """The error for a file that gave no row: what it holds, and the damage that was met."""
+    damage = f"; {report.damage[0]}" if report.damage else ""
+    return FormatError(what + damage, where=path, do=do)
+
+
+__all__ = ["Elements", "local", "nothing_usable", "plural"]
