@@ -1,0 +1,153 @@
+"""The traction battery: open-circuit voltage over charge, resistance or Peukert, temperature, and what happens at its limit.
+
+    U = E(q) - R I,  P = U I   so   I = 2 P / (E + sqrt(E^2 - 4 R P))          exact; I > 0 discharging
+    dq/dt = -I_eff / (3600 C(T)),  I_eff = I (I / I_n)^(k - 1) discharging, I charging
+
+The power that a battery can give ends at E^2 / (4 R): beyond it the voltage collapses, which is reported sample by sample,
+the current being that of greatest power.  Peukert's exponent k and the resistance R describe the same loss; a model has one
+of them.  Where E is constant, I E = P + R (P / E)^2 + O(R^2): the nominal formula of :func:`fleetlog.physics.power.cell_power`.
+
+Sources: Peukert for changing current, normalised at the rated current I_n (Doerffel and Sharkh, J. Power Sources 155, 2006,
+doi 10.1016/j.jpowsour.2005.04.030).  The curves E(q) and the temperature slopes below are estimates of ours, typical of the
+chemistry and no maker's data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.truck import Truck
+from fleetlog.errors import TruckError, nearest
+
+Floats = NDArray[np.float64]
+REFERENCE_TEMPERATURE = 20.0
+"""At which capacity and resistance are stated [degC]."""
+COLDEST = 0.2
+"""Share of capacity that remains however cold it is; keeps the linear law from going through zero."""
+
+
+@dataclass(frozen=True)
+class BatteryModel:
+    """One battery.
+
+    Attributes
+    ----------
+    capacity_ah : charge at the rated current and 20 degC [Ah].
+    soc, voltage : knots of the open-circuit voltage: (K,) shares, growing from 0 to 1, and (K,) volts.
+    resistance : inner resistance at 20 degC [ohm].
+    peukert : exponent k, 1 where rate does not matter;  rated_hours : discharge time that the capacity is rated at [h].
+    capacity_per_kelvin, resistance_per_kelvin : shares lost, gained per kelvin below 20 degC.
+    """
+
+    capacity_ah: float
+    soc: tuple[float, ...]
+    voltage: tuple[float, ...]
+    resistance: float = 0.0
+    peukert: float = 1.0
+    rated_hours: float = 5.0
+    capacity_per_kelvin: float = 0.0
+    resistance_per_kelvin: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.resistance > 0.0 and self.peukert != 1.0:
+            raise TruckError(
+                "the battery has a resistance and a Peukert exponent, which describe the same loss",
+                do="set one of them to 0 or 1",
+            )
+        if len(self.soc) != len(self.voltage) or np.any(np.diff(self.soc) <= 0.0):
+            raise TruckError("the open-circuit voltage needs growing states of charge, one voltage each")
+
+    def open_voltage(self, soc: Floats | float) -> Floats:
+        """Open-circuit voltage [V], linear between the knots."""
+        return np.asarray(np.interp(soc, self.soc, self.voltage), dtype=np.float64)
+
+    def capacity(self, temperature: float) -> float:
+        """Charge at a temperature [Ah]; a NaN temperature counts as 20 degC."""
+        below = 0.0 if np.isnan(temperature) else REFERENCE_TEMPERATURE - temperature
+        return self.capacity_ah * max(1.0 - self.capacity_per_kelvin * below, COLDEST)
+
+    def resistance_at(self, temperature: float) -> float:
+        """Inner resistance at a temperature [ohm]; a NaN temperature counts as 20 degC."""
+        below = 0.0 if np.isnan(temperature) else REFERENCE_TEMPERATURE - temperature
+        return self.resistance * max(1.0 + self.resistance_per_kelvin * below, 0.25)
+
+
+# Volts per nominal volt over state of charge; estimates typical of the chemistry.
+_KNOTS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
+_LFP = (0.90, 0.98, 1.00, 1.015, 1.025, 1.035, 1.04, 1.07)
+_LEAD = (0.975, 0.985, 0.995, 1.015, 1.035, 1.05, 1.058, 1.065)
+CHEMISTRIES: dict[str, BatteryModel] = {
+    "constant": BatteryModel(1.0, (0.0, 1.0), (1.0, 1.0)),
+    "lfp": BatteryModel(1.0, _KNOTS, _LFP, capacity_per_kelvin=0.004, resistance_per_kelvin=0.05),
+    "lead": BatteryModel(1.0, _KNOTS, _LEAD, capacity_per_kelvin=0.01, resistance_per_kelvin=0.02),
+}
+
+
+def battery_of(truck: Truck, chemistry: str = "constant", peukert: float = 1.0) -> BatteryModel:
+    """The battery of a truck file, with the shape of a chemistry (``constant``, ``lfp``, ``lead``).
+
+    The charge is capacity_wh / voltage; with ``peukert`` other than 1 it stands in place of the file's resistance.
+    """
+    if chemistry not in CHEMISTRIES:
+        raise TruckError(f"unknown chemistry {chemistry!r}", do=nearest(chemistry, CHEMISTRIES))
+    shape, nominal = CHEMISTRIES[chemistry], truck.battery.voltage
+    return replace(
+        shape, capacity_ah=truck.battery.capacity_wh / nominal, voltage=tuple(v * nominal for v in shape.voltage),
+        resistance=truck.battery.internal_resistance if peukert == 1.0 else 0.0, peukert=peukert,
+    )  # fmt: skip
+
+
+def current(power: Floats, open_voltage: Floats, resistance: float) -> tuple[Floats, NDArray[np.bool_]]:
+    """The (N,) current [A] that gives ``power`` [W] at the terminals, and where no current does: the voltage collapses.
+
+    The smaller root of R I^2 - E I + P = 0, written so that nothing cancels; beyond collapse the current of greatest power.
+    """
+    radicand = np.square(open_voltage) - 4.0 * resistance * np.asarray(power)
+    collapsed = radicand < 0.0
+    amps = 2.0 * np.asarray(power) / (open_voltage + np.sqrt(np.maximum(radicand, 0.0)))
+    if resistance > 0.0:
+        amps = np.where(collapsed, open_voltage / (2.0 * resistance), amps)
+    return np.asarray(amps, dtype=np.float64), np.asarray(collapsed)
+
+
+@dataclass(frozen=True)
+class Discharge:
+    """What a battery did: (N,) state of charge after each sample, terminal voltage [V], current [A] and two alarms."""
+
+    soc: Floats
+    voltage: Floats
+    current: Floats
+    collapsed: NDArray[np.bool_]
+    """The power asked for is more than the battery can give."""
+    empty: NDArray[np.bool_]
+    """Charge is at 0 and more is drawn."""
+
+    def line(self, dt: Floats) -> str | None:
+        """The alarms as a sentence, None where there are none."""
+        parts = []
+        if self.collapsed.any():
+            lowest = self.voltage[self.collapsed].min()
+            parts.append(f"the voltage collapses (to {lowest:.1f} V) for {dt[self.collapsed].sum():.1f} s")
+        if self.empty.any():
+            parts.append(f"the battery is empty for {dt[self.empty].sum():.0f} s")
+        return " and ".join(parts) or None
+
+
+def discharge(
+    power: Floats, dt: Floats, battery: BatteryModel, soc: float, temperature: float = float("nan")
+) -> Discharge:
+    """Follow a battery through (N,) terminal powers [W] of (N,) durations [s] from a state of charge.
+
+    The charge is kept within 0 and 1; samples that would leave it empty are marked.
+    """
+    from fleetlog.physics.kernels import follow
+
+    arrays = follow(
+        np.ascontiguousarray(power, dtype=np.float64), np.ascontiguousarray(dt, dtype=np.float64), float(soc),
+        np.array(battery.soc), np.array(battery.voltage), battery.resistance_at(temperature),
+        battery.capacity(temperature), battery.peukert, battery.capacity_ah / battery.rated_hours,
+    )  # fmt: skip
+    return Discharge(*arrays)

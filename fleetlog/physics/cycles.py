@@ -1,0 +1,84 @@
+"""Motions by recipe: the runs of a test protocol and the VDI 2198 cycle, as a driver would drive them.
+
+Every recipe is a list of pieces of constant acceleration; :func:`legs` lays them on a time axis of step ``dt``, each sample
+standing in the middle of its step, so that sums over the samples are exact to second order in ``dt``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fleetlog.core.motion import Motion, join
+from fleetlog.core.truck import Truck
+
+VDI_LEGS = (22.0, 8.0, 22.0, 8.0)
+"""Lengths of the four legs [m]: forward and reverse runs between two points some 30 m apart.  Our reading of the summary
+of VDI 2198 (30 m, 2 m, 60 cycles an hour); the exact table of the standard is not public."""
+VDI_LIFT = 1.7
+"""Height of each of the two lifts [m]: from the travel height of 0.3 m to 2 m."""
+VDI_SPEED = 3.0
+"""Travelling speed that makes 60 cycles an hour [m/s]; our reading too."""
+VDI_PERIOD = 60.0
+"""Of one cycle [s]."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """``duration`` s from ``speed`` m/s at ``acceleration`` m/s2, lifting at ``lift_speed`` m/s."""
+
+    duration: float
+    speed: float = 0.0
+    acceleration: float = 0.0
+    lift_speed: float = 0.0
+
+
+def legs(pieces: list[Piece], payload: float = 0.0, grade: float = 0.0, dt: float = 0.05) -> Motion:
+    """The pieces as one motion with ``payload`` [kg] on a road of slope ``grade`` (tan theta)."""
+    out, clock = [], 0.0
+    for piece in pieces:
+        if piece.duration <= 0.0:
+            continue
+        n = max(1, int(np.ceil(piece.duration / dt)))
+        step = piece.duration / n
+        since = (np.arange(n) + 0.5) * step
+        speed = np.maximum(piece.speed + piece.acceleration * since, 0.0)
+        moving = float(piece.speed > 0.0 or piece.acceleration > 0.0)
+        out.append(
+            Motion.of(
+                n, time=clock + since, dt=step, speed=speed * moving, acceleration=piece.acceleration * moving,
+                slope=np.arctan(grade), payload=payload, lift_speed=piece.lift_speed,
+            )
+        )  # fmt: skip
+        clock += piece.duration
+    return join(out)
+
+
+def run(length: float, speed: float, up: float, down: float) -> list[Piece]:
+    """From rest to rest over ``length`` m: at most ``speed`` m/s, gathered at ``up`` and shed at ``down`` m/s2."""
+    top = min(speed, float(np.sqrt(2.0 * length * up * down / (up + down))))
+    cruise = max(length - top**2 / 2.0 * (1.0 / up + 1.0 / down), 0.0)
+    return [Piece(top / up, 0.0, up), Piece(cruise / top, top), Piece(top / down, top, -down)]
+
+
+def lift(height: float, truck: Truck) -> list[Piece]:
+    """Up by ``height`` m and down again."""
+    up, down = truck.lift.raise_speed, truck.lift.lower_speed
+    return [Piece(height / up, lift_speed=up), Piece(height / down, lift_speed=-down)]
+
+
+def vdi2198(truck: Truck, cycles: int = 1, load: float | None = None, speed: float = VDI_SPEED) -> Motion:
+    """``cycles`` of the VDI 2198 cycle with the rated load: two lifts, four legs, the rest of the minute standing."""
+    up, down = truck.drive.max_acceleration, truck.drive.max_deceleration
+    pieces: list[Piece] = []
+    for i, length in enumerate(VDI_LEGS):
+        pieces += lift(VDI_LIFT, truck) if i % 2 == 0 else []
+        pieces += run(length, speed, up, down)
+    pieces.append(Piece(VDI_PERIOD - sum(p.duration for p in pieces)))
+    return legs(pieces * cycles, truck.chassis.rated_load if load is None else load)
+
+
+CYCLES: dict[str, Callable[[Truck], Motion]] = {"vdi2198": vdi2198}
+"""Cycles that ``fleetlog simulate --cycle`` makes, by name."""
