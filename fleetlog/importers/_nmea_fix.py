@@ -72,7 +72,8 @@ def _angle(cell: bytes, side: bytes, degrees: int) -> float:
 
 
 def _position(part: Part, cells: list[bytes], at: int, rank: int) -> None:
-    if cells[at] and cells[at + 2]:
+    """Where the receiver says that it has no fix, what stands there is filler."""
+    if part.valid is not False and cells[at] and cells[at + 2]:
         part.latitude = _angle(cells[at], cells[at + 1], 2)
         part.longitude = _angle(cells[at + 2], cells[at + 3], 3)
         part.rank = rank
@@ -142,7 +143,9 @@ def _gns(cells: list[bytes]) -> Part:
 
 def _gll(cells: list[bytes]) -> Part:
     _need(cells, 5)
-    part = Part(time_of_day(cells[4]), valid=cells[5] in (b"A", b"D") if len(cells) > 5 and cells[5] else None)
+    part = Part(
+        time_of_day(cells[4]), valid=cells[5] in (b"A", b"D") if len(cells) > 5 and cells[5] else None
+    )
     _position(part, cells, 0, 1)
     return part
 
@@ -171,7 +174,26 @@ def _nav_pvt(body: bytes) -> Part:
     if len(body) < 2 + _PVT.size:
         raise ValueError("NAV-PVT is too short")
     f = _PVT.unpack_from(body, 2)
-    _, year, month, day, hour, minute, second, valid, _, nano, fix, flags, _, satellites, lon, lat, _, above_sea = f[:18]
+    (
+        _,
+        year,
+        month,
+        day,
+        hour,
+        minute,
+        second,
+        valid,
+        _,
+        nano,
+        fix,
+        flags,
+        _,
+        satellites,
+        lon,
+        lat,
+        _,
+        above_sea,
+    ) = f[:18]
     part = Part(valid=fix in (2, 3, 4) and bool(flags & 1))
     if valid & 2 and hour < 24 and minute < 60 and second < 61:
         # Rounded to 10 ms, as the same receiver's sentences are, so that both make one fix.

@@ -1,0 +1,193 @@
+"""Messages that carry a position or a battery's state, from bytes to values in SI units.
+
+Known by schema name.  ROS: sensor_msgs/NavSatFix, nav_msgs/Odometry, geometry_msgs/PoseStamped and
+PoseWithCovarianceStamped, sensor_msgs/BatteryState.  Foxglove: LocationFix and PoseInFrame, as JSON and protobuf.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from fleetlog.importers._protobuf import fields
+from fleetlog.importers._rows import NAN, finite, heading_of_quaternion, iso_time
+from fleetlog.importers._wire import Wire
+
+
+class Sample(NamedTuple):
+    """One message: its stamp [us] (0 where it has none) and its values; ``fix`` False where the receiver had none."""
+
+    stamp: int
+    values: dict[str, float]
+    fix: bool = True
+
+
+class Kind(NamedTuple):
+    """A kind of message: ``rank`` orders the sources of position (lowest first; 9 for a battery), ``decode`` by encoding."""
+
+    rank: int
+    decode: dict[str, Callable[[Any], Sample]]
+    meaning: str
+
+    @property
+    def is_position(self) -> bool:
+        """Whether it can tell where the vehicle is."""
+        return self.rank < 9
+
+
+def normal_name(schema: str) -> str:
+    """``sensor_msgs/msg/NavSatFix`` and ``sensor_msgs/NavSatFix`` are one."""
+    return schema.replace("/msg/", "/")
+
+
+def _navsat(w: Wire) -> Sample:
+    stamp = w.stamp()
+    (status,), _ = w.take("b"), w.take("H")
+    latitude, longitude, altitude = w.take("d", 3)
+    return Sample(stamp, {"latitude": latitude, "longitude": longitude, "z": altitude}, status >= 0)
+
+
+def _pose_values(w: Wire) -> dict[str, float]:
+    x, y, z, *quaternion = w.take("d", 7)
+    return {"x": x, "y": y, "z": z, "heading": heading_of_quaternion(*quaternion)}
+
+
+def _pose(w: Wire) -> Sample:
+    return Sample(w.stamp(), _pose_values(w))
+
+
+def _odometry(w: Wire) -> Sample:
+    stamp = w.stamp()
+    w.skip_string()
+    values = _pose_values(w)
+    w.take("d", 36)
+    forward, sideways = w.take("d", 2)
+    values["speed"] = math.hypot(forward, sideways)
+    return Sample(stamp, values)
+
+
+def _battery(w: Wire) -> Sample:
+    """ROS counts the current negative while discharging; the contract the other way round."""
+    stamp = w.stamp()
+    voltage, temperature, current, _, _, _, share = w.take("f", 7)
+    return Sample(stamp, _battery_values(voltage, current, temperature, share))
+
+
+def _battery_values(voltage: float, current: float, temperature: float, soc: float) -> dict[str, float]:
+    values = {"battery_voltage": voltage, "battery_current": -current, "battery_temperature": temperature, "soc": soc}
+    return {name: value for name, value in values.items() if value == value}
+
+
+def _json_stamp(message: dict[str, Any]) -> int:
+    header = message.get("header")
+    stamp = message.get("timestamp", header.get("stamp") if isinstance(header, dict) else None)
+    if isinstance(stamp, str):
+        return iso_time(stamp)
+    if not isinstance(stamp, dict):
+        return 0
+    seconds = finite(stamp.get("sec", stamp.get("secs", 0)))
+    nanoseconds = finite(stamp.get("nsec", stamp.get("nanosec", stamp.get("nsecs", 0))))
+    return int(seconds) * 1_000_000 + int(nanoseconds) // 1000
+
+
+def _object(data: Any) -> dict[str, Any]:
+    message = json.loads(bytes(data))
+    if not isinstance(message, dict):
+        raise ValueError("the message is no JSON object")
+    return message
+
+
+def _part(message: dict[str, Any], *path: str) -> dict[str, Any]:
+    for key in path:
+        below = message.get(key)
+        if not isinstance(below, dict):
+            raise ValueError(f"the message has no {key}")
+        message = below
+    return message
+
+
+def _json_fix(data: Any) -> Sample:
+    m = _object(data)
+    status = m.get("status")
+    fix = not (isinstance(status, dict) and finite(status.get("status")) < 0)
+    where = {"latitude": finite(m.get("latitude")), "longitude": finite(m.get("longitude"))}
+    return Sample(_json_stamp(m), {**where, "z": finite(m.get("altitude"))}, fix)
+
+
+def _json_pose(*path: str) -> Callable[[Any], Sample]:
+    def decode(data: Any) -> Sample:
+        m = _object(data)
+        pose = _part(m, *path)
+        p, q = _part(pose, "position"), _part(pose, "orientation")
+        values = {k: finite(p.get(k)) for k in ("x", "y", "z")}
+        values["heading"] = heading_of_quaternion(*(finite(q.get(k)) for k in ("x", "y", "z", "w")))
+        twist = m.get("twist")
+        if isinstance(twist, dict):
+            linear = _part(twist, "twist", "linear")
+            values["speed"] = math.hypot(finite(linear.get("x")), finite(linear.get("y")))
+        return Sample(_json_stamp(m), values)
+
+    return decode
+
+
+def _json_battery(percent: float) -> Callable[[Any], Sample]:
+    def decode(data: Any) -> Sample:
+        m = _object(data)
+        cells = [finite(m.get(k)) for k in ("voltage", "current", "temperature", "percentage")]
+        return Sample(_json_stamp(m), _battery_values(*cells[:3], cells[3] * percent))
+
+    return decode
+
+
+def _proto_stamp(data: bytes) -> int:
+    parts = dict(fields(data))
+    return int(parts.get(1, 0)) * 1_000_000 + int(parts.get(2, 0)) // 1000
+
+
+def _proto_fix(data: Any) -> Sample:
+    """foxglove.LocationFix: latitude 1, longitude 2, altitude 3, timestamp 6."""
+    stamp, numbers = 0, {1: 0.0, 2: 0.0, 3: 0.0}
+    for number, value in fields(data):
+        if number == 6:
+            stamp = _proto_stamp(value)
+        elif number in numbers:
+            numbers[number] = value
+    return Sample(stamp, {"latitude": numbers[1], "longitude": numbers[2], "z": numbers[3]})
+
+
+def _proto_pose(data: Any) -> Sample:
+    """foxglove.PoseInFrame: timestamp 1, pose 3 (position 1, orientation 2); a zero is not written."""
+    message = dict(fields(data))
+    pose = dict(fields(message[3])) if 3 in message else {}
+    p, q = (dict(fields(pose[k])) if k in pose else {} for k in (1, 2))
+    values = {name: p.get(i, 0.0) for i, name in ((1, "x"), (2, "y"), (3, "z"))}
+    values["heading"] = heading_of_quaternion(*(q.get(i, 0.0) for i in (1, 2, 3, 4)))
+    return Sample(_proto_stamp(message[1]) if 1 in message else 0, values)
+
+
+def _ros(decode: Callable[[Wire], Sample], in_json: Callable[[Any], Sample]) -> dict[str, Callable[[Any], Sample]]:
+    return {"cdr": lambda d: decode(Wire(d)), "ros1": lambda d: decode(Wire(d, ros1=True)), "json": in_json}
+
+
+_FIX = "position, WGS 84"
+_POSE = "position and heading in the site frame, from m and quaternion"
+_BATTERY = "soc, voltage and current of the battery (current > 0 when discharging)"
+KINDS: dict[str, Kind] = {
+    "foxglove.LocationFix": Kind(0, {"json": _json_fix, "protobuf": _proto_fix}, _FIX),
+    "sensor_msgs/NavSatFix": Kind(1, _ros(_navsat, _json_fix), _FIX),
+    "geometry_msgs/PoseWithCovarianceStamped": Kind(2, _ros(_pose, _json_pose("pose", "pose")), _POSE),
+    "geometry_msgs/PoseStamped": Kind(3, _ros(_pose, _json_pose("pose")), _POSE),
+    "foxglove.PoseInFrame": Kind(4, {"json": _json_pose("pose"), "protobuf": _proto_pose}, _POSE),
+    "nav_msgs/Odometry": Kind(5, _ros(_odometry, _json_pose("pose", "pose")), _POSE + ", speed"),
+    "sensor_msgs/BatteryState": Kind(9, _ros(_battery, _json_battery(1.0)), _BATTERY),
+    "foxglove.Battery": Kind(9, {"json": _json_battery(0.01)}, _BATTERY + ", percentage from %"),
+}
+POSITIONS = ("latitude", "longitude", "x", "y", "z")
+
+
+def unplaced(values: dict[str, float]) -> bool:
+    """Whether the position is not a number."""
+    a, b = values.get("latitude", values.get("x", NAN)), values.get("longitude", values.get("y", NAN))
+    return not (math.isfinite(a) and math.isfinite(b))

@@ -1,0 +1,156 @@
+"""From the topics of a recording to vehicles: which topic says where which truck is, and which adds its battery."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from fleetlog.errors import FormatError
+from fleetlog.importers._messages import KINDS, POSITIONS, Kind, Sample, normal_name, unplaced
+from fleetlog.importers._open import plural
+from fleetlog.importers._rows import Rows
+from fleetlog.importers.base import RawBatch, ReadReport
+
+LISTED = 12
+
+
+class Topic(NamedTuple):
+    """A topic of a recording: its name, the name of its schema and the encoding of its messages."""
+
+    name: str
+    schema: str
+    encoding: str
+
+    @property
+    def kind(self) -> Kind | None:
+        """How it is read, or None."""
+        kind = KINDS.get(normal_name(self.schema))
+        return kind if kind and self.encoding in kind.decode else None
+
+
+class Role(NamedTuple):
+    """What a topic is used for."""
+
+    vehicle: str
+    decode: Callable[[Any], Sample]
+    is_position: bool
+
+
+def plan(topics: Iterable[Topic], path: Path, default: str, one: str | None, report: ReadReport) -> dict[str, Role]:
+    """The role of every topic that is used.
+
+    A vehicle is told by the part of the names in which topics of one kind differ (``/T00/fix``, ``/T01/fix``), else by a
+    name in front of all of them; ``default`` otherwise and ``one`` always, if given.  Each vehicle takes its position from one
+    topic, the most absolute one.
+    """
+    topics = sorted(set(topics))
+    wanted = [t for t in topics if t.kind is not None]
+    if not any(t.kind and t.kind.is_position for t in wanted):
+        raise FormatError(_no_position(topics), where=path, do="record " + " or ".join(list(KINDS)[:3]))
+    names = {t.name: one or default for t in wanted} if one else _vehicles(wanted, default)
+    roles: dict[str, Role] = {}
+    taken: dict[str, str] = {}
+    for topic in sorted(wanted, key=lambda t: (t.kind.rank if t.kind else 9, t.name)):
+        kind, vehicle = topic.kind, names[topic.name]
+        assert kind is not None
+        if kind.is_position and vehicle in taken:
+            if kind is not KINDS["nav_msgs/Odometry"]:
+                report.note(f"topic {topic.name} left out: {vehicle} takes its position from {taken[vehicle]}")
+                continue
+            report.note(f"only the speed of topic {topic.name} is used: {vehicle} takes its position from {taken[vehicle]}")
+        first = kind.is_position and taken.setdefault(vehicle, topic.name) == topic.name
+        roles[topic.name] = Role(vehicle, kind.decode[topic.encoding], first)
+        report.recognised[topic.name] = f"{kind.meaning}, of {vehicle}"
+    unused = [t for t in topics if t.name not in roles and t not in wanted]
+    if unused:
+        report.note(f"{plural(len(unused), 'topic')} without position or battery left out: {listed(unused)}")
+    return roles
+
+
+def _vehicles(topics: list[Topic], default: str) -> dict[str, str]:
+    segments = {t.name: t.name.strip("/").split("/") for t in topics}
+    same: dict[str, list[list[str]]] = defaultdict(list)
+    for t in topics:
+        same[normal_name(t.schema)].append(segments[t.name])
+    group = max(same.values(), key=len)
+    if len(group) > 1 and len({len(s) for s in group}) == 1:
+        differing = [i for i, column in enumerate(zip(*group, strict=True)) if len(set(column)) > 1]
+        if len(differing) == 1:
+            at, known = differing[0], {s[differing[0]] for s in group}
+            return {n: s[at] if len(s) > at and s[at] in known else default for n, s in segments.items()}
+    fronts = {s[0] for s in segments.values() if len(s) > 1}
+    whole = len(fronts) == 1 and all(len(s) > 1 for s in segments.values()) and len(topics) > 1
+    return dict.fromkeys(segments, fronts.pop() if whole else default)
+
+
+def listed(topics: list[Topic]) -> str:
+    """Topics with their types, the first dozen."""
+    shown = ", ".join(f"{t.name} ({t.schema or 'no schema'}, {t.encoding})" for t in topics[:LISTED])
+    return shown + (f" and {len(topics) - LISTED} more" if len(topics) > LISTED else "")
+
+
+def _no_position(topics: list[Topic]) -> str:
+    if not topics:
+        return "no topic in it, so no position"
+    return f"none of its {plural(len(topics), 'topic')} carries a position: {listed(topics)}"
+
+
+class Decoder:
+    """Messages in, batches out: positions and channels apart, what cannot be decoded rejected."""
+
+    def __init__(self, roles: Mapping[str, Role], report: ReadReport, share: Callable[[], float]) -> None:
+        self.roles, self.report, self._share = roles, report, share
+        self._rows: dict[tuple[str, ...], Rows] = {}
+        self._log = Rows(share=share)
+        self.no_fix: Counter[str] = Counter()
+        self.record = 0
+
+    def feed(self, topic: str, time: int, data: Any) -> Iterator[RawBatch]:
+        """One message, received at ``time`` [us]; gives a batch when one is full."""
+        self.record += 1
+        role = self.roles.get(topic)
+        if role is None:
+            return
+        try:
+            sample = role.decode(data)
+        except Exception as error:  # whatever a hostile message does, it is one rejected message
+            self._log.reject(self.record, f"{topic}: message cannot be decoded", f"{type(error).__name__}: {error}")
+            if self._log.full:
+                yield self._log.take()
+            return
+        rows = self._take(topic, role, sample, time)
+        if rows is not None and rows.full:
+            yield rows.take()
+
+    def _take(self, topic: str, role: Role, sample: Sample, time: int) -> Rows | None:
+        values = sample.values
+        if not role.is_position:
+            values = {k: v for k, v in values.items() if k not in POSITIONS}
+        elif not sample.fix:
+            self.no_fix[topic] += 1
+            return None
+        elif unplaced(values):
+            self._log.reject(self.record, f"{topic}: position is not a number", values)
+            return None
+        names = tuple(values)
+        if not names:
+            return None
+        rows = self._rows.get(names)
+        if rows is None:
+            rows = self._rows[names] = Rows(*names, share=self._share)
+        rows.add(role.vehicle, sample.stamp or time, self.record, values)
+        return rows
+
+    @property
+    def positions(self) -> int:
+        """Rows with positions so far."""
+        return sum(r.total for names, r in self._rows.items() if "latitude" in names or "x" in names)
+
+    def drain(self) -> Iterator[RawBatch]:
+        """What waits."""
+        for topic, count in self.no_fix.items():
+            self.report.note(f"{topic}: {plural(count, 'message')} without a fix left out")
+        for rows in (*self._rows.values(), self._log):
+            yield from rows.drain()

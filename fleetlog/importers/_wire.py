@@ -1,0 +1,59 @@
+"""ROS messages as bytes: CDR (ROS 2) and ROS 1 serialisation, read field by field.
+
+CDR: OMG DDSI-RTPS, encapsulation identifiers 0x0000 to 0x0009; a primitive is aligned to its own size counted from the
+end of the encapsulation header (to at most 4 bytes in XCDR2).  ROS 1 packs without gaps, little endian.
+"""
+
+from __future__ import annotations
+
+import struct
+from functools import cache
+from typing import Any
+
+_SIZES = {"b": 1, "B": 1, "h": 2, "H": 2, "i": 4, "I": 4, "f": 4, "d": 8}
+
+
+@cache
+def _layout(order: str, kind: str, count: int) -> struct.Struct:
+    return struct.Struct(f"{order}{count}{kind}")
+
+
+class Wire:
+    """A reading position in one message; every method raises :class:`ValueError` or ``struct.error`` beyond its end."""
+
+    __slots__ = ("_at", "_base", "_data", "_order", "_ros1", "_widest")
+
+    def __init__(self, data: Any, *, ros1: bool = False) -> None:
+        self._data, self._ros1 = data, ros1
+        self._order, self._widest, self._at, self._base = "<", 1, 0, 0
+        if not ros1:
+            if len(data) < 4 or data[0] or data[1] not in (0, 1, 6, 7):
+                raise ValueError("the message is not plain CDR")
+            self._order = "<" if data[1] & 1 else ">"
+            self._widest = 8 if data[1] < 6 else 4
+            self._at = self._base = 4
+
+    def take(self, kind: str, count: int = 1) -> tuple[Any, ...]:
+        """``count`` values of a :mod:`struct` type."""
+        size = _SIZES[kind]
+        step = min(size, self._widest)
+        at = self._at + (self._base - self._at) % step
+        self._at = at + size * count
+        return _layout(self._order, kind, count).unpack_from(self._data, at)
+
+    def skip_string(self) -> None:
+        """Pass over a string."""
+        (length,) = self.take("I")
+        if length > len(self._data) - self._at:
+            raise ValueError("a string runs beyond the end of the message")
+        self._at += length
+
+    def stamp(self) -> int:
+        """Pass over a ``std_msgs/Header`` and give its stamp [us]; 0 where it was not set."""
+        if self._ros1:
+            self.take("I")
+            seconds, nanoseconds = self.take("I", 2)
+        else:
+            (seconds,), (nanoseconds,) = self.take("i"), self.take("I")
+        self.skip_string()
+        return int(seconds) * 1_000_000 + int(nanoseconds) // 1000
