@@ -1,0 +1,181 @@
+"""OpenDRIVE reference lines: line, arc, spiral, poly3 and paramPoly3 by arc length.  Source: ASAM OpenDRIVE 1.8, chapter 9."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+
+from fleetlog.roads.formats.base import Floats
+
+Curve = Callable[[Floats], tuple[Floats, Floats, Floats]]
+"""ds [m] along a piece to u, v [m] and heading [rad] in the piece's own axes."""
+
+_NODES, _WEIGHTS = leggauss(12)
+_TABLE = 513
+
+
+def line(ds: Floats) -> tuple[Floats, Floats, Floats]:
+    """Straight on."""
+    return ds, np.zeros_like(ds), np.zeros_like(ds)
+
+
+def arc(curvature: float) -> Curve:
+    """u = sin(k s) / k, v = (1 - cos(k s)) / k with k = ``curvature`` [1/m], left positive."""
+
+    def curve(ds: Floats) -> tuple[Floats, Floats, Floats]:
+        turn = curvature * ds
+        # sinc keeps every digit where the turn is small, and covers k = 0.
+        half = np.sinc(turn / (2.0 * np.pi)) * ds
+        return half * np.cos(turn / 2.0), half * np.sin(turn / 2.0), turn
+
+    return curve
+
+
+def spiral(start: float, end: float, length: float) -> Curve:
+    """Curvature [1/m] linear in s from ``start`` to ``end``: h = k0 s + (k1 - k0) s^2 / (2 L), integrated.
+
+    Gauss-Legendre with 12 nodes on panels of less than 1 rad: exact to 1e-12 of the length, for any curvatures, where
+    Fresnel integrals lose digits as k1 approaches k0.
+    """
+    rate = (end - start) / length
+    panels = 1 + math.ceil(max(abs(start), abs(end)) * length)
+
+    def curve(ds: Floats) -> tuple[Floats, Floats, Floats]:
+        share = (np.arange(panels)[:, None] + (_NODES + 1.0) / 2.0).ravel() / panels
+        weight = np.tile(_WEIGHTS, panels) / (2.0 * panels)
+        s = ds[:, None] * share
+        h = start * s + rate * s * s / 2.0
+        return ds * (np.cos(h) @ weight), ds * (np.sin(h) @ weight), start * ds + rate * ds * ds / 2.0
+
+    return curve
+
+
+def param_poly3(u: Floats, v: Floats, length: float, span: float) -> Curve:
+    """u(p), v(p) cubic (coefficients (4,) a to d), p from 0 to ``span``; ds is true arc length, stretched to ``length``.
+
+    p is not proportional to the arc length; a table of the arc length over p is inverted.  The declared length and that of
+    the curve can differ by a little; the end of the piece is the end of the curve all the same.
+    """
+    grid = np.linspace(0.0, span, _TABLE)
+    passed = _arc_length(grid, _derivative(u), _derivative(v))
+
+    def curve(ds: Floats) -> tuple[Floats, Floats, Floats]:
+        p = np.interp(ds * (passed[-1] / length), passed, grid)
+        heading = np.arctan2(_value(_derivative(v), p), _value(_derivative(u), p))
+        return _value(u, p), _value(v, p), heading
+
+    return curve
+
+
+def poly3(v: Floats, length: float) -> Curve:
+    """v(u) cubic (coefficients (4,) a to d), u along the start heading; u is not s and is found from the arc length."""
+    identity = np.array([0.0, 1.0, 0.0, 0.0])
+    grid = np.linspace(0.0, length, _TABLE)
+    passed = _arc_length(grid, _derivative(identity), _derivative(v))
+    # The curve is at least as long as u, so u stays within the length.
+    return param_poly3(identity, v, length, float(np.interp(length, passed, grid)))
+
+
+def _value(coefficients: Floats, p: Floats) -> Floats:
+    return np.asarray(np.polynomial.polynomial.polyval(p, coefficients), dtype=np.float64)
+
+
+def _derivative(coefficients: Floats) -> Floats:
+    return np.asarray(coefficients[1:] * np.arange(1.0, len(coefficients)), dtype=np.float64)
+
+
+def _arc_length(grid: Floats, du: Floats, dv: Floats) -> Floats:
+    """Arc length at every grid value: Gauss-Legendre within each cell, summed."""
+    step = np.diff(grid)
+    p = grid[:-1, None] + step[:, None] * (_NODES + 1.0) / 2.0
+    cells = (np.hypot(_value(du, p), _value(dv, p)) @ _WEIGHTS) * step / 2.0
+    return np.concatenate([[0.0], np.cumsum(cells)])
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One geometry record: where it starts, and its curve."""
+
+    s: float
+    x: float
+    y: float
+    heading: float
+    length: float
+    curve: Curve
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The reference line of a road seen from above."""
+
+    pieces: tuple[Piece, ...]
+
+    @cached_property
+    def starts(self) -> Floats:
+        """s [m] at the start of every piece."""
+        return np.array([p.s for p in self.pieces], dtype=np.float64)
+
+    @property
+    def end(self) -> float:
+        """s [m] at the end of the last piece."""
+        return self.pieces[-1].s + self.pieces[-1].length
+
+    def at(self, s: Floats) -> tuple[Floats, Floats, Floats]:
+        """x, y [m] and heading [rad] at s [m], (N,) each; beyond a piece's length its end counts."""
+        x, y, h = np.empty_like(s), np.empty_like(s), np.empty_like(s)
+        which = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, None)
+        for k in np.unique(which):
+            rows, piece = which == k, self.pieces[k]
+            u, v, turn = piece.curve(np.clip(s[rows] - piece.s, 0.0, piece.length))
+            c, d = math.cos(piece.heading), math.sin(piece.heading)
+            x[rows], y[rows], h[rows] = piece.x + c * u - d * v, piece.y + d * u + c * v, piece.heading + turn
+        return x, y, h
+
+
+@dataclass(frozen=True)
+class Cubics:
+    """A quantity given by records a + b ds + c ds^2 + d ds^3, each from its own s to the next one's."""
+
+    starts: Floats
+    coefficients: Floats
+    """(n, 4)"""
+
+    def at(self, s: Floats) -> Floats:
+        """(N,) values at s [m]; 0 without records; before the first record its first value."""
+        if not len(self.starts):
+            return np.zeros_like(s)
+        k = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, None)
+        ds = np.maximum(s - self.starts[k], 0.0)
+        a, b, c, d = self.coefficients[k].T
+        return np.asarray(a + ds * (b + ds * (c + ds * d)), dtype=np.float64)
+
+
+def sample(points: Callable[[Floats], Floats], stations: Floats, tolerance: float) -> Floats:
+    """Stations s [m] dense enough that chords stay within ``tolerance`` [m] of the curve ``points`` ((N,) to (N, 3)).
+
+    Between the given stations the curve is smooth.  Every chord is compared with the curve at a quarter, a half and three
+    quarters of its way and halved until all three agree, at most 14 times.
+    """
+    s = stations
+    for _ in range(14):
+        low, step = s[:-1], np.diff(s)
+        ends = points(s)
+        worst = np.zeros(len(step))
+        for share in (0.25, 0.5, 0.75):
+            worst = np.maximum(worst, _from_chord(points(low + share * step), ends[:-1], ends[1:]))
+        coarse = worst > tolerance
+        if not coarse.any():
+            break
+        s = np.sort(np.concatenate([s, (low + step / 2.0)[coarse]]))
+    return s
+
+
+def _from_chord(p: Floats, a: Floats, b: Floats) -> Floats:
+    d = b - a
+    share = ((p - a) * d).sum(axis=1) / np.maximum((d * d).sum(axis=1), 1e-18)
+    return np.asarray(np.linalg.norm(a + np.clip(share, 0, 1)[:, None] * d - p, axis=1), dtype=np.float64)

@@ -1,0 +1,59 @@
+"""XML from outside, parsed without entities, external files or network."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fleetlog.errors import SiteError
+
+if TYPE_CHECKING:
+    from lxml.etree import _Element as Element
+
+_LATE = re.compile(rb"^(\s*(?:<!--.*?-->\s*)+)(<\?xml[^>]*\?>)", re.DOTALL)
+
+
+def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
+    """The root element, namespaces taken off; :class:`SiteError` in one line where it is not well formed.
+
+    Entities are never expanded and files that declare any are refused: a map has no use for them.  An XML declaration
+    behind a comment, which some tools write, is passed over and noted.
+    """
+    from lxml import etree
+
+    data = path.read_bytes()
+    encoding = None
+    if late := _LATE.match(data):
+        notes.append("the XML declaration stands behind a comment and is passed over")
+        found = re.search(rb"encoding=[\"']([\w.-]+)", late[2])
+        encoding = found[1].decode() if found else None
+        data = late[1] + data[late.end() :]
+    if b"<!ENTITY" in data:
+        raise SiteError("declares XML entities, which are not read", where=path, do="remove its DOCTYPE")
+    try:
+        parser = etree.XMLParser(
+            resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False, remove_comments=True,
+            remove_pis=True, encoding=encoding,
+        )  # fmt: skip
+        top = etree.fromstring(data, parser)
+    except (etree.XMLSyntaxError, LookupError, ValueError) as error:
+        text = str(error).splitlines()[0] if str(error) else "empty"
+        raise SiteError(f"not well-formed XML: {text}", where=path, do="export the map again") from None
+    dtd = top.getroottree().docinfo.internalDTD
+    if dtd is not None and any(True for _ in dtd.iterentities()):
+        raise SiteError("declares XML entities, which are not read", where=path, do="remove its DOCTYPE")
+    for element in top.iter():
+        if isinstance(element.tag, str) and element.tag.startswith("{"):
+            element.tag = element.tag.rpartition("}")[2]
+    if top.tag != root:
+        raise SiteError(
+            f"its root is <{top.tag}>, not <{root}>", where=path, do="check the suffix of the file"
+        )
+    return top
+
+
+def looks_like(head: bytes, root: str) -> bool:
+    """Whether ``<root`` stands in the first bytes of a file, in UTF-8 or UTF-16."""
+    mark = f"<{root}"
+    return any(mark.encode(code) in head for code in ("utf-8", "utf-16-le", "utf-16-be"))
