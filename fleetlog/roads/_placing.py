@@ -30,9 +30,7 @@ def place_map(road_map: RoadMap, frame: Frame | None) -> tuple[list[Edge], Frame
         frame = frame or centre_frame(points[:, 1], points[:, 0])
         return _moved(road_map.edges, *frame.to_local(points[:, 1], points[:, 0])), frame, []
     if road_map.geographic_of is None:
-        note = [
-            "the map does not say where on earth it lies; its coordinates are taken as the site's local metres"
-        ]
+        note = ["the map's coordinates are taken as the local metres of the site's frame"] if frame else []
         return road_map.edges, frame, note
     return _place_local(road_map, frame)
 

@@ -42,9 +42,9 @@ class Touching:
             self.neighbours.setdefault(a, set()).add(b)
             self.neighbours.setdefault(b, set()).add(a)
 
-    def one_sided(self) -> int:
-        """How many pairs are named from one side only."""
-        return sum((b, a) not in self.said for a, b in self.said)
+    def one_sided(self, roads: dict[str, Road]) -> int:
+        """How many pairs are named from one side only, though the other could name them."""
+        return sum((b, a) not in self.said and not _at_junction(roads, b) for a, b in self.said)
 
 
 def touching(roads: dict[str, Road], junctions: list[Element], path: Path, tally: Tally) -> Touching:
@@ -55,16 +55,24 @@ def touching(roads: dict[str, Road], junctions: list[Element], path: Path, tally
             relation.add(a, b)
         for a, b in _between(road, roads):
             relation.add(a, b)
-    if one := relation.one_sided():
+    for junction in junctions:
+        _junction(junction, roads, relation, path, tally)
+    if one := relation.one_sided(roads):
         tally.notes.append(
             f"{one} lane links are given in one direction only; they are taken to hold in both"
         )
-    for junction in junctions:
-        _junction(junction, roads, relation, path, tally)
     if relation.odd:
         tally.notes.append(f"{relation.odd} links name roads or lanes that do not exist and are left out")
     _bridge(roads, relation)
     return relation
+
+
+def _at_junction(roads: dict[str, Road], at: LaneEnd) -> bool:
+    """Whether the road meets a junction at this end, which then lists the links in its stead."""
+    road = roads.get(at[0])
+    link = road.links.get(at[3]) if road else None
+    outermost = road is not None and at[1] == (0 if at[3] == "start" else len(road.sections) - 1)
+    return outermost and link is not None and link.kind == "junction"
 
 
 def _inside(road: Road) -> Iterator[Pair]:

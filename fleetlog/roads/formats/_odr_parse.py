@@ -260,10 +260,9 @@ def _links(element: Element, path: Path, place: str) -> dict[End, RoadLink]:
     sides: tuple[tuple[End, str], ...] = (("start", "link/predecessor"), ("end", "link/successor"))
     for end, tag in sides:
         link = element.find(tag)
-        if link is not None and link.get("elementId") is not None:
-            out[end] = RoadLink(
-                link.get("elementType", "road"), link.get("elementId"), contact(link, path, place)
-            )
+        other = None if link is None else link.get("elementId")
+        if link is not None and other is not None:
+            out[end] = RoadLink(link.get("elementType", "road"), other, contact(link, path, place))
     return out
 
 

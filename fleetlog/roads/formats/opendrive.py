@@ -44,11 +44,13 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     relation = touching(roads, root.findall("junction"), path, tally)
     nodes = node_names(lanes, relation)
     edges = [_edge(lane, nodes[lane.enters], nodes[lane.leaves]) for lane in lanes]
+    allowed = turns(lanes, relation, tally)
+    inverse = geographic(root, path, tally.notes)
     return RoadMap(
         edges,
         tally.report(f"OpenDRIVE {version}, lanes of {len(roads)} roads"),
-        geographic_of=geographic(root, path, tally.notes),
-        turns=turns(lanes, relation, tally),
+        geographic_of=inverse,
+        turns=allowed,
         has_elevation=any(road.has_elevation for road in roads.values()),
         traffic=_traffic(roads),
     )
