@@ -11,14 +11,13 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple
 
+from fleetlog.importers._bounded import LIMIT, Damaged, unpack
 from fleetlog.importers._open import plural
 from fleetlog.importers.base import ReadReport
 
 MAGIC = b"\x89MCAP0\r\n"
-CHUNK_LIMIT = 1 << 29
-"""Bytes of one chunk or message, packed or not, that are believed."""
 DAMAGE_LINES = 10
 _HEAD, _CHUNK, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<QQQI"), struct.Struct("<HIQQ")
 _FOOTER = 9 + 20 + 8
@@ -40,10 +39,6 @@ class Summary:
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: list[int] = field(default_factory=list)
     messages: int | None = None
-
-
-class Damaged(Exception):
-    """A stretch of the file cannot be read."""
 
 
 class McapFile:
@@ -70,7 +65,12 @@ class McapFile:
         footer = self.stream.read(_FOOTER)
         op, length = _HEAD.unpack_from(footer)
         start, _, crc = struct.unpack_from("<QQI", footer, 9)
-        if not footer.endswith(MAGIC) or (op, length) != (FOOTER, 20) or not 8 <= start < self.size or self.size - start > CHUNK_LIMIT:
+        if (
+            not footer.endswith(MAGIC)
+            or (op, length) != (FOOTER, 20)
+            or not 8 <= start < self.size
+            or self.size - start > LIMIT
+        ):
             return None
         self.stream.seek(start)
         body = self.stream.read(self.size - _FOOTER - start)
@@ -115,7 +115,9 @@ class McapFile:
         if self._damages:
             whole = plural(self.count, "message")
             known = summary.messages if summary else None
-            self.report.damaged(f"{whole} of {known:,} are whole" if known else f"{whole} before and between are whole")
+            self.report.damaged(
+                f"{whole} of {known:,} are whole" if known else f"{whole} before and between are whole"
+            )
 
     def _head(self) -> tuple[int, int]:
         self.stream.seek(self.at)
@@ -126,12 +128,14 @@ class McapFile:
         if not op:
             raise Damaged(f"no record at byte {self.at}")
         if length > self.size - self.at - _HEAD.size:
-            raise Damaged(f"the record at byte {self.at} runs beyond the end of the file: it is cut off or damaged")
+            raise Damaged(
+                f"the record at byte {self.at} runs beyond the end of the file: it is cut off or damaged"
+            )
         return op, length
 
     def _body(self, length: int) -> bytes:
-        if length > CHUNK_LIMIT:
-            raise Damaged(f"the record at byte {self.at} is larger than {CHUNK_LIMIT >> 20} MB")
+        if length > LIMIT:
+            raise Damaged(f"the record at byte {self.at} is larger than {LIMIT >> 20} MB")
         return self.stream.read(length)
 
     def _chunk(self, at: int, body: bytes) -> Iterator[tuple[Channel, int, memoryview]]:
@@ -199,29 +203,7 @@ def unpack_chunk(body: bytes) -> bytes:
     packing, at = _text(memoryview(body), _CHUNK.size)
     (length,) = struct.unpack_from("<Q", body, at)
     packed = body[at + 8 : at + 8 + length]
-    if size > CHUNK_LIMIT:
-        raise Damaged(f"it states {size:,} bytes")
-    data = _unpack(packing, packed, size)
-    if len(data) != size:
-        raise Damaged("its length is wrong")
+    data = unpack(packing, packed, size)
     if crc and zlib.crc32(data) != crc:
         raise Damaged("its checksum is wrong")
     return data
-
-
-def _unpack(packing: str, packed: bytes, size: int) -> bytes:
-    if packing == "":
-        return packed
-    try:
-        if packing == "zstd":
-            import zstandard
-
-            return bytes(zstandard.ZstdDecompressor().stream_reader(packed).read(size + 1))
-        if packing == "lz4":
-            import lz4.frame
-
-            decoder: Any = lz4.frame.LZ4FrameDecompressor()
-            return bytes(decoder.decompress(packed, max_length=size + 1))
-    except Exception as error:  # each library has its own family of errors
-        raise Damaged(f"its {packing} packing is broken: {error}") from None
-    raise Damaged(f"unknown packing {packing!r}")

@@ -76,7 +76,12 @@ def _battery(w: Wire) -> Sample:
 
 
 def _battery_values(voltage: float, current: float, temperature: float, soc: float) -> dict[str, float]:
-    values = {"battery_voltage": voltage, "battery_current": -current, "battery_temperature": temperature, "soc": soc}
+    values = {
+        "battery_voltage": voltage,
+        "battery_current": -current,
+        "battery_temperature": temperature,
+        "soc": soc,
+    }
     return {name: value for name, value in values.items() if value == value}
 
 
@@ -135,8 +140,10 @@ def _json_pose(*path: str) -> Callable[[Any], Sample]:
 def _json_battery(percent: float) -> Callable[[Any], Sample]:
     def decode(data: Any) -> Sample:
         m = _object(data)
-        cells = [finite(m.get(k)) for k in ("voltage", "current", "temperature", "percentage")]
-        return Sample(_json_stamp(m), _battery_values(*cells[:3], cells[3] * percent))
+        volts, amperes, degrees, share = (
+            finite(m.get(k)) for k in ("voltage", "current", "temperature", "percentage")
+        )
+        return Sample(_json_stamp(m), _battery_values(volts, amperes, degrees, share * percent))
 
     return decode
 
@@ -167,7 +174,9 @@ def _proto_pose(data: Any) -> Sample:
     return Sample(_proto_stamp(message[1]) if 1 in message else 0, values)
 
 
-def _ros(decode: Callable[[Wire], Sample], in_json: Callable[[Any], Sample]) -> dict[str, Callable[[Any], Sample]]:
+def _ros(
+    decode: Callable[[Wire], Sample], in_json: Callable[[Any], Sample]
+) -> dict[str, Callable[[Any], Sample]]:
     return {"cdr": lambda d: decode(Wire(d)), "ros1": lambda d: decode(Wire(d, ros1=True)), "json": in_json}
 
 

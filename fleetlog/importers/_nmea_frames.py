@@ -98,7 +98,9 @@ def _ubx(buffer: bytes, found: re.Match[bytes], line: int) -> tuple[Frame | None
         return None, start + 2
     body = buffer[start + 2 : end - 2]
     if end > len(buffer):
-        return Frame(b"UBX", body[:2], line, "the UBX message is cut off by the end of the file", False), start + 2
+        return Frame(
+            b"UBX", body[:2], line, "the UBX message is cut off by the end of the file", False
+        ), start + 2
     if fletcher(body) != (buffer[end - 2], buffer[end - 1]):
         return Frame(b"UBX", body[:2], line, "checksum of the UBX message is wrong", True), start + 2
     return Frame(b"UBX", body[:2] + body[4:], line, None, True), end

@@ -38,7 +38,9 @@ class Role(NamedTuple):
     is_position: bool
 
 
-def plan(topics: Iterable[Topic], path: Path, default: str, one: str | None, report: ReadReport) -> dict[str, Role]:
+def plan(
+    topics: Iterable[Topic], path: Path, default: str, one: str | None, report: ReadReport
+) -> dict[str, Role]:
     """The role of every topic that is used.
 
     A vehicle is told by the part of the names in which topics of one kind differ (``/T00/fix``, ``/T01/fix``), else by a
@@ -57,9 +59,13 @@ def plan(topics: Iterable[Topic], path: Path, default: str, one: str | None, rep
         assert kind is not None
         if kind.is_position and vehicle in taken:
             if kind is not KINDS["nav_msgs/Odometry"]:
-                report.note(f"topic {topic.name} left out: {vehicle} takes its position from {taken[vehicle]}")
+                report.note(
+                    f"topic {topic.name} left out: {vehicle} takes its position from {taken[vehicle]}"
+                )
                 continue
-            report.note(f"only the speed of topic {topic.name} is used: {vehicle} takes its position from {taken[vehicle]}")
+            report.note(
+                f"only the speed of topic {topic.name} is used: {vehicle} takes its position from {taken[vehicle]}"
+            )
         first = kind.is_position and taken.setdefault(vehicle, topic.name) == topic.name
         roles[topic.name] = Role(vehicle, kind.decode[topic.encoding], first)
         report.recognised[topic.name] = f"{kind.meaning}, of {vehicle}"
@@ -116,7 +122,9 @@ class Decoder:
         try:
             sample = role.decode(data)
         except Exception as error:  # whatever a hostile message does, it is one rejected message
-            self._log.reject(self.record, f"{topic}: message cannot be decoded", f"{type(error).__name__}: {error}")
+            self._log.reject(
+                self.record, f"{topic}: message cannot be decoded", f"{type(error).__name__}: {error}"
+            )
             if self._log.full:
                 yield self._log.take()
             return

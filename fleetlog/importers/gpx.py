@@ -102,15 +102,17 @@ def _ours(point: Any) -> bool:
 
 def _what_is_there(seen: Counter[str], rows: Rows) -> str:
     if seen["trkpt"]:
-        return f"none of its {plural(seen['trkpt'], 'track point')} can be used: {rows.take().rejects[0].reason}"
-    others = [
-        plural(seen[t], noun) for t, noun in (("wpt", "waypoint"), ("rtept", "route point")) if seen[t]
-    ]
+        return (
+            f"none of its {plural(seen['trkpt'], 'track point')} can be used: {rows.take().rejects[0].reason}"
+        )
+    others = [plural(seen[t], noun) for t, noun in (("wpt", "waypoint"), ("rtept", "route point")) if seen[t]]
     return f"no track in it, only {' and '.join(others)}" if others else "no track point in it"
 
 
 def _describe(report: ReadReport, seen: Counter[str], names: set[str], vehicle: str) -> None:
-    report.recognised.update({"lat, lon": "position, WGS 84", "time": "timestamp, ISO 8601", "ele": "z, from m"})
+    report.recognised.update(
+        {"lat, lon": "position, WGS 84", "time": "timestamp, ISO 8601", "ele": "z, from m"}
+    )
     if len(names) > 1:
         report.note(f"{plural(len(names), 'track')} with different names read as vehicle {vehicle}")
     for tag, noun in (("wpt", "waypoint"), ("rtept", "route point")):

@@ -21,7 +21,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """Positions and batteries, in the order of the file."""
     with path.open("rb") as stream:
         if stream.read(len(MAGIC)) != MAGIC:
-            raise FormatError("is not an MCAP file (its first bytes are wrong)", where=path, do="check the format")
+            raise FormatError(
+                "is not an MCAP file (its first bytes are wrong)", where=path, do="check the format"
+            )
         file = McapFile(path, stream, options.report)
         summary = file.summary()
         roles = _roles(path, stream, file, summary, options)
@@ -29,7 +31,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         for channel, time, data in file.messages(summary):
             yield from decoder.feed(channel.topic, time, data)
         if not decoder.positions:
-            raise _nothing(path, options.report, roles)
+            raise nothing(path, options.report, roles)
         yield from decoder.drain()
 
 
@@ -50,7 +52,8 @@ def _scan(path: Path) -> dict[int, Channel]:
         return file.channels
 
 
-def _nothing(path: Path, report: ReadReport, roles: dict[str, Role]) -> FormatError:
+def nothing(path: Path, report: ReadReport, roles: dict[str, Role]) -> FormatError:
+    """The error for a recording without one usable position."""
     topics = ", ".join(name for name, role in roles.items() if role.is_position)
     damage = f"; {report.damage[0]}" if report.damage else ""
     return FormatError(f"not one usable position on {topics}{damage}", where=path, do="record it again")

@@ -28,10 +28,10 @@ def sniff(path: Path, head: bytes) -> bool:
     from io import BufferedReader, BytesIO
 
     good = bad = 0
-    for frame in frames(BufferedReader(BytesIO(head))):  # type: ignore[arg-type]  # BytesIO reads like a raw stream
+    for frame in frames(BufferedReader(BytesIO(head))):
         good += frame.fault is None and (frame.checked or frame.kind[-3:] in (b"GGA", b"RMC"))
         bad += frame.fault is not None
-    return good > 0 and (good >= bad or path.suffix.lower() in IMPORTER.suffixes) or bad > 2 * good > 0
+    return (good > 0 and (good >= bad or path.suffix.lower() in IMPORTER.suffixes)) or bad > 2 * good > 0
 
 
 class Epochs:
@@ -48,7 +48,12 @@ class Epochs:
 
     def add(self, part: Part, line: int) -> None:
         """One more part; a new time of day closes the fix before it."""
-        if self._open is not None and part.tod is not None and part.tod != self._open.tod and self._open.tod is not None:
+        if (
+            self._open is not None
+            and part.tod is not None
+            and part.tod != self._open.tod
+            and self._open.tod is not None
+        ):
             self.close()
         if self._open is None:
             self._open, self._line = part, line
@@ -151,7 +156,11 @@ def _usable(frame: Frame, rows: Rows, unchecked: int, kinds: Counter[str]) -> bo
 
 
 def _text(frame: Frame) -> str:
-    return f"UBX {frame.body[:2].hex()}" if frame.kind == b"UBX" else (frame.kind + b"," + frame.body).decode("latin-1")
+    return (
+        f"UBX {frame.body[:2].hex()}"
+        if frame.kind == b"UBX"
+        else (frame.kind + b"," + frame.body).decode("latin-1")
+    )
 
 
 def _take(frame: Frame, epochs: Epochs, kinds: Counter[str]) -> None:
@@ -168,13 +177,17 @@ def _take(frame: Frame, epochs: Epochs, kinds: Counter[str]) -> None:
 
 def _nothing(epochs: Epochs, kinds: Counter[str], ais: int, rows: Rows) -> tuple[str]:
     if epochs.undated:
-        return (f"{plural(epochs.undated, 'position')} with a time of day but no date (no RMC or ZDA sentence with one)",)
+        return (
+            f"{plural(epochs.undated, 'position')} with a time of day but no date (no RMC or ZDA sentence with one)",
+        )
     if epochs.no_fix:
         return (f"the receiver had no fix in any of its {plural(epochs.no_fix, 'moment')}",)
     if ais and not kinds:
         return (f"only AIS: {plural(ais, 'message')} of ships, no position of the receiver",)
     first = rows.take().rejects[:1]
-    why = f"; {rows.rejected} rejected, the first on line {first[0].record}: {first[0].reason}" if first else ""
+    why = (
+        f"; {rows.rejected} rejected, the first on line {first[0].record}: {first[0].reason}" if first else ""
+    )
     found = ", ".join(f"{n} {k}" for k, n in kinds.most_common(8)) or "none"
     return (f"no sentence with a position (readable sentences: {found}){why}",)
 
@@ -187,7 +200,9 @@ def _remedy(epochs: Epochs, ais: int) -> str:
 
 def _describe(report: ReadReport, epochs: Epochs, kinds: Counter[str], ais: int, unchecked: int) -> None:
     sources = [k for k in kinds if k[-3:] in ("RMC", "GGA", "GNS", "GLL", "VTG", "ZDA") or k == "UBX-0107"]
-    report.recognised[", ".join(sorted(sources))] = "position, time, speed from knots, heading from course, z above sea level"
+    report.recognised[", ".join(sorted(sources))] = (
+        "position, time, speed from knots, heading from course, z above sea level"
+    )
     if epochs.no_fix:
         report.note(f"{plural(epochs.no_fix, 'moment')} without a fix left out")
     if epochs.undated:

@@ -1,6 +1,7 @@
 """SUMO's floating car data (``--fcd-output``), XML: every vehicle at every step.
 
-``angle`` is clockwise from north [degrees]; ``x, y`` are metres of the network, or degrees where SUMO was run with ``--fcd-output.geo``.
+``angle`` is clockwise from north [degrees]; ``x, y`` are metres of the network, or degrees where
+SUMO was run with ``--fcd-output.geo``.
 ``time`` counts seconds from the start of the simulation, so it is placed at the epoch that the file names (fleetlog's
 exporter writes it) or at 1970.
 """
@@ -47,9 +48,15 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         if rows.full:
             yield rows.take()
     if not any(r.total for r in positions.values()):
-        raise nothing_usable(path, options.report, "no vehicle with a position in it", "write it with --fcd-output")
+        raise nothing_usable(
+            path, options.report, "no vehicle with a position in it", "write it with --fcd-output"
+        )
     options.report.recognised.update(
-        {"x, y": "position", "angle": "heading, from degrees clockwise from north", "time": "timestamp, from s"}
+        {
+            "x, y": "position",
+            "angle": "heading, from degrees clockwise from north",
+            "time": "timestamp, from s",
+        }
     )
     if epoch is None:
         options.report.note("simulation time placed at 1970-01-01: the file does not say when it began")

@@ -50,7 +50,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
                 continue
             pose = _numbers(line)
             if pose is None or not -(1 << 62) < pose[0] * 1e6 < 1 << 62:
-                rows.reject(number, "not eight numbers ending in a unit quaternion", line.decode("latin-1").strip())
+                rows.reject(
+                    number, "not eight numbers ending in a unit quaternion", line.decode("latin-1").strip()
+                )
             else:
                 _add(rows, vehicle, pose, line, number)
             if rows.full:

@@ -1,0 +1,113 @@
+"""The fields of a table or of a JSON object that are read by name: what each is, and the way of its values to SI."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.importers._names import EPOCH_UNITS, recognise
+from fleetlog.importers._profile import Profile
+from fleetlog.importers._rows import iso_time
+from fleetlog.importers._units import Unit
+from fleetlog.importers.base import ReadReport
+
+_PER = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field: its name in the log, its unit and factor, and the values that mean "missing"."""
+
+    source: str
+    unit: Unit | None = None
+    scale: float = 1.0
+    sentinels: tuple[float | str, ...] = ()
+
+    def values(self, raw: Any) -> NDArray[np.float64]:
+        """(N,) in SI, NaN for missing."""
+        values = np.array(raw, dtype=np.float64)
+        for sentinel in self.sentinels:
+            if isinstance(sentinel, int | float):
+                values[values == sentinel] = np.nan
+        if self.unit is not None:
+            values = self.unit.to_si(values)
+        return values * self.scale if self.scale != 1.0 else values
+
+
+@dataclass
+class Fields:
+    """All fields: ``columns`` by the dataset's names, ``time`` and ``vehicle`` by the log's, ``kept`` as they are."""
+
+    columns: dict[str, Field] = field(default_factory=dict)
+    time: str | None = None
+    epoch: str | None = None
+    vehicle: str | None = None
+    kept: list[str] = field(default_factory=list)
+
+
+def fields_of(names: Iterable[str], profile: Profile | None, report: ReadReport) -> Fields:
+    """What the fields called ``names`` are: the profile's word first, then the spelling; the report says it."""
+    found, names = Fields(), list(names)
+    if profile is not None:
+        found.time = profile.time[0] if profile.time and profile.time[0] in names else None
+        if profile.time_format in EPOCH_UNITS:
+            found.epoch = profile.time_format
+        for target, source in profile.columns.items():
+            if source.column in names:
+                found.columns[target] = Field(
+                    source.column, source.unit, source.scale, (*source.sentinels, *profile.sentinels)
+                )
+    given = {f.source for f in found.columns.values()} | {found.time}
+    exact_first = sorted(names, key=lambda n: not ((m := recognise(n)) and m.exact))
+    for name in exact_first:
+        meaning = None if name in given else recognise(name)
+        if meaning is None:
+            found.kept += [name] * (name not in given)
+        elif meaning.column == "timestamp" and found.time is None:
+            found.time, found.epoch = name, found.epoch or meaning.epoch
+        elif meaning.column == "vehicle_id" and found.vehicle is None and "vehicle_id" not in found.columns:
+            found.vehicle = name
+        elif meaning.column not in found.columns and meaning.column not in ("timestamp", "vehicle_id"):
+            found.columns[meaning.column] = Field(name, meaning.unit)
+        else:
+            found.kept.append(name)
+    if "vehicle_id" in found.columns:
+        found.vehicle = found.columns.pop("vehicle_id").source
+    if profile is not None and not profile.keep:
+        found.kept = []
+    _say(found, report)
+    return found
+
+
+def _say(found: Fields, report: ReadReport) -> None:
+    for target, f in found.columns.items():
+        if f.source != target or f.unit is not None:
+            report.recognised[f.source] = f"{target}, from {f.unit.name}" if f.unit else target
+    for name, target in ((found.time, "timestamp"), (found.vehicle, "vehicle_id")):
+        if name and name != target:
+            report.recognised[name] = target
+
+
+def epoch_unit(values: NDArray[np.float64], report: ReadReport, name: str) -> str:
+    """The unit of times that count from 1970, told by their size, which is said aloud: s, ms, us or ns."""
+    size = float(np.nanmedian(np.abs(values))) if np.isfinite(values).any() else 0.0
+    unit = next((u for u, top in (("s", 1e11), ("ms", 1e14), ("us", 1e17)) if size < top), "ns")
+    report.note(f"{name} counts {unit} from 1970, by the size of its values")
+    return unit
+
+
+def scalar_time(value: Any, epoch: str | None) -> int:
+    """Microseconds of an ISO 8601 text or of a number that counts ``epoch`` units from 1970; :class:`ValueError` else."""
+    if isinstance(value, str):
+        return iso_time(value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError("no time")
+    if epoch is None:
+        epoch = next((u for u, top in (("s", 1e11), ("ms", 1e14), ("us", 1e17)) if abs(value) < top), "ns")
+    if not abs(value) < 1e19:
+        raise ValueError("no time")
+    return value // 1000 if epoch == "ns" and isinstance(value, int) else round(value * _PER[epoch])

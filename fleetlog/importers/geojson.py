@@ -1,0 +1,184 @@
+"""GeoJSON (RFC 7946): points with a time, or lines with a time for every vertex.
+
+The times of a line stand in its property ``coordTimes`` or ``times`` (or below ``coordinateProperties``), one a vertex, as
+converters of GPX and the tools of Mapbox write them.  Points are read by the names of their properties, as a CSV's columns are.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from fleetlog.errors import FormatError
+from fleetlog.importers._fields import Field, Fields, fields_of, scalar_time
+from fleetlog.importers._json_stream import features
+from fleetlog.importers._open import open_bytes, plain_stem, plural
+from fleetlog.importers._rows import Rows, finite
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+
+TIMES = ("coordTimes", "times", "timestamps")
+_SIGN = re.compile(rb'"type"\s*:\s*"(FeatureCollection|Feature)"')
+
+
+def sniff(path: Path, head: bytes) -> bool:
+    """Whether the text begins as a JSON object and speaks of features."""
+    return head.lstrip(b"\xef\xbb\xbf\x1e \t\r\n").startswith(b"{") and _SIGN.search(head) is not None
+
+
+def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
+    """One row a point or vertex."""
+    stream, raw = open_bytes(path, options.report)
+    reader = _Reader(options, plain_stem(path), lambda: raw.share)
+    with stream:
+        for number, feature in enumerate(features(stream, options.report), 1):
+            reader.feature(feature, number)
+            for rows in reader.tables:
+                if rows.full:
+                    yield rows.take()
+    if not any(rows.total for rows in reader.tables):
+        damage = f"; {options.report.damage[0]}" if options.report.damage else ""
+        raise FormatError(
+            reader.nothing() + damage, where=path, do="give points a property 'timestamp', lines 'coordTimes'"
+        )
+    if reader.left_out:
+        kinds = ", ".join(f"{n} {k}" for k, n in reader.left_out.items())
+        options.report.note(f"geometries without motion left out: {kinds}")
+    for rows in reader.tables:
+        yield from rows.drain()
+
+
+class _Reader:
+    """Features to rows, positions in degrees or, where a feature says so, in local metres."""
+
+    def __init__(self, options: ReadOptions, stem: str, share: Any) -> None:
+        self.options, self.stem = options, stem
+        self._geographic = Rows("latitude", "longitude", share=share)
+        self._local = Rows("x", "y", share=share)
+        self.tables = (self._geographic, self._local)
+        self.left_out: Counter[str] = Counter()
+        self.points = 0
+        self._fields: dict[tuple[str, ...], Fields] = {}
+
+    def feature(self, feature: dict[str, Any], number: int) -> None:
+        """Take one feature."""
+        geometry, properties = feature.get("geometry"), feature.get("properties")
+        geometry = geometry if isinstance(geometry, dict) else {}
+        properties = properties if isinstance(properties, dict) else {}
+        kind, coordinates = str(geometry.get("type")), geometry.get("coordinates")
+        if kind == "Point":
+            self._point(coordinates, properties, number)
+        elif kind in ("LineString", "MultiLineString") and isinstance(coordinates, list):
+            lines = [coordinates] if kind == "LineString" else coordinates
+            self._lines(lines, properties, number)
+        else:
+            self.left_out[kind] += 1
+
+    def _known(self, properties: dict[str, Any]) -> Fields:
+        names = tuple(properties)
+        if names not in self._fields:
+            if (
+                len(self._fields) > 1000
+            ):  # every feature with other names: nothing to be gained by remembering
+                self._fields.clear()
+            self._fields[names] = fields_of(
+                (n for n in names if n not in ("geometry", "frame")),
+                self.options.profile,
+                self.options.report,
+            )
+        return self._fields[names]
+
+    def _vehicle(self, known: Fields, properties: dict[str, Any]) -> str:
+        name = properties.get(known.vehicle) if known.vehicle else None
+        if self.options.vehicle or known.vehicle == "id" or name is None or isinstance(name, dict | list):
+            return self.options.vehicle or self.stem
+        return str(name)
+
+    def _point(self, coordinates: Any, properties: dict[str, Any], number: int) -> None:
+        self.points += 1
+        known = self._known(properties)
+        rows = self._local if properties.get("frame") == "local metres" else self._geographic
+        values = self._place(coordinates, rows is self._local)
+        if values is None:
+            rows.reject(number, "the point has no coordinates", coordinates)
+            return
+        try:
+            time = scalar_time(properties.get(known.time) if known.time else None, known.epoch)
+        except ValueError:
+            rows.reject(number, "point without a time", properties)
+            return
+        for name, field in known.columns.items():
+            values.setdefault(name, _value(field, properties))
+        for name in known.kept:
+            values[name] = _own(properties[name])
+        rows.add(self._vehicle(known, properties), time, number, values)
+
+    def _place(self, coordinates: Any, local: bool) -> dict[str, Any] | None:
+        if not isinstance(coordinates, list) or len(coordinates) < 2:
+            return None
+        a, b = finite(coordinates[0]), finite(coordinates[1])
+        if a != a or b != b:
+            return None
+        place: dict[str, Any] = {"x": a, "y": b} if local else {"latitude": b, "longitude": a}
+        if len(coordinates) > 2:
+            place["z"] = finite(coordinates[2])
+        return place
+
+    def _lines(self, lines: list[Any], properties: dict[str, Any], number: int) -> None:
+        times = _line_times(properties)
+        if times and not isinstance(times[0], list):
+            times = [times]
+        known = self._known({k: v for k, v in properties.items() if not isinstance(v, list | dict)})
+        vehicle = self._vehicle(known, properties)
+        for line, stamps in zip(lines, times or [None] * len(lines), strict=False):
+            if not isinstance(line, list) or not isinstance(stamps, list) or len(stamps) != len(line):
+                self._geographic.reject(number, "line without a time for every vertex", properties)
+                continue
+            for vertex, stamp in zip(line, stamps, strict=True):
+                self._vertex(vertex, stamp, vehicle, number)
+
+    def _vertex(self, vertex: Any, stamp: Any, vehicle: str, number: int) -> None:
+        values = self._place(vertex, local=False)
+        try:
+            time = scalar_time(stamp, None)
+        except ValueError:
+            time = None
+        if values is None or time is None:
+            self._geographic.reject(number, "vertex without coordinates or time", f"{vertex} {stamp}")
+        else:
+            self._geographic.add(vehicle, time, number, values)
+
+    def nothing(self) -> str:
+        """What the file holds instead of motion."""
+        found = [plural(self.points, "point") + " without a time"] if self.points else []
+        lines = self._geographic.rejected - self.points
+        found += [plural(lines, "line") + " without times"] if lines > 0 else []
+        found += [f"{n} {kind}" for kind, n in self.left_out.items()]
+        return "no position with a time in it" + (f", only {' and '.join(found)}" if found else "")
+
+
+def _line_times(properties: dict[str, Any]) -> list[Any]:
+    inner = properties.get("coordinateProperties")
+    for source in (properties, inner if isinstance(inner, dict) else {}):
+        for name in TIMES:
+            if isinstance(source.get(name), list):
+                return list(source[name])
+    return []
+
+
+def _value(field: Field, properties: dict[str, Any]) -> Any:
+    raw = properties.get(field.source)
+    if isinstance(raw, str) and field.unit is None and finite(raw) != finite(raw):
+        return raw
+    return float(field.values(finite(raw))[()]) if raw is not None else None
+
+
+def _own(value: Any) -> Any:
+    if value is None or isinstance(value, str):
+        return value
+    return None if isinstance(value, list | dict) else finite(float(value))
+
+
+IMPORTER = Importer("geojson", (".geojson", ".json", ".geojsonl", ".geojsons"), sniff, read, rank=2)
