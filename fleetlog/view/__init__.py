@@ -1,1 +1,1 @@
-"""The only code that draws: Rerun recordings and PNG pictures."""
+"""Everything that a person looks at: recordings for the Rerun viewer, pictures.  The only code that imports rerun or matplotlib."""

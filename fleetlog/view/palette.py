@@ -1,0 +1,41 @@
+"""Colours, the same in recordings and pictures."""
+
+from __future__ import annotations
+
+import colorsys
+
+Colour = tuple[int, int, int]
+
+# Okabe and Ito's colours, told apart by colour-blind people; blue is lightened and black left out for a dark ground.
+_VEHICLES: tuple[Colour, ...] = (
+    (86, 180, 233), (230, 159, 0), (0, 190, 140), (240, 228, 66), (204, 121, 167), (213, 94, 0), (90, 130, 255),
+)  # fmt: skip
+
+SOC_GOOD, SOC_LOW, SOC_EMPTY = (64, 196, 99), (245, 195, 50), (232, 65, 60)
+SOC_CLASSES = ((0.5, SOC_GOOD), (0.2, SOC_LOW), (-1.0, SOC_EMPTY))
+"""Above 50 % green, from 20 to 50 % yellow, below red."""
+
+ROAD, ROAD_EDGE, ARROW = (66, 74, 88), (120, 132, 150), (168, 180, 198)
+ONE_WAY = (64, 86, 108)
+BUILDING, BUILDING_EDGE = (150, 160, 178), (150, 160, 178)
+COVERED, LIMITED = (120, 130, 190), (220, 170, 70)
+PLACES: dict[str, Colour] = {
+    "pick": (86, 180, 233), "drop": (204, 121, 167), "park": (165, 172, 182), "charge": (64, 196, 99),
+}  # fmt: skip
+CRITICAL = (232, 65, 60)
+CALM = (130, 190, 220)
+RECORDED, SIMULATED = (230, 159, 0), (86, 180, 233)
+
+
+def vehicle_colour(number: int) -> Colour:
+    """Colour of the ``number``-th vehicle: seven well separated ones, then hues that never repeat exactly."""
+    if number < len(_VEHICLES):
+        return _VEHICLES[number]
+    hue = (number * 0.618034) % 1.0
+    r, g, b = colorsys.hls_to_rgb(hue, 0.55 + 0.12 * (number % 3 - 1), 0.7)
+    return int(255 * r), int(255 * g), int(255 * b)
+
+
+def soc_colour(soc: float) -> Colour:
+    """Green, yellow or red of a state of charge (share)."""
+    return next(colour for above, colour in SOC_CLASSES if soc > above or above < 0)

@@ -1,0 +1,142 @@
+"""Roads as ribbons of their width, arrows along them, discs and extruded polygons: triangles (m, 3, 3) in metres."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def side_vectors(points: Floats) -> Floats:
+    """(n, 2) vectors to the left at every vertex, of length 1 along straights, mitred (at most twofold) at bends."""
+    d = np.diff(points[:, :2], axis=0)
+    d /= np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-9)
+    left = np.column_stack([-d[:, 1], d[:, 0]])
+    before, after = np.vstack([left[:1], left]), np.vstack([left, left[-1:]])
+    mean = before + after
+    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
+    cosine = np.clip((mean * after).sum(axis=1), 0.5, 1.0)
+    return np.asarray(mean / cosine[:, None], dtype=np.float64)
+
+
+def offset(points: Floats, left: float) -> Floats:
+    """The polyline (n, 3) moved to its left by ``left`` metres."""
+    out = np.array(points, dtype=np.float64)
+    out[:, :2] += side_vectors(points) * left
+    return out
+
+
+def ribbon(points: Floats, left: float, right: float, lift: float = 0.0) -> Floats:
+    """Triangles (2 (n - 1), 3, 3) of the strip from ``left`` to ``right`` metres left of a polyline (n, 3), raised by ``lift``."""
+    up = np.array([0.0, 0.0, lift])
+    a, b = offset(points, left) + up, offset(points, right) + up
+    return np.concatenate(
+        [np.stack([b[:-1], b[1:], a[1:]], axis=1), np.stack([b[:-1], a[1:], a[:-1]], axis=1)]
+    )
+
+
+def along(points: Floats, distance: Floats) -> tuple[Floats, Floats]:
+    """Places (k, 3) and unit directions (k, 3) at distances [m] along a polyline."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    run = np.concatenate([[0.0], np.cumsum(steps)])
+    k = np.clip(np.searchsorted(run, distance, side="right") - 1, 0, len(steps) - 1)
+    share = (distance - run[k]) / np.maximum(steps[k], 1e-9)
+    direction = (points[k + 1] - points[k]) / np.maximum(steps[k], 1e-9)[:, None]
+    return points[k] + share[:, None] * (points[k + 1] - points[k]), direction
+
+
+def stretch(points: Floats, start: float, end: float) -> Floats:
+    """The part of a polyline (n, 3) between two distances [m] along it."""
+    run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    start, end = max(start, 0.0), min(max(end, start + 1e-3), float(run[-1]))
+    ends, _ = along(points, np.array([min(start, end - 1e-3), end]))
+    inner = points[(run > start) & (run < end)]
+    return np.vstack([ends[:1], inner, ends[1:]])
+
+
+def arrows(points: Floats, size: float, spacing: float = 14.0, lift: float = 0.0) -> Floats:
+    """Chevron triangles along a polyline, one every ``spacing`` metres and at least one where it is three sizes long."""
+    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    if length < 3.0 * size:
+        return np.zeros((0, 3, 3))
+    count = max(1, int(length / spacing))
+    at, d = along(points, (np.arange(count) + 0.5) * length / count)
+    left = np.column_stack([-d[:, 1], d[:, 0], np.zeros(count)])
+    at = at + [0.0, 0.0, lift]
+    tip, notch, back = at + d * size, at - 0.2 * size * d, at - 0.8 * size * d
+    a, b = back + 0.6 * size * left, back - 0.6 * size * left
+    return np.concatenate([np.stack([tip, a, notch], axis=1), np.stack([tip, notch, b], axis=1)])
+
+
+def disc(x: float, y: float, radius: float, lift: float, inner: float = 0.0, corners: int = 32) -> Floats:
+    """Triangles of a disc on the floor, or of a ring where ``inner`` is positive."""
+    angle = np.linspace(0.0, 2.0 * np.pi, corners + 1)
+    rim = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(corners + 1)])
+    centre = np.array([x, y, lift])
+    out, inn = centre + radius * rim, centre + inner * rim
+    return np.concatenate(
+        [np.stack([inn[:-1], out[:-1], out[1:]], axis=1), np.stack([inn[:-1], out[1:], inn[1:]], axis=1)]
+    )
+
+
+def _turn(a: Floats, b: Floats, c: Floats) -> float:
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
+def triangulate(polygon: Floats) -> NDArray[np.int64]:
+    """Vertex indices (n - 2, 3) of a simple polygon (n, 2) cut into triangles by clipping ears, counter-clockwise."""
+    points = np.asarray(polygon, dtype=np.float64)
+    nxt = np.roll(points, -1, axis=0)
+    area = float((points[:, 0] * nxt[:, 1] - nxt[:, 0] * points[:, 1]).sum())
+    left = list(range(len(points))) if area > 0 else list(range(len(points)))[::-1]
+    out: list[tuple[int, int, int]] = []
+    while len(left) > 3:
+        for i in range(len(left)):
+            a, b, c = left[i - 1], left[i], left[(i + 1) % len(left)]
+            if _is_ear(points, a, b, c, left):
+                break
+        else:  # a polygon that crosses itself: clip any corner rather than fail
+            a, b, c = left[-1], left[0], left[1]
+            i = 0
+        out.append((a, b, c))
+        del left[i]
+    return np.array([*out, tuple(left)], dtype=np.int64).reshape(-1, 3)
+
+
+def _is_ear(points: Floats, a: int, b: int, c: int, left: list[int]) -> bool:
+    if _turn(points[a], points[b], points[c]) <= 0.0:
+        return False
+    return not any(
+        _turn(points[a], points[b], points[k]) >= 0.0
+        and _turn(points[b], points[c], points[k]) >= 0.0
+        and _turn(points[c], points[a], points[k]) >= 0.0
+        for k in left
+        if k not in (a, b, c)
+    )
+
+
+def open_ring(polygon: Floats) -> Floats:
+    """The polygon (n, 2) without a repeated last vertex."""
+    points = np.asarray(polygon, dtype=np.float64)[:, :2]
+    return points[:-1] if len(points) > 3 and np.allclose(points[0], points[-1]) else points
+
+
+def floor_polygon(polygon: Floats, z: float) -> Floats:
+    """Triangles of a polygon lying at height ``z``, facing up."""
+    ring = open_ring(polygon)
+    solid = np.column_stack([ring, np.full(len(ring), z)])
+    return np.asarray(solid[triangulate(ring)], dtype=np.float64)
+
+
+def walls(polygon: Floats, low: float, high: float) -> Floats:
+    """Triangles of the upright walls over a polygon's outline."""
+    ring = open_ring(polygon)
+    quads = []
+    for p, q in itertools.pairwise([*ring, ring[0]]):
+        a, b = np.array([*p, low]), np.array([*q, low])
+        c, d = np.array([*q, high]), np.array([*p, high])
+        quads += [[a, b, c], [a, c, d]]
+    return np.array(quads)

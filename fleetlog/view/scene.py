@@ -1,0 +1,143 @@
+"""The site in a recording: roads, buildings, zones and places, all without a time."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from fleetlog.core.network import Network
+from fleetlog.core.site import Site
+from fleetlog.view import palette, ribbons
+from fleetlog.view.meshes import Mesh, join, mesh_of
+from fleetlog.view.stream import Stream, entity
+
+Floats = NDArray[np.float64]
+DEFAULT_WIDTH = 3.5
+"""Drawn width of a road [m] whose map gives none."""
+MANY_LABELS = 30
+
+
+def mesh3d(mesh: Mesh, alpha: int = 255) -> rr.Mesh3D:
+    """A mesh as Rerun draws it; ``alpha`` below 255 makes the whole of it translucent."""
+    return rr.Mesh3D(
+        vertex_positions=mesh.vertices,
+        triangle_indices=mesh.triangles,
+        vertex_normals=mesh.normals,
+        vertex_colors=mesh.colours,
+        albedo_factor=None if alpha == 255 else [255, 255, 255, alpha],
+    )
+
+
+def drawn_width(network: Network, edge: int) -> float:
+    """Width of the road of an edge [m]."""
+    width = float(network.width[edge])
+    return width if width > 0.3 else DEFAULT_WIDTH
+
+
+def lane(site: Site, edge: int) -> tuple[float, float]:
+    """Left and right rim of the strip on which an edge is driven [m left of its line]: half of a two-way road."""
+    network = site.roads()
+    half = drawn_width(network, edge) / 2.0
+    if network.reverse[edge] < 0:
+        return half, -half
+    return (0.0, -half) if site.traffic == "right" else (half, 0.0)
+
+
+def log_site(stream: Stream, site: Site) -> None:
+    """Everything that the site has, under ``/site``."""
+    if site.network is not None:
+        _log_roads(stream, site)
+        if site.frame is not None:
+            _log_map(stream, site)
+    _log_buildings(stream, site)
+    _log_zones(stream, site)
+    _log_places(stream, site)
+
+
+def _log_roads(stream: Stream, site: Site) -> None:
+    network = site.roads()
+    surface, rims, marks = [], [], []
+    for i in range(len(network)):
+        line, (left, right) = network.polyline(i), lane(site, i)
+        colour = palette.ROAD if network.reverse[i] >= 0 else palette.ONE_WAY
+        surface.append(mesh_of(ribbons.ribbon(line, left, right, 0.01), colour))
+        outer = [right] if network.reverse[i] >= 0 and site.traffic == "right" else [left]
+        rims += [ribbons.offset(line, o) + [0, 0, 0.03] for o in (outer if network.reverse[i] >= 0 else (left, right))]
+        middle = ribbons.offset(line, (left + right) / 2.0)
+        arrow = ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), lift=0.05)
+        if len(arrow):
+            marks.append(mesh_of(arrow, palette.ARROW))
+    stream.static("/site/roads/surface", mesh3d(join(surface)))
+    rim = rr.LineStrips3D(rims, colors=[palette.ROAD_EDGE], radii=rr.Radius.ui_points(0.6))
+    stream.static("/site/roads/edges", rim)
+    if marks:
+        stream.static("/site/roads/arrows", mesh3d(join(marks)))
+
+
+def _log_map(stream: Stream, site: Site) -> None:
+    assert site.frame is not None
+    network = site.roads()
+    lines = []
+    for i in range(len(network)):
+        if network.reverse[i] > i or network.reverse[i] < 0:
+            latitude, longitude = site.frame.to_geographic(*network.polyline(i)[:, :2].T)
+            lines.append(np.column_stack([latitude, longitude]))
+    roads = rr.GeoLineStrings(
+        lat_lon=lines, colors=[palette.ROAD_EDGE] * len(lines), radii=rr.Radius.ui_points(1.2)
+    )
+    stream.static("/geo/roads", roads)
+
+
+def _outline(polygon: Floats, z: float) -> Floats:
+    ring = ribbons.open_ring(polygon)
+    return np.column_stack([np.vstack([ring, ring[:1]]), np.full(len(ring) + 1, z)])
+
+
+def _log_buildings(stream: Stream, site: Site) -> None:
+    for building in site.buildings:
+        height, outline = building.height, building.polygon
+        roof = mesh_of(ribbons.floor_polygon(outline, height), palette.BUILDING)
+        sides = mesh_of(ribbons.walls(outline, 0.0, height), palette.BUILDING)
+        stream.static(entity("site", "buildings", building.id, "roof"), mesh3d(roof, 28))
+        stream.static(entity("site", "buildings", building.id, "walls"), mesh3d(sides, 40))
+        ring = ribbons.open_ring(outline)
+        posts = [np.array([[*p, 0.0], [*p, height]]) for p in ring]
+        frame = [_outline(outline, 0.0), _outline(outline, height), *posts]
+        stream.static(
+            entity("site", "buildings", building.id, "frame"),
+            rr.LineStrips3D(frame, colors=[palette.BUILDING_EDGE], radii=rr.Radius.ui_points(0.7)),
+        )
+
+
+def _log_zones(stream: Stream, site: Site) -> None:
+    for zone in site.zones:
+        colour = palette.COVERED if zone.covered else palette.LIMITED
+        floor = mesh_of(ribbons.floor_polygon(zone.polygon, 0.0), colour)
+        stream.static(entity("site", "zones", zone.id, "floor"), mesh3d(floor, 46))
+        limit = "" if np.isnan(zone.speed_limit) else f" {zone.speed_limit:.2g} m/s"
+        rim = rr.LineStrips3D(
+            [_outline(zone.polygon, 0.02)],
+            colors=[colour],
+            radii=rr.Radius.ui_points(1.0),
+            labels=[zone.id + limit],
+            show_labels=not zone.covered and len(site.zones) <= MANY_LABELS,
+        )
+        stream.static(entity("site", "zones", zone.id, "rim"), rim)
+
+
+def _log_places(stream: Stream, site: Site) -> None:
+    for kind, group in itertools.groupby(sorted(site.places, key=lambda p: p.kind), key=lambda p: p.kind):
+        places, colour = list(group), palette.PLACES[kind]
+        pads = [mesh_of(ribbons.disc(p.x, p.y, 1.2, 0.06, inner=0.75), colour) for p in places]
+        stream.static(entity("site", "places", kind, "pads"), mesh3d(join(pads)))
+        points = rr.Points3D(
+            [[p.x, p.y, 0.1] for p in places],
+            radii=rr.Radius.ui_points(2.5),
+            colors=[colour],
+            labels=[p.id for p in places],
+            show_labels=len(site.places) <= MANY_LABELS,
+        )
+        stream.static(entity("site", "places", kind, "points"), points)
