@@ -39,7 +39,7 @@ def trip_ids(trajectory: Trajectory, first: int = 0) -> Ints:
     moving = np.nan_to_num(speed, nan=1.0) > STANDING_SPEED
     begins = np.zeros(n, dtype=bool)
     begins[1:] |= np.diff(t) > MAX_GAP
-    for start, stop in _runs(~moving):
+    for start, stop in runs(~moving):
         if (
             start > 0
             and stop < n
@@ -49,7 +49,7 @@ def trip_ids(trajectory: Trajectory, first: int = 0) -> Ints:
     return np.asarray(first + np.cumsum(begins), dtype=np.int64)
 
 
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Half-open row ranges in which ``mask`` holds."""
     edge = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))

@@ -1,0 +1,121 @@
+"""Episodes gathered to critical areas of the road network, ranked by delay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fleetlog.analysis.clusters.steps import Fleet
+from fleetlog.analysis.clusters.tracking import Episode
+from fleetlog.core.network import Network
+
+BIN = 5.0
+"""Length of road that is counted as one place [m]."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """One row for every truck and step inside an episode."""
+
+    episode: NDArray[np.int64]
+    truck: NDArray[np.int64]
+    step: NDArray[np.int64]
+    edge: NDArray[np.int32]
+    offset: Floats
+    delay: Floats
+    """dt (1 - v / v_free), clipped at 0 [s]."""
+
+
+def samples(fleet: Fleet, found: list[Episode], free_speed: Floats) -> Samples:
+    """The truck-steps of all episodes; ``free_speed`` (E,) is what an undisturbed truck drives on each edge [m/s]."""
+    number, truck, step = [], [], []
+    for i, e in enumerate(found):
+        for t, members in zip(e.steps, e.members, strict=True):
+            number += [i] * len(members)
+            truck += members.tolist()
+            step += [t] * len(members)
+    k, v = np.array(number, dtype=np.int64), np.array(truck, dtype=np.int64)
+    row = np.array(step, dtype=np.int64)
+    edge, speed = fleet.edge[row, v], fleet.speed[row, v]
+    delay = fleet.step * np.clip(1.0 - speed / free_speed[edge], 0.0, 1.0)
+    return Samples(k, v, row, edge, fleet.offset[row, v], delay)
+
+
+def bins(network: Network, edge: NDArray[np.int32], offset: Floats) -> NDArray[np.int64]:
+    """Place codes: road and 5 m stretch of it, the same for both directions of a road."""
+    other = network.reverse[edge]
+    canonical = np.where((other >= 0) & (other < edge), other, edge)
+    along = np.where(canonical == edge, offset, network.length[edge] - offset)
+    return canonical.astype(np.int64) * 100_000 + (np.clip(along, 0, None) // BIN).astype(np.int64)
+
+
+def bin_centres(network: Network, codes: NDArray[np.int64]) -> Floats:
+    """(N, 2) middle of each place [m]."""
+    edge = (codes // 100_000).astype(np.int32)
+    middle = np.minimum((codes % 100_000 + 0.5) * BIN, network.length[edge])
+    return network.position(edge, middle)[:, :2]
+
+
+def critical_areas(network: Network, s: Samples, fleet: Fleet, seed: int = 0) -> pd.DataFrame:
+    """Connected places with critical delay, most delay first.
+
+    Columns: area, x, y [m], delay [s], vehicle_seconds [s], episodes, vehicles, episodes_per_hour, roads, radius [m], delay_low,
+    delay_high [s] (90 % interval by resampling whole days, or trucks where there are fewer than five days), first_share
+    (share of the resamples in which the area ranks first).
+    """
+    if not len(s.delay):
+        return pd.DataFrame()
+    codes = bins(network, s.edge, s.offset)
+    places, inverse = np.unique(codes, return_inverse=True)
+    xy = bin_centres(network, places)
+    group = _connected(xy)
+    area = group[inverse]
+    hours = len(fleet.time) * fleet.step / 3600.0
+    day = (fleet.time - fleet.time[0]) // 86_400_000_000
+    unit, units = (day[s.step], int(day[-1]) + 1) if day[-1] >= 4 else (s.truck, len(fleet.vehicles))
+    low, high, first = _resampled(area, unit, units, s.delay, int(group.max()) + 1, seed)
+    rows = []
+    for a in range(int(group.max()) + 1):
+        mine, here = area == a, group == a
+        weight = np.bincount(inverse[mine], weights=s.delay[mine] + 1e-9, minlength=len(places))[here]
+        x, y = np.average(xy[here], axis=0, weights=weight)
+        roads = sorted({network.roads[int(c // 100_000)] for c in places[here]})
+        rows.append({
+            "x": x, "y": y, "delay": s.delay[mine].sum(), "vehicle_seconds": float(mine.sum()),
+            "episodes": len(np.unique(s.episode[mine])), "vehicles": len(np.unique(s.truck[mine])),
+            "episodes_per_hour": len(np.unique(s.episode[mine])) / max(hours, 1e-9), "roads": ", ".join(roads),
+            "radius": float(np.max(np.hypot(*(xy[here] - (x, y)).T)) + BIN / 2),
+            "delay_low": low[a], "delay_high": high[a], "first_share": first[a],
+        })  # fmt: skip
+    table = pd.DataFrame(rows).sort_values("delay", ascending=False, ignore_index=True)
+    table.insert(0, "area", np.arange(1, len(table) + 1))
+    return table
+
+
+def _connected(xy: Floats) -> NDArray[np.int64]:
+    """Groups of places whose middles are not more than one and a half places apart."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(xy).query_pairs(1.5 * BIN, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(xy), len(xy)))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def _resampled(
+    area: NDArray[np.int64], unit: NDArray[np.int64], units: int, delay: Floats, n: int, seed: int
+) -> tuple[Floats, Floats, Floats]:
+    """90 % interval of every area's delay and its share of first ranks, over 500 resamples of whole units, quiet ones too."""
+    table = np.zeros((units, n))
+    np.add.at(table, (unit, area), delay)
+    rng = np.random.default_rng(seed)
+    draws = rng.multinomial(len(table), np.full(len(table), 1 / len(table)), size=500) @ table
+    first = np.bincount(draws.argmax(axis=1), minlength=n) / len(draws)
+    low, high = np.quantile(draws, [0.05, 0.95], axis=0)
+    return low, high, first

@@ -1,0 +1,309 @@
+"""Numba kernels of the density analysis."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Index = NDArray[np.int32]
+
+
+@njit(cache=True)
+def reachable(
+    length: Floats, next_first: Index, next_edges: Index, limit: float
+) -> tuple[NDArray[np.int64], Index, Floats]:
+    """Edges whose start lies within ``limit`` metres of driving from the end of each edge: CSR (first, edges, distances).
+
+    Bounded Dijkstra from the end of every edge on the line graph, so that turns that the network forbids, U-turns among
+    them, are never implied.
+    """
+    n = len(length)
+    first = np.zeros(n + 1, np.int64)
+    size, used = 16 * n + 16, 0
+    edges, distances = np.empty(size, np.int32), np.empty(size)
+    best = np.full(n, np.inf)
+    touched = np.empty(n, np.int32)
+    heap_d, heap_e = np.empty(4 * n + 16), np.empty(4 * n + 16, np.int32)
+    for source in range(n):
+        count, filled = 0, 0
+        for k in range(next_first[source], next_first[source + 1]):
+            f = next_edges[k]
+            if best[f] > 0.0:
+                if best[f] == np.inf:
+                    touched[count] = f
+                    count += 1
+                best[f] = 0.0
+                filled = _push(heap_d, heap_e, filled, 0.0, f)
+        while filled > 0:
+            d, e = heap_d[0], heap_e[0]
+            filled = _pop(heap_d, heap_e, filled)
+            if d > best[e]:
+                continue
+            if used == size:
+                size *= 2
+                edges, distances = _grow_int(edges, size), _grow_float(distances, size)
+            edges[used], distances[used] = e, d
+            used += 1
+            onward = d + length[e]
+            if onward > limit:
+                continue
+            for k in range(next_first[e], next_first[e + 1]):
+                f = next_edges[k]
+                if onward < best[f]:
+                    if best[f] == np.inf:
+                        touched[count] = f
+                        count += 1
+                    best[f] = onward
+                    if filled == len(heap_d):
+                        heap_d, heap_e = _grow_float(heap_d, 2 * filled), _grow_int(heap_e, 2 * filled)
+                    filled = _push(heap_d, heap_e, filled, onward, f)
+        for k in range(count):
+            best[touched[k]] = np.inf
+        first[source + 1] = used
+    return first, edges[:used].copy(), distances[:used].copy()
+
+
+@njit(cache=True)
+def _push(heap_d: Floats, heap_e: Index, filled: int, d: float, e: int) -> int:
+    i = filled
+    while i > 0:
+        up = (i - 1) >> 1
+        if heap_d[up] <= d:
+            break
+        heap_d[i], heap_e[i] = heap_d[up], heap_e[up]
+        i = up
+    heap_d[i], heap_e[i] = d, e
+    return filled + 1
+
+
+@njit(cache=True)
+def _pop(heap_d: Floats, heap_e: Index, filled: int) -> int:
+    filled -= 1
+    d, e = heap_d[filled], heap_e[filled]
+    i = 0
+    while True:
+        child = 2 * i + 1
+        if child >= filled:
+            break
+        if child + 1 < filled and heap_d[child + 1] < heap_d[child]:
+            child += 1
+        if heap_d[child] >= d:
+            break
+        heap_d[i], heap_e[i] = heap_d[child], heap_e[child]
+        i = child
+    heap_d[i], heap_e[i] = d, e
+    return filled
+
+
+@njit(cache=True)
+def _grow_int(a: Index, size: int) -> Index:
+    out = np.empty(size, np.int32)
+    out[: len(a)] = a
+    return out
+
+
+@njit(cache=True)
+def _grow_float(a: Floats, size: int) -> Floats:
+    out = np.empty(size)
+    out[: len(a)] = a
+    return out
+
+
+@njit(cache=True)
+def _root(parent: Index, i: int) -> int:
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@njit(cache=True)
+def cluster_steps(
+    edge: Index,
+    offset: Floats,
+    length: Floats,
+    first: NDArray[np.int64],
+    edges: Index,
+    distances: Floats,
+    limit: float,
+) -> tuple[Index, Index, NDArray[np.int64]]:
+    """Weakly connected components of the arcs not longer than ``limit``, at every time step.
+
+    Parameters
+    ----------
+    edge, offset : (T, V); edge -1 where a truck is absent or masked.
+    first, edges, distances : from :func:`reachable`.
+
+    Returns
+    -------
+    labels : (T, V) the smallest truck index of the cluster; -1 absent.
+    arcs : (A, 2) the arcs that join clusters (a spanning subset), truck to truck.
+    arc_first : (T + 1,) arcs of step t are arcs[arc_first[t]:arc_first[t + 1]].
+
+    Notes
+    -----
+    On one edge it is enough to join neighbours in order, and between edges the last truck of the one with the first of the
+    other: any other pair within the limit is then joined through them, since distances along an edge only add.
+    """
+    steps, trucks = edge.shape
+    labels = np.full((steps, trucks), -1, np.int32)
+    n = len(length)
+    head, tail = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
+    after = np.empty(trucks, np.int32)
+    parent = np.empty(trucks, np.int32)
+    occupied = np.empty(trucks, np.int32)
+    size, used = 4 * trucks + 16, 0
+    arcs = np.empty((size, 2), np.int32)
+    arc_first = np.zeros(steps + 1, np.int64)
+    for t in range(steps):
+        busy = 0
+        for v in range(trucks):
+            parent[v] = v
+            e = edge[t, v]
+            if e < 0:
+                continue
+            s = offset[t, v]
+            if head[e] < 0:
+                occupied[busy] = e
+                busy += 1
+                head[e], tail[e], after[v] = v, v, -1
+            elif s < offset[t, head[e]]:
+                after[v], head[e] = head[e], v
+            else:
+                p = head[e]
+                while after[p] >= 0 and offset[t, after[p]] <= s:
+                    p = after[p]
+                after[v], after[p] = after[p], v
+                if after[v] < 0:
+                    tail[e] = v
+        if used + 2 * trucks + busy * busy > size:
+            size = 2 * (used + 2 * trucks + busy * busy)
+            more = np.empty((size, 2), np.int32)
+            more[:used] = arcs[:used]
+            arcs = more
+        for b in range(busy):
+            e = occupied[b]
+            p = head[e]
+            while after[p] >= 0:
+                q = after[p]
+                if offset[t, q] - offset[t, p] <= limit:
+                    used = _join(parent, arcs, used, p, q)
+                p = q
+            k = tail[e]
+            rest = limit - (length[e] - offset[t, k])
+            if rest < 0.0:
+                continue
+            for i in range(first[e], first[e + 1]):
+                m = head[edges[i]]
+                if distances[i] > rest:
+                    break
+                if m >= 0 and distances[i] + offset[t, m] <= rest:
+                    used = _join(parent, arcs, used, k, m)
+        for v in range(trucks):
+            if edge[t, v] >= 0:
+                labels[t, v] = _root(parent, v)
+        for b in range(busy):
+            head[occupied[b]] = -1
+        arc_first[t + 1] = used
+    return labels, arcs[:used].copy(), arc_first
+
+
+@njit(cache=True)
+def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
+    ra, rb = _root(parent, a), _root(parent, b)
+    if a != b:
+        arcs[used, 0], arcs[used, 1] = a, b
+        used += 1
+    if ra < rb:
+        parent[rb] = ra
+    elif rb < ra:
+        parent[ra] = rb
+    return used
+
+
+@njit(cache=True)
+def cluster_speeds(labels: Index, speed: Floats, slow: float) -> tuple[Index, Floats, Floats]:
+    """Per step and cluster, at its label's place: size, mean speed [m/s], share slower than ``slow``; (T, V) each."""
+    steps, trucks = labels.shape
+    size = np.zeros((steps, trucks), np.int32)
+    mean = np.zeros((steps, trucks))
+    share = np.zeros((steps, trucks))
+    for t in range(steps):
+        for v in range(trucks):
+            c = labels[t, v]
+            if c >= 0:
+                size[t, c] += 1
+                mean[t, c] += speed[t, v]
+                share[t, c] += speed[t, v] < slow
+        for c in range(trucks):
+            if size[t, c]:
+                mean[t, c] /= size[t, c]
+                share[t, c] /= size[t, c]
+    return size, mean, share
+
+
+@njit(cache=True)
+def resample_along(
+    time: NDArray[np.int64],
+    edge: Index,
+    offset: Floats,
+    speed: Floats,
+    masked: NDArray[np.bool_],
+    grid: NDArray[np.int64],
+    max_gap: int,
+    length: Floats,
+    next_first: Index,
+    next_edges: Index,
+    out_edge: Any,
+    out_offset: Any,
+    out_speed: Any,
+    out_masked: Any,
+) -> None:
+    """One truck's rows on a common time grid (int64 us), linear along the route; nothing beyond ``max_gap`` of a row."""
+    i, n = 0, len(time)
+    for g in range(len(grid)):
+        t = grid[g]
+        while i + 1 < n and time[i + 1] <= t:
+            i += 1
+        out_edge[g] = -1
+        if n == 0 or time[i] > t:
+            continue
+        if i + 1 >= n or time[i + 1] - time[i] > max_gap:
+            if t - time[i] > max_gap or (i + 1 < n and t > time[i]):
+                continue
+            if i + 1 >= n and t > time[i]:
+                continue
+            _put(g, edge[i], offset[i], speed[i], masked[i], out_edge, out_offset, out_speed, out_masked)
+            continue
+        share = (t - time[i]) / (time[i + 1] - time[i])
+        v = speed[i] + share * (speed[i + 1] - speed[i])
+        a, b = edge[i], edge[i + 1]
+        if a < 0 or b < 0:
+            k = i if share < 0.5 else i + 1
+            _put(g, edge[k], offset[k], v, masked[k], out_edge, out_offset, out_speed, out_masked)
+            continue
+        if a == b:
+            s = offset[i] + share * (offset[i + 1] - offset[i])
+            _put(g, a, s, v, masked[i], out_edge, out_offset, out_speed, out_masked)
+            continue
+        follows = False
+        for k in range(next_first[a], next_first[a + 1]):
+            follows |= next_edges[k] == b
+        if follows:
+            s = offset[i] + share * (length[a] - offset[i] + offset[i + 1])
+            if s <= length[a]:
+                _put(g, a, s, v, masked[i], out_edge, out_offset, out_speed, out_masked)
+            else:
+                _put(g, b, s - length[a], v, masked[i], out_edge, out_offset, out_speed, out_masked)
+        else:
+            k = i if share < 0.5 else i + 1
+            _put(g, edge[k], offset[k], v, masked[k], out_edge, out_offset, out_speed, out_masked)
+
+
+@njit(cache=True)
+def _put(g: int, e: int, s: float, v: float, m: bool, oe: Any, oo: Any, ov: Any, om: Any) -> None:
+    oe[g], oo[g], ov[g], om[g] = e, s, v, m

@@ -1,0 +1,1 @@
+"""Occupancy of floor cells and road stretches, weighted by time."""

@@ -1,0 +1,1 @@
+"""Ranking road vertices by traffic and choosing sites among them."""

@@ -1,0 +1,113 @@
+"""Where trucks need a charger: visits, standstills and urgency per road vertex."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.store import Dataset
+from fleetlog.store.trips import MAX_GAP, STANDING_SPEED, runs
+
+Floats = NDArray[np.float64]
+ENOUGH_SOC, LEAST_SOC = 0.5, 0.2
+"""Urgency rises from 0 at the first to 1 at the second state of charge."""
+LOAD_CHANGE = 25.0
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What one vehicle did on one day, per road vertex (n,): the unit that is left out to see how stable a choice is."""
+
+    vehicle: str
+    day: int
+    visits: list[NDArray[np.int64]]
+    standing: Floats
+    """Seconds of standstills of at least the shortest useful time."""
+    urgent: Floats
+    """The same, weighted by the urgency of the state of charge."""
+    loading: Floats
+    """Payload changes."""
+    open_spells: list[tuple[int, int]]
+    """Start and end (int64 us) of those standstills with urgency, for the number of plugs."""
+
+
+def urgency(soc: Floats, enough: float = ENOUGH_SOC, least: float = LEAST_SOC) -> Floats:
+    """clip((enough - soc) / (enough - least), 0, 1); 0 where unknown."""
+    return np.nan_to_num(np.clip((enough - soc) / (enough - least), 0.0, 1.0))
+
+
+def read_units(dataset: Dataset, network: Network, shortest: float) -> list[Unit]:
+    """Every vehicle-day; ``shortest`` [s] is the least standstill in which charging is worth plugging in."""
+    columns = ("edge_id", "edge_offset", "speed", "soc", "payload", "x", "y")
+    return [_unit(t, network, shortest) for t in dataset.days(columns)]
+
+
+def _unit(t: Trajectory, network: Network, shortest: float) -> Unit:
+    n = len(network.node_ids)
+    edge = t.labels("edge_id").recode(network.index)
+    vertex = _nearest_vertex(t, edge, network)
+    time = t.seconds()
+    dt = np.clip(np.diff(time, append=time[-1:]), 0.0, MAX_GAP)
+    stands = np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED
+    u = urgency(t.floats("soc"))
+    standing, urgent = np.zeros(n), np.zeros(n)
+    spells: list[tuple[int, int]] = []
+    for a, b in runs(stands):
+        if dt[a:b].sum() < shortest:
+            continue
+        on = vertex[a:b] >= 0
+        np.add.at(standing, vertex[a:b][on], dt[a:b][on])
+        np.add.at(urgent, vertex[a:b][on], (dt * u)[a:b][on])
+        if (u[a:b] > 0).any():
+            spells.append((int(t.time[a]), int(t.time[b - 1])))
+    payload = t.floats("payload")
+    changed = np.flatnonzero(np.abs(np.diff(payload)) > LOAD_CHANGE)
+    loading = np.bincount(vertex[changed][vertex[changed] >= 0], minlength=n).astype(float)
+    return Unit(
+        t.vehicle_id,
+        int(t.time[0] // 86_400_000_000),
+        _visits(edge, time, network),
+        standing,
+        urgent,
+        loading,
+        spells,
+    )
+
+
+def _nearest_vertex(t: Trajectory, edge: NDArray[np.int32], network: Network) -> NDArray[np.int64]:
+    """The nearer end of the edge that a row is on; -1 off the map."""
+    offset = np.nan_to_num(t.floats("edge_offset"))
+    ends = np.where(offset < 0.5 * network.length[edge], network.start[edge], network.end[edge])
+    return np.where(edge >= 0, ends, -1).astype(np.int64)
+
+
+def _visits(edge: NDArray[np.int32], time: Floats, network: Network) -> list[NDArray[np.int64]]:
+    """Sequences of vertices in the order driven, broken at gaps, off the map, and where edges do not join."""
+    change = np.flatnonzero(np.r_[True, edge[1:] != edge[:-1]]) if len(edge) else np.zeros(0, np.int64)
+    out: list[list[int]] = []
+    current: list[int] = []
+    for i in change.tolist():
+        e = int(edge[i])
+        if e < 0 or (i > 0 and time[i] - time[i - 1] > MAX_GAP):
+            out.append(current)
+            current = []
+            if e < 0:
+                continue
+        a = int(network.start[e])
+        if current and current[-1] != a:
+            out.append(current)
+            current = []
+        current += [a] if not current else []
+        current.append(int(network.end[e]))
+    out.append(current)
+    return [np.array(s, dtype=np.int64) for s in out if len(s) > 1]
+
+
+def peak(spells: list[tuple[int, int]]) -> int:
+    """The most spells that are open at once."""
+    events = sorted([(a, 1) for a, _ in spells] + [(b, -1) for _, b in spells])
+    return int(np.max(np.cumsum([d for _, d in events]), initial=0)) if events else 0

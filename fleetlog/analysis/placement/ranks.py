@@ -1,0 +1,80 @@
+"""Link matrices over road vertices and their stationary ranks.
+
+M_ji = C_ij / sum_j C_ij from counted moves i -> j is column-stochastic; with damping alpha and teleport v the rank solves
+
+    r = alpha (M r + w (a . r)) + (1 - alpha) v
+
+where a marks dangling vertices (left without a counted move) and w = v takes their mass.  Two identities decide what such a
+rank can say (both are tests): on closed trajectories the stationary vector of the flow matrix *is* the share of visits,
+and with v equal to that share it is so for every alpha.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from fleetlog.core.network import Network
+
+Floats = NDArray[np.float64]
+ALPHA = 0.85
+"""The usual damping of PageRank."""
+
+
+def link_matrix(counts: sparse.csr_array) -> tuple[sparse.csc_array, NDArray[np.bool_]]:
+    """Column-stochastic M (n, n) from move counts C (row: from, column: to), and which vertices are dangling (n,)."""
+    out = np.asarray(counts.sum(axis=1)).ravel()
+    scale = sparse.diags_array(np.where(out > 0, 1.0 / np.where(out > 0, out, 1.0), 0.0))
+    return sparse.csc_array((scale @ counts).T), out == 0
+
+
+def rank(counts: sparse.csr_array, alpha: float = ALPHA, teleport: Floats | None = None) -> Floats:
+    """(n,) rank of every vertex, sum 1; solved directly, exact to rounding."""
+    n = counts.shape[0]
+    v = np.full(n, 1.0 / n) if teleport is None else np.asarray(teleport, float) / np.sum(teleport)
+    m, _ = link_matrix(counts)
+    # (I - alpha M) r = beta v, whatever mass the dangling vertices send along v: a scaling of one solution.
+    system = sparse.csc_array(sparse.eye_array(n) - alpha * m)
+    r = np.asarray(sparse.linalg.spsolve(system, v), dtype=np.float64)
+    return np.asarray(r / r.sum(), dtype=np.float64)
+
+
+def flow_counts(visits: list[NDArray[np.int64]], n: int) -> sparse.csr_array:
+    """C (n, n): how often a truck went from one vertex to the next, over unbroken sequences of visits."""
+    pairs = [np.column_stack([s[:-1], s[1:]]) for s in visits if len(s) > 1]
+    if not pairs:
+        return sparse.csr_array((n, n))
+    p = np.concatenate(pairs)
+    return sparse.csr_array(sparse.coo_array((np.ones(len(p)), (p[:, 0], p[:, 1])), shape=(n, n)))
+
+
+def visit_share(visits: list[NDArray[np.int64]], n: int) -> Floats:
+    """(n,) share of arrivals, the first vertex of a sequence not counted."""
+    counts = np.bincount(
+        np.concatenate([s[1:] for s in visits]) if visits else np.zeros(0, np.int64), minlength=n
+    )
+    return np.asarray(counts / max(int(counts.sum()), 1), dtype=np.float64)
+
+
+def vote_scores(share: Floats, distance: Floats, length: float) -> Floats:
+    """(n,) one-shot votes: every visit to i splits one vote over sites j by exp(-D_ij / length)."""
+    phi = np.exp(-distance / length)
+    return np.asarray((phi / phi.sum(axis=1, keepdims=True)).T @ share)
+
+
+def vertex_distances(network: Network, weight: Floats | None = None) -> Floats:
+    """(n, n) shortest driving distance from vertex i (row) to vertex j (column); inf where there is no way.
+
+    ``weight`` (E,) replaces length: seconds or joules an edge.
+    """
+    from scipy.sparse.csgraph import dijkstra
+
+    w = network.length if weight is None else weight
+    n = len(network.node_ids)
+    # Of parallel edges the shortest counts; a sparse constructor would add them up.
+    order = np.lexsort((w, network.end, network.start))
+    s, e = network.start[order], network.end[order]
+    keep = np.r_[True, (np.diff(s) != 0) | (np.diff(e) != 0)]
+    graph = sparse.csr_array((np.maximum(w[order][keep], 1e-9), (s[keep], e[keep])), shape=(n, n))
+    return np.asarray(dijkstra(graph))

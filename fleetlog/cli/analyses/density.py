@@ -1,0 +1,54 @@
+"""``fleetlog analyze density``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from fleetlog.cli.options import existing, json_option, output_option, overwrite_option, quiet_option, say
+
+
+@click.command()
+@click.argument("dataset", type=existing)
+@click.option(
+    "--threshold",
+    default=15.0,
+    show_default=True,
+    help="Driving distance within which trucks belong together [m].",
+)
+@click.option(
+    "--speed",
+    default=1.4,
+    show_default=True,
+    help="A cluster is critical when its mean speed is under this [m/s].",
+)
+@click.option("--step", default=1.0, show_default=True, help="Time step [s].")
+@click.option("--min-duration", default=5.0, show_default=True, help="Pass over shorter episodes [s].")
+@click.option("--include-standing", is_flag=True, help="Count parked, charging and handling trucks too.")
+@output_option("Folder for the answer.")
+@json_option
+@overwrite_option
+@quiet_option
+def command(
+    dataset: Path, threshold: float, speed: float, step: float, min_duration: float, include_standing: bool,
+    output: Path, as_json: bool, overwrite: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Find where trucks crowd: clusters along the roads, episodes, critical areas."""
+    from fleetlog.analysis.density import density
+    from fleetlog.cli.output import write_analysis
+    from fleetlog.store import Dataset
+
+    if min(threshold, speed, step) <= 0:
+        raise click.UsageError("--threshold, --speed and --step must be positive")
+    data = Dataset(dataset)
+    result = density(
+        data,
+        threshold=threshold,
+        speed=speed,
+        step=step,
+        min_duration=min_duration,
+        include_standing=include_standing,
+    )
+    write_analysis(result, data.site, output, overwrite)
+    say(result.lines, result.summary, as_json=as_json, quiet=quiet)

@@ -1,0 +1,53 @@
+"""Charger placement end to end."""
+
+import numpy as np
+import pytest
+
+from fleetlog.analysis.chargers import chargers
+from fleetlog.errors import DataError
+
+
+def test_sites_beat_random_and_state_their_gap(fleet):
+    s = chargers(fleet, k=3).summary
+    assert s["demand"] == "urgency" and s["proven_gap"] == 0
+    assert s["reach"]["mean"] <= s["baselines"]["random"]["best_of_200"] + 1e-9
+    assert s["stability"]["left_out"] == "vehicle" and s["stability"]["runs"] == 6
+    assert s["plugs_peak"] >= 1
+
+
+def test_more_sites_are_never_farther(fleet):
+    means = [chargers(fleet, k=k).summary["reach"]["mean"] for k in (1, 2, 4, 8)]
+    assert means == sorted(means, reverse=True)
+
+
+def test_rank_of_the_flow_follows_the_heat_and_says_that_it_must(fleet):
+    s = chargers(fleet).summary
+    assert s["rank_heat_spearman"] > 0.8 and "construction" in s["rank_heat_note"]
+    assert chargers(fleet, variant="vote").summary["rank_heat_note"] is None
+
+
+@pytest.mark.parametrize("method", ["spaced", "topk", "cover", "pmedian"])
+@pytest.mark.parametrize("variant", ["flow", "vote", "urgency"])
+def test_every_method_gives_at_most_k(fleet, method, variant):
+    r = chargers(fleet, k=4, method=method, variant=variant, metric="time")
+    assert 1 <= len(r.places["sites"]) <= 4 and np.isclose(r.places["sites"].served_share.sum(), 1)
+
+
+def test_forced_and_forbidden(fleet):
+    free = chargers(fleet, k=2).summary["sites"]
+    s = chargers(fleet, k=2, forced=("charger-1",), forbidden=(free[0],)).summary["sites"]
+    assert "n00" in s and (free[0] not in s or free[0] == "n00")
+    with pytest.raises(DataError, match="did you mean"):
+        chargers(fleet, forced=("n0",))
+    with pytest.raises(DataError, match="forced"):
+        chargers(fleet, k=1, forced=("n00", "n11"))
+
+
+def test_falling_back_is_said_aloud(fleet, tmp_path):
+    from fleetlog.store import Dataset, DatasetWriter
+
+    with DatasetWriter.create(tmp_path / "d", "recorded", fleet.site) as w:
+        for t in fleet.days():
+            w.write(t.with_columns(soc=np.ones(len(t))))
+    s = chargers(Dataset(tmp_path / "d"), k=2).summary
+    assert s["demand"] == "standing" and "50 %" in s["notices"][0]
