@@ -15,39 +15,38 @@ Index = NDArray[np.int32]
 @njit(cache=True)
 def reachable(
     length: Floats, next_first: Index, next_edges: Index, limit: float
-) -> tuple[NDArray[np.int64], Index, Floats]:
-    """Edges whose start lies within ``limit`` metres of driving from the end of each edge: CSR (first, edges, distances).
+) -> tuple[NDArray[np.int64], Index, Floats, Index]:
+    """Edges whose start lies within ``limit`` metres of driving from the end of each edge: CSR (first, edges, distances, skip).
 
     Bounded Dijkstra from the end of every edge on the line graph, so that turns that the network forbids, U-turns among
-    them, are never implied.
+    them, are never implied.  The entries of an edge are its shortest-path tree in preorder; the ``skip[i]`` entries from i on
+    are the subtree of entry i, itself included.
     """
     n = len(length)
     first = np.zeros(n + 1, np.int64)
     size, used = 16 * n + 16, 0
-    edges, distances = np.empty(size, np.int32), np.empty(size)
-    best = np.full(n, np.inf)
+    edges, distances, skip = np.empty(size, np.int32), np.empty(size), np.empty(size, np.int32)
+    best, via = np.full(n, np.inf), np.empty(n, np.int32)
     touched = np.empty(n, np.int32)
+    tree_e, tree_d, parent = np.empty(n, np.int32), np.empty(n), np.empty(n, np.int32)
     heap_d, heap_e = np.empty(4 * n + 16), np.empty(4 * n + 16, np.int32)
+    done = np.zeros(n, np.bool_)
     for source in range(n):
-        count, filled = 0, 0
+        count, filled, grown = 0, 0, 0
         for k in range(next_first[source], next_first[source + 1]):
             f = next_edges[k]
-            if best[f] > 0.0:
-                if best[f] == np.inf:
-                    touched[count] = f
-                    count += 1
-                best[f] = 0.0
-                filled = _push(heap_d, heap_e, filled, 0.0, f)
+            best[f], via[f] = 0.0, -1
+            touched[count] = f
+            count += 1
+            filled = _push(heap_d, heap_e, filled, 0.0, f)
         while filled > 0:
             d, e = heap_d[0], heap_e[0]
             filled = _pop(heap_d, heap_e, filled)
-            if d > best[e]:
+            if done[e]:
                 continue
-            if used == size:
-                size *= 2
-                edges, distances = _grow_int(edges, size), _grow_float(distances, size)
-            edges[used], distances[used] = e, d
-            used += 1
+            done[e] = True
+            tree_e[grown], tree_d[grown], parent[grown] = e, d, via[e]
+            grown += 1
             onward = d + length[e]
             if onward > limit:
                 continue
@@ -57,14 +56,48 @@ def reachable(
                     if best[f] == np.inf:
                         touched[count] = f
                         count += 1
-                    best[f] = onward
+                    best[f], via[f] = onward, grown - 1
                     if filled == len(heap_d):
                         heap_d, heap_e = _grow_float(heap_d, 2 * filled), _grow_int(heap_e, 2 * filled)
                     filled = _push(heap_d, heap_e, filled, onward, f)
         for k in range(count):
-            best[touched[k]] = np.inf
+            best[touched[k]], done[touched[k]] = np.inf, False
+        if used + grown > size:
+            size = 2 * (used + grown)
+            edges, skip = _grow_int(edges, size), _grow_int(skip, size)
+            distances = _grow_float(distances, size)
+        _preorder(tree_e, tree_d, parent, grown, edges, distances, skip, used)
+        used += grown
         first[source + 1] = used
-    return first, edges[:used].copy(), distances[:used].copy()
+    return first, edges[:used].copy(), distances[:used].copy(), skip[:used].copy()
+
+
+@njit(cache=True)
+def _preorder(
+    tree_e: Index,
+    tree_d: Floats,
+    parent: Index,
+    n: int,
+    edges: Index,
+    distances: Floats,
+    skip: Index,
+    at: int,
+) -> None:
+    """Write a tree, given with parents before children, in preorder from position ``at``."""
+    below = np.ones(n, np.int32)
+    for i in range(n - 1, -1, -1):
+        if parent[i] >= 0:
+            below[parent[i]] += below[i]
+    cursor = np.empty(n, np.int64)
+    top = at
+    for i in range(n):
+        if parent[i] >= 0:
+            here = cursor[parent[i]]
+            cursor[parent[i]] += below[i]
+        else:
+            here, top = top, top + below[i]
+        cursor[i] = here + 1
+        edges[here], distances[here], skip[here] = tree_e[i], tree_d[i], below[i]
 
 
 @njit(cache=True)
@@ -129,6 +162,7 @@ def cluster_steps(
     first: NDArray[np.int64],
     edges: Index,
     distances: Floats,
+    skip: Index,
     limit: float,
 ) -> tuple[Index, Index, NDArray[np.int64]]:
     """Weakly connected components of the arcs not longer than ``limit``, at every time step.
@@ -136,7 +170,7 @@ def cluster_steps(
     Parameters
     ----------
     edge, offset : (T, V); edge -1 where a truck is absent or masked.
-    first, edges, distances : from :func:`reachable`.
+    first, edges, distances, skip : from :func:`reachable`.
 
     Returns
     -------
@@ -147,7 +181,8 @@ def cluster_steps(
     Notes
     -----
     On one edge it is enough to join neighbours in order, and between edges the last truck of the one with the first of the
-    other: any other pair within the limit is then joined through them, since distances along an edge only add.
+    other: any other pair within the limit is then joined through them, since distances along a way only add.  For the same
+    reason nothing behind an occupied edge has to be looked at.
     """
     steps, trucks = edge.shape
     labels = np.full((steps, trucks), -1, np.int32)
@@ -197,12 +232,18 @@ def cluster_steps(
             rest = limit - (length[e] - offset[t, k])
             if rest < 0.0:
                 continue
-            for i in range(first[e], first[e + 1]):
-                m = head[edges[i]]
+            i = first[e]
+            while i < first[e + 1]:
                 if distances[i] > rest:
-                    break
-                if m >= 0 and distances[i] + offset[t, m] <= rest:
+                    i += skip[i]
+                    continue
+                m = head[edges[i]]
+                if m < 0:
+                    i += 1
+                    continue
+                if distances[i] + offset[t, m] <= rest:
                     used = _join(parent, arcs, used, k, m)
+                i += skip[i]
         for v in range(trucks):
             if edge[t, v] >= 0:
                 labels[t, v] = _root(parent, v)

@@ -112,11 +112,11 @@ def find_clusters(fleet: Fleet, network: Network, threshold: float, slow: float,
     return Clusters(labels, arcs, arc_first, size, mean, share)
 
 
-def distance_lists(network: Network, threshold: float) -> tuple[NDArray[np.int64], Index, Floats]:
-    """For every edge the edges that begin within ``threshold`` metres of its end, nearest first, as CSR."""
+def distance_lists(network: Network, threshold: float) -> tuple[NDArray[np.int64], Index, Floats, Index]:
+    """For every edge the edges that begin within ``threshold`` metres of its end; see :func:`kernels.reachable`."""
     from fleetlog.analysis.clusters.kernels import reachable
 
-    lists: tuple[NDArray[np.int64], Index, Floats] = reachable(
+    lists: tuple[NDArray[np.int64], Index, Floats, Index] = reachable(
         network.length, network.next_first, network.next_edges, float(threshold)
     )
     return lists
