@@ -35,7 +35,7 @@ class Piece:
     lift_speed: float = 0.0
 
 
-def legs(pieces: list[Piece], payload: float = 0.0, grade: float = 0.0, dt: float = 0.05) -> Motion:
+def legs(pieces: list[Piece], payload: float = 0.0, grade: float = 0.0, dt: float = 0.1) -> Motion:
     """The pieces as one motion with ``payload`` [kg] on a road of slope ``grade`` (tan theta)."""
     out, clock = [], 0.0
     for piece in pieces:

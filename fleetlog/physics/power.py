@@ -78,19 +78,27 @@ class Physics:
         return motion
 
 
+def term_forces(motion: Motion, physics: Physics) -> dict[str, Floats]:
+    """Force at the wheel by term, (N,) newtons each, > 0 resisting."""
+    return _evaluate(motion, physics, "force")
+
+
 def ledger(motion: Motion, physics: Physics) -> dict[str, Floats]:
     """Battery power by term, (N,) watts each; the sum over terms is the model's power."""
-    truck, motion = physics.actual_truck(), physics.actual_motion(motion)
-    forces: dict[str, Floats] = {}
-    powers: dict[str, Floats] = {}
-    for term in physics.active():
-        if term.function is None or term.acts not in ("force", "power"):
-            continue
-        into = forces if term.acts == "force" else powers
-        into[term.name] = term.function(motion, truck, physics.values_along(term, motion))
+    forces, powers = _evaluate(motion, physics, "force"), _evaluate(motion, physics, "power")
+    drive = physics.actual_truck().drive
     total = sum(forces.values(), np.zeros(len(motion)))
-    conversion = np.where(total >= 0.0, 1.0 / truck.drive.efficiency, truck.drive.regeneration) * motion.speed
+    conversion = np.where(total >= 0.0, 1.0 / drive.efficiency, drive.regeneration) * motion.speed
     return {**{n: f * conversion for n, f in forces.items()}, **powers}
+
+
+def _evaluate(motion: Motion, physics: Physics, acts: str) -> dict[str, Floats]:
+    truck, motion = physics.actual_truck(), physics.actual_motion(motion)
+    return {
+        t.name: t.function(motion, truck, physics.values_along(t, motion))
+        for t in physics.active()
+        if t.acts == acts and t.function is not None
+    }
 
 
 def battery_power(motion: Motion, physics: Physics) -> Floats:

@@ -1,0 +1,266 @@
+"""The fit: most probable truck given the runs and what was known before, and what the runs cannot tell.
+
+In units of the prior's deviation, z = (p - p0) / spread, the fit minimises |(y - f(z)) / sigma|^2 + |z|^2 within the bounds of a
+truck file (Gauss-Newton, trust region).  With J = d(f / sigma) / dz at the optimum the posterior covariance of z is
+(J'J + 1)^-1 (Tarantola, Inverse Problem Theory, 2005, section 3.2; doi 10.1137/1.9780898717921).
+
+Which numbers do the runs carry?  Columns of J are taken greedily, the most telling first, each as far as those before do not
+explain it (pivoted QR).  Where less than one prior deviation of information is left, the rest is *held* at its prior.  A free
+number whose posterior is still wide, or wide for the most part because a held one can stand in for it, is *tied*: the runs
+carry a combination of the two.  Only the others are *fitted*.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.calibrate.observe import Observations
+from fleetlog.calibrate.parameters import UNKNOWNS, Unknown
+from fleetlog.core.truck import Truck
+from fleetlog.physics.power import Physics
+
+Floats = NDArray[np.float64]
+Status = Literal["fitted", "tied", "held"]
+LEAST_INFORMATION = 1.0
+"""Of a free number, in prior deviations, given those more telling: below it the runs say less than was known before."""
+CARRIED = 0.25
+"""A number is fitted if the runs leave at most this share of its prior variance ..."""
+BORROWED = 0.5
+"""... and at most this share of what they leave is doubt about the held ones."""
+CONFIDENCE = 0.95
+"""That all intervals hold at once."""
+STEP = 1e-3
+"""Of the numerical derivatives, in prior deviations."""
+COMPANION = 0.2
+"""A number stands in for a held one if it moves by this much (in prior deviations) when the held one moves by one."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One number after the fit; ``low`` to ``high`` hold at once for all numbers with probability ``CONFIDENCE``.
+
+    ``value`` goes into the truck file: fitted, or tied to the held ones at their prior, or the prior.
+    ``remaining`` is the posterior's share of the prior variance.
+    """
+
+    unknown: Unknown
+    status: Status
+    prior: float
+    value: float
+    low: float
+    high: float
+    remaining: float
+
+
+@dataclass(frozen=True)
+class Blind:
+    """A direction that the runs do not see: ``held`` and, by how much, the ``companions`` that can stand in for it.
+
+    ``weak``: seen, so not held, but too faintly to be fitted, and not because of a held one.
+    """
+
+    held: Unknown
+    companions: tuple[tuple[Unknown, float], ...]
+    weak: bool = False
+
+
+@dataclass(frozen=True)
+class Combination:
+    """What the runs do carry of a tied number: the product of ``powers`` has ``value``, known to ``deviation`` (a share of it)."""
+
+    powers: tuple[tuple[Unknown, float], ...]
+    value: float
+    deviation: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The outcome of a calibration."""
+
+    truck: Truck
+    estimates: tuple[Estimate, ...]
+    blind: tuple[Blind, ...]
+    combinations: tuple[Combination, ...]
+    correlation: Floats
+    """(K, K) of the posterior, in the order of the estimates."""
+    labels: tuple[str, ...]
+    measured: Floats
+    before: Floats
+    after: Floats
+    sigma: Floats
+    spread_factor: float
+    """By how much the residuals exceed the stated deviations; the intervals are widened by it."""
+
+
+def fit(observed: Observations, physics: Physics, unknowns: tuple[Unknown, ...] = UNKNOWNS) -> Fit:
+    """Fit the truck of ``physics`` to the observations; its added terms stay as they are."""
+    problem = _Problem(observed, physics, unknowns)
+    z = problem.solve(np.ones(len(unknowns), dtype=bool))
+    jacobian = problem.jacobian(z)
+    free = _telling(jacobian)
+    z_final = problem.solve(free)
+    factor = problem.spread_factor(z_final, int(free.sum()))
+    jacobian = problem.jacobian(z_final) / factor
+    covariance = _posterior(jacobian)
+    alone = np.ones(len(unknowns))
+    alone[free] = np.sqrt(np.diag(_posterior(jacobian[:, free])))
+    estimates = problem.estimates(z_final, np.diag(covariance), alone**2, free)
+    blind = tuple(_blind(jacobian, free, unknowns))
+    blind += tuple(_weak(estimates, blind))
+    scale = np.sqrt(np.diag(covariance))
+    return Fit(
+        problem.truck(z_final), estimates, blind, tuple(_combinations(estimates, blind, alone, problem)),
+        covariance / np.outer(scale, scale), observed.labels, observed.measured, observed.predict(physics),
+        problem.predict(z_final), observed.sigma, factor,
+    )  # fmt: skip
+
+
+def _posterior(jacobian: Floats) -> Floats:
+    """Covariance of z given the runs and the prior."""
+    return np.asarray(np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1])), dtype=np.float64)
+
+
+class _Problem:
+    """Observations, model and prior in units of the prior."""
+
+    def __init__(self, observed: Observations, physics: Physics, unknowns: tuple[Unknown, ...]) -> None:
+        self.observed, self.physics, self.unknowns = observed, physics, unknowns
+        self.prior = np.array([physics.truck.value(u.key) for u in unknowns])
+        self.spread = np.array([u.deviation(physics.truck) for u in unknowns])
+        bounds = np.array([u.bounds() for u in unknowns])
+        self.low, self.high = ((bounds.T - self.prior) / self.spread).tolist()
+
+    def truck(self, z: Floats) -> Truck:
+        truck = self.physics.truck
+        for u, value in zip(self.unknowns, self.prior + z * self.spread, strict=True):
+            truck = truck.with_value(u.key, float(value))
+        return truck
+
+    def predict(self, z: Floats) -> Floats:
+        return self.observed.predict(replace(self.physics, truck=self.truck(z)))
+
+    def misfit(self, z: Floats) -> Floats:
+        return np.asarray((self.predict(z) - self.observed.measured) / self.observed.sigma)
+
+    def residual(self, z: Floats, free: NDArray[np.bool_]) -> Floats:
+        return np.concatenate([self.misfit(z), z[free]])
+
+    def solve(self, free: NDArray[np.bool_]) -> Floats:
+        """The optimum with all but the free numbers at their prior."""
+        from scipy.optimize import least_squares
+
+        z = np.zeros(len(self.unknowns))
+        if not free.any():
+            return z
+        low, high = np.array(self.low)[free], np.array(self.high)[free]
+        # The trust region wants a start inside the bounds; where the prior stands on one it moves by a little.
+        start = np.clip(z[free], low + 1e-2, high - 1e-2)
+
+        def full(part: Floats) -> Floats:
+            out = z.copy()
+            out[free] = part
+            return out
+
+        def slope(part: Floats) -> Floats:
+            return np.concatenate([self.jacobian(full(part), free), np.eye(len(part))])
+
+        found = least_squares(
+            lambda part: self.residual(full(part), free), start, jac=slope, bounds=(low, high), xtol=1e-10
+        )
+        # A solution a hair from its bound is the bound.
+        z[free] = np.where(found.x - low < 1e-6, low, np.where(high - found.x < 1e-6, high, found.x))
+        return z
+
+    def jacobian(self, z: Floats, free: NDArray[np.bool_] | None = None) -> Floats:
+        """(M, K) derivative of prediction / sigma by z (the free columns), central where the bounds allow."""
+        columns = []
+        for k in range(len(z)) if free is None else np.flatnonzero(free):
+            up, down = z.copy(), z.copy()
+            up[k] = min(z[k] + STEP, self.high[k])
+            down[k] = max(z[k] - STEP, self.low[k])
+            columns.append((self.misfit(up) - self.misfit(down)) / (up[k] - down[k]))
+        return np.stack(columns, axis=1)
+
+    def spread_factor(self, z: Floats, free: int) -> float:
+        """Root of chi-squared a degree of freedom, at least 1; 1 where too few figures are left to tell."""
+        spare = len(self.observed) - free
+        misfit = self.misfit(z)
+        return max(1.0, float(np.sqrt(misfit @ misfit / spare))) if spare >= 3 else 1.0
+
+    def estimates(
+        self, z: Floats, remaining: Floats, alone: Floats, free: NDArray[np.bool_]
+    ) -> tuple[Estimate, ...]:
+        """The numbers; ``remaining`` and ``alone`` are the posterior variances with the held ones unknown and known."""
+        from scipy.stats import norm
+
+        tails = (1.0 - CONFIDENCE) / len(self.unknowns)
+        reach = float(norm.ppf(1.0 - tails / 2.0)) * np.sqrt(remaining) * self.spread
+        value = self.prior + z * self.spread
+        out = []
+        for k, u in enumerate(self.unknowns):
+            low, high = u.bounds()
+            own = remaining[k] <= CARRIED and alone[k] >= (1.0 - BORROWED) * remaining[k]
+            status: Status = "held" if not free[k] else "fitted" if own else "tied"
+            bottom, top = max(value[k] - reach[k], low), min(value[k] + reach[k], high)
+            out.append(Estimate(u, status, self.prior[k], float(value[k]), bottom, top, float(remaining[k])))
+        return tuple(out)
+
+
+def _telling(jacobian: Floats) -> NDArray[np.bool_]:
+    """(K,) the numbers of which the runs say more than the prior, given those that they say most of."""
+    from scipy.linalg import qr
+
+    triangle, order = qr(jacobian, mode="r", pivoting=True)
+    information = np.zeros(jacobian.shape[1])
+    diagonal = np.abs(np.diag(triangle))
+    information[: len(diagonal)] = diagonal
+    free = np.zeros(jacobian.shape[1], dtype=bool)
+    free[order[information >= LEAST_INFORMATION]] = True
+    return free
+
+
+def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, ...]) -> list[Blind]:
+    """For each held number those free ones that hide its effect: the least-squares solution of J_free x = -J_held."""
+    basis, out = np.flatnonzero(free), []
+    for k in np.flatnonzero(~free):
+        if np.linalg.norm(jacobian[:, k]) < LEAST_INFORMATION or not len(basis):
+            out.append(Blind(unknowns[k], ()))
+            continue
+        weight = -np.linalg.lstsq(jacobian[:, basis], jacobian[:, k], rcond=None)[0]
+        strong = [j for j in np.argsort(-np.abs(weight)) if abs(weight[j]) >= COMPANION]
+        out.append(Blind(unknowns[k], tuple((unknowns[basis[j]], float(weight[j])) for j in strong)))
+    return out
+
+
+def _weak(estimates: tuple[Estimate, ...], blind: tuple[Blind, ...]) -> list[Blind]:
+    """Tied numbers that no held one explains."""
+    named = {u.key for b in blind for u, _ in b.companions}
+    loose = (e.unknown for e in estimates if e.status == "tied" and e.unknown.key not in named)
+    return [Blind(u, (), weak=True) for u in loose]
+
+
+def _combinations(
+    estimates: tuple[Estimate, ...], blind: tuple[Blind, ...], alone: Floats, problem: _Problem
+) -> list[Combination]:
+    """For each tied number p the product p * held^-e that the runs do carry, e being its elasticity by the held ones."""
+    value = {e.unknown.key: e.value for e in estimates}
+    spread = dict(zip(value, problem.spread, strict=True))
+    out = []
+    for e, deviation in zip(estimates, alone * problem.spread, strict=True):
+        key = e.unknown.key
+        if e.status != "tied" or e.value <= 0.0:
+            continue
+        powers = []
+        for b in blind:
+            moved = {u.key: w for u, w in b.companions}.get(key)
+            if moved is not None and value[b.held.key] > 0.0:
+                slope = moved * spread[key] / spread[b.held.key]
+                powers.append((b.held, -slope * value[b.held.key] / e.value))
+        if powers:
+            product = e.value * float(np.prod([value[u.key] ** w for u, w in powers]))
+            out.append(Combination(((e.unknown, 1.0), *powers), product, float(deviation) / e.value))
+    return out

@@ -1,0 +1,104 @@
+"""What is compared: measured figures with their deviations, and the same figures as the model makes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.calibrate.runs import Run, coast_time
+from fleetlog.core.motion import Motion, join
+from fleetlog.core.truck import Truck
+from fleetlog.errors import DataError
+from fleetlog.physics.power import Physics, battery_power
+
+Floats = NDArray[np.float64]
+WINDOW = 20.0
+"""Length of the pieces that a recording is cut into [s]: long against the noise of one sample, short against a trip."""
+BLOCK = 15
+"""Windows whose sum tells how much longer than a window the disagreement lasts (5 minutes)."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """M measured figures, their standard deviations and the model's function for them."""
+
+    measured: Floats
+    sigma: Floats
+    labels: tuple[str, ...]
+    predict: Callable[[Physics], Floats]
+
+    def __len__(self) -> int:
+        return len(self.measured)
+
+
+def of_runs(runs: list[Run], truck: Truck) -> Observations:
+    """One figure a run; ``truck`` says how fast it drives and lifts where a run does not."""
+    driven = [i for i, r in enumerate(runs) if r.kind != "coast_down"]
+    motions = [runs[i].motion(truck) for i in driven]
+    whole = join(motions) if motions else Motion.of(0)
+    owner = np.repeat(driven, [len(m) for m in motions]).astype(np.int64)
+    repeats = np.array([r.repeats for r in runs])
+
+    def predict(physics: Physics) -> Floats:
+        out = np.bincount(owner, battery_power(whole, physics) * whole.dt, len(runs)) * repeats / 3600.0
+        for i, r in enumerate(runs):
+            if r.kind == "coast_down":
+                out[i] = coast_time(r, physics)
+        return out
+
+    measured, sigma = np.array([r.measured for r in runs]), np.array([r.deviation for r in runs])
+    return Observations(measured, sigma, tuple(r.run for r in runs), predict)
+
+
+def of_motion(motion: Motion, physics: Physics) -> Observations:
+    """The energy [Wh] of every window of a recording in which power was measured.
+
+    The deviation is that of the windows' residuals about the nominal model (robust, after the best common factor), widened
+    for disagreement that outlasts a window, so that correlated windows do not count as independent.
+    """
+    known = np.isfinite(motion.power) & (motion.dt > 0.0)
+    if not known.any():
+        raise DataError(
+            "the recording has neither power nor voltage and current", do="calibrate needs one of them"
+        )
+    motion = motion[known]
+    window = _windows(motion)
+    count = int(window[-1]) + 1
+
+    def summed(power: Floats) -> Floats:
+        return np.bincount(window, power * motion.dt, count) / 3600.0
+
+    def predict(at: Physics) -> Floats:
+        return summed(battery_power(motion, at))
+
+    measured, nominal = summed(motion.power), predict(physics)
+    factor = float(nominal @ measured) / max(float(nominal @ nominal), 1e-12)
+    sigma = _deviation(measured - factor * nominal)
+    return Observations(measured, np.full(count, sigma), tuple(f"window {i}" for i in range(count)), predict)
+
+
+def _windows(motion: Motion) -> NDArray[np.int64]:
+    """(N,) number of the window of each sample; a window never crosses from one trip or vehicle to the next."""
+    key = np.stack([motion.vehicle, motion.trip, np.floor(motion.time / WINDOW).astype(np.int64)])
+    return np.cumsum(np.any(np.diff(key, axis=1, prepend=key[:, :1]) != 0, axis=0))
+
+
+def _deviation(residual: Floats) -> float:
+    spread = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
+    spread = max(spread, 0.5 * float(residual.std()), 1e-6)
+    blocks = residual[: len(residual) // BLOCK * BLOCK].reshape(-1, BLOCK).sum(axis=1)
+    single = max(float(residual.var()), 1e-18)
+    effect = float(blocks.var()) / (BLOCK * single) if len(blocks) > 2 else 1.0
+    return spread * float(np.sqrt(max(effect, 1.0)))
+
+
+def together(parts: list[Observations]) -> Observations:
+    """All figures of several measurements as one."""
+    return Observations(
+        np.concatenate([p.measured for p in parts]), np.concatenate([p.sigma for p in parts]),
+        tuple(label for p in parts for label in p.labels),
+        lambda physics: np.concatenate([p.predict(physics) for p in parts]),
+    )  # fmt: skip

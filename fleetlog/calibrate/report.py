@@ -1,0 +1,157 @@
+"""A fit in words, as JSON and as a truck file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fleetlog.calibrate.fit import CONFIDENCE, Blind, Combination, Estimate, Fit
+from fleetlog.core.truck import truck_to_dict
+
+STRONG = 0.5
+"""Correlations from this on are worth a word."""
+
+
+def number(value: float) -> str:
+    """Four figures."""
+    return f"{value:.4g}"
+
+
+def _and(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def blind_line(blind: Blind) -> str:
+    """What the runs cannot tell, and which run would."""
+    if blind.weak:
+        return f"these runs say too little of {blind.held.words}: add {blind.held.run}"
+    if not blind.companions:
+        return f"these runs say nothing of {blind.held.words}: add {blind.held.run}"
+    names = _and([*(u.words for u, _ in blind.companions), blind.held.words])
+    return f"{names} cannot be told apart from these runs: add {blind.held.run}"
+
+
+def combination_words(combination: Combination) -> str:
+    """As ``rolling coefficient / drive efficiency``."""
+    out = combination.powers[0][0].words
+    for u, power in combination.powers[1:]:
+        size = "" if abs(abs(power) - 1.0) < 0.05 else f"^{abs(power):.2f}"
+        out += f" {'*' if power > 0 else '/'} {u.words}{size}"
+    return out
+
+
+def combination_line(combination: Combination) -> str:
+    """What the runs do carry of a tied number."""
+    share = 100.0 * 1.96 * combination.deviation
+    return f"what they do carry is {combination_words(combination)} = {number(combination.value)} (+-{share:.1f} %)"
+
+
+def estimate_line(e: Estimate) -> str:
+    """One number of the truck, printed as fitted only where the runs carry it."""
+    if e.status == "fitted":
+        return (
+            f"{e.unknown.words}: {_quantity(e.value, e)} ({number(e.low)} to {number(e.high)});"
+            f" was {number(e.prior)}"
+        )
+    kept = "kept at" if e.status == "held" else "not measured by itself; was"
+    return f"{e.unknown.words}: {kept} {_quantity(e.prior, e)}"
+
+
+def _quantity(value: float, e: Estimate) -> str:
+    return number(value) + ("" if e.unknown.unit == "1" else f" {e.unknown.unit}")
+
+
+def lines(fit: Fit) -> list[str]:
+    """The answer for the terminal."""
+    rms = [float(np.sqrt(np.mean(((p - fit.measured) / fit.sigma) ** 2))) for p in (fit.before, fit.after)]
+    out = [
+        f"{len(fit.measured)} measured figures; misfit {rms[0]:.2f} standard deviations before, {rms[1]:.2f} after",
+        f"fitted, with intervals that hold all at once with {CONFIDENCE:.0%}:",
+    ]
+    fitted = [e for e in fit.estimates if e.status == "fitted"]
+    out += [f"  {estimate_line(e)}" for e in fitted] or ["  nothing: these runs carry no single number"]
+    out += [f"  {estimate_line(e)}" for e in fit.estimates if e.status != "fitted"]
+    out += [blind_line(b) for b in fit.blind]
+    out += [combination_line(c) for c in fit.combinations]
+    out += [
+        f"{a} and {b} are correlated ({r:+.2f})"
+        for a, b, r in correlations(fit, {e.unknown.key for e in fitted})
+    ]
+    if fit.spread_factor > 1.5:
+        out.append(
+            f"the runs disagree with the model by {fit.spread_factor:.1f} times their stated deviation; "
+            "the intervals are widened by it"
+        )
+    return out
+
+
+def correlations(fit: Fit, keys: set[str]) -> list[tuple[str, str, float]]:
+    """Pairs of numbers among ``keys`` whose posterior correlation is strong, in words."""
+    out = []
+    for i, a in enumerate(fit.estimates):
+        for j in range(i):
+            b, r = fit.estimates[j], float(fit.correlation[i, j])
+            if abs(r) >= STRONG and {a.unknown.key, b.unknown.key} <= keys:
+                out.append((b.unknown.words, a.unknown.words, r))
+    return out
+
+
+def summary(fit: Fit) -> dict[str, Any]:
+    """JSON-ready; ``value`` and its interval are null for a number that the runs do not carry."""
+    keys = [e.unknown.key for e in fit.estimates]
+    return {
+        "format_version": 1,
+        "confidence": CONFIDENCE,
+        "parameters": [
+            {
+                "key": e.unknown.key, "unit": e.unknown.unit, "status": e.status, "prior": e.prior,
+                "value": e.value if e.status == "fitted" else None,
+                "low": e.low if e.status == "fitted" else None, "high": e.high if e.status == "fitted" else None,
+                "in_truck_file": e.value, "share_of_prior_variance": e.remaining,
+            }
+            for e in fit.estimates
+        ],
+        "correlation": {"keys": keys, "matrix": fit.correlation},
+        "not_identified": [
+            {
+                "parameter": b.held.key, "stands_in": [u.key for u, _ in b.companions], "needs": b.held.run,
+                "statement": blind_line(b),
+            }
+            for b in fit.blind
+        ],
+        "carried": [
+            {
+                "product": {u.key: power for u, power in c.powers}, "value": c.value,
+                "relative_deviation": c.deviation,
+            }
+            for c in fit.combinations
+        ],
+        "runs": [
+            {"run": name, "measured": m, "sigma": s, "before": b, "after": a}
+            for name, m, s, b, a in zip(fit.labels, fit.measured, fit.sigma, fit.before, fit.after, strict=True)
+        ] if len(fit.labels) <= 500 else len(fit.labels),
+        "spread_factor": fit.spread_factor,
+    }  # fmt: skip
+
+
+def truck_toml(fit: Fit) -> str:
+    """The truck file; beside every number that calibration looked at, what became of it."""
+    notes = {e.unknown.key: _note(e, fit) for e in fit.estimates}
+    data = truck_to_dict(fit.truck)
+    out = [f'name = "{data.pop("name")}"']
+    for section, values in data.items():
+        out.append(f"[{section}]")
+        for key, value in values.items():
+            note = notes.get(f"{section}.{key}")
+            out.append(f"{key} = {float(value):.6g}" + (f"  # {note}" if note else ""))
+    return "\n".join(out) + "\n"
+
+
+def _note(e: Estimate, fit: Fit) -> str:
+    if e.status == "fitted":
+        return f"fitted: {number(e.low)} to {number(e.high)}"
+    if e.status == "held":
+        return "not carried by these runs: as in the truck file before"
+    words = next((combination_words(c) for c in fit.combinations if c.powers[0][0] == e.unknown), None)
+    return "goes with the held numbers" + (f"; measured is only {words}" if words else "")

@@ -1,0 +1,159 @@
+"""Measured runs as rows of a table: what was driven or lifted, and what it cost."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.errors import InputError, nearest
+from fleetlog.physics.cycles import VDI_SPEED, Piece, legs, run, vdi2198
+from fleetlog.physics.power import Physics, term_forces
+
+DEFAULT_SIGMA = 0.02
+"""Standard deviation of a measured figure where the table gives none, as a share of it."""
+LEAST_SIGMA = 0.5
+"""... and at least this, for runs that cost next to nothing [Wh]."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One row of a table of measurements; a cell left blank takes the default.
+
+    Attributes
+    ----------
+    run : name.
+    kind : one of ``KINDS``.
+    energy : measured at the battery terminals, over all repeats [Wh];  sigma : its standard deviation [Wh].
+    repeats : how often it was done.
+    payload : kg.  length : of the way [m].  height : of a lift [m].
+    speed : highest, or at the start of a coast-down [m/s];  end_speed : at the end of a coast-down [m/s].
+    acceleration, deceleration : m/s2, the truck file's by default.
+    grade : tan of the slope, uphill positive.
+    duration : s, of an idle run; measured, of a coast-down (there ``sigma`` is in seconds).
+    """
+
+    run: str
+    kind: str
+    energy: float = float("nan")
+    sigma: float = float("nan")
+    repeats: float = 1.0
+    payload: float = 0.0
+    length: float = float("nan")
+    height: float = float("nan")
+    speed: float = float("nan")
+    end_speed: float = 0.0
+    acceleration: float = float("nan")
+    deceleration: float = float("nan")
+    grade: float = 0.0
+    duration: float = float("nan")
+
+    @property
+    def measured(self) -> float:
+        """The observed figure: Wh, or s for a coast-down."""
+        return self.duration if self.kind == "coast_down" else self.energy
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the observed figure, in its unit."""
+        if not np.isnan(self.sigma):
+            return self.sigma
+        least = 0.0 if self.kind == "coast_down" else LEAST_SIGMA
+        return max(abs(DEFAULT_SIGMA * self.measured), least)
+
+    def motion(self, truck: Truck) -> Motion:
+        """One repeat, as it was driven."""
+        if self.kind == "vdi2198":
+            return vdi2198(truck, load=self.payload, speed=VDI_SPEED if np.isnan(self.speed) else self.speed)
+        return legs(_PIECES[self.kind](self, truck), self.payload, self.grade)
+
+    def drive(self, truck: Truck) -> list[Piece]:
+        """From rest to rest."""
+        up = truck.drive.max_acceleration if np.isnan(self.acceleration) else self.acceleration
+        down = truck.drive.max_deceleration if np.isnan(self.deceleration) else self.deceleration
+        return run(self.length, self.speed, up, down)
+
+
+def _steady(r: Run, truck: Truck) -> list[Piece]:
+    return [Piece(r.length / r.speed, r.speed)]
+
+
+_PIECES: dict[str, Callable[[Run, Truck], list[Piece]]] = {
+    "idle": lambda r, t: [Piece(r.duration)],
+    "lift": lambda r, t: [Piece(r.height / t.lift.raise_speed, lift_speed=t.lift.raise_speed)],
+    "lower": lambda r, t: [Piece(r.height / t.lift.lower_speed, lift_speed=-t.lift.lower_speed)],
+    "drive": lambda r, t: r.drive(t),
+    "stop_and_go": lambda r, t: r.drive(t),
+    "steady": _steady,
+    "ramp": _steady,
+}
+NEEDS: dict[str, tuple[str, ...]] = {
+    "idle": ("energy", "duration"),
+    "lift": ("energy", "height"),
+    "lower": ("energy", "height"),
+    "drive": ("energy", "length", "speed"),
+    "stop_and_go": ("energy", "length", "speed"),
+    "steady": ("energy", "length", "speed"),
+    "ramp": ("energy", "length", "speed"),
+    "coast_down": ("speed", "duration"),
+    "vdi2198": ("energy",),
+}
+KINDS = tuple(NEEDS)
+
+
+def coast_time(r: Run, physics: Physics) -> float:
+    """Seconds in which a truck out of gear slows from ``speed`` to ``end_speed``: integral of m_eff dv / F(v).
+
+    Midpoint rule over 64 steps of speed; exact for a resistance that does not depend on speed.
+    """
+    steps = 64
+    v = r.end_speed + (np.arange(steps) + 0.5) * (r.speed - r.end_speed) / steps
+    motion = Motion.of(steps, speed=v, slope=np.arctan(r.grade), payload=r.payload)
+    resisting = sum(term_forces(motion, physics).values(), np.zeros(steps))
+    pushed = motion.replaced(acceleration=np.ones(steps))
+    mass = sum(term_forces(pushed, physics).values(), np.zeros(steps)) - resisting
+    # Downhill a truck may not slow at all; a very long time stands for that.
+    return float(np.sum(mass / np.maximum(resisting, 1e-6 * mass)) * (r.speed - r.end_speed) / steps)
+
+
+def read_runs(path: Path) -> list[Run]:
+    """The runs of a CSV table whose header names the fields of :class:`Run`."""
+    known = {f.name for f in fields(Run)}
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.DictReader(line for line in stream if not line.startswith("#"))
+            for column in reader.fieldnames or ():
+                if column.strip() not in known:
+                    raise InputError("unknown column", where=path, place=column, do=nearest(column, known))
+            rows = [_run(row, path, i) for i, row in enumerate(reader, start=1)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"not readable as a table: {error}", where=path) from None
+    if not rows:
+        raise InputError("has no run", where=path, do="write one run a row; docs/energy.md shows how")
+    return rows
+
+
+def _run(row: dict[str, str | None], path: Path, number: int) -> Run:
+    place = f"row {number}"
+    given = {k.strip(): (v or "").strip() for k, v in row.items() if k is not None}
+    kind = given.pop("kind", "")
+    if kind not in KINDS:
+        raise InputError(f"unknown kind of run {kind!r}", where=path, place=place, do=nearest(kind, KINDS))
+    name = given.pop("run", "") or f"{kind} {number}"
+    numbers: dict[str, float] = {}
+    for column, text in given.items():
+        if not text:
+            continue
+        try:
+            numbers[column] = float(text)
+        except ValueError:
+            raise InputError(f"{text!r} is not a number", where=path, place=f"{place}, {column}") from None
+    for column in NEEDS[kind]:
+        if column not in numbers:
+            raise InputError(f"a run of kind {kind} needs {column!r}", where=path, place=place)
+    return Run(name, kind, **numbers)
