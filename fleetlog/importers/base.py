@@ -27,11 +27,15 @@ LOCAL = ("x", "y")
 
 
 class Reject(NamedTuple):
-    """A row that could not be used: its line or record number (from 1), why, and its text (or a picture of its values)."""
+    """A row that could not be used: its line or record number (from 1), why, and its text (or a picture of its values).
+
+    Where ``whole`` is False only one value was refused; the row stays, with that value unknown.
+    """
 
     record: int
     reason: str
     text: str
+    whole: bool = True
 
 
 @dataclass(frozen=True)

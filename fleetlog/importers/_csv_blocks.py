@@ -1,0 +1,80 @@
+"""A text log as blocks of whole lines in UTF-8, with the number of each line."""
+
+from __future__ import annotations
+
+import codecs
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fleetlog.core.trajectory import Ints
+from fleetlog.importers._open import open_bytes
+from fleetlog.importers.base import ReadReport
+
+SIZE = 8 << 20
+"""Bytes in a block."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Whole lines; ``first`` is the number of the first one, from 1; ``cut`` says that the last lacks its line end."""
+
+    text: bytes
+    first: int
+    progress: float
+    cut: bool = False
+
+    def lines(self) -> Ints:
+        """Numbers of the lines that are not blank."""
+        raw = np.frombuffer(self.text, np.uint8)
+        ends = np.flatnonzero(raw == 10)
+        if len(raw) and raw[-1] != 10:
+            ends = np.append(ends, len(raw))
+        starts = np.concatenate([[0], ends[:-1] + 1]) if len(ends) else ends
+        length = ends - starts
+        carriage = (length == 1) & (raw[np.minimum(starts, len(raw) - 1)] == 13) if len(ends) else length > 0
+        return np.asarray(self.first + np.flatnonzero((length > 0) & ~carriage), dtype=np.int64)
+
+    def texts(self, numbers: list[int]) -> list[str]:
+        """The text of some lines, by their numbers."""
+        if not numbers:
+            return []
+        lines = self.text.decode("utf-8", "replace").split("\n")
+        return [lines[n - self.first].rstrip("\r") for n in numbers]
+
+
+def guess_encoding(head: bytes) -> str:
+    """``utf-8-sig``, ``utf-16`` or ``utf-8`` where the bytes say so, else ``cp1252``, which every byte fits."""
+    if head.startswith(codecs.BOM_UTF8):
+        return "utf-8-sig"
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    if len(head) > 3 and head[1::2].count(0) > 0.4 * len(head[1::2]):
+        return "utf-16-le"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
+
+
+def blocks(path: Path, encoding: str, report: ReadReport, size: int = SIZE) -> Iterator[Block]:
+    """The file, block by block; carriage returns alone count as line ends where the file has no others."""
+    stream, raw = open_bytes(path, report)
+    decoder = None if encoding == "utf-8" else codecs.getincrementaldecoder(encoding)(errors="replace")
+    rest, first, carriage = b"", 1, False
+    with stream:
+        while data := stream.read(size):
+            text = rest + (decoder.decode(data).encode() if decoder else data)
+            carriage = carriage or (first == 1 and b"\n" not in text and b"\r" in text)
+            if carriage:
+                text = text.replace(b"\r", b"\n")
+            end = text.rfind(b"\n") + 1
+            if end:
+                yield Block(text[:end], first, raw.share)
+                first += text.count(b"\n", 0, end)
+            rest = text[end:]
+        if rest:
+            yield Block(rest, first, 1.0, cut=True)

@@ -1,0 +1,132 @@
+"""The time column of a delimited log: which way it is written is decided on the first rows and kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.trajectory import Ints, Labels
+from fleetlog.errors import FormatError, InputError
+from fleetlog.importers._csv_layout import Layout
+from fleetlog.importers._names import EPOCH_UNITS
+from fleetlog.importers._profile import Profile
+from fleetlog.importers._times import NONE, LocalClock, epoch_unit, from_counts, from_format, from_iso
+from fleetlog.importers.base import ReadReport
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Mask = NDArray[np.bool_]
+
+
+class Clock:
+    """Times of one file, block by block."""
+
+    def __init__(self, layout: Layout, path: Path, profile: Profile, report: ReadReport) -> None:
+        self.layout, self.path, self.profile, self.report = layout, path, profile, report
+        self.style = profile.time_format or layout.epoch or ""
+        self.origin = self._origin()
+        self.local = LocalClock(profile.zone) if profile.zone else None
+        self.missing: Mask = np.zeros(0, bool)
+        self.skipped: Mask = np.zeros(0, bool)
+
+    def _origin(self) -> int:
+        text = self.profile.time_origin
+        if text is None:
+            return 0
+        import pyarrow as pa
+
+        time, bare = from_iso(pa.array([text]))
+        if time[0] == NONE or bare[0]:
+            do = 'write it as "2026-03-02T05:00:00Z"'
+            raise InputError(f"{text!r} is no instant", where=self.profile.path, place="time.origin", do=do)
+        return int(time[0])
+
+    def times(self, table: pa.Table, vehicle: Labels) -> Ints:
+        """(N,) microseconds UTC; ``NONE`` where a cell cannot be read."""
+        cells = self._cells(table)
+        self.missing = np.asarray(cells.is_null(), dtype=bool)
+        self.skipped = np.zeros(len(cells), bool)
+        if not self.style:
+            self.style = self._decide(cells)
+        if self.style in EPOCH_UNITS:
+            return self._counted(cells)
+        time, bare = from_iso(cells) if self.style == "iso" else from_format(cells, self.style)
+        return self._to_utc(time, bare & (time != NONE), vehicle)
+
+    def _cells(self, table: pa.Table) -> pa.Array:
+        import pyarrow.compute as pc
+
+        parts = [table.column(n).combine_chunks() for n in self.layout.time]
+        return pc.binary_join_element_wise(*parts, " ") if len(parts) > 1 else parts[0]
+
+    def _decide(self, cells: pa.Array) -> str:
+        """ISO 8601 or a count from 1970, from the first cells; an error that says what to write where it is neither."""
+        known = cells.drop_null()
+        sample = known.slice(0, 1000)
+        if not len(sample):
+            return "iso"
+        figures = _figures(sample)
+        if np.isfinite(figures).mean() > 0.5:
+            return self._decide_count(figures, str(sample[0]))
+        time, _ = from_iso(sample)
+        if (time != NONE).mean() > 0.5:
+            return "iso"
+        do = "state its format in a profile: [time] format = '%d.%m.%Y %H:%M:%S'"
+        raise FormatError(f"times as {str(sample[0])!r} can be read in several ways", where=self.path, do=do)
+
+    def _decide_count(self, figures: NDArray[np.float64], first: str) -> str:
+        unit = epoch_unit(figures)
+        name = self.layout.time[0]
+        if unit is None or self.profile.time_origin:
+            do = 'state both in a profile: [time] format = "s", origin = "2026-03-02T05:00:00Z"'
+            raise FormatError(
+                f"the time {first} counts in an unknown unit from an unknown start", where=self.path, do=do
+            )
+        self.report.recognised[name] = (
+            f"timestamp, counted in {unit} from 1970 (no other unit gives a date near ours)"
+        )
+        return unit
+
+    def _counted(self, cells: pa.Array) -> Ints:
+        import pyarrow as pa
+
+        try:
+            whole = cells.cast(pa.int64())
+        except pa.ArrowInvalid:
+            return from_counts(_figures(cells), self.style, self.origin)
+        time = from_counts(np.asarray(whole.fill_null(0), dtype=np.int64), self.style, self.origin)
+        return np.where(self.missing, NONE, time)
+
+    def _to_utc(self, time: Ints, bare: Mask, vehicle: Labels) -> Ints:
+        if not bare.any():
+            return time
+        if self.local is None:
+            self.report.note(
+                "the times state no zone: taken as UTC (a profile says otherwise: [time] zone = ...)"
+            )
+            return time
+        names = np.array([*vehicle.names, ""], dtype=object)[vehicle.codes]
+        out = time.copy()
+        out[bare] = self.local.to_utc(time[bare], names[bare])
+        self.skipped = (time != NONE) & (out == NONE)
+        return out
+
+    def close(self) -> None:
+        """Say how the clock changes were handled."""
+        if self.local is None:
+            return
+        self.report.note(f"times are local of {self.local.zone.key}")
+        if self.local.twice:
+            self.report.note(
+                f"{self.local.twice} rows lie in an hour that comes twice (clocks went back); told apart by their order"
+            )
+
+
+def _figures(cells: pa.Array) -> NDArray[np.float64]:
+    from fleetlog.importers._csv_cells import numbers
+
+    return numbers(cells)[0]

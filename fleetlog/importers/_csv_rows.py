@@ -1,0 +1,274 @@
+"""Blocks of a delimited log to batches: typed columns, times, units, and the rows that do not fit."""
+
+from __future__ import annotations
+
+import csv as csv_text
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.trajectory import Ints, Labels, Values
+from fleetlog.errors import InputError
+from fleetlog.importers._csv_blocks import Block
+from fleetlog.importers._csv_cells import degrees, numbers
+from fleetlog.importers._csv_clock import Clock
+from fleetlog.importers._csv_layout import Layout
+from fleetlog.importers._open import plain_stem
+from fleetlog.importers._profile import Profile, Source
+from fleetlog.importers._times import MISSING, NONE, SKIPPED, UNREADABLE
+from fleetlog.importers.base import RawBatch, ReadReport, Reject
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Floats = NDArray[np.float64]
+NULLS = ["", "NA", "N/A", "NaN", "nan", "null", "NULL", "None", "-", "#N/A"]
+_MUST = ("latitude", "longitude", "x", "y")
+"""A row whose position is not a number is refused; of other columns only the value is."""
+
+
+class RowReader:
+    """Reads the blocks of one file in order."""
+
+    def __init__(self, layout: Layout, path: Path, profile: Profile, report: ReadReport) -> None:
+        self.layout, self.path, self.profile, self.report = layout, path, profile, report
+        self.clock = Clock(layout, path, profile, report)
+        self.vehicle = self._constant_vehicle()
+        self._types: dict[str, Any] = {}
+        self._percent = False
+        self._angles: set[str] = set()
+
+    def _constant_vehicle(self) -> str:
+        """The id of every row where no column has it."""
+        stem = plain_stem(self.path)
+        if self.layout.vehicle:
+            return ""
+        if self.profile.vehicle:
+            return self.profile.vehicle.format(stem=stem, folder=self.path.absolute().parent.name)
+        self.report.note(f"no column of vehicle ids: every row is of vehicle {stem!r}, after the file's name")
+        return stem
+
+    def batch(self, block: Block) -> RawBatch:
+        """The rows of a block."""
+        if not self._types:
+            self._decide(block)
+        table, lines, rejects = self._table(block)
+        bad: dict[str, NDArray[np.bool_]] = {}
+        columns = self._columns(table, bad)
+        vehicle = self._vehicles(table)
+        time = self.clock.times(table, vehicle)
+        reason = self._reasons(table, time, vehicle, bad)
+        for name, mask in bad.items():
+            if name not in _MUST:
+                self._refuse_values(name, mask & (reason == ""), lines, block, rejects)
+        keep = reason == ""
+        if not keep.all():
+            gone = lines[~keep].tolist()
+            rejects += map(Reject, gone, reason[~keep].tolist(), block.texts(gone))
+        kept: dict[str, Values] = {n: v[keep] for n, v in columns.items()} if not keep.all() else columns
+        vehicle = vehicle if keep.all() else vehicle[keep]
+        return RawBatch(vehicle, time[keep], kept, lines[keep], sorted(rejects), block.progress)
+
+    def close(self) -> None:
+        """Say what only the whole file tells."""
+        self.clock.close()
+
+    # ----------------------------------------------------------------------- text to table
+
+    def _decide(self, block: Block) -> None:
+        """Types of the columns, from the first block."""
+        import pyarrow as pa
+
+        layout = self.layout
+        inferred = self._arrow(block.text, None, [])[0].schema
+        text = {*layout.time, *layout.labels.values(), *([layout.vehicle] if layout.vehicle else [])}
+        for name in layout.names:
+            kind = inferred.field(name).type
+            figures = pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_null(kind)
+            self._types[name] = pa.float64() if name not in text and figures else pa.string()
+        for target, source in layout.values.items():
+            if target in ("latitude", "longitude") and self._types[source.column] == pa.string():
+                self._angles.add(source.column)
+            else:
+                self._types[source.column] = pa.float64()
+
+    def _table(self, block: Block) -> tuple[pa.Table, Ints, list[Reject]]:
+        """The table of a block, the line of every row in it, and the lines that do not have as many fields as the header."""
+        import pyarrow as pa
+
+        text = self._as_utf8(block)
+        ragged: list[Any] = []
+        try:
+            table, ragged = self._arrow(text, self._types, ragged)
+        except pa.ArrowInvalid:
+            table, ragged = self._arrow(text, dict.fromkeys(self._types, pa.string()), [])
+        lines = block.lines()
+        if len(lines) != table.num_rows + len(ragged):
+            lines = self._lines_of_records(block)[: table.num_rows + len(ragged)]
+        keep = np.ones(len(lines), bool)
+        rejects = []
+        for row in ragged:
+            at = row.number - 1
+            keep[at] = False
+            last = block.cut and at == len(lines) - 1 and row.actual_columns < row.expected_columns
+            if last:
+                self.report.damaged(
+                    f"the last line ({lines[at]}) is cut off; {at} lines before it in its block are whole"
+                )
+            reason = "the line is cut off" if last else "the line has more fields than the header" if (
+                row.actual_columns > row.expected_columns
+            ) else "the line has fewer fields than the header"  # fmt: skip
+            rejects.append(Reject(int(lines[at]), reason, row.text))
+        return table, lines[keep], rejects
+
+    def _as_utf8(self, block: Block) -> bytes:
+        try:
+            block.text.decode("utf-8")
+        except UnicodeDecodeError as error:
+            line = block.first + block.text.count(b"\n", 0, error.start)
+            self.report.note(f"line {line} is not UTF-8; its block is read as cp1252")
+            return block.text.decode("cp1252", "replace").encode()
+        return block.text
+
+    def _arrow(
+        self, text: bytes, types: dict[str, Any] | None, ragged: list[Any]
+    ) -> tuple[pa.Table, list[Any]]:
+        import pyarrow.csv as pv
+
+        def skip(row: Any) -> str:
+            ragged.append(row)
+            return "skip"
+
+        parse = pv.ParseOptions(delimiter=self.layout.delimiter, invalid_row_handler=skip)
+        missing = [str(s) for s in self.profile.sentinels if isinstance(s, str)]
+        missing += [s for v in self.layout.values.values() for s in v.sentinels if isinstance(s, str)]
+        convert = pv.ConvertOptions(
+            column_types=types, null_values=NULLS + missing, strings_can_be_null=True, decimal_point=self.profile.decimal,
+            timestamp_parsers=["-"], check_utf8=False,
+        )  # fmt: skip
+        options = pv.ReadOptions(
+            use_threads=False, column_names=self.layout.names, block_size=len(text) + 1024, skip_rows=0
+        )
+        source = io.BytesIO(text)
+        return pv.read_csv(source, read_options=options, parse_options=parse, convert_options=convert), ragged
+
+    def _lines_of_records(self, block: Block) -> Ints:
+        """First lines of the records, where a quoted cell spans several."""
+        reader = csv_text.reader(
+            io.StringIO(block.text.decode("utf-8", "replace")), delimiter=self.layout.delimiter
+        )
+        out, before = [], 0
+        for row in reader:
+            if row:
+                out.append(block.first + before)
+            before = reader.line_num
+        return np.array(out, dtype=np.int64)
+
+    # ----------------------------------------------------------------------- table to columns
+
+    def _columns(self, table: pa.Table, bad: dict[str, NDArray[np.bool_]]) -> dict[str, Values]:
+        import pyarrow as pa
+
+        columns: dict[str, Values] = {}
+        for target, source in self.layout.values.items():
+            columns[target] = self._si(target, source, self._figures(table, source.column, target, bad))
+        for target, name in self.layout.labels.items():
+            if target == "trip_id":
+                trip = self._figures(table, name, target, bad)
+                columns[target] = np.where(np.isfinite(trip), trip, -1).astype(np.int64)
+            else:
+                columns[target] = _labels(table.column(name))
+        for name in self.layout.own:
+            figures = self._types[name] == pa.float64()
+            columns[name] = self._figures(table, name, name, bad) if figures else _labels(table.column(name))
+        return columns
+
+    def _figures(self, table: pa.Table, name: str, target: str, bad: dict[str, NDArray[np.bool_]]) -> Floats:
+        import pyarrow as pa
+
+        chunk = table.column(name)
+        if pa.types.is_floating(chunk.type):
+            values = np.array(chunk.fill_null(np.nan) if chunk.null_count else chunk, dtype=np.float64)
+        else:
+            read = degrees if name in self._angles else numbers
+            values, wrong = read(chunk.combine_chunks(), self.profile.decimal)
+            if wrong.any():
+                bad[target] = wrong
+        endless = np.isinf(values)
+        if endless.any():
+            bad[target] = bad.get(target, False) | endless
+            values = np.where(endless, np.nan, values)
+        for sentinel in self.profile.sentinels:
+            if not isinstance(sentinel, str):
+                values = np.where(values == float(sentinel), np.nan, values)
+        return values
+
+    def _si(self, target: str, source: Source, values: Floats) -> Floats:
+        for sentinel in source.sentinels:
+            if not isinstance(sentinel, str):
+                values = np.where(values == float(sentinel), np.nan, values)
+        if target == "soc" and source.unit is None:
+            values = self._share(source.column, values)
+        if source.unit is not None:
+            values = source.unit.to_si(values)
+        return values if source.scale == 1.0 else values * source.scale
+
+    def _share(self, name: str, values: Floats) -> Floats:
+        """A state of charge without a unit is in per cent where it is above 1; said aloud."""
+        if not self._percent and len(values) and np.nanmax(values, initial=0.0) > 1.5:
+            self._percent = True
+            self.report.recognised[name] = f"soc, from % (it reaches {np.nanmax(values):g})"
+        return values / 100.0 if self._percent else values
+
+    def _vehicles(self, table: pa.Table) -> Labels:
+        if self.layout.vehicle is None:
+            return Labels(np.zeros(table.num_rows, np.int32), (self.vehicle,))
+        return _labels(table.column(self.layout.vehicle))
+
+    # ----------------------------------------------------------------------- what is refused
+
+    def _reasons(
+        self, table: pa.Table, time: Ints, vehicle: Labels, bad: dict[str, NDArray[np.bool_]]
+    ) -> NDArray[np.str_]:
+        """Why each row is refused; empty where it is not."""
+        reason = np.full(len(time), "", dtype="<U64")
+        reason[vehicle.codes < 0] = "the vehicle id is missing"
+        reason[time == NONE] = UNREADABLE
+        reason[(time == NONE) & self.clock.missing] = MISSING
+        reason[(time == NONE) & self.clock.skipped] = SKIPPED
+        for name in _MUST:
+            if name in bad:
+                reason[bad[name]] = f"{name} is not a number"
+        again = np.ones(len(time), bool)
+        for name in self.layout.names:
+            chunk = table.column(name)
+            if str(chunk.type) != "string":
+                return reason
+            again &= np.asarray(chunk.combine_chunks().to_pandas() == name, dtype=bool)
+            if not again.any():
+                return reason
+        reason[again] = "the header line again"
+        return reason
+
+    def _refuse_values(
+        self, name: str, mask: NDArray[np.bool_], lines: Ints, block: Block, rejects: list[Reject]
+    ) -> None:
+        gone = lines[mask].tolist()
+        reason = f"{name} is not a number"
+        rejects += [Reject(n, reason, text, False) for n, text in zip(gone, block.texts(gone), strict=True)]
+
+
+def _labels(chunk: pa.ChunkedArray) -> Labels:
+    array = chunk.combine_chunks().dictionary_encode()
+    codes = np.asarray(array.indices.fill_null(-1), dtype=np.int32)
+    return Labels(codes, tuple(str(n) for n in array.dictionary.to_pylist()))
+
+
+def no_position(path: Path) -> InputError:
+    """The error of a log without positions."""
+    return InputError(
+        "no position in the log", where=path, do="map latitude and longitude, or x and y, in a profile"
+    )

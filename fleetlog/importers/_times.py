@@ -1,0 +1,146 @@
+"""Times of logs as microseconds since 1970 UTC: ISO 8601, counts, other spellings, local time with daylight saving."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.trajectory import Ints
+from fleetlog.importers._names import EPOCH_UNITS
+
+if TYPE_CHECKING:
+    from zoneinfo import ZoneInfo
+
+    import pyarrow as pa
+
+NONE = np.iinfo(np.int64).min
+"""A time that could not be read."""
+MISSING = "the time is missing"
+UNREADABLE = "the time cannot be read"
+SKIPPED = "a local time that does not exist (the clocks went forward over it)"
+_EARLIEST, _LATEST = 157_766_400_000_000, 4_102_444_800_000_000  # 1975 and 2100 [us]
+
+Strings = NDArray[np.object_]
+
+
+@dataclass
+class LocalClock:
+    """Local times of one file to UTC; an hour that comes twice is told apart by the order of the rows.
+
+    ``last`` is the latest UTC time seen of each vehicle, so that the second pass over an ambiguous hour is noticed.
+    """
+
+    zone: ZoneInfo
+    last: dict[str, int] = field(default_factory=dict)
+    twice: int = 0
+    skipped: int = 0
+
+    def to_utc(self, local: Ints, vehicle: Strings) -> Ints:
+        """UTC of local times; ``NONE`` where the clocks never showed such a time."""
+        import pandas as pd
+
+        known = local != NONE
+        stamps = pd.DatetimeIndex(np.where(known, local, 0).astype("datetime64[us]"))
+        zone: Any = self.zone
+        first = _epoch(stamps.tz_localize(zone, ambiguous=np.ones(len(local), bool), nonexistent="NaT"))
+        second = _epoch(stamps.tz_localize(zone, ambiguous=np.zeros(len(local), bool), nonexistent="NaT"))
+        self.skipped += int((known & (first == NONE)).sum())
+        out = np.where(known, first, NONE)
+        for row in np.flatnonzero(known & (first != second)).tolist():
+            before = self._before(row, out, vehicle)
+            if out[row] < before:
+                out[row] = second[row]
+            self.last[vehicle[row]] = int(out[row])
+            self.twice += 1
+        self._remember(out, vehicle)
+        return out
+
+    def _before(self, row: int, out: Ints, vehicle: Strings) -> int:
+        """Latest time of the same vehicle before ``row``."""
+        earlier = np.flatnonzero(vehicle[max(0, row - 1000) : row] == vehicle[row])
+        if len(earlier):
+            return int(out[max(0, row - 1000) + earlier[-1]])
+        return self.last.get(vehicle[row], NONE)
+
+    def _remember(self, out: Ints, vehicle: Strings) -> None:
+        names, reverse = np.unique(vehicle[::-1].astype(str), return_index=True)
+        for name, at in zip(names.tolist(), reverse.tolist(), strict=True):
+            self.last[name] = int(out[len(out) - 1 - at])
+
+
+def _epoch(stamps: Any) -> Ints:
+    """Microseconds of a pandas index of times with a zone; ``NONE`` for NaT."""
+    return np.asarray(
+        stamps.tz_convert("UTC").tz_localize(None).to_numpy().astype("datetime64[us]").astype(np.int64)
+    )
+
+
+def epoch_unit(values: NDArray[np.float64]) -> str | None:
+    """The unit in which plausible dates (1975 to 2100) would be counted like ``values``; None where none fits."""
+    good = values[np.isfinite(values)]
+    if not len(good):
+        return None
+    middle = float(np.median(good))
+    fits = [
+        u
+        for u, us in EPOCH_UNITS.items()
+        if _EARLIEST <= (middle * us if us > 0 else middle / -us) <= _LATEST
+    ]
+    return fits[0] if len(fits) == 1 else None
+
+
+def from_counts(values: NDArray[np.float64] | Ints, unit: str, origin: int = 0) -> Ints:
+    """Times counted in ``unit`` from ``origin`` [us]; ``NONE`` where not finite."""
+    us = EPOCH_UNITS[unit]
+    if values.dtype.kind == "i":
+        whole = values.astype(np.int64)
+        return np.asarray(origin + (whole * us if us > 0 else whole // -us), dtype=np.int64)
+    good = np.isfinite(values) & (np.abs(values) < 9e18)
+    exact = np.where(good, values, 0.0)
+    scaled = exact * us if us > 0 else exact / -us
+    return np.where(good & (np.abs(scaled) < 9e18), origin + np.rint(scaled).astype(np.int64), NONE)
+
+
+def from_iso(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
+    """Times of ISO 8601 cells, and which of them state no zone; ``NONE`` where a cell is null or not ISO 8601."""
+    import pyarrow as pa
+
+    for kind, bare in ((pa.timestamp("ns", "UTC"), False), (pa.timestamp("ns"), True)):
+        try:
+            time = cells.cast(kind)
+        except pa.ArrowInvalid:
+            continue
+        # Times before 1970 round down like the others.
+        micro = np.asarray(time.cast(pa.int64()).fill_null(0).to_numpy()) // 1000
+        null = np.asarray(cells.is_null())
+        return np.where(null, NONE, micro), np.full(len(cells), bare)
+    return _iso_one_by_one(cells)
+
+
+def _iso_one_by_one(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
+    import pandas as pd
+
+    text = pd.Series(cells.to_pandas(), dtype=object).str.strip()
+    zoned = np.asarray(
+        text.str.contains(r"(?:[zZ]|[+-]\d\d:?\d\d|[+-]\d\d)$", na=False) & text.str.contains(":", na=False)
+    )
+    # The date itself ends in -DD; a zone only counts after a time of day.
+    stamps = pd.to_datetime(text, format="ISO8601", errors="coerce", utc=True)
+    micro = stamps.dt.tz_localize(None).to_numpy().astype("datetime64[us]").astype(np.int64)
+    return np.asarray(micro), ~zoned
+
+
+def from_format(cells: pa.Array, style: str) -> tuple[Ints, NDArray[np.bool_]]:
+    """Times of cells in a ``strptime`` format, and which state no zone; ``NONE`` where a cell does not fit it."""
+    import pandas as pd
+
+    zoned = "%z" in style or "%Z" in style
+    stamps = pd.to_datetime(
+        pd.Series(cells.to_pandas(), dtype=object), format=style, errors="coerce", utc=zoned
+    )
+    naive = stamps.dt.tz_localize(None) if zoned else stamps
+    micro = naive.to_numpy().astype("datetime64[us]").astype(np.int64)
+    return np.asarray(micro), np.full(len(cells), not zoned)

@@ -1,0 +1,118 @@
+"""Delimited text: CSV, TSV and their relatives, plain or packed (.gz, .zst), in any encoding, in bounded memory.
+
+The file is read in blocks of whole lines.  A block goes through the fast reader of Arrow with the columns typed; a block with a
+cell that does not fit its type is read again as text and every cell judged by itself.
+"""
+
+from __future__ import annotations
+
+import csv as csv_text
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+from fleetlog.errors import FormatError
+from fleetlog.importers._csv_blocks import Block, blocks, guess_encoding
+from fleetlog.importers._csv_layout import DELIMITERS, Layout, find_delimiter, lay_out
+from fleetlog.importers._csv_rows import RowReader
+from fleetlog.importers._open import head_of
+from fleetlog.importers._profile import Profile
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
+
+_OTHERS = ("{", "[", "<", "$", "!", "%PDF", "\\")
+
+
+def sniff(path: Path, head: bytes) -> bool:
+    """Text whose first lines have a separator."""
+    text = _text(head, guess_encoding(head))
+    if not text.strip() or "\x00" in text or text.lstrip().startswith(_OTHERS):
+        return False
+    if sum(c < " " and c not in "\t\r\n" for c in text[:4096]) > 0.01 * min(len(text), 4096):
+        return False
+    lines = _sample(text, 0, "#")
+    return bool(lines) and len(next(csv_text.reader(lines[:1], delimiter=find_delimiter(lines)))) > 1
+
+
+def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
+    """Rows of a delimited file; the number of a row is that of its line."""
+    profile, report = options.profile or Profile(), options.report
+    report.format = "csv"
+    encoding = _encoding(path, profile, report)
+    rows: RowReader | None = None
+    for block in blocks(path, encoding, report):
+        if rows is None:
+            layout, block = _begin(block, path, profile, report)
+            rows = RowReader(layout, path, profile, report)
+        if block.text:
+            yield rows.batch(block)
+    if rows is None:
+        raise FormatError("the file is empty", where=path, do="give a log with rows")
+    rows.close()
+
+
+def _encoding(path: Path, profile: Profile, report: ReadReport) -> str:
+    if profile.encoding:
+        return "utf-8" if profile.encoding.lower() in ("utf-8", "utf8") else profile.encoding
+    encoding = guess_encoding(head_of(path))
+    if encoding not in ("utf-8", "utf-8-sig"):
+        report.note(f"the text is not UTF-8; read as {encoding}")
+    return encoding
+
+
+def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tuple[Layout, Block]:
+    """The layout that the first lines give, and the block without them."""
+    lines = block.text.decode("utf-8", "replace").splitlines()
+    comment = profile.comment or "#"
+    skip, declared = profile.skip_lines, None
+    while skip < len(lines) and (not lines[skip].strip() or lines[skip].startswith((comment, "sep="))):
+        declared = lines[skip][4:5] if lines[skip].startswith("sep=") else declared
+        skip += 1
+    if skip >= len(lines):
+        raise FormatError("the file has no rows", where=path, do="give a log with rows")
+    delimiter = profile.delimiter or declared or find_delimiter(lines[skip : skip + 20])
+    names, skip = list(profile.names), skip
+    if not names:
+        names = next(csv_text.reader([lines[skip]], delimiter=delimiter))
+        _check_header(names, path, skip + 1)
+        skip += 1
+    layout = lay_out(names, delimiter, skip, profile, report)
+    text = block.text
+    for _ in range(skip):
+        text = text[text.find(b"\n") + 1 :] if b"\n" in text else b""
+    return layout, Block(text, block.first + skip, block.progress, block.cut)
+
+
+def _check_header(names: list[str], path: Path, line: int) -> None:
+    def number(cell: str) -> bool:
+        try:
+            float(cell)
+        except ValueError:
+            return False
+        return True
+
+    if len(names) < 2:
+        raise FormatError(
+            f"one column only ({names[0][:60]!r})",
+            where=path,
+            place=f"line {line}",
+            do="state the delimiter in a profile",
+        )
+    if sum(map(number, names)) > len(names) // 3:
+        do = 'name the columns in a profile: names = ["vehicle_id", ...]'
+        raise FormatError(
+            "no header line, the first line holds figures", where=path, place=f"line {line}", do=do
+        )
+
+
+def _text(head: bytes, encoding: str) -> str:
+    return io.TextIOWrapper(io.BytesIO(head), encoding=encoding, errors="replace", newline="").read()
+
+
+def _sample(text: str, skip: int, comment: str) -> list[str]:
+    lines = [
+        line for line in text.splitlines()[skip:60] if line.strip() and not line.startswith((comment, "sep="))
+    ]
+    return [line for line in lines if any(d in line for d in DELIMITERS)][:20] if lines else []
+
+
+IMPORTER = Importer("csv", (".csv", ".tsv", ".txt", ".tab"), sniff, read, rank=9)
