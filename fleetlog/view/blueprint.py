@@ -10,9 +10,9 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from fleetlog.view.extent import Extent
 from fleetlog.view.stream import TIMELINE, Stream
 
-Extent = tuple[float, float, float, float]
 CURVE_NAMES = {"speed": "Speed [m/s]", "power": "Battery power [kW]", "soc": "State of charge [%]"}
 
 
@@ -27,8 +27,8 @@ class Screen:
     on_earth: bool = False
     summary: str = "/summary"
     trail_seconds: float = 40.0
+    start: int | None = None
     duration: float = 0.0
-    hidden_in_plan: list[str] = field(default_factory=list)
 
 
 def window(before: float, after: float) -> rrb.TimeAxis:

@@ -40,6 +40,8 @@ class Lane:
     colour: Colour
     prefix: str = ""
     label: str = ""
+    origin: int | None = None
+    """Start of the recording [us]; a vehicle that comes later is not shown before."""
     last: int | None = None
 
     def path(self, signal: str, *more: str) -> str:
@@ -130,8 +132,8 @@ def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels:
     begins = np.array([t.time[s.start] for s in cuts])
     ends = np.array([t.time[s.stop - 1] + limit for s in cuts])
     time, shown = np.concatenate([begins, ends]), np.repeat([1, 0], len(cuts))
-    if lane.last is None:
-        time, shown = np.append(time, begins[0] - 86_400_000_000), np.append(shown, 0)
+    if lane.last is None and lane.origin is not None and lane.origin < begins[0]:
+        time, shown = np.append(time, lane.origin), np.append(shown, 0)
     order = np.argsort(time, kind="stable")
     time, shown = time[order], shown[order]
     point = np.tile(np.array([[0.0, 0.0, 1.0]]), (int(shown.sum()), 1))

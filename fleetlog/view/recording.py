@@ -12,6 +12,7 @@ import rerun as rr
 from fleetlog.core.site import Site
 from fleetlog.store import Dataset
 from fleetlog.store.atomic import atomic_output
+from fleetlog.view.extent import dataset_extent
 from fleetlog.view import blueprint, fleet, palette, thin
 from fleetlog.view.scene import log_site
 from fleetlog.view.stream import Stream, open_stream
@@ -51,8 +52,8 @@ def write_recording(
     site = dataset.site
     with atomic_output(out_rrd, overwrite=True, folder=False) as scratch:
         start, end = (microseconds(dataset.meta.get(k)) for k in ("start", "end"))
-        screen = blueprint.Screen(extent=extent_of(site, dataset), on_earth=site.frame is not None)
-        screen.duration = 0.0 if start is None or end is None else (end - start) * 1e-6
+        screen = blueprint.Screen(extent=dataset_extent(dataset), on_earth=site.frame is not None)
+        screen.start, screen.duration = start, 0.0 if start is None or end is None else (end - start) * 1e-6
         with open_stream(scratch, f"{site.name} ({dataset.kind})", start) as stream:
             log_site(stream, site)
             log_summary(stream, dataset, summary)
@@ -66,7 +67,7 @@ def log_fleet(stream: Stream, dataset: Dataset, site: Site, screen: blueprint.Sc
     """Every vehicle, day by day, so that memory does not grow with the dataset."""
     labels = len(dataset.vehicles) <= MANY_LABELS
     for number, vehicle in enumerate(dataset.vehicles):
-        lane = fleet.Lane(vehicle, palette.vehicle_colour(number))
+        lane = fleet.Lane(vehicle, palette.vehicle_colour(number), origin=screen.start)
         signals: set[str] = set()
         for date in dataset.dates:
             day = dataset.read(vehicle, date, COLUMNS)
@@ -75,36 +76,6 @@ def log_fleet(stream: Stream, dataset: Dataset, site: Site, screen: blueprint.Sc
         fleet.log_static(stream, lane, signals)
         screen.signals |= signals
         screen.trails.append(lane.path("trail"))
-
-
-def extent_of(site: Site, dataset: Dataset) -> blueprint.Extent:
-    """What the eye must see [m]: the site, or without a map the positions driven."""
-    parts = [z.polygon for z in (*site.zones, *site.buildings)] + [np.array([[p.x, p.y]]) for p in site.places]
-    if site.network is not None:
-        parts.append(site.network.points[:, :2])
-    else:
-        parts.append(_driven(dataset))
-    points = np.concatenate(parts)
-    if not len(points):
-        return (-10.0, -10.0, 10.0, 10.0)
-    (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
-    return float(x0), float(y0), float(x1), float(y1)
-
-
-def _driven(dataset: Dataset) -> Any:
-    """Corners of the positions, from the statistics in the files' footers."""
-    import pyarrow.parquet as pq
-
-    corners = []
-    for vehicle in dataset.vehicles:
-        for part in dataset.parts(vehicle):
-            meta = pq.ParquetFile(part).metadata
-            names = meta.schema.names
-            for group in range(meta.num_row_groups):
-                x, y = (meta.row_group(group).column(names.index(c)).statistics for c in ("x", "y"))
-                if x is not None and x.has_min_max and y is not None and y.has_min_max:
-                    corners += [(x.min, y.min), (x.max, y.max)]
-    return np.array(corners, dtype=np.float64).reshape(-1, 2)
 
 
 def log_summary(stream: Stream, dataset: Dataset, summary: str | Mapping[str, Any] | None) -> None:
@@ -128,7 +99,7 @@ def summary_markdown(dataset: Dataset, figures: Mapping[str, Any] | None = None)
         if isinstance(value, str | int | float):
             rows.append((str(key).replace("_", " "), _figure(value)))
     table = "\n".join(f"| {k} | {v} |" for k, v in rows)
-    return f"# {meta['site']['name']}\n\n{meta['kind']} trajectories, times in UTC\n\n| | |\n| --- | --- |\n{table}\n"
+    return f"### {meta['site']['name']}\n\n{meta['kind']} trajectories, times in UTC\n\n| | |\n| --- | --- |\n{table}\n"
 
 
 def _clock(iso: str | None) -> str:

@@ -70,11 +70,24 @@ def _log_roads(stream: Stream, site: Site) -> None:
         arrow = ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), lift=0.05)
         if len(arrow):
             marks.append(mesh_of(arrow, palette.ARROW))
+    surface += [
+        mesh_of(ribbons.disc(x, y, half, z + 0.008, corners=20), palette.ROAD)
+        for (x, y, z), half in zip(network.node_points, _junction_radii(network), strict=True)
+    ]
     stream.static("/site/roads/surface", mesh3d(join(surface)))
     rim = rr.LineStrips3D(rims, colors=[palette.ROAD_EDGE], radii=rr.Radius.ui_points(0.6))
     stream.static("/site/roads/edges", rim)
     if marks:
         stream.static("/site/roads/arrows", mesh3d(join(marks)))
+
+
+def _junction_radii(network: Network) -> Floats:
+    """(V,) half the widest road at every node [m], to close the gaps between ribbons."""
+    radius = np.zeros(len(network.node_ids))
+    half = np.where(network.width > 0.3, network.width, DEFAULT_WIDTH) / 2.0
+    np.maximum.at(radius, network.start, half)
+    np.maximum.at(radius, network.end, half)
+    return radius
 
 
 def _log_map(stream: Stream, site: Site) -> None:

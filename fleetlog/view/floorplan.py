@@ -1,0 +1,206 @@
+"""The site on paper: roads, buildings, places, heat, scale bar and north arrow, in matplotlib axes of metres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.result import EdgeValues, Grid, Marks, MovingLines, Result
+from fleetlog.core.site import Site
+from fleetlog.view import palette, ribbons
+from fleetlog.view.extent import Extent, shapes_extent
+from fleetlog.view.scales import Scale, colour_map, scale_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+INK, ROAD, BUILDING = "#33373d", "#b9c0c9", "#eceef1"
+MARKS = {"place": "#2a6fa8", "charger": "#1f8a4c", "critical": "#c22e2a", "point": "#33373d"}
+MAX_LABELS = 25
+
+
+@dataclass(frozen=True)
+class Layer:
+    """What a colour bar needs."""
+
+    mappable: Any
+    extend: Literal["neither", "max", "both"]
+
+
+def frame_map(result: Result, site: Site) -> Extent:
+    """Limits of a map [m]: everything drawn, and a rim."""
+    x0, y0, x1, y1 = shapes_extent(result, site)
+    rim = 0.05 * max(x1 - x0, y1 - y0, 5.0)
+    return x0 - rim, y0 - rim, x1 + rim, y1 + rim
+
+
+def draw_site(axes: Axes, site: Site) -> None:
+    """Buildings and zones as pale areas, roads as grey lines."""
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    if site.buildings:
+        polygons = [ribbons.open_ring(b.polygon) for b in site.buildings]
+        axes.add_collection(PolyCollection(polygons, facecolors=BUILDING, edgecolors="#c9cdd3", lw=0.7, zorder=0))
+    limited = [ribbons.open_ring(z.polygon) for z in site.zones]
+    if limited:
+        area = PolyCollection(limited, facecolors="none", edgecolors="#b98a2f", lw=0.8, linestyles="--", zorder=0.5)
+        axes.add_collection(area)
+    if site.network is not None:
+        lines = [site.network.polyline(i)[:, :2] for i in range(len(site.network))]
+        axes.add_collection(LineCollection(lines, colors=ROAD, linewidths=1.0, zorder=1))
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+
+
+def draw_map_layer(axes: Axes, layer: Grid | EdgeValues, site: Site) -> Layer | None:
+    """Heat on the floor, or values along the roads."""
+    scale = scale_of(layer.values, layer.diverging)
+    if isinstance(layer, Grid):
+        return _draw_grid(axes, layer, scale, site)
+    return _draw_edges(axes, layer, scale, site) if site.network is not None else None
+
+
+def _norm(scale: Scale) -> Any:
+    from matplotlib.colors import Normalize
+
+    return Normalize(scale.low, scale.high)
+
+
+def _extend(scale: Scale) -> Literal["neither", "max", "both"]:
+    return "neither" if not scale.clipped else "both" if scale.diverging else "max"
+
+
+def _draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Layer:
+    from matplotlib.collections import LineCollection
+
+    rows, columns = grid.values.shape
+    where = (grid.x0, grid.x0 + columns * grid.cell, grid.y0, grid.y0 + rows * grid.cell)
+    values = np.ma.masked_invalid(np.where(grid.values == 0.0, np.nan, grid.values))
+    alpha = None if grid.mask is None else np.where(grid.mask, 1.0, 0.22)
+    limits = axes.get_xlim(), axes.get_ylim()
+    image = axes.imshow(
+        values, origin="lower", extent=where, cmap=colour_map(grid.diverging, False), norm=_norm(scale),
+        interpolation="nearest", alpha=alpha, zorder=1.5,
+    )  # fmt: skip
+    axes.set_xlim(limits[0])
+    axes.set_ylim(limits[1])
+    if site.network is not None:  # fine lines over the heat, so that the roads stay readable
+        lines = [site.network.polyline(i)[:, :2] for i in range(len(site.network))]
+        axes.add_collection(LineCollection(lines, colors="#1d2024", linewidths=0.35, alpha=0.55, zorder=2))
+    if alpha is not None:
+        axes.annotate(
+            "pale: not significant", (1, 1), xycoords="axes fraction", ha="right", va="bottom", fontsize=7.5, color=INK
+        )
+    return Layer(image, _extend(scale))
+
+
+def _draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Layer:
+    """Both directions of a road side by side, each on the side on which it is driven."""
+    from matplotlib.collections import LineCollection
+
+    network = site.roads()
+    span = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    shift = 0.006 * float(span) * (1.0 if site.traffic == "left" else -1.0)
+    keep = np.flatnonzero((layer.edge >= 0) & np.isfinite(layer.values))
+    lines = []
+    for i in keep:
+        edge = int(layer.edge[i])
+        line = ribbons.stretch(network.polyline(edge), float(layer.start[i]), float(layer.end[i]))
+        lines.append((ribbons.offset(line, shift) if network.reverse[edge] >= 0 else line)[:, :2])
+    order = np.argsort(np.abs(layer.values[keep]), kind="stable")
+    strips = LineCollection(
+        [lines[i] for i in order], cmap=colour_map(layer.diverging, False), norm=_norm(scale),
+        linewidths=3.2, capstyle="butt", zorder=2,
+    )  # fmt: skip
+    casing = LineCollection(lines, colors="#8a9099", linewidths=4.2, capstyle="butt", zorder=1.8)
+    axes.add_collection(casing)
+    strips.set_array(layer.values[keep][order])
+    axes.add_collection(strips)
+    return Layer(strips, _extend(scale))
+
+
+def draw_overlay(axes: Axes, result: Result) -> None:
+    """Marks and critical lines, over every map."""
+    for shape in result.shapes:
+        if isinstance(shape, MovingLines):
+            _draw_lines(axes, shape)
+        elif isinstance(shape, Marks) and len(shape.xy):
+            _draw_marks(axes, shape)
+
+
+def _draw_lines(axes: Axes, shape: MovingLines) -> None:
+    """All lines of all times laid over one another: dense places grow dark."""
+    from matplotlib.collections import LineCollection
+
+    for critical, colour in ((False, "#7fa8c4"), (True, "#c22e2a")):
+        picked = [s[np.asarray(f, bool) == critical] for s, f in zip(shape.lines, shape.critical, strict=True) if len(s)]
+        strips = np.concatenate(picked) if picked else np.zeros((0, 2, 2))
+        if len(strips):
+            strips = strips[:: max(1, len(strips) // 20_000)]
+            alpha = float(np.clip(40.0 / len(strips), 0.02, 0.5))
+            axes.add_collection(LineCollection(list(strips), colors=colour, linewidths=0.9, alpha=alpha, zorder=2.5))
+
+
+def _draw_marks(axes: Axes, marks: Marks) -> None:
+    from matplotlib.collections import PatchCollection
+    from matplotlib.patches import Circle
+    from matplotlib.patheffects import withStroke
+
+    colour, solid = MARKS[marks.kind], marks.kind == "charger"
+    small = 0.006 * float(np.ptp(axes.get_xlim()))
+    circles = [Circle((x, y), max(float(r), small)) for (x, y), r in zip(marks.xy, marks.size, strict=True)]
+    face = colour if solid else "none"
+    axes.add_collection(PatchCollection(circles, facecolors=face, edgecolors=colour, linewidths=1.4, zorder=3))
+    reach = 0.012 * float(np.ptp(axes.get_xlim()))
+    for (x, y), label, size in list(zip(marks.xy, marks.labels, marks.size, strict=True))[:MAX_LABELS]:
+        axes.annotate(
+            label, (x, y + max(float(size), small) + 0.4 * reach), fontsize=7.5, color=INK, ha="center", va="bottom",
+            zorder=5, annotation_clip=True, path_effects=[withStroke(linewidth=2.2, foreground="white")],
+        )  # fmt: skip
+
+
+def draw_furniture(axes: Axes, site: Site) -> None:
+    """Places of the site, scale bar and north arrow."""
+    for kind in sorted({p.kind for p in site.places}):
+        here = np.array([[p.x, p.y] for p in site.places if p.kind == kind])
+        r, g, b = palette.PLACES[kind]
+        axes.scatter(
+            *here.T, s=16, marker="s", color=(0.75 * r / 255, 0.75 * g / 255, 0.75 * b / 255), zorder=2.8, label=kind,
+            edgecolors="white", linewidths=0.5,
+        )  # fmt: skip
+    _scale_bar(axes)
+    _north_arrow(axes, 0.0 if site.frame is None else site.frame.rotation)
+    if site.places:
+        axes.legend(loc="upper left", bbox_to_anchor=(0, -0.01), ncols=4, borderaxespad=0, handletextpad=0.1)
+        axes.set_xlabel("")
+
+
+def _scale_bar(axes: Axes) -> None:
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    raw = (x1 - x0) / 5.0
+    power = 10.0 ** np.floor(np.log10(raw))
+    length = float(power * max(m for m in (1.0, 2.0, 5.0) if m * power <= raw))
+    right, base = x1 - 0.02 * (x1 - x0), y0 + 0.03 * (y1 - y0)
+    axes.plot([right - length, right], [base, base], color=INK, lw=2.4, solid_capstyle="butt", zorder=6)
+    axes.annotate(
+        f"{length:g} m", (right - length / 2, base), xytext=(0, 3), textcoords="offset points", ha="center",
+        fontsize=8, color=INK, zorder=6,
+    )  # fmt: skip
+
+
+def _north_arrow(axes: Axes, rotation: float) -> None:
+    """North is (sin, cos) of the rotation in site axes: the frame's x axis is turned counter-clockwise from east."""
+    north = np.array([np.sin(rotation), np.cos(rotation)])
+    anchor = (0.955, 0.90)
+    axes.annotate(
+        "", xy=anchor, xycoords="axes fraction", xytext=tuple(-26.0 * north), textcoords="offset points",
+        arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}, zorder=6,
+    )  # fmt: skip
+    axes.annotate(
+        "N", xy=anchor, xycoords="axes fraction", xytext=tuple(8.0 * north), textcoords="offset points", ha="center",
+        va="center", fontsize=8.5, weight="bold", color=INK, zorder=6,
+    )  # fmt: skip

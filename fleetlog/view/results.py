@@ -1,0 +1,214 @@
+"""``recording.rrd`` of an analysis: its shapes on the site's floor, its curves and its answer in words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Result, Series, Shape
+from fleetlog.core.site import Site
+from fleetlog.store.atomic import atomic_output
+from fleetlog.view import blueprint, palette, ribbons
+from fleetlog.view.extent import Extent, shapes_extent
+from fleetlog.view.meshes import join, mesh_of
+from fleetlog.view.scales import Scale, scale_of, screen_colours
+from fleetlog.view.scene import drawn_width, lane, log_site, mesh3d
+from fleetlog.view.stream import Stream, entity, open_stream
+
+MARK_COLOURS = {
+    "place": palette.PLACES["pick"], "charger": palette.PLACES["charge"], "critical": palette.CRITICAL,
+    "point": (240, 240, 245),
+}  # fmt: skip
+SERIES_COLOURS = [palette.vehicle_colour(i) for i in range(24)]
+MAX_MAPS = 4
+
+
+def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> Path:
+    """The shapes of a result as an .rrd file: heat on the floor, values along the roads, marks, moving lines, curves.
+
+    ``out_rrd`` appears whole or not at all, and replaces an older one.  Bars, and curves over something else than time,
+    are in the picture and in the text only.
+    """
+    extent = shapes_extent(result, site)
+    with (
+        atomic_output(out_rrd, overwrite=True, folder=False) as scratch,
+        open_stream(scratch, f"{site.name}, {result.name}") as stream,
+    ):
+        log_site(stream, site)
+        legends = [_log_shape(stream, site, shape, extent) for shape in result.shapes]
+        _log_answer(stream, result, [text for text in legends if text])
+        if not any(isinstance(s, MovingLines) or (isinstance(s, Series) and s.over_time) for s in result.shapes):
+            # A view of a recording without any time stays on "static"; one instant makes the timeline.
+            stream.columns("/result/instant", np.zeros(1, np.int64), lambda rows: rr.Scalars.columns(scalars=[0.0]))
+        blueprint.send(stream, _screen(result, extent))
+    return Path(out_rrd)
+
+
+def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent) -> str:
+    """Draw one shape; a line of Markdown that says how to read it."""
+    path = entity("result", shape.name)
+    if isinstance(shape, Grid):
+        return _log_grid(stream, path, shape, extent)
+    if isinstance(shape, EdgeValues):
+        return _log_edges(stream, path, shape, site, extent) if site.network is not None else ""
+    if isinstance(shape, Marks):
+        return _log_marks(stream, path, shape)
+    if isinstance(shape, MovingLines):
+        return _log_lines(stream, path, shape)
+    if isinstance(shape, Series):
+        return _log_series(stream, shape)
+    return _bars_text(shape)
+
+
+def _log_grid(stream: Stream, path: str, grid: Grid, extent: Extent) -> str:
+    scale = scale_of(grid.values, grid.diverging)
+    rgba = screen_colours(np.where(grid.values == 0.0, np.nan, grid.values), scale)
+    if grid.mask is not None:
+        rgba[..., 3] = np.where(grid.mask, rgba[..., 3], rgba[..., 3] // 5)
+    size = rr.components.ImageFormat(
+        width=rgba.shape[1], height=rgba.shape[0], color_model="RGBA", channel_datatype="U8"
+    )
+    raster = rr.GridMap(
+        data=np.ascontiguousarray(rgba[::-1]).tobytes(), format=size, cell_size=grid.cell,
+        translation=[grid.x0, grid.y0, 0.07], opacity=0.85,
+    )  # fmt: skip
+    stream.static(path, raster)
+    return _legend(stream, path, grid.label, scale, extent)
+
+
+def _log_edges(stream: Stream, path: str, shape: EdgeValues, site: Site, extent: Extent) -> str:
+    network = site.roads()
+    scale = scale_of(shape.values, shape.diverging)
+    rgba = screen_colours(shape.values, scale)
+    meshes = []
+    for edge, start, end, colour in zip(shape.edge, shape.start, shape.end, rgba, strict=True):
+        if edge < 0 or colour[3] == 0:
+            continue
+        line = ribbons.stretch(network.polyline(edge), float(start), float(end))
+        left, right = lane(site, int(edge))
+        inset = 0.06 * drawn_width(network, int(edge))
+        meshes.append(mesh_of(ribbons.ribbon(line, left - inset, right + inset, 0.06), colour[:3]))
+    if meshes:
+        stream.static(path, mesh3d(join(meshes)))
+    return _legend(stream, path, shape.label, scale, extent)
+
+
+def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent) -> str:
+    """A colour bar on the floor south of the site, its ends labelled, and the same in words."""
+    x0, y0, x1, _ = extent
+    span = max(x1 - x0, 10.0)
+    thick = 0.022 * span
+    y = y0 - 0.05 * span
+    xs = np.linspace(x0, x0 + 0.5 * span, 65)
+    values = scale.low + (np.arange(64) + 0.5) / 64 * (scale.high - scale.low)
+    colours = screen_colours(values, scale)[:, :3]
+    cells = [
+        mesh_of(ribbons.ribbon(np.array([[a, y, 0.0], [b, y, 0.0]]), thick / 2, -thick / 2, 0.05), colour)
+        for a, b, colour in zip(xs[:-1], xs[1:], colours, strict=True)
+    ]
+    stream.static(f"{path}/scale", mesh3d(join(cells)))
+    top = ("≥ " if scale.clipped else "") + f"{scale.high:.3g}"
+    texts = [f"{scale.low:.3g}", f"{top}  {label}"]
+    ends = rr.Points3D(
+        [[xs[0], y - thick, 0.1], [xs[-1], y - thick, 0.1]],
+        labels=texts, radii=rr.Radius.ui_points(0.5), colors=[(225, 228, 235)], show_labels=True,
+    )  # fmt: skip
+    stream.static(f"{path}/scale/ends", ends)
+    how = "blue below zero, red above" if scale.diverging else "dark is low, bright is high"
+    return f"**{label}**: {scale.low:.3g} to {top} ({how})"
+
+
+def _log_marks(stream: Stream, path: str, marks: Marks) -> str:
+    if not len(marks.xy):
+        return ""
+    colour = MARK_COLOURS[marks.kind]
+    solid = marks.kind == "charger"
+    pads = [
+        mesh_of(ribbons.disc(x, y, float(r), 0.09, inner=0.0 if solid else 0.82 * float(r)), colour)
+        for (x, y), r in zip(marks.xy, np.maximum(marks.size, 0.5), strict=True)
+    ]
+    stream.static(f"{path}/rings", mesh3d(join(pads)))
+    where = np.column_stack([marks.xy, np.full(len(marks.xy), 0.2)])
+    points = rr.Points3D(
+        where, radii=rr.Radius.ui_points(3.0), colors=[colour], labels=list(marks.labels), show_labels=len(where) <= 30
+    )
+    stream.static(f"{path}/labels", points)
+    return ""
+
+
+def _log_lines(stream: Stream, path: str, shape: MovingLines) -> str:
+    """Segments and the dots at their ends, in chunks of whole steps."""
+    lengths = np.array([len(s) for s in shape.lines], np.int64)
+    strips = np.concatenate([np.asarray(s, float).reshape(-1, 2, 2) for s in shape.lines] or [np.zeros((0, 2, 2))])
+    strips = np.concatenate([strips, np.full((*strips.shape[:2], 1), 1.2)], axis=2).astype(np.float32)
+    flags = np.concatenate([np.asarray(f, bool) for f in shape.critical] or [np.zeros(0, bool)])
+    colours = np.where(flags[:, None], palette.CRITICAL, palette.CALM).astype(np.uint8)
+    stream.static(path, rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(2.2)))
+    stream.parts(
+        path, shape.time, lengths, lambda rows: rr.LineStrips3D.columns(strips=strips[rows], colors=colours[rows])
+    )
+    dots, tints = strips.reshape(-1, 3), np.repeat(colours, 2, axis=0)
+    stream.static(f"{path}/trucks", rr.Points3D.from_fields(radii=rr.Radius.ui_points(5.0)))
+    stream.parts(
+        f"{path}/trucks", shape.time, 2 * lengths,
+        lambda rows: rr.Points3D.columns(positions=dots[rows], colors=tints[rows]),
+    )  # fmt: skip
+    return f"**{_title(shape.name)}**: lines join trucks of one cluster, red where it is critical"
+
+
+def _log_series(stream: Stream, shape: Series) -> str:
+    if not shape.over_time:
+        return f"**{_title(shape.name)}** ({shape.y_label} over {shape.x_label}) is in the picture"
+    names, curves = list(shape.y), [np.asarray(v, float) for v in shape.y.values()]
+    if shape.stacked:
+        curves = list(np.cumsum(np.nan_to_num(curves), axis=0))
+    for i, (name, values) in enumerate(zip(names, curves, strict=True)):
+        path = entity("curves", shape.name, name)
+        stream.static(path, rr.SeriesLines(names=name, colors=SERIES_COLOURS[i % 24], widths=1.6))
+        stream.columns(path, shape.x, lambda rows, v=values: rr.Scalars.columns(scalars=v[rows]))
+    return f"**{_title(shape.name)}**: each curve lies on the sum of those before it" if shape.stacked else ""
+
+
+def _bars_text(bars: Bars) -> str:
+    rows = "\n".join(f"| {name} | {value:.4g} |" for name, value in zip(bars.labels[:20], bars.values[:20], strict=True))
+    return f"| {_title(bars.name)} | {bars.label} |\n| --- | --- |\n{rows}\n"
+
+
+def _log_answer(stream: Stream, result: Result, legends: list[str]) -> None:
+    answer = "\n".join(f"- {line}" for line in result.lines)
+    text = f"### {_title(result.name)}\n\n{answer}\n\n" + "\n\n".join(legends)
+    stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+
+
+def _title(name: str) -> str:
+    return name.replace("_", " ").capitalize()
+
+
+def _screen(result: Result, extent: Extent) -> rrb.Blueprint:
+    """One plan a map; beside them the curves and the answer."""
+    maps = [s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
+    always = [f"{entity('result', s.name)}/**" for s in result.shapes if isinstance(s, Marks | MovingLines)]
+    screen = blueprint.Screen(extent=extent, prefixes=())
+    lower = (extent[0], extent[1] - 0.09 * (extent[2] - extent[0]), extent[2], extent[3])
+    eye = blueprint.top_down(lower if maps else extent)
+    shown = [([f"{entity('result', m.name)}/**"], _title(m.name)) for m in maps] or [([], "Plan")]
+    plans: list[Any] = [blueprint.floor_view(screen, title, eye, [*own, *always]) for own, title in shown]
+    if len(plans) == 1:
+        plans.append(blueprint.floor_view(screen, "Site", blueprint.oblique(lower), [*shown[0][0], *always]))
+    curves = [s for s in result.shapes if isinstance(s, Series) and s.over_time]
+    side: list[Any] = [
+        rrb.TimeSeriesView(origin="/", contents=[f"{entity('curves', s.name)}/**"], name=f"{_title(s.name)} [{s.y_label}]")
+        for s in curves[:3]
+    ]
+    side.append(rrb.TextDocumentView(origin="/summary", name="Answer"))
+    left = rrb.Vertical(*plans) if len(plans) <= 2 else rrb.Grid(*plans)
+    return rrb.Blueprint(
+        rrb.Horizontal(left, rrb.Vertical(*side), column_shares=[5, 3]),
+        *blueprint.panels(screen),
+        auto_views=False,
+        auto_layout=False,
+    )

@@ -1,0 +1,68 @@
+"""From values to colours, with the same limits in recordings and pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.colors import Colormap
+
+Floats = NDArray[np.float64]
+
+# Colour-blind safe; pale is low on paper, dark is low on the viewer's dark ground, and grey or white is zero between two signs.
+PAPER, SCREEN, DIVERGING = "magma_r", "inferno", "RdBu_r"
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Limits of a colour map.  ``clipped``: values above ``high`` exist."""
+
+    low: float
+    high: float
+    diverging: bool = False
+    clipped: bool = False
+
+    def share(self, values: Floats) -> Floats:
+        """0 to 1 between the limits; NaN stays NaN."""
+        return np.asarray(np.clip((values - self.low) / (self.high - self.low), 0.0, 1.0), dtype=np.float64)
+
+
+def scale_of(values: Floats, diverging: bool = False) -> Scale:
+    """Limits that show most values well: from 0 (or symmetric about it) to the 98th percentile where a few stand far out."""
+    known = np.asarray(values, dtype=np.float64)
+    known = known[np.isfinite(known)]
+    if not len(known):
+        return Scale(-1.0 if diverging else 0.0, 1.0, diverging)
+    if diverging:
+        known = np.abs(known)
+    used = known[known != 0.0]
+    top, usual = float(known.max()), float(np.quantile(used, 0.98)) if len(used) else 0.0
+    high = usual if 0.0 < usual < 0.67 * top else top
+    low = -high if diverging else min(0.0, float(known.min()))
+    if high <= low:
+        high = low + 1.0
+    return Scale(low, high, diverging, clipped=top > high)
+
+
+def colour_map(diverging: bool, screen: bool) -> Colormap:
+    """The colour map of a kind of value on a kind of ground."""
+    import matplotlib
+    from matplotlib.colors import ListedColormap
+
+    whole = matplotlib.colormaps[DIVERGING if diverging else SCREEN if screen else PAPER]
+    if diverging:
+        return whole
+    # The last tenth nearest to the ground is left out, so that the lowest values still show.
+    return ListedColormap(whole(np.linspace(0.18 if screen else 0.08, 1.0, 256)))
+
+
+def screen_colours(values: Floats, scale: Scale) -> NDArray[Any]:
+    """(..., 4) uint8 colours for the viewer; wholly transparent where the value is NaN."""
+    rgba = np.asarray(colour_map(scale.diverging, True)(scale.share(np.nan_to_num(values)), bytes=True))
+    rgba = rgba.copy()
+    rgba[~np.isfinite(values), 3] = 0
+    return rgba
