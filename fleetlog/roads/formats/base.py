@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Edge, LoadReport
-from fleetlog.core.site import Frame, Place
+from fleetlog.core.site import Place
 from fleetlog.errors import SiteError
 
 Floats = NDArray[np.float64]
@@ -59,7 +59,6 @@ class RoadMap:
     has_elevation: bool | None = None
     places: tuple[Place, ...] = ()
     traffic: Literal["right", "left"] | None = None
-    frame: Frame | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,49 @@
+"""NURBS trajectories of VDA 5050 and LIF as polylines.  Source: Piegl and Tiller, The NURBS Book, 1997, section 4.1."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fleetlog.errors import SiteError
+from fleetlog.roads.formats._odr_geometry import sample
+from fleetlog.roads.formats.base import Floats, number
+
+
+def nurbs(raw: Any, tolerance: float, path: Path, place: str) -> Floats:
+    """(n, 2) vertices [m] of a trajectory {degree, knotVector, controlPoints}; chords within ``tolerance`` [m].
+
+    Without a degree it is 1; a control point without a weight weighs 1.
+    """
+    if not isinstance(raw, dict) or not isinstance(raw.get("controlPoints"), list):
+        raise SiteError("its trajectory has no controlPoints", where=path, place=place, do="export it again")
+    if not all(isinstance(p, dict) for p in raw["controlPoints"]):
+        raise SiteError("a control point is no object", where=path, place=place, do="export it again")
+    degree = int(number(raw.get("degree", 1), path, f"{place}, degree"))
+    knots = np.array([number(k, path, f"{place}, knotVector") for k in raw.get("knotVector") or []])
+    weighted = np.array([
+        [number(p.get(key, default), path, f"{place}, controlPoints") for key, default in (("x", None), ("y", None), ("weight", 1.0))]
+        for p in raw["controlPoints"]
+    ]).reshape(-1, 3)  # fmt: skip
+    if degree < 1 or len(knots) != len(weighted) + degree + 1 or bool((np.diff(knots) < 0).any()):
+        raise SiteError(
+            f"its trajectory of degree {degree} has {len(knots)} knots for {len(weighted)} control points",
+            where=path, place=place, do="there must be points + degree + 1 knots in rising order",
+        )  # fmt: skip
+    return _polyline(degree, knots, weighted, tolerance)
+
+
+def _polyline(degree: int, knots: Floats, weighted: Floats, tolerance: float) -> Floats:
+    from scipy.interpolate import BSpline
+
+    homogeneous = np.column_stack([weighted[:, :2] * weighted[:, 2:], weighted[:, 2]])
+    spline = BSpline(knots, homogeneous, degree)
+
+    def at(u: Floats) -> Floats:
+        p = spline(u)
+        return np.column_stack([p[:, :2] / p[:, 2:], np.zeros(len(u))])
+
+    spans = np.unique(knots[degree : len(knots) - degree])
+    return at(sample(at, spans, tolerance))[:, :2]
