@@ -1,0 +1,110 @@
+"""Plane curves: lanes beside a centre line, corners rounded with a radius, even samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+BOW = 0.1
+"""A gentle kink is rounded as widely as it can be while the curve stays this close to the corner [m]."""
+FINE = 0.1
+"""Length of the chords that stand for a curve [m]."""
+
+
+def shifted(points: Floats, left: float) -> Floats:
+    """The (n, 2) polyline moved ``left`` metres to its left, corners mitred."""
+    if left == 0.0:
+        return points
+    step = np.diff(points, axis=0)
+    step = step / np.maximum(np.linalg.norm(step, axis=1), 1e-12)[:, None]
+    normal = np.column_stack([-step[:, 1], step[:, 0]])
+    at = np.concatenate([normal[:1], normal[:-1] + normal[1:], normal[-1:]])
+    size = np.linalg.norm(at, axis=1)
+    at = at / np.maximum(size, 1e-9)[:, None]
+    mitre = np.concatenate([[1.0], 2.0 / np.maximum(size[1:-1], 1.0), [1.0]])
+    return np.asarray(points + left * mitre[:, None] * at)
+
+
+def simplified(points: Floats) -> Floats:
+    """Without vertices that repeat the one before."""
+    keep = np.concatenate([[True], np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6])
+    return points[keep] if keep.sum() >= 2 else points[[0, -1]]
+
+
+def rounded(points: Floats, radius: float) -> Floats:
+    """The (n, 2) polyline with every corner replaced by an arc of at least ``radius`` where the legs are long enough."""
+    points = simplified(points)
+    if len(points) < 3:
+        return points
+    out = [points[:1]]
+    leg = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    for i in range(1, len(points) - 1):
+        a, b = (points[i] - points[i - 1]) / leg[i - 1], (points[i + 1] - points[i]) / leg[i]
+        turn = np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)
+        if abs(turn) < 1e-4 or abs(turn) > 3.0:
+            out.append(points[i : i + 1])
+            continue
+        half = np.tan(abs(turn) / 2.0)
+        reach = max(radius * half, BOW / np.tan(abs(turn) / 4.0))
+        out.append(arc(points[i], a, turn, min(reach, 0.499 * leg[i - 1], 0.499 * leg[i])))
+    return np.concatenate([*out, points[-1:]])
+
+
+def arc(corner: Floats, into: Floats, turn: float, reach: float) -> Floats:
+    """Points of the arc that leaves direction ``into`` ``reach`` metres before ``corner`` and turns by ``turn`` rad."""
+    radius = reach / np.tan(abs(turn) / 2.0)
+    begin = corner - reach * into
+    normal = np.array([-into[1], into[0]]) * np.sign(turn)
+    centre = begin + radius * normal
+    n = max(2, int(np.ceil(radius * abs(turn) / FINE)))
+    angle = np.linspace(0.0, turn, n + 1)
+    spoke = begin - centre
+    c, s = np.cos(angle), np.sin(angle)
+    return np.column_stack([centre[0] + c * spoke[0] - s * spoke[1], centre[1] + s * spoke[0] + c * spoke[1]])
+
+
+def joined(start: Floats, out: float, end: Floats, into: float) -> Floats:
+    """A smooth way from point ``start`` with heading ``out`` to ``end`` with heading ``into``: straight, arc, straight.
+
+    Where the two tangents do not meet ahead (an S or a turning round) a cubic curve.
+    """
+    a, b = np.array([np.cos(out), np.sin(out)]), np.array([np.cos(into), np.sin(into)])
+    gap = end - start
+    cross = a[0] * b[1] - a[1] * b[0]
+    turn = float(np.arctan2(cross, a @ b))
+    if abs(turn) < 1e-3 and abs(a[0] * gap[1] - a[1] * gap[0]) < 1e-3 * max(np.hypot(*gap), 1e-9):
+        return np.array([start, end])
+    if abs(cross) > 1e-6:
+        first = (gap[0] * b[1] - gap[1] * b[0]) / cross
+        last = (a[0] * gap[1] - a[1] * gap[0]) / cross
+        if first > 1e-3 and last > 1e-3 and abs(turn) < 2.6:
+            bow = arc(start + first * a, a, turn, min(first, last))
+            return np.concatenate([[start], bow, [end]])
+    return _cubic(start, a, end, b)
+
+
+def _cubic(start: Floats, a: Floats, end: Floats, b: Floats) -> Floats:
+    handle = max(0.65 * float(np.hypot(*(end - start))), 0.5)
+    u = np.linspace(0.0, 1.0, 41)[:, None]
+    p1, p2 = start + handle * a, end - handle * b
+    return np.asarray(
+        (1 - u) ** 3 * start + 3 * u * (1 - u) ** 2 * p1 + 3 * u**2 * (1 - u) * p2 + u**3 * end
+    )
+
+
+def even(points: Floats, spacing: float) -> tuple[Floats, float]:
+    """Samples of a polyline at even distances of at most ``spacing`` [m]: (n, 4) x, y, heading, curvature; and its length."""
+    points = simplified(points)
+    leg = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(leg)])
+    length = max(float(along[-1]), 1e-3)
+    n = max(2, int(np.ceil(length / spacing)) + 1)
+    s = np.linspace(0.0, length, n)
+    x, y = np.interp(s, along, points[:, 0]), np.interp(s, along, points[:, 1])
+    chord = np.unwrap(np.arctan2(np.diff(points[:, 1]), np.diff(points[:, 0])))
+    # A chord's direction is that of the curve at its middle.
+    middle = 0.5 * (along[1:] + along[:-1])
+    heading = np.interp(s, middle, chord) if len(chord) > 1 else np.full(n, chord[0])
+    curvature = np.gradient(heading, s) if n > 2 else np.full(n, (heading[-1] - heading[0]) / length)
+    return np.column_stack([x, y, heading, curvature]), length

@@ -1,0 +1,158 @@
+"""The ways that trucks drive on: a lane for every directed edge, a connector for every turn, in even samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.network import Network
+from fleetlog.core.truck import Truck
+from fleetlog.simulate.paths import even, joined, rounded, shifted, simplified
+
+Floats = NDArray[np.float64]
+Index = NDArray[np.int32]
+
+SPACING = 0.5
+"""Between samples, at most [m]."""
+DEFAULT_WIDTH = 4.0
+"""Of a two-way road whose width the map does not give [m]."""
+CLEARANCE = 0.5
+"""Two trucks pass on a road that is this much wider than each of them [m]."""
+WIDEST_SHIFT = 1.5
+"""A lane is never farther than this from the centre line [m]."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """P pieces: lanes 0..E-1 (of edge i), then one connector for each entry of the network's ``next_edges``.
+
+    Attributes
+    ----------
+    first : (P + 1,) piece p owns samples first[p]:first[p + 1];  spacing, length : (P,) [m].
+    source, target : (P,) lanes that a connector joins, -1 for lanes.
+    x, y, z, heading, curvature, slope : (S,) of the path;  edge, offset, lateral : (S,) where on the map it lies.
+    """
+
+    network: Network
+    first: NDArray[np.int64]
+    spacing: Floats
+    length: Floats
+    source: Index
+    target: Index
+    x: Floats
+    y: Floats
+    z: Floats
+    heading: Floats
+    curvature: Floats
+    slope: Floats
+    edge: Index
+    offset: Floats
+    lateral: Floats
+
+    def __len__(self) -> int:
+        return len(self.length)
+
+    @cached_property
+    def _by_turn(self) -> dict[tuple[int, int], int]:
+        return {(int(a), int(b)): p for p, (a, b) in enumerate(zip(self.source, self.target, strict=True)) if a >= 0}
+
+    def connector(self, lane: int, following: int) -> int:
+        """The piece that joins two lanes."""
+        return self._by_turn[lane, following]
+
+    def pieces(self, edges: NDArray[np.integer]) -> list[int]:
+        """Lanes and connectors along a chain of edges."""
+        out = [int(edges[0])]
+        for a, b in zip(edges[:-1], edges[1:], strict=True):
+            out += [self.connector(int(a), int(b)), int(b)]
+        return out
+
+
+def lane_shift(network: Network, truck: Truck, traffic: str) -> Floats:
+    """(E,) metres that each lane lies left (+) or right (-) of its edge; 0 on one-way and on single-lane roads."""
+    width = np.where(np.isfinite(network.width), network.width, DEFAULT_WIDTH)
+    two_lanes = (network.reverse >= 0) & (width >= 2.0 * (truck.chassis.width + CLEARANCE))
+    shift = np.where(two_lanes, np.minimum(width / 4.0, WIDEST_SHIFT), 0.0)
+    return np.asarray(shift if traffic == "left" else -shift)
+
+
+def build_track(network: Network, truck: Truck, traffic: str = "right", *, centred: bool = False) -> Track:
+    """Lanes and connectors of a network for one type of truck.
+
+    Lanes end before a junction by what the truck's turn radius needs; connectors round the corner with it.  ``centred``
+    keeps to the centre lines: the ways of recorded trips, which know nothing of lanes.
+    """
+    shift = np.zeros(len(network)) if centred else lane_shift(network, truck, traffic)
+    before, after = _trims(network, truck.chassis.turn_radius, np.abs(shift))
+    radius = truck.chassis.turn_radius
+    lanes = [_lane(network, e, shift[e], before[e], after[e], radius) for e in range(len(network))]
+    shapes = list(lanes)
+    owner = np.repeat(np.arange(len(network)), np.diff(network.next_first)).astype(np.int32)
+    for a, b in zip(owner, network.next_edges, strict=True):
+        start, end = lanes[a][0][-1], lanes[b][0][0]
+        shapes.append(even(joined(start[:2], start[2], end[:2], end[2]), SPACING))
+    none = np.full(len(network), -1, np.int32)
+    source, target = np.concatenate([none, owner]), np.concatenate([none, network.next_edges])
+    return assemble(network, shapes, source, target)
+
+
+def assemble(network: Network, shapes: list[tuple[Floats, float]], source: Index, target: Index) -> Track:
+    """The track of given shapes, each sample laid on the map."""
+    count = np.array([len(s) for s, _ in shapes])
+    first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    length = np.array([size for _, size in shapes])
+    all_samples = np.concatenate([s for s, _ in shapes])
+    edge = np.concatenate([
+        np.full(n, p) if source[p] < 0 else np.where(np.arange(n) < n / 2, source[p], target[p])
+        for p, n in enumerate(count)
+    ]).astype(np.int32)  # fmt: skip
+    x, y = np.ascontiguousarray(all_samples[:, 0]), np.ascontiguousarray(all_samples[:, 1])
+    offset, lateral = project(network, edge, x, y)
+    return Track(
+        network, first, length / (count - 1), length, source.astype(np.int32), target.astype(np.int32), x, y,
+        network.position(edge, offset)[:, 2], np.angle(np.exp(1j * all_samples[:, 2])),
+        np.ascontiguousarray(all_samples[:, 3]), network.slope(edge, offset), edge, offset, lateral,
+    )  # fmt: skip
+
+
+def project(network: Network, edge: Index, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """(N,) offset along and distance left of given edges, for (N,) points."""
+    from fleetlog.simulate.kernels.geometry import project_points
+
+    plane = np.ascontiguousarray(network.points[:, :2])
+    out = project_points(plane, network.first, network.distance, edge, x, y)
+    return out[0], out[1]
+
+
+def _trims(network: Network, radius: float, shift: Floats) -> tuple[Floats, Floats]:
+    """(E,) metres cut from the start and from the end of every lane to make room for the turns."""
+    every = np.arange(len(network), dtype=np.int32)
+    leave = network.heading(every, network.length)
+    enter = network.heading(every, np.zeros(len(network)))
+    owner = np.repeat(every, np.diff(network.next_first))
+    turn = np.abs(np.angle(np.exp(1j * (enter[network.next_edges] - leave[owner]))))
+    need = (radius + np.maximum(shift[owner], shift[network.next_edges])) * np.tan(np.minimum(turn, 1.9) / 2.0)
+    # Turning round at a dead end is done beyond the last metre.
+    need = np.where(turn > 2.8, 1.0, need) + 0.05
+    before, after = np.full(len(network), 0.05), np.full(len(network), 0.05)
+    np.maximum.at(after, owner, need)
+    np.maximum.at(before, network.next_edges, need)
+    share = np.minimum(1.0, 0.9 * network.length / (before + after))
+    return before * share, after * share
+
+
+def _lane(network: Network, e: int, shift: float, before: float, after: float, radius: float) -> tuple[Floats, float]:
+    points = cut(network.polyline(e)[:, :2], before, after)
+    return even(rounded(shifted(simplified(points), shift), radius), SPACING)
+
+
+def cut(points: Floats, before: float, after: float) -> Floats:
+    """The (n, 2) polyline without its first and last metres."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    low, high = before, max(along[-1] - after, before + 1e-3)
+    inside = points[(along > low + 1e-6) & (along < high - 1e-6)]
+    ends = [[np.interp(s, along, points[:, k]) for k in (0, 1)] for s in (low, high)]
+    return np.concatenate([np.array(ends[:1]), inside, np.array(ends[1:])])
