@@ -1,0 +1,184 @@
+"""Rows of a track, and the groups that one step of the matching model sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+STANDING_SPEED = 0.1
+"""A log speed below this is a standstill [m/s]."""
+LONGEST_SPAN = 2.0
+"""Longest motion that one group may hold [s]."""
+LONGEST_STEP = 3.0
+"""And the farthest [m]: longer ones would cut the corners of aisles."""
+SHORTEST_STEP = 1.0
+"""Dense rows of clean positions are grouped to this much motion [m]: more rows tell the model nothing new."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Rows with a position: seconds, metres, speed [m/s] and heading [rad] of the log (NaN unknown), chain number (gaps)."""
+
+    t: Floats
+    x: Floats
+    y: Floats
+    speed: Floats
+    heading: Floats
+    chain: Ints
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> tuple[Track, Ints]:
+        """The rows of a trajectory that have a position, and their indices."""
+        x, y = trajectory.floats("x"), trajectory.floats("y")
+        rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+        t = trajectory.seconds()
+        speed, heading = trajectory.floats("speed"), trajectory.floats("heading")
+        return cls(t[rows], x[rows], y[rows], speed[rows], heading[rows], np.zeros(len(rows), np.int64)), rows
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, index: NDArray[np.bool_] | slice) -> Track:
+        return Track(*(getattr(self, k)[index] for k in ("t", "x", "y", "speed", "heading", "chain")))
+
+    def usual_gap(self) -> float:
+        """Silence that breaks a chain: 30 s, or ten usual intervals where the log is sparser [s]."""
+        return max(30.0, 10.0 * float(np.median(np.diff(self.t)))) if len(self) > 1 else 30.0
+
+    def with_gap(self, gap: float) -> Track:
+        """Numbered anew: a chain ends where the log is silent for longer than ``gap``."""
+        return replace(self, chain=np.cumsum(np.diff(self.t, prepend=self.t[:1]) > gap))
+
+    def interval(self) -> float:
+        """Usual time between rows [s]."""
+        return float(np.median(np.diff(self.t))) if len(self) > 1 else 1.0
+
+    def usual_speed(self, noise: float) -> float:
+        """Median speed while moving, from the log or from positions some noise apart [m/s]."""
+        known = self.speed[self.speed > 0.3]
+        if len(known) > 10:
+            return float(np.median(known))
+        if len(self) < 3:
+            return 1.0
+        apart = int(np.clip(round(max(2.0, 6.0 * noise) / self.interval()), 1, max(len(self) // 2, 1)))
+        h = self.t[apart:] - self.t[:-apart]
+        v = np.hypot(self.x[apart:] - self.x[:-apart], self.y[apart:] - self.y[:-apart]) / h
+        moving = v[v > max(0.3, 2.0 * noise / (apart * self.interval()))]
+        return float(np.median(moving)) if len(moving) > 3 else 1.0
+
+    def sample(self, groups: int, noise: float) -> Track:
+        """About ``groups`` groups' worth of rows in up to eight runs, each a chain of its own."""
+        rows = groups * max(1, round(group_span(self, noise) / self.interval()))
+        if rows >= len(self):
+            return self
+        runs = 8
+        starts = np.linspace(0, len(self) - rows // runs, runs).astype(int)
+        index = np.concatenate([np.arange(s, s + rows // runs) for s in starts])
+        picked = Track(*(getattr(self, k)[index] for k in ("t", "x", "y", "speed", "heading", "chain")))
+        run = np.repeat(np.arange(runs), rows // runs)
+        new = (np.diff(picked.chain, prepend=picked.chain[:1]) != 0) | (np.diff(run, prepend=0) != 0)
+        return replace(picked, chain=np.cumsum(new))
+
+
+def white_noise(track: Track) -> float:
+    """Spread of the part of the position noise that differs from row to row, per axis [m].
+
+    From third differences, which steady turning and speeding up hardly reach: their variance is 20 times that of white
+    noise.  At long intervals motion adds to it, so it is an upper bound.
+    """
+    if len(track) < 8:
+        return 1.0
+    whole = track.chain[3:] == track.chain[:-3]
+    third = np.concatenate([np.diff(track.x, 3)[whole], np.diff(track.y, 3)[whole]])
+    third = third[third != 0.0]
+    if len(third) < 8:
+        return 0.05
+    return float(np.clip(1.4826 * np.median(np.abs(third)) / np.sqrt(20.0), 0.01, 30.0))
+
+
+def group_span(track: Track, noise: float) -> float:
+    """Seconds of motion in a group: with k rows the noise of their mean is noise / sqrt(k), and the step shall be twice that."""
+    h, v = track.interval(), track.usual_speed(noise)
+    rows = max((2.0 * noise / (v * h)) ** (2.0 / 3.0), 1.0)
+    return float(min(max(rows * h, SHORTEST_STEP / v), LONGEST_SPAN, LONGEST_STEP / v))
+
+
+@dataclass(frozen=True)
+class Groups:
+    """G groups: first row of each (G + 1,), mean time, place, travelled distance to the next, axis of the log's heading.
+
+    ``axis`` (2, G) is the strength-weighted unit vector of the double angle; 0 where the log has no heading.
+    """
+
+    first: Ints
+    t: Floats
+    x: Floats
+    y: Floats
+    moved: Floats
+    axis: Floats
+    still: NDArray[np.bool_]
+    chain: Ints
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def is_single(self, share: float) -> bool:
+        """Whether at least ``share`` of the groups that move hold one row."""
+        size = np.diff(self.first)[~self.still]
+        return bool(len(size) and np.mean(size == 1) >= share)
+
+    def direction(self, sigma: float) -> tuple[Floats, Floats]:
+        """(2, G) unit direction of motion, and how sharply it is known (0: not at all, at most 2)."""
+        g = np.arange(len(self))
+        before, after = np.maximum(g - 1, 0), np.minimum(g + 1, len(self) - 1)
+        before = np.where(self.chain[before] == self.chain, before, g)
+        after = np.where(self.chain[after] == self.chain, after, g)
+        dx, dy = self.x[after] - self.x[before], self.y[after] - self.y[before]
+        far = np.hypot(dx, dy)
+        unsure = (1.5 * sigma / np.maximum(far, 1e-9)) ** 2
+        sharp = np.where(self.still | (unsure > 0.5), 0.0, 1.0 / (unsure + 0.5))
+        return np.vstack([dx, dy]) / np.maximum(far, 1e-9), sharp
+
+
+HEADING_WEIGHT = 1.0
+"""Cost of a heading square to the road; a log's heading may point against the motion, so only its axis counts."""
+
+
+def group_track(track: Track, noise: float, sigma: float) -> Groups:
+    """Groups of a track: standstills that the log's speed or the positions show, and steps of motion between."""
+    from fleetlog.roads.matchkernels.kernels.grouping import find_stops, group_means, group_points
+
+    span = group_span(track, noise)
+    travelled = _travelled(track)
+    first, still = group_points(track.t, track.speed, track.chain, span - 1e-6, STANDING_SPEED)
+    if not np.isfinite(track.speed).any():
+        means = group_means(first, track.t, track.x, track.y, travelled, track.heading)
+        rows = max(float(np.median(np.diff(first))), 1.0)
+        radius = 2.5 * min(noise / np.sqrt(rows), sigma) + 0.1
+        first, still = find_stops(
+            first, track.t, means[1], means[2], track.chain, radius, max(5.0, 4.0 * radius)
+        )
+    t, x, y, s, c2, s2 = group_means(first, track.t, track.x, track.y, travelled, track.heading)
+    chord = np.hypot(np.diff(x), np.diff(y))
+    blur = 2.0 * noise**2 / np.maximum(np.minimum(np.diff(first)[1:], np.diff(first)[:-1]), 1)
+    by_position = np.sqrt(np.maximum(chord**2 - blur, 0.0))
+    moved = np.where(np.isfinite(np.diff(s)), np.diff(s), by_position)
+    axis = HEADING_WEIGHT * np.vstack([c2, s2])
+    return Groups(first, t, x, y, np.append(moved, 0.0), axis, still, track.chain[first[:-1]])
+
+
+def _travelled(track: Track) -> Floats:
+    """(N,) distance from the log's speed, trapezoids [m]; NaN all along where a tenth of the speeds is missing."""
+    known = np.isfinite(track.speed)
+    if known.mean() < 0.9:
+        return np.full(len(track), np.nan)
+    v = np.interp(track.t, track.t[known], track.speed[known])
+    steps = 0.5 * (v[1:] + v[:-1]) * np.diff(track.t)
+    return np.concatenate([[0.0], np.cumsum(steps)])

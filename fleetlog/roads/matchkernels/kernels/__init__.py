@@ -1,0 +1,1 @@
+"""Compiled loops: grouping, candidates, distances, decoding, routes, placing."""

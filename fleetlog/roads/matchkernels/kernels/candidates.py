@@ -1,0 +1,136 @@
+"""Segments in a grid, and the edges near a position."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def _visit_cells(px, py, k, x0, y0, cell, nx, ny, counts, fill, items):
+    """Count (``fill`` false) or enter segment k (vertices k, k + 1) in every cell that its band crosses."""
+    ax, ay, bx, by = px[k], py[k], px[k + 1], py[k + 1]
+    i0 = max(int((min(ax, bx) - x0) / cell), 0)
+    i1 = min(int((max(ax, bx) - x0) / cell), nx - 1)
+    j0 = max(int((min(ay, by) - y0) / cell), 0)
+    j1 = min(int((max(ay, by) - y0) / cell), ny - 1)
+    dx, dy = bx - ax, by - ay
+    length = np.hypot(dx, dy)
+    for i in range(i0, i1 + 1):
+        for j in range(j0, j1 + 1):
+            if length > 0.0 and (i1 > i0 and j1 > j0):
+                cx, cy = x0 + (i + 0.5) * cell - ax, y0 + (j + 0.5) * cell - ay
+                if abs(cx * dy - cy * dx) / length > 0.75 * cell:  # the cell's half diagonal is 0.707
+                    continue
+            c = i * ny + j
+            if fill:
+                items[counts[c]] = k
+            counts[c] += 1
+
+
+@njit(cache=True)
+def build_grid(px, py, first, x0, y0, cell, nx, ny):
+    """CSR of the segments in every cell: starts (nx * ny + 1,), segments (first vertex index)."""
+    counts = np.zeros(nx * ny, np.int64)
+    empty = np.empty(0, np.int64)
+    for e in range(len(first) - 1):
+        for k in range(first[e], first[e + 1] - 1):
+            _visit_cells(px, py, k, x0, y0, cell, nx, ny, counts, False, empty)
+    starts = np.zeros(nx * ny + 1, np.int64)
+    starts[1:] = np.cumsum(counts)
+    items = np.empty(starts[-1], np.int64)
+    at = starts[:-1].copy()
+    for e in range(len(first) - 1):
+        for k in range(first[e], first[e + 1] - 1):
+            _visit_cells(px, py, k, x0, y0, cell, nx, ny, at, True, items)
+    return starts, items
+
+
+@njit(cache=True)
+def project(px, py, dist, k, x, y):
+    """Foot of (x, y) on segment k: squared distance, offset along the edge, unit tangent, side (1 left, -1 right)."""
+    ax, ay = px[k], py[k]
+    dx, dy = px[k + 1] - ax, py[k + 1] - ay
+    square = dx * dx + dy * dy
+    share = 0.0
+    if square > 0.0:
+        share = min(max(((x - ax) * dx + (y - ay) * dy) / square, 0.0), 1.0)
+        norm = np.sqrt(square)
+    else:
+        norm = 1.0
+    ex, ey = x - ax - share * dx, y - ay - share * dy
+    side = 1.0 if dx * ey - dy * ex >= 0.0 else -1.0
+    return ex * ex + ey * ey, dist[k] + share * (dist[k + 1] - dist[k]), dx / norm, dy / norm, side
+
+
+@njit(cache=True)
+def find_candidates(x, y, px, py, dist, owner, grid, starts, items, radius, margin, limit):
+    """Edges within ``radius`` of every position and not more than ``margin`` farther than the nearest; at most ``limit``.
+
+    ``grid`` is (x0, y0, cell, nx, ny).  Returns CSR starts (N + 1,), and of every candidate: edge; offset, lateral distance
+    (left positive; beyond an end the whole distance), tangent x, tangent y.  One candidate an edge: its nearest point.
+    """
+    x0, y0, cell, nx, ny = grid
+    n = len(x)
+    ptr = np.zeros(n + 1, np.int64)
+    capacity = 8 * n + limit
+    edge = np.empty(capacity, np.int32)
+    value = np.empty((4, capacity))
+    near_e = np.empty(limit, np.int32)
+    near = np.empty((5, limit))
+    total = 0
+    for p in range(n):
+        m = 0
+        best = radius * radius
+        cut = best
+        i0 = max(int(np.floor((x[p] - radius - x0) / cell)), 0)
+        i1 = min(int(np.floor((x[p] + radius - x0) / cell)), nx - 1)
+        j0 = max(int(np.floor((y[p] - radius - y0) / cell)), 0)
+        j1 = min(int(np.floor((y[p] + radius - y0) / cell)), ny - 1)
+        for i in range(i0, i1 + 1):
+            for j in range(j0, j1 + 1):
+                for q in range(starts[i * ny + j], starts[i * ny + j + 1]):
+                    k = items[q]
+                    d2, s, ux, uy, side = project(px, py, dist, k, x[p], y[p])
+                    if d2 > cut:
+                        continue
+                    if d2 < best:
+                        best = d2
+                        cut = min((np.sqrt(best) + margin) ** 2, radius * radius)
+                    m = _keep(near_e, near, m, owner[k], d2, s, ux, uy, side)
+        if total + limit > capacity:
+            capacity *= 2
+            edge = np.concatenate((edge, np.empty_like(edge)))
+            value = np.concatenate((value, np.empty_like(value)), axis=1)
+        for c in range(m):
+            if near[0, c] <= cut:
+                edge[total] = near_e[c]
+                value[0, total] = near[1, c]
+                value[1, total] = near[4, c] * np.sqrt(near[0, c])
+                value[2, total], value[3, total] = near[2, c], near[3, c]
+                total += 1
+        ptr[p + 1] = total
+    return ptr, edge[:total].copy(), value[:, :total].copy()
+
+
+@njit(cache=True)
+def _keep(near_e, near, m, e, d2, s, ux, uy, side):
+    """Enter a foot in the list of one position; of an edge the nearest foot stays, of too many edges the farthest goes."""
+    at = -1
+    for c in range(m):
+        if near_e[c] == e:
+            at = c
+            if d2 >= near[0, c]:
+                return m
+            break
+    if at < 0:
+        if m < len(near_e):
+            at = m
+            m += 1
+        else:
+            at = int(np.argmax(near[0]))
+            if near[0, at] <= d2:
+                return m
+    near_e[at] = e
+    near[0, at], near[1, at], near[2, at], near[3, at], near[4, at] = d2, s, ux, uy, side
+    return m

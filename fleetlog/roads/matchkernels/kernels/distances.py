@@ -1,0 +1,146 @@
+"""Bounded network distances from the end of an edge, found when first asked for and kept."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def _push(heap_d, heap_e, size, d, e):
+    i = size
+    while i > 0:
+        up = (i - 1) >> 1
+        if heap_d[up] <= d:
+            break
+        heap_d[i], heap_e[i] = heap_d[up], heap_e[up]
+        i = up
+    heap_d[i], heap_e[i] = d, e
+    return size + 1
+
+
+@njit(cache=True)
+def _pop(heap_d, heap_e, size):
+    """Drop the top; the caller has read it."""
+    size -= 1
+    d, e = heap_d[size], heap_e[size]
+    i = 0
+    while True:
+        child = 2 * i + 1
+        if child >= size:
+            break
+        if child + 1 < size and heap_d[child + 1] < heap_d[child]:
+            child += 1
+        if heap_d[child] >= d:
+            break
+        heap_d[i], heap_e[i] = heap_d[child], heap_e[child]
+        i = child
+    heap_d[i], heap_e[i] = d, e
+    return size
+
+
+@njit(cache=True)
+def search(source, bound, next_first, next_edges, length, best, before, heap_d, heap_e, found):
+    """Dijkstra over edges from the end of ``source``: edges whose start is within ``bound``, nearest first.
+
+    ``best`` (E,) is infinite on entry and on return for all but the edges in ``found`` (the caller resets them);
+    ``before`` holds the previous edge of the path.  Turns are those of the network.  Returns how many were found.
+    """
+    size = 0
+    count = 0
+    for q in range(next_first[source], next_first[source + 1]):
+        f = next_edges[q]
+        if best[f] > 0.0:
+            best[f] = 0.0
+            before[f] = source
+            size = _push(heap_d, heap_e, size, 0.0, f)
+    while size > 0:
+        d, e = heap_d[0], heap_e[0]
+        size = _pop(heap_d, heap_e, size)
+        if d > best[e]:
+            continue
+        found[count] = e
+        count += 1
+        through = d + length[e]
+        if through > bound:
+            continue
+        for q in range(next_first[e], next_first[e + 1]):
+            f = next_edges[q]
+            if through < best[f]:
+                best[f] = through
+                before[f] = e
+                size = _push(heap_d, heap_e, size, through, f)
+    return count
+
+
+@njit(cache=True)
+def new_store(edges, arcs):
+    """An empty store for a network of ``edges`` edges and ``arcs`` turns.
+
+    ``known`` (E,) is the bound up to which an edge's reach is stored (-1: not at all), ``begin`` and ``count`` its rows in
+    ``target``, ``previous`` and ``away``; ``used`` is how many rows are taken.
+    """
+    known = np.full(edges, -1.0)
+    begin = np.zeros(edges, np.int64)
+    count = np.zeros(edges, np.int64)
+    target = np.empty(1024, np.int32)
+    previous = np.empty(1024, np.int32)
+    away = np.empty(1024)
+    used = np.zeros(1, np.int64)
+    best = np.full(edges, np.inf)
+    before = np.full(edges, -1, np.int32)
+    heap_d = np.empty(arcs + edges + 8)
+    heap_e = np.empty(arcs + edges + 8, np.int32)
+    found = np.empty(edges + 1, np.int32)
+    return known, begin, count, target, previous, away, used, best, before, heap_d, heap_e, found
+
+
+@njit(cache=True)
+def ensure(store, source, bound, next_first, next_edges, length):
+    """The store, with everything within ``bound`` of the end of ``source`` in it."""
+    known, begin, count, target, previous, away, used, best, before, heap_d, heap_e, found = store
+    if known[source] >= bound:
+        return store
+    m = search(source, bound, next_first, next_edges, length, best, before, heap_d, heap_e, found)
+    start = used[0]
+    if start + m > len(target):
+        more = max(len(target), m)
+        target = np.concatenate((target, np.empty(more, np.int32)))
+        previous = np.concatenate((previous, np.empty(more, np.int32)))
+        away = np.concatenate((away, np.empty(more)))
+    for i in range(m):
+        f = found[i]
+        target[start + i], previous[start + i], away[start + i] = f, before[f], best[f]
+    # edges that were reached but lie beyond the bound are reset too: walk what every found edge could have touched
+    for i in range(-1, m):
+        e = source if i < 0 else found[i]
+        for q in range(next_first[e], next_first[e + 1]):
+            best[next_edges[q]] = np.inf
+    known[source], begin[source], count[source] = bound, start, m
+    used[0] = start + m
+    return known, begin, count, target, previous, away, used, best, before, heap_d, heap_e, found
+
+
+@njit(cache=True)
+def path_between(store, source, goal, path):
+    """Edges strictly between ``source`` and ``goal`` (which the store knows), into ``path`` in order; how many, or -1."""
+    begin, count, target, previous = store[1], store[2], store[3], store[4]
+    a, b = begin[source], begin[source] + count[source]
+    m = 0
+    at = goal
+    while m < len(path):
+        row = -1
+        for i in range(a, b):
+            if target[i] == at:
+                row = i
+                break
+        if row < 0:
+            return -1
+        at = previous[row]
+        if at == source:
+            for i in range(m // 2):
+                path[i], path[m - 1 - i] = path[m - 1 - i], path[i]
+            return m
+        path[m] = at
+        m += 1
+    return -1

@@ -1,0 +1,87 @@
+"""Points to groups: what one step of the hidden Markov model sees."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def group_points(t, speed, chain, span, standing_speed):
+    """Group of every point: at most ``span`` seconds of motion, or one whole standstill that the log's speed shows.
+
+    ``chain`` (N,) counts up at gaps, ``speed`` is NaN where unknown.  Returns the first row of every group (G + 1,) and
+    whether it stands (G,).
+    """
+    n = len(t)
+    first = np.empty(n + 1, np.int64)
+    still = np.zeros(n, np.bool_)
+    count = 0
+    for i in range(n):
+        stands = speed[i] < standing_speed
+        if i > 0 and chain[i] == chain[i - 1] and stands == still[count - 1]:
+            if stands or t[i] - t[first[count - 1]] < span:
+                continue
+        first[count] = i
+        still[count] = stands
+        count += 1
+    first[count] = n
+    return first[: count + 1].copy(), still[:count].copy()
+
+
+@njit(cache=True)
+def group_means(first, t, x, y, travelled, heading):
+    """Means over each group: time, x, y, travelled distance, and the axis of the log's heading (cos, sin of the double angle)."""
+    count = len(first) - 1
+    out = np.empty((6, count))
+    for g in range(count):
+        a, b = first[g], first[g + 1]
+        st = sx = sy = sd = c = s = 0.0
+        known = 0
+        for i in range(a, b):
+            st += t[i] - t[a]
+            sx += x[i] - x[a]
+            sy += y[i] - y[a]
+            sd += travelled[i] - travelled[a]
+            if not np.isnan(heading[i]):
+                c += np.cos(2.0 * heading[i])
+                s += np.sin(2.0 * heading[i])
+                known += 1
+        m = b - a
+        out[0, g], out[1, g], out[2, g] = t[a] + st / m, x[a] + sx / m, y[a] + sy / m
+        out[3, g] = travelled[a] + sd / m
+        out[4, g] = c / known if known else 0.0
+        out[5, g] = s / known if known else 0.0
+    return out
+
+
+@njit(cache=True)
+def find_stops(first, t, gx, gy, chain, radius, min_duration):
+    """Runs of groups that stay within ``radius`` of their mean for ``min_duration``: merged, as the truck stands there.
+
+    Returns the first rows of the merged groups and whether each stands.
+    """
+    count = len(first) - 1
+    merged = np.empty(count + 1, np.int64)
+    still = np.zeros(count, np.bool_)
+    out = 0
+    g = 0
+    while g < count:
+        sx, sy, m = gx[g], gy[g], 1
+        h = g + 1
+        while h < count and chain[first[h]] == chain[first[g]]:
+            if np.hypot(gx[h] - sx / m, gy[h] - sy / m) > radius:
+                break
+            sx += gx[h]
+            sy += gy[h]
+            m += 1
+            h += 1
+        merged[out] = first[g]
+        if h - g > 2 and t[first[h] - 1] - t[first[g]] >= min_duration:
+            still[out] = True
+            g = h
+        else:
+            g += 1
+        out += 1
+    merged[out] = first[count]
+    return merged[: out + 1].copy(), still[:out].copy()

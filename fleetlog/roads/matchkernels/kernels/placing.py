@@ -1,0 +1,190 @@
+"""Points on a route: a fixed-interval smoother on the path coordinate."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def smooth_coordinate(t, seen, seen_var, speed, speed_var, accel, out, sd):
+    """Rauch-Tung-Striebel smoother of (coordinate, speed) under white acceleration of density ``accel`` [m2/s3].
+
+    ``seen`` (n,) coordinates with variances ``seen_var`` (n,); ``speed`` (n,) is NaN where the log has none.  Writes the
+    smoothed coordinate and its standard deviation.
+    """
+    n = len(t)
+    m = np.empty((n, 2))
+    p = np.empty((n, 3))
+    x, v, pxx, pxv, pvv = seen[0], 0.0, seen_var[0], 0.0, 25.0
+    for i in range(n):
+        if i > 0:
+            h = t[i] - t[i - 1]
+            x += h * v
+            pxx += h * (2.0 * pxv + h * pvv) + accel * h * h * h / 3.0
+            pxv += h * pvv + accel * h * h / 2.0
+            pvv += accel * h
+            s = pxx + seen_var[i]
+            kx, kv, r = pxx / s, pxv / s, seen[i] - x
+            x += kx * r
+            v += kv * r
+            pvv -= kv * pxv
+            pxv -= kx * pxv
+            pxx -= kx * pxx
+        if speed[i] == speed[i]:
+            s = pvv + speed_var[i]
+            kx, kv, r = pxv / s, pvv / s, speed[i] - v
+            x += kx * r
+            v += kv * r
+            pxx -= kx * pxv
+            pxv -= kv * pxv
+            pvv -= kv * pvv
+        m[i, 0], m[i, 1] = x, v
+        p[i, 0], p[i, 1], p[i, 2] = pxx, pxv, pvv
+    out[n - 1], sd[n - 1] = x, math.sqrt(max(pxx, 0.0))
+    sxx, sxv, svv = pxx, pxv, pvv
+    for i in range(n - 2, -1, -1):
+        h = t[i + 1] - t[i]
+        fxx, fxv, fvv = p[i, 0], p[i, 1], p[i, 2]
+        qxx = fxx + h * (2.0 * fxv + h * fvv) + accel * h * h * h / 3.0
+        qxv = fxv + h * fvv + accel * h * h / 2.0
+        qvv = fvv + accel * h
+        det = qxx * qvv - qxv * qxv
+        # gain = P F' Q^-1 with F = [[1, h], [0, 1]]
+        a, b = fxx + h * fxv, fxv
+        c, d = fxv + h * fvv, fvv
+        g00, g01 = (a * qvv - b * qxv) / det, (b * qxx - a * qxv) / det
+        g10, g11 = (c * qvv - d * qxv) / det, (d * qxx - c * qxv) / det
+        ex, ev = x - (m[i, 0] + h * m[i, 1]), v - m[i, 1]
+        x, v = m[i, 0] + g00 * ex + g01 * ev, m[i, 1] + g10 * ex + g11 * ev
+        dxx, dxv, dvv = sxx - qxx, sxv - qxv, svv - qvv
+        sxx = fxx + g00 * (g00 * dxx + g01 * dxv) + g01 * (g00 * dxv + g01 * dvv)
+        n_xv = fxv + g00 * (g10 * dxx + g11 * dxv) + g01 * (g10 * dxv + g11 * dvv)
+        svv = fvv + g10 * (g10 * dxx + g11 * dxv) + g11 * (g10 * dxv + g11 * dvv)
+        sxv = n_xv
+        out[i], sd[i] = x, math.sqrt(max(sxx, 0.0))
+
+
+@njit(cache=True)
+def _locate(where, piece, lo, hi, p_edge, p_value, px, py, first, dist, back_edge):
+    """Piece, offset, position and tangent at a path coordinate; ``piece`` is a guess nearby."""
+    while piece > lo and where < p_value[2, piece]:
+        piece -= 1
+    while piece < hi - 1 and where >= p_value[2, piece] + p_value[1, piece] - p_value[0, piece]:
+        piece += 1
+    e = p_edge[piece]
+    offset = p_value[0, piece] + where - p_value[2, piece]
+    inside = min(max(offset, p_value[0, piece]), p_value[1, piece])
+    k = first[e]
+    top = first[e + 1] - 2
+    if back_edge[0] == e and back_edge[1] <= top and dist[back_edge[1]] <= inside:
+        k = back_edge[1]
+    while k < top and dist[k + 1] < inside:
+        k += 1
+    back_edge[0], back_edge[1] = e, k
+    run = max(dist[k + 1] - dist[k], 1e-12)
+    share = (inside - dist[k]) / run
+    dx, dy = px[k + 1] - px[k], py[k + 1] - py[k]
+    norm = max(math.hypot(dx, dy), 1e-12)
+    # offsets may count the climb too (3-D length): one metre of offset is norm / run metres on the plan
+    return piece, inside, px[k] + share * dx, py[k] + share * dy, dx / norm, dy / norm, run / norm
+
+
+@njit(cache=True)
+def place_points(
+    t, x, y, speed, first_row, group_time, spans, firsts, piece_of, place_of, still,
+    p_edge, p_value, px, py, first, dist, near, variance, speed_variance, accel, edge, offset, lateral, confidence,
+):  # fmt: skip
+    """Edge, offset, lateral offset and confidence of every row that a stretch covers.
+
+    Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is projected onto the
+    tangent of the route.  ``near`` (G,) is the posterior of the route about each group.
+    """
+    cursor = np.zeros(2, np.int64)
+    for s in range(spans.shape[1]):
+        g0, g1 = spans[0, s], spans[1, s]
+        a, b = first_row[g0], first_row[g1 + 1]
+        lo, hi = firsts[s], firsts[s + 1]
+        end = p_value[2, hi - 1] + p_value[1, hi - 1] - p_value[0, hi - 1]
+        n = b - a
+        where, sd = np.empty(n), np.zeros(n)
+        _interpolate(t, a, b, g0, g1, first_row, group_time, place_of, still, where)
+        seen, var, v, v_var = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+        for _ in range(2):
+            piece, g = lo, g0
+            cursor[0] = -1
+            for i in range(n):
+                while a + i >= first_row[g + 1]:
+                    g += 1
+                if still[g]:
+                    seen[i], var[i], v[i], v_var[i] = (
+                        place_of[g],
+                        variance / max(first_row[g + 1] - first_row[g], 1),
+                        0.0,
+                        1e-6,
+                    )
+                    continue
+                piece, _o, qx, qy, ux, uy, stretch = _locate(
+                    min(max(where[i], 0.0), end), piece, lo, hi, p_edge, p_value, px, py, first, dist, cursor
+                )
+                along = ((x[a + i] - qx) * ux + (y[a + i] - qy) * uy) * stretch
+                seen[i] = min(max(where[i], 0.0), end) + along
+                var[i], v[i], v_var[i] = variance, speed[a + i], speed_variance
+            smooth_coordinate(t[a:b], seen, var, v, v_var, accel, where, sd)
+        piece, g = lo, g0
+        cursor[0] = -1
+        for i in range(n):
+            while a + i >= first_row[g + 1]:
+                g += 1
+            c = min(max(place_of[g] if still[g] else where[i], 0.0), end)
+            piece, o, qx, qy, ux, uy, _s = _locate(
+                c, piece, lo, hi, p_edge, p_value, px, py, first, dist, cursor
+            )
+            edge[a + i], offset[a + i] = p_edge[piece], o
+            lateral[a + i] = -(x[a + i] - qx) * uy + (y[a + i] - qy) * ux
+            width = max(sd[i], 1e-3) * 1.4142135623730951
+            low = -1e9 if piece == lo else (p_value[2, piece] - c) / width
+            high = 1e9 if piece == hi - 1 else (p_value[2, piece + 1] - c) / width
+            confidence[a + i] = near[g] * 0.5 * (math.erf(high) - math.erf(low))
+
+
+@njit(cache=True)
+def _interpolate(t, a, b, g0, g1, first_row, group_time, place_of, still, where):
+    """Path coordinate of rows between the groups' centres, carried on with the nearest slope at both ends."""
+    g = g0
+    for i in range(a, b):
+        while g < g1 - 1 and t[i] > group_time[g + 1]:
+            g += 1
+        if g1 == g0:
+            where[i - a] = place_of[g0]
+            continue
+        h = min(g + 1, g1)
+        if h == g:
+            g = h - 1
+        slope = (place_of[h] - place_of[g]) / max(group_time[h] - group_time[g], 1e-9)
+        where[i - a] = place_of[g] + slope * (t[i] - group_time[g])
+    for g in range(g0, g1 + 1):
+        if still[g]:
+            for i in range(first_row[g], first_row[g + 1]):
+                where[i - a] = place_of[g]
+
+
+@njit(cache=True)
+def route_posterior(chosen, ptr, edge, posterior, piece_of, of, firsts, p_edge):
+    """(G,) posterior mass of the candidates on the route next to the chosen one: previous, same and following piece."""
+    out = np.zeros(len(chosen))
+    for g in range(len(chosen)):
+        if chosen[g] < 0:
+            continue
+        p = piece_of[g]
+        lo, hi = max(p - 1, firsts[of[g]]), min(p + 2, firsts[of[g] + 1])
+        total = 0.0
+        for c in range(ptr[g], ptr[g + 1]):
+            for q in range(lo, hi):
+                if p_edge[q] == edge[c]:
+                    total += posterior[c]
+                    break
+        out[g] = min(total, 1.0)
+    return out
