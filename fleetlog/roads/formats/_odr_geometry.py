@@ -127,6 +127,7 @@ class Plan:
 
     def at(self, s: Floats) -> tuple[Floats, Floats, Floats]:
         """x, y [m] and heading [rad] at s [m], (N,) each; beyond a piece's length its end counts."""
+        s = np.asarray(s, dtype=np.float64)
         x, y, h = np.empty_like(s), np.empty_like(s), np.empty_like(s)
         which = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, None)
         for k in np.unique(which):
