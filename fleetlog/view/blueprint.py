@@ -13,6 +13,8 @@ import rerun.blueprint as rrb
 from fleetlog.view.extent import Extent
 from fleetlog.view.stream import TIMELINE, Stream
 
+WINDOW = (240.0, 60.0)
+"""What the plots of a long recording show before and after the cursor [s]."""
 CURVE_NAMES = {"speed": "Speed [m/s]", "power": "Battery power [kW]", "soc": "State of charge [%]"}
 
 
@@ -25,6 +27,7 @@ class Screen:
     signals: set[str] = field(default_factory=set)
     trails: list[str] = field(default_factory=list)
     on_earth: bool = False
+    legend: bool = True
     summary: str = "/summary"
     trail_seconds: float = 40.0
     start: int | None = None
@@ -57,8 +60,8 @@ def oblique(extent: Extent) -> rrb.EyeControls3D:
     size = max(np.hypot(x1 - x0, y1 - y0), 15.0)
     x, y = (x0 + x1) / 2, (y0 + y1) / 2
     return rrb.EyeControls3D(
-        position=(x + 0.28 * size, y - 0.50 * size, 0.42 * size),
-        look_target=(x, y - 0.04 * size, 0.0),
+        position=(x + 0.25 * size, y - 0.60 * size, 0.49 * size),
+        look_target=(x, y - 0.10 * size, 0.0),
         eye_up=(0.0, 0.0, 1.0),
     )
 
@@ -70,10 +73,12 @@ def trailing(paths: Iterable[str], seconds: float) -> dict[str, Any]:
         start=rrb.TimeRangeBoundary.cursor_relative(seconds=-seconds),
         end=rrb.TimeRangeBoundary.cursor_relative(),
     )
-    return {path: span for path in paths}
+    return dict.fromkeys(paths, span)
 
 
-def floor_view(screen: Screen, name: str, eye: rrb.EyeControls3D, contents: Sequence[str] = ()) -> rrb.Spatial3DView:
+def floor_view(
+    screen: Screen, name: str, eye: rrb.EyeControls3D, contents: Sequence[str] = ()
+) -> rrb.Spatial3DView:
     """A view of the site's floor with its trucks."""
     fleet = [f"{p}/{kind}/**" for p in screen.prefixes for kind in ("trucks", "trail")]
     return rrb.Spatial3DView(
@@ -87,17 +92,40 @@ def floor_view(screen: Screen, name: str, eye: rrb.EyeControls3D, contents: Sequ
     )
 
 
+def around_cursor(before: float, after: float) -> rrb.VisibleTimeRanges:
+    """What a plot reads: no more than its window, so that a long recording stays quick [s]."""
+    return rrb.VisibleTimeRanges(
+        timeline=TIMELINE,
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-before),
+        end=rrb.TimeRangeBoundary.cursor_relative(seconds=after),
+    )
+
+
+def whole_time() -> rrb.TimeAxis:
+    """A time axis from the first to the last value."""
+    ever = rrb.TimeRangeBoundary.infinite()
+    return rrb.TimeAxis(view_range=rr.TimeRange(start=ever, end=ever))
+
+
+def _legend_signal(screen: Screen) -> str:
+    """The one plot that says which colour is which vehicle."""
+    return next((s for s in ("soc", "speed", "power") if s in screen.signals), "")
+
+
 def curve_view(screen: Screen, signal: str) -> rrb.TimeSeriesView:
     """The curves of one signal, all vehicles."""
     soc = signal == "soc"
-    short = not soc and screen.duration > 900
+    whole = soc or screen.duration <= 900
     return rrb.TimeSeriesView(
         origin="/",
         name=CURVE_NAMES.get(signal, signal),
         contents=[f"{p}/{signal}/**" for p in screen.prefixes],
-        axis_y=rrb.ScalarAxis(range=(0.0, 100.0)) if soc else None,
-        axis_x=window(240.0, 60.0) if short else None,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=soc or not {"soc"} & screen.signals),
+        axis_y=rrb.ScalarAxis(range=(0.0, 104.0)) if soc else None,
+        axis_x=whole_time() if whole else window(*WINDOW),
+        time_ranges=None if whole else around_cursor(*WINDOW),
+        plot_legend=rrb.PlotLegend(
+            rrb.Corner2D.LeftBottom, visible=screen.legend and signal == _legend_signal(screen)
+        ),
     )
 
 
@@ -132,9 +160,7 @@ def replay(screen: Screen, latitude: float | None) -> rrb.Blueprint:
     right: list[Any] = [curve_view(screen, s) for s in CURVE_NAMES if s in screen.signals]
     right.append(rrb.TextDocumentView(origin=screen.summary, name="Summary"))
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(*left, row_shares=[3, 2]), rrb.Vertical(*right), column_shares=[5, 3]
-        ),
+        rrb.Horizontal(rrb.Vertical(*left, row_shares=[3, 2]), rrb.Vertical(*right), column_shares=[5, 3]),
         *panels(screen),
         auto_views=False,
         auto_layout=False,

@@ -28,7 +28,7 @@ def _around(points: Sequence[Any]) -> Extent:
 
 
 def _site_points(site: Site) -> list[Any]:
-    areas: list[Any] = [a.polygon[:, :2] for a in (*site.zones, *site.buildings)]
+    areas: list[Any] = [z.polygon[:, :2] for z in site.zones] + [b.polygon[:, :2] for b in site.buildings]
     areas += [[(p.x, p.y)] for p in site.places]
     return areas if site.network is None else [*areas, site.network.points[:, :2]]
 

@@ -28,6 +28,8 @@ CURVES = {"speed": ("speed", 1.0), "battery_power": ("power", 1e-3), "soc": ("so
 """Trajectory column: (signal in the recording, factor to its unit: m/s, kW, %)."""
 BAR_HALF, BAR_UP, BAR_NORTH = 1.6, 3.4, 2.2
 TRAIL_STEP = 4
+SOC_RATE = 0.2
+"""Samples a second of the SOC curve at most."""
 MIN_LOAD = 1.0
 """Payload [kg] above which a load is drawn."""
 
@@ -71,9 +73,8 @@ def log_static(stream: Stream, lane: Lane, signals: set[str]) -> None:
     name = lane.label or lane.vehicle
     stream.static(lane.path("trucks", "body"), mesh3d(truck_body(lane.colour)))
     stream.static(lane.path("trucks", "body", "fork"), mesh3d(truck_fork()))
-    style = {"names": name, "colors": lane.colour, "widths": 1.6}
     for signal in sorted(signals):
-        stream.static(lane.path(signal), rr.SeriesLines(**style))
+        stream.static(lane.path(signal), curve_style(name, lane.colour))
 
 
 def log_day(stream: Stream, lane: Lane, t: Trajectory, site: Site, labels: bool) -> set[str]:
@@ -99,13 +100,23 @@ def _log_curves(stream: Stream, lane: Lane, t: Trajectory, limit: int) -> set[st
         if not t.has(column):
             continue
         found.add(signal)
-        time, values = _with_gaps(t.time, t.floats(column) * factor, limit, lane.last)
+        slow = thin.thinned(t, SOC_RATE) if signal == "soc" else t
+        time, values = _with_gaps(slow.time, slow.floats(column) * factor, limit, lane.last)
         keep = thin.runs_collapsed(values)
         time, values = time[keep], values[keep]
-        stream.columns(
-            lane.path(signal), time, lambda rows, v=values: rr.Scalars.columns(scalars=v[rows])
-        )
+        log_curve(stream, lane.path(signal), time, values)
     return found
+
+
+def curve_style(name: str, colour: Colour) -> rr.SeriesLines:
+    """A thin line through the values themselves; the viewer's averaging would bend it where runs were collapsed."""
+    raw = rr.components.AggregationPolicy.Off
+    return rr.SeriesLines(names=name, colors=colour, widths=1.6, aggregation_policy=raw)
+
+
+def log_curve(stream: Stream, path: str, time: Ints, values: Floats) -> None:
+    """A curve over time."""
+    stream.columns(path, time, lambda rows: rr.Scalars.columns(scalars=values[rows]))
 
 
 def _with_gaps(time: Ints, values: Floats, limit: int, last: int | None) -> tuple[Ints, Floats]:
@@ -156,7 +167,9 @@ def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels:
 def _log_heading(stream: Stream, lane: Lane, t: Trajectory, hidden: Ints) -> None:
     heading = t.floats("heading")
     keep = thin.changed(heading, np.radians(1.0))
-    keep = np.union1d(keep[np.isfinite(heading[keep])], [s.start for s in thin.pieces(t.time, thin.gap_limit(t.time))])
+    keep = np.union1d(
+        keep[np.isfinite(heading[keep])], [s.start for s in thin.pieces(t.time, thin.gap_limit(t.time))]
+    )
     time = np.concatenate([t.time[keep], hidden])
     turn = np.concatenate([np.nan_to_num(heading[keep]), np.zeros(len(hidden))])
     size = np.repeat([1.0, 1e-6], [len(keep), len(hidden)])
@@ -187,14 +200,14 @@ def _log_bar(stream: Stream, lane: Lane, t: Trajectory, hidden: Ints) -> None:
         split = BAR_HALF * (2.0 * float(np.clip(value, 0.03, 1.0)) - 1.0)
         strips += [_bar(-BAR_HALF, split), _bar(split, BAR_HALF)]
         colours += [palette.soc_colour(float(value)), (58, 60, 66)]
-    stream.static(
-        lane.path("trucks", "soc"), rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(3.0))
-    )
+    stream.static(lane.path("trucks", "soc"), rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(3.0)))
     stream.parts(
         lane.path("trucks", "soc"),
         time[order],
         lengths[order],
-        lambda rows: rr.LineStrips3D.columns(strips=strips[rows], colors=np.array(colours[rows], np.uint8).reshape(-1, 3)),
+        lambda rows: rr.LineStrips3D.columns(
+            strips=strips[rows], colors=np.array(colours[rows], np.uint8).reshape(-1, 3)
+        ),
     )
 
 
@@ -246,19 +259,17 @@ def _log_trail(stream: Stream, lane: Lane, t: Trajectory, site: Site, limit: int
     style = rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(1.8), colors=[lane.colour])
     stream.static(lane.path("trail"), style)
     stream.columns(
-        lane.path("trail"), np.array(when, np.int64), lambda rows: rr.LineStrips3D.columns(strips=strips[rows])
+        lane.path("trail"),
+        np.array(when, np.int64),
+        lambda rows: rr.LineStrips3D.columns(strips=strips[rows]),
     )
 
 
 def _log_map(stream: Stream, lane: Lane, t: Trajectory, site: Site) -> None:
     assert site.frame is not None
-    keep = np.intersect1d(
-        thin.rows_at_rate(t.time, 1.0), thin.runs_collapsed(t.floats("x"), t.floats("y"))
-    )
+    keep = np.intersect1d(thin.rows_at_rate(t.time, 1.0), thin.runs_collapsed(t.floats("x"), t.floats("y")))
     latitude, longitude = site.frame.to_geographic(t.floats("x")[keep], t.floats("y")[keep])
     where = np.column_stack([latitude, longitude])
     style = rr.GeoPoints.from_fields(radii=rr.Radius.ui_points(5.0), colors=[lane.colour])
     stream.static(lane.path("geo"), style)
-    stream.columns(
-        lane.path("geo"), t.time[keep], lambda rows: rr.GeoPoints.columns(positions=where[rows])
-    )
+    stream.columns(lane.path("geo"), t.time[keep], lambda rows: rr.GeoPoints.columns(positions=where[rows]))

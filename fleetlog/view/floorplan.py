@@ -44,10 +44,14 @@ def draw_site(axes: Axes, site: Site) -> None:
 
     if site.buildings:
         polygons = [ribbons.open_ring(b.polygon) for b in site.buildings]
-        axes.add_collection(PolyCollection(polygons, facecolors=BUILDING, edgecolors="#c9cdd3", lw=0.7, zorder=0))
+        axes.add_collection(
+            PolyCollection(polygons, facecolors=BUILDING, edgecolors="#c9cdd3", lw=0.7, zorder=0)
+        )
     limited = [ribbons.open_ring(z.polygon) for z in site.zones]
     if limited:
-        area = PolyCollection(limited, facecolors="none", edgecolors="#b98a2f", lw=0.8, linestyles="--", zorder=0.5)
+        area = PolyCollection(
+            limited, facecolors="none", edgecolors="#b98a2f", lw=0.8, linestyles="--", zorder=0.5
+        )
         axes.add_collection(area)
     if site.network is not None:
         lines = [site.network.polyline(i)[:, :2] for i in range(len(site.network))]
@@ -93,7 +97,13 @@ def _draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Layer:
         axes.add_collection(LineCollection(lines, colors="#1d2024", linewidths=0.35, alpha=0.55, zorder=2))
     if alpha is not None:
         axes.annotate(
-            "pale: not significant", (1, 1), xycoords="axes fraction", ha="right", va="bottom", fontsize=7.5, color=INK
+            "pale: not significant",
+            (0.01, 0.99),
+            xycoords="axes fraction",
+            ha="left",
+            va="top",
+            fontsize=7.5,
+            color=INK,
         )
     return Layer(image, _extend(scale))
 
@@ -137,12 +147,18 @@ def _draw_lines(axes: Axes, shape: MovingLines) -> None:
     from matplotlib.collections import LineCollection
 
     for critical, colour in ((False, "#7fa8c4"), (True, "#c22e2a")):
-        picked = [s[np.asarray(f, bool) == critical] for s, f in zip(shape.lines, shape.critical, strict=True) if len(s)]
+        picked = [
+            s[np.asarray(f, bool) == critical]
+            for s, f in zip(shape.lines, shape.critical, strict=True)
+            if len(s)
+        ]
         strips = np.concatenate(picked) if picked else np.zeros((0, 2, 2))
         if len(strips):
             strips = strips[:: max(1, len(strips) // 20_000)]
             alpha = float(np.clip(40.0 / len(strips), 0.02, 0.5))
-            axes.add_collection(LineCollection(list(strips), colors=colour, linewidths=0.9, alpha=alpha, zorder=2.5))
+            axes.add_collection(
+                LineCollection(list(strips), colors=colour, linewidths=0.9, alpha=alpha, zorder=2.5)
+            )
 
 
 def _draw_marks(axes: Axes, marks: Marks) -> None:
@@ -154,7 +170,9 @@ def _draw_marks(axes: Axes, marks: Marks) -> None:
     small = 0.006 * float(np.ptp(axes.get_xlim()))
     circles = [Circle((x, y), max(float(r), small)) for (x, y), r in zip(marks.xy, marks.size, strict=True)]
     face = colour if solid else "none"
-    axes.add_collection(PatchCollection(circles, facecolors=face, edgecolors=colour, linewidths=1.4, zorder=3))
+    axes.add_collection(
+        PatchCollection(circles, facecolors=face, edgecolors=colour, linewidths=1.4, zorder=3)
+    )
     reach = 0.012 * float(np.ptp(axes.get_xlim()))
     for (x, y), label, size in list(zip(marks.xy, marks.labels, marks.size, strict=True))[:MAX_LABELS]:
         axes.annotate(
@@ -169,14 +187,20 @@ def draw_furniture(axes: Axes, site: Site) -> None:
         here = np.array([[p.x, p.y] for p in site.places if p.kind == kind])
         r, g, b = palette.PLACES[kind]
         axes.scatter(
-            *here.T, s=16, marker="s", color=(0.75 * r / 255, 0.75 * g / 255, 0.75 * b / 255), zorder=2.8, label=kind,
+            here[:, 0], here[:, 1], s=16, marker="s", color=(0.75 * r / 255, 0.75 * g / 255, 0.75 * b / 255), zorder=2.8, label=kind,
             edgecolors="white", linewidths=0.5,
         )  # fmt: skip
     _scale_bar(axes)
     _north_arrow(axes, 0.0 if site.frame is None else site.frame.rotation)
     if site.places:
-        axes.legend(loc="upper left", bbox_to_anchor=(0, -0.01), ncols=4, borderaxespad=0, handletextpad=0.1)
-        axes.set_xlabel("")
+        axes.legend(
+            loc="lower right",
+            bbox_to_anchor=(1.0, 1.0),
+            ncols=4,
+            borderaxespad=0.2,
+            handletextpad=0.1,
+            columnspacing=1.0,
+        )
 
 
 def _scale_bar(axes: Axes) -> None:

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 WIDTH, DPI = 10.0, 150
-MAP_HEIGHT, PANEL_HEIGHT = 6.0, 2.4
+PANEL_HEIGHT = 2.4
 MAX_MAPS, MAX_PANELS, MAX_BARS = 4, 6, 20
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 10.5, "axes.titlelocation": "left",
     "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#5a5f66", "axes.labelcolor": "#33373d",
     "xtick.color": "#5a5f66", "ytick.color": "#5a5f66", "legend.frameon": False, "legend.fontsize": 8.0,
@@ -49,6 +49,7 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
         heights = [map_height] * map_rows + [PANEL_HEIGHT] * panel_rows
         figure = Figure(figsize=(WIDTH, sum(heights) + 0.5 or 4.0), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
+        figure.get_layout_engine().set(w_pad=0.08, h_pad=0.05, hspace=0.03)  # type: ignore[union-attr, call-arg]  # constrained
         figure.suptitle(f"{site.name}: {result.name.replace('_', ' ')}", x=0.01, ha="left", weight="bold")
         _place(figure, heights, map_rows, columns, maps, panels, result, site)
         figure.savefig(out_png, format="png", dpi=DPI, facecolor="white", metadata={"Software": "fleetlog"})
@@ -56,7 +57,9 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
 
 
 def _split(result: Result) -> tuple[list[Grid | EdgeValues | None], list[Series | Bars]]:
-    maps: list[Grid | EdgeValues | None] = [s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
+    maps: list[Grid | EdgeValues | None] = [
+        *[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
+    ]
     if not maps and any(isinstance(s, Marks | MovingLines) for s in result.shapes):
         maps = [None]
     return maps, [s for s in result.shapes if isinstance(s, Series | Bars)][:MAX_PANELS]
@@ -74,22 +77,24 @@ def _place(
     if not heights:
         figure.text(0.01, 0.5, "\n".join(result.lines) or "nothing to draw", va="center")
         return
-    rows = figure.add_gridspec(len(heights), 1, height_ratios=heights)
-    for row in range(map_rows):
-        inner = rows[row].subgridspec(1, columns)
-        for column, layer in enumerate(maps[row * columns : (row + 1) * columns]):
-            _draw_map(figure, figure.add_subplot(inner[column]), layer, result, site)
-    per_row = 2 if len(panels) > 1 else 1
+    cells = figure.add_gridspec(len(heights), 2, height_ratios=heights)
+
+    def spot(first: int, k: int, wide: bool) -> Any:
+        return cells[first + k, :] if wide else cells[first + k // 2, k % 2]
+
+    for k, layer in enumerate(maps):
+        _draw_map(figure, figure.add_subplot(spot(0, k, columns == 1)), layer, result, site)
     for k, panel in enumerate(panels):
-        row, column = map_rows + k // per_row, k % per_row
-        axes = figure.add_subplot(rows[row].subgridspec(1, per_row)[column])
+        axes = figure.add_subplot(spot(map_rows, k, len(panels) == 1))
         if isinstance(panel, Series):
             _draw_series(axes, panel)
         else:
             _draw_bars(axes, panel)
 
 
-def _draw_map(figure: Figure, axes: Axes, layer: Grid | EdgeValues | None, result: Result, site: Site) -> None:
+def _draw_map(
+    figure: Figure, axes: Axes, layer: Grid | EdgeValues | None, result: Result, site: Site
+) -> None:
     extent = frame_map(result, site)
     axes.set_xlim(extent[0], extent[2])
     axes.set_ylim(extent[1], extent[3])
@@ -104,7 +109,7 @@ def _draw_map(figure: Figure, axes: Axes, layer: Grid | EdgeValues | None, resul
                 image.mappable, ax=axes, label=layer.label, extend=image.extend,
                 orientation="horizontal" if wide else "vertical", shrink=0.7, aspect=30, pad=0.02,
             )  # fmt: skip
-            bar.outline.set_visible(False)  # type: ignore[operator]  # typed as Any | Spine in the stubs
+            bar.outline.set_visible(False)
     draw_overlay(axes, result)
     draw_furniture(axes, site)
 
@@ -121,16 +126,19 @@ def _draw_series(axes: Axes, series: Series) -> None:
         x = x.astype("datetime64[us]")
     if series.stacked:
         values = np.nan_to_num(np.array(list(series.y.values()), float))
-        axes.stackplot(x, values, labels=list(series.y), colors=[_colour(i) for i in range(len(values))], lw=0)
+        axes.stackplot(
+            x, values, labels=list(series.y), colors=[_colour(i) for i in range(len(values))], lw=0
+        )
     else:
         for i, (name, y) in enumerate(series.y.items()):
             axes.plot(x, y, lw=1.1, color=_colour(i), label=name)
     if series.over_time:
         from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-        locator = AutoDateLocator(maxticks=7)
+        # These two classes of matplotlib carry no types.
+        locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
         axes.xaxis.set_major_locator(locator)
-        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
     axes.set_title(series.name.replace("_", " "))
     axes.set_xlabel("UTC" if series.over_time else series.x_label)
     axes.set_ylabel(series.y_label)

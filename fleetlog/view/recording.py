@@ -12,8 +12,8 @@ import rerun as rr
 from fleetlog.core.site import Site
 from fleetlog.store import Dataset
 from fleetlog.store.atomic import atomic_output
-from fleetlog.view.extent import dataset_extent
 from fleetlog.view import blueprint, fleet, palette, thin
+from fleetlog.view.extent import dataset_extent
 from fleetlog.view.scene import log_site
 from fleetlog.view.stream import Stream, open_stream
 
@@ -86,20 +86,19 @@ def log_summary(stream: Stream, dataset: Dataset, summary: str | Mapping[str, An
 
 def summary_markdown(dataset: Dataset, figures: Mapping[str, Any] | None = None) -> str:
     """What a dataset says of itself, as Markdown."""
-    meta = dataset.meta
-    edges = meta["site"].get("edges", 0)
-    rows = [
-        ("vehicles", f"{len(meta['vehicles'])}"),
-        ("rows", f"{dataset.rows:,}"),
-        ("from", _clock(meta.get("start"))),
-        ("to", _clock(meta.get("end"))),
-        ("road edges", f"{edges}" if edges else "no map"),
+    meta, edges = dataset.meta, dataset.meta["site"].get("edges", 0)
+    count = len(meta["vehicles"])
+    head = [
+        f"**{count}** vehicle{'s' if count != 1 else ''}, **{dataset.rows:,}** rows, {meta['kind']}",
+        f"{_clock(meta.get('start'))} to {_clock(meta.get('end'))} UTC",
+        f"{edges} directed road edges" if edges else "no road map",
     ]
-    for key, value in (figures or meta.get("summary") or {}).items():
-        if isinstance(value, str | int | float):
-            rows.append((str(key).replace("_", " "), _figure(value)))
-    table = "\n".join(f"| {k} | {v} |" for k, v in rows)
-    return f"### {meta['site']['name']}\n\n{meta['kind']} trajectories, times in UTC\n\n| | |\n| --- | --- |\n{table}\n"
+    more = [
+        f"{key.replace('_', ' ')}: {_figure(value)}"
+        for key, value in (figures or meta.get("summary") or {}).items()
+        if isinstance(value, str | int | float)
+    ]
+    return f"**{meta['site']['name']}**\n\n" + "\n".join(f"- {line}" for line in [*head, *more]) + "\n"
 
 
 def _clock(iso: str | None) -> str:
@@ -107,6 +106,6 @@ def _clock(iso: str | None) -> str:
 
 
 def _figure(value: Any) -> str:
-    if isinstance(value, bool) or isinstance(value, str):
+    if isinstance(value, bool | str):
         return str(value)
     return f"{value:,}" if isinstance(value, int) else f"{value:,.4g}"

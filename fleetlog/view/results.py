@@ -14,6 +14,7 @@ from fleetlog.core.site import Site
 from fleetlog.store.atomic import atomic_output
 from fleetlog.view import blueprint, palette, ribbons
 from fleetlog.view.extent import Extent, shapes_extent
+from fleetlog.view.fleet import curve_style, log_curve
 from fleetlog.view.meshes import join, mesh_of
 from fleetlog.view.scales import Scale, scale_of, screen_colours
 from fleetlog.view.scene import drawn_width, lane, log_site, mesh3d
@@ -41,9 +42,13 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
         log_site(stream, site)
         legends = [_log_shape(stream, site, shape, extent) for shape in result.shapes]
         _log_answer(stream, result, [text for text in legends if text])
-        if not any(isinstance(s, MovingLines) or (isinstance(s, Series) and s.over_time) for s in result.shapes):
+        if not any(
+            isinstance(s, MovingLines) or (isinstance(s, Series) and s.over_time) for s in result.shapes
+        ):
             # A view of a recording without any time stays on "static"; one instant makes the timeline.
-            stream.columns("/result/instant", np.zeros(1, np.int64), lambda rows: rr.Scalars.columns(scalars=[0.0]))
+            stream.columns(
+                "/result/instant", np.zeros(1, np.int64), lambda rows: rr.Scalars.columns(scalars=[0.0])
+            )
         blueprint.send(stream, _screen(result, extent))
     return Path(out_rrd)
 
@@ -74,7 +79,7 @@ def _log_grid(stream: Stream, path: str, grid: Grid, extent: Extent) -> str:
     )
     raster = rr.GridMap(
         data=np.ascontiguousarray(rgba[::-1]).tobytes(), format=size, cell_size=grid.cell,
-        translation=[grid.x0, grid.y0, 0.07], opacity=0.85,
+        translation=[grid.x0, grid.y0, 0.0], opacity=0.9,
     )  # fmt: skip
     stream.static(path, raster)
     return _legend(stream, path, grid.label, scale, extent)
@@ -134,7 +139,11 @@ def _log_marks(stream: Stream, path: str, marks: Marks) -> str:
     stream.static(f"{path}/rings", mesh3d(join(pads)))
     where = np.column_stack([marks.xy, np.full(len(marks.xy), 0.2)])
     points = rr.Points3D(
-        where, radii=rr.Radius.ui_points(3.0), colors=[colour], labels=list(marks.labels), show_labels=len(where) <= 30
+        where,
+        radii=rr.Radius.ui_points(3.0),
+        colors=[colour],
+        labels=list(marks.labels),
+        show_labels=len(where) <= 30,
     )
     stream.static(f"{path}/labels", points)
     return ""
@@ -143,13 +152,18 @@ def _log_marks(stream: Stream, path: str, marks: Marks) -> str:
 def _log_lines(stream: Stream, path: str, shape: MovingLines) -> str:
     """Segments and the dots at their ends, in chunks of whole steps."""
     lengths = np.array([len(s) for s in shape.lines], np.int64)
-    strips = np.concatenate([np.asarray(s, float).reshape(-1, 2, 2) for s in shape.lines] or [np.zeros((0, 2, 2))])
+    strips = np.concatenate(
+        [np.asarray(s, float).reshape(-1, 2, 2) for s in shape.lines] or [np.zeros((0, 2, 2))]
+    )
     strips = np.concatenate([strips, np.full((*strips.shape[:2], 1), 1.2)], axis=2).astype(np.float32)
     flags = np.concatenate([np.asarray(f, bool) for f in shape.critical] or [np.zeros(0, bool)])
     colours = np.where(flags[:, None], palette.CRITICAL, palette.CALM).astype(np.uint8)
     stream.static(path, rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(2.2)))
     stream.parts(
-        path, shape.time, lengths, lambda rows: rr.LineStrips3D.columns(strips=strips[rows], colors=colours[rows])
+        path,
+        shape.time,
+        lengths,
+        lambda rows: rr.LineStrips3D.columns(strips=strips[rows], colors=colours[rows]),
     )
     dots, tints = strips.reshape(-1, 3), np.repeat(colours, 2, axis=0)
     stream.static(f"{path}/trucks", rr.Points3D.from_fields(radii=rr.Radius.ui_points(5.0)))
@@ -168,13 +182,15 @@ def _log_series(stream: Stream, shape: Series) -> str:
         curves = list(np.cumsum(np.nan_to_num(curves), axis=0))
     for i, (name, values) in enumerate(zip(names, curves, strict=True)):
         path = entity("curves", shape.name, name)
-        stream.static(path, rr.SeriesLines(names=name, colors=SERIES_COLOURS[i % 24], widths=1.6))
-        stream.columns(path, shape.x, lambda rows, v=values: rr.Scalars.columns(scalars=v[rows]))
+        stream.static(path, curve_style(name, SERIES_COLOURS[i % 24]))
+        log_curve(stream, path, shape.x, values)
     return f"**{_title(shape.name)}**: each curve lies on the sum of those before it" if shape.stacked else ""
 
 
 def _bars_text(bars: Bars) -> str:
-    rows = "\n".join(f"| {name} | {value:.4g} |" for name, value in zip(bars.labels[:20], bars.values[:20], strict=True))
+    rows = "\n".join(
+        f"| {name} | {value:.4g} |" for name, value in zip(bars.labels[:20], bars.values[:20], strict=True)
+    )
     return f"| {_title(bars.name)} | {bars.label} |\n| --- | --- |\n{rows}\n"
 
 
@@ -188,6 +204,12 @@ def _title(name: str) -> str:
     return name.replace("_", " ").capitalize()
 
 
+def _contents(layer: Grid | EdgeValues) -> list[str]:
+    """Heat lies under the rims and arrows of the roads, and takes the place of their surface."""
+    surface = ["- /site/roads/surface/**"] if isinstance(layer, Grid) else []
+    return [f"{entity('result', layer.name)}/**", *surface]
+
+
 def _screen(result: Result, extent: Extent) -> rrb.Blueprint:
     """One plan a map; beside them the curves and the answer."""
     maps = [s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
@@ -195,13 +217,15 @@ def _screen(result: Result, extent: Extent) -> rrb.Blueprint:
     screen = blueprint.Screen(extent=extent, prefixes=())
     lower = (extent[0], extent[1] - 0.09 * (extent[2] - extent[0]), extent[2], extent[3])
     eye = blueprint.top_down(lower if maps else extent)
-    shown = [([f"{entity('result', m.name)}/**"], _title(m.name)) for m in maps] or [([], "Plan")]
+    shown = [(_contents(m), _title(m.name)) for m in maps] or [([], "Plan")]
     plans: list[Any] = [blueprint.floor_view(screen, title, eye, [*own, *always]) for own, title in shown]
     if len(plans) == 1:
         plans.append(blueprint.floor_view(screen, "Site", blueprint.oblique(lower), [*shown[0][0], *always]))
     curves = [s for s in result.shapes if isinstance(s, Series) and s.over_time]
     side: list[Any] = [
-        rrb.TimeSeriesView(origin="/", contents=[f"{entity('curves', s.name)}/**"], name=f"{_title(s.name)} [{s.y_label}]")
+        rrb.TimeSeriesView(
+            origin="/", contents=[f"{entity('curves', s.name)}/**"], name=f"{_title(s.name)} [{s.y_label}]"
+        )
         for s in curves[:3]
     ]
     side.append(rrb.TextDocumentView(origin="/summary", name="Answer"))

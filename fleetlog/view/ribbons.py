@@ -65,7 +65,7 @@ def arrows(points: Floats, size: float, spacing: float = 14.0, lift: float = 0.0
     count = max(1, int(length / spacing))
     at, d = along(points, (np.arange(count) + 0.5) * length / count)
     left = np.column_stack([-d[:, 1], d[:, 0], np.zeros(count)])
-    at = at + [0.0, 0.0, lift]
+    at = at + np.array([0.0, 0.0, lift])
     tip, notch, back = at + d * size, at - 0.2 * size * d, at - 0.8 * size * d
     a, b = back + 0.6 * size * left, back - 0.6 * size * left
     return np.concatenate([np.stack([tip, a, notch], axis=1), np.stack([tip, notch, b], axis=1)])

@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 DEFAULT_WIDTH = 3.5
 """Drawn width of a road [m] whose map gives none."""
 MANY_LABELS = 30
+RAISED = np.array([0.0, 0.0, 0.03])
+"""Lines lie this much over the surfaces, so that they are not hidden in them [m]."""
 
 
 def mesh3d(mesh: Mesh, alpha: int = 255) -> rr.Mesh3D:
@@ -65,7 +67,9 @@ def _log_roads(stream: Stream, site: Site) -> None:
         colour = palette.ROAD if network.reverse[i] >= 0 else palette.ONE_WAY
         surface.append(mesh_of(ribbons.ribbon(line, left, right, 0.01), colour))
         outer = [right] if network.reverse[i] >= 0 and site.traffic == "right" else [left]
-        rims += [ribbons.offset(line, o) + [0, 0, 0.03] for o in (outer if network.reverse[i] >= 0 else (left, right))]
+        rims += [
+            ribbons.offset(line, o) + RAISED for o in (outer if network.reverse[i] >= 0 else (left, right))
+        ]
         middle = ribbons.offset(line, (left + right) / 2.0)
         arrow = ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), lift=0.05)
         if len(arrow):
@@ -129,7 +133,7 @@ def _log_zones(stream: Stream, site: Site) -> None:
     for zone in site.zones:
         colour = palette.COVERED if zone.covered else palette.LIMITED
         floor = mesh_of(ribbons.floor_polygon(zone.polygon, 0.0), colour)
-        stream.static(entity("site", "zones", zone.id, "floor"), mesh3d(floor, 46))
+        stream.static(entity("site", "zones", zone.id, "floor"), mesh3d(floor, 24))
         limit = "" if np.isnan(zone.speed_limit) else f" {zone.speed_limit:.2g} m/s"
         rim = rr.LineStrips3D(
             [_outline(zone.polygon, 0.02)],

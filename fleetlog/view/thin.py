@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,4 +54,4 @@ def changed(values: Floats, step: float) -> NDArray[np.int64]:
 def pieces(time: Ints, limit: int) -> list[slice]:
     """The stretches of rows without a gap."""
     cuts = [0, *(np.flatnonzero(np.diff(time) > limit) + 1).tolist(), len(time)]
-    return [slice(a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True) if b > a]
+    return [slice(a, b) for a, b in itertools.pairwise(cuts) if b > a]

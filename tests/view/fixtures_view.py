@@ -26,13 +26,19 @@ def plant(frame: bool = True, network: bool = True) -> Site:
         "test plant",
         Frame(49.9769, 9.1513, 0.2) if frame else None,
         build_network(edges) if network else None,
-        places=(Place("dock-1", "pick", 20, -3), Place("rack 7", "drop", 40, 43), Place("charger", "charge", -3, 20)),
+        places=(
+            Place("dock-1", "pick", 20, -3),
+            Place("rack 7", "drop", 40, 43),
+            Place("charger", "charge", -3, 20),
+        ),
         zones=(Zone("slow", np.array([[50, -4], [65, -4], [65, 10], [50, 10]], float), 1.5),),
         buildings=(Building("hall", hall, 7.0),),
     )
 
 
-def drive(site: Site, vehicle: str, shift: float, hz: float = 5.0, seconds: float = 240.0, **leave_out: bool) -> Trajectory:
+def drive(
+    site: Site, vehicle: str, shift: float, hz: float = 5.0, seconds: float = 240.0, **leave_out: bool
+) -> Trajectory:
     """Round the block at up to 2 m/s, standing for 10 s in every 40, with a gap of 30 s."""
     t = np.arange(0.0, seconds, 1.0 / hz)
     speed = np.where((t % 40.0) < 30.0, 2.0, 0.0)

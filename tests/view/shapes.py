@@ -12,10 +12,17 @@ from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Res
 def every_shape() -> Result:
     rng = np.random.default_rng(3)
     y, x = np.mgrid[0:48, 0:72]
-    heat = np.where((np.abs(y - 4) < 2) | (np.abs(x - 64) < 2), 20.0 + 3.0 * x * (y < 8) + rng.gamma(2.0, 20.0, x.shape), np.nan)
+    heat = np.where(
+        (np.abs(y - 4) < 2) | (np.abs(x - 64) < 2),
+        20.0 + 3.0 * x * (y < 8) + rng.gamma(2.0, 20.0, x.shape),
+        np.nan,
+    )
     n = 7
     time = START + np.arange(0, 240, 2, dtype=np.int64) * 1_000_000
-    lines = tuple(np.array([[[i % 60, 0], [(i % 60) + 8, 0]], [[60, 10], [60, 16]]], float)[: i % 3] for i in range(len(time)))
+    lines = tuple(
+        np.array([[[i % 60, 0], [(i % 60) + 8, 0]], [[60, 10], [60, 16]]], float)[: i % 3]
+        for i in range(len(time))
+    )
     flags = tuple(np.array([i % 2 == 0, True])[: i % 3] for i in range(len(time)))
     walk = np.cumsum(rng.normal(size=(2, len(time))), axis=1)
     places = pd.DataFrame({"x": [20.0, 60.0], "y": [0.0, 20.0], "label": ["A", "B"]})

@@ -1,0 +1,84 @@
+"""Finding the recording of what a user names, and starting the viewer on it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from fleetlog.errors import InputError
+from fleetlog.view.headless import ViewerError, binary, environment, free_port
+
+
+def recording_of(path: Path, *, rate_hz: float | None = None, say: Callable[[str], None] = print) -> Path:
+    """The .rrd file of a recording, of an analysis' folder or of a dataset; made (again) for a dataset where needed."""
+    if path.is_file():
+        return _checked(path)
+    recording = path / "recording.rrd"
+    description = path / "dataset.json"
+    if not description.is_file():
+        if recording.is_file():
+            return recording
+        raise InputError(
+            "holds no recording.rrd and is no dataset",
+            where=path,
+            do="name a dataset, an analysis or an .rrd file",
+        )
+    old = not recording.is_file() or recording.stat().st_mtime < description.stat().st_mtime - 1.0
+    if old or rate_hz is not None:
+        from fleetlog.view.recording import RATE, write_recording
+
+        say(f"making {recording}")
+        write_recording(path, recording, rate_hz=rate_hz or RATE)
+    return recording
+
+
+def _checked(path: Path) -> Path:
+    with path.open("rb") as stream:
+        if stream.read(4) != b"RRF2":
+            raise InputError(
+                "is not a Rerun recording",
+                where=path,
+                do="name a dataset, or import the log first (fleetlog import)",
+            )
+    return path
+
+
+def nanoseconds_of(iso: str) -> int:
+    """Nanoseconds since 1970 of a time in ISO 8601, UTC unless it says otherwise."""
+    from datetime import UTC, datetime
+
+    try:
+        moment = datetime.fromisoformat(iso)
+    except ValueError:
+        raise InputError(f"--at {iso!r} is no time", do="write it like 2026-03-02T06:01:00") from None
+    moment = moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+    return int(np.datetime64(moment.replace(tzinfo=None), "ns").astype(np.int64))
+
+
+def has_screen() -> bool:
+    """Whether a window can be opened here."""
+    return sys.platform in ("win32", "darwin") or bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )
+
+
+def show(rrd: Path) -> None:
+    """Open the viewer's window on a recording and wait until it is closed; it listens on this machine only."""
+    if not has_screen():
+        raise ViewerError(
+            "there is no screen here", where=rrd,
+            do="copy the file to a machine with one and run fleetlog view there, or draw it with --screenshot FILE.png",
+        )  # fmt: skip
+    command = [str(binary()), "--bind", "127.0.0.1", "--port", str(free_port()), str(rrd)]
+    status = subprocess.call(command, env=environment())
+    if status:
+        raise ViewerError(
+            f"the viewer ended with status {status}",
+            where=rrd,
+            do="see that its graphics driver works (vulkaninfo)",
+        )

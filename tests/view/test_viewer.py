@@ -1,0 +1,73 @@
+"""The recordings in the real viewer, drawn without a screen: nothing blank, nothing reported."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fixtures_view import START, plant
+from shapes import every_shape
+
+from fleetlog.view import headless
+from fleetlog.view.results import write_result_recording
+
+WHY = headless.vulkan_missing()
+needs_vulkan = pytest.mark.skipif(WHY is not None, reason=f"the viewer cannot draw here: {WHY}")
+TEXT = {"Summary", "Answer"}
+
+
+def assert_drawn(rrd: Path, second: float, expected: set[str]) -> None:
+    with headless.open_headless(rrd, (1200, 800)) as viewer:
+        assert viewer.timeline() == "utc"
+        assert set(viewer.views()) == expected
+        viewer.pause_at((START + int(second * 1e6)) * 1000)
+        blank = [
+            name for name in expected - TEXT if headless.colour_ink(viewer.picture(name)) <= headless.INK
+        ]
+        assert not blank, f"nothing is drawn in {blank}"
+        assert not viewer.complaints()
+
+
+@needs_vulkan
+def test_replay_is_drawn(replay: tuple[Path, Path]) -> None:
+    views = {"Site", "Plan", "Map", "Speed [m/s]", "Battery power [kW]", "State of charge [%]", "Summary"}
+    assert_drawn(replay[1], 78.0, views)
+
+
+@needs_vulkan
+def test_result_is_drawn(tmp_path: Path) -> None:
+    out = write_result_recording(every_shape(), plant(), tmp_path / "r.rrd")
+    assert_drawn(out, 60.0, {"Heat", "Residual", "Power [kW]", "Answer"})
+
+
+def test_ink_tells_a_drawn_view_from_a_blank_one() -> None:
+    import io
+
+    from PIL import Image
+
+    def png(rgb: np.ndarray) -> bytes:
+        out = io.BytesIO()
+        Image.fromarray(rgb.astype(np.uint8)).save(out, "png")
+        return out.getvalue()
+
+    grey = np.full((50, 50, 3), 90)
+    assert headless.colour_ink(png(grey)) == 0.0
+    grey[:5, :5] = (230, 60, 40)
+    assert headless.colour_ink(png(grey)) == pytest.approx(0.01)
+
+
+def test_missing_vulkan_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("ctypes.util.find_library", lambda name: None)
+    with (
+        pytest.raises(headless.ViewerError, match="mesa-vulkan-drivers") as error,
+        headless.open_headless(tmp_path / "x.rrd"),
+    ):
+        pass
+    assert "\n" not in error.value.line()
+
+
+def test_viewer_sends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("CI", raising=False)
+    assert headless.environment()["CI"] == "1" and os.environ.get("CI") is None
