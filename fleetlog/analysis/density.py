@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.analysis.clusters.areas import Samples, critical_areas, samples
+from fleetlog.analysis.clusters.areas import BIN, PLACES, Samples, critical_areas, delay_by_place, samples
 from fleetlog.analysis.clusters.steps import Clusters, Fleet, find_clusters, on_grid
 from fleetlog.analysis.clusters.tracking import Episode, episodes
 from fleetlog.core.network import Network
-from fleetlog.core.result import Bars, Marks, MovingLines, Result, Series, Shape
+from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 
@@ -81,7 +81,7 @@ def density(
             "clusters": _step_table(fleet, clusters, speed),
         },
         places={"areas": areas} if len(areas) else {},
-        shapes=_shapes(fleet, network, clusters, speed, areas),
+        shapes=_shapes(fleet, network, clusters, speed, areas, rows),
         lines=_lines(summary, areas),
     )
 
@@ -189,7 +189,9 @@ def _step_table(fleet: Fleet, c: Clusters, limit: float) -> pd.DataFrame:
     })  # fmt: skip
 
 
-def _shapes(fleet: Fleet, network: Network, c: Clusters, limit: float, areas: pd.DataFrame) -> list[Shape]:
+def _shapes(
+    fleet: Fleet, network: Network, c: Clusters, limit: float, areas: pd.DataFrame, rows: Samples
+) -> list[Shape]:
     critical = (c.size >= 2) & (c.mean_speed < limit)
     shapes: list[Shape] = [_arc_lines(fleet, network, c, critical)]
     count = (c.size * critical).sum(axis=1).astype(float)
@@ -203,6 +205,8 @@ def _shapes(fleet: Fleet, network: Network, c: Clusters, limit: float, areas: pd
             over_time=True,
         )
     )
+    if len(rows.delay):
+        shapes.insert(0, _delay_layer(network, rows))
     if len(areas):
         top = areas.head(10)
         labels = tuple(f"{a}: {d:.0f} s" for a, d in zip(top.area, top.delay, strict=True))
@@ -213,6 +217,21 @@ def _shapes(fleet: Fleet, network: Network, c: Clusters, limit: float, areas: pd
             Bars("delay_by_area", tuple(f"area {a}" for a in top.area), top.delay.to_numpy(), "delay [s]")
         )
     return shapes
+
+
+def _delay_layer(network: Network, rows: Samples) -> EdgeValues:
+    """Delay per place of road; both directions of a road share a place."""
+    codes, delay = delay_by_place(network, rows)
+    edge = (codes // PLACES).astype(np.int32)
+    start = (codes % PLACES) * BIN
+    return EdgeValues(
+        "delay",
+        edge,
+        start,
+        np.minimum(start + BIN, network.length[edge]),
+        delay,
+        "delay in critical clusters [s]",
+    )
 
 
 def _arc_lines(fleet: Fleet, network: Network, c: Clusters, critical: NDArray[np.bool_]) -> MovingLines:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pandas as pd
@@ -14,6 +14,11 @@ from fleetlog.core.network import Network
 
 BIN = 5.0
 """Length of road that is counted as one place [m]."""
+
+PLACES = 100_000
+"""A place's code is this times the edge, plus the number of the stretch."""
+SHARE = 0.8
+"""Areas are made of the fewest places that carry this share of the delay."""
 
 Floats = NDArray[np.float64]
 
@@ -51,13 +56,13 @@ def bins(network: Network, edge: NDArray[np.int32], offset: Floats) -> NDArray[n
     other = network.reverse[edge]
     canonical = np.where((other >= 0) & (other < edge), other, edge)
     along = np.where(canonical == edge, offset, network.length[edge] - offset)
-    return canonical.astype(np.int64) * 100_000 + (np.clip(along, 0, None) // BIN).astype(np.int64)
+    return canonical.astype(np.int64) * PLACES + (np.clip(along, 0, None) // BIN).astype(np.int64)
 
 
 def bin_centres(network: Network, codes: NDArray[np.int64]) -> Floats:
     """(N, 2) middle of each place [m]."""
-    edge = (codes // 100_000).astype(np.int32)
-    middle = np.minimum((codes % 100_000 + 0.5) * BIN, network.length[edge])
+    edge = (codes // PLACES).astype(np.int32)
+    middle = np.minimum((codes % PLACES + 0.5) * BIN, network.length[edge])
     return network.position(edge, middle)[:, :2]
 
 
@@ -70,9 +75,10 @@ def critical_areas(network: Network, s: Samples, fleet: Fleet, seed: int = 0) ->
     """
     if not len(s.delay):
         return pd.DataFrame()
-    codes = bins(network, s.edge, s.offset)
-    places, inverse = np.unique(codes, return_inverse=True)
-    xy = bin_centres(network, places)
+    codes, delay = delay_by_place(network, s)
+    hot = _carrying(delay, SHARE)
+    places, xy = codes[hot], bin_centres(network, codes[hot])
+    s, inverse = _at(s, bins(network, s.edge, s.offset), places)
     group = _connected(xy)
     area = group[inverse]
     hours = len(fleet.time) * fleet.step / 3600.0
@@ -84,7 +90,7 @@ def critical_areas(network: Network, s: Samples, fleet: Fleet, seed: int = 0) ->
         mine, here = area == a, group == a
         weight = np.bincount(inverse[mine], weights=s.delay[mine] + 1e-9, minlength=len(places))[here]
         x, y = np.average(xy[here], axis=0, weights=weight)
-        roads = sorted({network.roads[int(c // 100_000)] for c in places[here]})
+        roads = sorted({network.roads[int(c // PLACES)] for c in places[here]})
         rows.append({
             "x": x, "y": y, "delay": s.delay[mine].sum(), "vehicle_seconds": float(mine.sum()),
             "episodes": len(np.unique(s.episode[mine])), "vehicles": len(np.unique(s.truck[mine])),
@@ -95,6 +101,28 @@ def critical_areas(network: Network, s: Samples, fleet: Fleet, seed: int = 0) ->
     table = pd.DataFrame(rows).sort_values("delay", ascending=False, ignore_index=True)
     table.insert(0, "area", np.arange(1, len(table) + 1))
     return table
+
+
+def delay_by_place(network: Network, s: Samples) -> tuple[NDArray[np.int64], Floats]:
+    """Place codes, sorted, and the delay in each [s]."""
+    codes, inverse = np.unique(bins(network, s.edge, s.offset), return_inverse=True)
+    return codes, np.bincount(inverse, weights=s.delay, minlength=len(codes))
+
+
+def _carrying(values: Floats, share: float) -> NDArray[np.bool_]:
+    """The fewest entries that carry ``share`` of the sum."""
+    order = np.argsort(-values, kind="stable")
+    count = int(np.searchsorted(np.cumsum(values[order]), share * values.sum() * (1 - 1e-12))) + 1
+    out = np.zeros(len(values), np.bool_)
+    out[order[:count]] = True
+    return out
+
+
+def _at(s: Samples, codes: NDArray[np.int64], places: NDArray[np.int64]) -> tuple[Samples, NDArray[np.intp]]:
+    """The samples whose place ``codes`` (N,) are among ``places`` (sorted), and which place each has."""
+    index = np.minimum(np.searchsorted(places, codes), len(places) - 1)
+    here = places[index] == codes
+    return Samples(*(getattr(s, f.name)[here] for f in fields(s))), index[here]
 
 
 def _connected(xy: Floats) -> NDArray[np.int64]:

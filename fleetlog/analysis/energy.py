@@ -1,0 +1,220 @@
+"""What every trip costs and why: energy by trip, vehicle, shift, hour, stretch of road and zone, with the ledger of terms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fleetlog.analysis.energybook.book import Book, keep_book
+from fleetlog.analysis.energybook.doubt import parameter_variance
+from fleetlog.analysis.energybook.tables import (
+    segment_table,
+    shift_names,
+    stretch_table,
+    summed,
+    with_soc,
+    zone_table,
+)
+from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
+from fleetlog.core.site import Site
+from fleetlog.core.truck import Truck
+from fleetlog.errors import DataError
+from fleetlog.physics.power import Physics
+from fleetlog.store.dataset import Dataset
+
+Floats = NDArray[np.float64]
+SHIFTS = (6, 14, 22)
+"""Hours of the day (UTC) at which shifts begin, unless said otherwise."""
+MANY_ROWS = 2_000_000
+"""From this many rows on a second process is worth starting."""
+MOST_POINTS = 2000
+"""Of a curve over time."""
+COLUMNS = (
+    "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "lateral_offset", "trip_id", "payload", "fork_height",
+    "battery_power", "battery_voltage", "battery_current", "soc", "ambient_temperature",
+)  # fmt: skip
+
+
+def energy(
+    dataset: Dataset,
+    truck: Truck,
+    physics: Physics | None = None,
+    *,
+    shifts: Sequence[int] = SHIFTS,
+    processes: int = 2,
+) -> Result:
+    """The energy of a dataset as the truck's model makes it, beside what was measured.
+
+    Parameters
+    ----------
+    dataset : recorded or simulated.
+    truck : the vehicle type.
+    physics : added and changed terms; the nominal model by default.
+    shifts : hours of the day (UTC) at which shifts begin, growing.
+    processes : at most; one for small datasets.
+    """
+    if not dataset.rows:
+        raise DataError(f"{dataset.path} has no rows")
+    physics = Physics(truck) if physics is None else physics
+    books = list(_books(dataset, physics, processes))
+    terms = _term_order(books)
+    segments = with_soc(segment_table(books, terms), truck)
+    segments["shift"] = shift_names(segments["hour"], sorted(shifts))
+    doubt = parameter_variance(physics)
+    tables = {
+        "trips": summed(segments, ["vehicle_id", "trip_id"], doubt),
+        "vehicles": summed(segments, ["vehicle_id"], doubt), "shifts": summed(segments, ["shift"], doubt),
+        "hours": summed(segments.assign(hour=pd.to_datetime(segments["hour"], unit="us", utc=True)), ["hour"], doubt),
+        "edges": stretch_table(books, dataset.site.network), "zones": zone_table(books, terms, dataset.site),
+    }  # fmt: skip
+    whole = summed(segments.assign(all="all"), ["all"], doubt).iloc[0]
+    sources = {s: int((segments["source"] == s).sum()) for s in sorted(set(segments["source"]))}
+    summary = _summary(whole, terms, sources, tables)
+    shapes = _shapes(books, terms, whole, tables)
+    kept = {f"energy_{name}": table for name, table in tables.items() if len(table)}
+    return Result("energy", summary, kept, {}, shapes, _lines(whole, terms, sources, tables))
+
+
+def _books(dataset: Dataset, physics: Physics, processes: int) -> Iterator[Book]:
+    """One book a vehicle-day; big datasets in several processes, each reading its own days."""
+    jobs = [(str(dataset.path), v, d, physics) for v in dataset.vehicles for d in dataset.dates]
+    if processes < 2 or dataset.rows < MANY_ROWS or len(jobs) < 2:
+        books = (_vehicle_day(*job, dataset.site) for job in jobs)
+    else:
+        from concurrent.futures import ProcessPoolExecutor
+
+        with ProcessPoolExecutor(processes) as pool:
+            books = iter(list(pool.map(_vehicle_day, *zip(*jobs, strict=True))))
+    yield from (b for b in books if b is not None)
+
+
+def _vehicle_day(
+    path: str, vehicle: str, date: str, physics: Physics, site: Site | None = None
+) -> Book | None:
+    from fleetlog.physics.motion import motion_from_trajectory
+
+    dataset = Dataset(Path(path))
+    site = dataset.site if site is None else site
+    if not dataset.parts(vehicle, date):
+        return None
+    trajectory = dataset.read(vehicle, date, COLUMNS)
+    if len(trajectory) < 2:
+        return None
+    return keep_book(trajectory, motion_from_trajectory(trajectory, site.network), physics, site)
+
+
+def _term_order(books: Sequence[Book]) -> list[str]:
+    """All terms of the ledger, the dearest first."""
+    total: dict[str, float] = {}
+    for book in books:
+        for name, joules in zip(book.terms, book.energy.sum(axis=0), strict=True):
+            total[name] = total.get(name, 0.0) + float(joules)
+    if not total:
+        raise DataError("no vehicle has two rows on one day")
+    return sorted(total, key=lambda name: -abs(total[name]))
+
+
+def _summary(
+    whole: pd.Series, terms: Sequence[str], sources: dict[str, int], tables: dict[str, pd.DataFrame]
+) -> dict[str, Any]:
+    figures = {
+        k: whole[k] for k in whole.index if k not in ("all", "start", "end") and not _is_term(k, terms)
+    }
+    return {
+        "start": whole["start"].isoformat(), "end": whole["end"].isoformat(), **figures,
+        "ledger_kwh": {t: whole[f"{t}_kwh"] for t in terms}, "measured_from": sources,
+        "trips": len(tables["trips"]), "vehicles": len(tables["vehicles"]),
+        "units": {"auxiliary_share": "1", "soc_start": "1", "soc_end": "1"},
+    }  # fmt: skip
+
+
+def _is_term(column: str, terms: Sequence[str]) -> bool:
+    return column.removesuffix("_kwh") in terms and column.endswith("_kwh")
+
+
+SAID = {
+    "power": "the power channel", "voltage and current": "voltage times current",
+    "soc": "the change of the state of charge", "nothing": "nothing: the log has no electrical channel",
+}  # fmt: skip
+
+
+def _lines(
+    whole: pd.Series, terms: Sequence[str], sources: dict[str, int], tables: dict[str, pd.DataFrame]
+) -> list[str]:
+    total = whole["energy_kwh"]
+    out = [
+        f"{len(tables['trips'])} trips of {len(tables['vehicles'])} vehicles: {total:.2f} kWh"
+        f" (+-{1.96 * whole['deviation_kwh']:.2f}) for {whole['distance_km']:.1f} km"
+        f" in {whole['duration_h']:.1f} h, {whole['kwh_per_km']:.3f} kWh/km"
+    ]
+    shares = ", ".join(f"{t.replace('_', ' ')} {whole[f'{t}_kwh']:.2f}" for t in terms if whole[f"{t}_kwh"])
+    out.append(f"ledger in kWh: {shares}")
+    out.append(
+        f"{whole['regenerated_kwh']:.2f} kWh flowed back; auxiliary share {whole['auxiliary_share']:.0%};"
+        f" highest power {whole['peak_power_kw']:.1f} kW"
+    )
+    if np.isfinite(whole["measured_kwh"]):
+        share = whole["difference_kwh"] / whole["measured_kwh"] if whole["measured_kwh"] else np.nan
+        out.append(
+            f"measured {whole['measured_kwh']:.2f} kWh, model there {whole['model_beside_measured_kwh']:.2f} kWh:"
+            f" {share:+.1%}"
+        )
+    out.append("measured energy is taken from " + "; ".join(SAID[s] for s in sources))
+    return out
+
+
+def _shapes(
+    books: Sequence[Book], terms: Sequence[str], whole: pd.Series, tables: dict[str, pd.DataFrame]
+) -> list[Shape]:
+    shapes: list[Shape] = []
+    edges = tables["edges"]
+    if len(edges):
+        shapes.append(
+            EdgeValues(
+                "energy_per_metre", edges["edge"].to_numpy(np.int32), edges["from"].to_numpy(float),
+                edges["to"].to_numpy(float), edges["joules_per_metre"].to_numpy(float), "energy [J/m]",
+            )
+        )  # fmt: skip
+    shapes.append(
+        Bars("ledger", tuple(t.replace("_", " ") for t in terms), np.array([whole[f"{t}_kwh"] for t in terms]), "energy [kWh]")
+    )  # fmt: skip
+    return shapes + _curves(books, terms)
+
+
+def _curves(books: Sequence[Book], terms: Sequence[str]) -> list[Shape]:
+    """Fleet power by term over time, stacked, and measured beside modelled."""
+    time = np.concatenate([b.bins for b in books])
+    width = max(60_000_000, (int(np.ptp(time)) // MOST_POINTS // 60_000_000 + 1) * 60_000_000)
+    keys, inverse = np.unique(time // width, return_inverse=True)
+
+    def mean(values: list[Floats]) -> Floats:
+        """Mean power over each step [kW]."""
+        return np.bincount(inverse, np.concatenate(values), len(keys)) / (width * 1e-6) / 1000.0
+
+    none = np.zeros(0)
+    rows = {
+        t: mean(
+            [
+                b.bin_energy[:, b.terms.index(t)] if t in b.terms else none + np.zeros(len(b.bins))
+                for b in books
+            ]
+        )
+        for t in terms
+    }
+    middle = keys * width + width // 2
+    out: list[Shape] = [
+        Series("ledger_power", middle, rows, "time", "power [kW]", over_time=True, stacked=True)
+    ]
+    known = mean([b.bin_measured[:, 1] for b in books])
+    if known.any():
+        both = {
+            "measured": np.where(known > 0.0, mean([b.bin_measured[:, 0] for b in books]), np.nan),
+            "model": np.sum(list(rows.values()), axis=0),
+        }
+        out.append(Series("power", middle, both, "time", "power [kW]", over_time=True))
+    return out

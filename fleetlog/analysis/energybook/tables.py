@@ -1,0 +1,129 @@
+"""The books as tables: by trip, vehicle, shift, hour, stretch of road and zone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fleetlog.analysis.energybook.book import HOUR, STRETCH, SUMS, Book
+from fleetlog.core.network import Network
+from fleetlog.core.site import Site
+from fleetlog.core.truck import Truck
+
+Floats = NDArray[np.float64]
+KWH = 3.6e6
+FIRST = ("trip_id", "start", "end", "soc_start", "soc_end")
+
+
+def segment_table(books: Sequence[Book], terms: Sequence[str]) -> pd.DataFrame:
+    """One row a segment: keys, joules by term, sums, peak, state of charge and whether its trip has other segments."""
+    pieces = []
+    for book in books:
+        columns: dict[str, Any] = {"vehicle_id": book.vehicle, "trip_id": book.trip, "hour": book.hour}
+        for name in terms:
+            known = name in book.terms
+            columns[f"J_{name}"] = book.energy[:, book.terms.index(name)] if known else 0.0
+        columns |= {s: book.sums[s] for s in SUMS}
+        columns |= {"peak": book.peak, "soc_start": book.soc[:, 0], "soc_end": book.soc[:, 1]}
+        columns |= {"start": book.span[:, 0], "end": book.span[:, 1], "source": book.source}
+        pieces.append(pd.DataFrame(columns))
+    return pd.concat(pieces, ignore_index=True)
+
+
+def with_soc(segments: pd.DataFrame, truck: Truck) -> pd.DataFrame:
+    """Measured energy from the state of charge where the log has nothing else electrical: per trip, the change times capacity.
+
+    The charge of a trip is put into its last segment; within a trip the gauge's steps say nothing.
+    """
+    only_soc = segments["source"] == "soc"
+    if not only_soc.any():
+        return segments
+    segments = segments.copy()
+    keys = ["vehicle_id", "trip_id"]
+    trips = segments[only_soc].groupby(keys, sort=False)
+    used = (trips["soc_start"].first() - trips["soc_end"].last()) * truck.battery.capacity_wh * 3600.0
+    last = segments[only_soc].drop_duplicates(keys, keep="last").index
+    segments.loc[last, "measured"] = used.reindex(
+        pd.MultiIndex.from_frame(segments.loc[last, keys])
+    ).to_numpy()
+    total = segments.filter(like="J_").sum(axis=1) + segments["loss"]
+    segments.loc[only_soc, "beside_measured"] = total[only_soc]
+    return segments
+
+
+def summed(segments: pd.DataFrame, by: list[str], variance: Any) -> pd.DataFrame:
+    """Segments grouped ``by`` columns, in kWh, km and h, with the ledger; ``variance`` gives the parameters' share of doubt."""
+    add = [c for c in segments.columns if c.startswith("J_") or c in SUMS]
+    grouped = segments.groupby(by, sort=True, dropna=False)
+    total = grouped[add].sum()
+    ends = grouped.agg(peak=("peak", "max"), soc_start=("soc_start", "first"), soc_end=("soc_end", "last"),
+                       start=("start", "min"), end=("end", "max"))  # fmt: skip
+    return figures(total.join(ends), variance).reset_index()
+
+
+def figures(total: pd.DataFrame, variance: Any) -> pd.DataFrame:
+    """What a reader asks for, from sums in SI."""
+    terms = [c for c in total.columns if c.startswith("J_")]
+    energy = total[terms].sum(axis=1)
+    km, tkm = total["metres"] / 1000.0, total["kilogram_metres"] / 1e6
+    known = total["beside_measured"] != 0.0
+    measured = total["measured"].where(known)
+    auxiliary = total.get("J_auxiliary_load", 0.0) + total.get("J_thermal_load", 0.0)
+    out = pd.DataFrame({
+        "duration_h": total["seconds"] / 3600.0, "distance_km": km, "energy_kwh": energy / KWH,
+        "kwh_per_km": energy / KWH / km.where(km > 0.01), "kwh_per_tkm": energy / KWH / tkm.where(tkm > 1e-4),
+        "deviation_kwh": np.sqrt(variance(total) + total["motion_variance"]) / KWH,
+        "measured_kwh": measured / KWH, "model_beside_measured_kwh": (total["beside_measured"] / KWH).where(known),
+        "difference_kwh": (total["beside_measured"] - measured) / KWH,
+        "regenerated_kwh": total["returned"] / KWH, "auxiliary_share": auxiliary / energy.where(energy > 0.0),
+        "battery_loss_kwh": total["loss"] / KWH, "peak_power_kw": total["peak"] / 1000.0,
+        "soc_start": total["soc_start"], "soc_end": total["soc_end"],
+    })  # fmt: skip
+    for name in ("start", "end"):
+        out.insert(0 if name == "start" else 1, name, pd.to_datetime(total[name], unit="us", utc=True))
+    ledger = total[terms] / KWH
+    return out.join(ledger.rename(columns=lambda c: f"{c.removeprefix('J_')}_kwh"))
+
+
+def shift_names(hour: pd.Series, starts: Sequence[int]) -> pd.Series:
+    """The shift that each hour [us] lies in, as ``06-14``; ``starts`` are hours of the day (UTC), growing."""
+    of_day = (hour // HOUR) % 24
+    number = np.searchsorted(np.array(starts), of_day.to_numpy(), side="right") - 1
+    names = [f"{s:02d}-{e:02d}" for s, e in zip(starts, [*starts[1:], starts[0]], strict=True)]
+    return pd.Series([names[k] for k in number], index=hour.index)
+
+
+def stretch_table(books: Sequence[Book], network: Network | None) -> pd.DataFrame:
+    """Joules, metres and energy per metre of every stretch of directed edge that was driven."""
+    if network is None:
+        return pd.DataFrame()
+    keys = np.concatenate([b.stretch for b in books])
+    sums = np.concatenate([b.stretch_sums for b in books])
+    table = pd.DataFrame(
+        {"edge": keys[:, 0], "number": keys[:, 1], "joules": sums[:, 0], "metres": sums[:, 1]}
+    )
+    table = table.groupby(["edge", "number"], as_index=False).sum()
+    table["from"] = table["number"] * STRETCH
+    table["to"] = np.minimum(table["from"] + STRETCH, network.length[table["edge"]])
+    table["joules_per_metre"] = table["joules"] / table["metres"]
+    table.insert(0, "edge_id", [network.edge_ids[e] for e in table["edge"]])
+    return table[table["to"] > table["from"]].drop(columns="number").reset_index(drop=True)
+
+
+def zone_table(books: Sequence[Book], terms: Sequence[str], site: Site) -> pd.DataFrame:
+    """Energy by zone of the site, with the ledger."""
+    if not site.zones:
+        return pd.DataFrame()
+    out = np.zeros((len(site.zones), len(terms) + 2))
+    for book in books:
+        column = [terms.index(t) for t in book.terms]
+        out[:, column] += book.zones[:, : len(column)]
+        out[:, len(terms) :] += book.zones[:, len(column) :]
+    energy, km = out[:, : len(terms)].sum(axis=1) / KWH, out[:, -2] / 1000.0
+    table = {"zone": [z.id for z in site.zones], "duration_h": out[:, -1] / 3600.0, "distance_km": km}
+    table |= {"energy_kwh": energy, "kwh_per_km": energy / np.where(km > 0.01, km, np.nan)}
+    return pd.DataFrame(table | {f"{t}_kwh": out[:, k] / KWH for k, t in enumerate(terms)})
