@@ -223,7 +223,7 @@ def _delay_layer(network: Network, rows: Samples) -> EdgeValues:
     """Delay per place of road; both directions of a road share a place."""
     codes, delay = delay_by_place(network, rows)
     edge = (codes // PLACES).astype(np.int32)
-    start = (codes % PLACES) * BIN
+    start = np.asarray((codes % PLACES) * BIN, dtype=np.float64)
     return EdgeValues(
         "delay",
         edge,

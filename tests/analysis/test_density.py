@@ -33,7 +33,7 @@ def test_episodes_agree_with_their_rows(fleet):
     e = r.tables["episodes"]
     assert len(e) and (e.duration >= 5).all() and (e.vehicles >= 2).all() and (e.min_mean_speed < 1.4).all()
     assert (e.delay <= e.vehicle_seconds + 1e-9).all()
-    assert 0.8 * e.delay.sum() <= r.places["areas"].delay.sum() <= e.delay.sum()
+    assert 0.8 * e.delay.sum() - 1e-9 <= r.places["areas"].delay.sum() <= e.delay.sum() + 1e-9
     assert r.tables["tasks"].delay.sum() == pytest.approx(e.delay.sum())
     assert (r.places["areas"].delay_low <= r.places["areas"].delay_high).all()
 

@@ -95,7 +95,7 @@ def critical_areas(network: Network, s: Samples, fleet: Fleet, seed: int = 0) ->
             "x": x, "y": y, "delay": s.delay[mine].sum(), "vehicle_seconds": float(mine.sum()),
             "episodes": len(np.unique(s.episode[mine])), "vehicles": len(np.unique(s.truck[mine])),
             "episodes_per_hour": len(np.unique(s.episode[mine])) / max(hours, 1e-9), "roads": ", ".join(roads),
-            "radius": float(np.max(np.hypot(*(xy[here] - (x, y)).T)) + BIN / 2),
+            "radius": float(np.sqrt(np.average(((xy[here] - (x, y)) ** 2).sum(axis=1), weights=weight))) + BIN / 2,
             "delay_low": low[a], "delay_high": high[a], "first_share": first[a],
         })  # fmt: skip
     table = pd.DataFrame(rows).sort_values("delay", ascending=False, ignore_index=True)
@@ -106,7 +106,7 @@ def critical_areas(network: Network, s: Samples, fleet: Fleet, seed: int = 0) ->
 def delay_by_place(network: Network, s: Samples) -> tuple[NDArray[np.int64], Floats]:
     """Place codes, sorted, and the delay in each [s]."""
     codes, inverse = np.unique(bins(network, s.edge, s.offset), return_inverse=True)
-    return codes, np.bincount(inverse, weights=s.delay, minlength=len(codes))
+    return codes, np.asarray(np.bincount(inverse, weights=s.delay, minlength=len(codes)), dtype=np.float64)
 
 
 def _carrying(values: Floats, share: float) -> NDArray[np.bool_]:
