@@ -10,6 +10,11 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
 import pytest
+from hypothesis import settings
+
+# A busy machine must not make a law look broken.
+settings.register_profile("fleetlog", deadline=None, print_blob=True)
+settings.load_profile("fleetlog")
 
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared" / "data"
