@@ -1,0 +1,98 @@
+"""Load, forks, power and slope of a log as a motion needs them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+LONGEST_HOLD = 60.0
+"""A load is held through a silence of its channel up to this [s]."""
+
+
+def held(t: Floats, value: Floats, longest: float = LONGEST_HOLD) -> Floats:
+    """The last known value where it is unknown, for at most ``longest`` seconds; NaN beyond."""
+    known = np.flatnonzero(np.isfinite(value))
+    if not len(known):
+        return value
+    last = np.searchsorted(known, np.arange(len(value)), side="right") - 1
+    source = known[np.maximum(last, 0)]
+    good = (last >= 0) & (t - t[source] <= longest)
+    return np.where(good, value[source], np.nan)
+
+
+def payload(t: Floats, trajectory: Trajectory) -> Floats:
+    """(N,) kg; held through short silences, 0 where nothing is known."""
+    return np.maximum(np.nan_to_num(held(t, trajectory.floats("payload"))), 0.0)
+
+
+def fork_motion(t: Floats, trajectory: Trajectory, breaks: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Fork height [m] and lifting speed [m/s], (N,) each.
+
+    Jitter and quantisation are taken out by a dead band; the speed is the central difference, so that ``sum(speed dt)``
+    is exactly the change of height: no lifting work is lost or invented.
+    """
+    from fleetlog.physics.smooth.kernels import dead_band
+
+    height = trajectory.floats("fork_height")
+    known = np.isfinite(height)
+    if known.sum() < 2:
+        return np.zeros(len(t)), np.zeros(len(t))
+    height = dead_band(np.interp(t, t[known], height[known]), _jitter(height[known]))
+    chain = np.cumsum(breaks)
+    before, after = np.maximum(np.arange(len(t)) - 1, 0), np.minimum(np.arange(len(t)) + 1, len(t) - 1)
+    before = np.where(chain[before] == chain, before, np.arange(len(t)))
+    after = np.where(chain[after] == chain, after, np.arange(len(t)))
+    span = t[after] - t[before]
+    speed = np.where(span > 0.0, (height[after] - height[before]) / np.where(span > 0.0, span, 1.0), 0.0)
+    return height, speed
+
+
+def _jitter(height: Floats) -> float:
+    """Half-width of the band that noise and quantisation fill [m]: what most successive differences stay below."""
+    steps = np.abs(np.diff(height))
+    steps = steps[steps > 1e-9]
+    if len(steps) < 10 or len(steps) < 0.3 * len(height):
+        return 0.0
+    # forks move in a small share of all rows, so when most rows differ from the next, that is noise
+    return float(min(3.0 * np.median(steps) / 0.954, 0.05))
+
+
+def measured_power(trajectory: Trajectory) -> Floats:
+    """(N,) battery power [W]: measured, else voltage times current, else NaN."""
+    power = trajectory.floats("battery_power")
+    product = trajectory.floats("battery_voltage") * trajectory.floats("battery_current")
+    return np.where(np.isfinite(power), power, product)
+
+
+def slope_from_height(coordinate: Floats, z: Floats, breaks: NDArray[np.bool_]) -> Floats:
+    """(N,) slope angle [rad] from measured heights over the path coordinate; 0 where there are none.
+
+    A straight line fitted to the heights within half a window before and after each row; the window is as long as it takes
+    for the noise of the heights to leave the slope good to about half a per cent, at least 10 m.
+    """
+    known = np.isfinite(z)
+    out = np.zeros(len(z))
+    chain = np.cumsum(breaks)
+    for c in np.unique(chain[known]):
+        rows = np.flatnonzero(known & (chain == c))
+        if len(rows) >= 5:
+            out[rows] = _running_slope(coordinate[rows], z[rows])
+    return out
+
+
+def _running_slope(s: Floats, z: Floats) -> Floats:
+    s = np.maximum.accumulate(s)
+    noise = 1.4826 * float(np.median(np.abs(np.diff(z, 2)))) / np.sqrt(6.0)
+    spacing = max(float(s[-1] - s[0]) / len(s), 1e-3)
+    half = max(5.0, (12.0 * noise**2 * spacing / 0.005**2) ** (1.0 / 3.0) / 2.0)
+    lo, hi = np.searchsorted(s, s - half, "left"), np.searchsorted(s, s + half, "right")
+    s0 = s - s[0]
+    zero = np.zeros(1)
+    n, ss, zz, sz, s2 = hi - lo, *(np.concatenate([zero, np.cumsum(v)]) for v in (s0, z, s0 * z, s0 * s0))
+    ms, mz = (ss[hi] - ss[lo]) / n, (zz[hi] - zz[lo]) / n
+    spread = (s2[hi] - s2[lo]) / n - ms**2
+    shared = (sz[hi] - sz[lo]) / n - ms * mz
+    return np.asarray(np.arctan(np.where(spread > 0.1, shared / np.maximum(spread, 0.1), 0.0)))
