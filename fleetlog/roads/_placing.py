@@ -39,6 +39,11 @@ def _place_local(road_map: RoadMap, frame: Frame | None) -> tuple[list[Edge], Fr
     assert road_map.geographic_of is not None
     points = np.concatenate([e.points for e in road_map.edges])
     latitude, longitude = road_map.geographic_of(points[:, 0], points[:, 1])
+    if not (np.isfinite(latitude).all() and np.isfinite(longitude).all()):
+        raise SiteError(
+            "its projection does not reach its coordinates",
+            do="correct the geoReference or the header's offset",
+        )
     if frame is None:
         frame = _own_frame(road_map, points)
     x, y = frame.to_local(latitude, longitude)

@@ -250,6 +250,23 @@ def test_moving_and_turning_a_map_moves_and_turns_its_lanes(write):
         assert np.allclose(edge.points @ turn.T + [100, -20, 0], there[name].points, atol=1e-9)
 
 
+def test_drawing_a_road_against_its_direction_changes_no_lane(write):
+    """The same road with s from the other end: lane ids change sign, places and directions of travel stay."""
+    arc, bend = 20.0, 0.05
+    here = road(
+        "1",
+        arc,
+        geometry(0, 0, 0, 0, arc, f'<arc curvature="{bend}"/>'),
+        section(0, lane(1, width=3), lane(-1, width=4)),
+    )
+    x, y = math.sin(bend * arc) / bend, (1 - math.cos(bend * arc)) / bend
+    back = geometry(0, x, y, bend * arc + math.pi, arc, f'<arc curvature="{-bend}"/>')
+    there = road("1", arc, back, section(0, lane(1, width=4), lane(-1, width=3)))
+    first, second = edges_of(write(here))[0], edges_of(write(there))[0]
+    for i in (1, -1):
+        assert np.allclose(first[f"1:0:{i}"].points, second[f"1:0:{-i}"].points, atol=1e-6)
+
+
 def test_left_hand_traffic_is_right_hand_traffic_in_a_mirror(write):
     right = edges_of(write(curvy()))[0]
     left = edges_of(write(curvy(rule='rule="LHT"', mirror=-1)))[0]

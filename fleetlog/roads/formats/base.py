@@ -97,6 +97,10 @@ class Tally:
         return LoadReport(name, self.read, self.kept, dict(sorted(self.dropped.items())), tuple(self.notes))
 
 
+HUGE = 1e9
+"""No coordinate, coefficient or count of a map is larger."""
+
+
 def number(text: Any, where: Path, place: str) -> float:
     """A finite number of a map's text; :class:`SiteError` with the place otherwise."""
     try:
@@ -105,6 +109,10 @@ def number(text: Any, where: Path, place: str) -> float:
         raise SiteError(f"{text!r} is not a number", where=where, place=place, do="correct the map") from None
     if not math.isfinite(value):
         raise SiteError(f"{text!r} is not a finite number", where=where, place=place, do="correct the map")
+    if abs(value) > HUGE:
+        raise SiteError(
+            f"{text!r} is larger than any number of a map", where=where, place=place, do="correct the map"
+        )
     return value
 
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from fleetlog.core.network import Edge
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._odr_lanes import DRIVEN, LaneEdge, lane_edges
@@ -17,7 +19,7 @@ from fleetlog.roads.formats._odr_links import node_names, touching, turns
 from fleetlog.roads.formats._odr_parse import Road, parse_road
 from fleetlog.roads.formats._odr_place import geographic
 from fleetlog.roads.formats._xml import looks_like, parse_xml
-from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, number
+from fleetlog.roads.formats.base import HUGE, MapOptions, Reader, RoadMap, Tally, number
 
 if TYPE_CHECKING:
     from lxml.etree import _Element as Element
@@ -41,6 +43,14 @@ def read(path: Path, options: MapOptions) -> RoadMap:
             f"no driven lane in {tally.read} lanes" + (f" ({kinds})" if kinds else ""), where=path,
             do="name the driven types as lane_types under [network] in a site.toml",
         )  # fmt: skip
+    for found in lanes:
+        if float(np.abs(found.points).max()) > HUGE:
+            raise SiteError(
+                "its lanes lie beyond the earth",
+                where=path,
+                place=f"road {found.key[0]}",
+                do="correct the map",
+            )
     relation = touching(roads, root.findall("junction"), path, tally)
     nodes = node_names(lanes, relation)
     edges = [_edge(lane, nodes[lane.enters], nodes[lane.leaves]) for lane in lanes]
@@ -48,7 +58,7 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     inverse = geographic(root, path, tally.notes)
     return RoadMap(
         edges,
-        tally.report(f"OpenDRIVE {version}, lanes of {len(roads)} roads"),
+        tally.report(f"OpenDRIVE {version} ({len(roads)} roads, counted lane by lane)"),
         geographic_of=inverse,
         turns=allowed,
         has_elevation=any(road.has_elevation for road in roads.values()),
