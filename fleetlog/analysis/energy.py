@@ -84,19 +84,22 @@ def _books(dataset: Dataset, physics: Physics, processes: int) -> Iterator[Book]
     """One book a vehicle-day; big datasets in several processes, each reading its own days."""
     jobs = [(str(dataset.path), v, d, physics) for v in dataset.vehicles for d in dataset.dates]
     if processes < 2 or dataset.rows < MANY_ROWS or len(jobs) < 2:
-        books = (_vehicle_day(*job, dataset.site) for job in jobs)
-    else:
-        from concurrent.futures import ProcessPoolExecutor
+        for job in jobs:
+            if (book := _vehicle_day(*job, dataset.site)) is not None:
+                yield book
+        return
+    from concurrent.futures import ProcessPoolExecutor
 
-        with ProcessPoolExecutor(processes) as pool:
-            books = iter(list(pool.map(_vehicle_day, *zip(*jobs, strict=True))))
-    yield from (b for b in books if b is not None)
+    with ProcessPoolExecutor(processes) as pool:
+        for book in pool.map(_vehicle_day, *zip(*jobs, strict=True)):
+            if book is not None:
+                yield book
 
 
 def _vehicle_day(
     path: str, vehicle: str, date: str, physics: Physics, site: Site | None = None
 ) -> Book | None:
-    from fleetlog.physics.motion import motion_from_trajectory
+    from fleetlog.physics.motion import smooth_motion
 
     dataset = Dataset(Path(path))
     site = dataset.site if site is None else site
@@ -105,7 +108,8 @@ def _vehicle_day(
     trajectory = dataset.read(vehicle, date, COLUMNS)
     if len(trajectory) < 2:
         return None
-    return keep_book(trajectory, motion_from_trajectory(trajectory, site.network), physics, site)
+    smooth = smooth_motion(trajectory, site.network)
+    return keep_book(trajectory, smooth.motion, smooth.speed_sd, physics, site)
 
 
 def _term_order(books: Sequence[Book]) -> list[str]:

@@ -43,7 +43,8 @@ def of_runs(runs: list[Run], truck: Truck) -> Observations:
     repeats = np.array([r.repeats for r in runs])
 
     def predict(physics: Physics) -> Floats:
-        out = np.bincount(owner, battery_power(whole, physics) * whole.dt, len(runs)) * repeats / 3600.0
+        joules = np.bincount(owner, battery_power(whole, physics) * whole.dt, len(runs))
+        out = np.asarray(joules * repeats / 3600.0, dtype=np.float64)
         for i, r in enumerate(runs):
             if r.kind == "coast_down":
                 out[i] = coast_time(r, physics)

@@ -83,9 +83,13 @@ def term_forces(motion: Motion, physics: Physics) -> dict[str, Floats]:
     return _evaluate(motion, physics, "force")
 
 
-def ledger(motion: Motion, physics: Physics) -> dict[str, Floats]:
-    """Battery power by term, (N,) watts each; the sum over terms is the model's power."""
-    forces, powers = _evaluate(motion, physics, "force"), _evaluate(motion, physics, "power")
+def ledger(motion: Motion, physics: Physics, forces: dict[str, Floats] | None = None) -> dict[str, Floats]:
+    """Battery power by term, (N,) watts each; the sum over terms is the model's power.
+
+    ``forces`` are the :func:`term_forces` where they are at hand already.
+    """
+    forces = term_forces(motion, physics) if forces is None else forces
+    powers = _evaluate(motion, physics, "power")
     drive = physics.actual_truck().drive
     total = sum(forces.values(), np.zeros(len(motion)))
     conversion = np.where(total >= 0.0, 1.0 / drive.efficiency, drive.regeneration) * motion.speed

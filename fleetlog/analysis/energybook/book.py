@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.physics.power import Physics, cell_power, ledger
+from fleetlog.physics.power import Physics, cell_power, ledger, term_forces
 from fleetlog.physics.refine import refined, sampled
+from fleetlog.physics.term import GRAVITY
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -76,11 +77,13 @@ def measured_power(trajectory: Trajectory) -> tuple[Floats, str]:
     return np.full(len(trajectory), np.nan), "soc" if trajectory.has("soc") else "nothing"
 
 
-def keep_book(trajectory: Trajectory, motion: Motion, physics: Physics, site: Site) -> Book:
-    """The sums of one vehicle-day; ``motion`` has one sample a row of the trajectory."""
+def keep_book(trajectory: Trajectory, motion: Motion, speed_sd: Floats, physics: Physics, site: Site) -> Book:
+    """The sums of one vehicle-day; ``motion`` has one sample a row of the trajectory, its speed good to ``speed_sd`` [m/s]."""
     measured, source = measured_power(trajectory)
     fine, steps = refined(motion)
-    rows = {name: sampled(watts, steps) for name, watts in ledger(fine, physics).items()}
+    forces = term_forces(fine, physics)
+    rows = {name: sampled(watts, steps) for name, watts in ledger(fine, physics, forces).items()}
+    work = sum(forces.values(), np.zeros(len(fine))) * fine.speed
     terms = tuple(rows)
     watts = np.stack([*rows.values()], axis=1)
     total = watts.sum(axis=1)
@@ -89,11 +92,11 @@ def keep_book(trajectory: Trajectory, motion: Motion, physics: Physics, site: Si
     known = np.isfinite(measured)
     sums = {
         "seconds": dt, "metres": motion.speed * dt, "kilogram_metres": motion.payload * motion.speed * dt,
-        "returned": -np.minimum(total, 0.0) * dt, **_drive(fine, physics, steps, dt),
+        "returned": -np.minimum(total, 0.0) * dt, **_drive(work, physics, steps, dt),
         "loss": (cell_power(total, physics.actual_truck()) - total) * dt,
         "measured": np.where(known, measured, 0.0) * dt, "beside_measured": np.where(known, total, 0.0) * dt,
         "raising": np.maximum(rows.get("lift_efficiency", np.zeros(len(dt))), 0.0) * dt,
-        "motion_variance": _motion_variance(trajectory, motion, physics),
+        "motion_variance": _motion_variance(motion, speed_sd, physics),
     }  # fmt: skip
     soc, ends = trajectory.floats("soc"), np.append(starts[1:], len(trajectory)) - 1
     stretch, stretch_sums = _by_stretch(motion, total * dt)
@@ -113,46 +116,31 @@ def _segments(trajectory: Trajectory) -> NDArray[np.intp]:
     return np.flatnonzero(np.concatenate([[True], (np.diff(trip) != 0) | (np.diff(hour) != 0)]))
 
 
-def _drive(fine: Motion, physics: Physics, steps: int, dt: Floats) -> dict[str, Floats]:
-    """(N,) joules of drive where the wheels push, and where they are pushed (<= 0)."""
-    from fleetlog.physics.power import term_forces
-
+def _drive(work: Floats, physics: Physics, steps: int, dt: Floats) -> dict[str, Floats]:
+    """(N,) joules of drive where the wheels push, and where they are pushed (<= 0), of the power at the wheel."""
     truck = physics.actual_truck().drive
-    work = sum(term_forces(fine, physics).values(), np.zeros(len(fine))) * fine.speed
     return {
         "traction": sampled(np.maximum(work, 0.0), steps) / truck.efficiency * dt,
         "braking": sampled(np.minimum(work, 0.0), steps) * truck.regeneration * dt,
     }
 
 
-def _motion_variance(trajectory: Trajectory, motion: Motion, physics: Physics) -> Floats:
-    """(N,) squared joules that noise of the speed puts into each row.
+def _motion_variance(motion: Motion, speed_sd: Floats, physics: Physics) -> Floats:
+    """(N,) squared joules that the doubt about each row's speed puts into the sum.
 
     The derivative of sum(conversion F v dt) by the speed of one row: kinetic energy telescopes while the conversion stays
-    the same, so the noise counts where traction turns into braking, and for the way driven.  The noise is what smoothing
-    took out of the recorded speed (robust), an upper bound of what it left in.
+    the same, so doubt counts where traction turns into braking, and for the way driven.  Rows are taken as independent.
     """
-    noise = _speed_noise(trajectory, motion)
-    if noise == 0.0:
-        return np.zeros(len(motion))
     truck = physics.actual_truck()
     mass = truck.chassis.mass + motion.payload
-    resisting = mass * 9.81 * (truck.resistance.rolling + np.sin(motion.slope))
+    resisting = mass * GRAVITY * (truck.resistance.rolling + np.sin(motion.slope))
     force = mass * motion.acceleration + resisting
     conversion = np.where(force >= 0.0, 1.0 / truck.drive.efficiency, truck.drive.regeneration)
     v = motion.speed
     kinetic = np.zeros(len(v))
     kinetic[1:-1] = conversion[1:-1] * (v[2:] - v[:-2]) + conversion[:-2] * v[:-2] - conversion[2:] * v[2:]
     slope = np.where(v > 0.0, 0.5 * mass * kinetic + conversion * resisting * motion.dt, 0.0)
-    return np.square(slope * noise)
-
-
-def _speed_noise(trajectory: Trajectory, motion: Motion) -> float:
-    speed = trajectory.floats("speed")
-    moving = np.isfinite(speed) & (motion.speed > 0.2)
-    if moving.sum() < 10:
-        return 0.0
-    return 1.4826 * float(np.median(np.abs(speed[moving] - motion.speed[moving])))
+    return np.square(slope * speed_sd)
 
 
 def _by_stretch(motion: Motion, joules: Floats) -> tuple[NDArray[np.int32], Floats]:

@@ -1,0 +1,62 @@
+"""``fleetlog analyze energy``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from fleetlog.cli.options import (
+    anywhere,
+    existing,
+    json_option,
+    output_option,
+    overwrite_option,
+    quiet_option,
+    say,
+)
+
+
+def _hours(_: click.Context, __: click.Parameter, value: str) -> tuple[int, ...]:
+    try:
+        hours = tuple(sorted({int(part) for part in value.split(",")}))
+    except ValueError:
+        raise click.BadParameter("write it as 6,14,22") from None
+    if not hours or not all(0 <= h < 24 for h in hours):
+        raise click.BadParameter("hours run from 0 to 23")
+    return hours
+
+
+@click.command()
+@click.argument("dataset", type=existing)
+@click.option("--truck", required=True, help="Truck file, or name of a preset.")
+@click.option("--physics", type=anywhere, help="Physics that diagnose found (model.toml or its folder).")
+@click.option(
+    "--shifts",
+    default="6,14,22",
+    show_default=True,
+    callback=_hours,
+    help="Hours at which shifts begin, UTC.",
+)
+@output_option("Folder for the answer.")
+@json_option
+@overwrite_option
+@quiet_option
+def command(
+    dataset: Path, truck: str, physics: Path | None, shifts: tuple[int, ...], output: Path, as_json: bool,
+    overwrite: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Say what every trip costs, by physical cause, beside what was measured."""
+    from fleetlog.analysis.energy import energy
+    from fleetlog.cli.output import write_analysis
+    from fleetlog.core.truck import load_truck
+    from fleetlog.physics.model import load_physics
+    from fleetlog.store.atomic import check_free
+    from fleetlog.store.dataset import Dataset
+
+    check_free(output, overwrite)
+    data, model = Dataset(dataset), load_truck(truck)
+    known = None if physics is None else load_physics(physics, model, data.site.network)
+    result = energy(data, model, known, shifts=shifts)
+    write_analysis(result, data.site, output, overwrite)
+    say(result.lines, result.summary, as_json=as_json, quiet=quiet)
