@@ -29,7 +29,9 @@ VERBS: dict[str, tuple[str, str]] = {
 class Verbs(LazyGroup):
     """The verbs of ``fleetlog``."""
 
-    verbs: ClassVar[dict[str, tuple[str, str]]] = {name: (f"fleetlog.cli.{module}", line) for name, (module, line) in VERBS.items()}
+    verbs: ClassVar[dict[str, tuple[str, str]]] = {
+        name: (f"fleetlog.cli.{module}", line) for name, (module, line) in VERBS.items()
+    }
 
 
 @click.command(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]}, no_args_is_help=True)
@@ -59,5 +61,20 @@ def entry() -> None:
         status = EXIT_INPUT
     except OSError as error:
         click.echo(f"fleetlog: {error.filename or ''}: {error.strerror or error}", err=True)
+        status = EXIT_INPUT
+    except KeyboardInterrupt:
+        click.echo("fleetlog: interrupted; nothing was written", err=True)
+        status = EXIT_INTERRUPTED
+    except MemoryError:
+        click.echo("fleetlog: out of memory; take fewer vehicles or days at once", err=True)
+        status = EXIT_INPUT
+    except Exception as error:
+        if os.environ.get("FLEETLOG_DEBUG"):
+            raise
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        click.echo(
+            f"fleetlog: a fault in fleetlog itself, {what}; FLEETLOG_DEBUG=1 shows where, please report it",
+            err=True,
+        )
         status = EXIT_INPUT
     sys.exit(status if isinstance(status, int) else 0)
