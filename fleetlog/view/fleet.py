@@ -41,7 +41,8 @@ class Lane:
     vehicle: str
     colour: Colour
     prefix: str = ""
-    label: str = ""
+    fleet: str = ""
+    """Said behind the vehicle where curves of two fleets share a plot."""
     origin: int | None = None
     """Start of the recording [us]; a vehicle that comes later is not shown before."""
     last: int | None = None
@@ -70,7 +71,7 @@ def heights(t: Trajectory, site: Site) -> Floats:
 
 def log_static(stream: Stream, lane: Lane, signals: set[str]) -> None:
     """Meshes, and the style of the curves, of one vehicle."""
-    name = lane.label or lane.vehicle
+    name = f"{lane.vehicle} {lane.fleet}".strip()
     stream.static(lane.path("trucks", "body"), mesh3d(truck_body(lane.colour)))
     stream.static(lane.path("trucks", "body", "fork"), mesh3d(truck_fork()))
     for signal in sorted(signals):
@@ -148,7 +149,7 @@ def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels:
     order = np.argsort(time, kind="stable")
     time, shown = time[order], shown[order]
     point = np.tile(np.array([[0.0, 0.0, 1.0]]), (int(shown.sum()), 1))
-    names = [lane.label or lane.vehicle] * len(point)
+    names = [lane.vehicle] * len(point)
     stream.static(
         lane.path("trucks", "dot"),
         rr.Points3D.from_fields(radii=rr.Radius.ui_points(3.5), colors=lane.colour, show_labels=labels),

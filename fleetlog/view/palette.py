@@ -36,6 +36,13 @@ def vehicle_colour(number: int) -> Colour:
     return int(255 * r), int(255 * g), int(255 * b)
 
 
+def shade(colour: Colour, number: int) -> Colour:
+    """One of seven shades of a colour, from darker to lighter."""
+    factor = 0.7 + 0.07 * (number * 3 % 7)
+    r, g, b = (min(255, int(c * factor)) for c in colour)
+    return r, g, b
+
+
 def soc_colour(soc: float) -> Colour:
     """Green, yellow or red of a state of charge (share)."""
     return next(colour for above, colour in SOC_CLASSES if soc > above or above < 0)

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rerun as rr
 
-from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.store import Dataset
 from fleetlog.store.atomic import atomic_output
 from fleetlog.view import blueprint, fleet, palette, thin
 from fleetlog.view.extent import dataset_extent
+from fleetlog.view.palette import Colour
 from fleetlog.view.scene import log_site
-from fleetlog.view.stream import Stream, open_stream
+from fleetlog.view.stream import Stream, entity, open_stream
 
 RATE = 2.0
 """Samples a second that are kept by default."""
 MANY = 60
 """From this many vehicles on they are drawn together, one row a time step for all."""
-MANY_LABELS = 24
+MANY_RATE = 1.0
+"""Steps a second at most when they are."""
+MANY_LABELS, LONG_LEGEND = 24, 12
 COLUMNS = (
     "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "payload", "fork_height", "battery_power", "soc",
 )  # fmt: skip
@@ -57,25 +61,58 @@ def write_recording(
         with open_stream(scratch, f"{site.name} ({dataset.kind})", start) as stream:
             log_site(stream, site)
             log_summary(stream, dataset, summary)
-            log_fleet(stream, dataset, site, screen, rate_hz)
+            Fleet(dataset, rate_hz).log(stream, screen)
             latitude = None if site.frame is None else site.frame.latitude
             blueprint.send(stream, blueprint.replay(screen, latitude))
     return Path(out_rrd)
 
 
-def log_fleet(stream: Stream, dataset: Dataset, site: Site, screen: blueprint.Screen, rate_hz: float) -> None:
-    """Every vehicle, day by day, so that memory does not grow with the dataset."""
-    labels = len(dataset.vehicles) <= MANY_LABELS
-    for number, vehicle in enumerate(dataset.vehicles):
-        lane = fleet.Lane(vehicle, palette.vehicle_colour(number), origin=screen.start)
-        signals: set[str] = set()
-        for date in dataset.dates:
-            day = dataset.read(vehicle, date, COLUMNS)
+@dataclass(frozen=True)
+class Fleet:
+    """One dataset in a recording: where its entities are, how they are coloured and named, how its clock is moved."""
+
+    dataset: Dataset
+    rate_hz: float
+    prefix: str = ""
+    colour: Colour | None = None
+    name: str = ""
+    shift: int = 0
+
+    def log(self, stream: Stream, screen: blueprint.Screen) -> None:
+        """Every vehicle, day by day, so that memory does not grow with the dataset."""
+        if len(self.dataset.vehicles) >= MANY:
+            self._log_together(stream, screen)
+            return
+        labels = len(self.dataset.vehicles) <= MANY_LABELS
+        screen.legend = len(self.dataset.vehicles) <= LONG_LEGEND // len(screen.prefixes) ** 2
+        for number, vehicle in enumerate(self.dataset.vehicles):
+            lane = fleet.Lane(vehicle, self._colour(number), self.prefix, self.name, screen.start)
+            signals: set[str] = set()
+            for day in self.days(vehicle):
+                signals |= fleet.log_day(stream, lane, day, self.dataset.site, labels)
+            fleet.log_static(stream, lane, signals)
+            screen.signals |= signals
+            screen.trails.append(lane.path("trail"))
+
+    def days(self, vehicle: str) -> Iterator[Trajectory]:
+        """The thinned days of a vehicle on the recording's clock."""
+        for date in self.dataset.dates:
+            day = self.dataset.read(vehicle, date, COLUMNS)
             if len(day):
-                signals |= fleet.log_day(stream, lane, thin.thinned(day, rate_hz), site, labels)
-        fleet.log_static(stream, lane, signals)
-        screen.signals |= signals
-        screen.trails.append(lane.path("trail"))
+                kept = thin.thinned(day, self.rate_hz)
+                yield Trajectory(vehicle, kept.time + self.shift, kept.columns)
+
+    def _colour(self, number: int) -> Colour:
+        return palette.vehicle_colour(number) if self.colour is None else palette.shade(self.colour, number)
+
+    def _log_together(self, stream: Stream, screen: blueprint.Screen) -> None:
+        from fleetlog.view import batch
+
+        screen.signals |= batch.log_fleet(
+            stream, self.dataset, self.dataset.site, COLUMNS, rate_hz=min(self.rate_hz, MANY_RATE), prefix=self.prefix,
+            colour=self.colour or (205, 210, 218), shift=self.shift, name=self.name,
+        )  # fmt: skip
+        screen.trails.append(entity(self.prefix, "trail", "fleet"))
 
 
 def log_summary(stream: Stream, dataset: Dataset, summary: str | Mapping[str, Any] | None) -> None:

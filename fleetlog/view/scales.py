@@ -42,9 +42,10 @@ def scale_of(values: Floats, diverging: bool = False) -> Scale:
     used = known[known != 0.0]
     top, usual = float(known.max()), float(np.quantile(used, 0.98)) if len(used) else 0.0
     high = usual if 0.0 < usual < 0.67 * top else top
-    low = -high if diverging else min(0.0, float(known.min()))
-    if high <= low:
+    low = 0.0 if diverging else min(0.0, float(known.min()))
+    if high - low < 1e-300:
         high = low + 1.0
+    low = -high if diverging else low
     return Scale(low, high, diverging, clipped=top > high)
 
 

@@ -1,0 +1,150 @@
+"""Two fleets on one timeline: a recording and its simulation side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from fleetlog.core.trajectory import Floats, Trajectory, concatenate
+from fleetlog.store import Dataset
+from fleetlog.store.atomic import atomic_output
+from fleetlog.view import blueprint, palette, thin
+from fleetlog.view.extent import dataset_extent
+from fleetlog.view.fleet import curve_style, log_curve
+from fleetlog.view.recording import MANY, RATE, Fleet, microseconds, summary_markdown
+from fleetlog.view.scene import log_site
+from fleetlog.view.stream import Stream, entity, open_stream
+
+DIFFERENCES = {
+    "apart": "Distance apart [m]",
+    "power": "Power, simulated - recorded [kW]",
+    "soc": "Charge, simulated - recorded [%]",
+}
+
+
+def write_comparison(
+    recorded_path: str | Path, simulated_path: str | Path, out_rrd: str | Path, *, rate_hz: float = RATE
+) -> Path:
+    """A recording in which both fleets drive on one timeline, in orange and blue, with the differences as curves.
+
+    Where the two share no time, the simulated one is moved to begin with the recorded one, and the summary says so.
+    Vehicles of the same name are subtracted; ``out_rrd`` appears whole or not at all, and replaces an older one.
+    """
+    recorded, simulated = Dataset(recorded_path), Dataset(simulated_path)
+    shift = clock_shift(recorded, simulated)
+    a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED, "recorded")
+    b = Fleet(simulated, rate_hz, "simulated", palette.SIMULATED, "simulated", shift)
+    screen = blueprint.Screen(dataset_extent(recorded), ("/recorded", "/simulated"))
+    screen.on_earth = recorded.site.frame is not None
+    screen.start, screen.duration = _span(recorded, simulated, shift)
+    with (
+        atomic_output(out_rrd, overwrite=True, folder=False) as scratch,
+        open_stream(scratch, f"{recorded.site.name} (recorded and simulated)", screen.start) as stream,
+    ):
+        log_site(stream, recorded.site)
+        a.log(stream, screen)
+        b.log(stream, screen)
+        found = _log_differences(stream, a, b)
+        stream.static(
+            "/summary", rr.TextDocument(_text(recorded, simulated, shift), media_type=rr.MediaType.MARKDOWN)
+        )
+        blueprint.send(stream, _screen(screen, found))
+    return Path(out_rrd)
+
+
+def clock_shift(recorded: Dataset, simulated: Dataset) -> int:
+    """Microseconds to add to the simulated times: 0 where the two overlap."""
+    a0, a1, b0, b1 = (microseconds(d.meta.get(k)) for d in (recorded, simulated) for k in ("start", "end"))
+    if a0 is None or a1 is None or b0 is None or b1 is None or (a0 <= b1 and b0 <= a1):
+        return 0
+    return a0 - b0
+
+
+def _span(recorded: Dataset, simulated: Dataset, shift: int) -> tuple[int | None, float]:
+    starts = [
+        t + s
+        for d, s in ((recorded, 0), (simulated, shift))
+        if (t := microseconds(d.meta.get("start"))) is not None
+    ]
+    ends = [
+        t + s
+        for d, s in ((recorded, 0), (simulated, shift))
+        if (t := microseconds(d.meta.get("end"))) is not None
+    ]
+    return (min(starts), (max(ends) - min(starts)) * 1e-6) if starts and ends else (None, 0.0)
+
+
+def _text(recorded: Dataset, simulated: Dataset, shift: int) -> str:
+    moved = f"\n\nThe simulated clock is moved by {shift * 1e-6:,.0f} s.\n" if shift else "\n"
+    return f"Recorded in orange, simulated in blue.{moved}\n{summary_markdown(recorded)}\n{summary_markdown(simulated)}"
+
+
+def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:
+    """Curves for the vehicles that both have; which kinds there are."""
+    found: set[str] = set()
+    common = sorted(set(a.dataset.vehicles) & set(b.dataset.vehicles))[:MANY]
+    for number, vehicle in enumerate(common):
+        ours, theirs = list(a.days(vehicle)), list(b.days(vehicle))
+        if not ours or not theirs:
+            continue
+        other = concatenate(theirs)
+        for day in ours:
+            for kind, values in differences(day, other).items():
+                path = entity("difference", kind, vehicle)
+                if kind not in found or day is ours[0]:
+                    stream.static(path, curve_style(vehicle, palette.vehicle_colour(number)))
+                found.add(kind)
+                keep = thin.runs_collapsed(values)
+                log_curve(stream, path, day.time[keep], values[keep])
+    return found
+
+
+def at_times(other: Trajectory, name: str, time: Any) -> Floats:
+    """A column of ``other`` interpolated at ``time``; NaN outside it and in its gaps."""
+    values = other.floats(name)
+    known = np.isfinite(values)
+    if known.sum() < 2:
+        return np.full(len(time), np.nan)
+    t, v = other.time[known], values[known]
+    after = np.clip(np.searchsorted(t, time), 1, len(t) - 1)
+    out = np.interp(time, t, v, left=np.nan, right=np.nan)
+    out[(t[after] - t[after - 1]) > thin.gap_limit(t)] = np.nan
+    return np.asarray(out, dtype=np.float64)
+
+
+def differences(recorded: Trajectory, simulated: Trajectory) -> dict[str, Floats]:
+    """By kind (N,): distance apart [m], power [kW] and SOC [%] simulated minus recorded; kinds without data left out."""
+    time = recorded.time
+    dx, dy = (at_times(simulated, c, time) - recorded.floats(c) for c in ("x", "y"))
+    power = at_times(simulated, "battery_power", time) - recorded.floats("battery_power")
+    soc = at_times(simulated, "soc", time) - recorded.floats("soc")
+    every = {"apart": np.hypot(dx, dy), "power": power * 1e-3, "soc": soc * 100.0}
+    return {kind: values for kind, values in every.items() if np.isfinite(values).any()}
+
+
+def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
+    left = [
+        blueprint.floor_view(screen, "Site", blueprint.oblique(screen.extent)),
+        blueprint.floor_view(screen, "Plan", blueprint.top_down(screen.extent)),
+    ]
+    both: list[Any] = [blueprint.curve_view(screen, s) for s in blueprint.CURVE_NAMES if s in screen.signals]
+    both.append(rrb.TextDocumentView(origin="/summary", name="Summary"))
+    apart: list[Any] = [
+        rrb.TimeSeriesView(
+            origin="/", contents=[f"/difference/{kind}/**"], name=title, axis_x=blueprint.whole_time(),
+            plot_legend=rrb.PlotLegend(visible=False),
+        )
+        for kind, title in DIFFERENCES.items()
+        if kind in found
+    ]  # fmt: skip
+    columns = [rrb.Vertical(*left), rrb.Vertical(*both), *([rrb.Vertical(*apart)] if apart else [])]
+    return rrb.Blueprint(
+        rrb.Horizontal(*columns, column_shares=[5, 3, 3][: len(columns)]),
+        *blueprint.panels(screen),
+        auto_views=False,
+        auto_layout=False,
+    )

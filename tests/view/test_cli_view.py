@@ -1,0 +1,78 @@
+"""``fleetlog view`` as a user meets it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from fleetlog.cli.view import command
+from fleetlog.errors import FleetlogError
+from fleetlog.view import headless, viewer
+from fleetlog.view.headless import ViewerError
+
+
+def run(*arguments: str) -> str:
+    outcome = CliRunner().invoke(command, list(arguments), standalone_mode=False)
+    if outcome.exception:
+        raise outcome.exception
+    return outcome.output
+
+
+@pytest.fixture
+def dataset(tmp_path: Path, replay: tuple[Path, Path]) -> Path:
+    return shutil.copytree(replay[0], tmp_path / "dataset")
+
+
+def test_without_a_screen_it_says_what_to_do(dataset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(viewer, "has_screen", lambda: False)
+    with pytest.raises(ViewerError, match=r"no screen.*--screenshot"):
+        run(str(dataset))
+
+
+def test_viewer_is_started_on_this_machine_only(dataset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[tuple[list[str], dict[str, str]]] = []
+    monkeypatch.setattr(viewer, "has_screen", lambda: True)
+    monkeypatch.setattr(viewer.subprocess, "call", lambda c, env: calls.append((c, env)) or 0)
+    run(str(dataset))
+    ((line, env),) = calls
+    assert Path(line[0]).exists() and line[line.index("--bind") + 1] == "127.0.0.1"
+    assert line[-1] == str(dataset / "recording.rrd") and env["CI"] == "1"
+
+
+def test_recording_is_made_when_missing_or_old_and_only_then(dataset: Path) -> None:
+    said: list[str] = []
+    rrd = viewer.recording_of(dataset, say=said.append)
+    assert said == [f"making {rrd}"] and rrd.read_bytes()[:4] == b"RRF2"
+    viewer.recording_of(dataset, say=said.append)
+    assert len(said) == 1
+    os.utime(rrd, (1e9, 1e9))
+    viewer.recording_of(dataset, say=said.append)
+    assert len(said) == 2
+
+
+@pytest.mark.parametrize("content", [None, b"", b"vehicle_id,timestamp\n"])
+def test_anything_else_is_one_clear_line(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "thing"
+    path.mkdir() if content is None else path.write_bytes(content)
+    with pytest.raises(FleetlogError, match=r"thing.*dataset") as error:
+        run(str(path))
+    assert "\n" not in error.value.line()
+
+
+def test_times(dataset: Path) -> None:
+    assert viewer.nanoseconds_of("2026-03-02T06:00:00") == viewer.nanoseconds_of("2026-03-02T07:00:00+01:00")
+    with pytest.raises(FleetlogError, match="yesterday"):
+        viewer.nanoseconds_of("yesterday")
+
+
+@pytest.mark.skipif(
+    headless.vulkan_missing() is not None, reason=f"the viewer cannot draw here: {headless.vulkan_missing()}"
+)
+def test_screenshot(dataset: Path, tmp_path: Path) -> None:
+    out = tmp_path / "shot.png"
+    run(str(dataset), "--screenshot", str(out), "--at", "2026-03-02T06:01:18")
+    assert headless.colour_ink(out.read_bytes()) > 5 * headless.INK

@@ -1,0 +1,136 @@
+"""Pictures and recordings of results, and the folder of an analysis."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rrd
+from fixtures_view import plant
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from PIL import Image
+from shapes import every_shape
+
+from fleetlog.cli.output import write_analysis
+from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Result, Series, Shape
+from fleetlog.core.site import Site
+from fleetlog.errors import OutputError
+from fleetlog.view.picture import write_picture
+from fleetlog.view.results import write_result_recording
+from fleetlog.view.scales import scale_of, screen_colours
+
+EMPTY: list[Shape] = [
+    Grid("g", np.full((3, 4), np.nan), 0, 0, 1, "s"),
+    EdgeValues("e", np.zeros(0, np.int32), np.zeros(0), np.zeros(0), np.zeros(0), "J"),
+    Marks("m", np.zeros((0, 2)), (), np.zeros(0)),
+    MovingLines("l", np.zeros(0, np.int64), (), ()),
+    Series("s", np.zeros(0), {}, "x", "y"),
+    Series("t", np.zeros(0, np.int64), {"a": np.zeros(0)}, "x", "y", over_time=True),
+    Bars("b", (), np.zeros(0), "s"),
+]
+
+
+def pixels(path: Path) -> np.ndarray:
+    return np.asarray(Image.open(path).convert("RGB")).astype(int)
+
+
+@pytest.mark.parametrize("site", [plant(), plant(frame=False), plant(network=False), Site("bare")])
+@pytest.mark.parametrize("shape", [*EMPTY, None])
+def test_nothing_to_draw_is_no_error(tmp_path: Path, shape: Shape | None, site: Site) -> None:
+    result = Result("empty", {}, shapes=[] if shape is None else [shape], lines=["nothing found"])
+    assert pixels(write_picture(result, site, tmp_path / "p.png")).std() > 0
+    assert write_result_recording(result, site, tmp_path / "r.rrd").stat().st_size > 0
+
+
+@pytest.mark.parametrize("shape", every_shape().shapes, ids=lambda s: s.name)
+def test_every_shape_alone_changes_the_picture(tmp_path: Path, shape: Shape) -> None:
+    site = plant()
+    alone = pixels(write_picture(Result("r", {}, shapes=[shape]), site, tmp_path / "a.png"))
+    bare = pixels(
+        write_picture(
+            Result("r", {}, shapes=[Marks("m", np.zeros((0, 2)), (), np.zeros(0))]), site, tmp_path / "b.png"
+        )
+    )
+    assert alone.shape[1] >= 600
+    assert alone.shape != bare.shape or (np.abs(alone - bare).sum(axis=2) > 60).sum() > 500
+
+
+def test_heat_lies_where_its_cells_are(tmp_path: Path) -> None:
+    """A heat cell moved to the north-east moves its ink right and up in the picture."""
+    site = plant()
+
+    def centre(row: int, column: int) -> np.ndarray:
+        values = np.full((40, 60), np.nan)
+        values[row : row + 6, column : column + 6] = np.linspace(90, 100, 36).reshape(6, 6)
+        image = pixels(
+            write_picture(
+                Result("r", {}, shapes=[Grid("g", values, 0, 0, 1.0, "s")]), site, tmp_path / "p.png"
+            )
+        )
+        map_only = image[: int(0.8 * len(image))]
+        dark = (map_only.max(axis=2) < 90) & (map_only[..., 2] > map_only[..., 1] + 10)
+        return np.argwhere(dark).mean(axis=0)
+
+    south_west, north_east = centre(2, 2), centre(30, 50)
+    assert north_east[0] < south_west[0] - 100 and north_east[1] > south_west[1] + 100
+
+
+def test_grid_in_the_recording(tmp_path: Path) -> None:
+    """The viewer's first row is the northern one; empty cells are transparent and insignificant ones pale."""
+    values = np.array([[1.0, np.nan, 3.0], [4.0, 5.0, 0.0]])
+    mask = np.array([[True, True, False], [True, True, True]])
+    grid = Grid("heat", values, 10.0, 20.0, 2.0, "s", mask=mask)
+    out = write_result_recording(Result("r", {}, shapes=[grid]), plant(), tmp_path / "r.rrd")
+    _, data = rrd.column(out, "/result/heat", "GridMap:data", None)
+    image = np.array(data.flatten().to_pylist()[0], np.uint8).reshape(2, 3, 4)
+    assert (image[..., 3] > 0).tolist() == [[True, True, False], [True, False, True]]
+    assert image[1, 2, 3] < 80 and image[1, 0, 3] == 255
+    brightness = image[..., :3].sum(axis=2)
+    assert brightness[0, 1] > brightness[0, 0] > brightness[1, 0]
+    _, where = rrd.column(out, "/result/heat", "GridMap:translation", None)
+    assert where.flatten().to_pylist()[0][:2] == [10.0, 20.0]
+
+
+@given(
+    hnp.arrays(float, st.integers(1, 40), elements=st.floats(-1e6, 1e6) | st.just(float("nan"))),
+    st.booleans(),
+)
+def test_scale_holds_the_values(values: np.ndarray, diverging: bool) -> None:
+    scale = scale_of(values, diverging)
+    assert scale.high > scale.low
+    known = values[np.isfinite(values)]
+    if diverging:
+        assert scale.low == -scale.high
+    elif len(known) and not scale.clipped:
+        assert scale.low <= known.min() and known.max() <= scale.high
+    assert ((screen_colours(values, scale)[..., 3] == 0) == np.isnan(values)).all()
+
+
+def test_zero_of_a_diverging_scale_is_neutral() -> None:
+    grey = screen_colours(np.array([0.0]), scale_of(np.array([-1.0, 7.0]), True))[0, :3].astype(int)
+    assert np.ptp(grey) < 12
+
+
+def test_folder_of_an_analysis(tmp_path: Path) -> None:
+    folder = write_analysis(every_shape(), plant(), tmp_path / "out")
+    assert {p.name for p in folder.iterdir()} == {
+        "everything.json", "everything.png", "recording.rrd", "numbers.parquet", "sites.parquet", "sites.geojson",
+    }  # fmt: skip
+    assert json.loads((folder / "everything.json").read_text())["share"] is None
+    with pytest.raises(OutputError, match="--overwrite"):
+        write_analysis(every_shape(), plant(), folder)
+
+
+def test_folder_is_whole_or_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = write_analysis(every_shape(), plant(), tmp_path / "out")
+    before = (folder / "everything.json").read_bytes()
+    monkeypatch.setattr("fleetlog.view.results.write_result_recording", lambda *a: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        write_analysis(replace(every_shape(), summary={"rows": 1}), plant(), folder, overwrite=True)
+    assert (folder / "everything.json").read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
