@@ -1,0 +1,159 @@
+"""Cleaning: what cannot be a measurement is refused or unknown, what can is left alone.
+
+Every step takes the sorted rows of one vehicle and gives fewer rows, or rows with values unknown, and tells ``rejects``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.columns import COLUMNS
+from fleetlog.core.trajectory import Floats, Labels, Trajectory
+from fleetlog.ingest.rejects import Rejects
+from fleetlog.ingest.rows import FILE, RECORD, set_unknown
+
+MAX_SPEED = 60.0
+"""A position that implies more is impossible [m/s]; the bound of the speed column."""
+JUMP_MARGIN = 20.0
+"""Error of two positions that no jump is made of [m]."""
+SHORT_JUMP = 10
+"""Rows; a place that is left sooner by another impossible jump was never visited."""
+STUCK_TIME, STUCK_ROWS = 60.0, 30
+"""A speed that stays the same to the last digit so long [s, rows] while the truck stands is a stuck sensor."""
+
+STUCK = "_stuck"
+"""Column that marks the rows of a stuck sensor; dropped before writing."""
+
+Mask = NDArray[np.bool_]
+
+
+def sort_rows(rows: Trajectory) -> Trajectory:
+    """In order of time; at equal times in order of file and line."""
+    if len(rows) < 2 or (np.diff(rows.time) > 0).all():
+        return rows
+    return rows[np.lexsort((rows.floats(RECORD), rows.floats(FILE), rows.time))]
+
+
+def drop_duplicates(rows: Trajectory, rejects: Rejects) -> Trajectory:
+    """One row at a time: the first that the files have; identical rows and contradicting ones are told apart."""
+    again = np.zeros(len(rows), bool)
+    again[1:] = np.diff(rows.time) == 0
+    if not again.any():
+        return rows
+    first = np.maximum.accumulate(np.where(again, 0, np.arange(len(rows))))
+    same = again.copy()
+    for name, values in rows.columns.items():
+        if name not in (FILE, RECORD):
+            same &= _equal(values.codes if isinstance(values, Labels) else values, first)  # type: ignore[arg-type]  # arrays
+    rejects.refuse(rows, same, "a duplicate of another row")
+    rejects.refuse(rows, again & ~same, "another row of the vehicle has the same time")
+    return rows[~again]
+
+
+def _equal(values: Floats, first: NDArray[np.intp]) -> Mask:
+    other = values[first]
+    return np.asarray((values == other) | ((values != values) & (other != other)))
+
+
+def drop_impossible(rows: Trajectory, rejects: Rejects) -> Trajectory:
+    """Latitudes and longitudes off the globe are refused with their row; 0, 0 is a receiver without a fix: unknown."""
+    if "latitude" not in rows:
+        return rows
+    latitude, longitude = rows.floats("latitude"), rows.floats("longitude")
+    off = (np.abs(latitude) > 90.0) | (np.abs(longitude) > 180.0)
+    if off.any():
+        rejects.refuse(rows, off, "the position is off the globe")
+        rows, latitude, longitude = rows[~off], latitude[~off], longitude[~off]
+    unknown = ((latitude == 0.0) & (longitude == 0.0)) | (np.isnan(latitude) != np.isnan(longitude))
+    if unknown.any():
+        rows = set_unknown(set_unknown(rows, "latitude", unknown), "longitude", unknown)
+    return rows
+
+
+def bound_values(rows: Trajectory, rejects: Rejects) -> Trajectory:
+    """Values beyond what their column can be become unknown; each is kept in ``rejected.parquet``."""
+    for column in COLUMNS:
+        if column.name not in rows or column.kind != "double" or (column.low, column.high) == (None, None):
+            continue
+        values = rows.floats(column.name)
+        low, high = (np.inf * s if b is None else b for b, s in ((column.low, -1), (column.high, 1)))
+        # Rounding may put a measured bound a hair beyond itself.
+        slack = (
+            1e-6
+            * (1.0 + abs(high - low if np.isfinite(high - low) else 0.0))
+            * (column.name in ("soc", "heading"))
+        )
+        beyond = (values < low - slack) | (values > high + slack)
+        if beyond.any():
+            rejects.refuse(
+                rows,
+                beyond,
+                f"{column.name} is beyond {low:g} to {high:g} {column.unit}".rstrip(),
+                whole=False,
+            )
+            rows = set_unknown(rows, column.name, beyond)
+        if slack:
+            rows = rows.with_columns(**{column.name: np.clip(rows.floats(column.name), low, high)})
+    return rows
+
+
+def drop_jumps(rows: Trajectory, rejects: Rejects) -> Trajectory:
+    """Refuse rows whose place cannot be reached and is left again at once; one outlier takes nothing else with it.
+
+    Positions fall into stays between impossible jumps.  A stay of fewer than ``SHORT_JUMP`` rows between two of them, or
+    beside a longer one, was never visited; after a long one the truck is where it says (a log that resumes elsewhere).
+    """
+    known = np.flatnonzero(np.isfinite(rows.floats("x")) & np.isfinite(rows.floats("y")))
+    x, y, t = rows.floats("x")[known], rows.floats("y")[known], rows.seconds()[known]
+    gone = jump_outliers(x, y, t)
+    if not gone.any():
+        return rows
+    mask = np.zeros(len(rows), bool)
+    mask[known[gone]] = True
+    rejects.refuse(rows, mask, "an impossible jump of the position")
+    return rows[~mask]
+
+
+def jump_outliers(x: Floats, y: Floats, t: Floats) -> Mask:
+    """(N,) which positions lie on stays that were never visited."""
+    gone = np.zeros(len(x), bool)
+    index = np.arange(len(x))
+    for _ in range(20):  # each pass takes the shortest stays; real logs are done after two or three
+        step = np.hypot(np.diff(x[index]), np.diff(y[index]))
+        breaks = np.flatnonzero(step > MAX_SPEED * np.diff(t[index]) + JUMP_MARGIN) + 1
+        if not len(breaks):
+            break
+        starts = np.concatenate([[0], breaks])
+        ends = np.append(breaks, len(index))
+        size = ends - starts
+        beside = np.maximum(np.append(size[1:], 0), np.insert(size[:-1], 0, 0))
+        short = (size < SHORT_JUMP) & (size < beside)
+        if not short.any():
+            break
+        smallest = short & (size == size[short].min())
+        drop = np.repeat(smallest, size)
+        gone[index[drop]] = True
+        index = index[~drop]
+    return gone
+
+
+def unstick(rows: Trajectory) -> Trajectory:
+    """A speed that shows the same figure for a minute while the position stands is a stuck sensor: unknown, and marked."""
+    if not rows.has("speed"):
+        return rows
+    speed, t = rows.floats("speed"), rows.seconds()
+    x, y = rows.floats("x"), rows.floats("y")
+    stuck = np.zeros(len(rows), bool)
+    cut = np.flatnonzero(np.diff(speed, prepend=np.nan) != 0)
+    for start, stop in zip(cut.tolist(), [*cut[1:].tolist(), len(rows)], strict=True):
+        length = t[stop - 1] - t[start]
+        if not speed[start] > 0.5 or stop - start < STUCK_ROWS or length < STUCK_TIME:
+            continue
+        xs, ys = x[start:stop], y[start:stop]
+        fixes = np.isfinite(xs)
+        if fixes.sum() >= 5 and max(np.ptp(xs[fixes]), np.ptp(ys[fixes])) < 0.1 * speed[start] * length:
+            stuck[start:stop] = True
+    if not stuck.any():
+        return rows
+    return set_unknown(rows, "speed", stuck).with_columns(**{STUCK: stuck.astype(np.float64)})

@@ -1,0 +1,105 @@
+"""Speed and heading from positions, where the log has none: straight lines fitted over a short while."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.trajectory import Floats, Ints, Trajectory
+
+HALF_WINDOW = 1.0
+"""The line is fitted over this time before and after a row [s]; over the neighbours at least."""
+MAX_GAP = 30.0
+"""No line reaches across a longer silence [s]."""
+STANDING = 0.15
+"""Slower than this, or than twice the error of the fit, is standing still [m/s]."""
+MAX_SPEED = 60.0
+
+
+def derive_motion(rows: Trajectory) -> Trajectory:
+    """Speed [m/s] and heading [rad] of the rows that have none; what the log says stays."""
+    need_speed = bool(np.isnan(rows.floats("speed")).any())
+    need_heading = bool(np.isnan(rows.floats("heading")).any())
+    if not (need_speed or need_heading):
+        return rows
+    speed, heading = fitted_motion(rows.seconds(), rows.floats("x"), rows.floats("y"), rows.floats("speed"))
+    out = rows
+    if need_speed and np.isfinite(speed).any():
+        own = rows.floats("speed")
+        out = out.with_columns(speed=np.where(np.isnan(own), speed, own))
+    if need_heading and np.isfinite(heading).any():
+        own = rows.floats("heading")
+        out = out.with_columns(heading=np.where(np.isnan(own), heading, own))
+    return out
+
+
+def fitted_motion(
+    t: Floats, x: Floats, y: Floats, known_speed: Floats | None = None
+) -> tuple[Floats, Floats]:
+    """Speed and heading at (N,) times [s] from positions [m]; NaN where there are too few positions.
+
+    Least-squares slopes of x and y over time in a window about each row (Savitzky and Golay's first derivative for uneven
+    steps).  Slower than the error of the fit is standing still: speed 0, and the heading stays as it was.
+    """
+    speed, heading = np.full(len(t), np.nan), np.full(len(t), np.nan)
+    have = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    if len(have) < 2:
+        return speed, heading
+    first, last = _windows(t[have])
+    vx, ex = _slopes(t[have], x[have], first, last)
+    vy, ey = _slopes(t[have], y[have], first, last)
+    fast = np.hypot(vx, vy)
+    moving = fast > np.maximum(STANDING, 2.0 * np.minimum(np.hypot(ex, ey), 1.0))
+    if known_speed is not None:
+        # A log's own speed knows better whether the truck stands.
+        own = known_speed[have]
+        moving = np.where(np.isnan(own), moving, (own > STANDING) & (fast > STANDING))
+    speed[have] = np.minimum(np.where(moving, fast, 0.0), MAX_SPEED)
+    speed[have[first == last]] = np.nan
+    heading[have] = np.where(moving, np.arctan2(vy, vx), np.nan)
+    return speed, _held(heading)
+
+
+def _windows(t: Floats) -> tuple[Ints, Ints]:
+    """First and last row of the window of each row: within ``HALF_WINDOW``, at least a neighbour, never across a gap."""
+    n = len(t)
+    rows = np.arange(n)
+    first = np.minimum(np.searchsorted(t, t - HALF_WINDOW), np.maximum(rows - 1, 0))
+    last = np.maximum(np.searchsorted(t, t + HALF_WINDOW, side="right") - 1, np.minimum(rows + 1, n - 1))
+    cut = np.flatnonzero(np.diff(t) > MAX_GAP) + 1
+    starts = np.concatenate([[0], cut])
+    stretch = np.searchsorted(starts, rows, side="right") - 1
+    ends = np.append(cut, n) - 1
+    return np.maximum(first, starts[stretch]), np.minimum(last, ends[stretch])
+
+
+def _slopes(t: Floats, v: Floats, first: Ints, last: Ints) -> tuple[Floats, Floats]:
+    """Slope of v over t in each window, and its standard error."""
+    n = len(t)
+    # Sums from the middle of blocks of rows, so that large coordinates and times lose no digits.
+    block = np.arange(n) // 4096 * 4096
+    t0, v0 = t[block], v[block]
+    out, error = np.zeros(n), np.full(n, 0.0)
+    for start in range(0, n, 4096):
+        a, b = max(int(first[start : start + 4096].min()), 0), int(last[start : start + 4096].max()) + 1
+        tt, vv = t[a:b] - t0[start], v[a:b] - v0[start]
+        sums = [np.concatenate([[0.0], np.cumsum(s)]) for s in (tt, vv, tt * tt, tt * vv, vv * vv)]
+        f, g = first[start : start + 4096] - a, last[start : start + 4096] + 1 - a
+        m = (g - f).astype(np.float64)
+        st, sv, stt, stv, svv = (s[g] - s[f] for s in sums)
+        ctt, ctv, cvv = stt - st * st / m, stv - st * sv / m, svv - sv * sv / m
+        good = ctt > 1e-9
+        slope = np.where(good, ctv / np.where(good, ctt, 1.0), 0.0)
+        rest = np.maximum(cvv - slope * ctv, 0.0) / np.maximum(m - 2.0, 1.0)
+        out[start : start + 4096] = slope
+        error[start : start + 4096] = np.where(good & (m > 2), np.sqrt(rest / np.where(good, ctt, 1.0)), 0.0)
+    return out, error
+
+
+def _held(heading: Floats) -> Floats:
+    """Unknown headings take the last known one; before the first, the first."""
+    known: NDArray[np.intp] = np.flatnonzero(np.isfinite(heading))
+    if not len(known):
+        return heading
+    at = np.searchsorted(known, np.arange(len(heading)), side="right") - 1
+    return np.asarray(heading[known[np.maximum(at, 0)]], dtype=np.float64)

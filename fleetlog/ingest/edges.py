@@ -1,0 +1,68 @@
+"""The edge columns: rows matched to directed roads, with a confidence, and a reason where no road fits."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Labels, Trajectory
+
+ESTIMATE_ROWS = 2000
+"""The parameters are estimated once, on the first stretch that has this many rows (or on the first of all)."""
+
+
+@dataclass
+class Edges:
+    """Matches stretch after stretch with one set of parameters, and counts."""
+
+    network: Network
+    matched: int = 0
+    rows: int = 0
+    kept: int = 0
+    """Rows whose edges the log itself has."""
+    reasons: Counter[str] = field(default_factory=Counter)
+    _parameters: Any = None
+
+    def match(self, rows: Trajectory) -> Trajectory:
+        """The rows with edge_id, edge_offset, lateral_offset, match_confidence and match_reason."""
+        if self._log_has_edges(rows):
+            self.kept += len(rows)
+            self._count(rows)
+            return rows
+        from fleetlog.roads import matching
+
+        found = matching.match(rows, self.network, self._parameters)
+        if self._parameters is None and len(rows) >= ESTIMATE_ROWS:
+            self._parameters = found.parameters
+        edge = np.asarray(found.edge, dtype=np.int32)
+        off = edge < 0
+        out = rows.with_columns(
+            edge_id=Labels(edge, self.network.edge_ids),
+            edge_offset=np.where(off, np.nan, found.offset),
+            lateral_offset=np.where(off, np.nan, found.lateral),
+            match_confidence=np.asarray(found.confidence, dtype=np.float64),
+            match_reason=Labels(np.where(off, found.reason.astype(np.int32), -1), tuple(matching.REASONS)),
+        )
+        self._count(out)
+        return out
+
+    def _log_has_edges(self, rows: Trajectory) -> bool:
+        """A dataset that comes back: its edges are those of this map."""
+        if not rows.has("edge_id") or not rows.has("edge_offset"):
+            return False
+        labels = rows.labels("edge_id")
+        used = {labels.names[c] for c in np.unique(labels.codes[labels.codes >= 0]).tolist()}
+        return used <= set(self.network.index)
+
+    def _count(self, rows: Trajectory) -> None:
+        codes = rows.labels("edge_id").codes
+        self.rows += len(rows)
+        self.matched += int((codes >= 0).sum())
+        why = rows.labels("match_reason")
+        for code, count in zip(*np.unique(why.codes[codes < 0], return_counts=True), strict=True):
+            if code >= 0:
+                self.reasons[why.names[code]] += int(count)

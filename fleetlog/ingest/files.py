@@ -1,0 +1,77 @@
+"""Which logs are meant: files, folders and patterns, as a sorted list of files with their formats."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fleetlog.errors import FleetlogError, InputError
+from fleetlog.importers.base import Importer, by_name, detect, find
+
+
+@dataclass(frozen=True)
+class Log:
+    """One log and how it is read; ``error`` where no format fits (of several logs, the others are still read)."""
+
+    path: Path
+    importer: Importer | None
+    error: FleetlogError | None = None
+
+
+def find_logs(paths: Sequence[str | Path], format: str | None = None) -> list[Log]:
+    """The logs among ``paths`` in order of their names, so that the order of the command line changes nothing.
+
+    A folder stands for the logs in it, recursively; files in it that no format fits are passed over.  A pattern
+    (``*``, ``?``, ``[``) stands for what it matches.
+    """
+    importer = by_name(format) if format else None
+    logs: dict[Path, Log] = {}
+    for given in _expanded(paths):
+        for log in _in_folder(given, importer) if given.is_dir() else [_named(given, importer)]:
+            logs.setdefault(log.path.resolve(), log)
+    if not logs:
+        raise InputError(
+            "no log in it",
+            where=", ".join(map(str, paths)),
+            do="give files, or name the format with --format",
+        )
+    found = sorted(logs.values(), key=lambda log: str(log.path))
+    errors = [log.error for log in found if log.error]
+    if len(errors) == len(found):
+        raise errors[0]
+    return found
+
+
+def _expanded(paths: Sequence[str | Path]) -> list[Path]:
+    out = []
+    for path in map(Path, paths):
+        if path.exists():
+            out.append(path)
+            continue
+        matches = glob.glob(str(path), recursive=True)  # noqa: PTH207 - Path.glob takes no absolute pattern
+        if not matches:
+            raise InputError("no such file", where=path, do="check the name")
+        out += map(Path, matches)
+    return out
+
+
+def _named(path: Path, importer: Importer | None) -> Log:
+    try:
+        return Log(path, importer or detect(path))
+    except FleetlogError as error:
+        return Log(path, None, error)
+
+
+def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
+    """A folder that is one log (a ROS 2 bag), or the logs below it."""
+    whole = find(folder)
+    if whole is not None and importer in (None, whole):
+        return [Log(folder, whole)]
+    found = []
+    for path in sorted(p for p in folder.rglob("*") if p.is_file() and not p.name.startswith(".")):
+        one = find(path) if path.stat().st_size else None
+        if one is not None and importer in (None, one):
+            found.append(Log(path, one))
+    return found

@@ -1,0 +1,131 @@
+"""Logs to a dataset, in seven steps: find, read, order, set down, clean, match, write.
+
+Everything read is set down by vehicle and day first (:mod:`fleetlog.ingest.spill`); then one vehicle after the other is cleaned,
+placed, matched and written, stretch by stretch, so that memory is bounded by a stretch whatever the size of the logs.
+A stretch ends where a trip begins, so that no trip is torn and matching starts at a standstill.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fleetlog.core.site import Site
+from fleetlog.errors import FleetlogError, InputError
+from fleetlog.importers._profile import Profile, load_profile
+from fleetlog.ingest.files import Log, find_logs
+from fleetlog.ingest.reading import Reading
+from fleetlog.ingest.spill import Spill
+from fleetlog.ingest.stretch import VehicleImport
+from fleetlog.ingest.summary import ImportSummary
+from fleetlog.store.provenance import provenance
+
+if TYPE_CHECKING:
+    from fleetlog.store.writer import DatasetWriter
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share of all that is done, 0 to 1."""
+READ_SHARE = 0.5
+
+
+def import_logs(
+    paths: Sequence[str | Path],
+    site: Site | None,
+    writer: DatasetWriter,
+    *,
+    format: str | None = None,
+    profile: str | Path | Profile | None = None,
+    progress: Progress | None = None,
+) -> ImportSummary:
+    """Read ``paths`` (files, folders, patterns) and write their rows through ``writer``.
+
+    ``site`` is None where there is no map: then the frame comes from the data.  The writer's site, provenance and summary are
+    set; its ``finish`` is left to the caller.  :class:`~fleetlog.errors.InputError` where nothing usable was found.
+    """
+    profile = load_profile(profile) if isinstance(profile, str | Path) else profile
+    logs = find_logs(paths, format)
+    spill = Spill(writer.path / ".spill")
+    try:
+        reading = Reading(spill, writer.path, logs, profile)
+        for i, log in enumerate(logs):
+            _read(reading, i, log, len(logs), progress)
+        _check_read(reading, logs)
+        summary = _write(reading, site or Site(), writer, progress)
+    finally:
+        spill.clear()
+    inputs = [f for log in logs for f in ([log.path] if log.path.is_file() else sorted(log.path.rglob("*")))]
+    writer.provenance = provenance(inputs)
+    writer.summary = summary.to_dict()
+    return summary
+
+
+def _read(reading: Reading, number: int, log: Log, count: int, progress: Progress | None) -> None:
+    def tell(share: float) -> None:
+        if progress:
+            progress(f"reading {log.path.name}", READ_SHARE * (number + share) / count)
+
+    try:
+        reading.read(number, log, tell)
+    except FleetlogError as error:
+        if count == 1:
+            raise
+        reading.failed(number, log, error)
+
+
+def _check_read(reading: Reading, logs: list[Log]) -> None:
+    """One clear line where there is nothing to go on with."""
+    if reading.positioned:
+        return
+    where = logs[0].path if len(logs) == 1 else f"{logs[0].path} and {len(logs) - 1} more"
+    first = next((error for error in reading.errors if error is not None), None)
+    if first is not None and not reading.spill.rows:
+        raise first
+    if reading.spill.rows:
+        raise InputError(
+            "no position in the log", where=where, do="map latitude and longitude, or x and y, in a profile"
+        )
+    refused = ", ".join(f"{n:,}: {reason}" for reason, n in reading.rejects.rows.most_common(3))
+    raise InputError(
+        f"no usable row in the log{f' (refused {refused})' if refused else ''}",
+        where=where,
+        do="see docs/logs.md",
+    )
+
+
+def _write(reading: Reading, site: Site, writer: DatasetWriter, progress: Progress | None) -> ImportSummary:
+    from fleetlog.ingest.place import with_frame
+
+    summary = reading.summary
+    vehicles = reading.spill.vehicles
+    total, done = max(reading.spill.rows, 1), 0
+    work: VehicleImport | None = None
+    for vehicle in vehicles:
+        if vehicle not in reading.positioned:
+            for rows in reading.spill.windows(vehicle):
+                reading.rejects.refuse(
+                    rows, np.ones(len(rows), bool), "no log has a position of this vehicle"
+                )
+            continue
+        for rows in reading.spill.windows(vehicle):
+            if work is None:
+                writer.site = site = with_frame(site, rows)
+                work = VehicleImport(site, writer, reading.rejects, summary)
+            work.take(rows)
+            done += len(rows)
+            if progress:
+                progress(f"matching and writing {vehicle}", READ_SHARE + (1 - READ_SHARE) * done / total)
+        if work is not None:
+            work.end_vehicle()
+    reading.rejects.close()
+    if work is not None:
+        work.end()
+    summary.rejected, summary.rejected_values = dict(reading.rejects.rows), dict(reading.rejects.values)
+    summary.rejected_file = "rejected.parquet" if reading.rejects.any else None
+    if not summary.rows:
+        raise InputError(
+            "every row was refused", do=", ".join(f"{n:,}: {r}" for r, n in summary.rejected.items())
+        )
+    return summary

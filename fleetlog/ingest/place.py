@@ -1,0 +1,81 @@
+"""Positions into the site's frame, and the check that log and map lie in the same place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fleetlog.core.site import Frame, Site
+from fleetlog.core.trajectory import Floats, Trajectory
+from fleetlog.errors import DataError
+from fleetlog.ingest.rows import without
+
+FAR = 3000.0
+"""A log whose middle lies farther from every road than this is of another place [m]."""
+
+
+def frame_from(latitude: Floats, longitude: Floats) -> Frame | None:
+    """A frame about the median of the first positions, rounded to about a metre; None without positions."""
+    good = np.isfinite(latitude) & np.isfinite(longitude)
+    if not good.any():
+        return None
+    first = np.flatnonzero(good)[:1000]
+    return Frame(round(float(np.median(latitude[first])), 5), round(float(np.median(longitude[first])), 5))
+
+
+def place(rows: Trajectory, site: Site) -> Trajectory:
+    """Rows with x, y [m] in the site's frame; geographic columns are turned into them, local ones stay.
+
+    A log that has both keeps its x, y where they agree with its latitude and longitude to a metre (a dataset that comes
+    back); otherwise they are in another frame, and the geographic ones count.
+    """
+    if "latitude" not in rows or site.frame is None:
+        return rows
+    x, y = site.frame.to_local(rows.floats("latitude"), rows.floats("longitude"))
+    x, y = (np.where(np.isfinite(v), v, np.nan) for v in (x, y))
+    if "x" in rows and "y" in rows:
+        off = np.hypot(rows.floats("x") - x, rows.floats("y") - y)
+        if not np.isfinite(off).any() or float(np.nanmedian(off)) < 1.0:
+            x, y = (np.where(np.isfinite(rows.floats(n)), rows.floats(n), v) for n, v in (("x", x), ("y", y)))
+    return without(rows, "latitude", "longitude").with_columns(x=x, y=y)
+
+
+def check_place(x: Floats, y: Floats, site: Site, sample: Trajectory) -> None:
+    """:class:`DataError` where the middle of the log lies kilometres from the map; ``sample`` are the rows as they came."""
+    good = np.isfinite(x) & np.isfinite(y)
+    if site.network is None or not good.any():
+        return
+    away = distance_from_map(float(np.median(x[good])), float(np.median(y[good])), site)
+    if away <= FAR:
+        return
+    do = "check the site's frame and the log's coordinates"
+    if "latitude" in sample and site.frame is not None:
+        a, b = float(np.nanmedian(sample.floats("latitude"))), float(np.nanmedian(sample.floats("longitude")))
+        swapped = site.frame.to_local([b], [a])
+        if abs(b) <= 90 and distance_from_map(float(swapped[0][0]), float(swapped[1][0]), site) <= FAR:
+            do = "latitude and longitude are exchanged in the log; map them in a profile"
+        what = f"the log is about {away / 1000:,.0f} km from the map of site {site.name!r} (log at {a:.4f}, {b:.4f}; site at " \
+               f"{site.frame.latitude:.4f}, {site.frame.longitude:.4f})"  # fmt: skip
+        raise DataError(what, do=do)
+    raise DataError(f"the log is about {away / 1000:,.0f} km from the map of site {site.name!r}", do=do)
+
+
+def distance_from_map(x: float, y: float, site: Site) -> float:
+    """Distance to the rectangle around the roads [m]."""
+    if not (np.isfinite(x) and np.isfinite(y)):
+        return float("inf")
+    xmin, ymin, xmax, ymax = site.roads().extent
+    return float(np.hypot(max(xmin - x, 0.0, x - xmax), max(ymin - y, 0.0, y - ymax)))
+
+
+def with_frame(site: Site, rows: Trajectory) -> Site:
+    """The site, with a frame from the data where it has none, no map, and the log is geographic."""
+    if site.frame is not None or "latitude" not in rows:
+        return site
+    if site.network is not None:
+        do = "add [frame] latitude and longitude to the site file"
+        raise DataError(
+            f"the log is geographic and site {site.name!r} does not say where on earth it lies", do=do
+        )
+    return replace(site, frame=frame_from(rows.floats("latitude"), rows.floats("longitude")))

@@ -1,0 +1,123 @@
+"""Reading the logs: batches sorted out by vehicle, put in order, set down."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from fleetlog.core.columns import NAMES
+from fleetlog.core.trajectory import Labels, Trajectory, Values
+from fleetlog.errors import FleetlogError
+from fleetlog.importers._profile import Profile
+from fleetlog.importers.base import RawBatch, ReadOptions, ReadReport
+from fleetlog.ingest.channels import CHANNEL
+from fleetlog.ingest.files import Log
+from fleetlog.ingest.order import BACKWARDS, Order
+from fleetlog.ingest.rejects import Rejects
+from fleetlog.ingest.rows import FILE, RECORD
+from fleetlog.ingest.spill import Spill
+from fleetlog.ingest.summary import FileSummary, ImportSummary
+
+_RESERVED = frozenset((*NAMES, "date"))
+
+
+class Reading:
+    """Takes in log after log; counts and notes go into ``summary``."""
+
+    def __init__(self, spill: Spill, folder: Path, logs: list[Log], profile: Profile | None) -> None:
+        self.spill, self.profile = spill, profile
+        self.rejects = Rejects(folder, [log.path.name for log in logs])
+        self.summary = ImportSummary()
+        self.positioned: set[str] = set()
+        """Vehicles that have a position somewhere."""
+        self.errors: list[FleetlogError | None] = []
+
+    def read(self, number: int, log: Log, tell: Callable[[float], None]) -> None:
+        """One log."""
+        if log.importer is None:
+            raise log.error or FleetlogError("no format", where=log.path)
+        report = ReadReport(log.path, log.importer.name)
+        options = ReadOptions(report, self.profile)
+        orders: dict[tuple[str, bool], Order] = defaultdict(Order)
+        refused = self.rejects.rows.total()
+        before = self.spill.rows
+        for batch in log.importer.read(log.path, options):
+            self.rejects.add(number, batch.rejects)
+            for rows in split(batch, number, report):
+                self._set_down(orders[rows.vehicle_id, CHANNEL in rows].sift(rows))
+            tell(batch.progress)
+        for order in orders.values():
+            if rest := order.flush():
+                self._set_down(rest)
+        self.errors.append(None)
+        rows_read = self.spill.rows - before + self.rejects.rows.total() - refused
+        self.summary.rows_read += rows_read
+        self.summary.files.append(
+            FileSummary(
+                log.path.name,
+                report.format or log.importer.name,
+                rows_read,
+                report.recognised,
+                report.notes,
+                report.damage,
+            )
+        )
+
+    def _set_down(self, sifted: tuple[Trajectory, Trajectory]) -> None:
+        good, bad = sifted
+        if len(bad):
+            self.rejects.refuse(bad, np.ones(len(bad), bool), BACKWARDS)
+        if len(good):
+            self.spill.add(good)
+            if good.vehicle_id not in self.positioned and (
+                np.isfinite(good.floats("latitude")).any() or np.isfinite(good.floats("x")).any()
+            ):
+                self.positioned.add(good.vehicle_id)
+
+    def failed(self, number: int, log: Log, error: FleetlogError) -> None:
+        """A log among several that could not be read at all."""
+        self.errors.append(error)
+        name = log.importer.name if log.importer else "unknown format"
+        self.summary.files.append(
+            FileSummary(log.path.name, name, damage=[f"nothing is usable: {error.what}"])
+        )
+
+
+def split(batch: RawBatch, number: int, report: ReadReport) -> Iterator[Trajectory]:
+    """The rows of each vehicle in a batch, with the number of the file and of the record."""
+    if not len(batch):
+        return
+    columns: dict[str, Values] = {}
+    for name, values in batch.columns.items():
+        columns[_own_name(name, report)] = values
+    columns[FILE] = np.full(len(batch), float(number))
+    columns[RECORD] = batch.record.astype(np.float64)
+    if not batch.has_position:
+        columns[CHANNEL] = np.ones(len(batch))
+    codes, names = batch.vehicle.codes, batch.vehicle.names
+    present = np.unique(codes)
+    for code in present.tolist():
+        rows = slice(None) if len(present) == 1 else np.flatnonzero(codes == code)
+        picked = {n: _trimmed(v[rows]) for n, v in columns.items()}
+        yield Trajectory(names[code].strip(), batch.time[rows], picked)
+
+
+def _trimmed(values: Values) -> Values:
+    """Labels without names that no row has (a batch of many vehicles)."""
+    if not isinstance(values, Labels) or len(values.names) < 64:
+        return values
+    used = np.unique(values.codes[values.codes >= 0])
+    table = np.full(len(values.names) + 1, -1, np.int32)
+    table[used] = np.arange(len(used), dtype=np.int32)
+    return Labels(table[values.codes], tuple(values.names[i] for i in used.tolist()))
+
+
+def _own_name(name: str, report: ReadReport) -> str:
+    """A log's own column whose name differs from one of ours in capitals only gets a suffix: databases do not tell them apart."""
+    if name.lower() in _RESERVED and (name not in NAMES or name in ("vehicle_id", "timestamp")):
+        report.note(f"{name!r} is kept as {name + '_log'!r}: its name is taken")
+        return f"{name}_log"
+    return name

@@ -1,0 +1,76 @@
+"""Every row and value that was refused: counted by reason, and kept in ``rejected.parquet``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.importers.base import Reject
+from fleetlog.ingest.rows import FILE, RECORD, picture
+
+NAME = "rejected.parquet"
+_FLUSH = 50_000
+
+
+class Rejects:
+    """Collects refusals and writes them in pieces; the file exists only when there are any."""
+
+    def __init__(self, folder: Path | None, files: list[str]) -> None:
+        self.folder, self.files = folder, files
+        self.rows: Counter[str] = Counter()
+        """Rows refused, by reason."""
+        self.values: Counter[str] = Counter()
+        """Single values refused (the row stayed), by reason."""
+        self._waiting: list[tuple[int, Reject]] = []
+        self._writer: Any = None
+
+    def add(self, file: int, rejects: list[Reject]) -> None:
+        """Refusals of one file."""
+        for reject in rejects:
+            (self.rows if reject.whole else self.values)[reject.reason] += 1
+        if self.folder is not None:
+            self._waiting += [(file, r) for r in rejects]
+            if len(self._waiting) >= _FLUSH:
+                self._flush()
+
+    def refuse(self, rows: Trajectory, mask: NDArray[np.bool_], reason: str, *, whole: bool = True) -> None:
+        """Refuse some rows, or a value of theirs."""
+        for row in np.flatnonzero(mask).tolist():
+            file, record = (int(rows.floats(n)[row]) for n in (FILE, RECORD))
+            self.add(file, [Reject(record, reason, picture(rows, row), whole)])
+
+    def _flush(self) -> None:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        if not self._waiting or self.folder is None:
+            return
+        kinds = ["row" if r.whole else "value" for _, r in self._waiting]
+        table = pa.table({
+            "file": pa.array([self.files[f] for f, _ in self._waiting], pa.string()),
+            "record": pa.array([r.record for _, r in self._waiting], pa.int64()),
+            "kind": pa.array(kinds, pa.string()),
+            "reason": pa.array([r.reason for _, r in self._waiting], pa.string()),
+            "text": pa.array([r.text for _, r in self._waiting], pa.string()),
+        })  # fmt: skip
+        if self._writer is None:
+            self._writer = pq.ParquetWriter(self.folder / NAME, table.schema, compression="zstd")
+        self._writer.write_table(table)
+        self._waiting = []
+
+    def close(self) -> None:
+        """Write what is left."""
+        self._flush()
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+    @property
+    def any(self) -> bool:
+        """Whether anything was refused."""
+        return bool(self.rows or self.values)

@@ -1,0 +1,81 @@
+"""Rows of one vehicle on their way into a dataset: a :class:`Trajectory` that is not yet sorted, with where each came from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.trajectory import Floats, Labels, Trajectory, Values
+
+FILE, RECORD = "_file", "_record"
+"""Columns with the number of the file and the line or record in it; dropped before writing."""
+
+
+def join(pieces: Sequence[Trajectory]) -> Trajectory:
+    """Pieces of one vehicle as one, in the given order; a column missing in a piece is null there."""
+    if len(pieces) == 1:
+        return pieces[0]
+    names = dict.fromkeys(n for p in pieces for n in p.columns)
+    columns = {n: _joined(n, pieces) for n in names}
+    return Trajectory(pieces[0].vehicle_id, np.concatenate([p.time for p in pieces]), columns)
+
+
+def _joined(name: str, pieces: Sequence[Trajectory]) -> Values:
+    values = [p.columns.get(name) for p in pieces]
+    if any(isinstance(v, Labels) for v in values):
+        return join_labels([_as_labels(v, len(p)) for v, p in zip(values, pieces, strict=True)])
+    null = -1 if name == "trip_id" else np.nan
+    return np.concatenate(
+        [np.full(len(p), null) if v is None else v for v, p in zip(values, pieces, strict=True)]
+    )
+
+
+def _as_labels(values: Values | None, n: int) -> Labels:
+    """Labels as they are, null where there is no column, figures as text (a column that is figures in one file only)."""
+    if isinstance(values, Labels):
+        return values
+    if values is None:
+        return Labels(np.full(n, -1, np.int32), ())
+    return Labels.of([None if v != v else f"{v:g}" for v in values])
+
+
+def join_labels(pieces: Sequence[Labels]) -> Labels:
+    """Labels end to end, on one list of names."""
+    order: dict[str, int] = {}
+    for piece in pieces:
+        for name in piece.names:
+            order.setdefault(name, len(order))
+    return Labels(np.concatenate([p.recode(order) for p in pieces]), tuple(order))
+
+
+def plain_column(rows: Trajectory, name: str) -> Floats:
+    """A float column to write into: a copy, NaN where there is none."""
+    return np.array(rows.floats(name), dtype=np.float64)
+
+
+def set_unknown(rows: Trajectory, name: str, where: NDArray[np.bool_]) -> Trajectory:
+    """A copy with some values of a float column unknown."""
+    values = plain_column(rows, name)
+    values[where] = np.nan
+    return rows.with_columns(**{name: values})
+
+
+def without(rows: Trajectory, *names: str) -> Trajectory:
+    """A copy without some columns."""
+    return Trajectory(rows.vehicle_id, rows.time, {k: v for k, v in rows.columns.items() if k not in names})
+
+
+def picture(rows: Trajectory, row: int) -> str:
+    """One row as text, for ``rejected.parquet``."""
+    cells = [f"vehicle_id={rows.vehicle_id}", f"timestamp={np.datetime64(int(rows.time[row]), 'us')}Z"]
+    for name, values in rows.columns.items():
+        if name in (FILE, RECORD):
+            continue
+        value = values.names[values.codes[row]] if isinstance(values, Labels) and values.codes[row] >= 0 else (
+            None if isinstance(values, Labels) or values[row] != values[row] else f"{float(values[row]):.10g}"
+        )  # fmt: skip
+        if value is not None:
+            cells.append(f"{name}={value}")
+    return " ".join(cells)

@@ -1,0 +1,162 @@
+"""Rows set down on disk by vehicle and day, so that files of any size, in any order and mixture, fit into bounded memory."""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fleetlog.core.trajectory import Ints, Labels, Trajectory, Values
+from fleetlog.ingest.rows import join
+
+DAY = 86_400_000_000
+BUDGET = 96 << 20
+"""Bytes of rows that wait in memory before they are set down."""
+WINDOW_ROWS = 300_000
+"""Rows of a vehicle that are taken up again at a time, about."""
+
+
+@dataclass
+class _Slot:
+    """One vehicle, one day."""
+
+    waiting: list[Trajectory] = field(default_factory=list)
+    files: list[tuple[Path, int, int]] = field(default_factory=list)
+    """Files set down, with the first and the last time in each."""
+    rows: int = 0
+
+
+class Spill:
+    """Rows by vehicle and day in ``folder``."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.folder.mkdir()
+        self._slots: dict[tuple[str, int], _Slot] = defaultdict(_Slot)
+        self._bytes = 0
+        self._count = 0
+
+    def add(self, rows: Trajectory) -> None:
+        """Set rows of one vehicle aside."""
+        day = rows.time // DAY
+        if len(rows) and day.min() == day.max():
+            self._put(rows, int(day[0]))
+        else:
+            for one in np.unique(day).tolist():
+                self._put(rows[day == one], one)
+        if self._bytes > BUDGET:
+            self._set_down()
+
+    def _put(self, rows: Trajectory, day: int) -> None:
+        slot = self._slots[rows.vehicle_id, day]
+        slot.waiting.append(rows)
+        slot.rows += len(rows)
+        self._bytes += len(rows) * 8 * (1 + len(rows.columns))
+
+    def _set_down(self) -> None:
+        for slot in self._slots.values():
+            if slot.waiting:
+                rows = join(slot.waiting)
+                path = self.folder / f"{self._count}.arrow"
+                self._count += 1
+                _save(rows, path)
+                slot.files.append((path, int(rows.time.min()), int(rows.time.max())))
+                slot.waiting = []
+        self._bytes = 0
+
+    @property
+    def vehicles(self) -> list[str]:
+        """Ids, sorted."""
+        return sorted({vehicle for vehicle, _ in self._slots})
+
+    @property
+    def rows(self) -> int:
+        """Rows in all."""
+        return sum(s.rows for s in self._slots.values())
+
+    def windows(self, vehicle: str) -> Iterator[Trajectory]:
+        """The rows of a vehicle in stretches of about ``WINDOW_ROWS``, stretch after stretch in order of time, unsorted within."""
+        self._set_down()
+        for _, slot in sorted((d, s) for (v, d), s in self._slots.items() if v == vehicle):
+            if slot.rows <= WINDOW_ROWS:
+                yield join([_load(path, vehicle) for path, _, _ in slot.files])
+                continue
+            edges = self._edges(slot)
+            for low, high in itertools.pairwise(edges):
+                found = [
+                    p
+                    for path, a, b in slot.files
+                    if a < high and b >= low
+                    for p in _between(path, vehicle, low, high)
+                ]
+                if found:
+                    yield join(found)
+
+    def _edges(self, slot: _Slot) -> list[int]:
+        """Times that cut a day into stretches of about equal numbers of rows."""
+        times = np.sort(np.concatenate([_load_time(path) for path, _, _ in slot.files]))
+        pieces = -(-len(times) // WINDOW_ROWS)
+        cuts = times[[len(times) * k // pieces for k in range(1, pieces)]]
+        return [int(times[0]), *np.unique(cuts).tolist(), int(times[-1]) + 1]
+
+    def clear(self) -> None:
+        """Remove the folder."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _between(path: Path, vehicle: str, low: int, high: int) -> list[Trajectory]:
+    rows = _load(path, vehicle)
+    mask = (rows.time >= low) & (rows.time < high)
+    return [rows[mask]] if mask.any() else []
+
+
+def _save(rows: Trajectory, path: Path) -> None:
+    import pyarrow as pa
+
+    arrays: dict[str, Any] = {"timestamp": pa.array(rows.time)}
+    for name, values in rows.columns.items():
+        arrays[name] = _labels(values) if isinstance(values, Labels) else pa.array(values)
+    table = pa.table(arrays)
+    with pa.OSFile(str(path), "wb") as sink, pa.ipc.new_file(sink, table.schema) as writer:
+        writer.write_table(table)
+
+
+def _labels(values: Labels) -> Any:
+    import pyarrow as pa
+
+    codes = pa.array(values.codes, pa.int32(), mask=values.codes < 0)
+    return pa.DictionaryArray.from_arrays(codes, pa.array(list(values.names), pa.string()))
+
+
+def _table(path: Path) -> Any:
+    import pyarrow as pa
+
+    with pa.memory_map(str(path)) as source:
+        return pa.ipc.open_file(source).read_all()
+
+
+def _load(path: Path, vehicle: str) -> Trajectory:
+    table = _table(path)
+    columns: dict[str, Values] = {}
+    for name in table.column_names:
+        column = table.column(name).combine_chunks()
+        if name == "timestamp":
+            continue
+        if str(column.type).startswith("dictionary"):
+            array = column.chunk(0) if hasattr(column, "num_chunks") else column
+            columns[name] = Labels(
+                np.array(array.indices.fill_null(-1), np.int32), tuple(array.dictionary.to_pylist())
+            )
+        else:
+            columns[name] = np.array(column)
+    return Trajectory(vehicle, np.array(table.column("timestamp")), columns)
+
+
+def _load_time(path: Path) -> Ints:
+    return np.array(_table(path).column("timestamp"), dtype=np.int64)

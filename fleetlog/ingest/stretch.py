@@ -1,0 +1,134 @@
+"""One vehicle after the other, stretch by stretch: cleaned, placed, matched, cut into trips, written."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Ints, Trajectory
+from fleetlog.ingest import clean
+from fleetlog.ingest.channels import CHANNEL, join_channels
+from fleetlog.ingest.derive import derive_motion
+from fleetlog.ingest.edges import Edges
+from fleetlog.ingest.place import check_place, place
+from fleetlog.ingest.rejects import Rejects
+from fleetlog.ingest.rows import FILE, RECORD, join, without
+from fleetlog.ingest.spill import WINDOW_ROWS
+from fleetlog.ingest.summary import ImportSummary
+from fleetlog.store.trips import trip_ids
+
+if TYPE_CHECKING:
+    from fleetlog.store.writer import DatasetWriter
+
+OVERLAP = 5000
+"""Rows kept back where a stretch has to end within a trip."""
+
+
+class VehicleImport:
+    """The second half of an import; rows come vehicle by vehicle in order of time."""
+
+    def __init__(self, site: Site, writer: DatasetWriter, rejects: Rejects, summary: ImportSummary) -> None:
+        self.site, self.writer, self.rejects, self.summary = site, writer, rejects, summary
+        self.edges = Edges(site.network) if site.network is not None else None
+        self._kept_back: Trajectory | None = None
+        self._trip = 0
+        self._stuck = 0
+        self._checked = False
+        self._derived: set[str] = set()
+        self._trips: set[tuple[str, int]] = set()
+        self._span: list[int] = []
+
+    def take(self, rows: Trajectory) -> None:
+        """The next stretch of the vehicle, unsorted."""
+        rows = self._clean(rows)
+        if self._kept_back is not None and len(self._kept_back):
+            rows = join([self._kept_back, rows]) if len(rows) else self._kept_back
+        if not len(rows):
+            return
+        rows = clean.drop_duplicates(clean.sort_rows(rows), self.rejects)
+        rows = clean.drop_jumps(rows, self.rejects)
+        if not len(rows):
+            self._kept_back = None
+            return
+        full = self._derive(rows)
+        trips = self._trip_ids(full)
+        cut = _cut(trips)
+        self._write(full[:cut].with_columns(trip_id=trips[:cut]))
+        self._kept_back, self._trip = rows[cut:], int(trips[min(cut, len(trips) - 1)])
+
+    def end_vehicle(self) -> None:
+        """The vehicle's last rows; the next rows are of another."""
+        if self._kept_back is not None and len(self._kept_back):
+            full = self._derive(self._kept_back)
+            self._write(full.with_columns(trip_id=self._trip_ids(full)))
+        self._kept_back, self._trip = None, 0
+
+    def end(self) -> None:
+        """Complete the summary."""
+        s = self.summary
+        s.derived = sorted(self._derived)
+        s.trips = len(self._trips)
+        if self._stuck:
+            s.notes.append(f"the speed of {self._stuck:,} rows is unknown: the sensor was stuck")
+        if self._span:
+            s.start, s.end = (f"{np.datetime64(t, 'us')}Z" for t in self._span)
+        if self.edges is not None and self.edges.rows:
+            s.matched = self.edges.matched / self.edges.rows
+            s.off_map = dict(self.edges.reasons)
+            if self.edges.kept:
+                s.notes.append(f"the edges of {self.edges.kept:,} rows are those that the log has")
+
+    def _clean(self, rows: Trajectory) -> Trajectory:
+        """What a row tells by itself, and channels."""
+        rows = clean.sort_rows(rows)
+        rows = clean.drop_impossible(rows, self.rejects)
+        rows = clean.bound_values(rows, self.rejects)
+        sample = rows
+        rows = place(rows, self.site)
+        if not self._checked and len(rows):
+            check_place(rows.floats("x"), rows.floats("y"), self.site, sample)
+            self._checked = True
+        if CHANNEL in rows:
+            before = len(rows)
+            rows = join_channels(rows)
+            self.summary.rows_joined += before - len(rows)
+        return rows
+
+    def _derive(self, rows: Trajectory) -> Trajectory:
+        rows = clean.unstick(rows)
+        full = derive_motion(rows)
+        for name in ("speed", "heading"):
+            if full.has(name) and not rows.has(name):
+                self._derived.add(name)
+        return full
+
+    def _trip_ids(self, rows: Trajectory) -> Ints:
+        own = rows.trip_ids()
+        if rows.has("trip_id") and bool((own >= 0).all() and (np.diff(own) >= 0).all()):
+            return own
+        return trip_ids(rows, self._trip)
+
+    def _write(self, rows: Trajectory) -> None:
+        if not len(rows):
+            return
+        if self.edges is not None:
+            rows = self.edges.match(rows)
+        self._stuck += int(np.nansum(rows.floats(clean.STUCK))) if clean.STUCK in rows else 0
+        rows = without(rows, FILE, RECORD, clean.STUCK)
+        self.writer.write(rows)
+        s = self.summary
+        s.rows += len(rows)
+        s.vehicles[rows.vehicle_id] = s.vehicles.get(rows.vehicle_id, 0) + len(rows)
+        self._trips.update((rows.vehicle_id, int(t)) for t in np.unique(rows.trip_ids()))
+        ends = [int(rows.time[0]), int(rows.time[-1])]
+        self._span = [min([ends[0], *self._span[:1]]), max([ends[1], *self._span[1:]])]
+
+
+def _cut(trips: Ints) -> int:
+    """Rows to write now: up to the beginning of the last trip; within it only where it grows beyond memory."""
+    begins = np.flatnonzero(np.diff(trips)) + 1
+    if len(begins):
+        return int(begins[-1])
+    return max(len(trips) - OVERLAP, 0) if len(trips) > 2 * WINDOW_ROWS else 0

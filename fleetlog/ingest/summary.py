@@ -1,0 +1,117 @@
+"""What an import did, as figures and as lines for a person."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
+
+
+@dataclass
+class FileSummary:
+    """What one log gave."""
+
+    file: str
+    format: str
+    rows: int = 0
+    """Rows read, refused ones among them."""
+    recognised: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
+
+
+@dataclass
+class ImportSummary:
+    """Counts add up: ``rows_read = rows + rows_rejected + rows_joined``."""
+
+    files: list[FileSummary] = field(default_factory=list)
+    vehicles: dict[str, int] = field(default_factory=dict)
+    """Rows in the dataset by vehicle."""
+    start: str | None = None
+    end: str | None = None
+    rows_read: int = 0
+    rows: int = 0
+    rows_joined: int = 0
+    """Rows without a position of their own (battery messages) whose values went onto rows with one."""
+    rejected: dict[str, int] = field(default_factory=dict)
+    """Rows refused, by reason."""
+    rejected_values: dict[str, int] = field(default_factory=dict)
+    """Single values refused (set unknown; the row stayed), by reason."""
+    rejected_file: str | None = None
+    derived: list[str] = field(default_factory=list)
+    """Columns made from others."""
+    notes: list[str] = field(default_factory=list)
+    trips: int = 0
+    matched: float | None = None
+    """Share of the rows on a road; None without a map."""
+    off_map: dict[str, int] = field(default_factory=dict)
+    """Rows without a road, by reason."""
+
+    @property
+    def rows_rejected(self) -> int:
+        """Rows refused, in all."""
+        return sum(self.rejected.values())
+
+    @property
+    def damaged(self) -> bool:
+        """Whether anything was damaged or refused."""
+        return bool(self.rejected or self.rejected_values or any(f.damage for f in self.files))
+
+    @property
+    def exit_status(self) -> int:
+        """0, or 3 where some of the data were damaged or refused."""
+        return EXIT_DAMAGED if self.damaged else EXIT_DONE
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``--json`` prints it."""
+        return {**asdict(self), "rows_rejected": self.rows_rejected, "damaged": self.damaged}
+
+    def lines(self) -> list[str]:
+        """For a person."""
+        out = [line for group in _grouped(self.files) for line in group]
+        if self.rows:
+            whose = f"{_count(len(self.vehicles), 'vehicle')}, {_count(self.trips, 'trip')}"
+            out.append(f"{self.rows:,} rows of {whose}, {self.start} to {self.end}")
+        if self.rows_joined:
+            out.append(f"{self.rows_joined:,} rows without a position were joined to those with one")
+        if self.derived:
+            out.append(f"derived from positions: {', '.join(self.derived)}")
+        if self.matched is not None:
+            off = "".join(
+                f"; {n:,} {reason}" for reason, n in sorted(self.off_map.items(), key=lambda i: -i[1])
+            )
+            out.append(f"{100 * self.matched:.1f} % of the rows are on a road{off}")
+        out += self.notes
+        for what, counts in (("rejected rows", self.rejected), ("rejected values", self.rejected_values)):
+            if counts:
+                whys = "; ".join(
+                    f"{n:,} {reason}" for reason, n in sorted(counts.items(), key=lambda i: -i[1])
+                )
+                out.append(f"{what}: {sum(counts.values()):,} ({whys})")
+        if self.rejected_file:
+            out.append(f"they are kept in {self.rejected_file}")
+        return out
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
+def _grouped(files: list[FileSummary]) -> list[list[str]]:
+    """Lines of every file; files that tell the same are told once."""
+    groups: dict[str, list[FileSummary]] = {}
+    for f in files:
+        notes = [n.replace(f.file, "FILE") for n in f.notes]
+        groups.setdefault(repr((f.format, f.recognised, notes, f.damage)), []).append(f)
+    return [_file_lines(group) for group in groups.values()]
+
+
+def _file_lines(group: list[FileSummary]) -> list[str]:
+    one = group[0]
+    name = one.file if len(group) == 1 else f"{one.file} and {_count(len(group) - 1, 'more file')}"
+    out = [f"{name}: {one.format}, {_count(sum(f.rows for f in group), 'row')}"]
+    out += [f"  {source} is {meaning}" for source, meaning in one.recognised.items()]
+    out += [f"  {note}" for note in one.notes]
+    out += [f"  damaged: {text}" for text in one.damage]
+    return out
