@@ -1,10 +1,11 @@
 """What CARLA's own OpenDRIVE parser makes of a map, as JSON: run as a program, for it may crash and takes the process along.
 
-Waypoints every 2 m of every driving lane: road, section, lane, x, y (right-handed: minus CARLA's), z.  Successors: pairs of
+Waypoints every 2 m of every driving lane: road, section, lane, x, y (right-handed: minus CARLA's), z, heading.  Successors: pairs of
 (road, section, lane).
 """
 
 import json
+import math
 import sys
 from pathlib import Path
 
@@ -19,7 +20,7 @@ def key(w):
 
 def place(w):
     p = w.transform.location
-    return [p.x, -p.y, p.z]
+    return [p.x, -p.y, p.z, -math.radians(w.transform.rotation.yaw)]
 
 
 waypoints = [[key(w), *place(w)] for w in ROWS.generate_waypoints(2.0)]
