@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 @click.option(
     "--rate",
     type=click.FloatRange(min=0, min_open=True),
+    default=2.0,
+    show_default=True,
     help="Samples a second of each vehicle in the replay.",
 )
 @overwrite_option

@@ -104,21 +104,19 @@ def _write(reading: Reading, site: Site, writer: DatasetWriter, progress: Progre
     work: VehicleImport | None = None
     for vehicle in vehicles:
         if vehicle not in reading.positioned:
-            for rows in reading.spill.windows(vehicle):
+            for rows, _ in reading.spill.windows(vehicle):
                 reading.rejects.refuse(
                     rows, np.ones(len(rows), bool), "no log has a position of this vehicle"
                 )
             continue
-        for rows in reading.spill.windows(vehicle):
+        for rows, last in reading.spill.windows(vehicle):
             if work is None:
                 writer.site = site = with_frame(site, rows)
                 work = VehicleImport(site, writer, reading.rejects, summary)
-            work.take(rows)
+            work.take(rows, last=last)
             done += len(rows)
             if progress:
                 progress(f"matching and writing {vehicle}", READ_SHARE + (1 - READ_SHARE) * done / total)
-        if work is not None:
-            work.end_vehicle()
     reading.rejects.close()
     if work is not None:
         work.end()

@@ -80,9 +80,22 @@ class Spill:
         """Rows in all."""
         return sum(s.rows for s in self._slots.values())
 
-    def windows(self, vehicle: str) -> Iterator[Trajectory]:
-        """The rows of a vehicle in stretches of about ``WINDOW_ROWS``, stretch after stretch in order of time, unsorted within."""
+    def windows(self, vehicle: str) -> Iterator[tuple[Trajectory, bool]]:
+        """The rows of a vehicle in stretches of about ``WINDOW_ROWS``, in order of time, unsorted within; whether it is the last."""
         self._set_down()
+        before: Trajectory | None = None
+        for rows in self._stretches(vehicle):
+            if before is not None and len(before) + len(rows) <= WINDOW_ROWS:
+                before = join([before, rows])  # short days go together
+                continue
+            if before is not None:
+                yield before, False
+            before = rows
+        if before is not None:
+            yield before, True
+
+    def _stretches(self, vehicle: str) -> Iterator[Trajectory]:
+        """Day after day, long days in pieces."""
         for _, slot in sorted((d, s) for (v, d), s in self._slots.items() if v == vehicle):
             if slot.rows <= WINDOW_ROWS:
                 yield join([_load(path, vehicle) for path, _, _ in slot.files])

@@ -40,30 +40,21 @@ class VehicleImport:
         self._trips: set[tuple[str, int]] = set()
         self._span: list[int] = []
 
-    def take(self, rows: Trajectory) -> None:
-        """The next stretch of the vehicle, unsorted."""
+    def take(self, rows: Trajectory, *, last: bool) -> None:
+        """The next stretch of the vehicle, unsorted; after the ``last`` one comes another vehicle."""
         rows = self._clean(rows)
         if self._kept_back is not None and len(self._kept_back):
             rows = join([self._kept_back, rows]) if len(rows) else self._kept_back
-        if not len(rows):
-            return
         rows = clean.drop_duplicates(clean.sort_rows(rows), self.rejects)
         rows = clean.drop_jumps(rows, self.rejects)
         if not len(rows):
-            self._kept_back = None
+            self._kept_back, self._trip = None, 0 if last else self._trip
             return
         full = self._derive(rows)
         trips = self._trip_ids(full)
-        cut = _cut(trips)
+        cut = len(rows) if last else _cut(trips)
         self._write(full[:cut].with_columns(trip_id=trips[:cut]))
-        self._kept_back, self._trip = rows[cut:], int(trips[min(cut, len(trips) - 1)])
-
-    def end_vehicle(self) -> None:
-        """The vehicle's last rows; the next rows are of another."""
-        if self._kept_back is not None and len(self._kept_back):
-            full = self._derive(self._kept_back)
-            self._write(full.with_columns(trip_id=self._trip_ids(full)))
-        self._kept_back, self._trip = None, 0
+        self._kept_back, self._trip = (None, 0) if last else (rows[cut:], int(trips[cut]))
 
     def end(self) -> None:
         """Complete the summary."""
