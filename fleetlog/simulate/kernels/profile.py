@@ -52,3 +52,54 @@ def clock(distance: Floats, speed: Floats, wait: Floats, up: float, down: float)
             took = np.sqrt(2.0 * ds * (1.0 / up + 1.0 / down))
         time[i + 1] = time[i] + wait[i] + took
     return time
+
+
+@njit(cache=True)
+def brake_ahead(cap: Floats, first: NDArray[np.int64], spacing: Floats, down: float) -> Floats:
+    """(S,) caps lowered so that on every piece each can be reached from the one before by braking."""
+    out = cap.copy()
+    for p in range(len(first) - 1):
+        for i in range(first[p + 1] - 2, first[p] - 1, -1):
+            reach = np.sqrt(out[i + 1] * out[i + 1] + 2.0 * down * spacing[p])
+            out[i] = min(out[i], reach)
+    return out
+
+
+@njit(cache=True)
+def expand(
+    piece: NDArray[np.int32], s: Floats, back: NDArray[np.bool_], first: NDArray[np.int64], spacing: Floats, x: Floats,
+    y: Floats, z: Floats, heading: Floats, curvature: Floats, slope: Floats, edge: NDArray[np.int32], offset: Floats,
+    lateral: Floats,
+) -> tuple[Floats, NDArray[np.int32]]:  # fmt: skip
+    """(8, N) x, y, z, heading of motion, curvature, slope, edge offset, lateral offset; and (N,) edges, at places on pieces.
+
+    ``back`` marks motion against the piece's direction.
+    """
+    n = len(piece)
+    out = np.empty((8, n))
+    where = np.empty(n, np.int32)
+    for k in range(n):
+        p = piece[k]
+        at = max(s[k], 0.0) / spacing[p]
+        i = first[p] + min(int(at), first[p + 1] - first[p] - 2)
+        t = min(at - (i - first[p]), 1.0)
+        out[0, k] = x[i] + t * (x[i + 1] - x[i])
+        out[1, k] = y[i] + t * (y[i + 1] - y[i])
+        out[2, k] = z[i] + t * (z[i + 1] - z[i])
+        turn = heading[i + 1] - heading[i]
+        turn -= 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
+        h = heading[i] + t * turn
+        sign = -1.0 if back[k] else 1.0
+        if back[k]:
+            h += np.pi
+        out[3, k] = h - 2.0 * np.pi * np.round(h / (2.0 * np.pi))
+        out[4, k] = sign * (curvature[i] + t * (curvature[i + 1] - curvature[i]))
+        out[5, k] = sign * (slope[i] + t * (slope[i + 1] - slope[i]))
+        if edge[i] == edge[i + 1]:
+            where[k] = edge[i]
+            out[6, k] = offset[i] + t * (offset[i + 1] - offset[i])
+            out[7, k] = lateral[i] + t * (lateral[i + 1] - lateral[i])
+        else:
+            j = i if t < 0.5 else i + 1
+            where[k], out[6, k], out[7, k] = edge[j], offset[j], lateral[j]
+    return out, where

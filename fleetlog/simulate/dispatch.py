@@ -1,0 +1,413 @@
+"""Who does what next: tasks, places that are free, charging, and trucks that wait for one another."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fleetlog.core.truck import Truck
+from fleetlog.errors import SiteError
+from fleetlog.simulate.state import (
+    AT_BAY,
+    CHARGING,
+    DRIVING,
+    EMPTY,
+    HANDLING,
+    PARKED,
+    WANTS_OUT,
+    Fleet,
+)
+from fleetlog.simulate.tasks import ENGAGE, Demand, Task, random_dwell, random_height, random_load
+from fleetlog.simulate.world import World
+
+ASIDE = 60.0
+"""A truck that waits this long for a place that another truck stands at makes room itself [s]."""
+STUCK = 30.0
+"""After this wait at a junction somebody looks for a deadlock [s]."""
+DETOUR = 45.0
+"""After this wait a truck tries another way [s]."""
+
+
+@dataclass(frozen=True)
+class Policy:
+    """When trucks charge: below ``low`` always, below ``chance`` when there is nothing else to do, up to ``full``."""
+
+    low: float = 0.3
+    chance: float = 0.8
+    full: float = 0.95
+
+
+@dataclass
+class Job:
+    """What a truck is about: a stage, its task and where it goes."""
+
+    stage: str = "idle"
+    task: Task | None = None
+    goal: int = -1
+    since: float = 0.0
+
+
+@dataclass
+class Count:
+    """What happened."""
+
+    tasks_given: int = 0
+    tasks_done: int = 0
+    deadlocks: int = 0
+    deadlocks_released: int = 0
+    detours: int = 0
+    made_room: int = 0
+    charges: int = 0
+    empty: list[str] = field(default_factory=list)
+
+
+class Dispatcher:
+    """Takes over whenever a truck needs attention; once a second."""
+
+    def __init__(
+        self, world: World, fleet: Fleet, names: list[str], demand: Demand, policy: Policy, rng: np.random.Generator
+    ) -> None:
+        self.world, self.fleet, self.names, self.demand, self.policy, self.rng = world, fleet, names, demand, policy, rng
+        self.truck: Truck = world.truck
+        self.jobs = [Job() for _ in names]
+        self.home = np.full(len(names), -1, np.int64)
+        self.owner = np.full(len(world.bays), -1, np.int64)
+        self.count = Count()
+        self.queue: deque[int] = deque()
+        self.pending: list[Task] = list(demand.given)
+        self._next = 0
+        self._due: list[Task] = []
+        self.bays_of = world.by_place
+        kinds = [b.place.kind for b in world.bays]
+        self.kind = np.array(kinds)
+        self.work = np.array([k in ("pick", "drop") for k in kinds])
+        if not self.work.any():
+            self.work = self.kind != "charge"
+        self.where = np.array([b.path[-1, :2] for b in world.bays])
+        self.soc = np.ones(len(names))
+        self._events: list[dict[str, Any]] = []
+        self._check_reachable()
+
+    def _check_reachable(self) -> None:
+        for task in self.pending:
+            a, b = self.bays_of[task.source][0], self.bays_of[task.target][0]
+            if a != b and self.world.way(a, b) is None:
+                raise SiteError(
+                    f"place {task.target!r} cannot be reached from {task.source!r}",
+                    do="check one-way roads and turns of the map",
+                )
+        first = int(np.flatnonzero(self.kind != "charge")[0])
+        for b, bay in enumerate(self.world.bays):
+            if b != first and (self.world.way(first, b) is None or self.world.way(b, first) is None):
+                raise SiteError(
+                    f"place {bay.place.id!r} cannot be reached from {self.world.bays[first].place.id!r} and back",
+                    do="check one-way roads and turns of the map, or remove the place",
+                )
+
+    def settle(self) -> None:
+        """Put every truck into a bay: parking places first, then any but chargers, in the site's order."""
+        order = [b for b in range(len(self.kind)) if self.kind[b] == "park"]
+        order += [b for b in range(len(self.kind)) if self.kind[b] not in ("park", "charge")]
+        for v, b in enumerate(order[: len(self.names)]):
+            self.fleet.bay[v] = self.home[v] = b
+            self.fleet.spur[v] = self.world.bays[b].length
+            self.owner[b] = v
+
+    def tick(self, now: float) -> None:
+        """One second's decisions."""
+        f = self.fleet
+        for v in np.flatnonzero(f.attention):
+            f.attention[v] = False
+            if f.mode[v] == DRIVING:
+                self.owner[self.home[v]] = -1
+            elif f.mode[v] == PARKED:
+                self._parked(int(v), now)
+        while self._next < len(self.pending) and self.pending[self._next].earliest <= now:
+            self._due.append(self.pending[self._next])
+            self._next += 1
+            self.count.tasks_given += 1
+        self._charging(now)
+        for v in np.flatnonzero(f.mode == PARKED):
+            self._idle(int(v), now)
+        if int(round(now)) % 5 == 0:
+            self._untangle(now)
+
+    # -- stages of a job
+
+    def _parked(self, v: int, now: float) -> None:
+        job, f = self.jobs[v], self.fleet
+        if job.stage in ("fetch", "bring", "charge", "park"):
+            self.home[v] = job.goal
+        job.since = now
+        if job.stage == "fetch":
+            assert job.task is not None
+            self._handle(v, now, job.task.payload, 0)
+            job.stage = "picking"
+        elif job.stage == "bring":
+            self._handle(v, now, 0.0, 1)
+            job.stage = "dropping"
+        elif job.stage == "picking":
+            job.stage = "loaded"
+        elif job.stage == "dropping":
+            self.count.tasks_done += 1
+            job.task, job.stage = None, "idle"
+            job.since = now + float(self.rng.exponential(self.demand.pause)) if self.demand.endless else now
+        elif job.stage == "charge":
+            f.mode[v] = CHARGING
+            self.count.charges += 1
+        elif job.stage == "park":
+            job.stage = "loaded" if job.task is not None and f.load[v] > 0.0 else "idle"
+
+    def _handle(self, v: int, now: float, after: float, which: int) -> None:
+        f, lift, task = self.fleet, self.truck.lift, self.jobs[v].task
+        assert task is not None
+        height = task.height[which]
+        times = (height / lift.raise_speed, ENGAGE, height / lift.lower_speed)
+        f.hand_start[v], f.hand_height[v], f.hand_times[v] = now, height, times
+        f.hand_before[v], f.hand_after[v] = f.load[v], after
+        f.until[v] = now + max(task.dwell[which], sum(times))
+        f.mode[v] = HANDLING
+
+    def _idle(self, v: int, now: float) -> None:
+        """What a truck that stands in a bay with nothing running does next."""
+        job = self.jobs[v]
+        if self.soc[v] <= 0.0:
+            return
+        if job.stage == "loaded":
+            self._bring(v, now)
+        elif job.stage == "assigned":
+            self._fetch(v, now)
+        elif job.stage == "idle":
+            if self.soc[v] < self.policy.low and self._wants_charge(v):
+                return
+            if now >= job.since and self._new_task(v, now):
+                self._fetch(v, now)
+            elif job.task is None:
+                self._rest(v, now)
+
+    def _new_task(self, v: int, now: float) -> bool:
+        job = self.jobs[v]
+        for i, task in enumerate(self._due[:50]):
+            if task.vehicle in (None, self.names[v]) and self._nearest(task, v):
+                job.task, job.stage = self._due.pop(i), "assigned"
+                return True
+        if not self.demand.endless:
+            return False
+        source = self._free_place(v, {"pick"})
+        if source is None:
+            return False
+        rng = self.rng
+        job.task = Task(
+            None, source, "", random_load(rng, self.truck), now, (random_dwell(rng), random_dwell(rng)),
+            (random_height(rng), random_height(rng)),
+        )  # fmt: skip
+        job.stage = "assigned"
+        self.count.tasks_given += 1
+        return True
+
+    def _nearest(self, task: Task, v: int) -> bool:
+        """Whether no other truck with nothing to do stands nearer to the task's source."""
+        if task.vehicle is not None:
+            return True
+        spot = self.where[self.bays_of[task.source][0]]
+        mine = float(np.hypot(*(self.where[self.home[v]] - spot)))
+        for u in np.flatnonzero(self.fleet.mode == PARKED):
+            if u != v and self.jobs[u].stage == "idle" and self.soc[u] > self.policy.low:
+                other = float(np.hypot(*(self.where[self.home[u]] - spot)))
+                if (other, u) < (mine, v):
+                    return False
+        return True
+
+    def _free_place(self, v: int, kinds: set[str]) -> str | None:
+        """An unoccupied place of one of the kinds, at random; any working place where there is none of that kind."""
+        free = (self.owner < 0) & self.work
+        chosen = free & np.isin(self.kind, list(kinds))
+        if not (self.work & np.isin(self.kind, list(kinds))).any():
+            chosen = free
+        spots = np.flatnonzero(chosen)
+        return self.world.bays[int(spots[self.rng.integers(len(spots))])].place.id if len(spots) else None
+
+    def _fetch(self, v: int, now: float) -> None:
+        task = self.jobs[v].task
+        assert task is not None
+        self._to_place(v, task.source, "fetch", now)
+
+    def _bring(self, v: int, now: float) -> None:
+        job = self.jobs[v]
+        assert job.task is not None
+        target = job.task.target or self._free_place(v, {"drop"})
+        if target is not None:
+            self._to_place(v, target, "bring", now)
+
+    def _to_place(self, v: int, place: str, stage: str, now: float) -> None:
+        bays = self.bays_of[place]
+        job = self.jobs[v]
+        if int(self.home[v]) in bays:
+            job.stage, job.goal = stage, int(self.home[v])
+            self._parked(v, now)
+            return
+        for b in bays:
+            if self.owner[b] < 0:
+                self._go(v, b, stage)
+                return
+        if now - job.since > ASIDE:
+            self._make_room(v, [int(self.owner[b]) for b in bays], now)
+
+    def _make_room(self, v: int, holders: list[int], now: float) -> None:
+        """Two trucks that wait for each other's places: this one waits elsewhere."""
+        job = self.jobs[v]
+        job.since = now
+        if any(self.fleet.mode[u] == PARKED and self.jobs[u].stage in ("loaded", "assigned") for u in holders):
+            b = self._spare_bay(v)
+            if b is not None:
+                task, load = job.task, self.fleet.load[v]
+                self._go(v, b, "park")
+                job.task = task
+                self.count.made_room += 1
+                if load <= 0.0 and task is not None:
+                    # Not begun: somebody else may do it from where it is nearer.
+                    self._due.append(task) if task.target else None
+                    job.task = None
+
+    def _rest(self, v: int, now: float) -> None:
+        """Nothing to do: charge if that is worth while, else clear a working place that is not one's own."""
+        if self.soc[v] < self.policy.chance and self._wants_charge(v):
+            return
+        if self.kind[self.home[v]] != "park" and not self.demand.endless:
+            b = self._spare_bay(v, only_park=True)
+            if b is not None:
+                self._go(v, b, "park")
+
+    def _spare_bay(self, v: int, only_park: bool = False) -> int | None:
+        free = np.flatnonzero((self.owner < 0) & (self.kind == "park"))
+        if not len(free) and not only_park:
+            free = np.flatnonzero((self.owner < 0) & (self.kind != "charge"))
+        if not len(free):
+            return None
+        gap = np.hypot(*(self.where[free] - self.where[self.home[v]]).T)
+        return int(free[np.argmin(gap)])
+
+    def _go(self, v: int, b: int, stage: str) -> None:
+        f, job = self.fleet, self.jobs[v]
+        way = self.world.way(int(self.home[v]), b, self._closed())
+        if way is None:
+            way = self.world.way(int(self.home[v]), b)
+        assert way is not None
+        self.owner[b] = v
+        job.stage, job.goal = stage, b
+        f.goal[v] = b
+        self._set_route(v, way)
+        f.at[v] = 0
+        f.mode[v] = WANTS_OUT
+        f.waits[v] = np.inf
+
+    def _set_route(self, v: int, way: Any) -> None:
+        f = self.fleet
+        f.route[v, : len(way)] = way
+        f.last[v] = len(way) - 1
+
+    def _closed(self) -> list[int]:
+        """Edges on which a truck with an empty battery stands."""
+        f = self.fleet
+        stands = f.piece[np.flatnonzero((f.mode == EMPTY) & (f.piece >= 0))]
+        return sorted({int(p) for p in stands if p < len(self.world.track.network)})
+
+    # -- charging
+
+    def _wants_charge(self, v: int) -> bool:
+        """Queue for a charger; False where the site has none."""
+        if not (self.kind == "charge").any():
+            return False
+        if v not in self.queue:
+            self.queue.append(v)
+        return True
+
+    def _charging(self, now: float) -> None:
+        f = self.fleet
+        for v in np.flatnonzero(f.mode == CHARGING):
+            busy = bool(self._due) and self.soc[v] >= max(self.policy.chance, self.policy.low)
+            if self.soc[v] >= self.policy.full or busy:
+                f.mode[v] = PARKED
+                self.jobs[v].stage = "idle"
+                self.jobs[v].since = now
+        free = [int(b) for b in np.flatnonzero((self.kind == "charge") & (self.owner < 0))]
+        while self.queue and free:
+            v = self.queue.popleft()
+            if f.mode[v] != PARKED or self.jobs[v].stage != "idle" or self.soc[v] <= 0.0:
+                continue
+            gap = [float(np.hypot(*(self.where[b] - self.where[self.home[v]]))) for b in free]
+            b = free.pop(int(np.argmin(gap)))
+            self._go(v, b, "charge")
+
+    # -- trucks that wait for one another
+
+    def _untangle(self, now: float) -> None:
+        f = self.fleet
+        waiting = np.flatnonzero((f.mode == DRIVING) & (f.why > 0) & (now - f.waits > STUCK))
+        if not len(waiting):
+            return
+        blocker = {int(v): self._blocker(int(v)) for v in waiting}
+        released: set[int] = set()
+        for v in blocker:
+            ring = self._ring(v, blocker)
+            if ring and not released & set(ring):
+                released |= set(ring)
+                self.count.deadlocks += 1
+                if any(f.why[u] == 2 for u in ring):
+                    f.force[np.array(ring)] = True
+                    self.count.deadlocks_released += 1
+        for v in blocker:
+            if v not in released and f.why[v] == 2 and now - f.waits[v] > DETOUR:
+                self._detour(v)
+
+    def _ring(self, v: int, blocker: dict[int, int]) -> list[int]:
+        seen: list[int] = []
+        while v in blocker and v not in seen:
+            seen.append(v)
+            v = blocker[v]
+        return seen[seen.index(v) :] if v in seen else []
+
+    def _blocker(self, v: int) -> int:
+        """The truck that has to move first: the head of the full lane, or who holds the junction."""
+        f = self.fleet
+        lane = self._next_lane(v)
+        if f.why[v] == 2:
+            on = np.flatnonzero((f.piece == lane) & (f.mode != PARKED))
+            return int(on[np.argmax(f.s[on])]) if len(on) else -1
+        holders = np.flatnonzero(f.held_to >= f.held_from)
+        holders = holders[holders != v]
+        mine = f.s[v], f.piece[v]
+        near = [int(u) for u in holders if int(f.piece[u]) != mine[1]]
+        return near[0] if len(near) == 1 else -1
+
+    def _next_lane(self, v: int) -> int:
+        f = self.fleet
+        k = int(f.at[v]) + 1
+        while k < f.last[v] and not (
+            f.route[v, k] < len(self.world.roads.clear) and self.world.roads.capacity[f.route[v, k]] > 0
+        ):
+            k += 1
+        return int(f.route[v, k])
+
+    def _detour(self, v: int) -> None:
+        """Take another way where there is one that is not three times as long."""
+        f = self.fleet
+        lane, goal = int(f.piece[v]), int(f.bay[v])
+        old = f.route[v, f.at[v] : f.last[v] + 1]
+        closed = sorted({self._next_lane(v), *self._closed()})
+        target = self.world.bays[goal].lane
+        if target in closed or lane == target:
+            return
+        way = self.world.way_between(lane, target, True, closed)
+        length = self.world.track.length
+        if way is not None and length[way].sum() < 3.0 * length[old].sum() + 50.0:
+            self._set_route(v, way)
+            f.at[v] = 0
+            f.waits[v] = np.inf
+            self.count.detours += 1
+
+
+__all__ = ["AT_BAY", "Count", "Dispatcher", "Policy"]

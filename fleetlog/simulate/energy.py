@@ -1,0 +1,127 @@
+"""Power and charge of all trucks over a batch of steps, by the one list of terms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.battery import BatteryModel, discharge
+from fleetlog.physics.power import Physics, battery_power, cell_power
+from fleetlog.simulate.state import CHARGING, EMPTY, ENTERING, LEAVING, Log
+from fleetlog.simulate.track import Track
+
+Floats = NDArray[np.float64]
+CHARGE_RATE = 0.25
+"""Power of a charger that the site does not state, in battery capacities an hour: a full charge in some four hours."""
+TAPER_FROM = 0.8
+"""State of charge from which charging power falls, to a tenth when full: constant current, then constant voltage."""
+
+
+class Energy(NamedTuple):
+    """(V, K) of a batch: battery power [W], state of charge at the start of each step; voltage [V] and current [A] or None."""
+
+    power: Floats
+    soc: Floats
+    voltage: Floats | None
+    current: Floats | None
+
+
+class Batch(NamedTuple):
+    """(V, K) of a batch beside the log: place on the map."""
+
+    x: Floats
+    y: Floats
+    z: Floats
+    heading: Floats
+    curvature: Floats
+    slope: Floats
+    offset: Floats
+    lateral: Floats
+    edge: NDArray[np.int32]
+
+
+def locate(ground: Track, log: Log) -> Batch:
+    """Where on the map every logged state is."""
+    from fleetlog.simulate.kernels.profile import expand
+
+    shape = log.piece.shape
+    t = ground
+    out, edge = expand(
+        log.piece.ravel(), log.s.ravel(), (log.mode == LEAVING).ravel(), t.first, t.spacing, t.x, t.y, t.z, t.heading,
+        t.curvature, t.slope, t.edge, t.offset, t.lateral,
+    )  # fmt: skip
+    return Batch(*(row.reshape(shape) for row in out), edge.reshape(shape))
+
+
+@dataclass
+class Meter:
+    """Follows the charge of every truck.
+
+    ``charger`` (B,) charging power [W] of each bay, NaN where it is none; ``battery`` None for the nominal model.
+    """
+
+    physics: Physics
+    ground: Track
+    charger: Floats
+    dt: float
+    soc: Floats
+    temperature: float = 20.0
+    battery: BatteryModel | None = None
+
+    def batch(self, log: Log, place: Batch, bay: NDArray[np.int32], step0: int) -> Energy:
+        """Power and charge over a batch that began at step ``step0``; ``bay`` (V,) where each truck stands."""
+        trucks, steps = log.piece.shape
+        n = trucks * steps
+        speed = np.maximum(log.v + 0.5 * log.a * self.dt, 0.0)
+        none = np.zeros(n)
+        time = np.broadcast_to((step0 + np.arange(steps)) * self.dt, (trucks, steps))
+        motion = Motion(
+            time=time.ravel(), dt=np.full(n, self.dt), speed=speed.ravel(), acceleration=log.a.ravel(),
+            slope=place.slope.ravel(), curvature=place.curvature.ravel(), heading=place.heading.ravel(),
+            payload=log.load.ravel(), lift_speed=log.lift.ravel(), fork_height=log.height.ravel(), x=place.x.ravel(),
+            y=place.y.ravel(), edge=place.edge.ravel(), edge_offset=place.offset.ravel(),
+            ambient_temperature=np.full(n, self.temperature), soc=np.repeat(self.soc, steps),
+            vehicle=np.repeat(np.arange(trucks), steps), trip=log.trip.ravel().astype(np.int64), power=none,
+        )  # fmt: skip
+        power = battery_power(motion, self.physics).reshape(trucks, steps)
+        charging = log.mode == CHARGING
+        if charging.any():
+            power = power - np.where(charging, self._charge_power(bay)[:, None], 0.0)
+        power = np.where(log.mode == EMPTY, 0.0, power)
+        return self._follow(power)
+
+    def _charge_power(self, bay: NDArray[np.int32]) -> Floats:
+        truck = self.physics.truck
+        rate = self.charger[bay]
+        rate = np.where(np.isfinite(rate), rate, CHARGE_RATE * truck.battery.capacity_wh)
+        taper = 1.0 - 0.9 * np.clip((self.soc - TAPER_FROM) / (1.0 - TAPER_FROM), 0.0, 1.0)
+        return np.asarray(rate * taper)
+
+    def _follow(self, power: Floats) -> Energy:
+        truck: Truck = self.physics.actual_truck()
+        if self.battery is not None:
+            return self._chemistry(power)
+        used = np.cumsum(cell_power(power, truck), axis=1) * self.dt / (3600.0 * truck.battery.capacity_wh)
+        soc = np.column_stack([self.soc, self.soc[:, None] - used])
+        self.soc = np.clip(soc[:, -1], 0.0, 1.0)
+        return Energy(power, np.clip(soc[:, :-1], 0.0, 1.0), None, None)
+
+    def _chemistry(self, power: Floats) -> Energy:
+        assert self.battery is not None
+        soc, volts, amps = np.empty_like(power), np.empty_like(power), np.empty_like(power)
+        dt = np.full(power.shape[1], self.dt)
+        for v in range(len(power)):
+            d = discharge(power[v], dt, self.battery, float(self.soc[v]), self.temperature)
+            soc[v, 0], soc[v, 1:] = self.soc[v], d.soc[:-1]
+            volts[v], amps[v], self.soc[v] = d.voltage, d.current, d.soc[-1]
+        return Energy(power, soc, volts, amps)
+
+
+def moving(mode: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Whether trucks are on a spur."""
+    return np.asarray((mode == ENTERING) | (mode == LEAVING))

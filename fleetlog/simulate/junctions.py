@@ -1,0 +1,162 @@
+"""Where trucks on different pieces would touch: the parts of a lane that are safe to stand on, and what excludes what.
+
+A *resource* is a part of the track that only some trucks may be on at a time.  With P pieces and E lanes: a connector or a
+lane without a safe part is resource p (its own number); the last metres of a lane are resource P + lane, the first ones
+P + E + lane; spur k of a place is P + 2 E + k.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.truck import Truck
+from fleetlog.simulate.track import Track
+
+Floats = NDArray[np.float64]
+Index = NDArray[np.int32]
+
+MARGIN = 0.15
+"""Kept free round every truck [m]."""
+GAP = 1.0
+"""Between standing trucks, bumper to bumper [m]."""
+BEND = 0.02
+"""A connector that bends more than this takes one truck at a time [1/m]."""
+
+
+@dataclass(frozen=True)
+class Junctions:
+    """E lanes, P pieces.
+
+    Attributes
+    ----------
+    clear, stop : (E,) a truck whose centre is between these offsets [m] touches nothing that others use; stop < clear where
+        there is no such part (single-lane aisles, stubs).
+    capacity : (E,) trucks that can stand on the safe part.
+    resource : (S,) of every sample of the track, -1 on safe parts.
+    conflict_first, conflicts : CSR over resources: those that exclude it, itself where it takes one truck at a time.
+    bent : (P,) whether a piece takes one truck at a time.
+    """
+
+    clear: Floats
+    stop: Floats
+    capacity: Index
+    resource: Index
+    conflict_first: NDArray[np.int64]
+    conflicts: Index
+    bent: NDArray[np.bool_]
+
+
+def half_box(truck: Truck) -> tuple[float, float]:
+    """Half length and half width [m] of the footprint with its margin."""
+    return 0.5 * truck.chassis.length + MARGIN, 0.5 * truck.chassis.width + MARGIN
+
+
+def owners(track: Track) -> Index:
+    """(S,) piece of every sample."""
+    return np.repeat(np.arange(len(track), dtype=np.int32), np.diff(track.first))
+
+
+def find_junctions(track: Track, truck: Truck) -> Junctions:
+    """Safe parts of all lanes, and the conflicts between everything else."""
+    from fleetlog.simulate.kernels.geometry import meetings
+
+    lanes, owner = len(track.network), owners(track)
+    every = np.ones(len(owner), dtype=np.bool_)
+    pairs = meetings(track.x, track.y, track.z, track.heading, owner, every, *half_box(truck))
+    a, b = owner[pairs[:, 0]], owner[pairs[:, 1]]
+    own = _follow_each_other(track, a, b)
+    touched = np.zeros(len(owner), dtype=bool)
+    touched[pairs[~own].ravel()] = True
+    clear, stop = np.zeros(lanes), np.full(lanes, -1.0)
+    resource = owner.copy()
+    for lane in range(lanes):
+        _safe_part(track, lane, touched, clear, stop, resource)
+    room = truck.chassis.length + GAP
+    capacity = np.where(stop >= clear, 1 + np.floor((stop - clear) / room), 0).astype(np.int32)
+    piece_bend = np.maximum.reduceat(np.abs(track.curvature), track.first[:-1])
+    bent = (piece_bend > BEND) & (track.source >= 0)
+    count = len(track) + 2 * lanes
+    ra, rb = resource[pairs[:, 0]], resource[pairs[:, 1]]
+    keep = (ra >= 0) & (rb >= 0) & (ra != rb)
+    ra, rb = np.unique(np.column_stack([ra, rb])[keep], axis=0).reshape(-1, 2).T
+    keep = ~_in_line(track, ra, rb)
+    alone = np.flatnonzero(bent)
+    first, conflicts = conflict_lists(
+        np.concatenate([ra[keep], alone]), np.concatenate([rb[keep], alone]), count
+    )
+    return Junctions(clear, stop, capacity, resource, first, conflicts, bent)
+
+
+def conflict_lists(a: NDArray[np.integer], b: NDArray[np.integer], count: int) -> tuple[NDArray[np.int64], Index]:
+    """Symmetric CSR of pairs, each once."""
+    key = np.unique(np.concatenate([a.astype(np.int64) * count + b, b.astype(np.int64) * count + a]))
+    first = np.searchsorted(key, np.arange(count + 1, dtype=np.int64) * count)
+    return first.astype(np.int64), (key % count).astype(np.int32)
+
+
+def _follow_each_other(track: Track, a: Index, b: Index) -> NDArray[np.bool_]:
+    """(N,) pairs of pieces that a truck drives one after the other: there the rule of following holds."""
+    pair = np.zeros(len(a), dtype=bool)
+    turns = {(int(i), int(j)) for i, j in zip(track.source, track.target, strict=True) if i >= 0}
+    for one, other in ((a, b), (b, a)):
+        pair |= (track.source[one] == other) | (track.target[one] == other)
+        lanes = (track.source[one] < 0) & (track.source[other] < 0)
+        rows = np.flatnonzero(lanes)
+        hit = [(int(one[k]), int(other[k])) in turns for k in rows]
+        pair[rows] |= np.array(hit, dtype=bool)
+    # The two lanes of one road follow each other at a dead end; that they lie side by side must still count.
+    reverse = track.network.reverse
+    both = (track.source[a] < 0) & (track.source[b] < 0)
+    opposite = np.zeros(len(a), dtype=bool)
+    opposite[both] = reverse[a[both]] == b[both]
+    return pair & ~opposite
+
+
+def _safe_part(
+    track: Track, lane: int, touched: NDArray[np.bool_], clear: Floats, stop: Floats, resource: Index
+) -> None:
+    """Find the longest untouched run of a lane's samples and number what lies before and after it."""
+    low, high = int(track.first[lane]), int(track.first[lane + 1])
+    free = ~touched[low:high]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(np.int8)))
+    if not len(edges):
+        return
+    runs = edges.reshape(-1, 2)
+    begin, end = runs[np.argmax(runs[:, 1] - runs[:, 0])]
+    step = track.spacing[lane]
+    clear[lane], stop[lane] = begin * step, (end - 1) * step
+    pieces, lanes = len(track), len(track.network)
+    resource[low : low + begin] = pieces + lanes + lane
+    resource[low + begin : low + end] = -1
+    resource[low + end : high] = pieces + lane
+
+
+def _in_line(track: Track, a: Index, b: Index) -> NDArray[np.bool_]:
+    """(N,) pairs of resources that a truck takes one after the other."""
+    pieces, lanes = len(track), len(track.network)
+    out = np.zeros(len(a), dtype=bool)
+    for one, other in ((a, b), (b, a)):
+        connector = (one < pieces) & (track.source[np.minimum(one, pieces - 1)] >= 0)
+        source = track.source[np.minimum(one, pieces - 1)]
+        target = track.target[np.minimum(one, pieces - 1)]
+        out |= connector & ((other == source) | (other == pieces + source))
+        out |= connector & ((other == target) | (other == pieces + lanes + target))
+        out |= (one >= pieces) & (one < pieces + lanes) & (other == one + lanes)
+    # Exit of one lane and entry of the next, joined by a connector.
+    turns = {(int(i), int(j)) for i, j in zip(track.source, track.target, strict=True) if i >= 0}
+
+    def lane_of(resource: int, leaving: bool) -> int:
+        if resource < lanes:
+            return resource
+        low = pieces if leaving else pieces + lanes
+        return resource - low if low <= resource < low + lanes else -1
+
+    for k in np.flatnonzero(~out):
+        for one, other in ((int(a[k]), int(b[k])), (int(b[k]), int(a[k]))):
+            i, j = lane_of(one, True), lane_of(other, False)
+            if i >= 0 and j >= 0 and (i, j) in turns and track.network.reverse[i] != j:
+                out[k] = True
+    return out

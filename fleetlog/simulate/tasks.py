@@ -1,0 +1,124 @@
+"""What trucks are asked to do: fetch a load at one place and set it down at another."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from fleetlog.core.site import Site
+from fleetlog.core.truck import Truck
+from fleetlog.errors import InputError, nearest
+
+COLUMNS = ("vehicle", "from", "to", "payload", "earliest")
+HEIGHTS = (0.3, 1.2, 2.4, 3.6)
+"""Of shelves that loads are taken from and set down on [m]."""
+ENGAGE = 6.0
+"""To drive the forks under a load or out of it [s]."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One load.
+
+    ``vehicle`` is an id or None for any; ``source`` and ``target`` are places; ``payload`` kg; ``earliest`` s after the
+    start; ``dwell`` (pick, drop) seconds at the two places, at least what the lift needs; ``height`` (pick, drop) m.
+    """
+
+    vehicle: str | None
+    source: str
+    target: str
+    payload: float
+    earliest: float
+    dwell: tuple[float, float] = (20.0, 20.0)
+    height: tuple[float, float] = (1.2, 1.2)
+
+
+@dataclass
+class Demand:
+    """Tasks to do: ``given`` ones in order of their earliest time, and with ``endless`` new ones for whoever is idle."""
+
+    given: list[Task] = field(default_factory=list)
+    endless: bool = True
+    pause: float = 20.0
+    """Mean time between two endless tasks of a truck [s]."""
+
+
+def random_load(rng: np.random.Generator, truck: Truck) -> float:
+    """A payload between a tenth and all of the rated load [kg], most often half."""
+    return round(float(rng.triangular(0.1, 0.5, 1.0)) * truck.chassis.rated_load, 1)
+
+
+def random_dwell(rng: np.random.Generator) -> float:
+    """Seconds at a pick or drop place: log-normal with a median of 22 s; 15 to 60 s are usual."""
+    return float(np.clip(rng.lognormal(np.log(22.0), 0.35), 12.0, 90.0))
+
+
+def random_height(rng: np.random.Generator) -> float:
+    """Height of a shelf [m]."""
+    return HEIGHTS[int(rng.integers(len(HEIGHTS)))]
+
+
+def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0) -> list[Task]:
+    """Tasks of a CSV with the columns vehicle (empty: any), from, to, payload [kg], earliest [s after the start].
+
+    :class:`InputError` names the line at fault: an unknown place, a load above the rated one, a number that is none.
+    """
+    path = Path(path)
+    rng = np.random.default_rng(seed)
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.DictReader(stream)
+            for column in ("from", "to"):
+                if column not in (reader.fieldnames or ()):
+                    do = f"the columns are {', '.join(COLUMNS)}"
+                    raise InputError(f"has no column {column!r}", where=path, place="line 1", do=do)
+            rows = list(reader)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"not readable: {error}", where=path) from None
+    tasks = [_task(row, path, i + 2, site, truck, rng) for i, row in enumerate(rows)]
+    return sorted(tasks, key=lambda t: t.earliest)
+
+
+def _task(
+    row: dict[str, str], path: Path, line: int, site: Site, truck: Truck, rng: np.random.Generator
+) -> Task:
+    place = f"line {line}"
+    known = [p.id for p in site.places]
+    for column in ("from", "to"):
+        if row[column] not in known:
+            raise InputError(f"no place {row[column]!r} on this site", where=path, place=place, do=nearest(row[column], known) if known else "add it to the site")  # fmt: skip
+    payload = _number(row.get("payload"), 0.5 * truck.chassis.rated_load, "payload", path, place)
+    if payload > truck.chassis.rated_load:
+        raise InputError(
+            f"{payload:g} kg is more than the truck's rated load of {truck.chassis.rated_load:g} kg",
+            where=path, place=place, do="split the load or take a stronger truck",
+        )  # fmt: skip
+    earliest = _number(row.get("earliest"), 0.0, "earliest", path, place)
+    vehicle = (row.get("vehicle") or "").strip()
+    return Task(
+        vehicle if vehicle not in ("", "any") else None, row["from"], row["to"], payload, earliest,
+        (random_dwell(rng), random_dwell(rng)), (random_height(rng), random_height(rng)),
+    )  # fmt: skip
+
+
+def _number(text: str | None, default: float, name: str, path: Path, place: str) -> float:
+    if text is None or not text.strip():
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f"{name} {text!r} is not a number", where=path, place=place) from None
+    if not np.isfinite(value) or value < 0.0:
+        raise InputError(f"{name} {text!r} is negative or not finite", where=path, place=place)
+    return value
+
+
+def check_vehicles(tasks: Sequence[Task], names: Sequence[str]) -> None:
+    """Raise where a task is for a truck that is not simulated."""
+    for task in tasks:
+        if task.vehicle is not None and task.vehicle not in names:
+            raise InputError(f"a task is for vehicle {task.vehicle!r}, which is not simulated", do=nearest(task.vehicle, names))

@@ -1,0 +1,238 @@
+"""Everything that stays put in a simulation: lanes, junctions, bays, speed caps, ways between bays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.site import Place, Site
+from fleetlog.core.truck import Truck
+from fleetlog.errors import SiteError
+from fleetlog.physics.power import Physics, allowed_speed
+from fleetlog.roads.routing import Router
+from fleetlog.simulate.bays import OFF_ROADS, Bay, BayMaker, auto_places, side_of
+from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box
+from fleetlog.simulate.state import Roads
+from fleetlog.simulate.track import Track, build_track, project
+
+Floats = NDArray[np.float64]
+Index = NDArray[np.int32]
+PLAN = 0.9
+"""Share of its braking that a truck plans with."""
+TURN_TIME = 3.0
+"""What a half turn costs in choosing a route [s]."""
+
+
+@dataclass
+class World:
+    """The site as trucks of one type drive on it; ``notes`` are said aloud."""
+
+    site: Site
+    truck: Truck
+    physics: Physics
+    track: Track
+    ground: Track
+    """The track with the spurs behind it: piece len(track) + b is the spur of bay b."""
+    bays: list[Bay]
+    roads: Roads
+    router: Router
+    notes: list[str] = field(default_factory=list)
+    _ways: dict[tuple[int, int, bool], NDArray[np.int32] | None] = field(default_factory=dict)
+
+    @property
+    def by_place(self) -> dict[str, list[int]]:
+        """Bays of every place, by its id."""
+        out: dict[str, list[int]] = {}
+        for b, bay in enumerate(self.bays):
+            out.setdefault(bay.place.id, []).append(b)
+        return out
+
+    def way(self, start: int, end: int, closed: Iterable[int] = ()) -> Index | None:
+        """Pieces from the lane of bay ``start`` to the lane of bay ``end``, or None."""
+        a, b = self.bays[start], self.bays[end]
+        onward = b.at > a.at + 0.5
+        shut = tuple(closed)
+        key = (a.lane, b.lane, onward)
+        if not shut and key in self._ways:
+            return self._ways[key]
+        found = self.way_between(a.lane, b.lane, onward, shut)
+        if not shut:
+            self._ways[key] = found
+        return found
+
+    def way_between(self, a: int, b: int, onward: bool, closed: Iterable[int] = ()) -> Index | None:
+        """Pieces from lane ``a`` to lane ``b``; round the block where they are one and the goal lies behind."""
+        if a == b and onward:
+            return np.array([a], dtype=np.int32)
+        if a != b:
+            route = self.router.route(a, b, closed)
+            return None if route is None else np.array(self.track.pieces(route.edges), dtype=np.int32)
+        options = [self.router.route(int(s), b, closed) for s in self.track.network.successors(a)]
+        good = [r for r in options if r is not None]
+        if not good:
+            return None
+        best = min(good, key=lambda r: r.cost)
+        return np.array(self.track.pieces(np.concatenate([[a], best.edges])), dtype=np.int32)
+
+
+def build_world(site: Site, truck: Truck, vehicles: int, physics: Physics | None = None) -> World:
+    """Lay out a site for a number of trucks; :class:`SiteError` where it cannot hold them."""
+    network = site.roads()
+    physics = physics or Physics(truck)
+    actual = physics.actual_truck()
+    track = build_track(network, truck, site.traffic)
+    junctions = find_junctions(track, truck)
+    maker = BayMaker(track, junctions, truck, side_of(site))
+    notes = _place_bays(site, maker, vehicles)
+    ground = with_spurs(track, maker.bays)
+    roads = _roads(site, track, junctions, maker.bays, ground, truck, physics)
+    limit = np.where(np.isfinite(network.speed_limit), network.speed_limit, actual.drive.max_speed)
+    pace = np.minimum(limit * actual.drive.speed_factor, actual.drive.max_speed)
+    return World(site, truck, physics, track, ground, maker.bays, roads, Router(network, pace, turn_time=TURN_TIME), notes)
+
+
+def _place_bays(site: Site, maker: BayMaker, vehicles: int) -> list[str]:
+    notes = []
+    for place in site.places:
+        near = maker.lanes_near(place.x, place.y)
+        if not near or near[0][0] > OFF_ROADS:
+            raise SiteError(
+                f"place {place.id!r} at ({place.x:.1f}, {place.y:.1f}) is off the roads",
+                do=f"move it to within {OFF_ROADS:.0f} m of a road, or draw the road that leads there",
+            )
+        for _ in range(max(place.plugs, 1) if place.kind == "charge" else 1):
+            if maker.place(place) is None:
+                raise SiteError(
+                    f"no room for a truck of {maker.truck.chassis.length:g} m beside the road at place {place.id!r}",
+                    do="move the place to a longer stretch of road, or away from its neighbours",
+                )
+    kinds = {p.kind for p in site.places}
+    if not site.places:
+        made = auto_places(maker, max(24, 3 * vehicles))
+        notes.append(f"the site has no places: {len(made)} parking, pick and drop spots were drawn along its roads")
+    elif not kinds & {"pick", "drop"}:
+        made = auto_places(maker, max(12, 2 * vehicles), ("pick", "drop"))
+        notes.append(f"the site has no pick or drop place: {len(made)} were drawn along its roads")
+    free = len([b for b in maker.bays if b.place.kind != "charge"])
+    if site.places and free < 2 * vehicles + 2:
+        made = _spare(maker, 2 * vehicles + 2 - free)
+        if made:
+            notes.append(f"{len(made)} further parking spots were drawn along the roads for {vehicles} trucks")
+    room = len([b for b in maker.bays if b.place.kind != "charge"])
+    if vehicles > room - 1:
+        raise SiteError(
+            f"{vehicles} trucks are more than the site can hold: there is room to park {max(room - 1, 0)}",
+            do="simulate fewer trucks or add roads and parking places",
+        )
+    return notes
+
+
+def _spare(maker: BayMaker, wanted: int) -> list[Bay]:
+    made = auto_places(maker, wanted, ("park",))
+    start = len(maker.bays) - len(made)
+    for i, bay in enumerate(made):
+        named = replace(bay, place=Place(f"spot-{i + 1}", "park", float(bay.path[-1, 0]), float(bay.path[-1, 1])))
+        maker.bays[start + i] = named
+    return made
+
+
+def with_spurs(track: Track, bays: list[Bay]) -> Track:
+    """The track with one piece more for each bay, laid on the edge of its lane."""
+    if not bays:
+        return track
+    shape = np.concatenate([b.path for b in bays])
+    count = np.array([len(b.path) for b in bays])
+    edge = np.repeat(np.array([b.lane for b in bays], dtype=np.int32), count)
+    x, y = np.ascontiguousarray(shape[:, 0]), np.ascontiguousarray(shape[:, 1])
+    offset, lateral = project(track.network, edge, x, y)
+    length, none = np.array([b.length for b in bays]), np.full(len(bays), -1, np.int32)
+    join = np.concatenate
+    return Track(
+        track.network, join([track.first, track.first[-1] + np.cumsum(count)]),
+        join([track.spacing, length / (count - 1)]), join([track.length, length]),
+        join([track.source, none]), join([track.target, none]), join([track.x, x]), join([track.y, y]),
+        join([track.z, track.network.position(edge, offset)[:, 2]]),
+        join([track.heading, np.angle(np.exp(1j * shape[:, 2]))]), join([track.curvature, shape[:, 3]]),
+        join([track.slope, np.zeros(len(x))]), join([track.edge, edge]), join([track.offset, offset]),
+        join([track.lateral, lateral]),
+    )  # fmt: skip
+
+
+def speed_limits(site: Site, track: Track) -> Floats:
+    """(S,) limit [m/s] of road and zones at every sample, inf where there is none."""
+    limit = np.where(np.isfinite(track.network.speed_limit), track.network.speed_limit, np.inf)[track.edge]
+    for zone in site.zones:
+        if np.isfinite(zone.speed_limit):
+            inside = within(zone.polygon, track.x, track.y)
+            limit = np.where(inside, np.minimum(limit, zone.speed_limit), limit)
+    return limit
+
+
+def within(polygon: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
+    """(N,) whether points lie inside a polygon: an odd number of its sides is to their right."""
+    inside = np.zeros(len(x), dtype=bool)
+    for (ax, ay), (bx, by) in zip(polygon[:, :2], np.roll(polygon[:, :2], -1, axis=0), strict=True):
+        if ay != by:
+            inside ^= ((ay > y) != (by > y)) & (x < ax + (y - ay) / (by - ay) * (bx - ax))
+    return inside
+
+
+def caps(site: Site, track: Track, physics: Physics) -> Floats:
+    """(2, S) highest speed [m/s] without and with a load: limits, truck, turns, and every term that acts on speed."""
+    from fleetlog.simulate.kernels.profile import brake_ahead
+
+    truck = physics.actual_truck()
+    allowed = np.minimum(speed_limits(site, track) * truck.drive.speed_factor, truck.drive.max_speed)
+    out = np.empty((2, len(track.x)))
+    for laden, payload in enumerate((0.0, 0.5 * truck.chassis.rated_load)):
+        motion = Motion.of(
+            len(track.x), speed=allowed, curvature=track.curvature, slope=track.slope, heading=track.heading,
+            x=track.x, y=track.y, edge=track.edge, edge_offset=track.offset, payload=payload,
+        )  # fmt: skip
+        cap = np.maximum(allowed_speed(motion, physics), 0.05)
+        out[laden] = brake_ahead(cap, track.first, track.spacing, PLAN * truck.drive.max_deceleration)
+    return out
+
+
+def _roads(
+    site: Site, track: Track, j: Junctions, bays: list[Bay], ground: Track, truck: Truck, physics: Physics
+) -> Roads:
+    pieces, lanes = len(track), len(track.network)
+    pairs = _spur_conflicts(track, j, bays, ground, truck)
+    count = pieces + 2 * lanes + len(bays)
+    old = np.repeat(np.arange(len(j.conflict_first) - 1), np.diff(j.conflict_first))
+    first, conflicts = conflict_lists(
+        np.concatenate([old, pairs[:, 0]]), np.concatenate([j.conflicts, pairs[:, 1]]), count
+    )
+    return Roads(
+        track.first, track.spacing, track.length, track.slope, caps(site, track, physics), j.clear, j.stop, j.capacity,
+        j.bent, first, conflicts, np.array([b.lane for b in bays], dtype=np.int32), np.array([b.at for b in bays]),
+        np.array([b.length for b in bays]), np.array([b.ahead for b in bays]),
+    )  # fmt: skip
+
+
+def _spur_conflicts(track: Track, j: Junctions, bays: list[Bay], ground: Track, truck: Truck) -> NDArray[np.int64]:
+    """(N, 2) resources that exclude each other because of a spur; those that only follow onto its lane do not."""
+    from fleetlog.simulate.kernels.geometry import meetings
+
+    pieces, lanes, samples = len(track), len(track.network), len(track.x)
+    owner = np.repeat(np.arange(len(ground), dtype=np.int32), np.diff(ground.first))
+    ask = np.arange(len(owner)) >= samples
+    pairs = meetings(ground.x, ground.y, ground.z, ground.heading, owner, ask, *half_box(truck))
+    resource = np.concatenate([j.resource, 2 * lanes + owner[samples:]]).astype(np.int64)
+    # b > a always, and spurs come last: b is the spur.
+    a, b = resource[pairs[:, 0]], resource[pairs[:, 1]]
+    keep = a >= 0
+    found = np.unique(np.column_stack([a[keep], b[keep]]), axis=0) if keep.any() else np.zeros((0, 2), np.int64)
+    lane = np.array([bay.lane for bay in bays], dtype=np.int64)[found[:, 1] - pieces - 2 * lanes]
+    other = found[:, 0]
+    target = np.where(other < pieces, track.target[np.minimum(other, pieces - 1)], -1)
+    follows = (other == lane) | (other == pieces + lanes + lane) | (target == lane)
+    return np.asarray(found[~follows])
+
+
+__all__ = ["GAP", "World", "build_world", "caps", "speed_limits", "with_spurs"]
