@@ -69,6 +69,11 @@ def test_refused(shared_data, name):
     assert REFUSED[name] in error.value.line() and "\n" not in error.value.line()
 
 
+def test_a_map_says_on_which_side_its_traffic_keeps(shared_data):
+    sides = {n: load_site(shared_data / "maps" / f"{n}.xodr")[0].traffic for n in ("e6mini-lht", "e6mini")}
+    assert sides == {"e6mini-lht": "left", "e6mini": "right"}
+
+
 def test_the_same_motorway_right_and_left_is_the_same_lanes_driven_the_other_way(shared_data):
     right, left = (load_site(shared_data / "maps" / f"{n}.xodr")[0].roads() for n in ("e6mini", "e6mini-lht"))
     for i, name in enumerate(right.edge_ids):

@@ -81,6 +81,31 @@ def test_roads_in_line_join_whichever_way_their_s_runs_and_whoever_says_so(write
     assert said == (links != (True, True))
 
 
+@pytest.mark.parametrize("meeting", ["start", "end"])
+def test_a_link_without_a_contact_point_meets_the_nearer_end(write, meeting):
+    first, second = (
+        part.replace(' contactPoint="start"', "").replace(' contactPoint="end"', "")
+        for part in two_roads(meeting)
+    )
+    _, turns, _ = edges_of(write(first, second))
+    assert turns == edges_of(write(*two_roads(meeting)))[1]
+
+
+def test_links_to_what_is_not_there_are_told_of(write):
+    nowhere = link("successor", "road", 99, "start")
+    _, turns, found = edges_of(
+        write(
+            straight("1", 0, 50, section(0, lane(-1, after=-1)), after=nowhere),
+            straight("2", 0, 50, section(0, lane(-1, after=-7)), after=link("successor", "road", 1, "end")),
+            '<junction id="5"><connection id="0" incomingRoad="1" connectingRoad="98" contactPoint="start"/></junction>',
+        )
+    )
+    assert turns == set()
+    assert any(
+        note.startswith("3 links name roads or lanes that do not exist") for note in found.report.notes
+    )
+
+
 def junction_map(rule='rule="RHT"', in_road=True):
     """Road 1 meets road 2 straight on (connecting road 9) in junction 5."""
     toward = link("predecessor", "road", 1, "end") if in_road else ""

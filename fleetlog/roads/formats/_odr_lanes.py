@@ -100,7 +100,7 @@ def centre_line(road: Road, section: Section, lane: Lane) -> Floats:
         # Records that start at the end of the section speak of the next one.
         s = np.minimum(s, section.end - 1e-7)
         x, y, heading = road.plan.at(s)
-        t = _centre(road, inward, side, s)
+        t = np.mean(_sides(road, section, lane, s), axis=0)
         roll = road.superelevation.at(s)
         flat = t * np.cos(roll)
         z = road.elevation.at(s) + t * np.sin(roll)
@@ -109,28 +109,24 @@ def centre_line(road: Road, section: Section, lane: Lane) -> Floats:
     return at(sample(at, stations(road, section, inward), CHORD))
 
 
-def _centre(road: Road, inward: list[Lane], side: int, s: Floats) -> Floats:
-    """(N,) lateral place [m] of the centre of the last lane of ``inward``, which count outward from the middle."""
+def _sides(road: Road, section: Section, lane: Lane, s: Floats) -> tuple[Floats, Floats]:
+    """(N,) lateral places t [m] of the inner and outer border of a lane, left positive."""
+    side = 1 if lane.id > 0 else -1
     inner = outer = offset = road.offset.at(s)
-    for lane in inward:
+    for i in range(side, lane.id + side, side):
+        inward = section.lanes[i]
         inner = outer
-        if len(lane.widths.starts) or not len(lane.borders.starts):
-            outer = inner + side * np.maximum(lane.widths.at(s), 0.0)
+        if len(inward.widths.starts) or not len(inward.borders.starts):
+            outer = inner + side * np.maximum(inward.widths.at(s), 0.0)
         else:
-            outer = offset + lane.borders.at(s)
-    return np.asarray((inner + outer) / 2.0, dtype=np.float64)
+            outer = offset + inward.borders.at(s)
+    return inner, outer
 
 
 def _widths(road: Road, section: Section, lane: Lane) -> Floats:
-    s = np.linspace(section.start, max(section.start, section.end - 1e-7), 9)
-    if len(lane.widths.starts) or not len(lane.borders.starts):
-        return lane.widths.at(s)
-    side = 1 if lane.id > 0 else -1
-    inward = [section.lanes[i] for i in range(side, lane.id, side)]
-    inner = road.offset.at(s) + (side * sum((w.widths.at(s) for w in inward), np.zeros(9)))
-    if inward and not len(inward[-1].widths.starts):
-        inner = road.offset.at(s) + inward[-1].borders.at(s)
-    return np.asarray(np.abs(road.offset.at(s) + lane.borders.at(s) - inner), dtype=np.float64)
+    """Width [m] at nine places along a lane section."""
+    inner, outer = _sides(road, section, lane, np.linspace(section.start, section.end - 1e-7, 9))
+    return np.asarray(np.abs(outer - inner), dtype=np.float64)
 
 
 def speed_limit(road: Road, section: Section, lane: Lane) -> float:

@@ -16,13 +16,13 @@ import numpy as np
 
 from fleetlog.roads.formats._odr_lanes import MICRO, LaneEdge, LaneEnd
 from fleetlog.roads.formats._odr_parse import End, Road, contact
-from fleetlog.roads.formats.base import Tally, number
+from fleetlog.roads.formats.base import Floats, Tally, number
 
 if TYPE_CHECKING:
     from lxml.etree import _Element as Element
 
 Pair = tuple[LaneEnd, LaneEnd]
-OTHER: dict[End, End] = {"start": "end", "end": "start"}
+ENDS: tuple[End, End] = ("start", "end")
 GAP, BEND = 0.5, np.radians(20.0)
 """Edges that follow one another but lie farther apart [m] or turn more sharply [rad] are told of."""
 
@@ -31,33 +31,39 @@ GAP, BEND = 0.5, np.radians(20.0)
 class Touching:
     """The symmetric relation; ``said`` keeps from which side each pair was named, for the notes."""
 
+    roads: dict[str, Road]
     neighbours: dict[LaneEnd, set[LaneEnd]] = field(default_factory=dict)
     said: set[Pair] = field(default_factory=set)
     odd: int = 0
 
     def add(self, a: LaneEnd, b: LaneEnd) -> None:
         """a names b."""
-        if a != b:
+        if not self._is_there(b):
+            self.odd += 1
+        elif a != b:
             self.said.add((a, b))
             self.neighbours.setdefault(a, set()).add(b)
             self.neighbours.setdefault(b, set()).add(a)
 
-    def one_sided(self, roads: dict[str, Road]) -> int:
+    def _is_there(self, at: LaneEnd) -> bool:
+        road = self.roads.get(at[0])
+        return road is not None and at[2] in road.sections[at[1]].lanes
+
+    def one_sided(self) -> int:
         """How many pairs are named from one side only, though the other could name them."""
-        return sum((b, a) not in self.said and not _at_junction(roads, b) for a, b in self.said)
+        return sum((b, a) not in self.said and not _at_junction(self.roads, b) for a, b in self.said)
 
 
 def touching(roads: dict[str, Road], junctions: list[Element], path: Path, tally: Tally) -> Touching:
     """All lane ends that touch."""
-    relation = Touching()
+    relation = Touching(roads)
     for road in roads.values():
         for a, b in _inside(road):
             relation.add(a, b)
-        for a, b in _between(road, roads):
-            relation.add(a, b)
+        _between(road, relation)
     for junction in junctions:
         _junction(junction, roads, relation, path, tally)
-    if one := relation.one_sided(roads):
+    if one := relation.one_sided():
         tally.notes.append(
             f"{one} lane links are given in one direction only; they are taken to hold in both"
         )
@@ -86,15 +92,19 @@ def _inside(road: Road) -> Iterator[Pair]:
                     yield (road.id, k, lane.id, "start"), (road.id, k - 1, i, "end")
 
 
-def _between(road: Road, roads: dict[str, Road]) -> Iterator[Pair]:
+def _between(road: Road, relation: Touching) -> None:
     for end, link in road.links.items():
-        other = roads.get(link.id)
-        if link.kind != "road" or other is None:
+        other = relation.roads.get(link.id)
+        if link.kind != "road":
             continue
+        if other is None:
+            relation.odd += 1
+            continue
+        at = link.contact or _nearest_end(other, _end_point(road, end))
         k = 0 if end == "start" else len(road.sections) - 1
         for lane in road.sections[k].lanes.values():
             for i in lane.predecessors if end == "start" else lane.successors:
-                yield (road.id, k, lane.id, end), _outer(other, i, link.contact or "start")
+                relation.add((road.id, k, lane.id, end), _outer(other, i, at))
 
 
 def _outer(road: Road, lane: int, end: End) -> LaneEnd:
@@ -116,7 +126,10 @@ def _junction(e: Element, roads: dict[str, Road], relation: Touching, path: Path
         end = _incoming_end(incoming, name, onward, at)
         for link in c.iterfind("laneLink"):
             a, b = (int(number(link.get(k), path, f"junction {name}, laneLink")) for k in ("from", "to"))
-            relation.add(_outer(incoming, a, end), _outer(onward, b, at))
+            if a in incoming.sections[_outer(incoming, a, end)[1]].lanes:
+                relation.add(_outer(incoming, a, end), _outer(onward, b, at))
+            else:
+                relation.odd += 1
 
 
 def _incoming_end(road: Road, junction: str, onward: Road, at: End) -> End:
@@ -124,12 +137,15 @@ def _incoming_end(road: Road, junction: str, onward: Road, at: End) -> End:
     meets = [end for end, link in road.links.items() if link.kind == "junction" and link.id == junction]
     if len(meets) == 1:
         return meets[0]
-    spot = _end_point(onward, at)
-    start, end = (float(np.linalg.norm(_end_point(road, e) - spot)) for e in OTHER)
+    return _nearest_end(road, _end_point(onward, at))
+
+
+def _nearest_end(road: Road, spot: Floats) -> End:
+    start, end = (float(np.linalg.norm(_end_point(road, e) - spot)) for e in ENDS)
     return "start" if start < end else "end"
 
 
-def _end_point(road: Road, end: End) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _end_point(road: Road, end: End) -> Floats:
     x, y, _ = road.plan.at(np.array([0.0 if end == "start" else road.length]))
     return np.array([x[0], y[0]])
 
