@@ -35,7 +35,7 @@ MANY_ROWS = 2_000_000
 MOST_POINTS = 2000
 """Of a curve over time."""
 COLUMNS = (
-    "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "lateral_offset", "trip_id", "payload", "fork_height",
+    "x", "y", "z", "speed", "edge_id", "edge_offset", "trip_id", "payload", "fork_height",
     "battery_power", "battery_voltage", "battery_current", "soc", "ambient_temperature",
 )  # fmt: skip
 
@@ -85,31 +85,28 @@ def _books(dataset: Dataset, physics: Physics, processes: int) -> Iterator[Book]
     jobs = [(str(dataset.path), v, d, physics) for v in dataset.vehicles for d in dataset.dates]
     if processes < 2 or dataset.rows < MANY_ROWS or len(jobs) < 2:
         for job in jobs:
-            if (book := _vehicle_day(*job, dataset.site)) is not None:
-                yield book
+            yield from _vehicle_day(*job, dataset.site)
         return
     from concurrent.futures import ProcessPoolExecutor
 
     with ProcessPoolExecutor(processes) as pool:
-        for book in pool.map(_vehicle_day, *zip(*jobs, strict=True)):
-            if book is not None:
-                yield book
+        for day in pool.map(_vehicle_day, *zip(*jobs, strict=True)):
+            yield from day
 
 
 def _vehicle_day(
     path: str, vehicle: str, date: str, physics: Physics, site: Site | None = None
-) -> Book | None:
+) -> list[Book]:
+    """The books of one vehicle-day, one a piece of whole trips: bounded memory."""
     from fleetlog.physics.motion import smooth_motion
 
-    dataset = Dataset(Path(path))
+    dataset, books = Dataset(Path(path)), []
     site = dataset.site if site is None else site
-    if not dataset.parts(vehicle, date):
-        return None
-    trajectory = dataset.read(vehicle, date, COLUMNS)
-    if len(trajectory) < 2:
-        return None
-    smooth = smooth_motion(trajectory, site.network)
-    return keep_book(trajectory, smooth.motion, smooth.speed_sd, physics, site)
+    for piece in dataset.pieces(vehicle, date, COLUMNS):
+        if len(piece) > 1:
+            smooth = smooth_motion(piece, site.network)
+            books.append(keep_book(piece, smooth.motion, smooth.speed_sd, physics, site))
+    return books
 
 
 def _term_order(books: Sequence[Book]) -> list[str]:

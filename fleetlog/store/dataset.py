@@ -90,6 +90,25 @@ class Dataset:
             return Trajectory(vehicle, np.zeros(0, np.int64))
         return concatenate(pieces)
 
+    def pieces(
+        self, vehicle: str, date: str, columns: Sequence[str] | None = None, rows: int = 100_000
+    ) -> Iterator[Trajectory]:
+        """The rows of a vehicle's day in pieces of whole trips, of about ``rows`` rows each: bounded memory for any rate.
+
+        A trip longer than ``rows`` comes as one piece.
+        """
+        import numpy as np
+
+        rest: list[Trajectory] = []
+        for batch in (b for f in self.parts(vehicle, date) for b in read_batches(f, vehicle, columns, rows)):
+            piece = concatenate([*rest, batch])
+            begins = np.flatnonzero(np.diff(piece.trip_ids()))
+            cut = int(begins[-1]) + 1 if len(begins) else 0
+            if cut:
+                yield piece[:cut]
+            rest = [piece[cut:]]
+        yield from rest
+
     def days(self, columns: Sequence[str] | None = None) -> Iterator[Trajectory]:
         """One trajectory per vehicle and day, vehicle by vehicle: bounded memory for any length."""
         for vehicle in self.vehicles:
@@ -99,6 +118,27 @@ class Dataset:
                     yield trajectory
 
 
+def read_batches(path: Path, vehicle: str, columns: Sequence[str] | None, rows: int) -> Iterator[Trajectory]:
+    """The rows of one Parquet file of a dataset, at most ``rows`` at a time."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        file = pq.ParquetFile(path)
+        for batch in file.iter_batches(rows, columns=_present(file, columns)):
+            yield from_arrow(pa.Table.from_batches([batch]), vehicle)
+    except (OSError, pa.ArrowInvalid) as error:
+        raise InputError(f"damaged: {error}", where=path, do="make the dataset again") from None
+
+
+def _present(file: Any, columns: Sequence[str] | None) -> list[str] | None:
+    """Those of the wanted columns that a file has, with the time."""
+    have = set(file.schema_arrow.names)
+    if columns is None:
+        return None
+    return ["timestamp", *(c for c in columns if c in have and c != "timestamp")]
+
+
 def read_part(path: Path, vehicle: str, columns: Sequence[str] | None = None) -> Trajectory:
     """The rows of one Parquet file of a dataset."""
     import pyarrow as pa
@@ -106,12 +146,6 @@ def read_part(path: Path, vehicle: str, columns: Sequence[str] | None = None) ->
 
     try:
         file = pq.ParquetFile(path)
-        have = set(file.schema_arrow.names)
-        want = (
-            None
-            if columns is None
-            else ["timestamp", *(c for c in columns if c in have and c != "timestamp")]
-        )
-        return from_arrow(file.read(columns=want), vehicle)
+        return from_arrow(file.read(columns=_present(file, columns)), vehicle)
     except (OSError, pa.ArrowInvalid) as error:
         raise InputError(f"damaged: {error}", where=path, do="make the dataset again") from None

@@ -3,14 +3,17 @@
     python tests/benchmarks/energy.py [--trucks 20] [--hours 24] [--rate 10] [--keep FOLDER]
 
 The day is made here: trucks drive back and forth on a street of 400 m with a hill, lift at both ends, 5 cm of position noise.
-CPU seconds count children too; peak memory is the largest process's and the sum of the largest of parent and children.
+CPU seconds count children too.  Memory is the proportional set size of all processes together (shared pages count once),
+sampled five times a second.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import resource
 import tempfile
+import threading
 import time
 from pathlib import Path
 
@@ -80,15 +83,38 @@ def main() -> None:
                 for i in range(options.trucks):
                     writer.write(day(f"T{i:02d}", network, options.hours, options.rate, i))
         dataset = Dataset(path)
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        memory = Memory()
+        memory.start()
         wall, cpu = time.perf_counter(), _cpu()
         result = energy(dataset, load_truck("counterbalance-2.5t"))
         wall, cpu = time.perf_counter() - wall, _cpu() - cpu
-        own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        child = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-        print(f"{dataset.rows:,} rows: {wall:.1f} s, {cpu:.1f} CPU s on two cores ({dataset.rows / cpu:,.0f} rows per CPU s)")
-        print(f"memory: parent {own:.0f} MB (making the day {before / 1024:.0f}), largest child {child:.0f} MB")
+        memory.done.set()
+        print(
+            f"{dataset.rows:,} rows: {wall:.1f} s, {cpu:.1f} CPU s on two cores ({dataset.rows / cpu:,.0f} rows per CPU s)"
+        )
+        print(f"memory: {memory.peak:.0f} MB in all processes together")
         print("\n".join(result.lines))
+
+
+class Memory(threading.Thread):
+    """The highest proportional set size of this process and its children [MB]."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.peak, self.done = 0.0, threading.Event()
+
+    def run(self) -> None:
+        while not self.done.wait(0.2):
+            children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+            self.peak = max(self.peak, sum(_megabytes(pid) for pid in ["self", *children]))
+
+
+def _megabytes(pid: str) -> float:
+    try:
+        rollup = Path(f"/proc/{pid}/smaps_rollup").read_text()
+    except OSError:  # it has just ended
+        return 0.0
+    return next(int(line.split()[1]) for line in rollup.splitlines() if line.startswith("Pss:")) / 1024
 
 
 def _cpu() -> float:

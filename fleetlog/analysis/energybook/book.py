@@ -1,4 +1,4 @@
-"""One vehicle-day in the books: sums of every ledger term over segments (one trip within one hour), stretches and zones."""
+"""Whole trips of one vehicle in the books: sums of every ledger term over segments (one trip within one hour), stretches and zones."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def measured_power(trajectory: Trajectory) -> tuple[Floats, str]:
 
 
 def keep_book(trajectory: Trajectory, motion: Motion, speed_sd: Floats, physics: Physics, site: Site) -> Book:
-    """The sums of one vehicle-day; ``motion`` has one sample a row of the trajectory, its speed good to ``speed_sd`` [m/s]."""
+    """The sums of some trips of one vehicle; ``motion`` has a sample for each row, its speed good to ``speed_sd`` [m/s]."""
     measured, source = measured_power(trajectory)
     fine, steps = refined(motion)
     forces = term_forces(fine, physics)
