@@ -221,22 +221,28 @@ QUARTER = {
 }
 
 
-def lif(tmp_path, edges, nodes=None, stations=()):
+def lif(tmp_path, edges, nodes=None, stations=(), version="1.0.0"):
     path = tmp_path / "layout.json"
     nodes = nodes or [node("A", 0, 0, "pick"), node("B", 10, 0), node("C", 20, 10, "startCharging")]
     layout = {"layoutId": "1", "nodes": nodes, "edges": edges, "stations": list(stations)}
-    path.write_text(json.dumps({"metaInformation": {"lifVersion": "1.0.0"}, "layouts": [layout]}))
+    text = json.dumps({"metaInformation": {"lifVersion": version}, "layouts": [layout]})
+    # Version 2 says mobile robot for vehicle.
+    path.write_text(text.replace("vehicleType", "mobileRobotType") if version.startswith("2") else text)
     site, (report,) = load_site(path)
     return site, report
 
 
-def test_lif_edges_keep_their_ids_and_follow_their_trajectories(tmp_path):
+VERSIONS = pytest.mark.parametrize("version", ["1.0.0", "2.0.0"])
+
+
+@VERSIONS
+def test_lif_edges_keep_their_ids_and_follow_their_trajectories(tmp_path, version):
     edges = [
         track("e1", "A", "B", maxSpeed=1.5),
         track("e2", "B", "A"),
         track("e3", "B", "C", trajectory=QUARTER),
     ]
-    site, report = lif(tmp_path, edges)
+    site, report = lif(tmp_path, edges, version=version)
     network = site.roads()
     assert network.edge_ids == ("e1", "e2", "e3") and (report.read, report.kept) == (3, 3)
     assert network.speed_limit[0] == 1.5 and np.isnan(network.speed_limit[1]) and site.frame is None
@@ -247,13 +253,14 @@ def test_lif_edges_keep_their_ids_and_follow_their_trajectories(tmp_path):
     assert turns(network) == {("e1", "e3"), ("e2", "e1")}
 
 
-def test_lif_stations_are_places_where_actions_tell_what_for(tmp_path):
+@VERSIONS
+def test_lif_stations_are_places_where_actions_tell_what_for(tmp_path, version):
     stations = [
         {"stationId": "S1", "interactionNodeIds": ["A"]},
         {"stationId": "S2", "interactionNodeIds": ["C"]},
         {"stationId": "S3", "interactionNodeIds": ["B"]},
     ]
-    site, report = lif(tmp_path, [track("e1", "A", "B")], stations=stations)
+    site, report = lif(tmp_path, [track("e1", "A", "B")], stations=stations, version=version)
     assert [(p.id, p.kind, p.x) for p in site.places] == [("S1", "pick", 0.0), ("S2", "charge", 20.0)]
     assert any("1 stations are left out" in note for note in report.notes)
 

@@ -2,7 +2,8 @@
 
 Edge ids stay as they are, for VDA 5050 logs name them.  A ``trajectory`` (NURBS) gives an edge its line, else it is straight.
 Stations become places where a node's actions tell their kind.  Several layouts are kept in one network; a transition between
-floors is an edge.  Source: VDMA, LIF 1.0.0, March 2024, section 8.3.
+floors is an edge.  Source: VDMA, LIF 1.0.0 (March 2024) and
+the draft of 2.0.0 (January 2026), section 8.3.
 """
 
 from __future__ import annotations
@@ -90,6 +91,13 @@ def _list(layout: dict[str, Any], key: str, path: Path) -> list[dict[str, Any]]:
     return _objects(rows, path, key)
 
 
+def _per_type(item: dict[str, Any], what: str, path: Path) -> list[dict[str, Any]]:
+    """The properties for each vehicle type; version 2 calls vehicles mobile robots."""
+    return [
+        p for kind in ("vehicle", "mobileRobot") for p in _list(item, f"{kind}Type{what}Properties", path)
+    ]
+
+
 def _spot(raw: Any, path: Path, place: str) -> Floats:
     if not isinstance(raw, dict):
         raise SiteError("has no position", where=path, place=place, do="export the layout with positions")
@@ -103,7 +111,7 @@ def _edge(raw: dict[str, Any], spots: dict[str, Floats], path: Path, tally: Tall
     for node in (start, end):
         if node not in spots:
             raise SiteError(f"there is no node {node!r}", where=path, place=place, do="correct the layout")
-    kinds = _list(raw, "vehicleTypeEdgeProperties", path)
+    kinds = _per_type(raw, "Edge", path)
     line = next((k["trajectory"] for k in kinds if k.get("trajectory")), None)
     points = np.array([spots[start], spots[end]])
     if line is not None:
@@ -143,7 +151,7 @@ def _places(
     for station in (s for layout in layouts for s in _list(layout, "stations", path)):
         name = str(station.get("stationId"))
         served = [str(n) for n in station.get("interactionNodeIds") or [] if str(n) in spots]
-        kind = _kind([nodes[n] for n in served])
+        kind = _kind([p for n in served for p in _per_type(nodes[n], "Node", path)], path)
         if kind is None:
             unknown += 1
             continue
@@ -156,14 +164,9 @@ def _places(
     return tuple(out)
 
 
-def _kind(served: list[dict[str, Any]]) -> PlaceKind | None:
+def _kind(properties: list[dict[str, Any]], path: Path) -> PlaceKind | None:
     """Of a station, from the actions at the nodes that serve it."""
-    actions = {
-        str(action.get("actionType"))
-        for node in served
-        for kind in node.get("vehicleTypeNodeProperties") or []
-        for action in kind.get("actions") or []
-    }
+    actions = {str(action.get("actionType")) for p in properties for action in _list(p, "actions", path)}
     return next((kind for action, kind in KINDS if action in actions), None)
 
 
