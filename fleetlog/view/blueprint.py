@@ -10,9 +10,14 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from fleetlog.view.extent import Extent
+from fleetlog.view.extent import Floats, around
 from fleetlog.view.stream import TIMELINE, Stream
 
+Point = tuple[float, float, float]
+FIELD_OF_VIEW = np.radians(55.0)
+"""Of the viewer's eye, in height."""
+ASPECT = 1.9
+"""Width by height of a view of the floor in a window of 16:9."""
 WINDOW = (240.0, 60.0)
 """What the plots of a long recording show before and after the cursor [s]."""
 CURVE_NAMES = {"speed": "Speed [m/s]", "power": "Battery power [kW]", "soc": "State of charge [%]"}
@@ -22,7 +27,7 @@ CURVE_NAMES = {"speed": "Speed [m/s]", "power": "Battery power [kW]", "soc": "St
 class Screen:
     """What a recording has, from which its views follow."""
 
-    extent: Extent
+    outline: Floats
     prefixes: tuple[str, ...] = ("",)
     signals: set[str] = field(default_factory=set)
     trails: list[str] = field(default_factory=list)
@@ -42,27 +47,50 @@ def window(before: float, after: float) -> rrb.TimeAxis:
     )
 
 
-def top_down(extent: Extent, aspect: float = 1.5) -> rrb.EyeControls3D:
-    """An eye straight above the site, north up, that sees all of ``extent``."""
-    x0, y0, x1, y1 = extent
-    reach = max(y1 - y0, (x1 - x0) / aspect, 10.0) * 1.12
-    middle = ((x0 + x1) / 2, (y0 + y1) / 2)
-    return rrb.EyeControls3D(
-        position=(middle[0], middle[1] - 0.01, reach / (2 * np.tan(np.radians(27.5)))),
-        look_target=(*middle, 0.0),
-        eye_up=(0.0, 1.0, 0.0),
+def top_down(outline: Floats, aspect: float = ASPECT) -> rrb.EyeControls3D:
+    """An eye straight above the site, north up, that sees all of ``outline``; ``aspect`` is the view's width by its height."""
+    position, target = fitted(outline, 0.0, np.pi / 2 - 1e-3, aspect)
+    return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 1.0, 0.0))
+
+
+def oblique(outline: Floats, aspect: float = ASPECT) -> rrb.EyeControls3D:
+    """An eye south-south-east of the site and above it that sees all of ``outline``."""
+    position, target = fitted(outline, np.radians(24.0), np.radians(42.0), aspect)
+    return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0))
+
+
+def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> tuple[Point, Point]:
+    """Position and target of an eye that sees all of ``outline`` ((N, 3) m), filling the view but for a rim.
+
+    ``azimuth`` [rad] is how far east of south it stands, ``elevation`` [rad] how high.  For a point p about the target,
+    with the eye's axes right, up and forward, the eye at distance d sees it when |p.right| <= (d + p.forward) tan(half
+    width), and likewise in height; the target is moved until what is seen is in the middle.
+    """
+    if not len(outline):
+        outline = np.array([[-10.0, -10.0, 0.0], [10.0, 10.0, 0.0]])
+    rim = max(0.03 * float(np.ptp(outline[:, :2], axis=0).max()), 3.0)
+    steps = np.array([[-rim, 0, 0], [rim, 0, 0], [0, -rim, 0], [0, rim, 0], [0, 0, 2.0]])
+    points = (outline[:, None, :] + steps).reshape(-1, 3)
+    forward = -np.array(
+        [np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)]
     )
-
-
-def oblique(extent: Extent) -> rrb.EyeControls3D:
-    """An eye south-east of the site and above it."""
-    x0, y0, x1, y1 = extent
-    size = max(np.hypot(x1 - x0, y1 - y0), 15.0)
-    x, y = (x0 + x1) / 2, (y0 + y1) / 2
-    return rrb.EyeControls3D(
-        position=(x + 0.25 * size, y - 0.60 * size, 0.49 * size),
-        look_target=(x, y - 0.10 * size, 0.0),
-        eye_up=(0.0, 0.0, 1.0),
+    right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    up = np.cross(right, forward)
+    tall = np.tan(FIELD_OF_VIEW / 2.0)
+    target, distance = (points.min(axis=0) + points.max(axis=0)) / 2.0, 0.0
+    for _ in range(8):
+        p = points - target
+        across, above, ahead = p @ right, p @ up, p @ forward
+        distance = float(np.max([np.abs(across) / (tall * aspect) - ahead, np.abs(above) / tall - ahead]))
+        sideways, upward = across / (distance + ahead), above / (distance + ahead)
+        target = target + distance * (
+            0.5 * (sideways.min() + sideways.max()) * right + 0.5 * (upward.min() + upward.max()) * up
+        )
+    eye = target - distance * forward
+    return (float(eye[0]), float(eye[1]), float(eye[2])), (
+        float(target[0]),
+        float(target[1]),
+        float(target[2]),
     )
 
 
@@ -131,7 +159,7 @@ def curve_view(screen: Screen, signal: str) -> rrb.TimeSeriesView:
 
 def map_view(screen: Screen, latitude: float) -> rrb.MapView:
     """The trucks on the map, zoomed to the site."""
-    x0, y0, x1, y1 = screen.extent
+    x0, y0, x1, y1 = around(screen.outline)
     span = max(x1 - x0, y1 - y0, 20.0)
     zoom = np.log2(156_543.0 * np.cos(np.radians(latitude)) * 380.0 / span)
     contents = ["/geo/**", *(f"{p}/geo/**" for p in screen.prefixes)]
@@ -152,8 +180,11 @@ def panels(screen: Screen) -> list[Any]:
 
 def replay(screen: Screen, latitude: float | None) -> rrb.Blueprint:
     """The screen of a replay."""
-    left: list[Any] = [floor_view(screen, "Site", oblique(screen.extent))]
-    below: list[Any] = [floor_view(screen, "Plan", top_down(screen.extent))]
+    left: list[Any] = [floor_view(screen, "Site", oblique(screen.outline))]
+    on_map = screen.on_earth and latitude is not None
+    below: list[Any] = [
+        floor_view(screen, "Plan", top_down(screen.outline, ASPECT if on_map else 1.7 * ASPECT))
+    ]
     if screen.on_earth and latitude is not None:
         below.append(map_view(screen, latitude))
     left.append(rrb.Horizontal(*below, column_shares=[3, 2][: len(below)]))

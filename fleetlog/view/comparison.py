@@ -13,7 +13,7 @@ from fleetlog.core.trajectory import Floats, Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.atomic import atomic_output
 from fleetlog.view import blueprint, palette, thin
-from fleetlog.view.extent import dataset_extent
+from fleetlog.view.extent import dataset_outline
 from fleetlog.view.fleet import curve_style, log_curve
 from fleetlog.view.recording import MANY, RATE, Fleet, microseconds, summary_markdown
 from fleetlog.view.scene import log_site
@@ -38,7 +38,7 @@ def write_comparison(
     shift = clock_shift(recorded, simulated)
     a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED, "recorded")
     b = Fleet(simulated, rate_hz, "simulated", palette.SIMULATED, "simulated", shift)
-    screen = blueprint.Screen(dataset_extent(recorded), ("/recorded", "/simulated"))
+    screen = blueprint.Screen(dataset_outline(recorded), ("/recorded", "/simulated"))
     screen.on_earth = recorded.site.frame is not None
     screen.start, screen.duration = _span(recorded, simulated, shift)
     with (
@@ -128,8 +128,8 @@ def differences(recorded: Trajectory, simulated: Trajectory) -> dict[str, Floats
 
 def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
     left = [
-        blueprint.floor_view(screen, "Site", blueprint.oblique(screen.extent)),
-        blueprint.floor_view(screen, "Plan", blueprint.top_down(screen.extent)),
+        blueprint.floor_view(screen, "Site", blueprint.oblique(screen.outline, 1.5)),
+        blueprint.floor_view(screen, "Plan", blueprint.top_down(screen.outline, 1.5)),
     ]
     both: list[Any] = [blueprint.curve_view(screen, s) for s in blueprint.CURVE_NAMES if s in screen.signals]
     both.append(rrb.TextDocumentView(origin="/summary", name="Summary"))

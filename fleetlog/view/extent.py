@@ -17,26 +17,36 @@ Extent = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax [m]."""
 
 
-def _around(points: Sequence[Any]) -> Extent:
-    known = [np.asarray(p, float).reshape(-1, 2) for p in points]
-    known = [p[np.isfinite(p).all(axis=1)] for p in known]
-    whole = np.concatenate(known) if known else np.zeros((0, 2))
-    if not len(whole):
+def around(outline: Floats) -> Extent:
+    """The rectangle about points (N, 2 or 3); 20 m about the origin where there is none."""
+    if not len(outline):
         return (-10.0, -10.0, 10.0, 10.0)
-    (x0, y0), (x1, y1) = whole.min(axis=0), whole.max(axis=0)
+    (x0, y0), (x1, y1) = outline[:, :2].min(axis=0), outline[:, :2].max(axis=0)
     return float(x0), float(y0), float(x1), float(y1)
 
 
-def _site_points(site: Site) -> list[Any]:
-    areas: list[Any] = [z.polygon[:, :2] for z in site.zones] + [b.polygon[:, :2] for b in site.buildings]
-    areas += [[(p.x, p.y)] for p in site.places]
-    return areas if site.network is None else [*areas, site.network.points[:, :2]]
+def _stack(parts: Sequence[Any]) -> Floats:
+    """(N, 3) finite points of parts in two or three coordinates; the floor is at height 0."""
+    every = [np.zeros((0, 3))]
+    for part in parts:
+        p = np.asarray(part, float)
+        p = p.reshape(-1, p.shape[-1] if p.ndim > 1 else 2)
+        every.append(np.column_stack([p, np.zeros(len(p))]) if p.shape[1] == 2 else p)
+    whole = np.concatenate(every)
+    return np.asarray(whole[np.isfinite(whole).all(axis=1)], dtype=np.float64)
 
 
-def dataset_extent(dataset: Dataset) -> Extent:
-    """The site, or without a map the positions driven."""
-    points = _site_points(dataset.site)
-    return _around(points if dataset.site.network is not None else [*points, _driven(dataset)])
+def _site_parts(site: Site) -> list[Any]:
+    parts: list[Any] = [z.polygon[:, :2] for z in site.zones]
+    parts += [np.column_stack([b.polygon[:, :2], np.full(len(b.polygon), b.height)]) for b in site.buildings]
+    parts += [[(p.x, p.y)] for p in site.places]
+    return parts if site.network is None else [*parts, site.network.points]
+
+
+def dataset_outline(dataset: Dataset) -> Floats:
+    """(N, 3) points that must be seen [m]: of the site, or without a map also of the positions driven."""
+    parts = _site_parts(dataset.site)
+    return _stack(parts if dataset.site.network is not None else [*parts, _driven(dataset)])
 
 
 def _driven(dataset: Dataset) -> Floats:
@@ -55,17 +65,17 @@ def _driven(dataset: Dataset) -> Floats:
     return np.array(corners, dtype=np.float64).reshape(-1, 2)
 
 
-def shapes_extent(result: Result, site: Site) -> Extent:
-    """The site and everything that a result draws on it."""
-    points = _site_points(site)
+def shapes_outline(result: Result, site: Site) -> Floats:
+    """(N, 3) points that must be seen [m]: of the site and of everything that a result draws on it."""
+    parts = _site_parts(site)
     for shape in result.shapes:
         if isinstance(shape, Marks):
-            points.append(shape.xy)
+            parts.append(np.asarray(shape.xy, float).reshape(-1, 2))
         elif isinstance(shape, Grid):
-            points.append(_grid_corners(shape))
+            parts.append(_grid_corners(shape))
         elif isinstance(shape, MovingLines):
-            points += [s for s in shape.lines[:1000] if len(s)]
-    return _around(points)
+            parts += [np.asarray(s, float).reshape(-1, 2) for s in shape.lines[:1000] if len(s)]
+    return _stack(parts)
 
 
 def _grid_corners(grid: Grid) -> Floats:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fleetlog.core.result import EdgeValues, Grid, Marks, MovingLines, Result
 from fleetlog.core.site import Site
 from fleetlog.view import palette, ribbons
-from fleetlog.view.extent import Extent, shapes_extent
+from fleetlog.view.extent import Extent, around, shapes_outline
 from fleetlog.view.scales import Scale, colour_map, scale_of
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class Layer:
 
 def frame_map(result: Result, site: Site) -> Extent:
     """Limits of a map [m]: everything drawn, and a rim."""
-    x0, y0, x1, y1 = shapes_extent(result, site)
+    x0, y0, x1, y1 = around(shapes_outline(result, site))
     rim = 0.05 * max(x1 - x0, y1 - y0, 5.0)
     return x0 - rim, y0 - rim, x1 + rim, y1 + rim
 

@@ -14,7 +14,7 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.store import Dataset
 from fleetlog.store.atomic import atomic_output
 from fleetlog.view import blueprint, fleet, palette, thin
-from fleetlog.view.extent import dataset_extent
+from fleetlog.view.extent import dataset_outline
 from fleetlog.view.palette import Colour
 from fleetlog.view.scene import log_site
 from fleetlog.view.stream import Stream, entity, open_stream
@@ -26,6 +26,8 @@ MANY = 60
 MANY_RATE = 1.0
 """Steps a second at most when they are."""
 MANY_LABELS, LONG_LEGEND = 24, 12
+SAID = frozenset({"start", "end", "rows", "vehicles", "rejected_file", "damaged"})
+"""Keys of a summary that are said already, or mean nothing beside a replay."""
 COLUMNS = (
     "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "payload", "fork_height", "battery_power", "soc",
 )  # fmt: skip
@@ -56,7 +58,7 @@ def write_recording(
     site = dataset.site
     with atomic_output(out_rrd, overwrite=True, folder=False) as scratch:
         start, end = (microseconds(dataset.meta.get(k)) for k in ("start", "end"))
-        screen = blueprint.Screen(extent=dataset_extent(dataset), on_earth=site.frame is not None)
+        screen = blueprint.Screen(outline=dataset_outline(dataset), on_earth=site.frame is not None)
         screen.start, screen.duration = start, 0.0 if start is None or end is None else (end - start) * 1e-6
         with open_stream(scratch, f"{site.name} ({dataset.kind})", start) as stream:
             log_site(stream, site)
@@ -130,12 +132,28 @@ def summary_markdown(dataset: Dataset, figures: Mapping[str, Any] | None = None)
         f"{_clock(meta.get('start'))} to {_clock(meta.get('end'))} UTC",
         f"{edges} directed road edges" if edges else "no road map",
     ]
-    more = [
-        f"{key.replace('_', ' ')}: {_figure(value)}"
-        for key, value in (figures or meta.get("summary") or {}).items()
-        if isinstance(value, str | int | float)
-    ]
+    more = summary_lines(figures or meta.get("summary") or {})
     return f"**{meta['site']['name']}**\n\n" + "\n".join(f"- {line}" for line in [*head, *more]) + "\n"
+
+
+def summary_lines(figures: Mapping[str, Any]) -> list[str]:
+    """The figures of an import or a simulation that say something beside the dataset's own, one a line."""
+    lines = []
+    for key, value in figures.items():
+        name = str(key).replace("_", " ")
+        if key in SAID or value in (None, "", 0, [], {}):
+            continue
+        if key == "files" and isinstance(value, list):
+            lines += [
+                f"{f['file']}: {f['format']}, {f['rows']:,} rows"
+                for f in value
+                if {"file", "format", "rows"} <= set(f)
+            ]
+        elif isinstance(value, str | int | float):
+            lines.append(f"{name}: {_figure(value)}")
+        elif isinstance(value, Mapping) and all(isinstance(v, str | int | float) for v in value.values()):
+            lines.append(f"{name}: " + ", ".join(f"{k} {_figure(v)}" for k, v in value.items()))
+    return lines
 
 
 def _clock(iso: str | None) -> str:
@@ -145,4 +163,6 @@ def _clock(iso: str | None) -> str:
 def _figure(value: Any) -> str:
     if isinstance(value, bool | str):
         return str(value)
+    if isinstance(value, float) and 0.0 < value <= 1.0:
+        return f"{100.0 * value:.4g} %"
     return f"{value:,}" if isinstance(value, int) else f"{value:,.4g}"

@@ -13,7 +13,7 @@ from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Res
 from fleetlog.core.site import Site
 from fleetlog.store.atomic import atomic_output
 from fleetlog.view import blueprint, palette, ribbons
-from fleetlog.view.extent import Extent, shapes_extent
+from fleetlog.view.extent import Extent, Floats, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve
 from fleetlog.view.meshes import join, mesh_of
 from fleetlog.view.scales import Scale, scale_of, screen_colours
@@ -34,7 +34,8 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
     ``out_rrd`` appears whole or not at all, and replaces an older one.  Bars, and curves over something else than time,
     are in the picture and in the text only.
     """
-    extent = shapes_extent(result, site)
+    outline = shapes_outline(result, site)
+    extent = around(outline)
     with (
         atomic_output(out_rrd, overwrite=True, folder=False) as scratch,
         open_stream(scratch, f"{site.name}, {result.name}") as stream,
@@ -49,7 +50,7 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
             stream.columns(
                 "/result/instant", np.zeros(1, np.int64), lambda rows: rr.Scalars.columns(scalars=[0.0])
             )
-        blueprint.send(stream, _screen(result, extent))
+        blueprint.send(stream, _screen(result, outline))
     return Path(out_rrd)
 
 
@@ -210,17 +211,21 @@ def _contents(layer: Grid | EdgeValues) -> list[str]:
     return [f"{entity('result', layer.name)}/**", *surface]
 
 
-def _screen(result: Result, extent: Extent) -> rrb.Blueprint:
+def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
     """One plan a map; beside them the curves and the answer."""
     maps = [s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
     always = [f"{entity('result', s.name)}/**" for s in result.shapes if isinstance(s, Marks | MovingLines)]
-    screen = blueprint.Screen(extent=extent, prefixes=())
-    lower = (extent[0], extent[1] - 0.09 * (extent[2] - extent[0]), extent[2], extent[3])
-    eye = blueprint.top_down(lower if maps else extent)
+    if maps:
+        x0, y0, x1, _ = around(outline)
+        outline = np.vstack([outline, [x0, y0 - 0.08 * (x1 - x0), 0.0]])  # the colour bar
+    screen = blueprint.Screen(outline, ())
+    eye = blueprint.top_down(outline)
     shown = [(_contents(m), _title(m.name)) for m in maps] or [([], "Plan")]
     plans: list[Any] = [blueprint.floor_view(screen, title, eye, [*own, *always]) for own, title in shown]
     if len(plans) == 1:
-        plans.append(blueprint.floor_view(screen, "Site", blueprint.oblique(lower), [*shown[0][0], *always]))
+        plans.append(
+            blueprint.floor_view(screen, "Site", blueprint.oblique(outline), [*shown[0][0], *always])
+        )
     curves = [s for s in result.shapes if isinstance(s, Series) and s.over_time]
     side: list[Any] = [
         rrb.TimeSeriesView(

@@ -17,8 +17,9 @@ from fleetlog.view.stream import Stream, entity
 Floats = NDArray[np.float64]
 DEFAULT_WIDTH = 3.5
 """Drawn width of a road [m] whose map gives none."""
-MANY_LABELS = 30
-RAISED = np.array([0.0, 0.0, 0.03])
+MANY_LABELS, MANY_PLACES = 30, 8
+"""From here on labels would hide the floor; they are then shown under the pointer only."""
+RAISED = np.array([0.0, 0.0, 0.05])
 """Lines lie this much over the surfaces, so that they are not hidden in them [m]."""
 
 
@@ -64,14 +65,15 @@ def _log_roads(stream: Stream, site: Site) -> None:
     surface, rims, marks = [], [], []
     for i in range(len(network)):
         line, (left, right) = network.polyline(i), lane(site, i)
-        colour = palette.ROAD if network.reverse[i] >= 0 else palette.ONE_WAY
-        surface.append(mesh_of(ribbons.ribbon(line, left, right, 0.01), colour))
+        two_way = network.reverse[i] >= 0
+        colour = palette.ROAD if two_way else palette.ONE_WAY
+        surface.append(mesh_of(ribbons.ribbon(line, left, right, 0.01 if two_way else 0.03), colour))
         outer = [right] if network.reverse[i] >= 0 and site.traffic == "right" else [left]
         rims += [
             ribbons.offset(line, o) + RAISED for o in (outer if network.reverse[i] >= 0 else (left, right))
         ]
         middle = ribbons.offset(line, (left + right) / 2.0)
-        arrow = ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), lift=0.05)
+        arrow = ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), lift=0.07)
         if len(arrow):
             marks.append(mesh_of(arrow, palette.ARROW))
     surface += [
@@ -148,13 +150,13 @@ def _log_zones(stream: Stream, site: Site) -> None:
 def _log_places(stream: Stream, site: Site) -> None:
     for kind, group in itertools.groupby(sorted(site.places, key=lambda p: p.kind), key=lambda p: p.kind):
         places, colour = list(group), palette.PLACES[kind]
-        pads = [mesh_of(ribbons.disc(p.x, p.y, 1.2, 0.06, inner=0.75), colour) for p in places]
+        pads = [mesh_of(ribbons.disc(p.x, p.y, 1.2, 0.09, inner=0.75), colour) for p in places]
         stream.static(entity("site", "places", kind, "pads"), mesh3d(join(pads)))
         points = rr.Points3D(
             [[p.x, p.y, 0.1] for p in places],
             radii=rr.Radius.ui_points(2.5),
             colors=[colour],
             labels=[p.id for p in places],
-            show_labels=len(site.places) <= MANY_LABELS,
+            show_labels=len(site.places) <= MANY_PLACES,
         )
         stream.static(entity("site", "places", kind, "points"), points)
