@@ -220,7 +220,7 @@ class RowReader:
         """A state of charge without a unit is in per cent where it is above 1; said aloud."""
         if not self._percent and len(values) and np.nanmax(values, initial=0.0) > 1.5:
             self._percent = True
-            self.report.recognised[name] = f"soc, from % (it reaches {np.nanmax(values):g})"
+            self.report.recognised[name] = f"soc, from % (it goes beyond 1)"
         return values / 100.0 if self._percent else values
 
     def _vehicles(self, table: pa.Table) -> Labels:

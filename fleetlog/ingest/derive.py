@@ -33,6 +33,46 @@ def derive_motion(rows: Trajectory) -> Trajectory:
     return out
 
 
+def derive_power(rows: Trajectory) -> Trajectory:
+    """Battery power [W] as voltage times current, where the log has both and no power."""
+    if not (rows.has("battery_voltage") and rows.has("battery_current")):
+        return rows
+    own, made = rows.floats("battery_power"), rows.floats("battery_voltage") * rows.floats("battery_current")
+    return (
+        rows.with_columns(battery_power=np.where(np.isnan(own), made, own)) if np.isnan(own).any() else rows
+    )
+
+
+def pace_ratio(rows: Trajectory) -> float | None:
+    """The log's speed over that of its positions, as the median over half minutes in motion; None where there is too little."""
+    t, x, y, speed = rows.seconds(), rows.floats("x"), rows.floats("y"), rows.floats("speed")
+    good = np.isfinite(x) & np.isfinite(y) & np.isfinite(speed)
+    if good.sum() < 100:
+        return None
+    t, x, y, speed = (v[good] for v in (t, x, y, speed))
+    step = np.diff(t, prepend=t[:1])
+    slot = ((t - t[0]) // 30.0).astype(np.int64)
+    cut = np.flatnonzero(np.diff(slot, prepend=-1))
+    claimed = np.add.reduceat(speed * np.minimum(step, 5.0), cut)
+    # The way is measured between rows some seconds apart, so that noise does not add up.
+    far = np.flatnonzero(np.diff((t // 3.0).astype(np.int64), prepend=-1))
+    gone = np.zeros(len(t))
+    gone[far[1:]] = np.hypot(np.diff(x[far]), np.diff(y[far]))
+    way = np.add.reduceat(gone, cut)
+    moving = (way > 15.0) & (claimed > 5.0)
+    return float(np.median(claimed[moving] / way[moving])) if moving.sum() >= 5 else None
+
+
+def suspect_unit(ratios: list[float]) -> tuple[str, float] | None:
+    """The unit that a speed seems to be in, and the usual ratio; None where it fits metres a second."""
+    if not ratios:
+        return None
+    ratio = float(np.median(ratios))
+    units = {"km/h": 3.6, "mph": 1 / 0.44704, "kn": 3600 / 1852}
+    near = [name for name, factor in units.items() if abs(ratio / factor - 1.0) < 0.1]
+    return (near[0], ratio) if near else None
+
+
 def fitted_motion(
     t: Floats, x: Floats, y: Floats, known_speed: Floats | None = None
 ) -> tuple[Floats, Floats]:

@@ -10,8 +10,9 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Ints, Trajectory
 from fleetlog.ingest import clean
 from fleetlog.ingest.channels import CHANNEL, join_channels
-from fleetlog.ingest.derive import derive_motion
+from fleetlog.ingest.derive import derive_motion, derive_power, pace_ratio, suspect_unit
 from fleetlog.ingest.edges import Edges
+from fleetlog.ingest.fixes import HELD, fill_positions, release_held
 from fleetlog.ingest.place import check_place, place
 from fleetlog.ingest.rejects import Rejects
 from fleetlog.ingest.rows import FILE, RECORD, join, without
@@ -34,7 +35,8 @@ class VehicleImport:
         self.edges = Edges(site.network) if site.network is not None else None
         self._kept_back: Trajectory | None = None
         self._trip = 0
-        self._stuck = 0
+        self._stuck = self._held = 0
+        self._paces: list[float] = []
         self._checked = False
         self._derived: set[str] = set()
         self._trips: set[tuple[str, int]] = set()
@@ -46,7 +48,7 @@ class VehicleImport:
         if self._kept_back is not None and len(self._kept_back):
             rows = join([self._kept_back, rows]) if len(rows) else self._kept_back
         rows = clean.drop_duplicates(clean.sort_rows(rows), self.rejects)
-        rows = clean.drop_jumps(rows, self.rejects)
+        rows = clean.drop_jumps(release_held(rows), self.rejects)
         if not len(rows):
             self._kept_back, self._trip = None, 0 if last else self._trip
             return
@@ -63,6 +65,14 @@ class VehicleImport:
         s.trips = len(self._trips)
         if self._stuck:
             s.notes.append(f"the speed of {self._stuck:,} rows is unknown: the sensor was stuck")
+        if self._held:
+            s.notes.append(
+                f"{self._held:,} rows repeat a position while the truck moves: placed between the fixes by the distance driven"
+            )
+        if unit := suspect_unit(self._paces):
+            s.notes.append(
+                f"the speed is about {unit[1]:.2f} times that of the positions, as if it were in {unit[0]}: check its unit"
+            )
         if self._span:
             s.start, s.end = (f"{np.datetime64(t, 'us')}Z" for t in self._span)
         if self.edges is not None and self.edges.rows:
@@ -88,9 +98,9 @@ class VehicleImport:
         return rows
 
     def _derive(self, rows: Trajectory) -> Trajectory:
-        rows = clean.unstick(rows)
-        full = derive_motion(rows)
-        for name in ("speed", "heading"):
+        rows = clean.unstick(fill_positions(rows))
+        full = derive_power(derive_motion(rows))
+        for name in ("speed", "heading", "battery_power"):
             if full.has(name) and not rows.has(name):
                 self._derived.add(name)
         return full
@@ -106,8 +116,8 @@ class VehicleImport:
             return
         if self.edges is not None:
             rows = self.edges.match(rows)
-        self._stuck += int(np.nansum(rows.floats(clean.STUCK))) if clean.STUCK in rows else 0
-        rows = without(rows, FILE, RECORD, clean.STUCK)
+        self._count(rows)
+        rows = without(rows, FILE, RECORD, clean.STUCK, HELD)
         self.writer.write(rows)
         s = self.summary
         s.rows += len(rows)
@@ -115,6 +125,13 @@ class VehicleImport:
         self._trips.update((rows.vehicle_id, int(t)) for t in np.unique(rows.trip_ids()))
         ends = [int(rows.time[0]), int(rows.time[-1])]
         self._span = [min([ends[0], *self._span[:1]]), max([ends[1], *self._span[1:]])]
+
+    def _count(self, rows: Trajectory) -> None:
+        """What the rows tell about the sensors."""
+        self._stuck += int(np.nansum(rows.floats(clean.STUCK))) if clean.STUCK in rows else 0
+        self._held += int(np.nansum(rows.floats(HELD))) if HELD in rows else 0
+        if "speed" not in self._derived and len(self._paces) < 50 and (pace := pace_ratio(rows)) is not None:
+            self._paces.append(pace)
 
 
 def _cut(trips: Ints) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
@@ -102,7 +103,7 @@ def _grouped(files: list[FileSummary]) -> list[list[str]]:
     """Lines of every file; files that tell the same are told once."""
     groups: dict[str, list[FileSummary]] = {}
     for f in files:
-        notes = [n.replace(f.file, "FILE") for n in f.notes]
+        notes = [n.replace(Path(f.file).stem, "FILE") for n in f.notes]
         groups.setdefault(repr((f.format, f.recognised, notes, f.damage)), []).append(f)
     return [_file_lines(group) for group in groups.values()]
 
