@@ -162,7 +162,7 @@ class Truck:
         )
         names = [n for n, (kind, _) in SPOTS.items() if kind == ("pick" if number % 2 else "drop")]
         self.place = names[number % len(names)]
-        self.soc, self.load, self.fork, self.v, self.s = rng.uniform(0.55, 0.95), 0.0, 0.3, 0.0, 0.0
+        self.soc, self.load, self.fork, self.v, self.s = rng.uniform(0.3, 0.7), 0.0, 0.3, 0.0, 0.0
         self.path: Path3 | None = None
         self.todo: list[tuple[str, float]] = [("wait", rng.uniform(2, 45))]
         self.blocked, self.power, self.rows = 0.0, 0.0, []
@@ -179,6 +179,9 @@ class Truck:
         free = [
             n for n, (k, near) in SPOTS.items() if k == kind and n != self.place and near and n not in taken
         ]
+        rest = [n for n, (k, _) in SPOTS.items() if k == "park" and n not in taken]
+        if not self.load and rest and self.rng.random() < 0.12:
+            free = rest
         if self.id == "T7" and t > 1050 and not self.load:
             free = ["charger-1"]
         if not free:
@@ -191,6 +194,8 @@ class Truck:
         top = self.rng.uniform(0.8, 3.2)
         if goal.startswith("charger"):
             self.todo = [("charge", 1e9)]
+        elif goal.startswith("parking"):
+            self.todo = [("wait", self.rng.uniform(70, 150))]
         else:
             load = self.rng.uniform(300, 1900) if kind == "pick" else 0.0
             pause = self.rng.uniform(2, 6)
