@@ -85,6 +85,6 @@ def _prepare(network: Network) -> Prepared:
 def _grid_of(network: Network, px: Floats, py: Floats) -> tuple[float, float, float, int, int]:
     """Origin, cell size and cell counts: cells of 5 to 50 m, at most two million of them."""
     xmin, ymin, xmax, ymax = network.extent
-    cell = float(np.clip(np.median(network.length) / 2.0, 5.0, 50.0))
+    cell = float(np.clip(np.median(network.length), 5.0, 50.0))
     cell = max(cell, float(np.sqrt((xmax - xmin + 1.0) * (ymax - ymin + 1.0) / 2e6)))
     return xmin, ymin, cell, int((xmax - xmin) / cell) + 1, int((ymax - ymin) / cell) + 1

@@ -14,6 +14,8 @@ Ints = NDArray[np.int64]
 
 STANDING_SPEED = 0.1
 """A log speed below this is a standstill [m/s]."""
+MOST_ACCELERATION = 15.0
+"""No vehicle on wheels exceeds it [m/s2]."""
 LONGEST_SPAN = 2.0
 """Longest motion that one group may hold [s]."""
 LONGEST_STEP = 3.0
@@ -34,13 +36,16 @@ class Track:
     chain: Ints
 
     @classmethod
-    def of(cls, trajectory: Trajectory) -> tuple[Track, Ints]:
-        """The rows of a trajectory that have a position, and their indices."""
+    def of(cls, trajectory: Trajectory) -> tuple[Track, Ints, Ints]:
+        """The rows of a trajectory with a believable position, their indices, and those of rows out of line."""
         x, y = trajectory.floats("x"), trajectory.floats("y")
         rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         t = trajectory.seconds()
         speed, heading = trajectory.floats("speed"), trajectory.floats("heading")
-        return cls(t[rows], x[rows], y[rows], speed[rows], heading[rows], np.zeros(len(rows), np.int64)), rows
+        spike = out_of_line(t[rows], x[rows], y[rows])
+        rows, outliers = rows[~spike], rows[spike]
+        chain = np.zeros(len(rows), np.int64)
+        return cls(t[rows], x[rows], y[rows], speed[rows], heading[rows], chain), rows, outliers
 
     def __len__(self) -> int:
         return len(self.t)
@@ -85,6 +90,20 @@ class Track:
         run = np.repeat(np.arange(runs), rows // runs)
         new = (np.diff(picked.chain, prepend=picked.chain[:1]) != 0) | (np.diff(run, prepend=0) != 0)
         return replace(picked, chain=np.cumsum(new))
+
+
+def out_of_line(t: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
+    """(N,) rows that jump aside and back: impossible accelerations beside the noise, each worse than its neighbours'."""
+    spike = np.zeros(len(t), np.bool_)
+    if len(t) < 8:
+        return spike
+    h0, h1 = t[1:-1] - t[:-2], t[2:] - t[1:-1]
+    share = h0 / (h0 + h1)
+    aside = np.hypot(x[1:-1] - x[:-2] - share * (x[2:] - x[:-2]), y[1:-1] - y[:-2] - share * (y[2:] - y[:-2]))
+    usual = float(np.median(aside))
+    worst = (aside >= np.append(0.0, aside[:-1])) & (aside >= np.append(aside[1:], 0.0))
+    spike[1:-1] = worst & (2.0 * aside > MOST_ACCELERATION * h0 * h1) & (aside > 8.0 * usual + 1.0)
+    return spike
 
 
 def white_noise(track: Track) -> float:
@@ -135,7 +154,7 @@ class Groups:
         return bool(len(size) and np.mean(size == 1) >= share)
 
     def direction(self, sigma: float) -> tuple[Floats, Floats]:
-        """(2, G) unit direction of motion, and how sharply it is known (0: not at all, at most 2)."""
+        """(2, G) unit direction of motion, and how sharply it is known (0: not at all, at most 4)."""
         g = np.arange(len(self))
         before, after = np.maximum(g - 1, 0), np.minimum(g + 1, len(self) - 1)
         before = np.where(self.chain[before] == self.chain, before, g)
@@ -143,7 +162,7 @@ class Groups:
         dx, dy = self.x[after] - self.x[before], self.y[after] - self.y[before]
         far = np.hypot(dx, dy)
         unsure = (1.5 * sigma / np.maximum(far, 1e-9)) ** 2
-        sharp = np.where(self.still | (unsure > 0.5), 0.0, 1.0 / (unsure + 0.5))
+        sharp = np.where(self.still | (unsure > 0.5), 0.0, 1.0 / (unsure + 0.25))
         return np.vstack([dx, dy]) / np.maximum(far, 1e-9), sharp
 
 
@@ -160,8 +179,7 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
     first, still = group_points(track.t, track.speed, track.chain, span - 1e-6, STANDING_SPEED)
     if not np.isfinite(track.speed).any():
         means = group_means(first, track.t, track.x, track.y, travelled, track.heading)
-        rows = max(float(np.median(np.diff(first))), 1.0)
-        radius = 2.5 * min(noise / np.sqrt(rows), sigma) + 0.1
+        radius = 2.5 * sigma + 0.1
         first, still = find_stops(
             first, track.t, means[1], means[2], track.chain, radius, max(5.0, 4.0 * radius)
         )

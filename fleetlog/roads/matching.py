@@ -33,10 +33,13 @@ REASONS: tuple[str, ...] = (
     "standing off the road",
     "no position",
     "gap",
+    "position out of line",
 )
 """Why a row has no edge (``Match.reason``), and why a chain starts anew (``Match.restart``: no connected path, gap)."""
-NO_ROAD, NO_PATH, ONE_WAY, STANDING, NO_POSITION, GAP = range(1, 7)
+NO_ROAD, NO_PATH, ONE_WAY, STANDING, NO_POSITION, GAP, OUT_OF_LINE = range(1, 8)
 
+LEAST_WEIGHT = 0.35
+"""Of the evidence of a group, however persistent the errors are: at a junction it is new evidence all the same."""
 BLOCK, AHEAD = 1000, 60
 """Groups that are decided together, and how far beyond them the model looks."""
 
@@ -97,26 +100,28 @@ def match(trajectory: Trajectory, network: Network, parameters: MatchParameters 
     Parameters that are not given are estimated from the trajectory.  Every row gets an edge or a reason.
     """
     prepared = prepare(network)
-    track, rows = Track.of(trajectory)
+    track, rows, outliers = Track.of(trajectory)
     wanted = parameters or MatchParameters()
     if not len(track):
         return _nothing(len(trajectory), wanted)
     used = _estimated(track, prepared, wanted)
     track = track.with_gap(used.gap)
     groups = group_track(track, used.noise, used.sigma)
-    return _spread(_match_groups(track, groups, prepared, used), rows, len(trajectory))
+    found = _spread(_match_groups(track, groups, prepared, used), rows, len(trajectory))
+    found.reason[outliers] = OUT_OF_LINE
+    return found
 
 
 def estimate_parameters(
     trajectory: Trajectory, network: Network, parameters: MatchParameters | None = None
 ) -> MatchParameters:
     """``parameters`` with everything that is NaN estimated from the trajectory: robust, iterated match and residual."""
-    track, _ = Track.of(trajectory)
+    track, _, _ = Track.of(trajectory)
     wanted = parameters or MatchParameters()
     return _estimated(track, prepare(network), wanted) if len(track) else wanted
 
 
-SAMPLE_GROUPS = 4000
+SAMPLE_GROUPS = 2000
 """Groups from which parameters are estimated, in up to eight runs spread over the track."""
 
 
@@ -135,7 +140,10 @@ def _estimated(track: Track, prepared: Prepared, wanted: MatchParameters) -> Mat
     for _ in range(3):
         guess = _with_reach(guess, wanted)
         groups = group_track(sample, guess.noise, guess.sigma)
+        before = guess.sigma
         guess = replace(guess, **{**_residual_estimates(sample, groups, prepared, guess), **fixed})
+        if abs(guess.sigma - before) < 0.05 * before:
+            break
     return _with_reach(guess, wanted)
 
 
@@ -173,7 +181,7 @@ def _residual_estimates(
     if len(same) >= 8:
         step = chain.value[0, chain.chosen[same]] - chain.value[0, chain.chosen[same - 1]]
         out["beta"] = float(
-            np.clip(np.mean(np.minimum(np.abs(step - groups.moved[same - 1]), 8.0 * p.beta)), 0.1, 30.0)
+            np.clip(np.mean(np.minimum(np.abs(step - groups.moved[same - 1]), 8.0 * p.beta)), 0.2, 30.0)
         )
         left = np.full(len(groups), np.nan)
         left[on] = lateral
@@ -203,13 +211,15 @@ def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> Chain:
     from fleetlog.roads.matchkernels.kernels.decoding import decode, emission_costs
 
     ptr, edge, value = prepared.candidates(groups.x, groups.y, p.reach, max(4.5 * p.sigma, 1.5))
-    weight = (1.0 - p.persistence) / (1.0 + p.persistence)
+    weight = max((1.0 - p.persistence) / (1.0 + p.persistence), LEAST_WEIGHT)
     spread = float(np.hypot(p.sigma, 0.1))
     direction, sharpness = groups.direction(p.sigma)
-    emission = emission_costs(ptr, edge, value, direction, sharpness, groups.axis, spread, weight)
+    emission = emission_costs(
+        ptr, edge, value, direction, sharpness, groups.axis, prepared.reverse, spread, weight
+    )
     back = 3.0 * p.sigma + 0.3
     # off the roads costs as much as a road at the edge of what is believable for this noise, and never less than 5 sigma
-    off = weight * (3.0 * max(5.0, min(p.reach, 4.0) / spread) - 4.5)
+    off = 3.0 * max(5.0, min(p.reach, 4.0) / spread) - 4.5
     prepared.store, chosen, posterior, off_posterior, linked = decode(
         prepared.store, ptr, edge, value, emission, prepared.rank, groups.chain, groups.moved, groups.still, p.beta, back,
         p.turn, off, BLOCK, AHEAD, prepared.reverse, prepared.next_first, prepared.next_edges, prepared.length,
@@ -222,9 +232,9 @@ def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchPara
     from fleetlog.roads.matchkernels.kernels.routes import build_routes
 
     chain = _decode(groups, prepared, p)
-    prepared.store, p_edge, p_value, firsts, spans, of, piece, place = build_routes(
-        prepared.store, chain.chosen, chain.linked, chain.edge, chain.value, groups.moved, prepared.reverse,
-        prepared.next_first, prepared.next_edges, prepared.length, chain.back,
+    p_edge, p_value, firsts, spans, of, piece, place = build_routes(
+        prepared.store, chain.chosen, chain.linked, chain.edge, chain.value, groups.moved, prepared.reverse, prepared.length,
+        chain.back,
     )  # fmt: skip
     near = route_posterior(chain.chosen, chain.ptr, chain.edge, chain.posterior, piece, of, firsts, p_edge)
     n = len(track)
@@ -257,7 +267,7 @@ def _reasons(groups: Groups, chain: Chain, prepared: Prepared, p: MatchParameter
         elif groups.still[g]:
             reason[g] = STANDING
         elif near.any() and (prepared.reverse[chain.edge[rows][near]] < 0).all():
-            reason[g] = ONE_WAY if _against(groups, chain, g, rows, near, p) else NO_PATH
+            reason[g] = ONE_WAY if _against(groups, chain, int(g), rows, near, p) else NO_PATH
         else:
             reason[g] = NO_PATH if near.any() else NO_ROAD
     return reason

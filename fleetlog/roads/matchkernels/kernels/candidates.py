@@ -2,12 +2,31 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Wide = NDArray[np.int64]
+Index = NDArray[np.int32]
 
 
 @njit(cache=True)
-def _visit_cells(px, py, k, x0, y0, cell, nx, ny, counts, fill, items):
+def _visit_cells(
+    px: Floats,
+    py: Floats,
+    k: int,
+    x0: float,
+    y0: float,
+    cell: float,
+    nx: int,
+    ny: int,
+    counts: Wide,
+    fill: bool,
+    items: Wide,
+) -> None:
     """Count (``fill`` false) or enter segment k (vertices k, k + 1) in every cell that its band crosses."""
     ax, ay, bx, by = px[k], py[k], px[k + 1], py[k + 1]
     i0 = max(int((min(ax, bx) - x0) / cell), 0)
@@ -29,7 +48,9 @@ def _visit_cells(px, py, k, x0, y0, cell, nx, ny, counts, fill, items):
 
 
 @njit(cache=True)
-def build_grid(px, py, first, x0, y0, cell, nx, ny):
+def build_grid(
+    px: Floats, py: Floats, first: Wide, x0: float, y0: float, cell: float, nx: int, ny: int
+) -> Any:
     """CSR of the segments in every cell: starts (nx * ny + 1,), segments (first vertex index)."""
     counts = np.zeros(nx * ny, np.int64)
     empty = np.empty(0, np.int64)
@@ -47,7 +68,7 @@ def build_grid(px, py, first, x0, y0, cell, nx, ny):
 
 
 @njit(cache=True)
-def project(px, py, dist, k, x, y):
+def project(px: Floats, py: Floats, dist: Floats, k: int, x: float, y: float) -> Any:
     """Foot of (x, y) on segment k: squared distance, offset along the edge, unit tangent, side (1 left, -1 right)."""
     ax, ay = px[k], py[k]
     dx, dy = px[k + 1] - ax, py[k + 1] - ay
@@ -64,7 +85,20 @@ def project(px, py, dist, k, x, y):
 
 
 @njit(cache=True)
-def find_candidates(x, y, px, py, dist, owner, grid, starts, items, radius, margin, limit):
+def find_candidates(
+    x: Floats,
+    y: Floats,
+    px: Floats,
+    py: Floats,
+    dist: Floats,
+    owner: Index,
+    grid: tuple[float, float, float, int, int],
+    starts: Wide,
+    items: Wide,
+    radius: float,
+    margin: float,
+    limit: int,
+) -> Any:
     """Edges within ``radius`` of every position and not more than ``margin`` farther than the nearest; at most ``limit``.
 
     ``grid`` is (x0, y0, cell, nx, ny).  Returns CSR starts (N + 1,), and of every candidate: edge; offset, lateral distance
@@ -114,7 +148,9 @@ def find_candidates(x, y, px, py, dist, owner, grid, starts, items, radius, marg
 
 
 @njit(cache=True)
-def _keep(near_e, near, m, e, d2, s, ux, uy, side):
+def _keep(
+    near_e: Index, near: Floats, m: int, e: int, d2: float, s: float, ux: float, uy: float, side: float
+) -> Any:
     """Enter a foot in the list of one position; of an edge the nearest foot stays, of too many edges the farthest goes."""
     at = -1
     for c in range(m):

@@ -5,29 +5,59 @@ States of a group are its candidates and, last, "off the roads".  Costs are nega
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from fleetlog.roads.matchkernels.kernels.distances import ensure
 
+Floats = NDArray[np.float64]
+Wide = NDArray[np.int64]
+Index = NDArray[np.int32]
+Flags = NDArray[np.bool_]
+
+
 JUMP = 12.0
 """Cost of two groups on roads that no path connects: the chain starts anew."""
+RARE = np.exp(-JUMP)
 LEAVE = 4.0
 """Cost of leaving the roads, and of coming back."""
+SLACK = 5.0
+"""A way this much longer than the travelled distance is always tried [m]: two corners of an aisle, taken short."""
+IDLE_CHANGE = 1.5
+"""Cost of entering another edge only to stand there: a truck that stops at a node has not left its edge yet."""
 CHAIN_END = -2
 BY_JUMP = 1 << 20
 
 
 @njit(cache=True)
-def emission_costs(ptr, edge, value, direction, sharpness, axis, sigma, weight):
-    """Cost of every candidate: lateral distance (Gaussian, beyond 3 sigma linear), direction of motion and the heading's axis."""
+def emission_costs(
+    ptr: Wide,
+    edge: Index,
+    value: Floats,
+    direction: Floats,
+    sharpness: Floats,
+    axis: Floats,
+    reverse: Index,
+    sigma: float,
+    weight: float,
+) -> Any:
+    """Cost of every candidate: lateral distance (Gaussian, beyond 3 sigma linear), direction of motion and the heading's axis.
+
+    A motion that is plainly against a one-way road counts threefold: there is no other direction that it could be noise of.
+    """
     out = np.empty(len(edge))
     for g in range(len(ptr) - 1):
         for c in range(ptr[g], ptr[g + 1]):
             z = abs(value[1, c]) / sigma
             cost = 0.5 * z * z if z < 3.0 else 3.0 * z - 4.5
             ux, uy = value[2, c], value[3, c]
-            cost += sharpness[g] * (1.0 - (ux * direction[0, g] + uy * direction[1, g]))
+            along = ux * direction[0, g] + uy * direction[1, g]
+            strict = 3.0 if along < -0.5 and reverse[edge[c]] < 0 else 1.0
+            cost += strict * sharpness[g] * (1.0 - along)
             strength = np.hypot(axis[0, g], axis[1, g])
             if strength > 0.0:
                 cost += strength - (axis[0, g] * (ux * ux - uy * uy) + axis[1, g] * 2.0 * ux * uy)
@@ -36,18 +66,41 @@ def emission_costs(ptr, edge, value, direction, sharpness, axis, sigma, weight):
 
 
 @njit(cache=True)
-def step_costs(
-    store, slot, ptr, edge, value, g, moved, beta, back, turn, reverse, next_first, next_edges, length, cost
-):
-    """Cost of every step from the candidates of group g to those of g + 1 into ``cost`` (K + 1, L + 1); the store, grown.
+def mismatch(d: float, moved: float, scale: float) -> Any:
+    """Cost of a step of network distance d: exponential, beyond four scales of slow growth (corners cut, wheels that slip)."""
+    z = abs(d - moved) / scale
+    return z if z < 4.0 else 4.0 + 2.0 * np.log(0.25 * z)
 
-    A step costs |network distance - travelled distance| / beta, a turn in mid edge ``turn`` more; steps that the network
-    does not allow cost ``JUMP``.  ``back`` is how far noise may move a truck against its edge.
+
+@njit(cache=True)
+def step_costs(
+    begin: Wide,
+    count: Wide,
+    target: Index,
+    away: Floats,
+    slot: Wide,
+    ptr: Wide,
+    edge: Index,
+    value: Floats,
+    g: int,
+    moved: float,
+    beta: float,
+    back: float,
+    turn: float,
+    change: float,
+    reverse: Index,
+    length: Floats,
+    cost: Floats,
+) -> None:
+    """Cost of every step from the candidates of group g to those of g + 1 into ``cost`` (K + 1, L + 1).
+
+    A step costs about |network distance - travelled distance| / beta, a turn in mid edge ``turn`` and one to another edge
+    ``change`` more; steps that the network does not allow cost ``JUMP``.  ``back`` is how far noise may move a truck against its edge.
     """
     a, b, c = ptr[g], ptr[g + 1], ptr[g + 2]
     k, m = b - a, c - b
     scale = np.hypot(beta, 0.1 * moved)
-    reach = moved + JUMP * scale
+    reach = reach_of(moved, beta)
     for j in range(m):
         slot[edge[b + j]] = j
     for i in range(k):
@@ -56,35 +109,88 @@ def step_costs(
         cost[i, m] = LEAVE
         e, s = edge[a + i], value[0, a + i]
         left = length[e] - s
-        store = ensure(store, e, max(reach, 20.0), next_first, next_edges, length)
-        for q in range(store[1][e], store[1][e] + store[2][e]):
-            if store[5][q] + left > reach:
+        for q in range(begin[e], begin[e] + count[e]):
+            if away[q] + left > reach:
                 break
-            j = slot[store[3][q]]
+            j = slot[target[q]]
             if j >= 0:
-                d = store[5][q] + left + value[0, b + j]
-                cost[i, j] = min(cost[i, j], abs(d - moved) / scale)
+                d = away[q] + left + value[0, b + j]
+                cost[i, j] = min(cost[i, j], mismatch(d, moved, scale) + change)
         j = slot[e]
         if j >= 0:
             d = value[0, b + j] - s
             if d >= -back:
-                cost[i, j] = min(cost[i, j], abs(d - moved) / scale)
+                cost[i, j] = min(cost[i, j], mismatch(d, moved, scale))
         if reverse[e] >= 0 and slot[reverse[e]] >= 0:
             j = slot[reverse[e]]
             d = abs(left - value[0, b + j])
-            cost[i, j] = min(cost[i, j], turn + abs(d - moved) / scale)
+            cost[i, j] = min(cost[i, j], turn + mismatch(d, moved, scale) + change)
     for j in range(m):
         cost[k, j] = LEAVE
         slot[edge[b + j]] = -1
     cost[k, m] = 0.0
+
+
+@njit(cache=True)
+def reach_of(moved: float, beta: float) -> Any:
+    """How long a way is tried for a step of travelled distance ``moved`` [m]."""
+    return moved + max(JUMP * np.hypot(beta, 0.1 * moved), SLACK)
+
+
+@njit(cache=True)
+def _first_missing(known: Floats, ptr: Wide, edge: Index, moved: Floats, a: int, b: int, beta: float) -> Any:
+    """The first candidate of groups a to b whose reach is not stored, and the bound it needs; -1 where all are."""
+    for g in range(a, b):
+        need = max(reach_of(moved[g], beta), 20.0)
+        for c in range(ptr[g], ptr[g + 1]):
+            if known[edge[c]] < need:
+                return g, c, need
+    return b, -1, 0.0
+
+
+@njit(cache=True)
+def ensure_all(
+    store: Any,
+    ptr: Wide,
+    edge: Index,
+    moved: Floats,
+    a: int,
+    b: int,
+    beta: float,
+    next_first: Index,
+    next_edges: Index,
+    length: Floats,
+) -> Any:
+    """The store, with what the steps of groups a to b need."""
+    g, c, need = _first_missing(store[0], ptr, edge, moved, a, b, beta)
+    while c >= 0:
+        store = ensure(store, edge[c], 1.5 * need, next_first, next_edges, length)
+        g, c, need = _first_missing(store[0], ptr, edge, moved, g, b, beta)
     return store
 
 
 @njit(cache=True)
 def decode(
-    store, ptr, edge, value, emission, rank, chain, moved, still, beta, back, turn, off, block, ahead,
-    reverse, next_first, next_edges, length,
-):  # fmt: skip
+    store: Any,
+    ptr: Wide,
+    edge: Index,
+    value: Floats,
+    emission: Floats,
+    rank: Wide,
+    chain: Wide,
+    moved: Floats,
+    still: Flags,
+    beta: float,
+    back: float,
+    turn: float,
+    off: float,
+    block: int,
+    ahead: int,
+    reverse: Index,
+    next_first: Index,
+    next_edges: Index,
+    length: Floats,
+) -> Any:
     """Likeliest state of every group, and every state's posterior.
 
     Works through blocks of groups and looks ``ahead`` beyond each, so memory does not grow with the track.
@@ -111,6 +217,8 @@ def decode(
             end += 1
         whole = end == groups or chain[end] != chain[begin]
         commit = end if whole else start + block
+        store = ensure_all(store, ptr, edge, moved, begin, end - 1, beta, next_first, next_edges, length)
+        reach_begin, reach_count, target, away = store[1], store[2], store[3], store[5]
         size = 0
         for g in range(begin, end - 1):
             size += (ptr[g + 1] - ptr[g] + 1) * (ptr[g + 2] - ptr[g + 1] + 1)
@@ -122,7 +230,7 @@ def decode(
         for g in range(begin, end):
             states[g - begin + 1] = states[g - begin] + ptr[g + 1] - ptr[g] + 1
         total = states[end - begin]
-        delta, alpha, gamma = np.empty(total), np.empty(total), np.ones(total)
+        delta, alpha, gamma, own = np.empty(total), np.empty(total), np.empty(total), np.ones(total)
         came = np.full(total, CHAIN_END, np.int64)
         k = ptr[begin + 1] - ptr[begin]
         for i in range(k + 1):
@@ -135,13 +243,15 @@ def decode(
         _normalise(alpha, 0, k + 1)
         for g in range(begin, end - 1):
             turn_here = 0.3 * turn if still[g] or still[g + 1] else turn
-            store = step_costs(
-                store, slot, ptr, edge, value, g, moved[g], beta, back, turn_here, reverse, next_first, next_edges, length, cost
+            change = IDLE_CHANGE if still[g + 1] else 0.0
+            step_costs(
+                reach_begin, reach_count, target, away, slot, ptr, edge, value, g, moved[g], beta, back, turn_here, change,
+                reverse, length, cost,
             )  # fmt: skip
             _advance(
-                g - begin, ptr, g, cost, emission, off, rank, edge, states, at, steps, delta, alpha, came
+                g - begin, ptr, g, cost, emission, off, rank, edge, states, at, steps, delta, alpha, came, own
             )
-        _backward(end - begin, states, at, steps, alpha, gamma)
+        _backward(end - begin, states, at, steps, alpha, own, gamma, widest)
         best = _best_last(states, end - begin, delta, rank, edge, ptr, end - 1)
         for h in range(end - begin - 1, -1, -1):
             g = begin + h
@@ -166,7 +276,7 @@ def decode(
 
 
 @njit(cache=True)
-def _normalise(values, a, b):
+def _normalise(values: Floats, a: int, b: int) -> None:
     total = 0.0
     for i in range(a, b):
         total += values[i]
@@ -175,71 +285,75 @@ def _normalise(values, a, b):
 
 
 @njit(cache=True)
-def _advance(h, ptr, g, cost, emission, off, rank, edge, states, at, steps, delta, alpha, came):
+def _advance(
+    h: int,
+    ptr: Wide,
+    g: int,
+    cost: Floats,
+    emission: Floats,
+    off: float,
+    rank: Wide,
+    edge: Index,
+    states: Wide,
+    at: Wide,
+    steps: Floats,
+    delta: Floats,
+    alpha: Floats,
+    came: Wide,
+    own: Floats,
+) -> None:
     """One step forward of Viterbi (``delta``, ``came``) and of the forward recursion (``alpha``)."""
     k, m = ptr[g + 1] - ptr[g] + 1, ptr[g + 2] - ptr[g + 1] + 1
     a, b = states[h], states[h + 1]
     at[h + 1] = at[h] + k * m
     for j in range(m):
-        best, where, order, total = 1e300, 0, -1, 0.0
+        best, where, total = 1e300, 0, 0.0
         for i in range(k):
             c = cost[i, j]
-            p = np.exp(-c)
+            p = RARE if c == JUMP else math.exp(-c)
             steps[at[h] + i * m + j] = p
             total += alpha[a + i] * p
             through = delta[a + i] + c
-            turn = rank[edge[ptr[g] + i]] if i < k - 1 else 1 << 30
-            if through < best - 1e-9 or (through < best + 1e-9 and turn < order):
-                best, where, order = through, i, turn
-        own = emission[ptr[g + 1] + j] if j < m - 1 else off
-        delta[b + j] = best + own
+            if through < best + 1e-9 and (
+                through < best - 1e-9 or (i < k - 1 and rank[edge[ptr[g] + i]] < rank[edge[ptr[g] + where]])
+            ):
+                best, where = through, i
+        here = emission[ptr[g + 1] + j] if j < m - 1 else off
+        delta[b + j] = best + here
         jumped = where < k - 1 and j < m - 1 and cost[where, j] >= JUMP
         came[b + j] = where + BY_JUMP if jumped else where
-        alpha[b + j] = total * np.exp(-own)
+        own[b + j] = math.exp(-here)
+        alpha[b + j] = total * own[b + j]
     _normalise(alpha, b, b + m)
 
 
 @njit(cache=True)
-def _backward(count, states, at, steps, alpha, gamma):
+def _backward(
+    count: int, states: Wide, at: Wide, steps: Floats, alpha: Floats, own: Floats, gamma: Floats, widest: int
+) -> None:
     """Posteriors of all states of a block into ``gamma``."""
-    beta = np.ones(states[count] - states[count - 1])
+    beta, later = np.ones(widest), np.ones(widest)
     for h in range(count - 1, -1, -1):
         a, k = states[h], states[h + 1] - states[h]
         if h < count - 1:
             m = states[h + 2] - states[h + 1]
-            before = np.empty(k)
+            top = 0.0
+            for j in range(m):
+                later[j] = beta[j] * own[states[h + 1] + j]
+                top = max(top, later[j])
+            scale = 1.0 / top if top > 0.0 else 1.0
             for i in range(k):
                 total = 0.0
                 for j in range(m):
-                    total += steps[at[h] + i * m + j] * beta[j]
-                before[i] = total
-            beta = before
+                    total += steps[at[h] + i * m + j] * later[j]
+                beta[i] = total * scale
         for i in range(k):
             gamma[a + i] = alpha[a + i] * beta[i]
         _normalise(gamma, a, a + k)
-        # what the group before needs: the likelihood of this group and all after it, up to a factor
-        if h > 0:
-            top = 0.0
-            for i in range(k):
-                beta[i] *= _own(alpha, steps, states, at, h, i)
-                top = max(top, beta[i])
-            for i in range(k):
-                beta[i] = beta[i] / top if top > 0.0 else 1.0
 
 
 @njit(cache=True)
-def _own(alpha, steps, states, at, h, j):
-    """Relative emission likelihood of state j of step h: its forward probability over what flowed into it."""
-    a, k = states[h - 1], states[h] - states[h - 1]
-    m = states[h + 1] - states[h]
-    total = 0.0
-    for i in range(k):
-        total += alpha[a + i] * steps[at[h - 1] + i * m + j]
-    return alpha[states[h] + j] / total if total > 0.0 else 0.0
-
-
-@njit(cache=True)
-def _best_last(states, count, delta, rank, edge, ptr, g):
+def _best_last(states: Wide, count: int, delta: Floats, rank: Wide, edge: Index, ptr: Wide, g: int) -> Any:
     a, k = states[count - 1], ptr[g + 1] - ptr[g]
     best, order = 0, 1 << 31
     for i in range(k + 1):

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Wide = NDArray[np.int64]
+Index = NDArray[np.int32]
 
 
 @njit(cache=True)
-def _push(heap_d, heap_e, size, d, e):
+def _push(heap_d: Floats, heap_e: Index, size: int, d: float, e: int) -> Any:
     i = size
     while i > 0:
         up = (i - 1) >> 1
@@ -20,7 +27,7 @@ def _push(heap_d, heap_e, size, d, e):
 
 
 @njit(cache=True)
-def _pop(heap_d, heap_e, size):
+def _pop(heap_d: Floats, heap_e: Index, size: int) -> Any:
     """Drop the top; the caller has read it."""
     size -= 1
     d, e = heap_d[size], heap_e[size]
@@ -40,7 +47,18 @@ def _pop(heap_d, heap_e, size):
 
 
 @njit(cache=True)
-def search(source, bound, next_first, next_edges, length, best, before, heap_d, heap_e, found):
+def search(
+    source: int,
+    bound: float,
+    next_first: Index,
+    next_edges: Index,
+    length: Floats,
+    best: Floats,
+    before: Index,
+    heap_d: Floats,
+    heap_e: Index,
+    found: Index,
+) -> Any:
     """Dijkstra over edges from the end of ``source``: edges whose start is within ``bound``, nearest first.
 
     ``best`` (E,) is infinite on entry and on return for all but the edges in ``found`` (the caller resets them);
@@ -74,7 +92,7 @@ def search(source, bound, next_first, next_edges, length, best, before, heap_d, 
 
 
 @njit(cache=True)
-def new_store(edges, arcs):
+def new_store(edges: int, arcs: int) -> Any:
     """An empty store for a network of ``edges`` edges and ``arcs`` turns.
 
     ``known`` (E,) is the bound up to which an edge's reach is stored (-1: not at all), ``begin`` and ``count`` its rows in
@@ -96,7 +114,9 @@ def new_store(edges, arcs):
 
 
 @njit(cache=True)
-def ensure(store, source, bound, next_first, next_edges, length):
+def ensure(
+    store: Any, source: int, bound: float, next_first: Index, next_edges: Index, length: Floats
+) -> Any:
     """The store, with everything within ``bound`` of the end of ``source`` in it."""
     known, begin, count, target, previous, away, used, best, before, heap_d, heap_e, found = store
     if known[source] >= bound:
@@ -122,9 +142,10 @@ def ensure(store, source, bound, next_first, next_edges, length):
 
 
 @njit(cache=True)
-def path_between(store, source, goal, path):
-    """Edges strictly between ``source`` and ``goal`` (which the store knows), into ``path`` in order; how many, or -1."""
-    begin, count, target, previous = store[1], store[2], store[3], store[4]
+def path_between(
+    begin: Wide, count: Wide, target: Index, previous: Index, source: int, goal: int, path: Index
+) -> Any:
+    """Edges strictly between ``source`` and ``goal`` (which the store must know), into ``path`` in order; how many, or -1."""
     a, b = begin[source], begin[source] + count[source]
     m = 0
     at = goal

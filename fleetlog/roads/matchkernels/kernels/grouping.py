@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Wide = NDArray[np.int64]
 
 
 @njit(cache=True)
-def group_points(t, speed, chain, span, standing_speed):
+def group_points(t: Floats, speed: Floats, chain: Wide, span: float, standing_speed: float) -> Any:
     """Group of every point: at most ``span`` seconds of motion, or one whole standstill that the log's speed shows.
 
     ``chain`` (N,) counts up at gaps, ``speed`` is NaN where unknown.  Returns the first row of every group (G + 1,) and
@@ -19,9 +25,9 @@ def group_points(t, speed, chain, span, standing_speed):
     count = 0
     for i in range(n):
         stands = speed[i] < standing_speed
-        if i > 0 and chain[i] == chain[i - 1] and stands == still[count - 1]:
-            if stands or t[i] - t[first[count - 1]] < span:
-                continue
+        goes_on = i > 0 and chain[i] == chain[i - 1] and stands == still[count - 1]
+        if goes_on and (stands or t[i] - t[first[count - 1]] < span):
+            continue
         first[count] = i
         still[count] = stands
         count += 1
@@ -30,7 +36,7 @@ def group_points(t, speed, chain, span, standing_speed):
 
 
 @njit(cache=True)
-def group_means(first, t, x, y, travelled, heading):
+def group_means(first: Wide, t: Floats, x: Floats, y: Floats, travelled: Floats, heading: Floats) -> Any:
     """Means over each group: time, x, y, travelled distance, and the axis of the log's heading (cos, sin of the double angle)."""
     count = len(first) - 1
     out = np.empty((6, count))
@@ -56,7 +62,9 @@ def group_means(first, t, x, y, travelled, heading):
 
 
 @njit(cache=True)
-def find_stops(first, t, gx, gy, chain, radius, min_duration):
+def find_stops(
+    first: Wide, t: Floats, gx: Floats, gy: Floats, chain: Wide, radius: float, min_duration: float
+) -> Any:
     """Runs of groups that stay within ``radius`` of their mean for ``min_duration``: merged, as the truck stands there.
 
     Returns the first rows of the merged groups and whether each stands.

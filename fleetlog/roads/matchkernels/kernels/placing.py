@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Wide = NDArray[np.int64]
+Index = NDArray[np.int32]
+Flags = NDArray[np.bool_]
 
 
 @njit(cache=True)
-def smooth_coordinate(t, seen, seen_var, speed, speed_var, accel, out, sd):
+def smooth_coordinate(
+    t: Floats,
+    seen: Floats,
+    seen_var: Floats,
+    speed: Floats,
+    speed_var: Floats,
+    accel: float,
+    out: Floats,
+    sd: Floats,
+) -> None:
     """Rauch-Tung-Striebel smoother of (coordinate, speed) under white acceleration of density ``accel`` [m2/s3].
 
     ``seen`` (n,) coordinates with variances ``seen_var`` (n,); ``speed`` (n,) is NaN where the log has none.  Writes the
@@ -68,7 +84,19 @@ def smooth_coordinate(t, seen, seen_var, speed, speed_var, accel, out, sd):
 
 
 @njit(cache=True)
-def _locate(where, piece, lo, hi, p_edge, p_value, px, py, first, dist, back_edge):
+def _locate(
+    where: float,
+    piece: int,
+    lo: int,
+    hi: int,
+    p_edge: Index,
+    p_value: Floats,
+    px: Floats,
+    py: Floats,
+    first: Wide,
+    dist: Floats,
+    back_edge: Wide,
+) -> Any:
     """Piece, offset, position and tangent at a path coordinate; ``piece`` is a guess nearby."""
     while piece > lo and where < p_value[2, piece]:
         piece -= 1
@@ -94,9 +122,32 @@ def _locate(where, piece, lo, hi, p_edge, p_value, px, py, first, dist, back_edg
 
 @njit(cache=True)
 def place_points(
-    t, x, y, speed, first_row, group_time, spans, firsts, piece_of, place_of, still,
-    p_edge, p_value, px, py, first, dist, near, variance, speed_variance, accel, edge, offset, lateral, confidence,
-):  # fmt: skip
+    t: Floats,
+    x: Floats,
+    y: Floats,
+    speed: Floats,
+    first_row: Wide,
+    group_time: Floats,
+    spans: Wide,
+    firsts: Wide,
+    piece_of: Wide,
+    place_of: Floats,
+    still: Flags,
+    p_edge: Index,
+    p_value: Floats,
+    px: Floats,
+    py: Floats,
+    first: Wide,
+    dist: Floats,
+    near: Floats,
+    variance: float,
+    speed_variance: float,
+    accel: float,
+    edge: Index,
+    offset: Floats,
+    lateral: Floats,
+    confidence: Floats,
+) -> None:
     """Edge, offset, lateral offset and confidence of every row that a stretch covers.
 
     Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is projected onto the
@@ -151,7 +202,18 @@ def place_points(
 
 
 @njit(cache=True)
-def _interpolate(t, a, b, g0, g1, first_row, group_time, place_of, still, where):
+def _interpolate(
+    t: Floats,
+    a: int,
+    b: int,
+    g0: int,
+    g1: int,
+    first_row: Wide,
+    group_time: Floats,
+    place_of: Floats,
+    still: Flags,
+    where: Floats,
+) -> None:
     """Path coordinate of rows between the groups' centres, carried on with the nearest slope at both ends."""
     g = g0
     for i in range(a, b):
@@ -172,7 +234,16 @@ def _interpolate(t, a, b, g0, g1, first_row, group_time, place_of, still, where)
 
 
 @njit(cache=True)
-def route_posterior(chosen, ptr, edge, posterior, piece_of, of, firsts, p_edge):
+def route_posterior(
+    chosen: Wide,
+    ptr: Wide,
+    edge: Index,
+    posterior: Floats,
+    piece_of: Wide,
+    of: Wide,
+    firsts: Wide,
+    p_edge: Index,
+) -> Any:
     """(G,) posterior mass of the candidates on the route next to the chosen one: previous, same and following piece."""
     out = np.zeros(len(chosen))
     for g in range(len(chosen)):

@@ -2,19 +2,38 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from fleetlog.roads.matchkernels.kernels.distances import ensure, path_between
+from fleetlog.roads.matchkernels.kernels.distances import path_between
+
+Floats = NDArray[np.float64]
+Wide = NDArray[np.int64]
+Index = NDArray[np.int32]
+Flags = NDArray[np.bool_]
 
 
 @njit(cache=True)
-def build_routes(store, chosen, linked, edge, value, moved, reverse, next_first, next_edges, length, back):
+def build_routes(
+    store: Any,
+    chosen: Wide,
+    linked: Flags,
+    edge: Index,
+    value: Floats,
+    moved: Floats,
+    reverse: Index,
+    length: Floats,
+    back: float,
+) -> Any:
     """Pieces of all stretches, end to end.
 
     Returns (P,) edge, from, to (offsets on it) and coordinate of its begin; (S + 1,) first piece and first and last group
     of every stretch; (G,) stretch, piece and path coordinate of every group (-1 off the roads).
     """
+    begin, count, target, previous, away = store[1], store[2], store[3], store[4], store[5]
     groups = len(chosen)
     capacity = 2 * groups + 64
     p_edge = np.empty(capacity, np.int32)
@@ -39,15 +58,13 @@ def build_routes(store, chosen, linked, edge, value, moved, reverse, next_first,
         fresh = not linked[g] or g == 0 or chosen[g - 1] < 0
         if not fresh:
             last, at = p_edge[n - 1], value[0, chosen[g - 1]]
-            need = 20.0 + 4.0 * moved[g - 1]
-            kind = _kind(store, last, at, e, s, moved[g - 1], reverse, length, back)
+            kind = _kind(begin, count, target, away, last, at, e, s, moved[g - 1], reverse, length, back)
             if kind == 2:  # a turn in mid edge
                 turned = max(at, length[e] - s, p_value[0, n - 1])
                 p_value[1, n - 1] = turned
                 n = _append(p_edge, p_value, n, e, length[e] - turned, length[e])
             elif kind == 1:
-                store = ensure(store, last, need, next_first, next_edges, length)
-                m = path_between(store, last, e, path)
+                m = path_between(begin, count, target, previous, last, e, path)
                 if m < 0:
                     fresh = True
                 else:
@@ -66,25 +83,38 @@ def build_routes(store, chosen, linked, edge, value, moved, reverse, next_first,
         place[g] = p_value[2, n - 1] + s - p_value[0, n - 1]
     firsts[stretches] = n
     return (
-        store, p_edge[:n].copy(), p_value[:, :n].copy(), firsts[: stretches + 1].copy(),
+        p_edge[:n].copy(), p_value[:, :n].copy(), firsts[: stretches + 1].copy(),
         spans[:, :stretches].copy(), of, piece, place,
     )  # fmt: skip
 
 
 @njit(cache=True)
-def _append(p_edge, p_value, n, e, begin, end):
+def _append(p_edge: Index, p_value: Floats, n: int, e: int, begin: float, end: float) -> Any:
     p_edge[n], p_value[0, n], p_value[1, n] = e, begin, end
     p_value[2, n] = p_value[2, n - 1] + p_value[1, n - 1] - p_value[0, n - 1]
     return n + 1
 
 
 @njit(cache=True)
-def _kind(store, a, s, b, t, moved, reverse, length, back):
+def _kind(
+    begin: Wide,
+    count: Wide,
+    target: Index,
+    away: Floats,
+    a: int,
+    s: float,
+    b: int,
+    t: float,
+    moved: float,
+    reverse: Index,
+    length: Floats,
+    back: float,
+) -> Any:
     """How one step goes, as the model priced it: 0 along the same edge, 1 by a path, 2 by a turn in mid edge."""
     by_path = np.inf
-    for q in range(store[1][a], store[1][a] + store[2][a]):
-        if store[3][q] == b:
-            by_path = abs(store[5][q] + length[a] - s + t - moved)
+    for q in range(begin[a], begin[a] + count[a]):
+        if target[q] == b:
+            by_path = abs(away[q] + length[a] - s + t - moved)
             break
     if a == b and t - s >= -back and abs(t - s - moved) <= by_path:
         return 0
