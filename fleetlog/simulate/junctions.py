@@ -22,6 +22,8 @@ MARGIN = 0.15
 """Kept free round every truck [m]."""
 GAP = 1.0
 """Between standing trucks, bumper to bumper [m]."""
+STOP = 0.05
+"""A truck that waits keeps this far from the end of its lane [m]."""
 BEND = 0.02
 """A connector that bends more than this takes one truck at a time [1/m]."""
 
@@ -127,7 +129,8 @@ def _safe_part(
     runs = edges.reshape(-1, 2)
     begin, end = runs[np.argmax(runs[:, 1] - runs[:, 0])]
     step = track.spacing[lane]
-    clear[lane], stop[lane] = begin * step, (end - 1) * step
+    clear[lane] = begin * step
+    stop[lane] = max(min((end - 1) * step, track.length[lane] - STOP), clear[lane])
     pieces, lanes = len(track), len(track.network)
     resource[low : low + begin] = pieces + lanes + lane
     resource[low + begin : low + end] = -1

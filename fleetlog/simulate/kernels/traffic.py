@@ -59,10 +59,11 @@ def resource(r: Roads, f: Fleet, v: int, k: int, low: int, high: int) -> int:
     """Resource that position ``k`` of a truck's route stands for in the passage ``low`` to ``high``."""
     p = f.route[v, k]
     if is_safe_lane(r, p):
-        if k == low:
-            return len(r.length) + p
+        # The last lane first: when the rest is given back it is the only one.
         if k == high:
             return len(r.length) + len(r.clear) + p
+        if k == low:
+            return len(r.length) + p
     return p
 
 
@@ -378,6 +379,10 @@ def cross(r: Roads, f: Fleet, v: int) -> None:
     """Go over to the next pieces of the route where the end of one is passed."""
     while f.s[v] > r.length[f.piece[v]] and f.at[v] < f.last[v]:
         p = f.piece[v]
+        if is_safe_lane(r, p) and f.held_to[v] <= f.at[v]:
+            # A hair beyond the stop line by rounding, without a reservation: not over it.
+            f.s[v] = r.length[p]
+            return
         f.s[v] -= r.length[p]
         drop(f, v, p)
         f.at[v] += 1
@@ -402,7 +407,7 @@ def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
     if f.held_to[v] < f.held_from[v]:
         return
     p = f.piece[v]
-    if f.at[v] == f.held_to[v] and is_safe_lane(r, p) and f.s[v] >= r.clear[p] and f.at[v] > f.held_from[v]:
+    if f.at[v] == f.held_to[v] and is_safe_lane(r, p) and f.s[v] >= r.clear[p]:
         release(r, f, v, f.held_to[v] + 1)
     elif f.s[v] > 0.5 * x.length + 0.3:
         release(r, f, v, min(f.at[v], f.held_to[v]))
