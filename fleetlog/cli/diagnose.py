@@ -1,0 +1,71 @@
+"""``fleetlog diagnose``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from fleetlog.cli.options import (
+    anywhere,
+    existing,
+    json_option,
+    notice,
+    output_option,
+    overwrite_option,
+    quiet_option,
+    say,
+)
+
+
+@click.command()
+@click.argument("dataset", type=anywhere)
+@click.option("--truck", required=True, help="Truck file, or name of a preset: the nominal model.")
+@click.option("--site", type=existing, help="Site or map in place of the one that the dataset was made with.")
+@click.option(
+    "--against", type=existing, help="Simulated dataset to compare with in place of the nominal model alone."
+)
+@click.option("--channels", default="", help="Comma-separated: battery_power, soc, speed. All by default.")
+@click.option("--terms", default="", help="Comma-separated terms that may be named. All by default.")
+@click.option(
+    "--holdout", type=click.Choice(["trips", "vehicles", "days"]), default="trips", show_default=True
+)
+@click.option("--gate", is_flag=True, help="Exit with 1 when something material is missing.")
+@click.option("--seed", default=0, show_default=True, help="Of the splits.")
+@output_option("Folder to write.")
+@overwrite_option
+@json_option
+@quiet_option
+@click.pass_context
+def command(
+    context: click.Context, dataset: Path, truck: str, site: Path | None, against: Path | None, channels: str, terms: str,
+    holdout: str, gate: bool, seed: int, output: Path, overwrite: bool, as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Say where the recording DATASET and the model differ, and what physics was left out.
+
+    Writes diagnosis.json, model.toml with fields/, report.html and recording.rrd.
+    """
+    from fleetlog.core.truck import load_truck
+    from fleetlog.discovery.diagnose import diagnose
+    from fleetlog.discovery.output import as_result, lines, write_diagnosis
+    from fleetlog.roads import load_site
+    from fleetlog.store import Dataset
+    from fleetlog.store.atomic import atomic_output
+    from fleetlog.view.results import write_result_recording
+
+    recording = Dataset(dataset)
+    given = None if site is None else load_site(site)[0]
+    with atomic_output(output, overwrite=overwrite) as folder:
+        result = diagnose(
+            recording, load_truck(truck), site=given, channels=_names(channels), terms=_names(terms), holdout=holdout,
+            against=None if against is None else Dataset(against), seed=seed, progress=lambda step: notice(f"  {step}", quiet),
+        )  # fmt: skip
+        write_diagnosis(result, folder)
+        write_result_recording(as_result(result), given or recording.site, folder / "recording.rrd")
+    say(lines(result), {**result.verdict.document(), "output": str(output)}, as_json=as_json, quiet=quiet)
+    if gate and result.verdict.findings:
+        context.exit(1)
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]

@@ -1,0 +1,167 @@
+"""The whole algorithm on one screen: what physics a recording has that the model has not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from fleetlog.core.site import Site
+from fleetlog.core.truck import Truck
+from fleetlog.discovery import words
+from fleetlog.discovery.explain import Explained, Options, energy_channel
+from fleetlog.discovery.finding import Finding, Parameter, Verdict
+from fleetlog.discovery.fleet import Fleet, absences, read_fleet
+from fleetlog.discovery.model import Found
+from fleetlog.discovery.sensors import Fault, examine
+from fleetlog.discovery.travel import speed_channel
+from fleetlog.errors import DataError, nearest
+from fleetlog.physics.power import all_terms
+from fleetlog.store import Dataset
+
+CHANNELS = ("battery_power", "soc", "speed")
+
+
+@dataclass
+class Diagnosis:
+    """The verdict and all that is needed to draw and write it."""
+
+    verdict: Verdict
+    found: Found
+    channels: dict[str, Explained]
+    faults: list[Fault]
+    fleet: Fleet
+
+
+def diagnose(
+    dataset: Dataset,
+    truck: Truck,
+    *,
+    site: Site | None = None,
+    channels: Sequence[str] = (),
+    terms: Sequence[str] = (),
+    holdout: str = "trips",
+    against: Dataset | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Diagnosis:
+    """Say where recording and model differ, and what was left out.
+
+    Parameters
+    ----------
+    dataset : the recording.
+    truck : the nominal truck.
+    site : in place of the one that the dataset was made with.
+    channels, terms : restrict what is looked at, and what may be named; all by default.
+    holdout : ``trips``, ``vehicles`` or ``days``: what is kept back for the last judgement.
+    against : a simulated dataset; what its own rows show beyond the nominal truck is then part of the model.
+
+    Raises
+    ------
+    DataError
+        Where no channel can be judged, or a name is unknown.
+    """
+    _check(channels, CHANNELS, "channel")
+    _check(terms, all_terms(), "term")
+    options = Options(tuple(terms), holdout, seed)
+    base = Found(truck) if against is None else known(against, truck, site, options, progress)
+
+    progress("reading")
+    fleet = read_fleet(dataset, truck, site)
+    progress("sensors")
+    fleet, faults = (
+        examine(fleet) if not terms or {"clock_offset", "speed_scale"} & set(terms) else (fleet, [])
+    )
+    explained: dict[str, Explained] = {}
+    for channel in present(fleet, channels):
+        progress(channel)
+        look = speed_channel if channel == "speed" else energy_channel
+        explained[channel] = look(fleet, channel, base, options)
+    if not explained:
+        raise DataError(
+            "no channel to judge", do="record battery power, state of charge, or positions on a road map"
+        )
+
+    findings = [*(_of_fault(f, explained) for f in faults), *_merged(explained)]
+    notes = absences(fleet)
+    verdict = Verdict([e.fit for e in explained.values()], findings, notes)
+    return Diagnosis(verdict, together(base, explained), explained, faults, fleet)
+
+
+def known(
+    dataset: Dataset, truck: Truck, site: Site | None, options: Options, progress: Callable[[str], None]
+) -> Found:
+    """What a simulated dataset holds beyond the nominal truck, learnt from its own rows."""
+    progress("simulation")
+    fleet = read_fleet(dataset, truck, site)
+    explained = {}
+    for channel in present(fleet, ()):
+        look = speed_channel if channel == "speed" else energy_channel
+        explained[channel] = look(fleet, channel, Found(truck), options)
+    return together(Found(truck), explained)
+
+
+def present(fleet: Fleet, wanted: Sequence[str]) -> list[str]:
+    """Channels that the recording has; speed needs a map to say how fast one might have driven."""
+    have = [c for c in ("battery_power", "soc") if fleet.has(c)]
+    if fleet.network is not None and fleet.has("edge_id"):
+        have.append("speed")
+    return [c for c in have if not wanted or c in wanted]
+
+
+def together(base: Found, explained: dict[str, Explained]) -> Found:
+    """One model of everything found in any channel."""
+    found = base
+    for e in explained.values():
+        for name, values in e.result.state.found.values.items():
+            for parameter, value in values.items():
+                found = found.with_value(name, parameter, value)
+        for name, field in e.result.state.found.fields.items():
+            found = replace(found, fields={**found.fields, name: field})
+    return found
+
+
+def _merged(explained: dict[str, Explained]) -> list[Finding]:
+    """Findings of all channels, strongest first; what power has explained is not said again of the state of charge."""
+    out: list[Finding] = []
+    for channel in ("battery_power", "soc", "speed"):
+        for finding in explained[channel].findings if channel in explained else []:
+            if not any(f.term == finding.term != "unknown" for f in out):
+                out.append(finding)
+    return sorted(out, key=lambda f: -f.strength)
+
+
+def _of_fault(fault: Fault, explained: dict[str, Explained]) -> Finding:
+    term = all_terms()[fault.term]
+    first = term.parameters[0]
+    low, high = fault.value - 1.96 * fault.error, fault.value + 1.96 * fault.error
+    parameters = [Parameter(first.name, fault.value, low, high, first.unit)]
+    channel = "battery_power" if fault.term == "clock_offset" else "speed"
+    metric = (
+        "share of power left unexplained"
+        if fault.term == "clock_offset"
+        else "deviation of travelled distance"
+    )
+    fit = {"metric": metric, "before": fault.before, "after": fault.after}
+    evidence = {"p_value": fault.p_value, "held_out_gain": fault.before - fault.after, "alternatives": []}
+    vehicles = {"vehicles": {str(v): value for v, value in fault.by_vehicle.items()}}
+    text = words.statement(fault.term, parameters, None, None)
+    return Finding(
+        fault.term,
+        channel,
+        text,
+        [],
+        None,
+        list(term.depends_on),
+        None,
+        vehicles,
+        parameters,
+        evidence,
+        fit,
+        10.0,
+    )
+
+
+def _check(given: Sequence[str], known_names: Sequence[str] | dict[str, object], what: str) -> None:
+    for name in given:
+        if name not in known_names:
+            raise DataError(f"unknown {what} {name!r}", do=nearest(name, known_names))

@@ -1,0 +1,182 @@
+"""What was found, in numbers: parameters with intervals from all recorded trips, and the error on those kept back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.fields import Values
+from fleetlog.discovery.linear import Fit, Problem, Selection, fit
+from fleetlog.discovery.search import State, Task, posed, selection, settle
+
+Floats = NDArray[np.float64]
+
+SURE = 1.96
+"""Standard errors of a 95 per cent interval."""
+ROBUST = 2
+"""Rounds of taking weight off windows that the model does not explain."""
+OUTLYING = 3.0
+"""Beyond this many robust standard deviations a window weighs less [1]."""
+MODEL = 0.01
+"""What a model that is right in kind still misses of a coefficient, as sampling does (relative, one standard deviation)."""
+MODEL_SPEED = 0.08
+"""The same of a number that governs how fast trucks drive: corners and ramps of speed are rounder than the profile's."""
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """``numbers[term][parameter]`` (value, standard error); ``fields[term]`` values with errors; ``state`` fitted to all."""
+
+    state: State
+    numbers: dict[str, dict[str, tuple[float, float]]]
+    fields: dict[str, Values]
+
+
+def estimates(task: Task, state: State) -> Estimates:
+    """Everything chosen, fitted once more to all windows, with standard errors that trust only whole trips as independent.
+
+    The error has three parts: the cluster-robust one (trips, and stretches of hours), the change that comes about when the
+    small honest errors of truck file and logger are not allowed for, and a floor for what sampling leaves.
+    """
+    everything = task.recording.whole
+    state = settle(task, state, everything)
+    for _ in range(ROBUST if state.chosen else 0):
+        state = settle(task, _reweighted(task, state, everything), everything)
+    table, p = posed(task, state, everything)
+    s = selection(state, p)
+    f = fit(p, s)
+    covariance = sandwich(p, f)
+    stiff = fit(replace(p, spread=np.full_like(p.spread, 1e-9) + 0.05 * p.spread), s)
+    numbers: dict[str, dict[str, tuple[float, float]]] = {}
+    found_fields: dict[str, Values] = {}
+    for choice in state.chosen:
+        c = choice.candidate
+        if c.term is None:
+            continue
+        part = _part(f, s, c.name)
+        own, other = covariance[part, part], stiff.beta[part] - f.beta[part]
+        if c.kind == "field":
+            root = task.root(c.term)
+            error = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", root, own, root), 0.0))
+            samples = (np.abs(table.groups[c.name]) > 0).sum(axis=0)
+            found_fields[c.name] = Values(
+                state.found.fields[c.name], np.hypot(error, 0.5 * (root @ other)), samples
+            )
+            continue
+        numbers[c.name] = {}
+        for i, knob in enumerate(choice.knobs):
+            parameter = c.term.by_name[knob.parameter]
+            value = state.found.value(c.term, knob.parameter)
+            moved = value - task.base.value(c.term, knob.parameter)
+            model = (
+                MODEL_SPEED * value
+                if c.term.acts == "speed"
+                else np.hypot(MODEL * value * (parameter.truck_key is not None), 2.0 * MODEL * moved)
+            )
+            error = np.sqrt(max(own[i, i], 0.0) + (0.5 * other[i]) ** 2 + model**2)
+            numbers[c.name][knob.parameter] = (value, float(error))
+    return Estimates(state, numbers, found_fields)
+
+
+def _reweighted(task: Task, state: State, use: NDArray[np.bool_]) -> State:
+    """With less weight on windows that what was found does not explain: they must not bend its numbers."""
+    state = replace(state, weight=None)
+    _, p = posed(task, state, use)
+    f = fit(p, selection(state, p), inverse=False)
+    z = np.abs(p.y - p.x[:, f.columns] @ f.beta)
+    z = z / max(1.4826 * float(np.median(z)), 1e-9)
+    weight = p.weight.copy()
+    weight[use] *= np.minimum(1.0, OUTLYING / np.maximum(z, 1e-9)) ** 2
+    return replace(state, weight=weight)
+
+
+def _part(f: Fit, s: Selection, name: str) -> slice:
+    begin = f.nuisances
+    for k, c in s.columns.items():
+        if k == name:
+            return slice(begin, begin + len(c))
+        begin += len(c)
+    raise KeyError(name)
+
+
+def sandwich(p: Problem, f: Fit) -> Floats:
+    """Covariance of the coefficients when residuals hang together within trips, or within stretches of hours."""
+    x = p.x[:, f.columns].astype(float)
+    residual = p.y - x @ f.beta
+    out = f.inverse
+    for cluster in (p.trip, p.block):
+        scores = np.zeros((int(cluster.max()) + 1, x.shape[1]))
+        np.add.at(scores, cluster, x * residual[:, None])
+        robust = f.inverse @ (scores.T @ scores) @ f.inverse
+        # The larger of the two, coefficient by coefficient, keeping the correlations of its own.
+        grow = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(out), 1e-300), 1.0))
+        out = out * np.outer(grow, grow)
+    return np.asarray(out)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Root mean square error of the kept-back windows over the root mean square of what was recorded there."""
+
+    before: float
+    after: float
+    floor: float
+
+
+def held_out(task: Task, state: State) -> Errors:
+    """Before: the nominal model as it is given.  After: with what was found.  Floor: what the freest model still misses."""
+    test = ~task.train & task.recording.whole
+    recorded = task.recording.recorded
+    scale = float(np.sqrt(np.mean(recorded[test] ** 2))) or 1.0
+    bare = State(task.base, weight=state.weight)
+    before = posed(task, bare)[0].y
+    after, floor = _residual(task, state), _freest(task, state)
+
+    def error(r: Floats) -> float:
+        return float(np.sqrt(np.mean(r[test] ** 2))) / scale
+
+    return Errors(error(before), error(after), min(error(floor), error(after), error(before)))
+
+
+def _residual(task: Task, state: State) -> Floats:
+    """(W,) residual everywhere of the model fitted to the windows that the search saw."""
+    table, p = posed(task, state)
+    s = selection(state, p)
+    f = fit(p, s, inverse=False)
+    groups = {k: v for k, v in table.groups.items() if k in s.columns}
+    return table.y - _predict(task, p, f, s, table.nuisance, groups)
+
+
+def _predict(
+    task: Task,
+    p: Problem,
+    f: Fit,
+    s: Selection,
+    nuisance: dict[str, NDArray[np.float32]],
+    groups: dict[str, NDArray[np.float32]],
+) -> Floats:
+    x = np.concatenate(list(nuisance.values()), axis=1)
+    total = x[:, f.columns[: f.nuisances]] @ f.beta[: f.nuisances]
+    begin = f.nuisances
+    for name, c in s.columns.items():
+        columns = groups.get(name, task.free.get(name))
+        assert columns is not None
+        candidate = task.candidates[name]
+        if candidate.kind == "field" and candidate.term is not None:
+            columns = (columns @ task.root(candidate.term)).astype(np.float32)
+        total = total + columns[:, : len(c)] @ f.beta[begin : begin + len(c)]
+        begin += len(c)
+    return np.asarray(total, dtype=float)
+
+
+def _freest(task: Task, state: State) -> Floats:
+    """(W,) residual when every free curve is allowed beside what was found, gently held."""
+    curves = dict(state.curves)
+    _, p = posed(task, state)
+    for name, c in task.candidates.items():
+        if not c.named and not c.place and name in p.at and name not in curves:
+            size = float(np.mean(np.diag(p.gram)[p.at[name]]))
+            curves[name] = 100.0 / max(size, 1e-9)
+    return _residual(task, State(state.found, state.chosen, curves, state.weight))

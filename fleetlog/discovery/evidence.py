@@ -1,0 +1,224 @@
+"""How strongly each explanation speaks, given what is already in the model, and how often chance would speak as loudly.
+
+Empirical-Bayes evidence of a group of columns, deflated by a design effect because residuals are correlated over minutes; the
+family-wise p-value comes from flipping the signs of whole trips, and of whole vehicle-days for slow variables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.linear import Fit, Ints, Problem, Selection, fit
+
+Floats = NDArray[np.float64]
+
+FLIPS = 200
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """``raw`` and deflated ``log_evidence``, ``columns`` to use, prior variance ``tau``, corrected ``p_value``."""
+
+    log_evidence: float
+    raw: float
+    columns: Ints
+    tau: float
+    p_value: float
+
+
+@dataclass
+class _Scored:
+    log_evidence: float
+    raw: float
+    columns: Ints
+    tau: float
+    scores: Floats
+    statistic: Callable[[Floats], Floats]
+
+
+def scan(
+    p: Problem,
+    s: Selection,
+    names: list[str],
+    *,
+    variants: frozenset[str],
+    slow: frozenset[str],
+    rng: np.random.Generator,
+) -> dict[str, Evidence]:
+    """Evidence of every named group that is not yet selected.
+
+    ``variants`` are groups of which one column is to be used (settings of a shape parameter), ``slow`` those that change
+    over hours.
+    """
+    f = fit(p, s)
+    residual = p.y - p.x[:, f.columns] @ f.beta
+    trips = _Sums(p.trip)
+    base = trips.sum(p.x[:, f.columns] * residual[:, None].astype(np.float32))
+    through = p.gram[:, f.columns] @ f.inverse
+    scored = {}
+    for name in names:
+        if name in s.columns or not len(p.at.get(name, ())):
+            continue
+        one = _score(p, f, through, residual, trips, base, p.at[name], name in variants)
+        if one is not None:
+            scored[name] = one
+    return _with_p_values(p, trips, scored, slow, rng)
+
+
+class _Sums:
+    """Sums over the windows of each cluster."""
+
+    def __init__(self, which: Ints) -> None:
+        self.order = np.argsort(which, kind="stable")
+        self.begin = np.searchsorted(which[self.order], np.arange(which.max() + 1))
+
+    def sum(self, values: NDArray[np.float32] | Floats) -> Floats:
+        """(clusters, ...)."""
+        return np.add.reduceat(values[self.order], self.begin, axis=0).astype(float)
+
+
+def _score(
+    p: Problem, f: Fit, through: Floats, residual: Floats, trips: _Sums, base: Floats, g: Ints, variant: bool
+) -> _Scored | None:
+    c = f.columns
+    left = p.gram[np.ix_(g, g)] - through[g] @ p.gram[np.ix_(c, g)]
+    u = p.moment[g] - p.gram[np.ix_(g, c)] @ f.beta
+    own = np.diag(p.gram)[g]
+    if not (own > 0).any():
+        return None
+    x = p.x[:, g]
+    scores = trips.sum(x * residual[:, None].astype(np.float32)) - base @ through[g].T
+    if variant or len(g) == 1:
+        return _score_best_column(p, c, through, residual, x, g, left, u, scores)
+    return _score_group(p, c, through, residual, trips, x, g, left, u, scores)
+
+
+def _score_best_column(
+    p: Problem,
+    c: Ints,
+    through: Floats,
+    residual: Floats,
+    x: NDArray[np.float32],
+    g: Ints,
+    left: Floats,
+    u: Floats,
+    scores: Floats,
+) -> _Scored | None:
+    d = np.diag(left)
+    usable = d > 1e-6 * np.diag(p.gram)[g] + 1e-12
+    if not usable.any():
+        return None
+    z2 = np.where(usable, u**2 / np.where(usable, d, 1.0), 0.0)
+    j = int(np.argmax(z2))
+    beta = u[j] / d[j]
+    rest = x[:, j] - p.x[:, c] @ through[g[j]]
+    design = _design_effect(p, rest * (residual - rest * beta), d[j])
+
+    def statistic(v: Floats) -> Floats:
+        z = np.where(usable, v**2 / np.where(usable, d, 1.0), 0.0) / design
+        return np.asarray(np.maximum(np.logaddexp.reduce(_one(z), axis=-1) - np.log(len(g)), 0.0))
+
+    raw = float(np.maximum(np.logaddexp.reduce(_one(z2)) - np.log(len(g)), 0.0))
+    return _Scored(float(statistic(u)), raw, g[j : j + 1], max(float(beta**2), 1e-12), scores, statistic)
+
+
+def _score_group(
+    p: Problem,
+    c: Ints,
+    through: Floats,
+    residual: Floats,
+    trips: _Sums,
+    x: NDArray[np.float32],
+    g: Ints,
+    left: Floats,
+    u: Floats,
+    scores: Floats,
+) -> _Scored | None:
+    values, vectors = _eigen((left + left.T) / 2.0)
+    keep = values > max(values.max() * 1e-7, 1e-9)
+    if not keep.any():
+        return None
+    values, vectors = values[keep], vectors[:, keep]
+    q = vectors.T @ u
+    raw, tau = _evidence(values, q**2)
+    share = tau * values / (1.0 + tau * values)
+    beta = vectors @ (q * tau / (1.0 + tau * values))
+    after = residual - (x @ beta - p.x[:, c] @ (through[g].T @ beta))
+    turn = vectors / np.sqrt(values)
+    weighted = after[:, None].astype(np.float32)
+    per_trip = trips.sum(x * weighted) @ turn - trips.sum(p.x[:, c] * weighted) @ (through[g].T @ turn)
+    share = share / share.sum() if share.sum() > 1e-6 else np.full(len(values), 1.0 / len(values))
+    design = max(float((per_trip**2).sum(axis=0) @ share), 0.7)
+    deflated, tau = _evidence(values / design, (q / design) ** 2)
+    grid = np.logspace(-6, 7, 27) / values.max() * design
+
+    def statistic(v: Floats) -> Floats:
+        q2 = (v @ vectors) ** 2 / design**2
+        out = np.zeros(len(np.atleast_2d(q2)))
+        for t in grid:
+            e = 0.5 * (
+                np.atleast_2d(q2) @ (t / (1.0 + t * values / design)) - np.log1p(t * values / design).sum()
+            )
+            out = np.maximum(out, e)
+        return out
+
+    return _Scored(deflated, raw, g, max(tau, 1e-12), scores, statistic)
+
+
+def _design_effect(p: Problem, product: Floats, norm: float) -> float:
+    by_trip = np.bincount(p.trip, product)
+    by_block = np.bincount(p.block, product)
+    return float(max((by_trip**2).sum() / norm, 0.9 * (by_block**2).sum() / norm, 0.7))
+
+
+def _one(z2: Floats) -> Floats:
+    """Evidence of a single column at its best prior variance."""
+    return np.where(z2 > 1.0, 0.5 * (z2 - 1.0 - np.log(np.maximum(z2, 1e-9))), 0.0)
+
+
+def _evidence(values: Floats, q2: Floats) -> tuple[float, float]:
+    """Largest log evidence over the prior variance, and that variance."""
+    t = np.logspace(-6, 7, 53)[:, None] / values.max()
+    e = 0.5 * np.sum(t * q2 / (1.0 + t * values) - np.log1p(t * values), axis=1)
+    j = int(np.argmax(e))
+    return max(float(e[j]), 0.0), float(t[j, 0])
+
+
+def _eigen(m: Floats) -> tuple[Floats, Floats]:
+    try:
+        return np.linalg.eigh(m)
+    except np.linalg.LinAlgError:
+        return np.linalg.eigh(m + 1e-10 * np.trace(m) / len(m) * np.eye(len(m)))
+
+
+def _with_p_values(
+    p: Problem, trips: _Sums, scored: dict[str, _Scored], slow: frozenset[str], rng: np.random.Generator
+) -> dict[str, Evidence]:
+    """Family-wise: each statistic against the largest of all under sign flips of whole clusters."""
+    count = len(trips.begin)
+    block_of_trip = np.zeros(count, np.int64)
+    block_of_trip[p.trip] = p.block
+    by_trip = rng.choice([-1.0, 1.0], (FLIPS, count))
+    by_block = rng.choice([-1.0, 1.0], (FLIPS, int(p.block.max()) + 1))[:, block_of_trip]
+    worst = np.zeros((2, FLIPS))
+    strength: dict[str, tuple[float, float]] = {}
+    for name, one in scored.items():
+        level = []
+        for i, flips in enumerate((by_trip, by_block)):
+            if i == 1 and name not in slow:
+                level.append(np.inf)
+                continue
+            root = np.sqrt(one.statistic(flips @ one.scores))
+            middle, width = root.mean(), max(float(root.std()), 0.15)
+            worst[i] = np.maximum(worst[i], (root - middle) / width)
+            level.append((np.sqrt(one.log_evidence) - middle) / width)
+        strength[name] = (float(level[0]), float(level[1]))
+    out = {}
+    for name, one in scored.items():
+        chance = max((1.0 + np.sum(worst[i] >= strength[name][i] - 1e-9)) / (FLIPS + 1.0) for i in (0, 1))
+        out[name] = Evidence(one.log_evidence, one.raw, one.columns, one.tau, float(chance))
+    return out

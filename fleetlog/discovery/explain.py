@@ -1,0 +1,290 @@
+"""One energy channel from rows to findings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery import estimate, fields, generic, residual, splits, words
+from fleetlog.discovery.candidates import Candidate, named_candidates
+from fleetlog.discovery.finding import ChannelFit, Finding, Parameter
+from fleetlog.discovery.fleet import Fleet
+from fleetlog.discovery.model import Found
+from fleetlog.discovery.residual import Bench, Columns
+from fleetlog.discovery.search import State, Task, search
+from fleetlog.discovery.select import Choice
+from fleetlog.discovery.squares import make_squares
+from fleetlog.discovery.stretches import Cells, make_stretches
+
+Floats = NDArray[np.float64]
+
+QUANTA = 8.0
+"""A window of a stepped state of charge holds at least this many steps on average."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a diagnosis is asked for."""
+
+    terms: tuple[str, ...] = ()
+    holdout: str = "trips"
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What came of a channel; ``task`` and the states are kept for the pictures."""
+
+    fit: ChannelFit
+    findings: list[Finding]
+    task: Task
+    state: State
+    result: estimate.Estimates
+
+
+def cells_of(fleet: Fleet) -> Cells | None:
+    """Stretches of the map, or squares of the floor without one; None where neither helps."""
+    if fleet.network is not None and fleet.has("edge_id"):
+        return make_stretches(fleet.network)
+    x, y = (np.concatenate([t.floats(c) for _, t in fleet.days]) for c in ("x", "y"))
+    return make_squares(x, y)
+
+
+def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) -> Explained:
+    """Search, judge and word what an energy channel is missing."""
+    measured = channel == "soc" and fleet.has("battery_power")
+    blocks = fleet.blocks()
+    floor = cells_of(fleet)
+    capacity = 3600.0 * fleet.truck.battery.capacity_wh
+    recording = residual.prepare(blocks, floor, channel, measured, width(fleet, channel), capacity)
+    candidates = [
+        *named_candidates(channel, measured, floor is not None, options.terms),
+        *(generic.measured_candidates(recording.ranges) if measured else generic.generic_candidates(recording.ranges, floor is not None)),
+    ]  # fmt: skip
+    free = residual.generic_columns(recording, base)
+    task = make_task(recording, candidates, free, floor, base, options)
+    unit = f"rms error of energy per {width(fleet, channel):.0f} s window, over rms energy"
+    return explained(task, channel, unit)
+
+
+def width(fleet: Fleet, channel: str) -> float:
+    """Length of a window [s]: ten seconds, longer for many rows and for a coarse state of charge."""
+    wide = max(residual.windows.WIDTH, 3.0 * fleet.step, fleet.rows * fleet.step / residual.windows.MOST)
+    if channel == "soc":
+        drops = [np.diff(t.floats("soc")) for _, t in fleet.days]
+        change = np.concatenate(drops)
+        change = np.abs(change[np.isfinite(change) & (change != 0.0)])
+        if len(change):
+            quantum = float(np.quantile(change, 0.05))
+            span = sum(float(t.time[-1] - t.time[0]) * 1e-6 for _, t in fleet.days)
+            used = sum(float(np.abs(d[np.isfinite(d) & (d < 0)]).sum()) for d in drops)
+            wide = max(wide, QUANTA * quantum * span / max(used, 1e-9))
+    return float(min(wide, 600.0))
+
+
+def make_task(
+    bench: Bench,
+    candidates: list[Candidate],
+    free: dict[str, Columns],
+    floor: Cells | None,
+    base: Found,
+    options: Options,
+) -> Task:
+    """The search task with its splits, all from one seed."""
+    rng = np.random.default_rng(options.seed)
+    block = splits.slow_blocks(bench.windows)
+    test = splits.test_windows(bench.windows, options.holdout, rng)
+    roots = {} if floor is None else {odd: floor.root(odd) for odd in (True, False)}
+    usable = {k: v for k, v in free.items() if np.any(v)}
+    kept = {c.name: c for c in candidates if c.named or c.name in usable}
+    return Task(
+        bench,
+        kept,
+        usable,
+        splits.folds(bench.windows, block, rng),
+        block,
+        roots,
+        floor,
+        base,
+        ~test,
+        options.seed,
+    )
+
+
+def explained(task: Task, channel: str, metric: str) -> Explained:
+    """Search on the windows that may be seen, judge on the others, estimate on all."""
+    state = search(task, State(task.base))
+    errors = estimate.held_out(task, state)
+    result = estimate.estimates(task, state)
+    fit = ChannelFit(channel, metric, errors.before, errors.after, errors.floor)
+    findings = [_finding(task, channel, choice, result, fit) for choice in state.chosen]
+    return Explained(fit, findings, task, state, result)
+
+
+def _finding(
+    task: Task, channel: str, choice: Choice, result: estimate.Estimates, fit: ChannelFit
+) -> Finding:
+    c = choice.candidate
+    evidence = _evidence(choice, fit)
+    fitted = {"metric": fit.metric, "before": fit.before, "after": fit.after}
+    strength = choice.gain.trip
+    tied = list(choice.tied)
+    if c.term is None:
+        text = f"Something that none of the known terms explains follows {words.follows(c.depends_on)}"
+        where = _where_of_generic(task, choice)
+        needs = f"a term of your own for what follows {words.follows(c.depends_on)}, or a recording that varies it more"
+        proposal = {"proposal": proposed(task, choice)}
+        return Finding(
+            "unknown",
+            channel,
+            text,
+            tied,
+            needs,
+            list(c.depends_on),
+            where,
+            None,
+            [],
+            {**evidence, **proposal},
+            fitted,
+            strength,
+        )
+    where, parameters = _numbers(task, choice, result)
+    first = c.term.parameters[0]
+    nominal = first.nominal(task.base.truck) if first.truck_key else None
+    text = words.statement(c.name, parameters, where, nominal)
+    when = _when(c.name, parameters)
+    return Finding(
+        c.name,
+        channel,
+        text,
+        tied,
+        words.needs(c.name, tied),
+        list(c.depends_on),
+        where,
+        when,
+        parameters,
+        evidence,
+        fitted,
+        strength,
+    )
+
+
+def _evidence(choice: Choice, fit: ChannelFit) -> dict[str, Any]:
+    """Gains in the units of the channel's metric."""
+
+    def gain(share: float) -> float:
+        return fit.before * (1.0 - float(np.sqrt(min(max(1.0 - share, 0.0), 4.0))))
+
+    rivals = sorted(choice.rivals.items(), key=lambda kv: -kv[1].trip)[:6]
+    return {
+        "p_value": choice.evidence.p_value,
+        "log_evidence": choice.evidence.log_evidence,
+        "held_out_gain": gain(choice.gain.trip),
+        "alternatives": [{"term": n, "held_out_gain": gain(g.trip)} for n, g in rivals],
+    }
+
+
+def _numbers(
+    task: Task, choice: Choice, result: estimate.Estimates
+) -> tuple[dict[str, Any] | None, list[Parameter]]:
+    c = choice.candidate
+    assert c.term is not None
+    if c.kind == "field":
+        return field_numbers(task.cells(c.term), result.fields[c.name], c)
+    out = []
+    for parameter in c.term.parameters:
+        value, error = result.numbers[c.name].get(
+            parameter.name, (result.state.found.value(c.term, parameter.name), 0.0)
+        )
+        low, high = value - estimate.SURE * error, value + estimate.SURE * error
+        out.append(
+            Parameter(
+                parameter.name, value, max(low, parameter.low), min(high, parameter.high), parameter.unit
+            )
+        )
+    extra = [
+        Parameter(f"added_{p.name}", p.value - n, p.low - n, p.high - n, p.unit)
+        for p, n in ((out[0], c.term.parameters[0].nominal(task.base.truck)),) if c.term.parameters[0].unit == "W"
+    ]  # fmt: skip
+    return None, [*out, *extra]
+
+
+def field_numbers(
+    floor: Cells, values: fields.Values, c: Candidate
+) -> tuple[dict[str, Any] | None, list[Parameter]]:
+    """Where a field stands out, and its size there."""
+    assert c.term is not None
+    first = c.term.parameters[0]
+    edges, extent = fields.places(floor, values, c.term)
+    where = {"edges": edges, "extent": extent} if extent is not None else None
+    mask = fields.large(values)
+    if not mask.any():
+        return where, []
+    deviation, error = values.deviation[mask], values.error[mask]
+    if c.term.odd:
+        k = int(np.argmax(np.abs(deviation)))
+        value, spread = abs(float(deviation[k])), float(error[k])
+        return where, [
+            Parameter(
+                f"max_{c.name}",
+                value,
+                value - estimate.SURE * spread,
+                value + estimate.SURE * spread,
+                first.unit,
+            )
+        ]
+    weight = np.maximum(values.samples[mask], 1).astype(float)
+    value = first.neutral + float(np.average(deviation, weights=weight))
+    # Neighbours share their errors through the prior, so averaging does not shrink them.
+    spread = float(np.sqrt(np.average(error**2, weights=weight)) / max(1.0, np.sqrt(len(error) / 4.0)))
+    return where, [
+        Parameter(
+            first.name, value, value - estimate.SURE * spread, value + estimate.SURE * spread, first.unit
+        )
+    ]
+
+
+def _when(term: str, parameters: list[Parameter]) -> dict[str, Any] | None:
+    if term != "thermal_load":
+        return None
+    number = {p.name: p.value for p in parameters}
+    side = "below" if number.get("heating", 0.0) >= number.get("cooling", 0.0) else "above"
+    return {f"ambient_temperature_{side}": number.get("threshold")}
+
+
+def _where_of_generic(task: Task, choice: Choice) -> dict[str, Any] | None:
+    """Extent of the windows that a place-bound free dependence touches most."""
+    if not choice.candidate.place:
+        return None
+    w = task.recording.windows
+    x = task.free[choice.candidate.name]
+    touched = np.abs(x).max(axis=1) > 0
+    if not touched.any():
+        return None
+    return {
+        "edges": [],
+        "extent": [
+            float(w.x[touched].min()),
+            float(w.y[touched].min()),
+            float(w.x[touched].max()),
+            float(w.y[touched].max()),
+        ],
+    }
+
+
+def proposed(task: Task, choice: Choice) -> str:
+    """A dimensionally consistent expression for a free dependence, as a proposal and no more."""
+    kind, _, variables = choice.candidate.name.partition(" by ")
+    state = variables.replace(" and ", ", ") or "standing"
+    if kind in ("force", "drag"):
+        weight = "m g" if kind == "force" else "1 N"
+        return f"F = {weight} f({state}), with f dimensionless and piecewise linear"
+    return f"P = P0 f({state}), with P0 = {generic.POWER:.0f} W and f dimensionless and piecewise linear"
+
+
+def with_fields(result: estimate.Estimates, found: Found) -> Found:
+    """The final model, fields kept only where they are known."""
+    return replace(found, fields={k: v.deviation for k, v in result.fields.items()})

@@ -1,0 +1,97 @@
+"""The recording in memory: one trajectory per vehicle and day, and what it lacks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fleetlog.core.network import Network
+from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.truck import Truck
+from fleetlog.discovery.replay import Block, blocks
+from fleetlog.errors import DataError
+from fleetlog.store import Dataset
+
+COLUMNS = (
+    "x", "y", "heading", "speed", "edge_id", "edge_offset", "trip_id", "payload", "fork_height", "battery_power",
+    "soc", "ambient_temperature",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Vehicle-days of a recording on a site, with the truck that the model takes for all of them.
+
+    ``lag`` and ``scale`` (by vehicle) put the clock of the power channel and the scale of the speed channel right.
+    """
+
+    days: list[tuple[int, Trajectory]]
+    vehicles: tuple[str, ...]
+    network: Network | None
+    truck: Truck
+    lag: dict[int, float]
+    scale: dict[int, float]
+    load_with_power: bool = False
+
+    def has(self, column: str) -> bool:
+        """Whether any vehicle-day knows the column."""
+        return any(t.has(column) for _, t in self.days)
+
+    def blocks(self) -> list[Block]:
+        """Uninterrupted pieces as finely stepped motion."""
+        out = []
+        for vehicle, trajectory in self.days:
+            lag, scale = self.lag.get(vehicle, 0.0), self.scale.get(vehicle, 1.0)
+            out.extend(
+                blocks(
+                    trajectory, vehicle, self.network, self.truck.chassis.turn_radius,
+                    lag=lag, scale=scale, load_with_power=self.load_with_power,
+                )
+            )  # fmt: skip
+        return out
+
+    @property
+    def rows(self) -> int:
+        """Rows in all."""
+        return sum(len(t) for _, t in self.days)
+
+    @property
+    def step(self) -> float:
+        """Median time between rows [s]."""
+        return float(np.median([np.median(np.diff(t.time)) for _, t in self.days if len(t) > 2])) * 1e-6
+
+
+def read_fleet(dataset: Dataset, truck: Truck, site: Site | None = None) -> Fleet:
+    """The columns that matter here, vehicle-day by vehicle-day."""
+    network = (site or dataset.site).network
+    days, vehicles = [], tuple(dataset.vehicles)
+    for trajectory in dataset.days(COLUMNS):
+        if len(trajectory) >= 8 and trajectory.has("speed"):
+            days.append((vehicles.index(trajectory.vehicle_id), trajectory))
+    if not days:
+        raise DataError("no vehicle has rows with a speed", do="import logs that carry speed or positions")
+    return Fleet(days, vehicles, network, truck, {}, {})
+
+
+ABSENCES = {
+    "edge_id": "no road network: places are squares of the floor, and nothing is said of speed limits, turns or waiting",
+    "payload": "no payload: a truck that carries more than nothing looks like a heavier one",
+    "fork_height": "no fork height: lifting is not replayed, so its energy shows as an unexplained load at standstill",
+    "ambient_temperature": "no ambient temperature: heating and cooling cannot be told from a load that follows the hour",
+    "soc": "no state of charge: losses inside the battery stay unseen",
+    "battery_power": "no battery power: energy is read from the state of charge, whose coarse steps hide what is short",
+}  # fmt: skip
+
+
+def absences(fleet: Fleet) -> list[str]:
+    """What the recording lacks, and what that costs."""
+    out = [text for column, text in ABSENCES.items() if not fleet.has(column)]
+    if fleet.step > 2.5:
+        out.append(
+            f"a row every {fleet.step:.0f} s: braking and setting off fall between rows and are known in outline only"
+        )
+    if len({v for v, _ in fleet.days}) == 1:
+        out.append("one vehicle: what is wrong with it cannot be told from what is wrong with its kind")
+    return out

@@ -1,0 +1,263 @@
+"""Ridge regression on Gram matrices, with honest errors held in boxes.
+
+One pass over the windows builds X'X and X'y per fold; folds add up, and so do days.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.windows import Windows
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+BOX = 2.0
+"""Nuisances stay within this many standard deviations."""
+JITTERY = 4.0
+"""Windows that jump this many times more than usual weigh less."""
+FREE = 0.02
+"""Ridge of the freest model, as a share of each column's own square."""
+HUBER = 4.0
+"""Residuals beyond this many standard deviations weigh less."""
+
+
+@dataclass
+class Problem:
+    """Weighted windows: ``x`` (W, P) all columns, ``y`` (W,), both times the root of the weight; ``at`` columns by group.
+
+    ``fold`` (W,) numbers the folds of each kind of split; ``trip`` and ``block`` (W,) number the independent samples of
+    fast and of slow variables.
+    """
+
+    x: NDArray[np.float32]
+    y: Floats
+    weight: Floats
+    at: dict[str, Ints]
+    nuisance: Ints
+    spread: Floats
+    own: NDArray[np.bool_]
+    trip: Ints
+    block: Ints
+    fold: dict[str, Ints]
+    gram: Floats = field(init=False)
+    moment: Floats = field(init=False)
+    _by_fold: dict[str, list[tuple[Floats, Floats, float, int]]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.gram = (self.x.T @ self.x).astype(float)
+        self.moment = (self.x.T @ self.y.astype(np.float32)).astype(float)
+
+    def folds(self, kind: str) -> list[tuple[Floats, Floats, float, int]]:
+        """X'X, X'y, y'y and size of every fold of a kind of split."""
+        if kind not in self._by_fold:
+            out = []
+            for k in range(int(self.fold[kind].max()) + 1):
+                m = self.fold[kind] == k
+                x, y = self.x[m], self.y[m]
+                out.append(
+                    (
+                        (x.T @ x).astype(float),
+                        (x.T @ y.astype(np.float32)).astype(float),
+                        float(y @ y),
+                        int(m.sum()),
+                    )
+                )
+            self._by_fold[kind] = out
+        return self._by_fold[kind]
+
+    def extended(self, columns: dict[str, NDArray[np.float32]], rows: NDArray[np.bool_]) -> Problem:
+        """With more groups; ``rows`` are the windows of this problem among all."""
+        root = np.sqrt(self.weight[rows]).astype(np.float32)
+        at, begin = dict(self.at), self.x.shape[1]
+        for name, c in columns.items():
+            at[name] = np.arange(begin, begin + c.shape[1])
+            begin += c.shape[1]
+        new = np.concatenate([c[rows] for c in columns.values()], axis=1) * root[:, None]
+        return replace(self, x=np.concatenate([self.x, new], axis=1), at=at, _by_fold={})
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Groups in the model: the columns used of each, and the prior variance of their coefficients."""
+
+    columns: dict[str, Ints] = field(default_factory=dict)
+    tau: dict[str, float] = field(default_factory=dict)
+    drop: frozenset[int] = frozenset()
+
+    def add(self, name: str, columns: Ints, tau: float, drop: frozenset[int] = frozenset()) -> Selection:
+        """With one more group; ``drop`` nuisance columns that it makes needless."""
+        return Selection({**self.columns, name: columns}, {**self.tau, name: tau}, self.drop | drop)
+
+    def remove(self, name: str) -> Selection:
+        """With one group less."""
+        rest = {k: v for k, v in self.columns.items() if k != name}
+        return Selection(rest, {k: self.tau[k] for k in rest}, self.drop)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Coefficients ``beta`` of ``columns``; ``inverse`` the posterior covariance over the noise variance; ``nuisances`` come first."""
+
+    columns: Ints
+    beta: Floats
+    inverse: Floats
+    nuisances: int
+
+    def of(self, selection: Selection, name: str) -> tuple[Floats, Floats]:
+        """Coefficients of a group and their covariance block."""
+        begin = self.nuisances
+        for k, c in selection.columns.items():
+            if k == name:
+                part = slice(begin, begin + len(c))
+                return self.beta[part], self.inverse[part, part]
+            begin += len(c)
+        raise KeyError(name)
+
+
+def fit(
+    p: Problem,
+    s: Selection,
+    gram: Floats | None = None,
+    moment: Floats | None = None,
+    *,
+    inverse: bool = True,
+) -> Fit:
+    """Ridge fit of nuisances and selected groups; nuisances at the wall of their box stay there."""
+    gram = p.gram if gram is None else gram
+    moment = p.moment if moment is None else moment
+    keep = np.array([j not in s.drop for j in p.nuisance], dtype=bool)
+    spread = p.spread[keep]
+    c = np.concatenate([p.nuisance[keep], *s.columns.values()]).astype(int)
+    n = int(keep.sum())
+    penalty = np.concatenate(
+        [1.0 / spread**2, *(np.full(len(v), 1.0 / s.tau[k]) for k, v in s.columns.items())]
+    )
+    h = gram[np.ix_(c, c)] + np.diag(penalty)
+    b = moment[c]
+    beta = np.linalg.solve(h, b)
+    wall = np.concatenate([BOX * spread, np.full(len(c) - n, np.inf)])
+    stuck = np.zeros(len(c), bool)
+    for _ in range(4):
+        out = ~stuck & (np.abs(beta) > wall * (1.0 + 1e-9))
+        if not out.any():
+            break
+        stuck |= out
+        fixed = np.clip(beta, -wall, wall)
+        free = ~stuck
+        beta = np.where(stuck, fixed, 0.0)
+        beta[free] = np.linalg.solve(h[np.ix_(free, free)], b[free] - h[np.ix_(free, stuck)] @ fixed[stuck])
+    if not inverse:
+        return Fit(c, beta, np.zeros((0, 0)), n)
+    spread_of = np.zeros_like(h)
+    free = ~stuck
+    spread_of[np.ix_(free, free)] = np.linalg.inv(h[np.ix_(free, free)])
+    return Fit(c, beta, spread_of, n)
+
+
+def refit_tau(p: Problem, s: Selection, rounds: int = 4) -> Selection:
+    """Prior variances at their empirical-Bayes fixed point (MacKay's rule)."""
+    for _ in range(rounds if s.columns else 0):
+        f = fit(p, s)
+        tau = {}
+        for name, c in s.columns.items():
+            beta, inverse = f.of(s, name)
+            tau[name] = float(np.clip((beta @ beta + np.trace(inverse)) / len(c), 1e-12, 1e12))
+        s = Selection(s.columns, tau, s.drop)
+    return s
+
+
+def loss(f: Fit, fold: tuple[Floats, Floats, float, int]) -> float:
+    """Mean squared weighted residual of a fit on a fold."""
+    gram, moment, yy, n = fold
+    value = yy - 2.0 * f.beta @ moment[f.columns] + f.beta @ gram[np.ix_(f.columns, f.columns)] @ f.beta
+    return float(value) / max(n, 1)
+
+
+def noise_weights(
+    windows: Windows, model: Floats, residual: Floats, use: NDArray[np.bool_], jitter: Floats, crude: Floats
+) -> Floats:
+    """(W,) inverse variance of the residual: robust, in twelve classes of power, as noise grows with the power drawn.
+
+    ``crude`` is what the model itself may be off by, ``jitter`` how much power jumps from row to row.
+    """
+    level = np.abs(model) / np.maximum(windows.duration, 1e-6)
+    edges = np.quantile(level[use], np.linspace(0.0, 1.0, 13))
+    bin_ = np.clip(np.searchsorted(edges, level) - 1, 0, 11)
+    rate = residual**2 / np.maximum(windows.duration, 1e-6)
+    known = [k for k in range(12) if (use & (bin_ == k)).sum() >= 5]
+    spread = np.array([np.median(rate[use & (bin_ == k)]) * 2.2 for k in known])
+    centre = np.array([level[use & (bin_ == k)].mean() for k in known])
+    spread = np.maximum(spread, 0.1 * np.median(spread) + 1e-12)
+    weight = 1.0 / (np.interp(level, centre, spread) * np.maximum(windows.duration, 1e-6))
+    # Where power jumps between rows far more than usual, motion is faster than the log resolves and says little.
+    usual = np.median(jitter[use & windows.moving]) if (use & windows.moving).any() else 0.0
+    weight = 1.0 / (1.0 / weight + crude**2)
+    return np.asarray(
+        weight / np.maximum(1.0, (jitter / max(JITTERY * usual, 1e-9)) ** 2 if usual > 0 else 1.0)
+    )
+
+
+def pose(
+    windows: Windows,
+    model: Floats,
+    y: Floats,
+    groups: dict[str, NDArray[np.float32]],
+    nuisance: dict[str, NDArray[np.float32]],
+    spread: dict[str, Floats],
+    use: NDArray[np.bool_],
+    fold: dict[str, Ints],
+    block: Ints,
+    jitter: Floats,
+    crude: Floats,
+    weight: Floats | None = None,
+) -> Problem:
+    """The problem of the windows in ``use``, with weights from what the freest model leaves (or given)."""
+    names = [*nuisance, *groups]
+    x = np.concatenate([*nuisance.values(), *groups.values()], axis=1)[use]
+    width = [*(v.shape[1] for v in nuisance.values()), *(v.shape[1] for v in groups.values())]
+    ends = np.cumsum(width)
+    at = {
+        f"nuisance {n}" if i < len(nuisance) else n: np.arange(e - w, e)
+        for i, (n, w, e) in enumerate(zip(names, width, ends, strict=True))
+    }
+    index = np.arange(sum(width[: len(nuisance)]))
+    spreads = np.concatenate([spread[n] for n in nuisance])
+    own = np.concatenate([np.full(v.shape[1], n.startswith("vehicle")) for n, v in nuisance.items()])
+    if weight is None:
+        weight = _robust_weights(windows, model, y, x, use, jitter, crude)
+    root = np.sqrt(weight[use])
+    _, trip = np.unique(windows.trip[use], return_inverse=True)
+    _, slow = np.unique(block[use], return_inverse=True)
+    return Problem(
+        (x * root[:, None].astype(np.float32)), y[use] * root, weight, at, index, spreads, own,
+        trip, slow, {k: np.unique(v[use], return_inverse=True)[1] for k, v in fold.items()},
+    )  # fmt: skip
+
+
+def _robust_weights(
+    windows: Windows,
+    model: Floats,
+    y: Floats,
+    x: NDArray[np.float32],
+    use: NDArray[np.bool_],
+    jitter: Floats,
+    crude: Floats,
+) -> Floats:
+    """Weights from what the freest model leaves: an effect that is yet to be found must not pass for noise."""
+    weight = noise_weights(windows, model, y, use, jitter, crude)
+    for _ in range(2):
+        w = weight[use].astype(np.float32)
+        weighted = x * w[:, None]
+        h = (weighted.T @ x).astype(float)
+        h += np.diag(FREE * np.diag(h) + 1e-9)
+        beta = np.linalg.solve(h, (weighted.T @ y[use].astype(np.float32)).astype(float))
+        residual = y.copy()
+        residual[use] -= x @ beta.astype(np.float32)
+        weight = noise_weights(windows, model, residual, use, jitter, crude)
+        z = np.abs(residual) * np.sqrt(weight)
+        weight = weight * np.minimum(1.0, HUBER / np.maximum(z, 1e-9))
+    return np.asarray(weight)

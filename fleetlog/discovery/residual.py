@@ -1,0 +1,315 @@
+"""Recorded minus modelled energy by window, and the energy that every explanation would add there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery import generic, windows
+from fleetlog.discovery.candidates import MECHANISM, Candidate, Knob, tilted
+from fleetlog.discovery.evaluate import Evaluation
+from fleetlog.discovery.model import Found
+from fleetlog.discovery.replay import Block
+from fleetlog.discovery.stretches import Cells
+from fleetlog.discovery.windows import Cut, Windows
+from fleetlog.physics.power import all_terms
+
+Floats = NDArray[np.float64]
+Columns = NDArray[np.float32]
+
+MATERIAL = 0.02
+"""A mismatch below this share of the energy (or time) it touches does not count."""
+CRUDE = 0.01
+"""Share of a window's energy that sampling keeps any model from explaining."""
+
+
+class Bench(Protocol):
+    """What the search needs of a channel: windows with a recorded quantity, and what models say of it."""
+
+    @property
+    def windows(self) -> Windows:
+        """Where and when."""
+        ...
+
+    @property
+    def recorded(self) -> Floats:
+        """(W,) the recorded energy [kJ], or time [s]."""
+        ...
+
+    @property
+    def whole(self) -> NDArray[np.bool_]:
+        """(W,) windows that can be used."""
+        ...
+
+    def tabulate(self, found: Found, named: list[Candidate], free: dict[str, Columns]) -> Table:
+        """The residual under a model and the columns of all named candidates about it."""
+        ...
+
+    def column(self, found: Found, candidate: Candidate) -> Floats:
+        """(W, p) of one named candidate about a model."""
+        ...
+
+    def effect(self, before: Found, after: Found) -> Floats:
+        """(W,) that one model says more than another."""
+        ...
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Everything about the recorded rows that does not change while the search goes on."""
+
+    blocks: list[Block]
+    cuts: list[Cut]
+    windows: Windows
+    starts: dict[tuple[int, int], float]
+    ranges: generic.Ranges
+    floor: Cells | None
+    channel: str
+    measured: bool
+    recorded: Floats
+    whole: NDArray[np.bool_]
+
+    @property
+    def cells(self) -> int:
+        """Number of pieces of the floor."""
+        return 0 if self.floor is None else len(self.floor)
+
+    def evaluation(self, block: Block, found: Found) -> Evaluation:
+        """One block under a model."""
+        return Evaluation(block, found, self.floor, self.channel, self.measured)
+
+    def pairs(self) -> Iterator[tuple[Block, Cut]]:
+        """Blocks with their windows."""
+        return zip(self.blocks, self.cuts, strict=True)
+
+    def tabulate(self, found: Found, named: list[Candidate], free: dict[str, Columns]) -> Table:
+        """The residual under ``found`` and the columns of all named candidates about it."""
+        return tabulate(self, found, named, free)
+
+    def column(self, found: Found, candidate: Candidate) -> Floats:
+        """(W, p) kJ of one named candidate about a model."""
+        return tabulate_one(self, found, candidate)
+
+    def effect(self, before: Found, after: Found) -> Floats:
+        """(W,) kJ that one model says more than another."""
+        return effect(self, before, after)
+
+
+@dataclass
+class Table:
+    """W windows: ``y`` recorded minus modelled energy, ``model`` the modelled one [kJ], ``groups`` (W, p) by candidate.
+
+    ``nuisance`` are the groups of small honest errors of a truck file and a logger; ``spread`` their standard deviations.
+    ``jitter`` (W,) is how much the residual power jumps from row to row [W]: motion faster than the log resolves.
+    ``crude`` (W,) is what a model that is right in kind may still be off by.
+    """
+
+    windows: Windows
+    y: Floats
+    model: Floats
+    groups: dict[str, Columns]
+    nuisance: dict[str, Columns]
+    spread: dict[str, Floats]
+    jitter: Floats
+    crude: Floats
+    free: dict[str, Columns] = field(default_factory=dict)
+
+
+def prepare(
+    blocks: list[Block], floor: Cells | None, channel: str, measured: bool, width: float, capacity: float
+) -> Recording:
+    """Windows of all blocks, with the recorded energy of the channel in each; ``capacity`` of the battery [J].
+
+    ``whole`` marks windows whose every row has the channel, and in which the battery was not charged.
+    """
+    starts: dict[tuple[int, int], float] = {}
+    for b in blocks:
+        key = (b.vehicle, b.day)
+        starts[key] = min(starts.get(key, np.inf), float(b.time[0]))
+    cuts = [windows.cut(b, width) for b in blocks]
+    frame = windows.join([windows.describe(b, c) for b, c in zip(blocks, cuts, strict=True)])
+    pairs = [recorded_energy(b, c, channel, capacity) for b, c in zip(blocks, cuts, strict=True)]
+    energy = np.concatenate(pairs)
+    whole = np.isfinite(energy)
+    spans = generic.ranges(blocks, starts)
+    return Recording(
+        blocks, cuts, frame, starts, spans, floor, channel, measured, np.where(whole, energy, 0.0), whole
+    )
+
+
+def recorded_energy(block: Block, c: Cut, channel: str, capacity: float) -> Floats:
+    """(windows,) kJ that the channel shows; NaN where a row is missing or the battery was charged."""
+    if channel == "battery_power":
+        dt = block.rows(block.motion.dt) * block.steps
+        return np.bincount(c.of_row, block.power * dt, c.count) * 1e-3
+    first = np.flatnonzero(np.concatenate([[True], np.diff(c.of_row) != 0]))
+    soc = block.soc
+    # A row stands for the time around its stamp, so a window begins half way between two stamps.
+    border = np.concatenate([soc[:1], 0.5 * (soc[first[1:] - 1] + soc[first[1:]]), soc[-1:]])
+    drop = -np.diff(border)
+    charged = np.bincount(c.of_row, np.diff(soc, prepend=soc[:1]) > 0.005, c.count) > 0
+    return np.where(charged, np.nan, drop * capacity * 1e-3)
+
+
+def generic_columns(recording: Recording, found: Found) -> dict[str, Columns]:
+    """Free dependences of every window; they depend on the model only through the drive's gain, so once is enough."""
+    pieces: dict[str, list[Columns]] = {}
+    for block, c in recording.pairs():
+        e = recording.evaluation(block, found)
+        start = recording.starts[block.vehicle, block.day]
+        for name, x in generic.columns(
+            block, c, recording.ranges, e.gain, e.mass, start, _place(recording, block), recording.cells
+        ):
+            pieces.setdefault(name, []).append(x.astype(np.float32))
+    return {k: np.concatenate(v) for k, v in pieces.items()}
+
+
+def tabulate(recording: Recording, found: Found, named: list[Candidate], free: dict[str, Columns]) -> Table:
+    """The residual under ``found`` and the columns of all named candidates about it."""
+    groups: dict[str, list[Columns]] = {}
+    nuisance: dict[str, list[Columns]] = {}
+    model, jitter = [], []
+    for block, c in recording.pairs():
+        e = recording.evaluation(block, found)
+        model.append(c.energy(block, e.power))
+        jumps = _jumps(block, c, e) if recording.channel == "battery_power" else np.zeros(c.count)
+        jitter.append(jumps)
+        for candidate in named:
+            groups.setdefault(candidate.name, []).append(
+                _named(recording, e, c, candidate).astype(np.float32)
+            )
+        for name, x in _nuisance(recording, e, c, jumps).items():
+            nuisance.setdefault(name, []).append(x.astype(np.float32))
+    modelled = np.concatenate(model)
+    flat = {k: np.concatenate(v) for k, v in nuisance.items()}
+    kept = {k: np.concatenate(v) for k, v in groups.items()}
+    return Table(
+        recording.windows,
+        recording.recorded - modelled,
+        modelled,
+        kept,
+        flat,
+        _spreads(flat, recording),
+        np.concatenate(jitter),
+        CRUDE * np.abs(recording.recorded),
+        free,
+    )
+
+
+def tabulate_one(recording: Recording, found: Found, candidate: Candidate) -> Floats:
+    """(W, p) kJ of one named candidate about a model."""
+    pieces = []
+    for block, c in recording.pairs():
+        e = recording.evaluation(block, found)
+        pieces.append(_named(recording, e, c, candidate))
+    return np.concatenate(pieces)
+
+
+def _place(recording: Recording, block: Block) -> NDArray[np.int32]:
+    """(N,) piece of floor of each sample, -1 for none."""
+    if recording.floor is None:
+        return np.full(len(block.motion), -1, np.int32)
+    return recording.floor.parts(block.motion, False)[0][0]
+
+
+def _named(recording: Recording, e: Evaluation, c: Cut, candidate: Candidate) -> Floats:
+    """(windows, p) kJ per unit: of the parameter for one number, of the setting for a grid, per cell for a field."""
+    term = candidate.term
+    assert term is not None
+    if candidate.kind == "field":
+        assert recording.floor is not None
+        slope, size = e.slope(term), recording.floor.size(term.odd)
+        parts = recording.floor.parts(e.block.motion, term.odd)
+        return np.asarray(sum(c.energies(e.block, number, size, slope * weight) for number, weight in parts))
+    out = []
+    for knob in candidate.knobs:
+        setting, size = tilted(e.found, term, knob)
+        # A shape changes nothing by itself only while the amplitude is neutral; else it is taken as it is now.
+        level = e.change(term, dict(knob.shape)) if knob.shape else 0.0
+        out.append(c.energy(e.block, e.change(term, setting) - level) / size)
+    return np.stack(out, axis=1)
+
+
+def _jumps(block: Block, c: Cut, e: Evaluation) -> Floats:
+    """(windows,) root mean square of the residual power's second difference, scaled to that of white noise [W]."""
+    r = np.nan_to_num(block.power - block.rows(e.power))
+    bend = np.zeros(len(r))
+    bend[1:-1] = (r[2:] - 2.0 * r[1:-1] + r[:-2]) / np.sqrt(6.0)
+    count = np.maximum(np.bincount(c.of_row, minlength=c.count), 1)
+    return np.sqrt(np.bincount(c.of_row, bend**2, c.count) / count)
+
+
+def _nuisance(recording: Recording, e: Evaluation, c: Cut, jumps: Floats) -> dict[str, Floats]:
+    """Small honest errors: the truck file's coefficients, each vehicle's and vehicle-day's own, and the sampling."""
+    block, m = e.block, e.block.motion
+    terms = all_terms()
+    out: dict[str, Floats] = {}
+    if not recording.measured:
+        for name in MECHANISM:
+            setting, size = tilted(e.found, terms[name], Knob(terms[name].parameters[0].name))
+            out[name] = c.energy(block, e.change(terms[name], setting) / size)[:, None]
+    else:
+        out["capacity"] = c.energy(block, e.power)[:, None]
+    rolling = c.energy(block, e.truck.resistance.rolling * e.mass * 9.81 * e.gain)
+    ones = c.energy(block, np.ones(len(m)))
+    if not recording.measured:
+        out["vehicle rolling"] = _own(rolling, block.vehicle, recording.ranges.vehicles)
+    out["vehicle load"] = _own(ones, block.vehicle, recording.ranges.vehicles)
+    days = recording.ranges.days
+    if len(days) > 1:
+        place = block.vehicle * len(days) + days.index(block.day)
+        out["vehicle-day load"] = _own(ones, place, recording.ranges.vehicles * len(days))
+    out["lag"] = _own(
+        c.energy(block, -np.gradient(e.power, m.time)), block.vehicle, recording.ranges.vehicles
+    )
+    out["sampling"] = c.energy(block, _rectified(e, e.mass * e.motion.speed * 0.12))[:, None]
+    if recording.channel == "battery_power":
+        wobble = jumps[c.of_sample] * e.truck.drive.efficiency
+        out["ripple"] = c.energy(block, _rectified(e, wobble))[:, None]
+    return out
+
+
+def _own(values: Floats, which: int, count: int) -> Floats:
+    out = np.zeros((len(values), count))
+    out[:, which] = values
+    return out
+
+
+def _rectified(e: Evaluation, wobble: Floats) -> Floats:
+    """(N,) W that the convex switch between traction and braking adds where mechanical power wobbles by ``wobble`` [W]."""
+    from scipy.stats import norm
+
+    drive = e.truck.drive
+    size = np.maximum(wobble, 1e-6)
+    z = np.abs(e.force * e.motion.speed) / size
+    bend = (1.0 / drive.efficiency - drive.regeneration) * size * (norm.pdf(z) - z * norm.sf(z))
+    return np.asarray(np.where(e.motion.speed > 0.05, bend, 0.0))
+
+
+def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Floats]:
+    """Standard deviation of every nuisance: honest tolerance, but never so much that twice of it would be material."""
+    fixed = {
+        "vehicle rolling": 0.05, "vehicle load": 25.0, "vehicle-day load": 30.0, "lag": 0.15, "sampling": 0.3, "ripple": 0.5, "capacity": 0.02,
+    }  # fmt: skip
+    total = float(np.abs(recording.recorded).sum()) or 1.0
+    out = {}
+    for name, x in nuisance.items():
+        spread = MECHANISM.get(name, fixed.get(name, 0.05))
+        if name in MECHANISM:
+            effect = float(np.abs(x).sum(dtype=float)) / total
+            spread = min(spread, 0.5 * MATERIAL / max(effect, 1e-12))
+        out[name] = np.full(x.shape[1], spread)
+    return out
+
+
+def effect(recording: Recording, before: Found, after: Found) -> Floats:
+    """(W,) kJ that one model says more than another."""
+    out = []
+    for block, c in recording.pairs():
+        a, b = (recording.evaluation(block, f).power for f in (after, before))
+        out.append(c.energy(block, a - b))
+    return np.concatenate(out)

@@ -1,0 +1,175 @@
+"""Choosing among explanations by how well they predict what was held out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.candidates import Candidate, Knob
+from fleetlog.discovery.evidence import Evidence
+from fleetlog.discovery.linear import Problem, Selection, fit, loss, refit_tau
+
+Floats = NDArray[np.float64]
+
+ALPHA = 0.01
+"""Family-wise p-value that an explanation must reach."""
+LEAST_EVIDENCE = 4.0
+LEAST_GAIN = 0.01
+"""Share of the held-out error that an explanation must remove."""
+KEPT = 0.4
+"""Share of its gain that an explanation must keep on other kinds of split."""
+NEAR = 0.85
+"""Explanations with this share of the best gain are practically as good."""
+SHORT = 9
+COST = {"scalar": 1.0, "field": 3.0, "generic": 4.0}
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What an explanation gains on every kind of split, as a share of the error without it; ``folds`` the trip folds' own."""
+
+    by_split: dict[str, float]
+    standard_error: dict[str, float]
+    folds: Floats
+    share: float
+    tau: float
+
+    @property
+    def trip(self) -> float:
+        """On unseen trips."""
+        return self.by_split["trip"]
+
+    def worst(self, named: bool) -> float:
+        """Smallest share of the gain that is kept on another split."""
+        g = max(self.trip, 1e-9)
+        kept = [v / g for k, v in self.by_split.items() if k in ("block", "place")]
+        if "vehicle" in self.by_split:
+            kept.append((1.0 if named else 0.0) + self.by_split["vehicle"] / g)
+        return min(kept, default=1.0)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The explanation chosen at a step, and what it was chosen over."""
+
+    candidate: Candidate
+    evidence: Evidence
+    gain: Gain
+    knobs: tuple[Knob, ...] = ()
+    rivals: dict[str, Gain] = field(default_factory=dict)
+    tied: tuple[str, ...] = ()
+
+
+def cross_validate(p: Problem, s: Selection, kind: str) -> Floats:
+    """(folds,) held-out mean squared weighted residual."""
+    out = []
+    for fold in p.folds(kind):
+        f = fit(p, s, p.gram - fold[0], p.moment - fold[1], inverse=False)
+        out.append(loss(f, fold))
+    return np.array(out)
+
+
+def splits_for(p: Problem, c: Candidate) -> list[str]:
+    """Kinds of split that may be asked of an explanation: a place field cannot predict unseen places."""
+    out = [k for k in p.fold if not (k == "place" and c.place)]
+    if "vehicle_id" in c.depends_on:
+        out = [k for k in out if k != "vehicle"]
+    if "day" in c.depends_on or "time" in c.depends_on:
+        out = [k for k in out if k != "block"]
+    return out
+
+
+def gain_of(
+    p: Problem,
+    s: Selection,
+    without: Selection,
+    c: Candidate,
+    e: Evidence,
+    base: dict[str, Floats],
+    root: Floats,
+    energy: Floats,
+) -> Gain:
+    """Cross-validated gain of adding ``c``.
+
+    ``without`` lacks the nuisances that ``c`` makes needless; ``base`` caches the losses of ``s``; ``root`` (W,) is
+    that of the weights and ``energy`` (W,) what was recorded.
+    """
+    with_it = without.add(c.name, e.columns, max(e.tau, 1e-12))
+    if c.kind != "scalar":
+        with_it = refit_tau(p, with_it, 3)
+    by_split, error = {}, {}
+    folds = np.zeros(0)
+    for kind in splits_for(p, c):
+        if kind not in base:
+            base[kind] = cross_validate(p, s, kind)
+        difference = base[kind] - cross_validate(p, with_it, kind)
+        scale = base["trip"].mean() if "trip" in base else base[kind].mean()
+        by_split[kind] = float(difference.mean() / scale)
+        error[kind] = float(difference.std(ddof=1) / np.sqrt(len(difference)) / scale)
+        if kind == "trip":
+            folds = difference / scale
+    f = fit(p, with_it, inverse=False)
+    if c.kind == "scalar":
+        own = f.nuisances + sum(len(v) for v in s.columns.values())
+        effect = p.x[:, f.columns[own:]] @ f.beta[own:]
+    else:
+        # Of a free shape only what the honest errors could not say as well.
+        g = fit(p, s, inverse=False)
+        effect = p.x[:, f.columns] @ f.beta - p.x[:, g.columns] @ g.beta
+    return Gain(by_split, error, folds, material_share(effect / root, energy, c.place), with_it.tau[c.name])
+
+
+def material_share(effect: Floats, energy: Floats, place: bool) -> float:
+    """Share of the energy that an effect makes up, where it is tied to places over those it touches."""
+    size = np.abs(effect)
+    total = np.abs(energy)
+    if place and size.max() > 0:
+        touched = size > 0.2 * np.quantile(size, 0.98)
+        return float(size[touched].sum() / max(total[touched].sum(), 1e-12))
+    return float(size.sum() / max(total.sum(), 1e-12))
+
+
+def choose(
+    candidates: dict[str, Candidate],
+    evidence: dict[str, Evidence],
+    gains: dict[str, Gain],
+    need: float,
+    material: tuple[float, float],
+) -> Choice | None:
+    """The explanation to add: it must generalise, be material, and then the simpler and the named go first.
+
+    ``material`` is the least share of everything, and of the places touched, that counts.
+    """
+    good = {
+        k: g for k, g in gains.items()
+        if g.trip >= need and g.trip > 2.0 * g.standard_error["trip"] and g.worst(candidates[k].named) > KEPT
+        and g.share >= _least_share(candidates[k], material)
+    }  # fmt: skip
+    if not good:
+        return None
+    outside = [g.trip for k, g in good.items() if not candidates[k].internal]
+    if outside:
+        # A curve over the model's own state (speed, load) must beat the best other explanation by half.
+        good = {k: g for k, g in good.items() if not candidates[k].internal or g.trip > 1.5 * max(outside)}
+    best = max(g.trip for g in good.values())
+    near = [k for k, g in good.items() if g.trip >= NEAR * best]
+    pool = [k for k in near if not candidates[k].place] or near
+    pool = [k for k in pool if candidates[k].named] or pool
+    chosen = max(pool, key=lambda k: good[k].trip - 0.05 * best * COST[candidates[k].kind])
+    tied = tuple(k for k in gains if k != chosen and candidates[k].named and _tied(gains[k], gains[chosen]))
+    rivals = {k: g for k, g in gains.items() if k != chosen}
+    return Choice(candidates[chosen], evidence[chosen], good[chosen], (), rivals, tied)
+
+
+def _least_share(c: Candidate, material: tuple[float, float]) -> float:
+    """What counts: of all energy, or of the places touched; a curve over the model's own state must show twice as much."""
+    return material[c.place] * (2.0 if c.internal else 1.0)
+
+
+def _tied(other: Gain, chosen: Gain) -> bool:
+    """Whether held-out trips cannot tell two explanations apart."""
+    difference = chosen.folds - other.folds
+    error = difference.std(ddof=1) / np.sqrt(len(difference))
+    return bool(difference.mean() < max(2.5 * error, 0.01) and other.trip > 0.7 * chosen.trip)

@@ -1,0 +1,72 @@
+"""What is held out: whole trips, stretches of time, places, vehicles; never rows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.windows import Windows
+
+Ints = NDArray[np.int64]
+
+FOLDS = 5
+FEWEST_BLOCKS = 12
+"""With fewer vehicle-days than this each is cut into hours, as slow variables need some independent samples."""
+TEST = 0.2
+"""Share that no step of the search sees."""
+
+
+def slow_blocks(w: Windows) -> Ints:
+    """(W,) the vehicle-day of every window, cut into shorter stretches of time where there are few."""
+    day = w.vehicle * 100_000 + (w.day - w.day.min())
+    count = len(np.unique(day))
+    if count >= FEWEST_BLOCKS:
+        return np.asarray(np.unique(day, return_inverse=True)[1])
+    parts = int(np.ceil(2 * FEWEST_BLOCKS / count))
+    out = np.zeros(len(w), np.int64)
+    for k, d in enumerate(np.unique(day)):
+        m = day == d
+        rank = np.argsort(np.argsort(w.time[m], kind="stable"), kind="stable")
+        out[m] = k * parts + rank * parts // max(int(m.sum()), 1)
+    return out
+
+
+def test_windows(w: Windows, holdout: str, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """(W,) windows of the trips (vehicles, days) that are kept back for the last judgement."""
+    unit = {"trips": w.trip, "vehicles": w.vehicle, "days": w.day}[holdout]
+    if holdout != "trips" and len(np.unique(unit)) < 3:
+        unit = slow_blocks(w)
+    names = np.unique(unit)
+    # A log that never stops is one trip: then stretches of time take the place of trips.
+    if len(names) < 5:
+        unit = slow_blocks(w)
+        names = np.unique(unit)
+    chosen = rng.permutation(names)[: max(1, round(TEST * len(names)))]
+    return np.isin(unit, chosen)
+
+
+def folds(w: Windows, block: Ints, rng: np.random.Generator) -> dict[str, Ints]:
+    """(W,) fold numbers of every kind of split that these data allow; ``trip`` is always there."""
+    trips = w.trip if len(np.unique(w.trip)) >= 2 * FOLDS else block
+    out = {
+        "trip": _deal(trips, FOLDS, rng),
+        "block": _deal(block, min(2 * FOLDS, len(np.unique(block))), rng),
+    }
+    place = w.edge if (w.edge >= 0).any() else _squares(w)
+    if len(np.unique(place[w.moving])) >= 2 * FOLDS:
+        dealt = _deal(place, FOLDS, rng)
+        # Standing says nothing of a place: deal those windows at random.
+        out["place"] = np.where(w.moving, dealt, rng.integers(0, FOLDS, len(w)))
+    if len(np.unique(w.vehicle)) >= 3:
+        out["vehicle"] = _deal(w.vehicle, min(FOLDS, len(np.unique(w.vehicle))), rng)
+    return out
+
+
+def _squares(w: Windows) -> Ints:
+    size = max(np.ptp(w.x), np.ptp(w.y), 1.0) / 8.0
+    return np.asarray((w.x // size).astype(np.int64) * 1000 + (w.y // size).astype(np.int64))
+
+
+def _deal(unit: Ints, count: int, rng: np.random.Generator) -> Ints:
+    names, which = np.unique(unit, return_inverse=True)
+    return np.asarray((rng.permutation(len(names)) % count)[which], dtype=np.int64)
