@@ -23,7 +23,8 @@ def joined(found: Match, network: Network, most: int = 4) -> float:
         a, b = int(found.edge[i - 1]), int(found.edge[i])
         if a < 0 or b < 0 or a == b or found.restart[i]:
             continue
-        reach, front = {int(network.reverse[a])}, {a}
+        reach = {int(network.reverse[a])}
+        front = {a, *(e for e in reach if e >= 0)}
         for _ in range(most):
             front = {int(j) for e in front for j in network.successors(e)}
             reach |= front
