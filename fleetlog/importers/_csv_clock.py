@@ -73,7 +73,7 @@ class Clock:
         if np.isfinite(figures).mean() > 0.5:
             return self._decide_count(figures, str(sample[0]))
         time, _ = from_iso(sample)
-        if (time != NONE).mean() > 0.5:
+        if (time != NONE).any():
             return "iso"
         do = "state its format in a profile: [time] format = '%d.%m.%Y %H:%M:%S'"
         raise FormatError(f"times as {str(sample[0])!r} can be read in several ways", where=self.path, do=do)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import gzip
 import io
 import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, cast
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from fleetlog.errors import InputError
 
@@ -16,6 +15,7 @@ if TYPE_CHECKING:
     from fleetlog.importers.base import ReadReport
 
 HEAD = 1 << 16
+_PIECE = 1 << 17
 _MAGIC = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd"}
 _PACKED = {".gz", ".zst"}
 
@@ -62,25 +62,17 @@ def _opened(path: Path) -> BinaryIO:
 class Unpacked(io.RawIOBase):
     """The bytes of a file, unpacked; ``share`` says how far the file itself has been read.
 
-    Where the packing is cut off or broken, the stream ends there and ``report`` hears of it.
+    Where the packing is cut off or broken, the stream ends there, with everything before it, and ``report`` hears of it.
     """
 
     def __init__(self, path: Path, report: ReadReport | None = None) -> None:
+        self._packing = compression(path)
         self._file = _opened(path)
         self._size = max(path.stat().st_size, 1)
         self._report = report
         self._given = 0
-        packing = compression(path)
-        self._stream: BinaryIO = self._file
-        if packing == "gzip":
-            self._stream = cast(BinaryIO, gzip.GzipFile(fileobj=self._file))
-        elif packing == "zstd":
-            import zstandard
-
-            self._stream = cast(
-                BinaryIO, zstandard.ZstdDecompressor().stream_reader(self._file, read_across_frames=True)
-            )
-        self._packing = packing
+        self._ready = b""
+        self._unpacker: Any = None
 
     @property
     def share(self) -> float:
@@ -94,30 +86,58 @@ class Unpacked(io.RawIOBase):
     def readinto(self, buffer: WriteableBuffer, /) -> int:
         """The next bytes; 0 at the end, and at the first damage."""
         view = memoryview(buffer).cast("B")
-        try:
-            data = self._stream.read(len(view))
-        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-            return self._broken(error)
-        except Exception as error:
-            if type(error).__name__ != "ZstdError":  # imported only where a file is so packed
-                raise
-            return self._broken(error)
+        while not self._ready:
+            packed = self._file.read(_PIECE)
+            if not packed:
+                if self._unpacker is not None:
+                    self._broken("it ends too early")
+                return 0
+            self._ready = self._unpacked(packed) if self._packing else packed
+        data, self._ready = self._ready[: len(view)], self._ready[len(view) :]
         view[: len(data)] = data
         self._given += len(data)
         return len(data)
 
-    def _broken(self, error: Exception) -> int:
+    def _unpacked(self, packed: bytes) -> bytes:
+        """What a piece of the file gives; packed streams may follow one another."""
+        out = []
+        while packed:
+            if self._unpacker is None:
+                self._unpacker = _unpacker(self._packing)
+            try:
+                out.append(self._unpacker.decompress(packed))
+            except Exception as error:
+                if not isinstance(error, zlib.error) and type(error).__name__ != "ZstdError":
+                    raise
+                self._broken(str(error))
+                self._file.seek(0, io.SEEK_END)
+                self._unpacker = None
+                break
+            packed = b""
+            if self._unpacker.eof:
+                packed, self._unpacker = self._unpacker.unused_data.lstrip(b"\0"), None
+        return b"".join(out)
+
+    def _broken(self, why: str) -> None:
+        self._unpacker = None
         if self._report is not None:
             at = plural(self._given, "byte")
             self._report.damaged(
-                f"the {self._packing} packing is broken or cut off after {at} of unpacked log ({error})"
+                f"the {self._packing} packing is broken or cut off after about {at} of unpacked log ({why})"
             )
-        return 0
 
     def close(self) -> None:
         """Close the file."""
         self._file.close()
         super().close()
+
+
+def _unpacker(packing: str | None) -> Any:
+    if packing == "gzip":
+        return zlib.decompressobj(wbits=31)
+    import zstandard
+
+    return zstandard.ZstdDecompressor().decompressobj()
 
 
 def open_bytes(path: Path, report: ReadReport | None = None) -> tuple[io.BufferedReader, Unpacked]:

@@ -1,0 +1,303 @@
+"""Delimited text: what is read, what is recognised, what is refused, and that every line is one or the other."""
+
+from __future__ import annotations
+
+import codecs
+import gzip
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fleetlog.core.trajectory import Labels
+from fleetlog.errors import FormatError, InputError
+from fleetlog.importers import _csv_blocks
+from fleetlog.importers._csv_cells import one_angle, packed_minutes
+from fleetlog.importers._names import recognise
+from fleetlog.importers._profile import Profile, profile_from_dict
+from fleetlog.importers._units import UNITS, find_unit
+from fleetlog.importers.base import RawBatch, ReadOptions, ReadReport, detect
+
+HEADER = "vehicle_id,timestamp,x,y,speed\n"
+
+
+def read(path: Path, profile: Profile | None = None) -> tuple[list[RawBatch], ReadReport]:
+    report = ReadReport(path)
+    return list(detect(path).read(path, ReadOptions(report, profile))), report
+
+
+def one(path: Path, text: str | bytes, profile: dict[str, Any] | None = None) -> tuple[RawBatch, ReadReport]:
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    batches, report = read(path, profile_from_dict(profile) if profile else None)
+    assert len(batches) == 1
+    return batches[0], report
+
+
+def rows(count: int, start: int = 0) -> str:
+    return "".join(
+        f"A,2026-03-02T05:{i // 60:02d}:{i % 60:02d}Z,{i}.5,{-i},1.25\n" for i in range(start, start + count)
+    )
+
+
+def test_contract_names_need_no_word(tmp_path: Path) -> None:
+    batch, report = one(tmp_path / "a.csv", HEADER + rows(3))
+    assert batch.vehicle.strings() == ["A"] * 3
+    assert batch.time.tolist() == [1772427600000000 + i * 1_000_000 for i in range(3)]
+    assert batch.columns["x"].tolist() == [0.5, 1.5, 2.5]
+    assert batch.record.tolist() == [2, 3, 4]
+    assert not (report.recognised or report.notes or report.damage or batch.rejects)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "cp1252"])
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", "|"])
+def test_encodings_and_delimiters_give_the_same(tmp_path: Path, encoding: str, delimiter: str) -> None:
+    text = (HEADER + rows(4)).replace(",", delimiter).replace("A" + delimiter, "Käfer" + delimiter)
+    batch, _ = one(tmp_path / "a.csv", text.encode(encoding))
+    assert batch.vehicle.strings() == ["Käfer"] * 4
+    assert batch.columns["speed"].tolist() == [1.25] * 4
+
+
+def test_decimal_comma(tmp_path: Path) -> None:
+    text = "vehicle_id;timestamp;x;y\nA;2026-03-02T05:00:00Z;1,5;-2,25\n"
+    batch, _ = one(tmp_path / "a.csv", text, {"decimal": ","})
+    assert [batch.columns[n][0] for n in "xy"] == [1.5, -2.25]
+
+
+@pytest.mark.parametrize("pack", ["gz", "zst"])
+def test_packed_and_cut_off(tmp_path: Path, pack: str) -> None:
+    text = (HEADER + rows(3000)).encode()
+    if pack == "gz":
+        packed = gzip.compress(text)
+    else:
+        import zstandard
+
+        packed = zstandard.ZstdCompressor().compress(text)
+    path = tmp_path / f"a.csv.{pack}"
+    path.write_bytes(packed)
+    batches, report = read(path)
+    assert sum(map(len, batches)) == 3000 and not report.damage
+    path.write_bytes(packed + packed)  # streams that follow one another are one file
+    batches, report = read(path)
+    assert sum(map(len, batches)) == 6000 and not report.damage
+    path.write_bytes(packed[: -len(packed) // 8])
+    try:
+        batches, report = read(path)
+    except FormatError:
+        assert pack == "zst"  # a small zstd file is one block: nothing of it is whole
+        return
+    assert 500 < sum(map(len, batches)) < 3000
+    assert any("cut off" in d for d in report.damage)
+
+
+def test_ragged_rows_are_refused_never_shifted(tmp_path: Path) -> None:
+    text = (
+        HEADER
+        + "A,2026-03-02T05:00:00Z,1,2,3\n\nA,2026-03-02T05:00:01Z,1,2,3,4\nA,2026-03-02T05:00:02Z,1\n"
+        + rows(1, 3)
+    )
+    batch, report = one(tmp_path / "a.csv", text)
+    assert batch.record.tolist() == [2, 6]
+    assert [(r.record, r.reason) for r in batch.rejects] == [
+        (4, "the line has more fields than the header"), (5, "the line has fewer fields than the header"),
+    ]  # fmt: skip
+    assert batch.rejects[0].text == "A,2026-03-02T05:00:01Z,1,2,3,4"
+    assert not report.damage
+
+
+def test_last_line_cut_off_is_damage(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(HEADER + rows(5) + "A,2026-03-0")
+    batches, report = read(path)
+    assert sum(map(len, batches)) == 5
+    assert [(r.record, r.reason) for b in batches for r in b.rejects] == [(7, "the line is cut off")]
+    assert report.damage and "7" in report.damage[0]
+
+
+def test_header_again_in_the_middle(tmp_path: Path) -> None:
+    batch, _ = one(tmp_path / "a.csv", HEADER + rows(2) + HEADER + rows(2, 2))
+    assert len(batch) == 4
+    assert [(r.record, r.reason) for r in batch.rejects] == [(4, "the header line again")]
+
+
+def test_bad_cells(tmp_path: Path) -> None:
+    lines = ["A,2026-03-02T05:00:00Z,1,2,fast", "A,2026-03-02T05:00:01Z,here,2,3", "A,yesterday,1,2,3", ",2026-03-02T05:00:03Z,1,2,3",
+             "A,,1,2,3", "A,2026-03-02T05:00:05Z,inf,2,3", "A,2026-03-02T05:00:06Z,1,2,", "A,2026-03-02T05:00:07Z, 4 ,+2,nan"]  # fmt: skip
+    batch, _ = one(tmp_path / "a.csv", HEADER + rows(3, 30) + "\n".join(lines) + "\n")
+    assert batch.record.tolist() == [2, 3, 4, 5, 11, 12]
+    assert np.isnan(batch.columns["speed"][3:]).all()
+    assert [(r.record, r.reason, r.whole) for r in batch.rejects] == [
+        (5, "speed is not a number", False), (6, "x is not a number", True), (7, "the time cannot be read", True),
+        (8, "the vehicle id is missing", True), (9, "the time is missing", True), (10, "x is not a number", True),
+    ]  # fmt: skip
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(
+        st.sampled_from(["good", "more", "fewer", "time", "text", "header", "blank", "quote"]),
+        min_size=1,
+        max_size=40,
+    )
+)
+def test_every_line_is_a_row_or_refused(tmp_path_factory: pytest.TempPathFactory, kinds: list[str]) -> None:
+    make = {
+        "good": "A,2026-03-02T05:00:00Z,1,2,3", "more": "A,2026-03-02T05:00:00Z,1,2,3,4", "fewer": "A,2026-03-02T05:00:00Z,1",
+        "time": "A,soon,1,2,3", "text": "A,2026-03-02T05:00:00Z,east,2,3", "header": HEADER.strip(), "blank": "",
+        "quote": '"A","2026-03-02T05:00:00Z","1",2,3',
+    }  # fmt: skip
+    text = HEADER + "A,2026-03-02T05:00:00Z,1,2,3\n" + "".join(make[k] + "\n" for k in kinds)
+    batch, _ = one(tmp_path_factory.mktemp("x") / "a.csv", text)
+    expected = [3 + i for i, k in enumerate(kinds) if k != "blank"]
+    refused = [r.record for r in batch.rejects]
+    assert sorted([*batch.record.tolist(), *refused]) == [2, *expected]
+    assert refused == [3 + i for i, k in enumerate(kinds) if k not in ("blank", "good", "quote")]
+
+
+@pytest.mark.parametrize("size", [80, 300, 1000])
+def test_blocks_change_nothing(tmp_path: Path, size: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(HEADER + rows(50))
+    whole, _ = read(path)
+    monkeypatch.setattr(_csv_blocks.blocks, "__defaults__", (size,))
+    pieces, _ = read(path)
+    assert len(pieces) > 1
+    for name in ("x", "y", "speed"):
+        assert np.concatenate([p.columns[name] for p in pieces]).tolist() == whole[0].columns[name].tolist()
+    assert np.concatenate([p.record for p in pieces]).tolist() == whole[0].record.tolist()
+
+
+def test_quoted_line_ends(tmp_path: Path) -> None:
+    text = 'vehicle_id,timestamp,x,y,note\nA,2026-03-02T05:00:00Z,1,2,"two\nlines"\nA,2026-03-02T05:00:01Z,3,4,one\n'
+    batch, _ = one(tmp_path / "a.csv", text)
+    assert batch.record.tolist() == [2, 4]
+    assert isinstance(batch.columns["note"], Labels)
+    assert batch.columns["note"].strings() == ["two\nlines", "one"]
+
+
+def test_own_columns_are_kept(tmp_path: Path) -> None:
+    text = "vehicle_id,timestamp,x,y,Mode,odo\nA,2026-03-02T05:00:00Z,1,2,eco,7.5\n"
+    batch, _ = one(tmp_path / "a.csv", text)
+    assert batch.columns["odo"].tolist() == [7.5]
+    assert batch.columns["Mode"].strings() == ["eco"]
+
+
+SPELLINGS = {
+    "lat": ("latitude", None), "LON": ("longitude", None), "Battery Power [kW]": ("battery_power", "kW"),
+    "speed_kmh": ("speed", "km/h"), "Speed (mph)": ("speed", "mph"), "SOC [%]": ("soc", "%"), "amb_f": ("ambient_temperature", "degF"),
+    "elev_ft": ("z", "ft"), "Course [°]": ("heading", "compass_deg"), "payload_t": ("payload", "t"), "time": ("timestamp", None),
+    "vehicleId": ("vehicle_id", None), "id": ("vehicle_id", None), "heading": ("heading", None), "volts": ("battery_voltage", None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SPELLINGS)
+def test_spellings(name: str) -> None:
+    meaning = recognise(name)
+    assert meaning is not None
+    assert (meaning.column, meaning.unit.name if meaning.unit else None) == SPELLINGS[name]
+
+
+@pytest.mark.parametrize(
+    "name", ["odo_km", "motor_w", "heading_deg", "note", "latency", "x_accel", "speed_limit", "yaw_deg_s"]
+)
+def test_no_guess(name: str) -> None:
+    assert recognise(name) is None
+
+
+def test_units_are_those_of_the_standards() -> None:
+    """Values of NIST SP 811, B.8, and of the compass."""
+    si = {("km/h", 36.0): 10.0, ("mph", 10.0): 4.4704, ("kn", 1.0): 0.514444, ("ft", 1.0): 0.3048, ("lb", 1.0): 0.45359237,
+          ("degF", 32.0): 0.0, ("degF", 212.0): 100.0, ("K", 273.15): 0.0, ("%", 50.0): 0.5, ("compass_deg", 90.0): 0.0,
+          ("compass_deg", 0.0): np.pi / 2, ("compass_deg", 270.0): np.pi, ("compass_deg", 180.0): -np.pi / 2}  # fmt: skip
+    for (name, value), expected in si.items():
+        unit = next(u for u in UNITS if u.name == name)
+        assert unit.to_si(np.array([value]))[0] == pytest.approx(expected, abs=1e-6), name
+    assert find_unit("KM/H", "speed") is None or find_unit("kmh", "speed") is not None
+
+
+def test_two_columns_for_one_meaning(tmp_path: Path) -> None:
+    text = "vehicle_id,timestamp,x,y,velocity,speed\nA,2026-03-02T05:00:00Z,1,2,9,3\n"
+    batch, report = one(tmp_path / "a.csv", text)
+    assert batch.columns["speed"].tolist() == [3.0]
+    assert batch.columns["velocity"].tolist() == [9.0]
+    assert any("velocity" in n for n in report.notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "degrees"),
+    [("49 58.614 N", 49.9769), ("49°58'36.84\"N", 49.9769), ("S 12:30", -12.5), ("9 9.078 W", -9.1513), ("-12 30", -12.5),
+     ("49 61 N", None), ("fourty", None), ("N 12 30 S", None)],
+)  # fmt: skip
+def test_angles_in_cells(text: str, degrees: float | None) -> None:
+    value = one_angle(text)
+    assert value == (None if degrees is None else pytest.approx(degrees, abs=1e-4))
+
+
+@given(st.floats(-89.9, 89.9))
+def test_packed_minutes_undo_packing(angle: float) -> None:
+    whole = np.trunc(angle)
+    assert packed_minutes(np.array([whole * 100 + (angle - whole) * 60]))[0] == pytest.approx(angle, abs=1e-9)
+
+
+def test_degrees_and_minutes_column(tmp_path: Path) -> None:
+    text = "id,time,lat,lon\nA,2026-03-02T05:00:00Z,49 58.614 N,9 09.078 E\nA,2026-03-02T05:00:01Z,49 58.620 N,?\n"
+    batch, _ = one(tmp_path / "a.csv", text)
+    assert batch.columns["latitude"][0] == pytest.approx(49.9769)
+    assert [r.reason for r in batch.rejects] == ["longitude is not a number"]
+
+
+def test_percent_by_evidence_is_said(tmp_path: Path) -> None:
+    batch, report = one(tmp_path / "a.csv", "id,time,x,y,SoC\nA,2026-03-02T05:00:00Z,1,2,97\n")
+    assert batch.columns["soc"][0] == pytest.approx(0.97)
+    assert "%" in report.recognised["SoC"]
+
+
+def test_sentinels(tmp_path: Path) -> None:
+    text = "id,time,x,y,z,speed\nA,2026-03-02T05:00:00Z,1,2,-111,-3.6\nA,2026-03-02T05:00:01Z,1,2,ERR,0\nA,2026-03-02T05:00:02Z,1,2,5,7.2\n"
+    profile = {"sentinels": ["ERR"], "columns": {"z": {"column": "z", "sentinels": [-111]},
+               "speed": {"column": "speed", "unit": "km/h", "sentinels": [-3.6]}}}  # fmt: skip
+    batch, _ = one(tmp_path / "a.csv", text, profile)
+    assert np.array_equal(batch.columns["z"], [np.nan, np.nan, 5.0], equal_nan=True)
+    assert np.array_equal(batch.columns["speed"], [np.nan, 0.0, 2.0], equal_nan=True)
+    assert not batch.rejects
+
+
+def test_vehicle_from_the_file(tmp_path: Path) -> None:
+    text = "time,x,y\n2026-03-02T05:00:00Z,1,2\n"
+    batch, report = one(tmp_path / "truck.7.csv", text)
+    assert batch.vehicle.strings() == ["truck.7"]
+    assert any("truck.7" in n for n in report.notes)
+    batch, _ = one(tmp_path / "truck.7.csv", text, {"vehicle": "{folder}/{stem}"})
+    assert batch.vehicle.strings() == [f"{tmp_path.name}/truck.7"]
+
+
+ERRORS = {
+    "": "empty",
+    "a,b,c\n": "no time",
+    "1,2,3\n4,5,6\n": "no header",
+    "vehicle_id,timestamp,note\nA,2026-03-02T05:00:00Z,x\n": "no known column",
+    "vehicle_id,time,x,y\nA,12.5,1,2\n": "unknown unit",
+    "vehicle_id,time,x,y\nA,02/03/2026 05:00,1,2\n": "several ways",
+}
+
+
+@pytest.mark.parametrize("text", ERRORS)
+def test_one_clear_line(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises((FormatError, InputError), match=ERRORS[text]) as caught:
+        read(path)
+    assert "\n" not in caught.value.line() and "a.csv" in caught.value.line()
+
+
+@pytest.mark.parametrize(
+    "content", [bytes(range(256)) * 64, b"%PDF-1.7\n1,2,3\n", codecs.BOM_UTF8, b'{"a": 1, "b": 2}\n']
+)
+def test_other_files_are_not_taken(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(content)
+    from fleetlog.importers.csv import sniff
+
+    assert not sniff(path, content)
