@@ -49,7 +49,8 @@ def window(before: float, after: float) -> rrb.TimeAxis:
 
 def top_down(outline: Floats, aspect: float = ASPECT) -> rrb.EyeControls3D:
     """An eye straight above the site, north up, that sees all of ``outline``; ``aspect`` is the view's width by its height."""
-    position, target = fitted(outline, 0.0, np.pi / 2 - 1e-3, aspect)
+    flat = outline * np.array([1.0, 1.0, 0.0])
+    position, target = fitted(flat, 0.0, np.pi / 2 - 1e-3, aspect)
     return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 1.0, 0.0))
 
 
@@ -104,10 +105,14 @@ def trailing(paths: Iterable[str], seconds: float) -> dict[str, Any]:
     return dict.fromkeys(paths, span)
 
 
+FLAT = tuple(f"- /site/buildings/{part}/**" for part in ("roofs", "walls", "frames"))
+"""What a plan leaves out: all of a building but its outline."""
+
+
 def floor_view(
     screen: Screen, name: str, eye: rrb.EyeControls3D, contents: Sequence[str] = ()
 ) -> rrb.Spatial3DView:
-    """A view of the site's floor with its trucks."""
+    """A view of the site's floor with its trucks; ``contents`` are further filters."""
     fleet = [f"{p}/{kind}/**" for p in screen.prefixes for kind in ("trucks", "trail")]
     return rrb.Spatial3DView(
         origin="/",
@@ -183,7 +188,7 @@ def replay(screen: Screen, latitude: float | None) -> rrb.Blueprint:
     left: list[Any] = [floor_view(screen, "Site", oblique(screen.outline))]
     on_map = screen.on_earth and latitude is not None
     below: list[Any] = [
-        floor_view(screen, "Plan", top_down(screen.outline, ASPECT if on_map else 1.7 * ASPECT))
+        floor_view(screen, "Plan", top_down(screen.outline, ASPECT if on_map else 1.7 * ASPECT), FLAT)
     ]
     if screen.on_earth and latitude is not None:
         below.append(map_view(screen, latitude))

@@ -129,7 +129,7 @@ def differences(recorded: Trajectory, simulated: Trajectory) -> dict[str, Floats
 def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
     left = [
         blueprint.floor_view(screen, "Site", blueprint.oblique(screen.outline, 1.5)),
-        blueprint.floor_view(screen, "Plan", blueprint.top_down(screen.outline, 1.5)),
+        blueprint.floor_view(screen, "Plan", blueprint.top_down(screen.outline, 1.5), blueprint.FLAT),
     ]
     both: list[Any] = [blueprint.curve_view(screen, s) for s in blueprint.CURVE_NAMES if s in screen.signals]
     both.append(rrb.TextDocumentView(origin="/summary", name="Summary"))

@@ -45,7 +45,7 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
         map_rows = -(-len(maps) // columns)
         panel_rows = -(-len(panels) // 2) if len(panels) > 1 else len(panels)
         ratio = _map_ratio(result, site)
-        map_height = float(np.clip(WIDTH / columns * ratio + 0.9, 2.6, 8.5 if columns == 1 else 6.0))
+        map_height = float(np.clip((WIDTH / columns - 1.0) * ratio + 0.9, 2.6, 8.5 if columns == 1 else 6.0))
         heights = [map_height] * map_rows + [PANEL_HEIGHT] * panel_rows
         figure = Figure(figsize=(WIDTH, sum(heights) + 0.5 or 4.0), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
@@ -122,15 +122,14 @@ def _colour(number: int) -> tuple[float, float, float]:
 
 def _draw_series(axes: Axes, series: Series) -> None:
     x: Any = np.asarray(series.x)
+    names = [name.replace("_", " ") for name in series.y]
     if series.over_time:
         x = x.astype("datetime64[us]")
     if series.stacked:
         values = np.nan_to_num(np.array(list(series.y.values()), float))
-        axes.stackplot(
-            x, values, labels=list(series.y), colors=[_colour(i) for i in range(len(values))], lw=0
-        )
+        axes.stackplot(x, values, labels=names, colors=[_colour(i) for i in range(len(values))], lw=0)
     else:
-        for i, (name, y) in enumerate(series.y.items()):
+        for i, (name, y) in enumerate(zip(names, series.y.values(), strict=True)):
             axes.plot(x, y, lw=1.1, color=_colour(i), label=name)
     if series.over_time:
         from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
@@ -145,8 +144,10 @@ def _draw_series(axes: Axes, series: Series) -> None:
     axes.margins(x=0)
     axes.grid(axis="y", color="#e3e6ea", lw=0.6)
     axes.set_axisbelow(True)
-    if 1 < len(series.y) <= 12:
-        axes.legend(ncols=2 if len(series.y) > 4 else 1)
+    if len(names) > 3 or (series.stacked and len(names) > 1):
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.3, reverse=series.stacked)
+    elif len(names) > 1:
+        axes.legend()
 
 
 def _draw_bars(axes: Axes, bars: Bars) -> None:

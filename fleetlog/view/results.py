@@ -26,6 +26,8 @@ MARK_COLOURS = {
 }  # fmt: skip
 SERIES_COLOURS = [palette.vehicle_colour(i) for i in range(24)]
 MAX_MAPS = 4
+WIDE = 2.5
+"""Width by height of one of two maps above one another."""
 
 
 def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> Path:
@@ -117,15 +119,15 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
         for a, b, colour in zip(xs[:-1], xs[1:], colours, strict=True)
     ]
     stream.static(f"{path}/scale", mesh3d(join(cells)))
-    top = ("≥ " if scale.clipped else "") + f"{scale.high:.3g}"
-    texts = [f"{scale.low:.3g}", f"{top}  {label}"]
+    top = ("≥ " if scale.clipped else "") + _short(scale.high)
+    texts = [_short(scale.low), f"{top}  {label}"]
     ends = rr.Points3D(
         [[xs[0], y - thick, 0.1], [xs[-1], y - thick, 0.1]],
         labels=texts, radii=rr.Radius.ui_points(0.5), colors=[(225, 228, 235)], show_labels=True,
     )  # fmt: skip
     stream.static(f"{path}/scale/ends", ends)
     how = "blue below zero, red above" if scale.diverging else "dark is low, bright is high"
-    return f"**{label}**: {scale.low:.3g} to {top} ({how})"
+    return f"**{label}**: {_short(scale.low)} to {top} ({how})"
 
 
 def _log_marks(stream: Stream, path: str, marks: Marks) -> str:
@@ -190,7 +192,8 @@ def _log_series(stream: Stream, shape: Series) -> str:
 
 def _bars_text(bars: Bars) -> str:
     rows = "\n".join(
-        f"| {name} | {value:.4g} |" for name, value in zip(bars.labels[:20], bars.values[:20], strict=True)
+        f"| {name} | {_short(value)} |"
+        for name, value in zip(bars.labels[:20], bars.values[:20], strict=True)
     )
     return f"| {_title(bars.name)} | {bars.label} |\n| --- | --- |\n{rows}\n"
 
@@ -201,38 +204,53 @@ def _log_answer(stream: Stream, result: Result, legends: list[str]) -> None:
     stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
 
+def _short(value: float) -> str:
+    """Three digits, and no powers of ten where they can be helped."""
+    return f"{value:,.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"
+
+
 def _title(name: str) -> str:
     return name.replace("_", " ").capitalize()
 
 
-def _contents(layer: Grid | EdgeValues) -> list[str]:
+def _contents(layer: Grid | EdgeValues | None) -> list[str]:
     """Heat lies under the rims and arrows of the roads, and takes the place of their surface."""
     surface = ["- /site/roads/surface/**"] if isinstance(layer, Grid) else []
-    return [f"{entity('result', layer.name)}/**", *surface]
+    return [*surface, *([f"{entity('result', layer.name)}/**"] if layer is not None else [])]
+
+
+def _curve_title(series: Series) -> str:
+    unit = series.y_label[series.y_label.find("[") + 1 :].rstrip("]")
+    return f"{_title(series.name)} [{unit}]"
 
 
 def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
     """One plan a map; beside them the curves and the answer."""
-    maps = [s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
+    maps: list[Grid | EdgeValues | None] = [
+        *[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
+    ]
     always = [f"{entity('result', s.name)}/**" for s in result.shapes if isinstance(s, Marks | MovingLines)]
     if maps:
         x0, y0, x1, _ = around(outline)
         outline = np.vstack([outline, [x0, y0 - 0.08 * (x1 - x0), 0.0]])  # the colour bar
     screen = blueprint.Screen(outline, ())
-    eye = blueprint.top_down(outline)
-    shown = [(_contents(m), _title(m.name)) for m in maps] or [([], "Plan")]
-    plans: list[Any] = [blueprint.floor_view(screen, title, eye, [*own, *always]) for own, title in shown]
+    eye = blueprint.top_down(outline, WIDE)
+    flat = [*always, *blueprint.FLAT, "- /site/zones/**"]
+    plans: list[Any] = [
+        blueprint.floor_view(screen, "Plan" if m is None else _title(m.name), eye, [*flat, *_contents(m)])
+        for m in maps or [None]
+    ]
     if len(plans) == 1:
-        plans.append(
-            blueprint.floor_view(screen, "Site", blueprint.oblique(outline), [*shown[0][0], *always])
-        )
+        over = [*always, *_contents(maps[0] if maps else None), "- /site/buildings/roofs/**"]
+        plans.append(blueprint.floor_view(screen, "Site", blueprint.oblique(outline, WIDE), over))
     curves = [s for s in result.shapes if isinstance(s, Series) and s.over_time]
     side: list[Any] = [
         rrb.TimeSeriesView(
-            origin="/", contents=[f"{entity('curves', s.name)}/**"], name=f"{_title(s.name)} [{s.y_label}]"
+            origin="/", contents=[f"{entity('curves', s.name)}/**"], name=_curve_title(s), axis_x=blueprint.whole_time(),
+            plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=1 < len(s.y) <= 8),
         )
         for s in curves[:3]
-    ]
+    ]  # fmt: skip
     side.append(rrb.TextDocumentView(origin="/summary", name="Answer"))
     left = rrb.Vertical(*plans) if len(plans) <= 2 else rrb.Grid(*plans)
     return rrb.Blueprint(

@@ -58,7 +58,7 @@ def colour_map(diverging: bool, screen: bool) -> Colormap:
     if diverging:
         return whole
     # The last tenth nearest to the ground is left out, so that the lowest values still show.
-    return ListedColormap(whole(np.linspace(0.18 if screen else 0.08, 1.0, 256)))
+    return ListedColormap(whole(np.linspace(0.28 if screen else 0.08, 1.0, 256)))
 
 
 def screen_colours(values: Floats, scale: Scale) -> NDArray[Any]:

@@ -120,22 +120,22 @@ def _log_buildings(stream: Stream, site: Site) -> None:
         height, outline = building.height, building.polygon
         roof = mesh_of(ribbons.floor_polygon(outline, height), palette.BUILDING)
         sides = mesh_of(ribbons.walls(outline, 0.0, height), palette.BUILDING)
-        stream.static(entity("site", "buildings", building.id, "roof"), mesh3d(roof, 28))
-        stream.static(entity("site", "buildings", building.id, "walls"), mesh3d(sides, 40))
-        ring = ribbons.open_ring(outline)
-        posts = [np.array([[*p, 0.0], [*p, height]]) for p in ring]
-        frame = [_outline(outline, 0.0), _outline(outline, height), *posts]
-        stream.static(
-            entity("site", "buildings", building.id, "frame"),
-            rr.LineStrips3D(frame, colors=[palette.BUILDING_EDGE], radii=rr.Radius.ui_points(0.7)),
-        )
+        stream.static(entity("site", "buildings", "roofs", building.id), mesh3d(roof, 28))
+        stream.static(entity("site", "buildings", "walls", building.id), mesh3d(sides, 40))
+        posts = [np.array([[*p, 0.0], [*p, height]]) for p in ribbons.open_ring(outline)]
+        for part, lines in (
+            ("outlines", [_outline(outline, 0.0)]),
+            ("frames", [_outline(outline, height), *posts]),
+        ):
+            strips = rr.LineStrips3D(lines, colors=[palette.BUILDING_EDGE], radii=rr.Radius.ui_points(0.7))
+            stream.static(entity("site", "buildings", part, building.id), strips)
 
 
 def _log_zones(stream: Stream, site: Site) -> None:
     for zone in site.zones:
         colour = palette.COVERED if zone.covered else palette.LIMITED
         floor = mesh_of(ribbons.floor_polygon(zone.polygon, 0.0), colour)
-        stream.static(entity("site", "zones", zone.id, "floor"), mesh3d(floor, 24))
+        stream.static(entity("site", "zones", "floors", zone.id), mesh3d(floor, 24))
         limit = "" if np.isnan(zone.speed_limit) else f" {zone.speed_limit:.2g} m/s"
         rim = rr.LineStrips3D(
             [_outline(zone.polygon, 0.02)],
@@ -144,7 +144,7 @@ def _log_zones(stream: Stream, site: Site) -> None:
             labels=[zone.id + limit],
             show_labels=not zone.covered and len(site.zones) <= MANY_LABELS,
         )
-        stream.static(entity("site", "zones", zone.id, "rim"), rim)
+        stream.static(entity("site", "zones", "rims", zone.id), rim)
 
 
 def _log_places(stream: Stream, site: Site) -> None:
