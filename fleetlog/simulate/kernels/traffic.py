@@ -77,14 +77,14 @@ def holds(r: Roads, f: Fleet, v: int, what: int) -> bool:
 
 
 @njit(cache=True)
-def is_free(r: Roads, f: Fleet, v: int, what: int) -> bool:
-    """Whether nobody else holds or has claimed what excludes resource ``what``."""
+def is_free(r: Roads, f: Fleet, v: int, what: int, claims: bool) -> bool:
+    """Whether nobody else holds, or with ``claims`` has claimed, what excludes resource ``what``."""
     for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
         q = r.conflicts[i]
         others = f.held[q]
         if others > 0 and holds(r, f, v, q):
             others -= 1
-        if others > 0 or f.claimed[q] == f.round[0]:
+        if others > 0 or (claims and f.claimed[q] == f.round[0]):
             return False
     return True
 
@@ -120,7 +120,7 @@ def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int
     if ends_safe and high > low and not has_room(r, f, v, f.route[v, high], x):
         return 2
     for k in range(low, high + 1):
-        if not is_free(r, f, v, resource(r, f, v, k, low, high)):
+        if not is_free(r, f, v, resource(r, f, v, k, low, high), True):
             if claim:
                 for j in range(low, high + 1):
                     f.claimed[resource(r, f, v, j, low, high)] = f.round[0]
@@ -232,7 +232,7 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     late = now - f.waits[v] > x.patience
     if late and f.asks[lane] < 0:
         f.asks[lane] = v
-    if not may_leave(r, f, v, x) or not is_free(r, f, v, spur):
+    if not may_leave(r, f, v, x) or not is_free(r, f, v, spur, True):
         return 1
     if not is_safe_lane(r, lane) and acquire(r, f, v, 0, x, late) != 0:
         return 1
@@ -256,7 +256,8 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits) -> int:
     a = f.ahead[v]
     if a >= 0 and f.s[a] - 0.5 * x.length < r.bay_at[b] + r.bay_ahead[b] + 0.3:
         return 1
-    if not is_free(r, f, v, spur):
+    # It is on the road already: whoever has claimed the junction waits for it to be gone.
+    if not is_free(r, f, v, spur, False):
         return 1
     f.held[spur] += 1
     f.mode[v] = ENTERING
