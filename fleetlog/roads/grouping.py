@@ -99,9 +99,11 @@ def out_of_line(t: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
         return spike
     h0, h1 = t[1:-1] - t[:-2], t[2:] - t[1:-1]
     share = h0 / (h0 + h1)
-    aside = np.hypot(x[1:-1] - x[:-2] - share * (x[2:] - x[:-2]), y[1:-1] - y[:-2] - share * (y[2:] - y[:-2]))
+    dx, dy = x[2:] - x[:-2], y[2:] - y[:-2]
+    aside = np.hypot(x[1:-1] - x[:-2] - share * dx, y[1:-1] - y[:-2] - share * dy)
     usual = float(np.median(aside))
     worst = (aside >= np.append(0.0, aside[:-1])) & (aside >= np.append(aside[1:], 0.0))
+    worst &= aside > np.hypot(dx, dy)  # else a neighbour may be the one that is wrong
     spike[1:-1] = worst & (2.0 * aside > MOST_ACCELERATION * h0 * h1) & (aside > 8.0 * usual + 1.0)
     return spike
 

@@ -101,6 +101,17 @@ def test_consecutive_edges_are_connected(seed: int, noise: float) -> None:
         assert b in reach
 
 
+@settings(max_examples=15, deadline=None)
+@given(seeds, st.sampled_from([1.0, 10.0]), st.sampled_from([0.5, 2.0]))
+def test_a_truck_never_slides_back_on_an_edge(seed: int, rate: float, noise: float) -> None:
+    track, _, _ = drive(GRID, 300, rate, noise, seed)
+    found = match(track, GRID)
+    same = (np.diff(found.edge) == 0) & (found.edge[1:] >= 0) & (found.restart[1:] == 0)
+    # going round a block brings a truck back to an edge that it left: a step back of nearly its whole length
+    step = np.diff(found.offset)[same]
+    assert (step[step > -5.0] >= -1e-9).all()
+
+
 def test_clean_positions_are_matched_exactly() -> None:
     track, edges, offsets = drive(GRID, 2000, 10.0, 0.0, 4)
     found = match(track, GRID)

@@ -27,7 +27,9 @@ LEAVE = 4.0
 """Cost of leaving the roads, and of coming back."""
 SLACK = 5.0
 """A way this much longer than the travelled distance is always tried [m]: two corners of an aisle, taken short."""
-IDLE_CHANGE = 1.5
+CHANGE = 0.5
+"""Cost of entering another edge: of two routes that fit alike the plainer one."""
+IDLE_CHANGE = 2.0
 """Cost of entering another edge only to stand there: a truck that stops at a node has not left its edge yet."""
 CHAIN_END = -2
 BY_JUMP = 1 << 20
@@ -242,8 +244,8 @@ def decode(
                 alpha[i] = np.exp(-delta[i])
         _normalise(alpha, 0, k + 1)
         for g in range(begin, end - 1):
-            turn_here = 0.3 * turn if still[g] or still[g + 1] else turn
-            change = IDLE_CHANGE if still[g + 1] else 0.0
+            turn_here = 0.5 * turn if still[g] or still[g + 1] else turn
+            change = IDLE_CHANGE if still[g + 1] else CHANGE
             step_costs(
                 reach_begin, reach_count, target, away, slot, ptr, edge, value, g, moved[g], beta, back, turn_here, change,
                 reverse, length, cost,

@@ -184,12 +184,16 @@ def place_points(
                 seen[i] = min(max(where[i], 0.0), end) + along
                 var[i], v[i], v_var[i] = variance, speed[a + i], speed_variance
             smooth_coordinate(t[a:b], seen, var, v, v_var, accel, where, sd)
+        for g in range(g0, g1 + 1):
+            if still[g]:
+                where[first_row[g] - a : first_row[g + 1] - a] = place_of[g]
+        make_monotone(where)  # a truck does not slide back on its route: a turn would be a piece of its own
         piece, g = lo, g0
         cursor[0] = -1
         for i in range(n):
             while a + i >= first_row[g + 1]:
                 g += 1
-            c = min(max(place_of[g] if still[g] else where[i], 0.0), end)
+            c = min(max(where[i], 0.0), end)
             piece, o, qx, qy, ux, uy, _s = _locate(
                 c, piece, lo, hi, p_edge, p_value, px, py, first, dist, cursor
             )
@@ -199,6 +203,26 @@ def place_points(
             low = -1e9 if piece == lo else (p_value[2, piece] - c) / width
             high = 1e9 if piece == hi - 1 else (p_value[2, piece + 1] - c) / width
             confidence[a + i] = near[g] * 0.5 * (math.erf(high) - math.erf(low))
+
+
+@njit(cache=True)
+def make_monotone(values: Floats) -> None:
+    """The nearest series (least squares) that never decreases, in place: pool adjacent violators."""
+    n = len(values)
+    mean, size = np.empty(n), np.empty(n, np.int64)
+    m = 0
+    for i in range(n):
+        mean[m], size[m] = values[i], 1
+        while m > 0 and mean[m - 1] > mean[m]:
+            total = size[m - 1] + size[m]
+            mean[m - 1] += (mean[m] - mean[m - 1]) * size[m] / total
+            size[m - 1] = total
+            m -= 1
+        m += 1
+    i = 0
+    for k in range(m):
+        values[i : i + size[k]] = mean[k]
+        i += size[k]
 
 
 @njit(cache=True)
