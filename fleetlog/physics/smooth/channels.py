@@ -79,7 +79,9 @@ def slope_from_height(coordinate: Floats, z: Floats, breaks: NDArray[np.bool_]) 
     for c in np.unique(chain[known]):
         rows = np.flatnonzero(known & (chain == c))
         if len(rows) >= 5:
-            out[rows] = _running_slope(coordinate[rows], z[rows])
+            # A receiver often repeats a height for many rows of a faster log: between the known ones the slope goes over.
+            there = chain == c
+            out[there] = np.interp(coordinate[there], coordinate[rows], _running_slope(coordinate[rows], z[rows]))
     return out
 
 
@@ -89,6 +91,9 @@ def _running_slope(s: Floats, z: Floats) -> Floats:
     spacing = max(float(s[-1] - s[0]) / len(s), 1e-3)
     half = max(5.0, (12.0 * noise**2 * spacing / 0.005**2) ** (1.0 / 3.0) / 2.0)
     lo, hi = np.searchsorted(s, s - half, "left"), np.searchsorted(s, s + half, "right")
+    # Both neighbours at least, however far apart the heights are.
+    row = np.arange(len(s))
+    lo, hi = np.maximum(np.minimum(lo, row - 1), 0), np.minimum(np.maximum(hi, row + 2), len(s))
     s0 = s - s[0]
     zero = np.zeros(1)
     n, ss, zz, sz, s2 = hi - lo, *(np.concatenate([zero, np.cumsum(v)]) for v in (s0, z, s0 * z, s0 * s0))
