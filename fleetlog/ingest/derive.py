@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
 
 HALF_WINDOW = 1.0
-"""The line is fitted over this time before and after a row [s]; over the neighbours at least."""
+"""The line is fitted over this time before and after a row [s], or over two neighbours on each side if that is more, but those
+not farther than ``WIDEST``; over the nearest neighbours at least."""
+WIDEST = 2.5
 MAX_GAP = 30.0
 """No line reaches across a longer silence [s]."""
 STANDING = 0.15
@@ -101,11 +103,14 @@ def fitted_motion(
 
 
 def _windows(t: Floats) -> tuple[Ints, Ints]:
-    """First and last row of the window of each row: within ``HALF_WINDOW``, at least a neighbour, never across a gap."""
+    """First and last row of the window of each row; never across a gap."""
     n = len(t)
     rows = np.arange(n)
-    first = np.minimum(np.searchsorted(t, t - HALF_WINDOW), np.maximum(rows - 1, 0))
-    last = np.maximum(np.searchsorted(t, t + HALF_WINDOW, side="right") - 1, np.minimum(rows + 1, n - 1))
+    two_back = np.maximum(np.searchsorted(t, t - WIDEST), rows - 2)
+    two_on = np.minimum(np.searchsorted(t, t + WIDEST, side="right") - 1, rows + 2)
+    first = np.minimum(np.minimum(np.searchsorted(t, t - HALF_WINDOW), two_back), np.maximum(rows - 1, 0))
+    last = np.maximum(np.searchsorted(t, t + HALF_WINDOW, side="right") - 1, two_on)
+    last = np.maximum(last, np.minimum(rows + 1, n - 1))
     cut = np.flatnonzero(np.diff(t) > MAX_GAP) + 1
     starts = np.concatenate([[0], cut])
     stretch = np.searchsorted(starts, rows, side="right") - 1

@@ -31,29 +31,34 @@ class Order:
         self._waiting: Trajectory | None = None
         self._end: int | None = None
         """Latest time of the last run that was kept [us]."""
+        self._size = 0
+        """Rows of that run so far."""
 
     def sift(self, rows: Trajectory, *, last: bool = False) -> tuple[Trajectory, Trajectory]:
         """Rows to keep and rows to refuse."""
         if self._waiting is not None:
             rows, self._waiting = join([self._waiting, rows]), None
         begin = run_starts(rows.time)
-        if len(begin) == 1 and len(rows) >= SHORT and not self._steps_back(int(rows.time[0])):
-            self._end = max(int(rows.time.max()), self._end or int(rows.time[0]))
-            return rows, rows[:0]
         ends = np.append(begin[1:], len(rows))
         keep = np.ones(len(rows), bool)
         for k, (start, stop) in enumerate(zip(begin.tolist(), ends.tolist(), strict=True)):
+            run = rows.time[start:stop]
+            size = stop - start + (self._size if k == 0 and self._goes_on(int(run[0])) else 0)
             final = k == len(begin) - 1
-            if stop - start < SHORT and final and not last:
+            if size < SHORT and final and not last:
                 self._waiting = rows[start:stop]
                 rows, keep = rows[:start], keep[:start]
                 break
-            after = int(rows.time[stop]) if not final else None
-            if stop - start < SHORT and self._alone(rows.time[start:stop], after):
+            if size < SHORT and self._alone(run, None if final else int(rows.time[stop])):
                 keep[start:stop] = False
             else:
-                self._end = int(rows.time[start:stop].max())
+                self._end = max(int(run.max()), self._end or 0) if size > stop - start else int(run.max())
+                self._size = size
         return rows[keep], rows[~keep]
+
+    def _goes_on(self, time: int) -> bool:
+        """Whether a row belongs to the run before it."""
+        return self._end is not None and self._end - WINDOW <= time <= self._end + LEAP
 
     def _steps_back(self, time: int) -> bool:
         return self._end is not None and time < self._end - WINDOW

@@ -1,0 +1,81 @@
+"""Speed and heading from positions: exact on a straight line, right on average with noise, zero at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.ingest.derive import derive_motion, derive_power, fitted_motion, pace_ratio, suspect_unit
+
+
+@settings(deadline=None)
+@given(st.floats(0.5, 20.0), st.floats(-3.1, 3.1), st.floats(-1e6, 1e6), st.integers(0, 2**31))
+def test_exact_on_a_straight_line_at_uneven_times(v: float, heading: float, away: float, seed: int) -> None:
+    t = np.sort(np.random.default_rng(seed).uniform(0, 60, 200))
+    speed, direction = fitted_motion(t, away + v * t * np.cos(heading), v * t * np.sin(heading) - away)
+    assert speed == pytest.approx(np.full(200, v), rel=1e-3)
+    assert np.abs(np.angle(np.exp(1j * (direction - heading)))).max() < 1e-3
+
+
+@pytest.mark.parametrize("rate", [1.0, 10.0])
+def test_error_against_raw_differences(rate: float) -> None:
+    """With half a metre of noise the fit must be much nearer than differences are; at rest it must stand."""
+    rng = np.random.default_rng(0)
+    t = np.arange(0, 200, 1 / rate)
+    true = np.where(t % 60 < 40, 3.0, 0.0)
+    x = np.concatenate([[0], np.cumsum(true[1:] / rate)]) + rng.normal(0, 0.5, len(t))
+    y = rng.normal(0, 0.5, len(t))
+    speed, _ = fitted_motion(t, x, y)
+    raw = np.hypot(np.gradient(x, t), np.gradient(y, t))
+    inner = (np.abs(t % 60 - 40) > 3) & (t % 60 > 3)
+    fitted, plain = (np.sqrt(np.mean((s - true)[inner] ** 2)) for s in (speed, raw))
+    assert fitted < 0.75 * plain
+    assert np.mean(speed[inner & (true == 0)] == 0.0) > (0.5 if rate > 5 else 0.2)
+
+
+def test_the_heading_holds_at_rest() -> None:
+    t = np.arange(0.0, 60.0)
+    x = np.minimum(t, 30.0) * 2.0
+    speed, heading = fitted_motion(t, x, np.zeros(60))
+    assert (speed[35:] == 0.0).all() and (heading[35:] == 0.0).all()
+    assert speed[5:28] == pytest.approx(np.full(23, 2.0))
+
+
+def test_no_line_across_a_gap() -> None:
+    t = np.concatenate([np.arange(0.0, 10.0), np.arange(100.0, 110.0)])
+    x = np.where(t < 50, 0.0, 1000.0)
+    speed, _ = fitted_motion(t, x, x * 0)
+    assert (speed == 0.0).all()
+
+
+def test_what_the_log_says_stays() -> None:
+    t = np.arange(0.0, 10.0)
+    rows = Trajectory(
+        "A", (t * 1e6).astype(np.int64), {"x": 2 * t, "y": t * 0, "speed": np.where(t < 5, 7.0, np.nan)}
+    )
+    speed = derive_motion(rows).floats("speed")
+    assert speed[:5].tolist() == [7.0] * 5 and speed[5:] == pytest.approx([2.0] * 5)
+
+
+def test_power_of_voltage_and_current() -> None:
+    rows = Trajectory(
+        "A", np.arange(3), {"battery_voltage": np.full(3, 48.0), "battery_current": np.array([10.0, np.nan, -5.0]),
+                            "battery_power": np.array([np.nan, np.nan, 1.0])},
+    )  # fmt: skip
+    assert np.array_equal(derive_power(rows).floats("battery_power"), [480.0, np.nan, 1.0], equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(1.0, None), (3.6, "km/h"), (2.23694, "mph"), (1.94384, "kn"), (1.3, None)]
+)
+def test_a_speed_in_another_unit_is_noticed(factor: float, unit: str | None) -> None:
+    t = np.arange(0.0, 900.0)
+    v = 4.0 + 2.0 * np.sin(t / 20)
+    x = np.concatenate([[0], np.cumsum(v[1:])]) + np.random.default_rng(1).normal(0, 0.5, 900)
+    ratio = pace_ratio(Trajectory("A", (t * 1e6).astype(np.int64), {"x": x, "y": t * 0, "speed": v * factor}))
+    assert ratio == pytest.approx(factor, rel=0.05)
+    found = suspect_unit([ratio])
+    assert (found[0] if found else None) == unit
