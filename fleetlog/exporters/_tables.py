@@ -1,0 +1,49 @@
+"""Arrow tables of a selection under one schema, for the formats that are tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from fleetlog.core.columns import arrow_schema
+from fleetlog.core.trajectory import to_arrow
+from fleetlog.exporters.base import Selection
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+def union_schema(selection: Selection) -> pa.Schema:
+    """The contract's columns, then every further column of any part; read from the files' descriptions only."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    fields = {f.name: _plain(f) for f in arrow_schema()}
+    for vehicle in selection.vehicles:
+        for part in selection.dataset.parts(vehicle):
+            for f in pq.read_schema(part):
+                if f.name not in fields or pa.types.is_null(fields[f.name].type):
+                    fields[f.name] = _plain(f)
+    return pa.schema([f for f in fields.values() if f.name != "date"])
+
+
+def _plain(field: pa.Field) -> pa.Field:
+    """Labels as plain strings: dictionaries differ from part to part."""
+    import pyarrow as pa
+
+    return field.with_type(pa.string()) if pa.types.is_dictionary(field.type) else field
+
+
+def tables(selection: Selection, schema: pa.Schema) -> Iterator[pa.Table]:
+    """One table per vehicle and day, all of ``schema``."""
+    import pyarrow as pa
+
+    for trajectory in selection.days():
+        table = to_arrow(trajectory)
+        columns = [
+            table.column(f.name).cast(f.type, safe=False)
+            if f.name in table.column_names
+            else pa.nulls(len(table), f.type)
+            for f in schema
+        ]
+        yield pa.Table.from_arrays(columns, schema=schema)

@@ -1,0 +1,149 @@
+"""What every export format gives, and the one function that runs it.
+
+A format is one module of this package that holds ``EXPORTER``, an :class:`Exporter`.  It writes a scratch file that appears
+under the wanted name when it is whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.site import Frame
+from fleetlog.core.trajectory import Labels, Trajectory
+from fleetlog.errors import DataError, InputError, nearest
+from fleetlog.registry import parts
+from fleetlog.store import Dataset
+from fleetlog.store.atomic import atomic_output, check_free
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """An export format.
+
+    Attributes
+    ----------
+    name : as ``--to`` takes it.
+    suffix : the usual one of its files.
+    meaning : what it is, for the list of formats.
+    write : writes the selection to a path; gives what the summary should say beside the rows (``rows`` itself included).
+    network : whether it writes the road network, not the motion.
+    """
+
+    name: str
+    suffix: str
+    meaning: str
+    write: Callable[[Selection, Path], dict[str, Any]]
+    network: bool = False
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The vehicles of a dataset that are exported, and the name that the file will have."""
+
+    dataset: Dataset
+    vehicles: tuple[str, ...]
+    target: Path
+
+    def days(self, columns: Sequence[str] | None = None) -> Iterator[Trajectory]:
+        """One trajectory per vehicle and day, vehicle by vehicle."""
+        for vehicle in self.vehicles:
+            for date in self.dataset.dates:
+                trajectory = self.dataset.read(vehicle, date, columns)
+                if len(trajectory):
+                    yield trajectory
+
+    @property
+    def frame(self) -> Frame | None:
+        """Where on earth the site lies, if known."""
+        return self.dataset.site.frame
+
+    def need_frame(self, name: str) -> Frame:
+        """The frame, or an error that says why the format needs it."""
+        if self.frame is None:
+            raise DataError(
+                f"{name} holds latitudes and longitudes, and this dataset's site has no [frame]",
+                where=self.dataset.path,
+                do="import it again with a site that has one, or export to csv, parquet, tum or sumo-fcd",
+            )
+        return self.frame
+
+    def need_one_vehicle(self, name: str) -> str:
+        """The only vehicle, or an error that says to choose one."""
+        if len(self.vehicles) != 1:
+            raise DataError(
+                f"a {name} file holds one vehicle, the dataset has {len(self.vehicles)}",
+                where=self.dataset.path,
+                do=f"choose one with --vehicle {self.vehicles[0] if self.vehicles else 'ID'}",
+            )
+        return self.vehicles[0]
+
+
+def exporters() -> dict[str, Exporter]:
+    """Every known format by name."""
+    return parts("fleetlog.exporters", "EXPORTER")
+
+
+def export_dataset(
+    dataset: str | Path | Dataset,
+    to: str,
+    output: str | Path,
+    *,
+    vehicles: Sequence[str] = (),
+    overwrite: bool = False,
+) -> dict[str, Any]:
+    """Write a dataset in the format ``to``.
+
+    Parameters
+    ----------
+    dataset : the dataset or its folder.
+    to : a format's name.
+    output : the file; it appears whole or not at all.
+    vehicles : those to export; all by default.
+    overwrite : whether an older file may be replaced.
+
+    Returns
+    -------
+    A summary: format, file, vehicles, rows, bytes and what the format adds.
+    """
+    known = exporters()
+    if to not in known:
+        raise InputError(f"no export format {to!r}", do=nearest(to, known))
+    output = Path(output)
+    check_free(output, overwrite)
+    source = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+    for vehicle in vehicles:
+        if vehicle not in source.vehicles:
+            raise DataError(f"no vehicle {vehicle!r} in {source.path}", do=nearest(vehicle, source.vehicles))
+    chosen = tuple(vehicles) or tuple(source.vehicles)
+    with atomic_output(output, overwrite=overwrite, folder=False) as scratch:
+        more = known[to].write(Selection(source, chosen, output), scratch)
+        size = scratch.stat().st_size
+    return {"format": to, "file": str(output), "vehicles": len(chosen), "bytes": size, **more}
+
+
+def iso_times(time: NDArray[np.int64]) -> list[str]:
+    """Times [us] as ISO 8601 in UTC, with a fraction only where there is one."""
+    fine = bool((time % 1_000_000).any())
+    stamps = time.view("datetime64[us]") if fine else (time // 1_000_000).view("datetime64[s]")
+    return [f"{t}Z" for t in np.datetime_as_string(stamps).tolist()]
+
+
+def cells(trajectory: Trajectory, names: Sequence[str]) -> list[list[Any]]:
+    """The columns called ``names`` as Python lists, None for null."""
+    return [_cells(trajectory.columns[n], n) for n in names]
+
+
+def _cells(values: Any, name: str) -> list[Any]:
+    if isinstance(values, Labels):
+        return list(values.strings())
+    if name == "trip_id":
+        return [None if v < 0 else int(v) for v in values]
+    if values.dtype.kind == "f":
+        return [None if v != v else v for v in values.tolist()]
+    return [v if isinstance(v, int | float | str | bool) else str(v) for v in values.tolist()]

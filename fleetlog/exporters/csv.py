@@ -1,0 +1,58 @@
+"""CSV with the contract's column names, so that it is read back without a profile; packed where the name ends in .gz or .zst."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fleetlog.exporters._tables import tables, union_schema
+from fleetlog.exporters.base import Exporter, Selection
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_PACKING = {".gz": "gzip", ".zst": "zstd"}
+
+
+def write(selection: Selection, path: Path) -> dict[str, Any]:
+    """Times in ISO 8601 UTC, empty cells for null, every digit of a double."""
+    import pyarrow as pa
+    import pyarrow.csv as pcsv
+
+    schema = union_schema(selection)
+    text = pa.schema([f.with_type(pa.string()) if f.name == "timestamp" else f for f in schema])
+    rows = 0
+    packing = _PACKING.get(selection.target.suffix.lower())
+    with ExitStack() as stack:
+        sink = stack.enter_context(pa.OSFile(str(path), "wb"))
+        if packing:
+            sink = stack.enter_context(pa.CompressedOutputStream(sink, packing))
+        sink.write(_header(schema.names))
+        options = pcsv.WriteOptions(quoting_style="needed", include_header=False)
+        writer = stack.enter_context(pcsv.CSVWriter(sink, text, write_options=options))
+        for table in tables(selection, schema):
+            writer.write_table(_with_iso_time(table, text))
+            rows += len(table)
+    return {"rows": rows}
+
+
+def _header(names: list[str]) -> bytes:
+    """Quoted only where a name needs it; Arrow would quote every one."""
+    import csv
+    import io
+
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow(names)
+    return line.getvalue().encode()
+
+
+def _with_iso_time(table: pa.Table, schema: pa.Schema) -> pa.Table:
+    import pyarrow.compute as pc
+
+    at = table.column_names.index("timestamp")
+    iso = pc.strftime(table.column("timestamp"), format="%Y-%m-%dT%H:%M:%SZ")
+    return table.set_column(at, "timestamp", iso).cast(schema)
+
+
+EXPORTER = Exporter("csv", ".csv", "CSV with the dataset's columns (.gz and .zst too)", write)

@@ -1,0 +1,68 @@
+"""One Parquet file; GeoParquet 1.1 (a point in WGS 84 for every row) where the site says where on earth it lies."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fleetlog.core.site import Frame
+from fleetlog.exporters._tables import tables, union_schema
+from fleetlog.exporters.base import Exporter, Selection
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_GEO = {
+    "version": "1.1.0",
+    "primary_column": "geometry",
+    "columns": {"geometry": {"encoding": "WKB", "geometry_types": ["Point"], "edges": "spherical"}},
+}
+_WKB_POINT = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f8")])
+
+
+def write(selection: Selection, path: Path) -> dict[str, Any]:
+    """The columns of the contract, vehicle by vehicle, and ``geometry``."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    schema = union_schema(selection)
+    frame = selection.frame
+    if frame is not None:
+        schema_out = schema.append(pa.field("geometry", pa.binary())).with_metadata({"geo": json.dumps(_GEO)})
+    else:
+        schema_out = schema
+    rows = 0
+    with pq.ParquetWriter(path, schema_out, compression="zstd") as writer:
+        for table in tables(selection, schema):
+            if frame is not None:
+                table = table.append_column("geometry", _points(table, frame)).cast(schema_out)
+            writer.write_table(table)
+            rows += len(table)
+    return {"rows": rows, "geometry": frame is not None}
+
+
+def _points(table: pa.Table, frame: Frame) -> pa.Array:
+    """Well-known binary of every position; null where it is unknown."""
+    import pyarrow as pa
+
+    x, y = (table.column(c).to_numpy().astype(np.float64) for c in ("x", "y"))
+    latitude, longitude = frame.to_geographic(x, y)
+    wkb = np.zeros(len(table), _WKB_POINT)
+    wkb["order"], wkb["kind"], wkb["x"], wkb["y"] = 1, 1, longitude, latitude
+    size = _WKB_POINT.itemsize
+    fixed = pa.FixedSizeBinaryArray.from_buffers(
+        pa.binary(size), len(table), [_bitmap(np.isfinite(x) & np.isfinite(y)), pa.py_buffer(wkb.tobytes())]
+    )
+    return fixed.cast(pa.binary())
+
+
+def _bitmap(known: Any) -> pa.Buffer:
+    import pyarrow as pa
+
+    return pa.py_buffer(np.packbits(known, bitorder="little").tobytes())
+
+
+EXPORTER = Exporter("parquet", ".parquet", "one Parquet file, GeoParquet where the site is on the map", write)

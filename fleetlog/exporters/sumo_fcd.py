@@ -1,0 +1,112 @@
+"""SUMO's floating car data: every vehicle at every time step, in order of time.
+
+``x, y`` are the site frame's metres, as in the network that ``sumo-net`` writes; ``angle`` is clockwise from north;
+``lane`` is lane 0 of the matched edge.  ``time`` counts from the dataset's start, which stands in a comment so that an
+import gets the true times back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TextIO
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.exporters._sumo_names import sumo_name
+from fleetlog.exporters.base import Exporter, Selection, iso_times
+
+WINDOW = 600_000_000
+"""Stretch of time that is held at once, all vehicles [us]."""
+_COLUMNS = ("x", "y", "z", "heading", "speed", "edge_id", "edge_offset")
+
+
+def write(selection: Selection, path: Path) -> dict[str, Any]:
+    """Times to the microsecond, positions to the millimetre."""
+    rows = left_out = 0
+    origin: int | None = None
+    with path.open("w", encoding="utf-8") as out:
+        out.write('<?xml version="1.0" encoding="UTF-8"?>\n')
+        for pieces in _windows(selection):
+            if origin is None:
+                origin = min(int(p.time[0]) for p in pieces)
+                out.write(f"<!-- fleetlog-epoch {iso_times(np.array([origin]))[0]} -->\n<fcd-export>\n")
+            written = _steps(out, pieces, origin)
+            rows += written
+            left_out += sum(len(p) for p in pieces) - written
+        out.write("<fcd-export>\n" if origin is None else "")
+        out.write("</fcd-export>\n")
+    return {"rows": rows, "rows_without_position": left_out}
+
+
+def _windows(selection: Selection) -> Iterator[list[Trajectory]]:
+    """All vehicles' rows, stretch by stretch of a day."""
+    for date in selection.dataset.dates:
+        day = int(np.datetime64(date, "us").astype(np.int64))
+        for begin in range(day, day + 86_400_000_000, WINDOW):
+            pieces = [p for v in selection.vehicles if len(p := _read(selection, v, date, begin))]
+            if pieces:
+                yield pieces
+
+
+def _read(selection: Selection, vehicle: str, date: str, begin: int) -> Trajectory:
+    """A vehicle's rows from ``begin`` on for ``WINDOW``; parts and row groups outside are not read."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from fleetlog.core.trajectory import from_arrow
+
+    stamp = pa.timestamp("us", tz="UTC")
+    inside = [
+        ("timestamp", ">=", pa.scalar(begin, pa.int64()).cast(stamp)),
+        ("timestamp", "<", pa.scalar(begin + WINDOW, pa.int64()).cast(stamp)),
+    ]
+    tables = []
+    for part in selection.dataset.parts(vehicle, date):
+        have = set(pq.read_schema(part).names)
+        want = ["timestamp", *(c for c in _COLUMNS if c in have)]
+        tables.append(pq.read_table(part, columns=want, filters=inside, partitioning=None))
+    if not tables:
+        return Trajectory(vehicle, np.zeros(0, np.int64))
+    return from_arrow(pa.concat_tables(tables, promote_options="permissive"), vehicle)
+
+
+def _steps(out: TextIO, pieces: list[Trajectory], origin: int) -> int:
+    """The rows of a stretch, step by step; how many were written."""
+    lines: dict[int, list[str]] = {}
+    written = 0
+    for t in pieces:
+        for time, line in _lines(t):
+            lines.setdefault(time, []).append(line)
+            written += 1
+    for time in sorted(lines):
+        seconds, rest = divmod(time - origin, 1_000_000)
+        stamp = f"{seconds}.{rest:06d}".rstrip("0")
+        stamp += "00" if stamp.endswith(".") else ""
+        out.write(f'  <timestep time="{stamp}">\n{"".join(lines[time])}  </timestep>\n')
+    return written
+
+
+def _lines(t: Trajectory) -> Iterator[tuple[int, str]]:
+    edges = t.labels("edge_id")
+    names = [quoteattr(sumo_name(n) + "_0") for n in edges.names]
+    who = quoteattr(sumo_name(t.vehicle_id))
+    columns = (t.floats(c).tolist() for c in ("x", "y", "z", "heading", "speed", "edge_offset"))
+    for time, edge, x, y, z, heading, speed, offset in zip(
+        t.time.tolist(), edges.codes.tolist(), *columns, strict=True
+    ):
+        if not (x == x and y == y):
+            continue
+        text = f'    <vehicle id={who} x="{x:.3f}" y="{y:.3f}"'
+        text += f' z="{z:.3f}"' if z == z else ""
+        text += f' angle="{math.degrees(math.pi / 2 - heading) % 360.0:.4f}"' if heading == heading else ""
+        text += f' speed="{speed:.4f}"' if speed == speed else ""
+        text += f" lane={names[edge]}" if edge >= 0 else ""
+        text += f' pos="{offset:.3f}"' if edge >= 0 and offset == offset else ""
+        yield time, text + "/>\n"
+
+
+EXPORTER = Exporter("sumo-fcd", ".fcd.xml", "SUMO floating car data", write)

@@ -1,0 +1,146 @@
+"""Export then import gives the same rows, within what the format can hold, for every format that can be read back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fleetlog.core.trajectory import Labels
+from fleetlog.errors import DataError, InputError, OutputError
+from fleetlog.exporters.base import export_dataset, exporters
+from fleetlog.importers.base import ReadOptions, ReadReport, detect
+from fleetlog.store import Dataset
+
+# format: (tolerance of positions [m], of time [us], columns that come back)
+FORMATS: dict[str, tuple[float, int, tuple[str, ...]]] = {
+    "csv": (0.0, 0, ("heading", "speed", "payload", "soc", "battery_current", "edge_offset", "my_signal", "z")),
+    "parquet": (0.0, 0, ("heading", "speed", "payload", "soc", "battery_current", "edge_offset", "my_signal", "z")),
+    "geojson": (2e-4, 0, ("heading", "speed", "payload", "soc", "battery_current", "my_signal", "z")),
+    "gpx": (2e-4, 0, ("heading", "speed", "payload", "soc", "battery_current", "my_signal", "z")),
+    "mcap": (1e-6, 0, ("z",)),
+    "sumo-fcd": (6e-4, 0, ("heading", "speed", "z")),
+    "tum": (1e-6, 0, ("heading",)),
+}
+LOCAL = ("csv", "parquet", "geojson", "mcap", "sumo-fcd", "tum")
+
+
+def read_back(path: Path, dataset: Dataset) -> dict[str, dict[str, np.ndarray]]:
+    """Rows by vehicle, sorted by time, in the site frame; channels under their own names."""
+    report = ReadReport(path)
+    pieces: dict[str, list[dict[str, np.ndarray]]] = {}
+    for batch in detect(path).read(path, ReadOptions(report)):
+        assert not batch.rejects
+        for code, vehicle in enumerate(batch.vehicle.names):
+            mine = batch.vehicle.codes == code
+            rows = {"time": batch.time[mine]}
+            for name, values in batch.columns.items():
+                taken = values[mine]
+                rows[name] = np.array(taken.strings(), object) if isinstance(taken, Labels) else np.asarray(taken, float)
+            if "latitude" in rows and "x" not in rows:
+                assert dataset.site.frame is not None
+                rows["x"], rows["y"] = dataset.site.frame.to_local(rows["latitude"], rows["longitude"])
+            pieces.setdefault(vehicle if batch.has_position else f"{vehicle} channel", []).append(rows)
+    assert not report.damage
+    out = {}
+    for vehicle, parts in pieces.items():
+        names = {n for p in parts for n in p}
+        joined = {n: np.concatenate([p.get(n, np.full(len(p["time"]), np.nan)) for p in parts]) for n in names}
+        order = np.argsort(joined["time"], kind="stable")
+        out[vehicle] = {n: v[order] for n, v in joined.items()}
+    return out
+
+
+def check(dataset: Dataset, path: Path, name: str, vehicles: list[str], rename=lambda v: v) -> None:
+    near, late, columns = FORMATS[name]
+    back = read_back(path, dataset)
+    assert {rename(v) for v in vehicles} == {v for v in back if not v.endswith(" channel")}
+    for vehicle in vehicles:
+        t, rows = dataset.read(vehicle), back[rename(vehicle)]
+        assert len(rows["time"]) == len(t)
+        assert np.abs(rows["time"] - t.time).max() <= late
+        for axis in ("x", "y"):
+            np.testing.assert_allclose(rows[axis], t.floats(axis), rtol=0, atol=near or 1e-12)
+        for column in columns:
+            got, want = np.asarray(rows[column], float), t.floats(column)
+            if column == "heading":
+                np.testing.assert_allclose(np.cos(got - want), 1.0, atol=1e-9)
+            else:
+                np.testing.assert_allclose(got, want, rtol=1e-6, atol=1e-3 if near > 1e-5 else 1e-9)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_round_trip_on_earth(name: str, make_dataset, tmp_path: Path) -> None:
+    dataset = make_dataset(vehicles=1 if name == "tum" else 3)
+    out = tmp_path / f"T00{exporters()[name].suffix}"
+    summary = export_dataset(dataset, name, out)
+    assert summary["rows"] == dataset.rows
+    rename = {"sumo-fcd": lambda v: v.replace(" ", "_")}.get(name, lambda v: v)
+    check(dataset, out, name, dataset.vehicles, rename)
+
+
+@pytest.mark.parametrize("name", LOCAL)
+def test_round_trip_in_local_metres(name: str, make_dataset, tmp_path: Path) -> None:
+    dataset = make_dataset(earth=False, vehicles=1)
+    out = tmp_path / f"T00{exporters()[name].suffix}"
+    export_dataset(dataset, name, out)
+    if name == "mcap":  # a pose has no null: an unknown height comes back as 0
+        back = read_back(out, dataset)["T00"]
+        np.testing.assert_allclose(back["x"], dataset.read("T00").floats("x"), atol=1e-9)
+        np.testing.assert_allclose(back["z"], np.nan_to_num(dataset.read("T00").floats("z")), atol=1e-9)
+        return
+    check(dataset, out, name, dataset.vehicles)
+
+
+def test_mcap_brings_the_battery_back_as_a_channel(make_dataset, tmp_path: Path) -> None:
+    dataset = make_dataset(vehicles=2)
+    out = tmp_path / "x.mcap"
+    export_dataset(dataset, "mcap", out)
+    back = read_back(out, dataset)
+    for vehicle in dataset.vehicles:
+        t, rows = dataset.read(vehicle), back[f"{vehicle} channel"]
+        for column in ("soc", "battery_voltage", "battery_current"):
+            np.testing.assert_allclose(np.asarray(rows[column], float), t.floats(column), rtol=1e-12)
+
+
+@pytest.mark.parametrize("suffix", [".csv.gz", ".csv.zst"])
+def test_packed_csv_is_the_same(suffix: str, make_dataset, tmp_path: Path) -> None:
+    dataset = make_dataset(vehicles=2)
+    out = tmp_path / f"x{suffix}"
+    export_dataset(dataset, "csv", out)
+    check(dataset, out, "csv", dataset.vehicles)
+
+
+def test_twice_the_same_bytes(make_dataset, tmp_path: Path) -> None:
+    dataset = make_dataset(vehicles=1)
+    for name, exporter in exporters().items():
+        for run in "ab":
+            export_dataset(dataset, name, tmp_path / f"{run}{exporter.suffix}")
+        assert (tmp_path / f"a{exporter.suffix}").read_bytes() == (tmp_path / f"b{exporter.suffix}").read_bytes(), name
+
+
+def test_refusals_are_one_line_and_leave_nothing(make_dataset, tmp_path: Path) -> None:
+    many, local = make_dataset(vehicles=3), make_dataset(earth=False, vehicles=1)
+    out = tmp_path / "out"
+    for dataset, to, options, error in (
+        (many, "tum", {}, DataError), (many, "kitti", {}, DataError), (local, "gpx", {}, DataError),
+        (many, "gpxx", {}, InputError), (many, "csv", {"vehicles": ("T0",)}, DataError),
+    ):  # fmt: skip
+        with pytest.raises(error) as caught:
+            export_dataset(dataset, to, out, **options)
+        assert "\n" not in caught.value.line()
+        assert not out.exists()
+        assert not list(tmp_path.glob(".*partial*"))
+    out.write_text("mine")
+    with pytest.raises(OutputError):
+        export_dataset(many, "csv", out)
+    assert out.read_text() == "mine"
+    export_dataset(many, "csv", out, overwrite=True)
+    assert out.read_text().startswith("vehicle_id")
+
+
+def test_one_vehicle_can_be_chosen(make_dataset, tmp_path: Path) -> None:
+    dataset = make_dataset(vehicles=3)
+    out = tmp_path / "T02.tum"
+    assert export_dataset(dataset, "tum", out, vehicles=("T02",))["rows"] == len(dataset.read("T02"))
