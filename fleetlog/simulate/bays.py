@@ -119,10 +119,11 @@ class BayMaker:
         if high < low:
             # A single-lane aisle has no part of its own; whoever is on it has it to himself.
             low, high = 0.25, float(self.track.length[lane]) - 0.25
-        if not low <= at <= high:
-            return None
         k = int(self.track.first[lane] + round(at / self.track.spacing[lane]))
         at = (k - self.track.first[lane]) * float(self.track.spacing[lane])
+        # At the very start of a lane a truck would have to stop before it is on it.
+        if not max(low, 0.2) <= at <= high:
+            return None
         start, heading = np.array([self.track.x[k], self.track.y[k]]), float(self.track.heading[k])
         into = np.array([np.cos(heading), np.sin(heading)])
         normal = side * np.array([-into[1], into[0]])
