@@ -402,3 +402,50 @@ def test_the_sample_plant_has_the_same_roads_as_its_geojson(project_root):
     assert distance_to_roads(drawn, lanes.points[:, :2]).max() < 2.5
     _, (report,) = load_site(project_root / "sample_data" / "plant.xodr")
     assert report.dropped == {} and not any("kink" in n or "end with no lane" in n for n in report.notes)
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("named", ["before", "after"])
+def test_sections_of_a_road_join_whichever_of_them_says_so(write, rule, named):
+    def lanes(says):
+        return [lane(i, **({named: i} if says else {})) for i in (1, -1)]
+
+    sections = section(0, *lanes(named == "after")), section(20, *lanes(named == "before"))
+    edges, turns, _ = edges_of(write(straight("1", 0, 50, *sections, rule=rule)))
+    forward = 1 if "LHT" in rule else -1
+    assert turns == {(f"1:0:{forward}", f"1:1:{forward}"), (f"1:1:{-forward}", f"1:0:{-forward}")}
+    assert all(np.linalg.norm(edges[a].points[-1] - edges[b].points[0]) < 1e-5 for a, b in turns)
+
+
+def test_a_road_that_meets_its_junction_at_its_start_comes_in_there(write):
+    """Road 1 is drawn away from junction 5, so that its lane 1 leads in."""
+    first = road(
+        "1",
+        50,
+        geometry(0, 50, 0, math.pi, 50),
+        section(0, lane(1), lane(-1)),
+        before=link("predecessor", "junction", 5),
+    )
+    _, second, _, _ = junction_map()
+    on = straight(
+        "9", 50, 10, section(0, lane(-1, None, -1)), after=link("successor", "road", 2, "start"), junction=5
+    )
+    meets = '<junction id="5"><connection id="0" incomingRoad="1" connectingRoad="9" contactPoint="start"><laneLink from="1" to="-1"/>'
+    edges, turns, _ = edges_of(write(first, second, on, meets + "</connection></junction>"))
+    assert turns == {("1:0:1", "9:0:-1"), ("9:0:-1", "2:0:-1")}
+    assert np.linalg.norm(edges["1:0:1"].points[-1] - edges["9:0:-1"].points[0]) < 1e-5
+
+
+def test_superelevation_lifts_the_left_side(write):
+    roll = '<lateralProfile><superelevation s="0" a="0.1" b="0" c="0" d="0"/></lateralProfile>'
+    edges, _, _ = edges_of(write(straight("1", 0, 40, section(0, lane(1), lane(-1)), inside=roll)))
+    assert edges["1:0:1"].points[0, 1:] == pytest.approx([1.5 * math.cos(0.1), 1.5 * math.sin(0.1)])
+    assert edges["1:0:-1"].points[0, 1:] == pytest.approx([-1.5 * math.cos(0.1), -1.5 * math.sin(0.1)])
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "9999"])
+def test_a_limit_that_is_none_is_unknown(write, value):
+    limit = f'<type s="0" type="town"><speed max="{value}"/></type>'
+    assert math.isnan(
+        edges_of(write(straight("1", 0, 40, section(0, lane(-1)), inside=limit)))[0]["1:0:-1"].speed_limit
+    )

@@ -92,6 +92,19 @@ def test_denver_keeps_its_one_way_roads_and_pairs_the_others(denver):
     assert np.nanmax(network.speed_limit) == pytest.approx(30 * 0.44704)
 
 
+def test_the_direction_against_osms_has_the_minus(denver):
+    import networkx as nx
+
+    path, site, _ = denver
+    network, graph = site.roads(), nx.read_graphml(path, force_multigraph=True)
+    for i in np.flatnonzero(network.reverse >= 0):
+        name = network.edge_ids[i]
+        u, v, key = name.lstrip("-").split("_")
+        there, back = (graph[a][b][int(key)].get("reversed") for a, b in ((u, v), (v, u)))
+        if {there, back} == {"True", "False"}:
+            assert there == "False", "the road is named after the edge along OSM's direction"
+
+
 GRAPHML = """<graphml xmlns="http://graphml.graphdrawing.org/xmlns">
 <key id="a" for="node" attr.name="x"/><key id="b" for="node" attr.name="y"/><key id="h" for="node" attr.name="elevation"/>
 <key id="c" for="graph" attr.name="crs"/><key id="s" for="edge" attr.name="speed_kph"/><key id="g" for="edge" attr.name="geometry"/>

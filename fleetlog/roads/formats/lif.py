@@ -150,7 +150,8 @@ def _places(
     out, unknown = [], 0
     for station in (s for layout in layouts for s in _list(layout, "stations", path)):
         name = str(station.get("stationId"))
-        served = [str(n) for n in station.get("interactionNodeIds") or [] if str(n) in spots]
+        named = station.get("interactionNodeIds")
+        served = [str(n) for n in named if str(n) in spots] if isinstance(named, list) else []
         kind = _kind([p for n in served for p in _per_type(nodes[n], "Node", path)], path)
         if kind is None:
             unknown += 1
