@@ -24,6 +24,7 @@ from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
+from fleetlog.physics.battery import BatteryModel, battery_of
 from fleetlog.physics.power import Physics
 from fleetlog.store.dataset import Dataset
 
@@ -41,13 +42,9 @@ COLUMNS = (
 
 
 def energy(
-    dataset: Dataset,
-    truck: Truck,
-    physics: Physics | None = None,
-    *,
-    shifts: Sequence[int] = SHIFTS,
-    processes: int = 2,
-) -> Result:
+    dataset: Dataset, truck: Truck, physics: Physics | None = None, *, shifts: Sequence[int] = SHIFTS,
+    chemistry: str = "constant", processes: int = 2,
+) -> Result:  # fmt: skip
     """The energy of a dataset as the truck's model makes it, beside what was measured.
 
     Parameters
@@ -56,12 +53,14 @@ def energy(
     truck : the vehicle type.
     physics : added and changed terms; the nominal model by default.
     shifts : hours of the day (UTC) at which shifts begin, growing.
+    chemistry : of the battery, ``constant``, ``lfp`` or ``lead``; see :mod:`fleetlog.physics.battery`.
     processes : at most; one for small datasets.
     """
     if not dataset.rows:
         raise DataError(f"{dataset.path} has no rows")
     physics = Physics(truck) if physics is None else physics
-    books = list(_books(dataset, physics, processes))
+    battery = battery_of(physics.actual_truck(), chemistry)
+    books = list(_books(dataset, physics, battery, processes))
     terms = _term_order(books)
     segments = with_soc(segment_table(books, terms), truck)
     segments["shift"] = shift_names(segments["hour"], sorted(shifts))
@@ -80,9 +79,9 @@ def energy(
     return Result("energy", summary, kept, {}, shapes, _lines(whole, terms, sources, tables))
 
 
-def _books(dataset: Dataset, physics: Physics, processes: int) -> Iterator[Book]:
+def _books(dataset: Dataset, physics: Physics, battery: BatteryModel, processes: int) -> Iterator[Book]:
     """One book a vehicle-day; big datasets in several processes, each reading its own days."""
-    jobs = [(str(dataset.path), v, d, physics) for v in dataset.vehicles for d in dataset.dates]
+    jobs = [(str(dataset.path), v, d, physics, battery) for v in dataset.vehicles for d in dataset.dates]
     if processes < 2 or dataset.rows < MANY_ROWS or len(jobs) < 2:
         for job in jobs:
             yield from _vehicle_day(*job, dataset.site)
@@ -95,7 +94,7 @@ def _books(dataset: Dataset, physics: Physics, processes: int) -> Iterator[Book]
 
 
 def _vehicle_day(
-    path: str, vehicle: str, date: str, physics: Physics, site: Site | None = None
+    path: str, vehicle: str, date: str, physics: Physics, battery: BatteryModel, site: Site | None = None
 ) -> list[Book]:
     """The books of one vehicle-day, one a piece of whole trips: bounded memory."""
     from fleetlog.physics.motion import smooth_motion
@@ -105,7 +104,7 @@ def _vehicle_day(
     for piece in dataset.pieces(vehicle, date, COLUMNS):
         if len(piece) > 1:
             smooth = smooth_motion(piece, site.network)
-            books.append(keep_book(piece, smooth.motion, smooth.speed_sd, physics, site))
+            books.append(keep_book(piece, smooth.motion, smooth.speed_sd, physics, site, battery))
     return books
 
 
@@ -130,7 +129,7 @@ def _summary(
         "start": whole["start"].isoformat(), "end": whole["end"].isoformat(), **figures,
         "ledger_kwh": {t: whole[f"{t}_kwh"] for t in terms}, "measured_from": sources,
         "trips": len(tables["trips"]), "vehicles": len(tables["vehicles"]),
-        "units": {"auxiliary_share": "1", "soc_start": "1", "soc_end": "1"},
+        "units": {"auxiliary_share": "1", "soc_start": "1", "soc_end": "1", "soc_end_model": "1"},
     }  # fmt: skip
 
 
@@ -164,6 +163,11 @@ def _lines(
         out.append(
             f"measured {whole['measured_kwh']:.2f} kWh, model there {whole['model_beside_measured_kwh']:.2f} kWh:"
             f" {share:+.1%}"
+        )
+    if whole["collapsed_s"] > 0.0:
+        out.append(
+            f"the voltage collapses (to {whole['lowest_voltage_v']:.1f} V) for {whole['collapsed_s']:.0f} s: the model asks for"
+            " more power than the battery can give"
         )
     out.append("measured energy is taken from " + "; ".join(SAID[s] for s in sources))
     return out

@@ -107,10 +107,10 @@ def current(power: Floats, open_voltage: Floats, resistance: float) -> tuple[Flo
     """
     radicand = np.square(open_voltage) - 4.0 * resistance * np.asarray(power)
     collapsed = radicand < 0.0
-    amps = 2.0 * np.asarray(power) / (open_voltage + np.sqrt(np.maximum(radicand, 0.0)))
-    if resistance > 0.0:
-        amps = np.where(collapsed, open_voltage / (2.0 * resistance), amps)
-    return np.asarray(amps, dtype=np.float64), np.asarray(collapsed)
+    amps = np.asarray(2.0 * np.asarray(power) / (open_voltage + np.sqrt(np.maximum(radicand, 0.0))))
+    if collapsed.any():
+        amps[collapsed] = np.broadcast_to(open_voltage, amps.shape)[collapsed] / (2.0 * resistance)
+    return amps, np.asarray(collapsed)
 
 
 @dataclass(frozen=True)

@@ -195,3 +195,18 @@ def test_the_command_writes_everything(day: tuple[Dataset, Motion], tmp_path: Pa
         "energy.png",
         "recording.rrd",
     } <= names
+
+
+def test_a_battery_that_cannot_give_the_power_is_reported(
+    day: tuple[Dataset, Motion], truck: Truck, answer: Result
+) -> None:
+    assert answer.summary["collapsed_s"] == 0.0 and "collapses" not in " ".join(answer.lines)
+    weak = energy(day[0], truck.with_value("battery.internal_resistance", 0.2), chemistry="lead")
+    assert weak.summary["collapsed_s"] > 0.0
+    assert any("the voltage collapses" in line for line in weak.lines)
+    trips = weak.tables["energy_trips"]
+    assert np.isfinite(trips["lowest_voltage_v"]).all() and np.isfinite(trips["soc_end_model"]).all()
+    assert (trips["soc_end_model"] < trips["soc_start"]).all()
+    # The file's own small resistance takes next to nothing: the model's charge ends where the log's does.
+    calm = answer.tables["energy_trips"]
+    assert np.allclose(calm["soc_end_model"], calm["soc_end"], atol=2e-4)

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.analysis.energybook.cells import Cells, follow_cells
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics, cell_power, ledger, term_forces
 from fleetlog.physics.refine import refined, sampled
 from fleetlog.physics.term import GRAVITY
@@ -37,6 +39,7 @@ class Book:
     stretch, stretch_sums : (B, 2) edge and number of the stretch on it, and (B, 2) joules and metres.
     zones : (Z, T + 2) joules by term, metres, seconds.
     bins, bin_energy, bin_measured : (M,) [us], (M, T) and (M, 2) joules: measured, and seconds with a measurement.
+    cells : what the battery went through.
     source : what the measured energy was taken from.
     """
 
@@ -55,6 +58,7 @@ class Book:
     bins: Ints
     bin_energy: Floats
     bin_measured: Floats
+    cells: Cells
     source: str
 
 
@@ -77,7 +81,14 @@ def measured_power(trajectory: Trajectory) -> tuple[Floats, str]:
     return np.full(len(trajectory), np.nan), "soc" if trajectory.has("soc") else "nothing"
 
 
-def keep_book(trajectory: Trajectory, motion: Motion, speed_sd: Floats, physics: Physics, site: Site) -> Book:
+def keep_book(
+    trajectory: Trajectory,
+    motion: Motion,
+    speed_sd: Floats,
+    physics: Physics,
+    site: Site,
+    battery: BatteryModel,
+) -> Book:
     """The sums of some trips of one vehicle; ``motion`` has a sample for each row, its speed good to ``speed_sd`` [m/s]."""
     measured, source = measured_power(trajectory)
     fine, steps = refined(motion)
@@ -106,7 +117,8 @@ def keep_book(trajectory: Trajectory, motion: Motion, speed_sd: Floats, physics:
         np.add.reduceat(joules, starts, axis=0), {k: np.add.reduceat(v, starts) for k, v in sums.items()},
         np.maximum.reduceat(total, starts), np.stack([soc[starts], soc[ends]], axis=1),
         np.stack([trajectory.time[starts], trajectory.time[ends]], axis=1), stretch, stretch_sums,
-        _by_zone(motion, joules, site), bins, bin_energy, bin_measured, source,
+        _by_zone(motion, joules, site), bins, bin_energy, bin_measured,
+        follow_cells(starts, total, dt, soc, motion.ambient_temperature, battery), source,
     )  # fmt: skip
 
 

@@ -16,7 +16,6 @@ from fleetlog.core.truck import Truck
 
 Floats = NDArray[np.float64]
 KWH = 3.6e6
-FIRST = ("trip_id", "start", "end", "soc_start", "soc_end")
 
 
 def segment_table(books: Sequence[Book], terms: Sequence[str]) -> pd.DataFrame:
@@ -29,6 +28,8 @@ def segment_table(books: Sequence[Book], terms: Sequence[str]) -> pd.DataFrame:
             columns[f"J_{name}"] = book.energy[:, book.terms.index(name)] if known else 0.0
         columns |= {s: book.sums[s] for s in SUMS}
         columns |= {"peak": book.peak, "soc_start": book.soc[:, 0], "soc_end": book.soc[:, 1]}
+        columns |= {"soc_end_model": book.cells.soc_end, "lowest": book.cells.lowest}
+        columns |= {"collapsed": book.cells.collapsed, "empty": book.cells.empty}
         columns |= {"start": book.span[:, 0], "end": book.span[:, 1], "source": book.source}
         pieces.append(pd.DataFrame(columns))
     return pd.concat(pieces, ignore_index=True)
@@ -57,11 +58,13 @@ def with_soc(segments: pd.DataFrame, truck: Truck) -> pd.DataFrame:
 
 def summed(segments: pd.DataFrame, by: list[str], variance: Any) -> pd.DataFrame:
     """Segments grouped ``by`` columns, in kWh, km and h, with the ledger; ``variance`` gives the parameters' share of doubt."""
-    add = [c for c in segments.columns if c.startswith("J_") or c in SUMS]
+    add = [c for c in segments.columns if c.startswith("J_") or c in (*SUMS, "collapsed", "empty")]
     grouped = segments.groupby(by, sort=True, dropna=False)
     total = grouped[add].sum()
-    ends = grouped.agg(peak=("peak", "max"), soc_start=("soc_start", "first"), soc_end=("soc_end", "last"),
-                       start=("start", "min"), end=("end", "max"))  # fmt: skip
+    ends = grouped.agg(
+        peak=("peak", "max"), lowest=("lowest", "min"), start=("start", "min"), end=("end", "max"),
+        soc_start=("soc_start", "first"), soc_end=("soc_end", "last"), soc_end_model=("soc_end_model", "last"),
+    )  # fmt: skip
     return figures(total.join(ends), variance).reset_index()
 
 
@@ -81,7 +84,8 @@ def figures(total: pd.DataFrame, variance: Any) -> pd.DataFrame:
         "difference_kwh": (total["beside_measured"] - measured) / KWH,
         "regenerated_kwh": total["returned"] / KWH, "auxiliary_share": auxiliary / energy.where(energy > 0.0),
         "battery_loss_kwh": total["loss"] / KWH, "peak_power_kw": total["peak"] / 1000.0,
-        "soc_start": total["soc_start"], "soc_end": total["soc_end"],
+        "soc_start": total["soc_start"], "soc_end": total["soc_end"], "soc_end_model": total["soc_end_model"],
+        "lowest_voltage_v": total["lowest"], "collapsed_s": total["collapsed"], "empty_s": total["empty"],
     })  # fmt: skip
     for name in ("start", "end"):
         out.insert(0 if name == "start" else 1, name, pd.to_datetime(total[name], unit="us", utc=True))

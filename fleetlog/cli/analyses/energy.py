@@ -38,12 +38,20 @@ def _hours(_: click.Context, __: click.Parameter, value: str) -> tuple[int, ...]
     callback=_hours,
     help="Hours at which shifts begin, UTC.",
 )
+@click.option(
+    "--battery",
+    "chemistry",
+    type=click.Choice(["constant", "lfp", "lead"]),
+    default="constant",
+    show_default=True,
+    help="Shape of the battery's voltage over its charge.",
+)
 @output_option("Folder for the answer.")
 @json_option
 @overwrite_option
 @quiet_option
 def command(
-    dataset: Path, truck: str, physics: Path | None, shifts: tuple[int, ...], output: Path, as_json: bool,
+    dataset: Path, truck: str, physics: Path | None, shifts: tuple[int, ...], chemistry: str, output: Path, as_json: bool,
     overwrite: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Say what every trip costs, by physical cause, beside what was measured."""
@@ -57,6 +65,6 @@ def command(
     check_free(output, overwrite)
     data, model = Dataset(dataset), load_truck(truck)
     known = None if physics is None else load_physics(physics, model, data.site.network)
-    result = energy(data, model, known, shifts=shifts)
+    result = energy(data, model, known, shifts=shifts, chemistry=chemistry)
     write_analysis(result, data.site, output, overwrite)
     say(result.lines, result.summary, as_json=as_json, quiet=quiet)
