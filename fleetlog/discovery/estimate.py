@@ -34,7 +34,7 @@ class Estimates:
     fields: dict[str, Values]
 
 
-def estimates(task: Task, state: State) -> Estimates:
+def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float, float]]]) -> Estimates:
     """Everything chosen, fitted once more to all windows, with standard errors that trust only whole trips as independent.
 
     The error has three parts: the cluster-robust one (trips, and stretches of hours), the change that comes about when the
@@ -76,6 +76,10 @@ def estimates(task: Task, state: State) -> Estimates:
                 else np.hypot(MODEL * value * (parameter.truck_key is not None), 2.0 * MODEL * moved)
             )
             error = np.sqrt(max(own[i, i], 0.0) + (0.5 * other[i]) ** 2 + model**2)
+            if knob.parameter in direct.get(c.name, {}):
+                value, error = direct[c.name][knob.parameter]
+                error = np.hypot(error, 0.5 * MODEL_SPEED * value)
+                state.found = state.found.with_value(c.name, knob.parameter, value)
             numbers[c.name][knob.parameter] = (value, float(error))
     return Estimates(state, numbers, found_fields)
 

@@ -13,11 +13,14 @@ from fleetlog.discovery.candidates import Candidate, named_candidates
 from fleetlog.discovery.finding import ChannelFit, Finding, Parameter
 from fleetlog.discovery.fleet import Fleet
 from fleetlog.discovery.model import Found
+from fleetlog.discovery.replay import Block
 from fleetlog.discovery.residual import Bench, Columns
 from fleetlog.discovery.search import State, Task, search
 from fleetlog.discovery.select import Choice
 from fleetlog.discovery.squares import make_squares
 from fleetlog.discovery.stretches import Cells, make_stretches
+from fleetlog.discovery.windows import MOST, WIDTH
+from fleetlog.physics.power import all_terms
 
 Floats = NDArray[np.float64]
 
@@ -57,8 +60,10 @@ def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) ->
     """Search, judge and word what an energy channel is missing."""
     measured = channel == "soc" and fleet.has("battery_power")
     blocks = fleet.blocks()
-    floor = cells_of(fleet)
     capacity = 3600.0 * fleet.truck.battery.capacity_wh
+    if measured and fleet.lag:
+        blocks = [on_the_clock_of_charge(b, fleet.lag.get(b.vehicle, 0.0), capacity) for b in blocks]
+    floor = cells_of(fleet)
     recording = residual.prepare(blocks, floor, channel, measured, width(fleet, channel), capacity)
     candidates = [
         *named_candidates(channel, measured, floor is not None, options.terms),
@@ -70,9 +75,19 @@ def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) ->
     return explained(task, channel, unit)
 
 
+def on_the_clock_of_charge(block: Block, lag: float, capacity: float) -> Block:
+    """The block with its measured power moved by ``lag`` [s], where the state of charge then follows it better."""
+    moved = np.interp(block.time + lag, block.time, block.power)
+    paid = -np.diff(block.soc) * capacity
+    off = [float(np.nansum((paid - 0.5 * (p[1:] + p[:-1]) * np.diff(block.time)) ** 2)) for p in (block.power, moved)]
+    if off[0] <= off[1]:
+        return block
+    return replace(block, power=moved, motion=block.motion.replaced(power=np.repeat(moved, block.steps)))
+
+
 def width(fleet: Fleet, channel: str) -> float:
     """Length of a window [s]: ten seconds, longer for many rows and for a coarse state of charge."""
-    wide = max(residual.windows.WIDTH, 3.0 * fleet.step, fleet.rows * fleet.step / residual.windows.MOST)
+    wide = max(WIDTH, 3.0 * fleet.step, fleet.rows * fleet.step / MOST)
     if channel == "soc":
         drops = [np.diff(t.floats("soc")) for _, t in fleet.days]
         change = np.concatenate(drops)
@@ -114,14 +129,29 @@ def make_task(
     )
 
 
-def explained(task: Task, channel: str, metric: str) -> Explained:
-    """Search on the windows that may be seen, judge on the others, estimate on all."""
+def explained(
+    task: Task, channel: str, metric: str, direct: dict[str, dict[str, tuple[float, float]]] | None = None
+) -> Explained:
+    """Search on the windows that may be seen, judge on the others, estimate on all.
+
+    ``direct`` holds numbers that are better read off the rows than fitted.
+    """
     state = search(task, State(task.base))
     errors = estimate.held_out(task, state)
-    result = estimate.estimates(task, state)
+    result = estimate.estimates(task, state, direct or {})
     fit = ChannelFit(channel, metric, errors.before, errors.after, errors.floor)
     findings = [_finding(task, channel, choice, result, fit) for choice in state.chosen]
+    findings = [f for f in findings if _says_something(f)]
     return Explained(fit, findings, task, state, result)
+
+
+def _says_something(f: Finding) -> bool:
+    """Whether an even field found has a mean effect at all: places that contradict one another are noise."""
+    if f.where is None or not f.parameters or f.term == "unknown":
+        return True
+    term = all_terms()[f.term]
+    first = f.parameters[0]
+    return term.odd or not first.low <= term.parameters[0].neutral <= first.high
 
 
 def _finding(

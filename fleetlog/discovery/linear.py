@@ -17,7 +17,7 @@ Ints = NDArray[np.int64]
 
 BOX = 2.0
 """Nuisances stay within this many standard deviations."""
-JITTERY = 4.0
+JITTERY = 3.0
 """Windows that jump this many times more than usual weigh less."""
 FREE = 0.02
 """Ridge of the freest model, as a share of each column's own square."""
@@ -197,7 +197,7 @@ def noise_weights(
     usual = np.median(jitter[use & windows.moving]) if (use & windows.moving).any() else 0.0
     weight = 1.0 / (1.0 / weight + crude**2)
     return np.asarray(
-        weight / np.maximum(1.0, (jitter / max(JITTERY * usual, 1e-9)) ** 2 if usual > 0 else 1.0)
+        weight / np.maximum(1.0, (jitter / max(JITTERY * usual, 1e-9)) ** 4 if usual > 0 else 1.0)
     )
 
 

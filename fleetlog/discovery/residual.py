@@ -23,6 +23,8 @@ Columns = NDArray[np.float32]
 
 MATERIAL = 0.02
 """A mismatch below this share of the energy (or time) it touches does not count."""
+CLOCKS = 3.0
+"""The state of charge keeps its own time [s]."""
 CRUDE = 0.01
 """Share of a window's energy that sampling keeps any model from explaining."""
 
@@ -302,6 +304,8 @@ def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Fl
         if name in MECHANISM:
             effect = float(np.abs(x).sum(dtype=float)) / total
             spread = min(spread, 0.5 * MATERIAL / max(effect, 1e-12))
+        if name == "lag" and recording.measured:
+            spread = CLOCKS
         out[name] = np.full(x.shape[1], spread)
     return out
 

@@ -22,17 +22,19 @@ KEPT = 0.4
 """Share of its gain that an explanation must keep on other kinds of split."""
 NEAR = 0.85
 """Explanations with this share of the best gain are practically as good."""
+DOUBT = 2.5
+"""Standard errors by which held-out trips must prefer one explanation to another."""
 SHORT = 9
 COST = {"scalar": 1.0, "field": 3.0, "generic": 4.0}
 
 
 @dataclass(frozen=True)
 class Gain:
-    """What an explanation gains on every kind of split, as a share of the error without it; ``folds`` the trip folds' own."""
+    """What an explanation gains on every kind of split, as a share of the error without it; ``trips`` each held-out trip's part."""
 
     by_split: dict[str, float]
     standard_error: dict[str, float]
-    folds: Floats
+    trips: Floats
     share: float
     tau: float
 
@@ -71,6 +73,17 @@ def cross_validate(p: Problem, s: Selection, kind: str) -> Floats:
     return np.array(out)
 
 
+def held_out_trips(p: Problem, s: Selection) -> Floats:
+    """(trips,) sum of squared weighted residuals of every trip when its fold was held out."""
+    total = np.zeros(int(p.trip.max()) + 1)
+    for k, fold in enumerate(p.folds("trip")):
+        f = fit(p, s, p.gram - fold[0], p.moment - fold[1], inverse=False)
+        rows = p.fold["trip"] == k
+        residual = p.y[rows] - p.x[rows][:, f.columns] @ f.beta
+        total += np.bincount(p.trip[rows], residual**2, len(total))
+    return total
+
+
 def splits_for(p: Problem, c: Candidate) -> list[str]:
     """Kinds of split that may be asked of an explanation: a place field cannot predict unseen places."""
     out = [k for k in p.fold if not (k == "place" and c.place)]
@@ -99,8 +112,8 @@ def gain_of(
     with_it = without.add(c.name, e.columns, max(e.tau, 1e-12))
     if c.kind != "scalar":
         with_it = refit_tau(p, with_it, 3)
-    by_split, error = {}, {}
-    folds = np.zeros(0)
+    by_split: dict[str, float] = {}
+    error: dict[str, float] = {}
     for kind in splits_for(p, c):
         if kind not in base:
             base[kind] = cross_validate(p, s, kind)
@@ -108,8 +121,10 @@ def gain_of(
         scale = base["trip"].mean() if "trip" in base else base[kind].mean()
         by_split[kind] = float(difference.mean() / scale)
         error[kind] = float(difference.std(ddof=1) / np.sqrt(len(difference)) / scale)
-        if kind == "trip":
-            folds = difference / scale
+    if "every trip" not in base:
+        base["every trip"] = held_out_trips(p, s)
+    trips = (base["every trip"] - held_out_trips(p, with_it)) / base["every trip"].sum()
+    error["trip"] = float(trips.std(ddof=1) * np.sqrt(len(trips)))
     f = fit(p, with_it, inverse=False)
     if c.kind == "scalar":
         own = f.nuisances + sum(len(v) for v in s.columns.values())
@@ -118,7 +133,7 @@ def gain_of(
         # Of a free shape only what the honest errors could not say as well.
         g = fit(p, s, inverse=False)
         effect = p.x[:, f.columns] @ f.beta - p.x[:, g.columns] @ g.beta
-    return Gain(by_split, error, folds, material_share(effect / root, energy, c.place), with_it.tau[c.name])
+    return Gain(by_split, error, trips, material_share(effect / root, energy, c.place), with_it.tau[c.name])
 
 
 def material_share(effect: Floats, energy: Floats, place: bool) -> float:
@@ -158,7 +173,7 @@ def choose(
     pool = [k for k in near if not candidates[k].place] or near
     pool = [k for k in pool if candidates[k].named] or pool
     chosen = max(pool, key=lambda k: good[k].trip - 0.05 * best * COST[candidates[k].kind])
-    tied = tuple(k for k in gains if k != chosen and candidates[k].named and _tied(gains[k], gains[chosen]))
+    tied = tuple(k for k in gains if k != chosen and candidates[k].named and _rivals(candidates[k], gains[k], candidates[chosen], gains[chosen]))
     rivals = {k: g for k, g in gains.items() if k != chosen}
     return Choice(candidates[chosen], evidence[chosen], good[chosen], (), rivals, tied)
 
@@ -168,8 +183,16 @@ def _least_share(c: Candidate, material: tuple[float, float]) -> float:
     return material[c.place] * (2.0 if c.internal else 1.0)
 
 
+def _rivals(other: Candidate, its: Gain, chosen: Candidate, own: Gain) -> bool:
+    """Whether another explanation stays possible; a map of places is none where one number predicts unseen places as well."""
+    general = not chosen.place and own.by_split.get("place", 0.0) > 0.7 * own.trip
+    if other.place and general and its.trip < own.trip:
+        return False
+    return _tied(its, own)
+
+
 def _tied(other: Gain, chosen: Gain) -> bool:
     """Whether held-out trips cannot tell two explanations apart."""
-    difference = chosen.folds - other.folds
-    error = difference.std(ddof=1) / np.sqrt(len(difference))
-    return bool(difference.mean() < max(2.5 * error, 0.01) and other.trip > 0.7 * chosen.trip)
+    difference = chosen.trips - other.trips
+    error = difference.std(ddof=1) * np.sqrt(len(difference))
+    return bool(difference.sum() < DOUBT * error and other.trip > 0.7 * chosen.trip)

@@ -47,6 +47,10 @@ LEAST_WAIT = 2.0
 FEWEST_STOPS = 5
 OFTEN = 0.25
 """Share of passages that stand at a place where there is something to wait for."""
+TIGHT = 0.85
+"""Share of the sharpest curvature above which a bend is taken at its own speed."""
+HONEST = 0.15
+"""Share by which drivers may take turns otherwise than the truck file says."""
 MORE = 0.02
 """Relative step for the sensitivity to a value of the truck."""
 
@@ -279,6 +283,11 @@ def speed_channel(fleet: Fleet, channel: str, base: Found, options: Options) -> 
         for n, t in sorted(all_terms().items())
         if t.acts == "speed" and t.parameters and (not options.terms or n in options.terms)
     ]
+    turns = lateral_acceleration(journeys)
+    nominal = base.value(all_terms()["cornering_speed"], "lateral_acceleration")
+    if turns is None or abs(turns[0] / nominal - 1.0) < HONEST:
+        # Turns are taken as the truck file says: then whatever is slow, it is not that.
+        named = [c for c in named if c.name != "cornering_speed"]
     task = make_task(journeys, [*named, *curves], free, journeys.floor, base, options)
     # A place of waiting belongs to one direction of the road, and not to its neighbours.
     lanes = journeys.lanes
@@ -288,7 +297,8 @@ def speed_channel(fleet: Fleet, channel: str, base: Found, options: Options) -> 
         own_floors={"waiting": lanes},
         own_roots={"waiting": np.eye(len(lanes))},
     )
-    return explained(task, channel, f"rms error of the time for {WINDOW:.0f} m, over rms time")
+    direct = {} if turns is None else {"cornering_speed": {"lateral_acceleration": turns}}
+    return explained(task, channel, f"rms error of the time for {WINDOW:.0f} m, over rms time", direct)
 
 
 def gather(fleet: Fleet) -> Journeys:
@@ -324,6 +334,28 @@ def _gated(
     passes = np.bincount(lane[begin], minlength=count)
     near = np.maximum(stops, np.maximum(np.roll(stops, 1), np.roll(stops, -1)))
     return (near >= FEWEST_STOPS) & (near > OFTEN * passes)
+
+
+def lateral_acceleration(j: Journeys) -> tuple[float, float] | None:
+    """v^2 |curvature| at the slowest point of the tightest bends: median and its standard error; None with too few."""
+    seconds = np.where(j.inside, np.diff(j.motion.time, prepend=j.motion.time[:1]), 0.0)
+    bend = np.abs(j.motion.curvature)
+    tight = bend > TIGHT / j.truck.chassis.turn_radius
+    change = np.flatnonzero(np.diff(np.concatenate([[0], tight.astype(int), [0]])))
+    seen = []
+    for a, b in zip(change[::2], change[1::2], strict=True):
+        if b - a < 4 or not j.inside[a - 3 : b + 3].all() or seconds[a:b].max() > 5.0:
+            continue
+        # Mean over three steps: the slowest single one is the noisiest.
+        pace = np.convolve(seconds[a - 1 : b + 1], np.ones(3) / 3.0, "valid")
+        k = int(np.argmax(pace))
+        v = STEP * j.metres[a + k] / pace[k]
+        seen.append(v * v * bend[a + k])
+    if len(seen) < FEWEST_STOPS:
+        return None
+    values = np.array(seen)
+    middle = float(np.median(values))
+    return middle, float(1.4826 * np.median(np.abs(values - middle)) / np.sqrt(len(values)))
 
 
 def _all_legs(fleet: Fleet) -> Iterator[tuple[int, Trajectory, Leg]]:
