@@ -20,7 +20,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from fleetlog.core.site import Site
+from fleetlog.core.site import Frame, Site
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.store import Dataset
 from fleetlog.view import palette, thin
@@ -37,7 +37,7 @@ FIELDS = ("x", "y", "z", "heading", "speed", "battery_power", "soc", "payload", 
 BLOCK = 400_000
 """Positions held in memory at once."""
 MOVING = 0.2
-TRAIL_EVERY = 2
+TRAIL_EVERY, MAP_EVERY = 2, 4
 
 
 @dataclass(frozen=True)
@@ -147,13 +147,7 @@ def _log_block(stream: Stream, steps: Steps, site: Site, prefix: str, name: str)
     )  # fmt: skip
     _log_trail(stream, entity(prefix, "trail", "fleet"), steps)
     if site.frame is not None:
-        where = np.column_stack(site.frame.to_geographic(xyz[:, 0], xyz[:, 1]))
-        stream.parts(
-            entity(prefix, "geo", "fleet"),
-            steps.time,
-            lengths,
-            lambda rows: rr.GeoPoints.columns(positions=where[rows]),
-        )
+        _log_map(stream, entity(prefix, "geo", "fleet"), steps, site.frame)
     return _log_curves(stream, steps, prefix, name)
 
 
@@ -170,6 +164,15 @@ def _charge_colours(soc: Singles) -> NDArray[np.uint8]:
     for above, colour in reversed(palette.SOC_CLASSES):
         out[soc > above] = colour
     return out
+
+
+def _log_map(stream: Stream, path: str, steps: Steps, frame: Frame) -> None:
+    rows = np.arange(0, len(steps.time), MAP_EVERY)
+    seen = steps.known[rows]
+    x, y = (steps.values[c][rows][seen] for c in "xy")
+    where = np.column_stack(frame.to_geographic(x, y))
+    lengths = seen.sum(axis=1).astype(np.int64)
+    stream.parts(path, steps.time[rows], lengths, lambda part: rr.GeoPoints.columns(positions=where[part]))
 
 
 def _log_trail(stream: Stream, path: str, steps: Steps) -> None:

@@ -78,15 +78,19 @@ def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> 
     right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     up = np.cross(right, forward)
     tall = np.tan(FIELD_OF_VIEW / 2.0)
-    target, distance = (points.min(axis=0) + points.max(axis=0)) / 2.0, 0.0
-    for _ in range(8):
+    target = (points.min(axis=0) + points.max(axis=0)) / 2.0
+
+    def seen() -> tuple[float, Floats, Floats]:
         p = points - target
         across, above, ahead = p @ right, p @ up, p @ forward
-        distance = float(np.max([np.abs(across) / (tall * aspect) - ahead, np.abs(above) / tall - ahead]))
-        sideways, upward = across / (distance + ahead), above / (distance + ahead)
-        target = target + distance * (
-            0.5 * (sideways.min() + sideways.max()) * right + 0.5 * (upward.min() + upward.max()) * up
-        )
+        far = float(np.max([np.abs(across) / (tall * aspect) - ahead, np.abs(above) / tall - ahead]))
+        return far, across / (far + ahead), above / (far + ahead)
+
+    for _ in range(12):
+        distance, sideways, upward = seen()
+        middle = (sideways.min() + sideways.max()) * right + (upward.min() + upward.max()) * up
+        target = target + 0.5 * distance * middle
+    distance, *_ = seen()
     eye = target - distance * forward
     return (float(eye[0]), float(eye[1]), float(eye[2])), (
         float(target[0]),

@@ -30,6 +30,8 @@ BAR_HALF, BAR_UP, BAR_NORTH = 1.6, 3.4, 2.2
 TRAIL_STEP = 4
 SOC_RATE = 0.2
 """Samples a second of the SOC curve at most."""
+STEP = 0.03
+"""A truck is drawn anew when it has moved this far [m]: less is noise that nobody sees."""
 MIN_LOAD = 1.0
 """Payload [kg] above which a load is drawn."""
 
@@ -131,7 +133,7 @@ def _with_gaps(time: Ints, values: Floats, limit: int, last: int | None) -> tupl
 
 def _log_motion(stream: Stream, lane: Lane, t: Trajectory, site: Site) -> None:
     xyz = np.column_stack([t.floats("x"), t.floats("y"), heights(t, site)])
-    keep = thin.runs_collapsed(*xyz.T)
+    keep = thin.moved(STEP, *xyz.T)
     xyz = xyz[keep].astype(np.float32)
     stream.columns(
         lane.path("trucks"), t.time[keep], lambda rows: rr.Transform3D.columns(translation=xyz[rows])
@@ -167,7 +169,7 @@ def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels:
 
 def _log_heading(stream: Stream, lane: Lane, t: Trajectory, hidden: Ints) -> None:
     heading = t.floats("heading")
-    keep = thin.changed(heading, np.radians(1.0))
+    keep = thin.changed(heading, np.radians(2.0))
     keep = np.union1d(
         keep[np.isfinite(heading[keep])], [s.start for s in thin.pieces(t.time, thin.gap_limit(t.time))]
     )
@@ -251,7 +253,7 @@ def _log_trail(stream: Stream, lane: Lane, t: Trajectory, site: Site, limit: int
     when: list[int] = []
     for piece in thin.pieces(t.time, limit):
         inner = np.arange(piece.start, piece.stop)
-        inner = inner[thin.runs_collapsed(*xyz[inner].T)]
+        inner = inner[thin.moved(5.0 * STEP, *xyz[inner].T)]
         for begin in range(0, len(inner) - 1, TRAIL_STEP):
             rows = inner[begin : begin + TRAIL_STEP + 1]
             if np.ptp(xyz[rows], axis=0).max() > 0.05:
@@ -268,7 +270,8 @@ def _log_trail(stream: Stream, lane: Lane, t: Trajectory, site: Site, limit: int
 
 def _log_map(stream: Stream, lane: Lane, t: Trajectory, site: Site) -> None:
     assert site.frame is not None
-    keep = np.intersect1d(thin.rows_at_rate(t.time, 1.0), thin.runs_collapsed(t.floats("x"), t.floats("y")))
+    slow = thin.rows_at_rate(t.time, 1.0)
+    keep = slow[thin.moved(10.0 * STEP, t.floats("x")[slow], t.floats("y")[slow])]
     latitude, longitude = site.frame.to_geographic(t.floats("x")[keep], t.floats("y")[keep])
     where = np.column_stack([latitude, longitude])
     style = rr.GeoPoints.from_fields(radii=rr.Radius.ui_points(5.0), colors=[lane.colour])

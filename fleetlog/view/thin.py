@@ -51,6 +51,21 @@ def changed(values: Floats, step: float) -> NDArray[np.int64]:
     return np.flatnonzero(np.diff(level, prepend=np.inf) != 0)
 
 
+def moved(step: float, *values: Floats) -> NDArray[np.int64]:
+    """Indices at which any of the values has moved by ``step`` or more, their neighbours before, and both ends.
+
+    The neighbour before a move keeps a truck standing until it sets off, however long it stood.
+    """
+    n = len(values[0])
+    keep = np.zeros(n, dtype=bool)
+    keep[[0, n - 1]] = True
+    for v in values:
+        at = changed(v, step)
+        keep[at] = True
+        keep[np.maximum(at - 1, 0)] = True
+    return np.flatnonzero(keep)
+
+
 def pieces(time: Ints, limit: int) -> list[slice]:
     """The stretches of rows without a gap."""
     cuts = [0, *(np.flatnonzero(np.diff(time) > limit) + 1).tolist(), len(time)]
