@@ -1,0 +1,217 @@
+"""The way of a recorded drive, laid along the roads that it was matched to, or along its own positions where it was not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.physics.power import Physics, allowed_speed
+from fleetlog.roads.routing import Router
+from fleetlog.simulate.drive import SpeedProfile, speed_profile
+from fleetlog.simulate.paths import even, rounded, simplified
+from fleetlog.simulate.track import SPACING, Track
+from fleetlog.simulate.world import within
+
+Floats = NDArray[np.float64]
+Index = NDArray[np.int32]
+MENDED = 40.0
+"""A hole in a chain of edges is closed by a route of at most this length [m]; a longer one is a stop and a new leg."""
+MATCHED = 0.8
+"""A drive with fewer of its rows on a road follows its own positions."""
+COARSE = 3.0
+"""Own positions are taken this far apart: closer, noise would be turns [m]."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """N nodes: ``distance`` [m] along, x, y, z [m], heading [rad], curvature [1/m], slope [rad], edge (-1 off the map), offset [m]."""
+
+    distance: Floats
+    x: Floats
+    y: Floats
+    z: Floats
+    heading: Floats
+    curvature: Floats
+    slope: Floats
+    edge: Index
+    offset: Floats
+    stops: tuple[int, ...] = ()
+
+    def at(self, s: Floats, payload: float = 0.0) -> Motion:
+        """Place and shape of the way at (M,) distances, as a motion with ``payload`` [kg]; the rest of it empty."""
+        i = np.clip(np.searchsorted(self.distance, s, side="right") - 1, 0, len(self.distance) - 1)
+        near = np.clip(np.rint(np.interp(s, self.distance, np.arange(len(self.distance)))).astype(int), 0, None)
+        heading = np.interp(s, self.distance, np.unwrap(self.heading))
+        offset = self.offset[i] + np.where(self.edge[i] >= 0, s - self.distance[i], 0.0)
+        return Motion.of(
+            len(s), x=np.interp(s, self.distance, self.x), y=np.interp(s, self.distance, self.y),
+            heading=np.angle(np.exp(1j * heading)), curvature=np.interp(s, self.distance, self.curvature),
+            slope=self.slope[near], edge=self.edge[i], edge_offset=offset, payload=payload,
+        )  # fmt: skip
+
+
+class Pathfinder:
+    """Ways on one site; ``track`` is its centred track (None without a network)."""
+
+    def __init__(self, site: Site, track: Track | None, turn_radius: float) -> None:
+        self.site, self.track, self.radius = site, track, turn_radius
+        self.router = None if track is None else Router(track.network)
+        self.known: dict[str, int] = {} if track is None else track.network.index
+
+    def way(self, drive: Trajectory) -> Way | None:
+        """The way of the rows of one drive; None where it goes nowhere."""
+        edge = drive.labels("edge_id").recode(self.known) if self.track is not None else np.full(len(drive), -1)
+        if self.track is not None and len(edge) and np.mean(edge >= 0) >= MATCHED:
+            on = edge >= 0
+            return self._on_roads(edge[on].astype(np.int32), np.nan_to_num(drive.floats("edge_offset"))[on])
+        return self._own(drive.floats("x"), drive.floats("y"), np.nan_to_num(drive.floats("z")))
+
+    def _on_roads(self, edge: Index, offset: Floats) -> Way | None:
+        cut = np.flatnonzero(np.diff(edge) != 0)
+        begin, end = np.concatenate([[0], cut + 1]), np.concatenate([cut, [len(edge) - 1]])
+        legs: list[tuple[list[int], float, float]] = [([int(edge[0])], float(offset[0]), float(offset[end[0]]))]
+        for b, e in zip(begin[1:], end[1:], strict=True):
+            chain, start, last = legs[-1]
+            more = self._joined(chain[-1], int(edge[b]))
+            if more is None:
+                legs.append(([int(edge[b])], float(offset[b]), float(offset[e])))
+            else:
+                legs[-1] = (chain + more, start, float(offset[e]))
+        ways = [w for w in (self._leg(*leg) for leg in legs) if w is not None]
+        return chained(ways) if ways else None
+
+    def _joined(self, a: int, b: int) -> list[int] | None:
+        """Edges after ``a`` up to ``b``; None where only a long way leads there."""
+        assert self.track is not None and self.router is not None
+        if b in self.track.network.successors(a):
+            return [b]
+        route = self.router.route(a, b)
+        if route is None:
+            return None
+        between = route.edges[1:-1]
+        if float(self.track.network.length[between].sum()) > MENDED:
+            return None
+        return [int(e) for e in route.edges[1:]]
+
+    def _leg(self, edges: list[int], start: float, end: float) -> Way | None:
+        t = self.track
+        assert t is not None
+        pieces = t.pieces(np.array(edges))
+        rows = np.concatenate([np.arange(t.first[p], t.first[p + 1]) for p in pieces])
+        size = np.concatenate([np.concatenate([[0.0], np.full(t.first[p + 1] - t.first[p] - 1, t.spacing[p])]) for p in pieces])
+        along = np.cumsum(size)
+        first, last = t.first[pieces[0] + 1] - t.first[pieces[0]], t.first[pieces[-1] + 1] - t.first[pieces[-1]]
+        low = float(np.interp(start, t.offset[rows[:first]], along[:first]))
+        high = float(np.interp(end, t.offset[rows[-last:]], along[-last:]))
+        if high - low < 0.5:
+            return self._straight(edges[0], start, end) if len(edges) == 1 else None
+        inner = np.flatnonzero((along > low + 0.05) & (along < high - 0.05) & (np.append(np.diff(along), 1.0) > 0.0))
+        s = np.concatenate([[low], along[inner], [high]])
+        near = np.clip(np.searchsorted(along, s, side="right") - 1, 0, len(rows) - 1)
+        k = rows[near]
+
+        def at(values: Floats) -> Floats:
+            return np.interp(s, along, values[rows])
+
+        offset = t.offset[k] + (s - along[near])
+        way = Way(
+            s - low, at(t.x), at(t.y), at(t.z), np.interp(s, along, np.unwrap(t.heading[rows])), at(t.curvature), t.slope[k],
+            t.edge[k], offset,
+        )  # fmt: skip
+        # A lane ends before its junction, where the corner begins; a place may lie in between.
+        ends = self._straight(edges[0], start, float(t.offset[rows[0]])), self._straight(
+            edges[-1], float(t.offset[rows[-1]]), end
+        )
+        return fused([w for w in (ends[0], way, ends[1]) if w is not None])
+
+    def _straight(self, edge: int, start: float, end: float) -> Way | None:
+        """The edge itself from one offset to another; None where that is nothing."""
+        assert self.track is not None
+        if end - start < 0.3:
+            return None
+        n = max(2, int(np.ceil((end - start) / SPACING)) + 1)
+        network, offset = self.track.network, np.linspace(start, end, n)
+        one = np.full(n, edge, np.int32)
+        place = network.position(one, offset)
+        return Way(
+            offset - start, place[:, 0], place[:, 1], place[:, 2], network.heading(one, offset), np.zeros(n),
+            network.slope(one, offset), one, offset,
+        )  # fmt: skip
+
+    def _own(self, x: Floats, y: Floats, z: Floats) -> Way | None:
+        good = np.isfinite(x) & np.isfinite(y)
+        x, y, z = x[good], y[good], z[good]
+        if len(x) < 2:
+            return None
+        keep = [0]
+        for i in range(1, len(x)):
+            if np.hypot(x[i] - x[keep[-1]], y[i] - y[keep[-1]]) >= COARSE:
+                keep.append(i)
+        if len(keep) < 2:
+            return None
+        shape, length = even(rounded(simplified(np.column_stack([x, y])[keep]), self.radius), 1.0)
+        n = len(shape)
+        s = np.linspace(0.0, length, n)
+        high = np.interp(s, np.linspace(0.0, length, len(keep)), z[keep])
+        none = np.full(n, -1, np.int32)
+        return Way(s, shape[:, 0], shape[:, 1], high, shape[:, 2], shape[:, 3], np.zeros(n), none, np.zeros(n))
+
+
+def fused(ways: list[Way]) -> Way:
+    """Pieces that follow one another without a stop, as one way."""
+    if len(ways) == 1:
+        return ways[0]
+    joined = chained(ways)
+    return replace(joined, stops=())
+
+
+def chained(ways: list[Way]) -> Way:
+    """Legs one after the other, with a stop between them."""
+    if len(ways) == 1:
+        return ways[0]
+    base = np.concatenate([[0.0], np.cumsum([w.distance[-1] + 1e-6 for w in ways])])
+    stops = np.cumsum([len(w.distance) for w in ways])[:-1]
+
+    def join(name: str) -> Floats:
+        return np.concatenate([np.asarray(getattr(w, name), dtype=np.float64) for w in ways])
+
+    return Way(
+        np.concatenate([w.distance + b for w, b in zip(ways, base[:-1], strict=True)]), join("x"), join("y"), join("z"),
+        np.unwrap(join("heading")), join("curvature"), join("slope"), join("edge").astype(np.int32), join("offset"),
+        tuple(int(k) for k in stops),
+    )  # fmt: skip
+
+
+def drive_along(way: Way, site: Site, physics: Physics, payload: float) -> SpeedProfile:
+    """How the truck drives a way from rest to rest with ``payload`` [kg]; terms that act on speed included."""
+    truck = physics.actual_truck()
+    limit = np.full(len(way.distance), np.inf)
+    if site.network is not None:
+        roads = np.where(np.isfinite(site.network.speed_limit), site.network.speed_limit, np.inf)
+        limit = np.where(way.edge >= 0, roads[np.maximum(way.edge, 0)], np.inf)
+        # Where two roads meet, the lower limit holds on both sides of the node.
+        limit = np.minimum(limit, np.concatenate([limit[:1], limit[:-1]]))
+    for zone in site.zones:
+        if np.isfinite(zone.speed_limit):
+            limit = np.where(within(zone.polygon, way.x, way.y), np.minimum(limit, zone.speed_limit), limit)
+    allowed = np.minimum(limit * truck.drive.speed_factor, truck.drive.max_speed)
+    motion = way.at(way.distance, payload).replaced(speed=allowed, curvature=way.curvature)
+    cap = np.maximum(allowed_speed(motion, physics), 0.05)
+    stops = dict.fromkeys(way.stops, 0.0)
+    if "waiting" in physics.fields and "waiting" not in physics.off:
+        stops.update(waits(physics.fields["waiting"].along(motion, 0.0)))
+    return speed_profile(
+        way.distance, np.nan, truck, slope=way.slope, payload=payload, stops=stops, extra=cap
+    )
+
+
+def waits(seconds: Floats) -> dict[int, float]:
+    """Node in the middle of every stretch with a waiting time, and that time [s]."""
+    on = np.concatenate([[False], seconds > 0.0, [False]])
+    edges = np.flatnonzero(np.diff(on.astype(np.int8))).reshape(-1, 2)
+    return {int((a + b - 1) // 2): float(seconds[(a + b - 1) // 2]) for a, b in edges}

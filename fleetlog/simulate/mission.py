@@ -1,0 +1,257 @@
+"""The same mission as a recording: each truck drives the recorded trips at the recorded times, as the model would.
+
+No truck meets another; so what differs from the recording, trip by trip, is the physics and not the traffic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Labels, Trajectory, Values
+from fleetlog.core.truck import Truck
+from fleetlog.errors import DataError
+from fleetlog.physics.power import Physics, battery_power, cell_power
+from fleetlog.simulate.drive import SpeedProfile
+from fleetlog.simulate.legs import Pathfinder, Way, drive_along
+from fleetlog.simulate.track import build_track
+from fleetlog.store.dataset import Dataset
+from fleetlog.store.trips import MAX_GAP, STANDING_SPEED
+from fleetlog.store.writer import DatasetWriter
+
+Floats = NDArray[np.float64]
+FINE = 0.1
+"""Length of the steps that power is worked out in [s]."""
+CHARGING = -300.0
+"""A standing truck whose battery takes more than this is being charged: that is taken over as recorded [W]."""
+Progress = Callable[[float, float], None]
+
+
+@dataclass
+class MissionSummary:
+    """How replay and recording compare over all trips of some length."""
+
+    vehicles: int
+    trips: int
+    rows: int
+    distance_ratio: float
+    duration_ratio: float
+    energy_ratio: float
+    own_path: int
+    """Trips off the roads, which follow their recorded positions."""
+
+
+@dataclass
+class Trip:
+    """A recorded trip: its rows, when it sets off and arrives [s since the first row], its way and drive."""
+
+    number: int
+    rows: Trajectory
+    leave: float
+    arrive: float
+    way: Way | None
+    drive: SpeedProfile | None
+    payload: float
+
+
+def replay(
+    dataset: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics | None = None, progress: Progress | None = None
+) -> MissionSummary:
+    """Drive every recorded trip of ``dataset`` through the model and write it under the same vehicle and trip ids.
+
+    Rows come at the recorded interval.  Loads, fork heights, charging and temperature are the recorded ones, shifted to the
+    simulated arrival; where a trip takes longer than it took, the next one sets off later.
+    """
+    physics = physics or Physics(truck)
+    site = dataset.site
+    track = None if site.network is None else build_track(site.network, truck, centred=True)
+    finder = Pathfinder(site, track, truck.chassis.turn_radius)
+    total = np.zeros(6)
+    rows = trips = own = 0
+    for i, vehicle in enumerate(dataset.vehicles):
+        recorded = dataset.read(vehicle)
+        if len(recorded) < 2:
+            continue
+        replayer = VehicleReplay(recorded, finder, site, physics, writer)
+        replayer.run()
+        total += replayer.totals
+        rows, trips, own = rows + replayer.written, trips + replayer.trips, own + replayer.own
+        if progress is not None:
+            progress(float(i + 1), float(len(dataset.vehicles)))
+    if not trips:
+        raise DataError("the recording has no trip", where=dataset.path, do="import it with speed or denser positions")
+
+    def ratio(k: int) -> float:
+        return float(total[k + 3] / total[k]) if total[k] > 0.0 else float("nan")
+
+    return MissionSummary(len(dataset.vehicles), trips, rows, ratio(0), ratio(1), ratio(2), own)
+
+
+class VehicleReplay:
+    """One truck's recording, driven again."""
+
+    def __init__(
+        self, recorded: Trajectory, finder: Pathfinder, site: Site, physics: Physics, writer: DatasetWriter
+    ) -> None:
+        self.recorded, self.finder, self.site, self.physics, self.writer = recorded, finder, site, physics, writer
+        self.time = recorded.seconds()
+        gaps = np.diff(self.time)
+        self.interval = max(round(float(np.median(gaps)) / FINE), 1) * FINE
+        self.totals = np.zeros(6)
+        self.written = self.trips = self.own = 0
+        soc = recorded.floats("soc")
+        known = soc[np.isfinite(soc)]
+        self.soc = float(known[0]) if len(known) else 0.95
+        self.place: tuple[Way, float] | None = None
+
+    def run(self) -> None:
+        """All trips in order of time."""
+        ids = self.recorded.trip_ids()
+        begins = np.concatenate([[0], np.flatnonzero(np.diff(ids)) + 1, [len(ids)]])
+        found = [self._trip(int(ids[a]), int(a), int(b)) for a, b in zip(begins[:-1], begins[1:], strict=True)]
+        clock, row = 0.0, 0
+        for k, trip in enumerate(found):
+            leave = max(trip.leave, clock)
+            arrival = leave + (trip.drive.duration if trip.drive is not None else 0.0)
+            ready = arrival + self._work(trip)
+            last = k + 1 == len(found)
+            until = max(ready, float(self.time[-1])) if last else max(ready, found[k + 1].leave)
+            end = int(np.ceil((until - 1e-9) / self.interval)) + (1 if last else 0)
+            self._write(trip, leave, arrival, np.arange(row, max(end, row)) * self.interval)
+            clock, row = until, max(end, row)
+
+    def _trip(self, number: int, a: int, b: int) -> Trip:
+        rows, time = self.recorded[a:b], self.time[a:b]
+        speed = np.nan_to_num(rows.floats("speed"))
+        moving = np.flatnonzero(speed > STANDING_SPEED)
+        drive = self.physics.actual_truck().drive
+        if not len(moving):
+            return Trip(number, rows, float(time[0]), float(time[0]), None, None, 0.0)
+        i, j = int(moving[0]), int(moving[-1])
+        payload = float(np.nan_to_num(np.nanmedian(np.nan_to_num(rows.floats("payload")[i : j + 1]))))
+        # From one row before to one after: the truck stood there.
+        way = self.finder.way(rows[max(i - 1, 0) : min(j + 2, len(rows))])
+        profile = None if way is None else drive_along(way, self.site, self.physics, payload)
+        leave = float(time[i] - min(speed[i] / drive.max_acceleration, self.interval))
+        arrive = float(time[j] + min(speed[j] / drive.max_deceleration, self.interval))
+        if way is not None:
+            self.trips += 1
+            self.own += int(way.edge[0] < 0)
+            power = np.nan_to_num(rows.floats("battery_power"))
+            step = np.clip(np.diff(time, append=time[-1:]), 0.0, MAX_GAP)
+            self.totals[:3] += float((speed * step).sum()), arrive - leave, float((power * step).sum())
+        return Trip(number, rows, leave, arrive, way, profile, payload)
+
+    def _work(self, trip: Trip) -> float:
+        """Seconds after the arrival until loads and forks have come to rest."""
+        time = self._since_arrival(trip)
+        after = time >= 0.0
+        busy = np.zeros(len(time), dtype=bool)
+        for name in ("payload", "fork_height"):
+            values = np.nan_to_num(trip.rows.floats(name))
+            busy[1:] |= np.abs(np.diff(values)) > 0.02
+        busy &= after
+        return float(time[busy].max()) if busy.any() else 0.0
+
+    def _since_arrival(self, trip: Trip) -> Floats:
+        seconds = (trip.rows.time - self.recorded.time[0]) * 1e-6
+        return np.asarray(seconds - trip.arrive)
+
+    def _write(self, trip: Trip, leave: float, arrival: float, rows: Floats) -> None:
+        rows = rows[self._logged(rows, leave, arrival)]
+        if not len(rows):
+            return
+        steps = max(round(self.interval / FINE), 1)
+        inside = ((np.arange(steps) + 0.5) / steps - 0.5) * self.interval
+        fine = (rows[:, None] + inside).ravel()
+        motion = self._motion(trip, fine, leave, arrival)
+        power = battery_power(motion, self.physics)
+        charging = motion.power < CHARGING
+        power = np.where(charging & (motion.speed == 0.0), motion.power, power)
+        cell = cell_power(power, self.physics.actual_truck()).reshape(-1, steps).mean(axis=1)
+        used = np.cumsum(cell) * self.interval / (3600.0 * self.physics.actual_truck().battery.capacity_wh)
+        soc = np.clip(self.soc - np.concatenate([[0.0], used[:-1]]), 0.0, 1.0)
+        self.soc = float(np.clip(self.soc - used[-1], 0.0, 1.0))
+        mean = power.reshape(-1, steps).mean(axis=1)
+        at = self._motion(trip, rows, leave, arrival)
+        self._emit(trip, rows, at, mean, soc)
+        if trip.way is not None:
+            assert trip.drive is not None
+            self.totals[3:] += trip.way.distance[-1], trip.drive.duration, float(mean.sum() * self.interval)
+
+    def _logged(self, rows: Floats, leave: float, arrival: float) -> NDArray[np.bool_]:
+        """Rows near a recorded one, or on the way: where the log was silent overnight, so is the replay."""
+        k = np.clip(np.searchsorted(self.time, rows), 1, len(self.time) - 1)
+        near = np.minimum(np.abs(rows - self.time[k - 1]), np.abs(rows - self.time[k])) <= MAX_GAP / 2.0
+        return np.asarray(near | ((rows >= leave) & (rows <= arrival)))
+
+    def _motion(self, trip: Trip, time: Floats, leave: float, arrival: float) -> Motion:
+        if trip.way is not None and trip.drive is not None:
+            s, v, a = trip.drive.at(time - leave)
+            way = trip.way
+            self.place = (way, float(way.distance[-1]))
+        else:
+            s, v, a = np.zeros(len(time)), np.zeros(len(time)), np.zeros(len(time))
+            way = None if self.place is None else self.place[0]
+            s = s + (0.0 if self.place is None else self.place[1])
+        height, lift, payload, recorded = self._work_at(trip, time, leave, arrival)
+        temperature = self._along("ambient_temperature", time)
+        base = Motion.of(len(time), x=self._along("x", time), y=self._along("y", time)) if way is None else way.at(s)
+        dt = self.interval if len(time) < 2 else float(time[1] - time[0])
+        return base.replaced(
+            time=time, dt=np.full(len(time), dt), speed=v, acceleration=a, payload=payload, fork_height=height,
+            lift_speed=lift, ambient_temperature=temperature, power=recorded, soc=np.full(len(time), self.soc),
+        )  # fmt: skip
+
+    def _along(self, name: str, time: Floats) -> Floats:
+        values = self.recorded.floats(name)
+        good = np.isfinite(values)
+        if not good.any():
+            return np.full(len(time), np.nan)
+        return np.interp(time, self.time[good], values[good])
+
+    def _work_at(self, trip: Trip, time: Floats, leave: float, arrival: float) -> tuple[Floats, Floats, Floats, Floats]:
+        """Fork height, its rate, load and recorded power, counted from the arrival; on the way the load of the trip."""
+        shift = np.where(time < leave, time - leave + trip.leave, time - arrival + trip.arrive)
+        known = (trip.rows.time - self.recorded.time[0]) * 1e-6
+        height = np.interp(shift, known, np.nan_to_num(trip.rows.floats("fork_height")))
+        rate = np.nan_to_num(trip.rows.floats("fork_height"))
+        slope = np.append(np.diff(rate) / np.diff(known), 0.0) if len(known) > 1 else np.zeros(len(known))
+        k = np.clip(np.searchsorted(known, shift, side="right") - 1, 0, len(known) - 1)
+        inside = (shift >= known[0]) & (shift < known[-1])
+        lift = np.where(inside & (np.abs(slope[k]) > 0.02), slope[k], 0.0)
+        near = np.clip(np.searchsorted(known, shift), 0, len(known) - 1)
+        payload = np.nan_to_num(trip.rows.floats("payload"))[near]
+        power = np.nan_to_num(trip.rows.floats("battery_power"))[near]
+        power = np.where(inside, power, 0.0)
+        way = (time >= leave) & (time < arrival)
+        return (
+            np.where(way, 0.0, height), np.where(way, 0.0, lift), np.where(way, trip.payload, payload),
+            np.where(way, 0.0, power),
+        )  # fmt: skip
+
+    def _emit(self, trip: Trip, rows: Floats, at: Motion, power: Floats, soc: Floats) -> None:
+        columns: dict[str, Values] = {
+            "x": np.round(at.x, 3), "y": np.round(at.y, 3), "heading": np.round(at.heading, 4),
+            "speed": np.round(at.speed, 4), "payload": np.round(at.payload, 1),
+            "fork_height": np.round(at.fork_height, 3), "battery_power": np.round(power, 2), "soc": np.round(soc, 8),
+            "trip_id": np.full(len(rows), trip.number, np.int64),
+        }  # fmt: skip
+        if np.isfinite(at.ambient_temperature).any():
+            columns["ambient_temperature"] = np.round(at.ambient_temperature, 2)
+        if self.site.network is not None and (at.edge >= 0).any():
+            used, codes = np.unique(at.edge, return_inverse=True)
+            names = self.site.network.edge_ids
+            codes = np.where(at.edge < 0, -1, codes - int(used[0] < 0)).astype(np.int32)
+            columns["edge_id"] = Labels(codes, tuple(names[i] for i in used if i >= 0))
+            length = self.site.network.length[np.maximum(at.edge, 0)]
+            columns["edge_offset"] = np.where(at.edge < 0, np.nan, np.round(np.clip(at.edge_offset, 0.0, length), 3))
+            columns["lateral_offset"] = np.where(at.edge < 0, np.nan, 0.0)
+        time = self.recorded.time[0] + np.rint(rows * 1e6).astype(np.int64)
+        self.writer.write(Trajectory(self.recorded.vehicle_id, time, columns))
+        self.written += len(rows)
