@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fleetlog.cli.interrupt import interruptible
 from fleetlog.cli.options import anywhere, existing, json_option, notice, overwrite_option, quiet_option, say
 
 if TYPE_CHECKING:
@@ -74,7 +75,8 @@ def _import(
     about = load_profile(profile) if profile else None
     place = _site(site, quiet)
     with (
-        _progress(quiet) as progress,
+        interruptible() as check,
+        _progress(quiet, check) as progress,
         DatasetWriter.create(output, "recorded", place, overwrite=overwrite) as writer,
     ):
         summary = import_logs(logs, place, writer, format=format, profile=about, progress=progress)
@@ -84,6 +86,7 @@ def _import(
             progress("writing the replay", 1.0)
             writer.finish()
             write_recording(writer.path, writer.path / "recording.rrd", rate_hz=rate)
+        check()
     return summary
 
 
@@ -101,14 +104,19 @@ def _site(path: Path | None, quiet: bool) -> Site:
 
 
 @contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """A bar on a terminal, nothing elsewhere."""
+def _progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callable[[str, float], None]]:
+    """A bar on a terminal, nothing elsewhere; ``check`` is called with every step."""
     if quiet or not sys.stderr.isatty():
-        yield lambda _text, _share: None
+        yield lambda _text, _share: check()
         return
     from rich.console import Console
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("import", total=1.0)
-        yield lambda text, share: bar.update(task, description=text, completed=share)
+
+        def tell(text: str, share: float) -> None:
+            check()
+            bar.update(task, description=text, completed=share)
+
+        yield tell

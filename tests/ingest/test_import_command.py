@@ -1,0 +1,216 @@
+"""``fleetlog import`` as a person meets it: exit statuses, one clear line, nothing half done."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from fleetlog.store import Dataset
+
+HEADER = "vehicle_id,timestamp,latitude,longitude\n"
+
+
+def fleetlog(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "fleetlog", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def rows(count: int, start: int = 0) -> str:
+    return "".join(
+        f"A,2026-03-02T{5 + i // 3600:02d}:{i // 60 % 60:02d}:{i % 60:02d}Z,{49.9769 + 1e-5 * (i % 4000):.6f},9.1513\n"
+        for i in range(start, start + count)
+    )
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    path = tmp_path / "log.csv"
+    path.write_text(HEADER + rows(120))
+    return path
+
+
+def test_without_a_map(log: Path, tmp_path: Path) -> None:
+    done = fleetlog("import", log, "-o", tmp_path / "out", "--no-recording")
+    assert (done.returncode, done.stderr) == (0, "")
+    dataset = Dataset(tmp_path / "out")
+    assert dataset.rows == 120 and dataset.site.frame is not None
+    assert not dataset.read("A").has("edge_id")
+    assert np.abs(dataset.read("A").floats("x")).max() < 100.0
+    assert "derived from positions: heading, speed" in done.stdout
+
+
+def test_json_is_one_object_and_provenance_is_kept(log: Path, tmp_path: Path) -> None:
+    done = fleetlog("import", log, "-o", tmp_path / "out", "--no-recording", "--json")
+    summary = json.loads(done.stdout)
+    assert summary["rows"] == summary["rows_read"] == 120 and summary["vehicles"] == {"A": 120}
+    meta = Dataset(tmp_path / "out").meta
+    assert (
+        meta["provenance"]["inputs"][0]["file"] == "log.csv"
+        and len(meta["provenance"]["inputs"][0]["sha256"]) == 64
+    )
+    assert meta["summary"]["rows"] == 120
+
+
+def test_rejected_rows_are_status_3_and_kept(log: Path, tmp_path: Path) -> None:
+    log.write_text(HEADER + rows(60) + "A,2026-03-02T05:01:00Z,49.9,9.1,7\n" + rows(60, 60))
+    done = fleetlog("import", log, "-o", tmp_path / "out", "--no-recording")
+    assert done.returncode == 3
+    kept = pq.read_table(tmp_path / "out" / "rejected.parquet").to_pylist()
+    assert kept == [{"file": "log.csv", "record": 62, "kind": "row", "reason": "the line has more fields than the header",
+                     "text": "A,2026-03-02T05:01:00Z,49.9,9.1,7"}]  # fmt: skip
+    assert str(tmp_path / "out" / "rejected.parquet") in done.stdout
+
+
+def test_a_truncated_log_gives_what_is_whole(log: Path, tmp_path: Path) -> None:
+    packed = gzip.compress((HEADER + rows(5000)).encode())
+    path = tmp_path / "cut.csv.gz"
+    path.write_bytes(packed[: len(packed) * 3 // 4])
+    done = fleetlog("import", path, "-o", tmp_path / "out", "--no-recording")
+    assert done.returncode == 3 and "cut off" in done.stdout
+    assert 1000 < Dataset(tmp_path / "out").rows < 5000
+
+
+NOT_LOGS = {
+    "empty": (b"", "empty"),
+    "header only": (HEADER.encode(), "no usable row"),
+    "binary": (bytes(range(256)) * 200, "no log format fits"),
+    "no position": (b"vehicle_id,timestamp,speed\nA,2026-03-02T05:00:00Z,1\n", "no position"),
+    "no time": (b"vehicle_id,latitude,longitude\nA,49,9\n", "no time"),
+    "all refused": (HEADER.encode() + b"A,soon,49,9\nA,2026-03-02T05:00:00Z,here,9\n", "no usable row"),
+}
+
+
+@pytest.mark.parametrize("kind", NOT_LOGS)
+def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, kind: str) -> None:
+    content, word = NOT_LOGS[kind]
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    done = fleetlog("import", path, "-o", tmp_path / "out")
+    assert done.returncode == 1 and done.stdout == ""
+    assert word in done.stderr and "log.csv" in done.stderr and done.stderr.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["log.csv"]
+
+
+def test_a_log_of_another_place_is_refused(shared_data: Path, log: Path, tmp_path: Path) -> None:
+    site = shared_data / "blind" / "aux" / "site.toml"
+    log.write_text(HEADER + rows(100).replace(",49.", ",48."))
+    done = fleetlog("import", log, "--site", site, "-o", tmp_path / "out")
+    assert done.returncode == 1 and "km from the map" in done.stderr
+    log.write_text("vehicle_id,timestamp,longitude,latitude\n" + rows(100))
+    done = fleetlog("import", log, "--site", site, "-o", tmp_path / "out")
+    assert done.returncode == 1 and "exchanged" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_usage(log: Path, tmp_path: Path) -> None:
+    assert fleetlog("import", log).returncode == 2
+    assert fleetlog("import").returncode == 2
+    missing = fleetlog("import", tmp_path / "none.csv", "-o", tmp_path / "out")
+    assert missing.returncode == 1 and "no such file" in missing.stderr
+    wrong = fleetlog("import", log, "--format", "cvs", "-o", tmp_path / "out")
+    assert wrong.returncode == 1 and "csv" in wrong.stderr
+
+
+def test_an_older_dataset_is_left_alone(log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "mine").write_text("x")
+    assert fleetlog("import", log, "-o", out, "--no-recording").returncode == 1
+    assert (out / "mine").exists()
+    assert fleetlog("import", log, "-o", out, "--no-recording", "--overwrite").returncode == 0
+    assert not (out / "mine").exists() and Dataset(out).rows == 120
+
+
+def test_dry_run_writes_nothing(log: Path, tmp_path: Path) -> None:
+    log.write_text(
+        "id;time;lat;lon;speed_kmh\n"
+        + "".join(f"A;2026-03-02T05:00:{i:02d}Z;49.9;9.1;{36 + i}\n" for i in range(20))
+    )
+    done = fleetlog("import", log, "--dry-run")
+    assert done.returncode == 0 and "speed_kmh is speed, from km/h" in done.stdout
+    lines = done.stdout.splitlines()
+    table = lines[next(i for i, text in enumerate(lines) if "vehicle_id" in text and "latitude" in text) :]
+    assert table[1].split() == ["A", "2026-03-02T05:00:00.000000Z", "49.9", "9.1", "10"] and len(table) == 6
+    assert [p.name for p in tmp_path.iterdir()] == ["log.csv"]
+
+
+def test_folders_patterns_and_damaged_companions(tmp_path: Path) -> None:
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for i in range(3):
+        (logs / f"T{i}.csv").write_text(
+            "timestamp,x,y\n" + "".join(f"2026-03-02T05:00:{k:02d}Z,{k},{i}\n" for k in range(30))
+        )
+    (logs / "readme.md").write_text("no log")
+    done = fleetlog("import", logs, "-o", tmp_path / "a", "--no-recording")
+    assert done.returncode == 0 and Dataset(tmp_path / "a").vehicles == ["T0", "T1", "T2"]
+    assert fleetlog("import", str(logs / "T[01].csv"), "-o", tmp_path / "b", "--no-recording").returncode == 0
+    assert Dataset(tmp_path / "b").vehicles == ["T0", "T1"]
+    (logs / "T9.csv").write_bytes(bytes(range(256)) * 50)
+    done = fleetlog("import", logs / "T0.csv", logs / "T9.csv", "-o", tmp_path / "c", "--no-recording")
+    assert done.returncode == 3 and "T9.csv" in done.stdout and Dataset(tmp_path / "c").vehicles == ["T0"]
+
+
+def big(path: Path, count: int) -> Path:
+    path.write_text(HEADER + rows(count))
+    return path
+
+
+def test_interrupted(tmp_path: Path) -> None:
+    path = big(tmp_path / "log.csv", 60_000)
+    command = [
+        sys.executable,
+        "-m",
+        "fleetlog",
+        "import",
+        str(path),
+        "-o",
+        str(tmp_path / "out"),
+        "--no-recording",
+    ]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob(".out.partial-*")) and time.monotonic() < deadline:
+        time.sleep(0.005)
+    process.send_signal(signal.SIGINT)
+    # -2 is death by the signal itself, which a shell reports as 130 too: CPython ends so after an interrupt within exec().
+    assert process.wait(60) in (130, -2)
+    assert [p.name for p in tmp_path.iterdir()] == ["log.csv"]
+
+
+@pytest.mark.slow
+def test_killed_at_ten_moments(tmp_path: Path) -> None:
+    """A killed import leaves nothing that looks finished; the next run gives the same bytes."""
+    path = big(tmp_path / "log.csv", 68_000)
+    command = [sys.executable, "-m", "fleetlog", "import", str(path), "--no-recording", "-o"]
+    begin = time.monotonic()
+    subprocess.run([*command, str(tmp_path / "whole")], check=True, capture_output=True)
+    took = time.monotonic() - begin
+    out = tmp_path / "out"
+    for moment in np.random.default_rng(5).uniform(0.1, 0.98, 10) * took:
+        process = subprocess.Popen([*command, str(out)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(float(moment))
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        assert not out.exists() or process.returncode == 0
+        if out.exists():  # it was quicker than expected: whole, then
+            out.rename(tmp_path / f"early{moment}")
+    subprocess.run([*command, str(out)], check=True, capture_output=True)
+    assert not list(tmp_path.glob(".*partial*"))
+    files = sorted(p.relative_to(out) for p in out.rglob("*.parquet"))
+    assert (
+        files == sorted(p.relative_to(tmp_path / "whole") for p in (tmp_path / "whole").rglob("*.parquet"))
+        and files
+    )
+    for name in files:
+        assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
