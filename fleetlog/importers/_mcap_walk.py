@@ -112,12 +112,18 @@ class McapFile:
                 if not onward:
                     break
                 self.at = min(onward)
+        if not self._damages and not self._ended():
+            self._say("the end of the file is cut off")
         if self._damages:
             whole = plural(self.count, "message")
             known = summary.messages if summary else None
             self.report.damaged(
                 f"{whole} of {known:,} are whole" if known else f"{whole} before and between are whole"
             )
+
+    def _ended(self) -> bool:
+        self.stream.seek(max(self.size - len(MAGIC), 0))
+        return self.stream.read() == MAGIC
 
     def _head(self) -> tuple[int, int]:
         self.stream.seek(self.at)

@@ -10,7 +10,7 @@ from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes, plural
 from fleetlog.importers.base import ReadReport
 
-LIMIT = 1 << 26
+LIMIT = 1 << 24
 """Bytes between two elements of interest; beyond it the file is no log but an attack or a mistake."""
 
 

@@ -37,16 +37,122 @@ EXPECTED: dict[str, int | str] = {
     "nmea/skytraq.log": "no fix in any of its 17", "nmea/tn200.log": "no fix in any of its 19",
     "nmea/trimble_nmea.log": "no sentence with a position", "nmea/ublox-lea-5q.log": "no fix in any of its 9",
 }  # fmt: skip
-NMEA_COUNTS = """
-ac12 7 ais-nmea 164 april6_2019 1 beidou-gb 2 bn-9015 6 bt451 15 bu353s4 25 cat-ms352 40 ch-4711 7
-ericsson-gru04-02-70sec 71 et-332 19 foretrex-201 7 garmin-10x 10 garmin15x 7 garmin25lp 10 garmin48 14
-gp-320fw-2019-03-28 21 gp-320fw-2019-04-07-coldboot 2 gpsdf 51 gr601-w 10 hab-gpspi 3 hemi 21 hp58534a 2 isync 12
-magellan-ec10 21 meinberg-gps164 70 mr-350p 14 mtk-3301 4 myguide-3100 9 nd-1005 16 nl2008u 9 nl551e 14 nmea-rtk 122
-oncore 7 polarx2 5 pygpsdata-badeof 1 pygpsdata-mixed 2 pygpsdata-nmeabadck 1 quectel-eg25-g-2 3 quectel-l76k-dual 130
-quectel 34 quectelLC79D 30 rst39 41 saab-r4 12 skytraq-PX1172RH_DS 9 skytraq-fix 11 st-teseo-liv3f 30 tcp-torture 1
-telit-pls83-w 10 tomtom-mkII 4 triton400 5 ublox-f9p-hpnmea 9 ublox-lea-4s 3 ublox-zed-f9p-nmea 29 ublox-zed-f9r 30
-ublox8-uniqid-monhw 8 unicore-um621 16
-""".split()
+NMEA_COUNTS = [
+    "ac12",
+    "7",
+    "ais-nmea",
+    "164",
+    "april6_2019",
+    "1",
+    "beidou-gb",
+    "2",
+    "bn-9015",
+    "6",
+    "bt451",
+    "15",
+    "bu353s4",
+    "25",
+    "cat-ms352",
+    "40",
+    "ch-4711",
+    "7",
+    "ericsson-gru04-02-70sec",
+    "71",
+    "et-332",
+    "19",
+    "foretrex-201",
+    "7",
+    "garmin-10x",
+    "10",
+    "garmin15x",
+    "7",
+    "garmin25lp",
+    "10",
+    "garmin48",
+    "14",
+    "gp-320fw-2019-03-28",
+    "21",
+    "gp-320fw-2019-04-07-coldboot",
+    "2",
+    "gpsdf",
+    "51",
+    "gr601-w",
+    "10",
+    "hab-gpspi",
+    "3",
+    "hemi",
+    "21",
+    "hp58534a",
+    "2",
+    "isync",
+    "12",
+    "magellan-ec10",
+    "21",
+    "meinberg-gps164",
+    "70",
+    "mr-350p",
+    "14",
+    "mtk-3301",
+    "4",
+    "myguide-3100",
+    "9",
+    "nd-1005",
+    "16",
+    "nl2008u",
+    "9",
+    "nl551e",
+    "14",
+    "nmea-rtk",
+    "122",
+    "oncore",
+    "7",
+    "polarx2",
+    "5",
+    "pygpsdata-badeof",
+    "1",
+    "pygpsdata-mixed",
+    "2",
+    "pygpsdata-nmeabadck",
+    "1",
+    "quectel-eg25-g-2",
+    "3",
+    "quectel-l76k-dual",
+    "130",
+    "quectel",
+    "34",
+    "quectelLC79D",
+    "30",
+    "rst39",
+    "41",
+    "saab-r4",
+    "12",
+    "skytraq-PX1172RH_DS",
+    "9",
+    "skytraq-fix",
+    "11",
+    "st-teseo-liv3f",
+    "30",
+    "tcp-torture",
+    "1",
+    "telit-pls83-w",
+    "10",
+    "tomtom-mkII",
+    "4",
+    "triton400",
+    "5",
+    "ublox-f9p-hpnmea",
+    "9",
+    "ublox-lea-4s",
+    "3",
+    "ublox-zed-f9p-nmea",
+    "29",
+    "ublox-zed-f9r",
+    "30",
+    "ublox8-uniqid-monhw",
+    "8",
+    "unicore-um621",
+    "16",
+]
 EXPECTED |= {f"nmea/{n}.log": int(c) for n, c in zip(NMEA_COUNTS[::2], NMEA_COUNTS[1::2], strict=True)}
 DAMAGED = {
     "gpx/cerknicko-jezero-without-elevations.gpx": "point without a time", "gpx/korita-zbevnica.gpx": "point without a time",
@@ -106,7 +212,9 @@ def test_traces_of_other_kinds(shared_data: Path) -> None:
         assert detect(path).name == "csv", path.name
 
 
-@pytest.mark.parametrize("name", [n for n, c in EXPECTED.items() if n.startswith("nmea/") and isinstance(c, int)])
+@pytest.mark.parametrize(
+    "name", [n for n, c in EXPECTED.items() if n.startswith("nmea/") and isinstance(c, int)]
+)
 def test_nmea_agrees_with_pynmeagps(name: str, shared_data: Path) -> None:
     """The moments that have a fix, by an independent reader of the same sentences."""
     pynmeagps = pytest.importorskip("pynmeagps")
@@ -128,7 +236,12 @@ def test_nmea_agrees_with_pynmeagps(name: str, shared_data: Path) -> None:
     assert len({t for t, _, _ in theirs}) - read.rows == known.get(name, 0)
     if theirs and name not in known:
         ours = set(zip(read.column("latitude").round(4), read.column("longitude").round(4), strict=True))
-        near = {(round(a + i * 1e-4, 4), round(b + j * 1e-4, 4)) for a, b in ours for i in (-1, 0, 1) for j in (-1, 0, 1)}
+        near = {
+            (round(a + i * 1e-4, 4), round(b + j * 1e-4, 4))
+            for a, b in ours
+            for i in (-1, 0, 1)
+            for j in (-1, 0, 1)
+        }
         assert {(a, b) for _, a, b in theirs} <= near
 
 
@@ -148,7 +261,10 @@ def test_gpx_agrees_with_gpxpy(name: str, shared_data: Path) -> None:
     assert read.rows == len(points)
     assert read.column("latitude").tolist() == [p.latitude for p in points]
     assert read.column("longitude").tolist() == [p.longitude for p in points]
-    seconds = [p.time.replace(tzinfo=None).timestamp() if p.time.tzinfo is None else p.time.timestamp() for p in points]
+    seconds = [
+        p.time.replace(tzinfo=None).timestamp() if p.time.tzinfo is None else p.time.timestamp()
+        for p in points
+    ]
     assert abs(read.column("time") / 1e6 - seconds).max() < 1e-3
 
 
@@ -176,7 +292,9 @@ def test_through_the_command(name: str, status: int, shared_data: Path, tmp_path
     """As a user does it: the exit status, and one line without a traceback where it is refused."""
     command = [sys.executable, "-c", "from fleetlog.cli.main import entry; entry()", "import", "--json"]
     log = str(shared_data / "logs" / name)
-    done = subprocess.run([*command, log, "-o", str(tmp_path / "d")], capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [*command, log, "-o", str(tmp_path / "d")], capture_output=True, text=True, timeout=120
+    )
     assert done.returncode == status, done.stderr
     assert "Traceback" not in done.stderr
     if status == 1:
