@@ -21,7 +21,7 @@ from fleetlog.errors import DataError
 from fleetlog.physics.refine import refined
 from fleetlog.physics.smooth.channels import fork_motion, measured_power, payload, slope_from_height
 from fleetlog.physics.smooth.noise import Noise, Observed, estimate_noise, smooth
-from fleetlog.physics.smooth.path import map_curvature, matched_coordinate
+from fleetlog.physics.smooth.path import MapPath, map_curvature, map_path
 from fleetlog.physics.smooth.plane import PlaneMotion, plane_motion
 
 Floats = NDArray[np.float64]
@@ -93,11 +93,11 @@ def smooth_motion(
     breaks = link == 2
     edge, offset = _matched(trajectory, network)
     rest = _standing(t, x, y, log_speed, edge, offset, link)
-    way, seen = (
-        matched_coordinate(network, edge, np.nan_to_num(offset), x, y, link)
-        if network is not None and (edge >= 0).any()
-        else (np.zeros(n), np.full(n, np.nan))
-    )
+    offset = np.nan_to_num(offset)
+    path = None
+    if network is not None and (edge >= 0).any():
+        path = map_path(network, edge, offset, x, y, link)
+    seen = np.full(n, np.nan) if path is None else path.seen
     off = ~np.isfinite(seen) & ~np.isfinite(log_speed)
     observed = Observed(t, seen, log_speed, rest, link)
     noise = noise or estimate_noise(observed, Noise())
@@ -115,14 +115,14 @@ def smooth_motion(
             np.where(off, plane.acceleration_sd, acceleration_sd),
         )
     speed, acceleration = np.where(rest, 0.0, speed), np.where(rest, 0.0, acceleration)
-    heading, curvature = _shape(network, edge, offset, way, plane, n)
+    heading, curvature = _shape(network, edge, offset, path, plane)
     height, lift_speed = fork_motion(t, trajectory, breaks)
     dt = sample_spans(t, breaks)
-    slope = _slope(trajectory, network, edge, offset, np.cumsum(speed * dt), breaks)
+    slope = _slope(trajectory, network, path, np.cumsum(speed * dt), breaks)
     motion = Motion.of(
         n, time=t, dt=dt, speed=speed, acceleration=acceleration, slope=slope, curvature=curvature, heading=heading,
         payload=payload(t, trajectory), lift_speed=lift_speed, fork_height=height, x=x, y=y, edge=edge,
-        edge_offset=np.nan_to_num(offset), ambient_temperature=trajectory.floats("ambient_temperature"),
+        edge_offset=offset, ambient_temperature=trajectory.floats("ambient_temperature"),
         soc=trajectory.floats("soc"), trip=trajectory.trip_ids(), power=measured_power(trajectory),
     )  # fmt: skip
     return SmoothMotion(motion, speed_sd, acceleration_sd, noise)
@@ -165,7 +165,8 @@ def _standing(
     rest = known & (speed < STANDING_SPEED)
     if known.all():
         return rest
-    same = (np.diff(edge, prepend=-1) == 0) & (np.diff(offset, prepend=np.nan) == 0.0)
+    equal = (np.diff(edge) == 0) & (np.diff(offset) == 0.0) & (link[1:] != 2)
+    same = np.append(equal, False) | np.append(False, equal)
     noise = _position_noise(x, y)
     by_place = stays(t, x, y, link, 3.0 * noise + 0.1, max(5.0, 12.0 * noise))
     return np.where(known, rest, np.where(edge >= 0, same, by_place))
@@ -173,38 +174,35 @@ def _standing(
 
 def _position_noise(x: Floats, y: Floats) -> float:
     """Spread of the noise from row to row, from third differences [m]."""
-    third = np.abs(np.concatenate([np.diff(x, 3), np.diff(y, 3)]))
-    return float(np.clip(1.4826 * np.median(third) / np.sqrt(20.0), 0.01, 5.0)) if len(third) > 5 else 0.5
+    third = np.hypot(np.diff(x, 3), np.diff(y, 3))
+    # the median of a two-dimensional normal length is 1.1774 sigma
+    return float(np.clip(np.median(third) / 1.1774 / np.sqrt(20.0), 0.01, 5.0)) if len(third) > 2 else 0.5
 
 
 def _shape(
-    network: Network | None, edge: Index, offset: Floats, way: Floats, plane: PlaneMotion | None, n: int
+    network: Network | None, edge: Index, offset: Floats, path: MapPath | None, plane: PlaneMotion | None
 ) -> tuple[Floats, Floats]:
     """Heading [rad] and curvature [1/m]: of the map where it is matched, of the smooth curve elsewhere."""
-    heading, curvature = np.zeros(n), np.zeros(n)
+    if network is None or path is None:
+        nothing = np.zeros(len(edge))
+        return (plane.heading, plane.curvature) if plane is not None else (nothing, nothing.copy())
+    curvature = map_curvature(network, edge, offset, path.way)
+    if plane is None:
+        return path.heading, curvature
     on = edge >= 0
-    if plane is not None:
-        heading, curvature = plane.heading.copy(), plane.curvature.copy()
-    if network is not None and on.any():
-        heading[on] = network.heading(edge[on], offset[on])
-        curvature = np.where(on, map_curvature(network, edge, np.nan_to_num(offset), way), curvature)
-    return heading, curvature
+    return np.where(on, path.heading, plane.heading), np.where(on, curvature, plane.curvature)
 
 
 def _slope(
     trajectory: Trajectory,
     network: Network | None,
-    edge: Index,
-    offset: Floats,
+    path: MapPath | None,
     way: Floats,
     breaks: NDArray[np.bool_],
 ) -> Floats:
     """Slope of the map where it has heights, else from the log's own heights, else 0."""
-    on = edge >= 0
-    if network is not None and network.has_elevation:
-        slope = np.zeros(len(edge))
-        slope[on] = network.slope(edge[on], offset[on])
-        return slope
+    if network is not None and path is not None and network.has_elevation:
+        return path.slope
     return (
-        slope_from_height(way, trajectory.floats("z"), breaks) if trajectory.has("z") else np.zeros(len(edge))
+        slope_from_height(way, trajectory.floats("z"), breaks) if trajectory.has("z") else np.zeros(len(way))
     )

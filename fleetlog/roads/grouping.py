@@ -117,11 +117,12 @@ def white_noise(track: Track) -> float:
     if len(track) < 8:
         return 1.0
     whole = track.chain[3:] == track.chain[:-3]
-    third = np.concatenate([np.diff(track.x, 3)[whole], np.diff(track.y, 3)[whole]])
+    third = np.hypot(np.diff(track.x, 3), np.diff(track.y, 3))[whole]
     third = third[third != 0.0]
-    if len(third) < 8:
+    if len(third) < 5:
         return 0.05
-    return float(np.clip(1.4826 * np.median(np.abs(third)) / np.sqrt(20.0), 0.01, 30.0))
+    # the median of a two-dimensional normal length is 1.1774 sigma
+    return float(np.clip(np.median(third) / 1.1774 / np.sqrt(20.0), 0.01, 30.0))
 
 
 def group_span(track: Track, noise: float) -> float:

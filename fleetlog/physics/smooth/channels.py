@@ -14,17 +14,15 @@ LONGEST_HOLD = 60.0
 
 def held(t: Floats, value: Floats, longest: float = LONGEST_HOLD) -> Floats:
     """The last known value where it is unknown, for at most ``longest`` seconds; NaN beyond."""
-    known = np.flatnonzero(np.isfinite(value))
-    if not len(known):
-        return value
-    last = np.searchsorted(known, np.arange(len(value)), side="right") - 1
-    source = known[np.maximum(last, 0)]
-    good = (last >= 0) & (t - t[source] <= longest)
-    return np.where(good, value[source], np.nan)
+    from fleetlog.physics.smooth.rows.kernels import hold
+
+    return np.asarray(hold(t, value, longest))
 
 
 def payload(t: Floats, trajectory: Trajectory) -> Floats:
     """(N,) kg; held through short silences, 0 where nothing is known."""
+    if not trajectory.has("payload"):
+        return np.zeros(len(t))
     return np.maximum(np.nan_to_num(held(t, trajectory.floats("payload"))), 0.0)
 
 
@@ -34,20 +32,16 @@ def fork_motion(t: Floats, trajectory: Trajectory, breaks: NDArray[np.bool_]) ->
     Jitter and quantisation are taken out by a dead band; the speed is the central difference, so that ``sum(speed dt)``
     is exactly the change of height: no lifting work is lost or invented.
     """
-    from fleetlog.physics.smooth.kernels import dead_band
+    from fleetlog.physics.smooth.rows.kernels import central_rate, dead_band
 
     height = trajectory.floats("fork_height")
     known = np.isfinite(height)
     if known.sum() < 2:
         return np.zeros(len(t)), np.zeros(len(t))
-    height = dead_band(np.interp(t, t[known], height[known]), _jitter(height[known]))
-    chain = np.cumsum(breaks)
-    before, after = np.maximum(np.arange(len(t)) - 1, 0), np.minimum(np.arange(len(t)) + 1, len(t) - 1)
-    before = np.where(chain[before] == chain, before, np.arange(len(t)))
-    after = np.where(chain[after] == chain, after, np.arange(len(t)))
-    span = t[after] - t[before]
-    speed = np.where(span > 0.0, (height[after] - height[before]) / np.where(span > 0.0, span, 1.0), 0.0)
-    return height, speed
+    if not known.all():
+        height = np.interp(t, t[known], height[known])
+    height = dead_band(height, _jitter(height))
+    return height, central_rate(t, height, breaks)
 
 
 def _jitter(height: Floats) -> float:
@@ -81,7 +75,9 @@ def slope_from_height(coordinate: Floats, z: Floats, breaks: NDArray[np.bool_]) 
         if len(rows) >= 5:
             # A receiver often repeats a height for many rows of a faster log: between the known ones the slope goes over.
             there = chain == c
-            out[there] = np.interp(coordinate[there], coordinate[rows], _running_slope(coordinate[rows], z[rows]))
+            out[there] = np.interp(
+                coordinate[there], coordinate[rows], _running_slope(coordinate[rows], z[rows])
+            )
     return out
 
 

@@ -19,7 +19,7 @@ Codes = NDArray[np.uint8]
 
 ON, JUMP, BREAK = 0, 1, 2
 """How a row follows the one before: on the same coordinate; on a new one, at the same speed; after a gap."""
-START_SPEED_VAR, START_ACCEL_VAR = 25.0, 1.0
+START_SPEED_VAR, START_ACCEL_VAR = 400.0, 1.0
 NEW_COORDINATE_VAR = 1e4
 REST_SPEED_VAR, REST_ACCEL_VAR = 1e-6, 1e-6
 
@@ -191,6 +191,8 @@ def smooth_backward(t: Floats, link: Codes, q: float, mean: Floats, cov: Floats)
         cov[i, 5] = aa + e20 * g20 + e21 * g21 + e22 * g22
 
 
+MOST_EXTRA = 8.0
+"""Length that a way may exceed twice the distance of the positions by [m]: noise, and corners."""
 NEAR_REACH = 3
 """Edges between two rows at most that the walk below finds; farther apart the coordinate starts anew."""
 
@@ -230,10 +232,13 @@ def way_between(
 
 @njit(cache=True)
 def path_coordinate(
-    edge: NDArray[np.int32], offset: Floats, next_first: NDArray[np.int32], next_edges: NDArray[np.int32], length: Floats,
+    edge: NDArray[np.int32], offset: Floats, x: Floats, y: Floats, next_first: NDArray[np.int32], next_edges: NDArray[np.int32], length: Floats,
     reverse: NDArray[np.int32], back: float, link: Codes, coordinate: Floats,
 ) -> None:  # fmt: skip
-    """Way travelled along the matched edges into ``coordinate``; marks ``JUMP`` in ``link`` where no short way joins two rows."""
+    """Way travelled along the matched edges into ``coordinate``; marks ``JUMP`` in ``link`` where no short way joins two rows.
+
+    A way much longer than the positions are apart is not the one that was driven.
+    """
     between = np.empty(NEAR_REACH, np.int32)
     coordinate[0] = 0.0
     for i in range(1, len(edge)):
@@ -250,7 +255,7 @@ def path_coordinate(
                     step = length[a] - offset[i - 1] + offset[i]
                     for j in range(m):
                         step += length[between[j]]
-        if math.isnan(step):
+        if not step <= 2.0 * math.hypot(x[i] - x[i - 1], y[i] - y[i - 1]) + MOST_EXTRA:
             step = 0.0
             if link[i] == ON:
                 link[i] = JUMP
@@ -278,22 +283,4 @@ def stays(t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_durat
             i = j
         else:
             i += max((j - i) // 8, 1)
-    return out
-
-
-@njit(cache=True)
-def dead_band(value: Floats, band: float) -> Floats:
-    """``value`` without its jitter: it is followed only where it leaves a band of half-width ``band`` (NaN stays)."""
-    out = value.copy()
-    held = np.nan
-    for i in range(len(value)):
-        if math.isnan(value[i]):
-            continue
-        if math.isnan(held):
-            held = value[i]
-        elif value[i] > held + band:
-            held = value[i] - band
-        elif value[i] < held - band:
-            held = value[i] + band
-        out[i] = held
     return out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,26 +18,34 @@ MOST_ALONG = 10.0
 """A position farther than this along the edge from its place there does not correct the place [m]."""
 
 
-def matched_coordinate(
+@dataclass(frozen=True)
+class MapPath:
+    """(N,) each: way travelled along the edges [m], the way that the positions show (NaN off the map), heading and slope [rad]."""
+
+    way: Floats
+    seen: Floats
+    heading: Floats
+    slope: Floats
+
+
+def map_path(
     network: Network, edge: Index, offset: Floats, x: Floats, y: Floats, link: NDArray[np.uint8]
-) -> tuple[Floats, Floats]:
-    """Way travelled along the edges [m], and the way that the positions show (N,); marks jumps in ``link``.
+) -> MapPath:
+    """The path of matched rows; marks jumps in ``link``.
 
     Offsets are smoothed already by the matching; what a position says beyond them is added back, so that the noise is that
     of the positions again.
     """
     from fleetlog.physics.smooth.kernels import path_coordinate
+    from fleetlog.physics.smooth.rows.kernels import on_edges
 
-    way = np.zeros(len(edge))
+    way, along, heading, slope = (np.zeros(len(edge)) for _ in range(4))
     path_coordinate(
-        edge, offset, network.next_first, network.next_edges, network.length, network.reverse, 5.0, link, way
-    )
-    on = (edge >= 0) & np.isfinite(offset)
-    seen = np.full(len(edge), np.nan)
-    place, heading = network.position(edge[on], offset[on]), network.heading(edge[on], offset[on])
-    along = (x[on] - place[:, 0]) * np.cos(heading) + (y[on] - place[:, 1]) * np.sin(heading)
-    seen[on] = way[on] + np.where(np.abs(along) < MOST_ALONG, along, 0.0)
-    return way, seen
+        edge, offset, x, y, network.next_first, network.next_edges, network.length, network.reverse, 5.0, link, way,
+    )  # fmt: skip
+    on_edges(edge, offset, x, y, network.points, network.first, network.distance, along, heading, slope)
+    along[np.abs(along) > MOST_ALONG] = 0.0
+    return MapPath(way, np.where(edge >= 0, way + along, np.nan), heading, slope)
 
 
 def map_curvature(network: Network, edge: Index, offset: Floats, way: Floats) -> Floats:

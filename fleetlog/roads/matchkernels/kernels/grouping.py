@@ -84,12 +84,20 @@ def find_stops(
             sy += gy[h]
             m += 1
             h += 1
-        merged[out] = first[g]
-        if h - g > 2 and t[first[h] - 1] - t[first[g]] >= min_duration:
+        # the truck came to the spot and left it within the radius too: the run begins and ends close to its mean
+        a, b = g, h
+        while b - a > 2 and np.hypot(gx[a] - sx / m, gy[a] - sy / m) > 0.6 * radius:
+            a += 1
+        while b - a > 2 and np.hypot(gx[b - 1] - sx / m, gy[b - 1] - sy / m) > 0.6 * radius:
+            b -= 1
+        stands = b - a > 2 and t[first[b] - 1] - t[first[a]] >= min_duration
+        for k in range(g, a if stands else g + 1):
+            merged[out] = first[k]
+            out += 1
+        if stands:
+            merged[out] = first[a]
             still[out] = True
-            g = h
-        else:
-            g += 1
-        out += 1
+            out += 1
+        g = b if stands else g + 1
     merged[out] = first[count]
     return merged[: out + 1].copy(), still[:out].copy()

@@ -188,6 +188,10 @@ def place_points(
             if still[g]:
                 where[first_row[g] - a : first_row[g + 1] - a] = place_of[g]
         make_monotone(where)  # a truck does not slide back on its route: a turn would be a piece of its own
+        for g in range(g0, g1 + 1):
+            if not still[g]:  # rows in motion stay nanometres apart: equal offsets mean a standstill
+                for i in range(first_row[g] - a, first_row[g + 1] - a):
+                    where[i] += 1e-9 * i
         piece, g = lo, g0
         cursor[0] = -1
         for i in range(n):

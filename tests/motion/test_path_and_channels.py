@@ -1,0 +1,113 @@
+"""Slope, curvature, forks, load and power of a motion."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+sys.path.insert(0, str(Path(__file__).parent))
+from truth import long_road, on_road, shuttle
+
+from fleetlog.core.network import Edge, build_network
+from fleetlog.core.trajectory import Labels, Trajectory
+from fleetlog.physics.motion import motion_from_trajectory
+
+
+def seconds(n: int, rate: float = 1.0) -> np.ndarray:
+    return np.round(np.arange(n) / rate * 1e6).astype(np.int64)
+
+
+def square_course(rate: float) -> tuple[Trajectory, object]:
+    """Three sides of a 20 m square at 2 m/s: two left turns."""
+    corners = np.array([[0, 0, 0], [20, 0, 0], [20, 20, 0], [0, 20, 0]], float)
+    edges = [Edge(f"e{i}", f"n{i}", f"n{i + 1}", corners[i : i + 2], f"e{i}") for i in range(3)]
+    network = build_network(edges)
+    way = np.arange(0.5, 59.5, 2.0 / rate)
+    at = (way // 20).astype(np.int32)
+    xy = network.position(at, way - 20.0 * at)
+    columns = {
+        "x": xy[:, 0].copy(),
+        "y": xy[:, 1].copy(),
+        "edge_id": Labels(at, network.edge_ids),
+        "edge_offset": way - 20.0 * at,
+    }
+    return Trajectory("T", seconds(len(way), rate), columns), network
+
+
+@pytest.mark.parametrize("rate", [0.5, 1.0, 10.0])
+def test_corners_add_up_to_their_angle_and_are_rounded(rate: float) -> None:
+    track, network = square_course(rate)
+    motion = motion_from_trajectory(track, network)
+    assert (motion.curvature * motion.speed * motion.dt).sum() == pytest.approx(np.pi, rel=0.06)
+    assert motion.curvature.max() <= 1.0 / 2.5 + 1e-6
+    if rate == 10.0:
+        assert motion.curvature.max() == pytest.approx(0.4, rel=0.01)
+        assert motion.curvature[50] == 0.0
+
+
+def test_slope_of_the_map() -> None:
+    road = long_road(climb=0.05)
+    truth = shuttle(100.0, 1.0, 1)
+    motion = motion_from_trajectory(on_road(truth, road, 0.0, 1), road)
+    assert np.allclose(np.tan(motion.slope), 0.05)
+
+
+def test_slope_from_measured_heights() -> None:
+    truth = shuttle(900.0, 1.0, 2)
+    road = long_road()
+    height = 3.0 * np.sin(truth.way / 40.0)
+    noisy = height + np.random.default_rng(3).normal(0, 0.1, len(height))
+    motion = motion_from_trajectory(on_road(truth, road, 0.05, 4).with_columns(z=noisy), road)
+    true_slope = 3.0 / 40.0 * np.cos(truth.way / 40.0)
+    moving = truth.speed > 0.5
+    assert np.corrcoef(motion.slope[moving], true_slope[moving])[0, 1] > 0.97
+    assert np.sqrt(np.mean((motion.slope - true_slope)[moving] ** 2)) < 0.02
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from([0.001, 0.01, 0.05]), st.sampled_from([1.0, 10.0]), st.integers(0, 50))
+def test_lifting_adds_up_to_the_change_of_height(quantum: float, rate: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    height = np.clip(
+        np.cumsum(np.repeat(rng.choice([0, 0, 0.35, -0.35], 20), round(4 * rate))) / rate, 0.0, 6.0
+    )
+    log = Trajectory("T", seconds(len(height), rate), {"x": np.zeros(len(height)), "y": np.zeros(len(height)),
+                     "fork_height": np.round(height / quantum) * quantum})  # fmt: skip
+    motion = motion_from_trajectory(log)
+    lifted = (motion.lift_speed * motion.dt).sum()
+    first = log.floats("fork_height")
+    assert lifted == pytest.approx(first[-1] - first[0], abs=0.1)
+    raised = (np.maximum(motion.lift_speed, 0) * motion.dt).sum()
+    assert raised <= np.maximum(np.diff(first), 0).sum() + 1e-9
+
+
+def test_jitter_of_the_forks_does_no_lifting_work() -> None:
+    height = 1.0 + np.random.default_rng(5).normal(0, 0.003, 5000)
+    log = Trajectory(
+        "T", seconds(5000, 10.0), {"x": np.zeros(5000), "y": np.zeros(5000), "fork_height": height}
+    )
+    motion = motion_from_trajectory(log)
+    raised = (np.maximum(motion.lift_speed, 0) * motion.dt).sum()
+    assert raised < 0.05 * np.maximum(np.diff(height), 0).sum()
+
+
+def test_a_load_is_held_through_a_short_silence_only() -> None:
+    load = np.array([np.nan, 500.0, np.nan, np.nan, 0.0] + [np.nan] * 100)
+    log = Trajectory("T", seconds(105), {"x": np.zeros(105), "y": np.zeros(105), "payload": load})
+    motion = motion_from_trajectory(log)
+    assert motion.payload[:5].tolist() == [0.0, 500.0, 500.0, 500.0, 0.0]
+    load[4] = 300.0
+    motion = motion_from_trajectory(log.with_columns(payload=load))
+    assert motion.payload[60] == 300.0 and motion.payload[100] == 0.0
+
+
+def test_power_is_measured_or_voltage_times_current() -> None:
+    log = Trajectory("T", seconds(3), {"x": np.arange(3.0), "y": np.zeros(3), "battery_power": np.array([10.0, np.nan, np.nan]),
+                     "battery_voltage": np.array([48.0, 48.0, np.nan]), "battery_current": np.array([9.0, 2.0, 1.0])})  # fmt: skip
+    power = motion_from_trajectory(log).power
+    assert power[0] == 10.0 and power[1] == 96.0 and np.isnan(power[2])

@@ -1,0 +1,190 @@
+"""The smoother against truth, and its laws."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+sys.path.insert(0, str(Path(__file__).parent))
+from truth import Truth, long_road, on_road, shuttle
+
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.errors import DataError
+from fleetlog.physics.motion import motion_from_trajectory, smooth_motion
+from fleetlog.physics.smooth.noise import Noise
+
+ROAD = long_road()
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+# noise [m], rate [1/s], most speed error [m/s], most acceleration error [m/s2]
+LEVELS = [
+    (0.02, 10.0, 0.05, 0.20),
+    (0.1, 10.0, 0.08, 0.20),
+    (0.5, 10.0, 0.15, 0.25),
+    (2.0, 10.0, 0.35, 0.35),
+    (0.02, 1.0, 0.10, 0.20),
+    (0.5, 1.0, 0.25, 0.25),
+    (2.0, 1.0, 0.55, 0.35),
+]
+
+
+@pytest.mark.parametrize(("noise", "rate", "speed", "acceleration"), LEVELS)
+def test_speed_and_acceleration_from_positions(
+    noise: float, rate: float, speed: float, acceleration: float
+) -> None:
+    truth = shuttle(900.0, rate, 1)
+    found = smooth_motion(on_road(truth, ROAD, noise, 2), ROAD)
+    assert rms(found.motion.speed - truth.speed) < speed
+    assert rms(found.motion.acceleration - truth.acceleration) < acceleration
+    # far better than differences of positions
+    if noise >= 0.5:
+        x = on_road(truth, ROAD, noise, 2).floats("x")
+        assert rms(found.motion.speed - truth.speed) < 0.4 * rms(np.gradient(x, truth.t) - truth.speed)
+
+
+@pytest.mark.parametrize("rate", [1.0, 10.0])
+def test_the_log_speed_is_used(rate: float) -> None:
+    truth = shuttle(900.0, rate, 3)
+    without = smooth_motion(on_road(truth, ROAD, 1.0, 4), ROAD).motion
+    with_speed = smooth_motion(on_road(truth, ROAD, 1.0, 4, speed_noise=0.05), ROAD).motion
+    assert rms(with_speed.speed - truth.speed) < 0.06
+    assert rms(with_speed.speed - truth.speed) < 0.6 * rms(without.speed - truth.speed)
+
+
+@pytest.mark.parametrize(("noise", "rate"), [(0.1, 10.0), (1.0, 10.0), (0.5, 1.0)])
+def test_the_stated_uncertainty_covers_the_error(noise: float, rate: float) -> None:
+    truth = shuttle(1200.0, rate, 5)
+    found = smooth_motion(on_road(truth, ROAD, noise, 6), ROAD)
+    moving = truth.speed > 0.3
+    share = np.mean(np.abs(found.motion.speed - truth.speed)[moving] < 2.0 * found.speed_sd[moving])
+    assert 0.80 < share <= 1.0
+    assert np.median(found.speed_sd[moving]) < 3.0 * rms((found.motion.speed - truth.speed)[moving])
+
+
+def test_the_noise_is_measured() -> None:
+    truth = shuttle(900.0, 10.0, 7)
+    for noise in (0.1, 0.5, 2.0):
+        assert smooth_motion(on_road(truth, ROAD, noise, 8), ROAD).noise.position == pytest.approx(
+            noise, rel=0.3
+        )
+
+
+def test_off_the_map_in_the_plane() -> None:
+    """Round a circle of 8 m at 2 m/s: speed, heading and curvature without any map."""
+    t = np.arange(0, 120, 0.2)
+    rng = np.random.default_rng(1)
+    angle = 2.0 * t / 8.0
+    x, y = 8 * np.cos(angle) + rng.normal(0, 0.05, len(t)), 8 * np.sin(angle) + rng.normal(0, 0.05, len(t))
+    motion = motion_from_trajectory(Trajectory("T", (t * 1e6).astype(np.int64), {"x": x, "y": y}))
+    middle = slice(25, -25)
+    assert np.abs(motion.speed[middle] - 2.0).max() < 0.15
+    assert motion.curvature[middle].mean() == pytest.approx(1 / 8, rel=0.05)
+    assert np.cos(motion.heading - angle - np.pi / 2)[middle].min() > 0.98
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0.2, 8.0), st.sampled_from([0.5, 1.0, 5.0, 10.0]))
+def test_constant_speed_stays_constant(speed: float, rate: float) -> None:
+    t = np.arange(0, 100 / rate, 1 / rate)
+    truth = Truth(t, speed * t, np.full(len(t), speed), np.zeros(len(t)))
+    motion = smooth_motion(on_road(truth, ROAD, 0.0, 0), ROAD, Noise(0.05, 0.1, 0.1)).motion
+    assert np.allclose(motion.speed, speed, atol=2e-3)
+    assert np.allclose(motion.acceleration, 0.0, atol=2e-3)
+
+
+def test_time_run_backwards_gives_the_speed_backwards() -> None:
+    """The same positions in the opposite order: the same speeds, the accelerations with the other sign."""
+    truth = shuttle(400.0, 5.0, 11)
+    noise = Noise(0.1, 0.3, 0.1)
+    there = on_road(truth, ROAD, 0.3, 12)
+    end = int(there.time[-1])
+    x, y, index = there.floats("x")[::-1], there.floats("y")[::-1], there.labels("edge_id").codes[::-1]
+    back = there.with_columns(
+        x=x.copy(), y=y.copy(), edge_offset=(ROAD.length[index] - there.floats("edge_offset")[::-1]),
+        edge_id=type(there.labels("edge_id"))(ROAD.reverse[index], ROAD.edge_ids),
+    )  # fmt: skip
+    back = Trajectory("T", end - there.time[::-1], back.columns)
+    a, b = smooth_motion(there, ROAD, noise).motion, smooth_motion(back, ROAD, noise).motion
+    inside = slice(30, -30)  # the filter is told something of the start, nothing of the end
+    assert np.allclose(a.speed[inside], b.speed[::-1][inside], atol=0.02)
+    assert np.allclose(a.acceleration[inside], -b.acceleration[::-1][inside], atol=0.02)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(-3.0, 3.0), st.floats(-1000, 1000), st.integers(0, 100))
+def test_moving_and_turning_the_frame_changes_nothing(angle: float, shift: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    truth = shuttle(100.0, 2.0, seed)
+    x, y = (
+        truth.way + rng.normal(0, 0.2, len(truth.t)),
+        5 * np.sin(truth.way / 10) + rng.normal(0, 0.2, len(truth.t)),
+    )
+    c, s = np.cos(angle), np.sin(angle)
+    time = np.round(truth.t * 1e6).astype(np.int64)
+    noise = Noise(0.1, 0.2, 0.1)
+    here = smooth_motion(Trajectory("T", time, {"x": x, "y": y}), noise=noise).motion
+    there = smooth_motion(
+        Trajectory("T", time, {"x": c * x - s * y + shift, "y": s * x + c * y}), noise=noise
+    ).motion
+    assert np.allclose(here.speed, there.speed, atol=1e-5)
+    assert np.allclose(here.acceleration, there.acceleration, atol=1e-5)
+    assert np.allclose(here.curvature, there.curvature, atol=1e-5)
+
+
+def test_a_standstill_has_speed_zero_exactly() -> None:
+    truth = shuttle(600.0, 10.0, 13)
+    for speed_noise in (None, 0.05):
+        motion = smooth_motion(on_road(truth, ROAD, 0.3, 14, speed_noise), ROAD).motion
+        standing = truth.speed == 0.0
+        inner = standing & np.roll(standing, 10) & np.roll(standing, -10)
+        assert (motion.speed[inner] == 0.0).all() and (motion.acceleration[inner] == 0.0).all()
+
+
+def test_irregular_rows_and_a_gap() -> None:
+    rng = np.random.default_rng(15)
+    truth = shuttle(600.0, 10.0, 16)
+    keep = np.sort(rng.choice(len(truth.t), 1200, replace=False))
+    keep = keep[(keep < 2000) | (keep > 3000)]  # a hundred seconds of silence
+    log = on_road(truth, ROAD, 0.1, 17)[keep]
+    motion = smooth_motion(log, ROAD).motion
+    at = int(np.argmax(np.diff(keep)))
+    assert rms(motion.speed - truth.speed[keep]) < 0.2
+    span = truth.t[keep][-1] - truth.t[keep][0] - (truth.t[keep][at + 1] - truth.t[keep][at])
+    assert motion.dt.sum() == pytest.approx(span)
+    assert (motion.dt >= 0.0).all()
+
+
+def test_thinning_and_subdividing() -> None:
+    truth = shuttle(300.0, 10.0, 18)
+    log = on_road(truth, ROAD, 0.05, 19)
+    coarse = motion_from_trajectory(log, ROAD, rate=1.0)
+    fine = motion_from_trajectory(log[::10], ROAD, rate=4.0)
+    assert len(coarse) == pytest.approx(300, abs=2)
+    assert len(fine) == 4 * len(log[::10])
+    assert fine.dt.sum() == pytest.approx(coarse.dt.sum(), rel=0.01)
+
+
+def test_neither_position_nor_speed_is_an_error() -> None:
+    with pytest.raises(DataError, match="neither positions nor speeds"):
+        motion_from_trajectory(Trajectory("T", np.arange(5) * 1_000_000, {"soc": np.ones(5)}))
+
+
+def test_speed_alone_is_enough() -> None:
+    truth = shuttle(300.0, 1.0, 20)
+    motion = motion_from_trajectory(Trajectory("T", (truth.t * 1e6).astype(np.int64), {"speed": truth.speed}))
+    assert rms(motion.speed - truth.speed) < 0.1
+
+
+@pytest.mark.parametrize("rows", [0, 1, 2, 3])
+def test_the_shortest_logs(rows: int) -> None:
+    truth = shuttle(30.0, 1.0, 21)
+    assert len(motion_from_trajectory(on_road(truth, ROAD, 0.1, 22)[:rows], ROAD)) == rows
