@@ -32,6 +32,8 @@ SOC_RATE = 0.2
 """Samples a second of the SOC curve at most."""
 STEP = 0.03
 """A truck is drawn anew when it has moved this far [m]: less is noise that nobody sees."""
+FAR_FROM_FLOOR = 10.0
+"""[m]"""
 MIN_LOAD = 1.0
 """Payload [kg] above which a load is drawn."""
 
@@ -61,14 +63,23 @@ def quaternions(heading: Floats) -> Floats:
 
 
 def heights(t: Trajectory, site: Site) -> Floats:
-    """z of every row [m]: recorded, else the road's, else 0."""
+    """Height at which every row is drawn [m]: the road's where it is matched to one, else as recorded.
+
+    A recorded height that is far from the site's floor is one above the sea or of another datum; such a truck is drawn
+    on the floor.
+    """
     z = t.floats("z")
-    if site.network is not None and site.network.has_elevation and np.isnan(z).any():
-        edge = t.labels("edge_id").recode(site.network.index)
-        on = np.isnan(z) & (edge >= 0) & np.isfinite(t.floats("edge_offset"))
-        z = z.copy()
-        z[on] = site.network.position(edge[on], t.floats("edge_offset")[on])[:, 2]
-    return np.nan_to_num(z)
+    known = np.isfinite(z)
+    z = (
+        np.nan_to_num(z)
+        if known.any() and np.median(np.abs(z[known])) <= FAR_FROM_FLOOR
+        else np.zeros(len(t))
+    )
+    if site.network is not None:
+        edge, offset = t.labels("edge_id").recode(site.network.index), t.floats("edge_offset")
+        on = (edge >= 0) & np.isfinite(offset)
+        z[on] = site.network.position(edge[on], offset[on])[:, 2]
+    return z
 
 
 def log_static(stream: Stream, lane: Lane, signals: set[str]) -> None:

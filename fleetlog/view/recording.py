@@ -144,11 +144,7 @@ def summary_lines(figures: Mapping[str, Any]) -> list[str]:
         if key in SAID or value in (None, "", 0, [], {}):
             continue
         if key == "files" and isinstance(value, list):
-            lines += [
-                f"{f['file']}: {f['format']}, {f['rows']:,} rows"
-                for f in value
-                if {"file", "format", "rows"} <= set(f)
-            ]
+            lines.append(f"{len(value)} files: " + ", ".join(str(f.get("format")) for f in value[:6]))
         elif isinstance(value, str | int | float):
             lines.append(f"{name}: {_figure(value)}")
         elif isinstance(value, Mapping) and all(isinstance(v, str | int | float) for v in value.values()):

@@ -219,6 +219,14 @@ def _contents(layer: Grid | EdgeValues | None) -> list[str]:
     return [*surface, *([f"{entity('result', layer.name)}/**"] if layer is not None else [])]
 
 
+def _duration(result: Result) -> float:
+    """From the first to the last time of what moves [s]."""
+    times = [s.time for s in result.shapes if isinstance(s, MovingLines)]
+    times += [np.asarray(s.x) for s in result.shapes if isinstance(s, Series) and s.over_time]
+    known = [t for t in times if len(t)]
+    return float(max(t[-1] for t in known) - min(t[0] for t in known)) * 1e-6 if known else 0.0
+
+
 def _curve_title(series: Series) -> str:
     unit = series.y_label[series.y_label.find("[") + 1 :].rstrip("]")
     return f"{_title(series.name)} [{unit}]"
@@ -233,7 +241,7 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
     if maps:
         x0, y0, x1, _ = around(outline)
         outline = np.vstack([outline, [x0, y0 - 0.08 * (x1 - x0), 0.0]])  # the colour bar
-    screen = blueprint.Screen(outline, ())
+    screen = blueprint.Screen(outline, (), duration=_duration(result))
     eye = blueprint.top_down(outline, WIDE)
     flat = [*always, *blueprint.FLAT, "- /site/zones/**"]
     plans: list[Any] = [

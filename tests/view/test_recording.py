@@ -9,8 +9,9 @@ import pytest
 import rrd
 from fixtures_view import START, plant, write_fleet
 
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.store import Dataset, DatasetWriter
+from fleetlog.view.fleet import heights
 from fleetlog.view.recording import write_recording
 
 
@@ -72,6 +73,19 @@ def test_heights_come_from_the_road_where_the_log_has_none(replay: tuple[Path, P
     on_ramp = np.isclose(xyz[:, 0], 60.0) & (xyz[:, 1] > 1) & (xyz[:, 1] < 39)
     assert on_ramp.sum() > 10
     np.testing.assert_allclose(xyz[on_ramp, 2], xyz[on_ramp, 1] * 1.5 / 40.0, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("z", "matched", "expected"),
+    [(131.0, True, 0.75), (131.0, False, 0.0), (2.5, False, 2.5), (2.5, True, 0.75)],
+)
+def test_height_above_the_sea_is_not_drawn(z: float, matched: bool, expected: float) -> None:
+    """Half-way up the ramp from b to c the road is at 0.75 m."""
+    columns = {"x": np.array([60.0]), "y": np.array([20.0]), "z": np.array([z])}
+    if matched:
+        columns |= {"edge_id": Labels.of(["bc"]), "edge_offset": np.array([np.hypot(20.0, 0.75)])}
+    t = Trajectory("v", np.array([START]), columns)
+    assert heights(t, plant())[0] == pytest.approx(expected)
 
 
 def test_truck_vanishes_in_a_gap_and_at_its_end(replay: tuple[Path, Path]) -> None:

@@ -1,0 +1,40 @@
+"""What a recording (``.rrd``) holds, read through Rerun's own reader."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from fleetlog.errors import InputError
+
+
+def describe_recording(path: Path) -> dict[str, Any]:
+    """Recordings, entities, rows, timelines and blueprints of a file; :class:`InputError` where it cannot be read."""
+    from rerun.chunk import RrdReader
+
+    try:
+        reader = RrdReader(str(path))
+        recordings = [
+            {"application": s.application_id, "recording": s.recording_id, **_contents(reader, s)}
+            for s in reader.recordings()
+        ]
+        blueprints = len(reader.blueprints())
+    except Exception as error:  # Rerun raises its own kinds and RuntimeError alike
+        why = " ".join(str(error).split())[:160]
+        raise InputError(
+            f"not readable as a recording: {why}", where=path, do="make it again from its dataset"
+        ) from None
+    if not recordings:
+        raise InputError("no recording in it", where=path, do="make it again from its dataset")
+    return {"recordings": recordings, "blueprint": blueprints > 0}
+
+
+def _contents(reader: Any, store: Any) -> dict[str, Any]:
+    entities: dict[str, int] = {}
+    timelines: set[str] = set()
+    for chunk in reader.stream(store=store):
+        path = str(chunk.entity_path)
+        entities[path] = entities.get(path, 0) + int(chunk.num_rows)
+        timelines |= {str(name) for name in chunk.timeline_names}
+    shown = {k: v for k, v in sorted(entities.items()) if not k.startswith("/__")}
+    return {"entities": shown, "rows": sum(shown.values()), "timelines": sorted(timelines)}
