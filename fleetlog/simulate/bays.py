@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 OFF_ROADS = 15.0
 """A place farther than this from every road is not on the site [m]."""
-REACH = 14.0
+REACH = 25.0
 """A bay is drawn at most this far along the road from its place [m]."""
 SHARES = (1.0, 0.7, 0.5)
 """Of the turn radius that the way into a bay is tried with, in this order; a truck creeps in there."""
@@ -50,9 +50,7 @@ class BayMaker:
         self.half = half_box(truck)
         self.tree = cKDTree(np.column_stack([track.x, track.y]))
         self.lanes = len(track.network)
-        self._lane_tree = cKDTree(
-            np.column_stack([track.x, track.y])[: track.first[self.lanes]]
-        )
+        self._lane_tree = cKDTree(np.column_stack([track.x, track.y])[: track.first[self.lanes]])
         self.owner = np.repeat(np.arange(len(track)), np.diff(track.first))
         self.bays: list[Bay] = []
         self._taken = np.zeros((0, 3))
@@ -112,7 +110,9 @@ class BayMaker:
         return None
 
     def _two_lanes(self, lane: int) -> bool:
-        return abs(float(self.track.lateral[self.track.first[lane] : self.track.first[lane + 1]].mean())) > 0.3
+        return (
+            abs(float(self.track.lateral[self.track.first[lane] : self.track.first[lane + 1]].mean())) > 0.3
+        )
 
     def _shape(self, place: Place, lane: int, at: float, radius: float, side: float) -> Bay | None:
         low, high = self.junctions.clear[lane], self.junctions.stop[lane]
@@ -139,7 +139,11 @@ class BayMaker:
     def _free(self, bay: Bay) -> bool:
         """Whether its ground is touched by no piece and no bay, and its spur by no safe part of another lane and no bay."""
         own = bay.lane
-        reverse = int(self.track.network.reverse[own]) if self.junctions.stop[own] < self.junctions.clear[own] else -1
+        reverse = (
+            int(self.track.network.reverse[own])
+            if self.junctions.stop[own] < self.junctions.clear[own]
+            else -1
+        )
         reach = 2.0 * float(np.hypot(*self.half))
         for i, (x, y, heading, _) in enumerate(bay.path):
             rows = np.asarray(self.tree.query_ball_point((x, y), reach), dtype=np.int64)

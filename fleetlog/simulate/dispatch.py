@@ -68,9 +68,22 @@ class Dispatcher:
     """Takes over whenever a truck needs attention; once a second."""
 
     def __init__(
-        self, world: World, fleet: Fleet, names: list[str], demand: Demand, policy: Policy, rng: np.random.Generator
+        self,
+        world: World,
+        fleet: Fleet,
+        names: list[str],
+        demand: Demand,
+        policy: Policy,
+        rng: np.random.Generator,
     ) -> None:
-        self.world, self.fleet, self.names, self.demand, self.policy, self.rng = world, fleet, names, demand, policy, rng
+        self.world, self.fleet, self.names, self.demand, self.policy, self.rng = (
+            world,
+            fleet,
+            names,
+            demand,
+            policy,
+            rng,
+        )
         self.truck: Truck = world.truck
         self.jobs = [Job() for _ in names]
         self.home = np.full(len(names), -1, np.int64)
@@ -260,7 +273,9 @@ class Dispatcher:
         """Two trucks that wait for each other's places: this one waits elsewhere."""
         job = self.jobs[v]
         job.since = now
-        if any(self.fleet.mode[u] == PARKED and self.jobs[u].stage in ("loaded", "assigned") for u in holders):
+        if any(
+            self.fleet.mode[u] == PARKED and self.jobs[u].stage in ("loaded", "assigned") for u in holders
+        ):
             b = self._spare_bay(v)
             if b is not None:
                 task, load = job.task, self.fleet.load[v]

@@ -15,9 +15,20 @@ from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.dispatch import Count, Dispatcher, Policy
 from fleetlog.simulate.energy import Meter, locate
-from fleetlog.simulate.record import Recorder
-from fleetlog.simulate.state import DRIVING, EMPTY, AT_BAY, PARKED, HANDLING, CHARGING, WANTS_OUT, limits_of, new_fleet, new_log
 from fleetlog.simulate.junctions import GAP
+from fleetlog.simulate.record import Recorder
+from fleetlog.simulate.state import (
+    AT_BAY,
+    CHARGING,
+    DRIVING,
+    EMPTY,
+    HANDLING,
+    PARKED,
+    WANTS_OUT,
+    limits_of,
+    new_fleet,
+    new_log,
+)
 from fleetlog.simulate.tasks import Demand, check_vehicles
 from fleetlog.simulate.world import World, build_world
 from fleetlog.store.writer import DatasetWriter
@@ -101,6 +112,7 @@ def simulate(
     physics: Physics | None = None,
     progress: Progress | None = None,
     names: list[str] | None = None,
+    mined: frozenset[str] = frozenset(),
 ) -> Summary:
     """Simulate a fleet on a site and write its trajectories.
 
@@ -112,6 +124,7 @@ def simulate(
     physics : terms beyond the nominal model; each can be switched off in it.
     progress : called with seconds done and in all.
     names : vehicle ids; by default T1, T2, ...
+    mined : places that may be left out where there is no room beside the road.
 
     Raises
     ------
@@ -121,8 +134,15 @@ def simulate(
     settings, demand = settings or Settings(), demand or Demand()
     names = names or vehicle_names(settings.vehicles)
     _check(settings)
-    world = build_world(site, truck, settings.vehicles, physics)
+    world = build_world(site, truck, settings.vehicles, physics, mined)
     check_vehicles(demand.given, names)
+    known = world.by_place
+    doable = [t for t in demand.given if {t.source, t.target} <= set(known)]
+    if len(doable) < len(demand.given):
+        world.notes.append(
+            f"{len(demand.given) - len(doable)} tasks between places that were left out are dropped"
+        )
+        demand = Demand(doable, demand.endless, demand.pause)
     run = Run(world, settings, demand, names, writer)
     return run.all(progress)
 
@@ -135,7 +155,9 @@ def vehicle_names(n: int) -> list[str]:
 
 def _check(settings: Settings) -> None:
     if settings.vehicles < 1:
-        raise DataError(f"{settings.vehicles} vehicles cannot be simulated", do="ask for one at least with --vehicles")
+        raise DataError(
+            f"{settings.vehicles} vehicles cannot be simulated", do="ask for one at least with --vehicles"
+        )
     if not 0.01 <= settings.step <= 0.25:
         raise DataError(f"a step of {settings.step:g} s is too coarse or too fine", do="take 0.01 to 0.25 s")
     ratio = settings.interval / settings.step
@@ -167,8 +189,12 @@ class Run:
         self.dispatcher.settle()
         charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])
         soc = np.full(n, settings.soc)
-        self.meter = Meter(world.physics, world.ground, charger, dt, soc, settings.temperature, settings.battery)
-        self.recorder = Recorder(writer, names, world.track.network.edge_ids, settings.start, dt, every, self.steps)
+        self.meter = Meter(
+            world.physics, world.ground, charger, dt, soc, settings.temperature, settings.battery
+        )
+        self.recorder = Recorder(
+            writer, names, world.track.network.edge_ids, settings.start, dt, every, self.steps
+        )
         self.limits = limits_of(world.physics.actual_truck(), GAP)
         self.used = self.charged = self.waiting = 0.0
 
@@ -198,7 +224,9 @@ class Run:
         place = locate(self.world.ground, self.log)
         energy = self.meter.batch(self.log, place, bay, step0)
         self.used += float(np.maximum(energy.power, 0.0).sum()) * dt / 3600.0
-        self.charged -= float(np.minimum(np.where(self.log.mode == CHARGING, energy.power, 0.0), 0.0).sum()) * dt / 3600.0
+        self.charged -= (
+            float(np.minimum(np.where(self.log.mode == CHARGING, energy.power, 0.0), 0.0).sum()) * dt / 3600.0
+        )
         slow = (self.log.v < 0.05) & np.isin(self.log.mode, (DRIVING, AT_BAY, WANTS_OUT))
         self.waiting += float(slow.sum()) * dt
         self.recorder.add(self.log, place, energy, step0)

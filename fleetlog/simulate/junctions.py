@@ -92,7 +92,9 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     return Junctions(clear, stop, capacity, resource, first, conflicts, bent)
 
 
-def conflict_lists(a: NDArray[np.integer], b: NDArray[np.integer], count: int) -> tuple[NDArray[np.int64], Index]:
+def conflict_lists(
+    a: NDArray[np.integer], b: NDArray[np.integer], count: int
+) -> tuple[NDArray[np.int64], Index]:
     """Symmetric CSR of pairs, each once."""
     key = np.unique(np.concatenate([a.astype(np.int64) * count + b, b.astype(np.int64) * count + a]))
     first = np.searchsorted(key, np.arange(count + 1, dtype=np.int64) * count)

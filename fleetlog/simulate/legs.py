@@ -45,7 +45,9 @@ class Way:
     def at(self, s: Floats, payload: float = 0.0) -> Motion:
         """Place and shape of the way at (M,) distances, as a motion with ``payload`` [kg]; the rest of it empty."""
         i = np.clip(np.searchsorted(self.distance, s, side="right") - 1, 0, len(self.distance) - 1)
-        near = np.clip(np.rint(np.interp(s, self.distance, np.arange(len(self.distance)))).astype(int), 0, None)
+        near = np.clip(
+            np.rint(np.interp(s, self.distance, np.arange(len(self.distance)))).astype(int), 0, None
+        )
         heading = np.interp(s, self.distance, np.unwrap(self.heading))
         offset = self.offset[i] + np.where(self.edge[i] >= 0, s - self.distance[i], 0.0)
         return Motion.of(
@@ -65,7 +67,9 @@ class Pathfinder:
 
     def way(self, drive: Trajectory) -> Way | None:
         """The way of the rows of one drive; None where it goes nowhere."""
-        edge = drive.labels("edge_id").recode(self.known) if self.track is not None else np.full(len(drive), -1)
+        edge = (
+            drive.labels("edge_id").recode(self.known) if self.track is not None else np.full(len(drive), -1)
+        )
         if self.track is not None and len(edge) and np.mean(edge >= 0) >= MATCHED:
             on = edge >= 0
             return self._on_roads(edge[on].astype(np.int32), np.nan_to_num(drive.floats("edge_offset"))[on])
@@ -74,7 +78,9 @@ class Pathfinder:
     def _on_roads(self, edge: Index, offset: Floats) -> Way | None:
         cut = np.flatnonzero(np.diff(edge) != 0)
         begin, end = np.concatenate([[0], cut + 1]), np.concatenate([cut, [len(edge) - 1]])
-        legs: list[tuple[list[int], float, float]] = [([int(edge[0])], float(offset[0]), float(offset[end[0]]))]
+        legs: list[tuple[list[int], float, float]] = [
+            ([int(edge[0])], float(offset[0]), float(offset[end[0]]))
+        ]
         for b, e in zip(begin[1:], end[1:], strict=True):
             chain, start, last = legs[-1]
             more = self._joined(chain[-1], int(edge[b]))
@@ -103,14 +109,21 @@ class Pathfinder:
         assert t is not None
         pieces = t.pieces(np.array(edges))
         rows = np.concatenate([np.arange(t.first[p], t.first[p + 1]) for p in pieces])
-        size = np.concatenate([np.concatenate([[0.0], np.full(t.first[p + 1] - t.first[p] - 1, t.spacing[p])]) for p in pieces])
+        size = np.concatenate(
+            [np.concatenate([[0.0], np.full(t.first[p + 1] - t.first[p] - 1, t.spacing[p])]) for p in pieces]
+        )
         along = np.cumsum(size)
-        first, last = t.first[pieces[0] + 1] - t.first[pieces[0]], t.first[pieces[-1] + 1] - t.first[pieces[-1]]
+        first, last = (
+            t.first[pieces[0] + 1] - t.first[pieces[0]],
+            t.first[pieces[-1] + 1] - t.first[pieces[-1]],
+        )
         low = float(np.interp(start, t.offset[rows[:first]], along[:first]))
         high = float(np.interp(end, t.offset[rows[-last:]], along[-last:]))
         if high - low < 0.5:
             return self._straight(edges[0], start, end) if len(edges) == 1 else None
-        inner = np.flatnonzero((along > low + 0.05) & (along < high - 0.05) & (np.append(np.diff(along), 1.0) > 0.0))
+        inner = np.flatnonzero(
+            (along > low + 0.05) & (along < high - 0.05) & (np.append(np.diff(along), 1.0) > 0.0)
+        )
         s = np.concatenate([[low], along[inner], [high]])
         near = np.clip(np.searchsorted(along, s, side="right") - 1, 0, len(rows) - 1)
         k = rows[near]
@@ -124,8 +137,9 @@ class Pathfinder:
             t.edge[k], offset,
         )  # fmt: skip
         # A lane ends before its junction, where the corner begins; a place may lie in between.
-        ends = self._straight(edges[0], start, float(t.offset[rows[0]])), self._straight(
-            edges[-1], float(t.offset[rows[-1]]), end
+        ends = (
+            self._straight(edges[0], start, float(t.offset[rows[0]])),
+            self._straight(edges[-1], float(t.offset[rows[-1]]), end),
         )
         return fused([w for w in (ends[0], way, ends[1]) if w is not None])
 
@@ -159,7 +173,9 @@ class Pathfinder:
         s = np.linspace(0.0, length, n)
         high = np.interp(s, np.linspace(0.0, length, len(keep)), z[keep])
         none = np.full(n, -1, np.int32)
-        return Way(s, shape[:, 0], shape[:, 1], high, shape[:, 2], shape[:, 3], np.zeros(n), none, np.zeros(n))
+        return Way(
+            s, shape[:, 0], shape[:, 1], high, shape[:, 2], shape[:, 3], np.zeros(n), none, np.zeros(n)
+        )
 
 
 def fused(ways: list[Way]) -> Way:

@@ -60,7 +60,11 @@ class Trip:
 
 
 def replay(
-    dataset: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics | None = None, progress: Progress | None = None
+    dataset: Dataset,
+    truck: Truck,
+    writer: DatasetWriter,
+    physics: Physics | None = None,
+    progress: Progress | None = None,
 ) -> MissionSummary:
     """Drive every recorded trip of ``dataset`` through the model and write it under the same vehicle and trip ids.
 
@@ -84,7 +88,9 @@ def replay(
         if progress is not None:
             progress(float(i + 1), float(len(dataset.vehicles)))
     if not trips:
-        raise DataError("the recording has no trip", where=dataset.path, do="import it with speed or denser positions")
+        raise DataError(
+            "the recording has no trip", where=dataset.path, do="import it with speed or denser positions"
+        )
 
     def ratio(k: int) -> float:
         return float(total[k + 3] / total[k]) if total[k] > 0.0 else float("nan")
@@ -98,7 +104,13 @@ class VehicleReplay:
     def __init__(
         self, recorded: Trajectory, finder: Pathfinder, site: Site, physics: Physics, writer: DatasetWriter
     ) -> None:
-        self.recorded, self.finder, self.site, self.physics, self.writer = recorded, finder, site, physics, writer
+        self.recorded, self.finder, self.site, self.physics, self.writer = (
+            recorded,
+            finder,
+            site,
+            physics,
+            writer,
+        )
         self.time = recorded.seconds()
         gaps = np.diff(self.time)
         self.interval = max(round(float(np.median(gaps)) / FINE), 1) * FINE
@@ -113,7 +125,9 @@ class VehicleReplay:
         """All trips in order of time."""
         ids = self.recorded.trip_ids()
         begins = np.concatenate([[0], np.flatnonzero(np.diff(ids)) + 1, [len(ids)]])
-        found = [self._trip(int(ids[a]), int(a), int(b)) for a, b in zip(begins[:-1], begins[1:], strict=True)]
+        found = [
+            self._trip(int(ids[a]), int(a), int(b)) for a, b in zip(begins[:-1], begins[1:], strict=True)
+        ]
         clock, row = 0.0, 0
         for k, trip in enumerate(found):
             leave = max(trip.leave, clock)
@@ -201,7 +215,11 @@ class VehicleReplay:
             s = s + (0.0 if self.place is None else self.place[1])
         height, lift, payload, recorded = self._work_at(trip, time, leave, arrival)
         temperature = self._along("ambient_temperature", time)
-        base = Motion.of(len(time), x=self._along("x", time), y=self._along("y", time)) if way is None else way.at(s)
+        base = (
+            Motion.of(len(time), x=self._along("x", time), y=self._along("y", time))
+            if way is None
+            else way.at(s)
+        )
         dt = self.interval if len(time) < 2 else float(time[1] - time[0])
         return base.replaced(
             time=time, dt=np.full(len(time), dt), speed=v, acceleration=a, payload=payload, fork_height=height,
@@ -215,7 +233,9 @@ class VehicleReplay:
             return np.full(len(time), np.nan)
         return np.interp(time, self.time[good], values[good])
 
-    def _work_at(self, trip: Trip, time: Floats, leave: float, arrival: float) -> tuple[Floats, Floats, Floats, Floats]:
+    def _work_at(
+        self, trip: Trip, time: Floats, leave: float, arrival: float
+    ) -> tuple[Floats, Floats, Floats, Floats]:
         """Fork height, its rate, load and recorded power, counted from the arrival; on the way the load of the trip."""
         shift = np.where(time < leave, time - leave + trip.leave, time - arrival + trip.arrive)
         known = (trip.rows.time - self.recorded.time[0]) * 1e-6
@@ -250,7 +270,9 @@ class VehicleReplay:
             codes = np.where(at.edge < 0, -1, codes - int(used[0] < 0)).astype(np.int32)
             columns["edge_id"] = Labels(codes, tuple(names[i] for i in used if i >= 0))
             length = self.site.network.length[np.maximum(at.edge, 0)]
-            columns["edge_offset"] = np.where(at.edge < 0, np.nan, np.round(np.clip(at.edge_offset, 0.0, length), 3))
+            columns["edge_offset"] = np.where(
+                at.edge < 0, np.nan, np.round(np.clip(at.edge_offset, 0.0, length), 3)
+            )
             columns["lateral_offset"] = np.where(at.edge < 0, np.nan, 0.0)
         time = self.recorded.time[0] + np.rint(rows * 1e6).astype(np.int64)
         self.writer.write(Trajectory(self.recorded.vehicle_id, time, columns))

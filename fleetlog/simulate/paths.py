@@ -88,9 +88,7 @@ def _cubic(start: Floats, a: Floats, end: Floats, b: Floats) -> Floats:
     handle = max(0.65 * float(np.hypot(*(end - start))), 0.5)
     u = np.linspace(0.0, 1.0, 41)[:, None]
     p1, p2 = start + handle * a, end - handle * b
-    return np.asarray(
-        (1 - u) ** 3 * start + 3 * u * (1 - u) ** 2 * p1 + 3 * u**2 * (1 - u) * p2 + u**3 * end
-    )
+    return np.asarray((1 - u) ** 3 * start + 3 * u * (1 - u) ** 2 * p1 + 3 * u**2 * (1 - u) * p2 + u**3 * end)
 
 
 def even(points: Floats, spacing: float) -> tuple[Floats, float]:

@@ -28,7 +28,14 @@ class Recorder:
     """
 
     def __init__(
-        self, writer: DatasetWriter, names: list[str], edges: tuple[str, ...], start: int, dt: float, every: int, step: int
+        self,
+        writer: DatasetWriter,
+        names: list[str],
+        edges: tuple[str, ...],
+        start: int,
+        dt: float,
+        every: int,
+        step: int,
     ) -> None:
         self.writer, self.names, self.edges, self.start = writer, names, edges, start
         self.dt, self.every, self.batch = dt, every, step
@@ -56,7 +63,10 @@ class Recorder:
         if np.any(place.z):
             columns["z"] = place.z[:, pick]
         if energy.voltage is not None and energy.current is not None:
-            columns["battery_voltage"], columns["battery_current"] = mean(energy.voltage), mean(energy.current)
+            columns["battery_voltage"], columns["battery_current"] = (
+                mean(energy.voltage),
+                mean(energy.current),
+            )
         if self._n + k > self.capacity:
             self.flush()
         span = slice(self._n, self._n + k)

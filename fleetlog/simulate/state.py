@@ -147,7 +147,9 @@ def new_fleet(trucks: int, lanes: int, pieces: int, resources: int, longest: int
 def limits_of(truck: Truck, gap: float) -> Limits:
     """The numbers of a truck."""
     d = truck.drive
-    creep = min(1.0, d.max_speed, float(np.sqrt(d.max_lateral_acceleration * 0.5 * truck.chassis.turn_radius)))
+    creep = min(
+        1.0, d.max_speed, float(np.sqrt(d.max_lateral_acceleration * 0.5 * truck.chassis.turn_radius))
+    )
     return Limits(
         truck.chassis.length, gap, d.max_acceleration, d.max_deceleration, 0.9 * d.max_deceleration, d.max_power,
         truck.resistance.rolling, truck.chassis.mass, creep, 15.0,

@@ -121,4 +121,7 @@ def check_vehicles(tasks: Sequence[Task], names: Sequence[str]) -> None:
     """Raise where a task is for a truck that is not simulated."""
     for task in tasks:
         if task.vehicle is not None and task.vehicle not in names:
-            raise InputError(f"a task is for vehicle {task.vehicle!r}, which is not simulated", do=nearest(task.vehicle, names))
+            raise InputError(
+                f"a task is for vehicle {task.vehicle!r}, which is not simulated",
+                do=nearest(task.vehicle, names),
+            )

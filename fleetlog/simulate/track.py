@@ -57,7 +57,11 @@ class Track:
 
     @cached_property
     def _by_turn(self) -> dict[tuple[int, int], int]:
-        return {(int(a), int(b)): p for p, (a, b) in enumerate(zip(self.source, self.target, strict=True)) if a >= 0}
+        return {
+            (int(a), int(b)): p
+            for p, (a, b) in enumerate(zip(self.source, self.target, strict=True))
+            if a >= 0
+        }
 
     def connector(self, lane: int, following: int) -> int:
         """The piece that joins two lanes."""
@@ -134,7 +138,9 @@ def _trims(network: Network, radius: float, shift: Floats) -> tuple[Floats, Floa
     enter = network.heading(every, np.zeros(len(network)))
     owner = np.repeat(every, np.diff(network.next_first))
     turn = np.abs(np.angle(np.exp(1j * (enter[network.next_edges] - leave[owner]))))
-    need = (radius + np.maximum(shift[owner], shift[network.next_edges])) * np.tan(np.minimum(turn, 1.9) / 2.0)
+    need = (radius + np.maximum(shift[owner], shift[network.next_edges])) * np.tan(
+        np.minimum(turn, 1.9) / 2.0
+    )
     # Turning round at a dead end is done beyond the last metre.
     need = np.where(turn > 2.8, 1.0, need) + 0.05
     before, after = np.full(len(network), 0.05), np.full(len(network), 0.05)
@@ -144,7 +150,9 @@ def _trims(network: Network, radius: float, shift: Floats) -> tuple[Floats, Floa
     return before * share, after * share
 
 
-def _lane(network: Network, e: int, shift: float, before: float, after: float, radius: float) -> tuple[Floats, float]:
+def _lane(
+    network: Network, e: int, shift: float, before: float, after: float, radius: float
+) -> tuple[Floats, float]:
     points = cut(network.polyline(e)[:, :2], before, after)
     return even(rounded(shifted(simplified(points), shift), radius), SPACING)
 

@@ -79,26 +79,51 @@ class World:
         return np.array(self.track.pieces(np.concatenate([[a], best.edges])), dtype=np.int32)
 
 
-def build_world(site: Site, truck: Truck, vehicles: int, physics: Physics | None = None) -> World:
-    """Lay out a site for a number of trucks; :class:`SiteError` where it cannot hold them."""
+def build_world(
+    site: Site,
+    truck: Truck,
+    vehicles: int,
+    physics: Physics | None = None,
+    mined: frozenset[str] = frozenset(),
+) -> World:
+    """Lay out a site for a number of trucks; :class:`SiteError` where it cannot hold them.
+
+    Places in ``mined`` are left out, and said so, where there is no room beside the road.
+    """
     network = site.roads()
     physics = physics or Physics(truck)
     actual = physics.actual_truck()
     track = build_track(network, truck, site.traffic)
     junctions = find_junctions(track, truck)
     maker = BayMaker(track, junctions, truck, side_of(site))
-    notes = _place_bays(site, maker, vehicles)
+    notes = _place_bays(site, maker, vehicles, mined)
     ground = with_spurs(track, maker.bays)
     roads = _roads(site, track, junctions, maker.bays, ground, truck, physics)
     limit = np.where(np.isfinite(network.speed_limit), network.speed_limit, actual.drive.max_speed)
     pace = np.minimum(limit * actual.drive.speed_factor, actual.drive.max_speed)
-    return World(site, truck, physics, track, ground, maker.bays, roads, Router(network, pace, turn_time=TURN_TIME), notes)
+    return World(
+        site,
+        truck,
+        physics,
+        track,
+        ground,
+        maker.bays,
+        roads,
+        Router(network, pace, turn_time=TURN_TIME),
+        notes,
+    )
 
 
-def _place_bays(site: Site, maker: BayMaker, vehicles: int) -> list[str]:
-    notes = []
+def _place_bays(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str]) -> list[str]:
+    notes: list[str] = []
     for place in site.places:
         near = maker.lanes_near(place.x, place.y)
+        if place.id in mined:
+            if maker.place(place) is None:
+                notes.append(
+                    f"no room for a truck beside the road at the mined place {place.id!r}: it is left out"
+                )
+            continue
         if not near or near[0][0] > OFF_ROADS:
             raise SiteError(
                 f"place {place.id!r} at ({place.x:.1f}, {place.y:.1f}) is off the roads",
@@ -113,7 +138,9 @@ def _place_bays(site: Site, maker: BayMaker, vehicles: int) -> list[str]:
     kinds = {p.kind for p in site.places}
     if not site.places:
         made = auto_places(maker, max(24, 3 * vehicles))
-        notes.append(f"the site has no places: {len(made)} parking, pick and drop spots were drawn along its roads")
+        notes.append(
+            f"the site has no places: {len(made)} parking, pick and drop spots were drawn along its roads"
+        )
     elif not kinds & {"pick", "drop"}:
         made = auto_places(maker, max(12, 2 * vehicles), ("pick", "drop"))
         notes.append(f"the site has no pick or drop place: {len(made)} were drawn along its roads")
@@ -121,7 +148,9 @@ def _place_bays(site: Site, maker: BayMaker, vehicles: int) -> list[str]:
     if site.places and free < 2 * vehicles + 2:
         made = _spare(maker, 2 * vehicles + 2 - free)
         if made:
-            notes.append(f"{len(made)} further parking spots were drawn along the roads for {vehicles} trucks")
+            notes.append(
+                f"{len(made)} further parking spots were drawn along the roads for {vehicles} trucks"
+            )
     room = len([b for b in maker.bays if b.place.kind != "charge"])
     if vehicles > room - 1:
         raise SiteError(
@@ -135,7 +164,9 @@ def _spare(maker: BayMaker, wanted: int) -> list[Bay]:
     made = auto_places(maker, wanted, ("park",))
     start = len(maker.bays) - len(made)
     for i, bay in enumerate(made):
-        named = replace(bay, place=Place(f"spot-{i + 1}", "park", float(bay.path[-1, 0]), float(bay.path[-1, 1])))
+        named = replace(
+            bay, place=Place(f"spot-{i + 1}", "park", float(bay.path[-1, 0]), float(bay.path[-1, 1]))
+        )
         maker.bays[start + i] = named
     return made
 
@@ -215,7 +246,9 @@ def _roads(
     )  # fmt: skip
 
 
-def _spur_conflicts(track: Track, j: Junctions, bays: list[Bay], ground: Track, truck: Truck) -> NDArray[np.int64]:
+def _spur_conflicts(
+    track: Track, j: Junctions, bays: list[Bay], ground: Track, truck: Truck
+) -> NDArray[np.int64]:
     """(N, 2) resources that exclude each other because of a spur; those that only follow onto its lane do not."""
     from fleetlog.simulate.kernels.geometry import meetings
 
@@ -227,7 +260,9 @@ def _spur_conflicts(track: Track, j: Junctions, bays: list[Bay], ground: Track, 
     # b > a always, and spurs come last: b is the spur.
     a, b = resource[pairs[:, 0]], resource[pairs[:, 1]]
     keep = a >= 0
-    found = np.unique(np.column_stack([a[keep], b[keep]]), axis=0) if keep.any() else np.zeros((0, 2), np.int64)
+    found = (
+        np.unique(np.column_stack([a[keep], b[keep]]), axis=0) if keep.any() else np.zeros((0, 2), np.int64)
+    )
     lane = np.array([bay.lane for bay in bays], dtype=np.int64)[found[:, 1] - pieces - 2 * lanes]
     other = found[:, 0]
     target = np.where(other < pieces, track.target[np.minimum(other, pieces - 1)], -1)

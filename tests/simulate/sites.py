@@ -16,7 +16,9 @@ def road(name, a, b, points, oneway=False, limit=3.0, width=float("nan")):
     return [edge] if oneway else [edge, reversed_edge(edge)]
 
 
-def grid(columns=3, rows=3, pitch=30.0, seed=None, width=float("nan"), mirror=False, traffic="right", places=()):
+def grid(
+    columns=3, rows=3, pitch=30.0, seed=None, width=float("nan"), mirror=False, traffic="right", places=()
+):
     """A grid; with a seed: nodes moved, some roads one-way, other limits and widths."""
     rng = np.random.default_rng(0 if seed is None else seed)
     node = {}
@@ -36,7 +38,11 @@ def grid(columns=3, rows=3, pitch=30.0, seed=None, width=float("nan"), mirror=Fa
                 # One-way only inside, so that the ring outside joins everything.
                 oneway = seed is not None and inner and rng.random() < 0.4
                 limit = float(rng.choice([2.0, 3.0, 4.5])) if seed is not None else 3.0
-                wide = float(rng.choice([2.2, 4.0, 6.0], p=[0.2, 0.5, 0.3])) if seed is not None and inner else width
+                wide = (
+                    float(rng.choice([2.2, 4.0, 6.0], p=[0.2, 0.5, 0.3]))
+                    if seed is not None and inner
+                    else width
+                )
                 edges += road(
                     f"e{i}{j}{'h' if di else 'v'}", f"n{i}{j}", f"n{i + di}{j + dj}",
                     np.array([node[i, j], node[i + di, j + dj]]), oneway, limit, wide,
@@ -59,7 +65,12 @@ def aisle(width=2.2, length=60.0):
     """Two rings joined by a single-lane two-way aisle: opposing trucks must not meet in it."""
     edges = road("aisle", "a", "b", np.array([[0.0, 0.0], [length, 0.0]]), width=width)
     for name, x, sign in (("a", 0.0, -1.0), ("b", length, 1.0)):
-        corner = [np.array([x, 0.0]), np.array([x + sign * 20, 20.0]), np.array([x + sign * 45, 0.0]), np.array([x + sign * 20, -20.0])]
+        corner = [
+            np.array([x, 0.0]),
+            np.array([x + sign * 20, 20.0]),
+            np.array([x + sign * 45, 0.0]),
+            np.array([x + sign * 20, -20.0]),
+        ]
         names = [name, f"{name}1", f"{name}2", f"{name}3"]
         for k in range(4):
             m = (k + 1) % 4

@@ -37,7 +37,9 @@ def project_points(points: Floats, first: Index, distance: Floats, edge: Index, 
 
 
 @njit(cache=True)
-def boxes_meet(xa: float, ya: float, ha: float, xb: float, yb: float, hb: float, half_l: float, half_w: float) -> bool:
+def boxes_meet(
+    xa: float, ya: float, ha: float, xb: float, yb: float, hb: float, half_l: float, half_w: float
+) -> bool:
     """Whether two rectangles of one size meet: no separating axis (Gottschalk, Lin and Manocha 1996)."""
     dx, dy = xb - xa, yb - ya
     if dx * dx + dy * dy > 4.0 * (half_l * half_l + half_w * half_w):

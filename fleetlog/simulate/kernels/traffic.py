@@ -328,7 +328,9 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
                 if o >= 0 and o != v and f.left[o] == p:
                     past = max(0.0, f.left_by[o] - f.left_hold[o])
                     if past < x.length + x.gap:
-                        limit = min(limit, safe(speed, off + r.length[p] + past - x.length - x.gap, 0.0, x.plan, dt))
+                        limit = min(
+                            limit, safe(speed, off + r.length[p] + past - x.length - x.gap, 0.0, x.plan, dt)
+                        )
             asker = f.asks[p]
             if asker >= 0 and asker != v:
                 room = off + r.bay_at[f.bay[asker]] - x.length - x.gap
@@ -453,7 +455,9 @@ def end_spur(r: Roads, f: Fleet, v: int) -> None:
 
 
 @njit(cache=True)
-def handling(f: Fleet, log: Log, v: int, column: int, now: float, raise_speed: float, lower_speed: float) -> None:
+def handling(
+    f: Fleet, log: Log, v: int, column: int, now: float, raise_speed: float, lower_speed: float
+) -> None:
     """Forks and load of a truck that works at a place: up, take or leave the load, down."""
     since = now - f.hand_start[v]
     up, hold, down = f.hand_times[v, 0], f.hand_times[v, 1], f.hand_times[v, 2]

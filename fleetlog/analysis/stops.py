@@ -1,0 +1,76 @@
+"""Where trucks stand again and again, and what for: dwell clusters as places of the site."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fleetlog.core.result import Marks, Result
+from fleetlog.simulate.places import carried, clusters, find_stands, mined_site, place_table
+from fleetlog.store import Dataset
+
+
+def stops(dataset: Dataset, *, min_visits: int = 3) -> Result:
+    """Places that the trucks of a dataset visit regularly.
+
+    Parameters
+    ----------
+    dataset : recorded or simulated; one pass over its rows, linear in their number.
+    min_visits : a place was visited at least so often.
+
+    Returns
+    -------
+    Result
+        Table ``places`` (place, kind, x, y, spread, visits, vehicles, dwell, shares of picks, drops and charges); table
+        ``flows`` with the loads carried from place to place; summary with counts and the ``[[place]]`` text for a site file.
+    """
+    import pandas as pd
+
+    stands = find_stands(dataset)
+    cluster = clusters(stands, min_visits)
+    table = place_table(stands, cluster)
+    _, names = mined_site(dataset.site, table)
+    tasks = carried(stands, cluster, names)
+    flows = pd.DataFrame(
+        {
+            "from": [t.source for t in tasks],
+            "to": [t.target for t in tasks],
+            "payload": [t.payload for t in tasks],
+        }
+    )
+    flows = flows.groupby(["from", "to"], as_index=False).agg(
+        loads=("payload", "size"), payload_mean=("payload", "mean")
+    )
+    kinds = {k: int((table.kind == k).sum()) for k in ("pick", "drop", "park", "charge")}
+    summary = {
+        "stops": len(stands), "in_places": int((cluster >= 0).sum()), "places": len(table), "kinds": kinds,
+        "standing_s": float(stands.dwell.sum()), "loads_carried": len(tasks), "site_toml": site_text(table),
+    }  # fmt: skip
+    lines = [
+        f"{len(stands)} stops, {int((cluster >= 0).sum())} of them at {len(table)} places: "
+        + ", ".join(f"{n} {k}" for k, n in kinds.items()),
+        f"{len(tasks)} loads carried between {len(flows)} pairs of places",
+    ]
+    for row in table.nlargest(5, "dwell_total").itertuples():
+        lines.append(
+            f"{row.place}: {row.visits} visits of {row.vehicles} trucks, median {row.dwell_median:.0f} s, at ({row.x:.1f}, {row.y:.1f})"
+        )
+    marks = Marks(
+        "places", table[["x", "y"]].to_numpy(float).reshape(-1, 2), tuple(table.place),
+        np.sqrt(table.dwell_total.to_numpy(float) / max(float(table.dwell_total.max()), 1.0)) * 4.0, "place",
+    ) if len(table) else None  # fmt: skip
+    shapes = [marks] if marks is not None else []
+    return Result("stops", summary, {"flows": flows}, {"places": table}, list(shapes), lines)
+
+
+def site_text(table: object) -> str:
+    """The places as ``[[place]]`` tables of a site file."""
+    import pandas as pd
+
+    assert isinstance(table, pd.DataFrame)
+    return "\n".join(
+        f'[[place]]\nid = "{r.place}"\nkind = "{r.kind}"\nx = {r.x:.2f}\ny = {r.y:.2f}'
+        for r in table.itertuples()
+    )
+
+
+ANALYSIS = stops

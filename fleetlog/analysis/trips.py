@@ -1,0 +1,98 @@
+"""Where trucks drive from and to, how far, how long and at what cost."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fleetlog.core.result import Bars, Marks, Result
+from fleetlog.errors import DataError
+from fleetlog.store import Dataset
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+JOULES = 3600.0
+NEAR = 8.0
+"""Trip ends this close to a place are at it [m]."""
+
+
+def trips(dataset: Dataset, *, min_distance: float = 5.0) -> Result:
+    """The trips of a dataset: table, distances, durations, energy, and how often which pair of places is driven.
+
+    Parameters
+    ----------
+    dataset : recorded or simulated.
+    min_distance : trips shorter than this [m] are shunting: counted, but left out of the means.
+    """
+    table = dataset.trips
+    if not len(table):
+        raise DataError("the dataset has no trips", where=dataset.path)
+    table = table.assign(from_place=_places(dataset, table, "start"), to_place=_places(dataset, table, "end"))
+    real = table[table.distance >= min_distance]
+    energy = real.energy.to_numpy(float) / JOULES
+    known = np.isfinite(energy) & (energy != 0.0)
+    km = float(real.distance[known].sum()) / 1000.0
+    summary: dict[str, Any] = {
+        "vehicles": len(dataset.vehicles), "trips": len(table), "trips_driven": len(real),
+        "distance_m": float(table.distance.sum()), "driving_time_s": float(table.driving_time.sum()),
+        "mean_distance_m": float(real.distance.mean()) if len(real) else None,
+        "mean_duration_s": float(real.duration.mean()) if len(real) else None,
+        "mean_speed_m_s": float(real.distance.sum() / max(float(real.driving_time.sum()), 1e-9)),
+        "energy_wh": float(energy[known].sum()) if known.any() else None,
+        "energy_wh_per_km": float(energy[known].sum() / km) if km > 0.0 else None,
+        "laden_share": float(np.mean(real.payload.fillna(0.0) > 25.0)) if len(real) else None,
+    }  # fmt: skip
+    pairs = real.groupby(["from_place", "to_place"], as_index=False).agg(
+        trips=("distance", "size"), distance_mean=("distance", "mean"), duration_mean=("duration", "mean"), energy_mean=("energy", "mean")
+    )  # fmt: skip
+    pairs = pairs.sort_values(
+        ["trips", "from_place", "to_place"], ascending=[False, True, True], ignore_index=True
+    )
+    per = real.groupby("vehicle_id").distance.sum() / 1000.0
+    ends = Marks(
+        "trip ends",
+        real[["x_end", "y_end"]].to_numpy(float),
+        tuple("" for _ in range(len(real))),
+        np.full(len(real), 0.6),
+    )
+    bars = Bars("distance by vehicle", tuple(map(str, per.index)), per.to_numpy(float), "distance [km]")
+    return Result(
+        "trips", summary, {"trips": table, "pairs": pairs}, {}, [ends, bars], _lines(summary, pairs)
+    )
+
+
+def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
+    out = [
+        f"{s['trips']} trips of {s['vehicles']} vehicles, {s['distance_m'] / 1000.0:.1f} km in {s['driving_time_s'] / 3600.0:.1f} h of driving"
+    ]
+    if s["mean_distance_m"] is not None:
+        out.append(
+            f"mean trip {s['mean_distance_m']:.0f} m in {s['mean_duration_s']:.0f} s, {s['mean_speed_m_s']:.2f} m/s while driving"
+        )
+    if s["energy_wh"] is not None:
+        out.append(
+            f"energy {s['energy_wh'] / 1000.0:.2f} kWh, {s['energy_wh_per_km']:.0f} Wh/km, stops at the ends included"
+        )
+    out += [
+        f"{r.from_place} to {r.to_place}: {r.trips} trips, {r.distance_mean:.0f} m"
+        for r in pairs.head(5).itertuples()
+        if r.from_place and r.to_place
+    ]
+    return out
+
+
+def _places(dataset: Dataset, table: pd.DataFrame, end: str) -> list[str]:
+    """Name of the site's place at the start or end of each trip, empty where there is none."""
+    places = dataset.site.places
+    if not places:
+        return [""] * len(table)
+    spots = np.array([[p.x, p.y] for p in places])
+    xy = table[[f"x_{end}", f"y_{end}"]].to_numpy(float)
+    gap = np.hypot(xy[:, None, 0] - spots[None, :, 0], xy[:, None, 1] - spots[None, :, 1])
+    best = np.nan_to_num(gap, nan=np.inf).argmin(axis=1)
+    return [places[k].id if gap[i, k] <= NEAR else "" for i, k in enumerate(best)]
+
+
+ANALYSIS = trips

@@ -1,0 +1,297 @@
+"""Places and demand of a recording: where its trucks stand again and again, what they do there, who carries what when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.site import Place, PlaceKind, Site
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.truck import Truck
+from fleetlog.errors import DataError
+from fleetlog.simulate.tasks import Task
+from fleetlog.store.dataset import Dataset
+from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Floats = NDArray[np.float64]
+COLUMNS = ("x", "y", "speed", "payload", "soc", "fork_height")
+MIN_DWELL = 8.0
+"""A shorter standstill is a wait on the way, unless the load changes [s]."""
+CELL = 2.0
+"""Stands in the same or in touching cells of this size belong to one place [m]."""
+MIN_VISITS = 3
+"""A place was visited this often at least."""
+MIN_CHARGE = 0.005
+"""A state of charge that rises by more than this at a stand was charged."""
+KNOWN = 6.0
+"""A mined place this close to one of the site is that one [m]."""
+MAJORITY = 0.3
+"""A place where loads (or charge) change in more than this share of the visits is one for that."""
+
+
+@dataclass(frozen=True)
+class Stands:
+    """N standstills of all trucks, in order of vehicle and time.
+
+    ``vehicle`` codes; ``start``, ``end`` microseconds; ``x``, ``y`` m; ``before``, ``after`` kg on the forks; ``charged`` change
+    of the state of charge; ``height`` m, the highest of the forks.
+    """
+
+    vehicle: NDArray[np.int64]
+    start: NDArray[np.int64]
+    end: NDArray[np.int64]
+    x: Floats
+    y: Floats
+    before: Floats
+    after: Floats
+    charged: Floats
+    height: Floats
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    @property
+    def dwell(self) -> Floats:
+        """(N,) seconds."""
+        return np.asarray((self.end - self.start) * 1e-6)
+
+
+def find_stands(dataset: Dataset) -> Stands:
+    """All standstills of a dataset; one pass over its rows."""
+    code = {v: i for i, v in enumerate(dataset.vehicles)}
+    found = [_stands(t, code[t.vehicle_id]) for t in dataset.days(COLUMNS)]
+    if not found:
+        raise DataError("the dataset has no rows", where=dataset.path)
+    table = np.concatenate(found)
+    ints = table[:, :3].astype(np.int64)
+    return Stands(ints[:, 0], ints[:, 1], ints[:, 2], *table[:, 3:].T)
+
+
+def _stands(t: Trajectory, vehicle: int) -> Floats:
+    """(n, 9) standstills of one truck on one day."""
+    still = np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED
+    gap = np.diff(t.time, prepend=t.time[:1]) * 1e-6 > MAX_GAP
+    edge = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
+    load, soc, height = (
+        np.nan_to_num(t.floats("payload")),
+        t.floats("soc"),
+        np.nan_to_num(t.floats("fork_height")),
+    )
+    x, y = t.floats("x"), t.floats("y")
+    out = []
+    for a, b in edge.reshape(-1, 2):
+        first, last = max(a - 1, 0), min(b, len(t) - 1)
+        changes = abs(load[last] - load[first]) > MIN_LOAD_CHANGE
+        if gap[a + 1 : b].any() or ((t.time[b - 1] - t.time[a]) * 1e-6 < MIN_DWELL and not changes):
+            continue
+        rise = soc[b - 1] - soc[a]
+        out.append(
+            (vehicle, t.time[a], t.time[b - 1], np.nanmedian(x[a:b]), np.nanmedian(y[a:b]), load[first], load[last],
+             rise if np.isfinite(rise) else 0.0, height[a:b].max())
+        )  # fmt: skip
+    return np.array(out, dtype=np.float64).reshape(-1, 9)
+
+
+def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> NDArray[np.int64]:
+    """(N,) cluster of every stand, -1 where there are fewer than ``min_visits``: touching occupied cells are one.
+
+    Time and memory grow linearly with the stands.  Clusters are numbered from west to east, then from south to north.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    cell = np.column_stack([np.floor(stands.x / CELL), np.floor(stands.y / CELL)]).astype(np.int64)
+    cells, of, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+    of = of.ravel()
+    # A lone stand between two places must not join them.
+    firm = count >= max(2, min_visits // 2)
+    index = {(int(i), int(j)): k for k, (i, j) in enumerate(cells) if firm[k]}
+    pairs = [
+        (k, index[i + di, j + dj])
+        for (i, j), k in index.items()
+        for di in (-1, 0, 1)
+        for dj in (-1, 0, 1)
+        if (i + di, j + dj) in index
+    ]
+    a, b = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(len(cells), len(cells)))
+    _, label = connected_components(graph, directed=False)
+    of_stand = np.where(firm[of], label[of], -1).astype(np.int64)
+    names, code, visits = np.unique(of_stand, return_inverse=True, return_counts=True)
+    keep = (names >= 0) & (visits >= min_visits)
+    centre = [
+        (float(np.median(stands.x[code == k])), float(np.median(stands.y[code == k])), int(k))
+        for k in np.flatnonzero(keep)
+    ]
+    number = np.full(len(names), -1, dtype=np.int64)
+    for new, (_, _, k) in enumerate(sorted(centre)):
+        number[k] = new
+    return np.asarray(number[code])
+
+
+def kind_of(stands: Stands, mine: NDArray[np.bool_]) -> PlaceKind:
+    """What a place is for, from loads and charge; ``park`` where neither changes or the log has neither."""
+    up = float(np.mean(stands.after[mine] - stands.before[mine] > MIN_LOAD_CHANGE))
+    down = float(np.mean(stands.before[mine] - stands.after[mine] > MIN_LOAD_CHANGE))
+    if float(np.mean(stands.charged[mine] > MIN_CHARGE)) > MAJORITY:
+        return "charge"
+    if up + down > MAJORITY:
+        return "pick" if up >= down else "drop"
+    return "park"
+
+
+def place_table(stands: Stands, cluster: NDArray[np.int64]) -> pd.DataFrame:
+    """One row a place: id, kind, x, y [m], spread [m], visits, vehicles, dwell [s], shares of picks, drops and charges."""
+    import pandas as pd
+
+    rows, counts = [], {"pick": 0, "drop": 0, "park": 0, "charge": 0}
+    for k in range(int(cluster.max(initial=-1)) + 1):
+        mine = cluster == k
+        kind = kind_of(stands, mine)
+        counts[kind] += 1
+        x, y = float(np.median(stands.x[mine])), float(np.median(stands.y[mine]))
+        change = stands.after[mine] - stands.before[mine]
+        rows.append({
+            "place": f"{kind}-{counts[kind]}", "kind": kind, "x": x, "y": y,
+            "spread": float(np.median(np.hypot(stands.x[mine] - x, stands.y[mine] - y))), "visits": int(mine.sum()),
+            "vehicles": len(np.unique(stands.vehicle[mine])), "dwell_median": float(np.median(stands.dwell[mine])),
+            "dwell_total": float(stands.dwell[mine].sum()), "picks": float(np.mean(change > MIN_LOAD_CHANGE)),
+            "drops": float(np.mean(change < -MIN_LOAD_CHANGE)), "charges": float(np.mean(stands.charged[mine] > MIN_CHARGE)),
+        })  # fmt: skip
+    names = (
+        "place",
+        "kind",
+        "x",
+        "y",
+        "spread",
+        "visits",
+        "vehicles",
+        "dwell_median",
+        "dwell_total",
+        "picks",
+        "drops",
+        "charges",
+    )
+    return pd.DataFrame(rows, columns=list(names))
+
+
+def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:
+    """The site with the mined places that it does not have yet; and the place of every row of ``table``."""
+    places, names = list(site.places), []
+    used = {p.id for p in places}
+    for row in table.itertuples():
+        near = [p for p in site.places if np.hypot(p.x - row.x, p.y - row.y) <= KNOWN]
+        if near:
+            names.append(min(near, key=lambda p: float(np.hypot(p.x - row.x, p.y - row.y))).id)
+            continue
+        name = str(row.place)
+        while name in used:
+            name = f"{name}m"
+        used.add(name)
+        names.append(name)
+        places.append(Place(name, str(row.kind), float(row.x), float(row.y)))  # type: ignore[arg-type]  # one of the four kinds
+    return replace(site, places=tuple(places)), names
+
+
+def carried(stands: Stands, cluster: NDArray[np.int64], names: list[str]) -> list[Task]:
+    """Every load that the recording shows: taken up at one place, set down at another by the same truck.
+
+    ``earliest`` is the time of day [s] at which it was taken up.
+    """
+    tasks: list[Task] = []
+    held: tuple[int, int] | None = None
+    for i in range(len(stands)):
+        change = stands.after[i] - stands.before[i]
+        if change > MIN_LOAD_CHANGE:
+            held = (i, int(stands.vehicle[i]))
+        elif change < -MIN_LOAD_CHANGE and held is not None:
+            k, vehicle = held
+            held = None
+            a, b = int(cluster[k]), int(cluster[i])
+            if vehicle != stands.vehicle[i] or a < 0 or b < 0 or names[a] == names[b]:
+                continue
+            day = float(stands.start[k] % 86_400_000_000) * 1e-6
+            tasks.append(
+                Task(None, names[a], names[b], float(stands.after[k] - stands.before[k]), day,
+                     (float(stands.dwell[k]), float(stands.dwell[i])), (float(stands.height[k]), float(stands.height[i])))
+            )  # fmt: skip
+    return tasks
+
+
+def demand_like(
+    carried_tasks: list[Task],
+    hours: Floats,
+    start_of_day: float,
+    duration: float,
+    share: float,
+    truck: Truck,
+    seed: int,
+) -> list[Task]:
+    """Tasks drawn like the recorded ones.
+
+    Parameters
+    ----------
+    carried_tasks : of :func:`carried`.
+    hours : (24,) hours of the day that the recording covers, each as often as it occurs.
+    start_of_day : time of day at which the simulation starts [s];  duration : of it [s].
+    share : trucks simulated over trucks recorded; demand grows with the fleet.
+
+    Notes
+    -----
+    Each hour has a Poisson number of tasks with the recorded mean of that hour of day (of the whole recording where that
+    hour was not recorded); places, payload, dwell times and heights of each are drawn together from one recorded task, so
+    that they keep their joint distribution.
+    """
+    rng = np.random.Generator(np.random.PCG64([seed, 7]))
+    hour = np.array([int(t.earliest // 3600) % 24 for t in carried_tasks])
+    mean = len(carried_tasks) / max(float(hours.sum()), 1e-9)
+    out: list[Task] = []
+    begin = 0.0
+    while begin < duration:
+        now = int((start_of_day + begin) // 3600) % 24
+        end = min(begin + 3600.0 - (start_of_day + begin) % 3600.0, duration)
+        here = np.flatnonzero(hour == now)
+        rate = len(here) / hours[now] if hours[now] > 0.1 else mean
+        pool = here if len(here) else np.arange(len(carried_tasks))
+        for at in np.sort(rng.uniform(begin, end, rng.poisson(rate * share * (end - begin) / 3600.0))):
+            like = carried_tasks[int(pool[rng.integers(len(pool))])]
+            load = min(like.payload, truck.chassis.rated_load)
+            out.append(replace(like, payload=load, earliest=float(at)))
+        begin = end
+    return out
+
+
+def recorded_hours(stands: Stands, dataset: Dataset) -> Floats:
+    """(24,) how many hours of recording fall on each hour of the day."""
+    start, end = (float(np.datetime64(str(dataset.meta[k]).removesuffix("Z"), "us").astype(np.int64)) * 1e-6 for k in ("start", "end"))  # fmt: skip
+    out = np.zeros(24)
+    at = start
+    while at < end:
+        until = min((at // 3600.0 + 1.0) * 3600.0, end)
+        out[int(at // 3600.0) % 24] += (until - at) / 3600.0
+        at = until
+    return out
+
+
+def like(dataset: Dataset, site: Site, truck: Truck, vehicles: int, start: int, duration: float, seed: int) -> tuple[Site, list[Task], list[str]]:  # fmt: skip
+    """The site with the places of a recording, tasks drawn like its own, and notes to say aloud."""
+    stands = find_stands(dataset)
+    cluster = clusters(stands)
+    table = place_table(stands, cluster)
+    site, names = mined_site(site, table)
+    known = carried(stands, cluster, names)
+    notes = [f"{len(table)} places mined from {len(stands)} stops ({', '.join(f'{n} {k}' for k, n in table.kind.value_counts().items())})"]  # fmt: skip
+    if not known:
+        notes.append("the recording shows no load carried between two places: tasks are random")
+        return site, [], notes
+    day = float(start % 86_400_000_000) * 1e-6
+    share = vehicles / max(len(dataset.vehicles), 1)
+    tasks = demand_like(known, recorded_hours(stands, dataset), day, duration, share, truck, seed)
+    notes.append(f"{len(tasks)} tasks drawn like the {len(known)} recorded ones")
+    return site, tasks, notes
