@@ -24,6 +24,8 @@ STEERING = 0.85
 """Standard deviation of the length over which the wheel is turned [m]."""
 TRACK = 6.0
 """Length of track whose turning is taken together where there is no map [m]."""
+NEARBY = 10
+"""Samples before and after the change of edge that count as there."""
 SHARPEST = 2.8
 """A sharper angle is a turn on the spot or a wrong match, not a bend [rad]."""
 
@@ -45,10 +47,14 @@ class Bends:
         return np.interp(s, np.arange(len(values)) * STEP, values)
 
 
-def bends(network: Network, edges: Index, radius: float) -> Bends:
-    """The bends of a path; ``edges`` (K,) in the order driven, ``radius`` the truck's turning radius [m]."""
+def bends(network: Network, edges: Index, radius: float, halted: NDArray[np.bool_] | None = None) -> Bends:
+    """The bends of a path.
+
+    ``edges`` (K,) in the order driven; ``radius`` the truck's turning radius [m]; ``halted`` (K,) whether the truck stood
+    when it came to each edge: it set off anew then and drove no bend.
+    """
     ends = np.cumsum(network.length[edges])
-    place, angle = _vertices(network, edges, ends)
+    place, angle = _vertices(network, edges, ends, halted)
     size = np.minimum(np.abs(angle), SHARPEST)
     half = np.maximum(radius * np.tan(size / 2.0), 0.5 * STEP)
     count = int(ends[-1] // STEP) + 2
@@ -60,7 +66,9 @@ def bends(network: Network, edges: Index, radius: float) -> Bends:
     return Bends(ends, gaussian_filter1d(turning, STEERING / STEP) / metres, metres)
 
 
-def _vertices(network: Network, edges: Index, ends: Floats) -> tuple[Floats, Floats]:
+def _vertices(
+    network: Network, edges: Index, ends: Floats, halted: NDArray[np.bool_] | None
+) -> tuple[Floats, Floats]:
     """Distance along the path and angle of every vertex; where one edge does not lead to the next there is no bend."""
     places, angles = [], []
     before: Floats | None = None
@@ -70,7 +78,8 @@ def _vertices(network: Network, edges: Index, ends: Floats) -> tuple[Floats, Flo
         heading = np.arctan2(d[:, 1], d[:, 0])
         start = float(ends[k] - network.length[edge])
         distance = network.distance[network.first[edge] : network.first[edge + 1]]
-        if before is not None and edge in network.successors(int(edges[k - 1])):
+        rolled = halted is None or not halted[k]
+        if rolled and before is not None and edge in network.successors(int(edges[k - 1])):
             places.append(np.array([start]))
             angles.append(heading[:1] - before)
         places.append(start + distance[1:-1])
@@ -91,7 +100,7 @@ def _boxes(place: Floats, half: Floats, height: Floats, count: int) -> Floats:
 
 
 def path_curvature(
-    piece: Trajectory, network: Network | None, edge: Index, offset: Floats, row: Ints, radius: float
+    piece: Trajectory, network: Network | None, edge: Index, offset: Floats, row: Ints, radius: float, speed: Floats
 ) -> Floats:
     """(N,) curvature of the path [1/m], left positive."""
     if network is None or not (edge >= 0).any():
@@ -99,11 +108,17 @@ def path_curvature(
     out = np.zeros(len(edge))
     on = np.flatnonzero(edge >= 0)
     new = np.concatenate([[True], np.diff(edge[on]) != 0])
-    path = bends(network, edge[on][new], radius)
+    path = bends(network, edge[on][new], radius, _halted(speed[on], np.flatnonzero(new)))
     which = np.cumsum(new) - 1
     start = np.concatenate([[0.0], path.ends[:-1]])
     out[on] = path.at(start[which] + offset[on], path.curvature)
     return out
+
+
+def _halted(speed: Floats, at: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Whether the truck stood close to each of the samples ``at``."""
+    still = np.concatenate([[0], np.cumsum(speed <= 0.0)])
+    return np.asarray(still[np.minimum(at + NEARBY, len(speed))] > still[np.maximum(at - NEARBY, 0)])
 
 
 def track_curvature(x: Floats, y: Floats) -> Floats:

@@ -41,7 +41,9 @@ def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float,
     small honest errors of truck file and logger are not allowed for, and a floor for what sampling leaves.
     """
     everything = task.recording.whole
-    state = settle(task, state, everything)
+    # Free companions of a term would share its effect with it.
+    own = {k: v for k, v in state.curves.items() if k in state.names()}
+    state = settle(task, replace(state, curves=own), everything)
     for _ in range(ROBUST if state.chosen else 0):
         state = settle(task, _reweighted(task, state, everything), everything)
     table, p = posed(task, state, everything)

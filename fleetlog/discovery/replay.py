@@ -118,7 +118,7 @@ def _block(
     motion = Motion(
         time=fine, dt=np.repeat(width / steps, steps), speed=speed, acceleration=acceleration,
         slope=_slope(piece, network, edge, offset, row), heading=heading,
-        curvature=path_curvature(piece, network, edge, offset, row, turn_radius),
+        curvature=path_curvature(piece, network, edge, offset, row, turn_radius, speed),
         payload=payload[load], lift_speed=_lift_speed(time, height, load_time),
         fork_height=np.nan_to_num(height)[load], x=np.interp(fine, time, piece.floats("x")),
         y=np.interp(fine, time, piece.floats("y")), edge=edge, edge_offset=offset,

@@ -168,7 +168,8 @@ def _step(
         for n in ranked
         if found[n].p_value <= select.ALPHA and found[n].log_evidence > select.LEAST_EVIDENCE
     ]
-    short = loud[: select.SHORT]
+    # Every term that speaks is heard, however many free curves speak louder.
+    short = loud[: select.SHORT] + [n for n in loud[select.SHORT :] if candidates[n].named]
     if not short:
         return None, state.found
     p, found, models = _polished(task, state, p, s, short, found)

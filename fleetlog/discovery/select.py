@@ -22,6 +22,8 @@ KEPT = 0.4
 """Share of its gain that an explanation must keep on other kinds of split."""
 NEAR = 0.85
 """Explanations with this share of the best gain are practically as good."""
+SHAPE = 0.5
+"""Share of a free curve's gain at which a term over the same variables is what the curve says."""
 DOUBT = 2.5
 """Standard errors by which held-out trips must prefer one explanation to another."""
 SHORT = 9
@@ -170,12 +172,22 @@ def choose(
         good = {k: g for k, g in good.items() if not candidates[k].internal or g.trip > 1.5 * max(outside)}
     best = max(g.trip for g in good.values())
     near = [k for k, g in good.items() if g.trip >= NEAR * best]
+    near += [k for k in good if k not in near and _same_in_another_shape(candidates, good, near, k)]
     pool = [k for k in near if not candidates[k].place] or near
     pool = [k for k in pool if candidates[k].named] or pool
     chosen = max(pool, key=lambda k: good[k].trip - 0.05 * best * COST[candidates[k].kind])
     tied = tuple(k for k in gains if k != chosen and candidates[k].named and _rivals(candidates[k], gains[k], candidates[chosen], gains[chosen]))
     rivals = {k: g for k, g in gains.items() if k != chosen}
     return Choice(candidates[chosen], evidence[chosen], good[chosen], (), rivals, tied)
+
+
+def _same_in_another_shape(candidates: dict[str, Candidate], good: dict[str, Gain], near: list[str], name: str) -> bool:
+    """Whether a named term is what the best free curves say, over the same variables, in a shape not quite its own."""
+    c = candidates[name]
+    free = [k for k in near if not candidates[k].named]
+    return c.named and len(free) == len(near) and any(
+        set(candidates[k].depends_on) <= set(c.depends_on) and good[name].trip >= SHAPE * good[k].trip for k in free
+    )
 
 
 def _least_share(c: Candidate, material: tuple[float, float]) -> float:
