@@ -16,11 +16,9 @@ LINE_LIMIT = 4096
 
 
 def sniff(path: Path, head: bytes) -> bool:
-    """Whether the first lines are eight numbers each, the last four a unit quaternion."""
+    """Whether most of the first lines are eight numbers each, the last four a unit quaternion."""
     lines = [s for s in head.split(b"\n")[:20] if s.strip() and not s.lstrip().startswith(b"#")]
-    if len(lines) > 1 and len(head) >= 1 << 10:
-        lines.pop()  # may be cut
-    return bool(lines) and all(_numbers(line) is not None for line in lines[:5])
+    return 2 * sum(_numbers(line) is not None for line in lines) > len(lines)
 
 
 def _numbers(line: bytes) -> list[float] | None:

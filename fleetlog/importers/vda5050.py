@@ -20,7 +20,8 @@ from fleetlog.importers._rows import NAN, Rows, finite, iso_time
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
 
 LINE_LIMIT = 1 << 22
-_MARKS = (b'"serialNumber"', b'"agvPosition"', b'"mobileRobotPosition"', b'"batteryState"', b'"powerSupply"')
+# without quotation marks: a wrapped payload may be a string, with its marks escaped
+_MARKS = (b"serialNumber", b"agvPosition", b"mobileRobotPosition", b"batteryState", b"powerSupply")
 
 
 def sniff(path: Path, head: bytes) -> bool:
