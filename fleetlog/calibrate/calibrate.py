@@ -36,10 +36,11 @@ def observations(path: Path, physics: Physics) -> Observations:
 def of_dataset(dataset: Dataset, physics: Physics) -> Observations:
     """The energy of every window of a recording; see :func:`fleetlog.calibrate.observe.of_motion`."""
     from fleetlog.physics.motion import motion_from_trajectory
+    from fleetlog.physics.refine import refined
 
     network = dataset.site.network
     pieces = []
     for number, vehicle in enumerate(dataset.vehicles):
-        motion = motion_from_trajectory(dataset.read(vehicle), network)
+        motion, _ = refined(motion_from_trajectory(dataset.read(vehicle), network))
         pieces.append(motion.replaced(vehicle=motion.vehicle * 0 + number))
     return of_motion(join(pieces), physics)

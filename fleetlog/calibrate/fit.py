@@ -2,7 +2,8 @@
 
 In units of the prior's deviation, z = (p - p0) / spread, the fit minimises |(y - f(z)) / sigma|^2 + |z|^2 within the bounds of a
 truck file (Gauss-Newton, trust region).  With J = d(f / sigma) / dz at the optimum the posterior covariance of z is
-(J'J + 1)^-1 (Tarantola, Inverse Problem Theory, 2005, section 3.2; doi 10.1137/1.9780898717921).
+(J'J + 1)^-1 (Tarantola, Inverse Problem Theory, 2005, section 3.2; doi 10.1137/1.9780898717921).  Where the motion is
+estimated from a log, each term of the ledger may be wrong in form by a few per cent: the shift that this would make is added.
 
 Which numbers do the runs carry?  Columns of J are taken greedily, the most telling first, each as far as those before do not
 explain it (pivoted QR).  Where less than one prior deviation of information is left, the rest is *held* at its prior.  A free
@@ -105,9 +106,10 @@ def fit(observed: Observations, physics: Physics, unknowns: tuple[Unknown, ...] 
     z_final = problem.solve(free)
     factor = problem.spread_factor(z_final, int(free.sum()))
     jacobian = problem.jacobian(z_final) / factor
-    covariance = _posterior(jacobian)
+    doubt = None if observed.doubt is None else observed.doubt / (observed.sigma[:, None] * factor)
+    covariance = _posterior(jacobian, doubt)
     alone = np.ones(len(unknowns))
-    alone[free] = np.sqrt(np.diag(_posterior(jacobian[:, free])))
+    alone[free] = np.sqrt(np.diag(_posterior(jacobian[:, free], doubt)))
     estimates = problem.estimates(z_final, np.diag(covariance), alone**2, free)
     blind = tuple(_blind(jacobian, free, unknowns))
     blind += tuple(_weak(estimates, blind))
@@ -119,9 +121,13 @@ def fit(observed: Observations, physics: Physics, unknowns: tuple[Unknown, ...] 
     )  # fmt: skip
 
 
-def _posterior(jacobian: Floats) -> Floats:
-    """Covariance of z given the runs and the prior."""
-    return np.asarray(np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1])), dtype=np.float64)
+def _posterior(jacobian: Floats, doubt: Floats | None) -> Floats:
+    """Covariance of z given the runs and the prior, and what each pattern of doubt would shift the fit by."""
+    noise = np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]))
+    if doubt is None:
+        return np.asarray(noise, dtype=np.float64)
+    shift = noise @ jacobian.T @ doubt
+    return np.asarray(noise + shift @ shift.T, dtype=np.float64)
 
 
 class _Problem:

@@ -12,23 +12,32 @@ from fleetlog.calibrate.runs import Run, coast_time
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
-from fleetlog.physics.power import Physics, battery_power
+from fleetlog.physics.power import Physics, battery_power, ledger, term_forces
 
 Floats = NDArray[np.float64]
 WINDOW = 20.0
 """Length of the pieces that a recording is cut into [s]: long against the noise of one sample, short against a trip."""
+MODEL_DOUBT = 0.02
+"""Share by which each term of the ledger may be wrong in form where the motion was estimated from a log: what sampling hides, loads
+that were weighed badly, what the nominal model leaves out.  Not noise: more rows do not average it away."""
+BRAKING_DOUBT = 0.03
+"""Share of the braking work that smoothing may hide, in traction and in braking alike: short brakings are rounded off."""
 BLOCK = 15
 """Windows whose sum tells how much longer than a window the disagreement lasts (5 minutes)."""
 
 
 @dataclass(frozen=True)
 class Observations:
-    """M measured figures, their standard deviations and the model's function for them."""
+    """M measured figures, their standard deviations and the model's function for them.
+
+    ``doubt`` (M, D): D patterns in which the figures may be off altogether, one standard deviation each.
+    """
 
     measured: Floats
     sigma: Floats
     labels: tuple[str, ...]
     predict: Callable[[Physics], Floats]
+    doubt: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.measured)
@@ -78,7 +87,24 @@ def of_motion(motion: Motion, physics: Physics) -> Observations:
     measured, nominal = summed(motion.power), predict(physics)
     factor = float(nominal @ measured) / max(float(nominal @ nominal), 1e-12)
     sigma = _deviation(measured - factor * nominal)
-    return Observations(measured, np.full(count, sigma), tuple(f"window {i}" for i in range(count)), predict)
+    doubt = np.stack([summed(row) for row in _doubts(motion, physics)], axis=1)
+    labels = tuple(f"window {i}" for i in range(count))
+    return Observations(measured, np.full(count, sigma), labels, predict, doubt)
+
+
+def _doubts(motion: Motion, physics: Physics) -> list[Floats]:
+    """Ways in which the power of an estimated motion may be off altogether, (N,) watts each, one standard deviation."""
+    forces = term_forces(motion, physics)
+    rows = [MODEL_DOUBT * watts for watts in ledger(motion, physics, forces).values()]
+    work = sum(forces.values(), np.zeros(len(motion))) * motion.speed
+    drive = physics.truck.drive
+    rows.append(BRAKING_DOUBT * np.maximum(-work, 0.0) * (1.0 / drive.efficiency - drive.regeneration))
+    # The form over speed: so much more at twice the usual speed.
+    usual = (
+        float(np.sqrt(np.mean(motion.speed[motion.speed > 0.0] ** 2))) if (motion.speed > 0.0).any() else 1.0
+    )
+    rows.append(MODEL_DOUBT * np.maximum(work, 0.0) / drive.efficiency * (motion.speed / usual - 1.0))
+    return rows
 
 
 def _windows(motion: Motion) -> NDArray[np.int64]:
@@ -101,5 +127,13 @@ def together(parts: list[Observations]) -> Observations:
     return Observations(
         np.concatenate([p.measured for p in parts]), np.concatenate([p.sigma for p in parts]),
         tuple(label for p in parts for label in p.labels),
-        lambda physics: np.concatenate([p.predict(physics) for p in parts]),
+        lambda physics: np.concatenate([p.predict(physics) for p in parts]), _stacked(parts),
     )  # fmt: skip
+
+
+def _stacked(parts: list[Observations]) -> Floats | None:
+    """The patterns of doubt of all measurements: those of one say nothing of another."""
+    from scipy.linalg import block_diag
+
+    own = [np.zeros((len(p), 0)) if p.doubt is None else p.doubt for p in parts]
+    return np.asarray(block_diag(*own), dtype=np.float64) if any(d.shape[1] for d in own) else None
