@@ -169,8 +169,9 @@ def curve_view(screen: Screen, signal: str) -> rrb.TimeSeriesView:
 def map_view(screen: Screen, latitude: float) -> rrb.MapView:
     """The trucks on the map, zoomed to the site."""
     x0, y0, x1, y1 = around(screen.outline)
-    span = max(x1 - x0, y1 - y0, 20.0)
-    zoom = np.log2(156_543.0 * np.cos(np.radians(latitude)) * 380.0 / span)
+    # A tile of 256 points shows the equator at zoom 0; the map has about 340 by 240 points.
+    metres_a_point = max((x1 - x0) / 340.0, (y1 - y0) / 240.0, 0.06) * 1.1
+    zoom = np.log2(156_543.0 * np.cos(np.radians(latitude)) / metres_a_point)
     contents = ["/geo/**", *(f"{p}/geo/**" for p in screen.prefixes)]
     return rrb.MapView(origin="/", name="Map", contents=contents, zoom=float(np.clip(zoom, 2, 19)))
 

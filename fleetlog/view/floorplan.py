@@ -12,7 +12,7 @@ from fleetlog.core.result import EdgeValues, Grid, Marks, MovingLines, Result
 from fleetlog.core.site import Site
 from fleetlog.view import palette, ribbons
 from fleetlog.view.extent import Extent, around, shapes_outline
-from fleetlog.view.scales import Scale, colour_map, scale_of
+from fleetlog.view.scales import Scale, colour_map
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,9 +60,8 @@ def draw_site(axes: Axes, site: Site) -> None:
     axes.set_ylabel("y [m]")
 
 
-def draw_map_layer(axes: Axes, layer: Grid | EdgeValues, site: Site) -> Layer | None:
+def draw_map_layer(axes: Axes, layer: Grid | EdgeValues, site: Site, scale: Scale) -> Layer | None:
     """Heat on the floor, or values along the roads."""
-    scale = scale_of(layer.values, layer.diverging)
     if isinstance(layer, Grid):
         return _draw_grid(axes, layer, scale, site)
     return _draw_edges(axes, layer, scale, site) if site.network is not None else None

@@ -12,6 +12,7 @@ from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Res
 from fleetlog.core.site import Site
 from fleetlog.view import palette
 from fleetlog.view.floorplan import draw_furniture, draw_map_layer, draw_overlay, draw_site, frame_map
+from fleetlog.view.scales import scales_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -101,7 +102,7 @@ def _draw_map(
     axes.set_aspect("equal")
     draw_site(axes, site)
     if layer is not None:
-        image = draw_map_layer(axes, layer, site)
+        image = draw_map_layer(axes, layer, site, scales_of(result.shapes)[layer.name])
         axes.set_title(layer.name.replace("_", " "))
         if image is not None:
             wide = extent[2] - extent[0] > 1.3 * (extent[3] - extent[1])

@@ -16,7 +16,7 @@ from fleetlog.view import blueprint, palette, ribbons
 from fleetlog.view.extent import Extent, Floats, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve
 from fleetlog.view.meshes import join, mesh_of
-from fleetlog.view.scales import Scale, scale_of, screen_colours
+from fleetlog.view.scales import Scale, scales_of, screen_colours
 from fleetlog.view.scene import drawn_width, lane, log_site, mesh3d
 from fleetlog.view.stream import Stream, entity, open_stream
 
@@ -43,8 +43,9 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
         open_stream(scratch, f"{site.name}, {result.name}") as stream,
     ):
         log_site(stream, site)
-        legends = [_log_shape(stream, site, shape, extent) for shape in result.shapes]
-        _log_answer(stream, result, [text for text in legends if text])
+        scales = scales_of(result.shapes)
+        texts = [_log_shape(stream, site, shape, extent, scales) for shape in result.shapes]
+        _log_answer(stream, result, list(dict.fromkeys(t for t in texts if t)))
         if not any(
             isinstance(s, MovingLines) or (isinstance(s, Series) and s.over_time) for s in result.shapes
         ):
@@ -56,13 +57,17 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
     return Path(out_rrd)
 
 
-def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent) -> str:
+def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales: dict[str, Scale]) -> str:
     """Draw one shape; a line of Markdown that says how to read it."""
     path = entity("result", shape.name)
     if isinstance(shape, Grid):
-        return _log_grid(stream, path, shape, extent)
+        return _log_grid(stream, path, shape, scales[shape.name], extent)
     if isinstance(shape, EdgeValues):
-        return _log_edges(stream, path, shape, site, extent) if site.network is not None else ""
+        return (
+            _log_edges(stream, path, shape, site, scales[shape.name], extent)
+            if site.network is not None
+            else ""
+        )
     if isinstance(shape, Marks):
         return _log_marks(stream, path, shape)
     if isinstance(shape, MovingLines):
@@ -72,8 +77,7 @@ def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent) -> str:
     return _bars_text(shape)
 
 
-def _log_grid(stream: Stream, path: str, grid: Grid, extent: Extent) -> str:
-    scale = scale_of(grid.values, grid.diverging)
+def _log_grid(stream: Stream, path: str, grid: Grid, scale: Scale, extent: Extent) -> str:
     rgba = screen_colours(np.where(grid.values == 0.0, np.nan, grid.values), scale)
     if grid.mask is not None:
         rgba[..., 3] = np.where(grid.mask, rgba[..., 3], rgba[..., 3] // 5)
@@ -88,9 +92,8 @@ def _log_grid(stream: Stream, path: str, grid: Grid, extent: Extent) -> str:
     return _legend(stream, path, grid.label, scale, extent)
 
 
-def _log_edges(stream: Stream, path: str, shape: EdgeValues, site: Site, extent: Extent) -> str:
+def _log_edges(stream: Stream, path: str, shape: EdgeValues, site: Site, scale: Scale, extent: Extent) -> str:
     network = site.roads()
-    scale = scale_of(shape.values, shape.diverging)
     rgba = screen_colours(shape.values, scale)
     meshes = []
     for edge, start, end, colour in zip(shape.edge, shape.start, shape.end, rgba, strict=True):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from fleetlog.core.result import EdgeValues, Grid
 
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
@@ -15,6 +18,8 @@ Floats = NDArray[np.float64]
 
 # Colour-blind safe; pale is low on paper, dark is low on the viewer's dark ground, and grey or white is zero between two signs.
 PAPER, SCREEN, DIVERGING = "magma_r", "inferno", "RdBu_r"
+SIGNS = ((120, 200, 255), (50, 120, 220), (104, 107, 113), (225, 90, 50), (255, 180, 120))
+"""Below zero, zero and above on the dark ground: bright is far from zero."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +54,23 @@ def scale_of(values: Floats, diverging: bool = False) -> Scale:
     return Scale(low, high, diverging, clipped=top > high)
 
 
+def scales_of(shapes: Sequence[object]) -> dict[str, Scale]:
+    """Scale of every grid and set of road values, by name; those of one label share theirs, so that they compare."""
+    maps = [s for s in shapes if isinstance(s, Grid | EdgeValues)]
+    groups: dict[tuple[type, str, bool], list[Floats]] = {}
+    for s in maps:
+        groups.setdefault((type(s), s.label, s.diverging), []).append(np.ravel(s.values))
+    common = {key: scale_of(np.concatenate(values), key[2]) for key, values in groups.items()}
+    return {s.name: common[type(s), s.label, s.diverging] for s in maps}
+
+
 def colour_map(diverging: bool, screen: bool) -> Colormap:
     """The colour map of a kind of value on a kind of ground."""
     import matplotlib
-    from matplotlib.colors import ListedColormap
+    from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 
+    if diverging and screen:
+        return LinearSegmentedColormap.from_list("screen", np.array(SIGNS) / 255.0)
     whole = matplotlib.colormaps[DIVERGING if diverging else SCREEN if screen else PAPER]
     if diverging:
         return whole

@@ -22,7 +22,7 @@ from fleetlog.core.site import Site
 from fleetlog.errors import OutputError
 from fleetlog.view.picture import write_picture
 from fleetlog.view.results import write_result_recording
-from fleetlog.view.scales import scale_of, screen_colours
+from fleetlog.view.scales import scale_of, scales_of, screen_colours
 
 EMPTY: list[Shape] = [
     Grid("g", np.full((3, 4), np.nan), 0, 0, 1, "s"),
@@ -114,6 +114,16 @@ def test_scale_holds_the_values(values: np.ndarray, diverging: bool) -> None:
 def test_zero_of_a_diverging_scale_is_neutral() -> None:
     grey = screen_colours(np.array([0.0]), scale_of(np.array([-1.0, 7.0]), True))[0, :3].astype(int)
     assert np.ptp(grey) < 12
+
+
+def test_maps_of_one_label_share_their_scale() -> None:
+    """Before and after are told apart by their colours, not by their legends."""
+
+    def grid(name: str, top: float, label: str = "W") -> Grid:
+        return Grid(name, np.array([[0.0, top]]), 0, 0, 1, label, diverging=True)
+
+    scales = scales_of([grid("before", 8.0), grid("after", 1.0), grid("other", 3.0, "J")])
+    assert scales["before"] == scales["after"] and scales["after"].high == 8.0 and scales["other"].high == 3.0
 
 
 def test_folder_of_an_analysis(tmp_path: Path) -> None:
