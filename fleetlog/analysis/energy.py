@@ -76,7 +76,8 @@ def energy(
     summary = _summary(whole, terms, sources, tables)
     shapes = _shapes(books, terms, whole, tables)
     kept = {f"energy_{name}": table for name, table in tables.items() if len(table)}
-    return Result("energy", summary, kept, {}, shapes, _lines(whole, terms, sources, tables))
+    places = {name: kept.pop(name) for name in ("energy_edges",) if name in kept}
+    return Result("energy", summary, kept, places, shapes, _lines(whole, terms, sources, tables))
 
 
 def _books(dataset: Dataset, physics: Physics, battery: BatteryModel, processes: int) -> Iterator[Book]:

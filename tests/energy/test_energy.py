@@ -84,7 +84,7 @@ def test_laden_uphill_costs_more_than_empty_downhill(answer: Result) -> None:
 
 
 def test_stretches_carry_the_hill_in_their_direction(answer: Result) -> None:
-    table = answer.tables["energy_edges"]
+    table = answer.places["energy_edges"]
     hill = table[(table["from"] == 50.0)]
     up, down = (float(hill.loc[hill["edge_id"] == e, "joules_per_metre"].iloc[0]) for e in ("a", "-a"))
     flat = float(table.loc[(table["edge_id"] == "a") & (table["from"] == 90.0), "joules_per_metre"].iloc[0])

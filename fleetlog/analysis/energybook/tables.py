@@ -114,6 +114,10 @@ def stretch_table(books: Sequence[Book], network: Network | None) -> pd.DataFram
     table["from"] = table["number"] * STRETCH
     table["to"] = np.minimum(table["from"] + STRETCH, network.length[table["edge"]])
     table["joules_per_metre"] = table["joules"] / table["metres"]
+    middle = network.position(
+        table["edge"].to_numpy(np.int32), ((table["from"] + table["to"]) / 2.0).to_numpy()
+    )
+    table["x"], table["y"] = middle[:, 0], middle[:, 1]
     table.insert(0, "edge_id", [network.edge_ids[e] for e in table["edge"]])
     return table[table["to"] > table["from"]].drop(columns="number").reset_index(drop=True)
 
