@@ -27,6 +27,7 @@ class Prepared:
     first: Ints
     dist: Floats
     owner: NDArray[np.int32]
+    twin: NDArray[np.int32]
     grid: tuple[float, float, float, int, int]
     starts: Ints
     items: Ints
@@ -44,7 +45,8 @@ class Prepared:
         from fleetlog.roads.matchkernels.kernels.candidates import find_candidates
 
         found: tuple[Ints, NDArray[np.int32], Floats] = find_candidates(
-            x, y, self.px, self.py, self.dist, self.owner, self.grid, self.starts, self.items, radius, margin, MOST_CANDIDATES
+            x, y, self.px, self.py, self.dist, self.length, self.owner, self.twin, self.grid, self.starts, self.items,
+            radius, margin, MOST_CANDIDATES,
         )  # fmt: skip
         return found
 
@@ -70,13 +72,14 @@ def _prepare(network: Network) -> Prepared:
     px, py = np.ascontiguousarray(network.points[:, 0]), np.ascontiguousarray(network.points[:, 1])
     first = network.first.astype(np.int64)
     grid = _grid_of(network, px, py)
-    starts, items = build_grid(px, py, first, *grid)
+    twin = _twins(network)
+    starts, items = build_grid(px, py, first, twin, *grid)
     # equal alternatives are decided by the edges' names, so that the order of a map file means nothing
     rank = np.empty(len(network), np.int64)
     rank[np.argsort(np.array(network.edge_ids))] = np.arange(len(network))
     return Prepared(
         px, py, first, np.ascontiguousarray(network.distance),
-        np.repeat(np.arange(len(network), dtype=np.int32), np.diff(first)), grid, starts, items, rank,
+        np.repeat(np.arange(len(network), dtype=np.int32), np.diff(first)), twin, grid, starts, items, rank,
         np.ascontiguousarray(network.length), network.reverse.astype(np.int32), network.next_first.astype(np.int32),
         network.next_edges.astype(np.int32), new_store(len(network), len(network.next_edges)),
     )  # fmt: skip
@@ -88,3 +91,12 @@ def _grid_of(network: Network, px: Floats, py: Floats) -> tuple[float, float, fl
     cell = float(np.clip(np.median(network.length), 5.0, 50.0))
     cell = max(cell, float(np.sqrt((xmax - xmin + 1.0) * (ymax - ymin + 1.0) / 2e6)))
     return xmin, ymin, cell, int((xmax - xmin) / cell) + 1, int((ymax - ymin) / cell) + 1
+
+
+def _twins(network: Network) -> NDArray[np.int32]:
+    """(E,) the reverse of an edge where it is the very same line, else -1."""
+    twin = np.full(len(network), -1, np.int32)
+    for e, back in enumerate(network.reverse.tolist()):
+        if back > e and np.array_equal(network.polyline(e), network.polyline(back)[::-1]):
+            twin[e], twin[back] = back, e
+    return twin

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Codes = NDArray[np.uint8]
+Index = NDArray[np.int32]
 
 ON, JUMP, BREAK = 0, 1, 2
 """How a row follows the one before: on the same coordinate; on a new one, at the same speed; after a gap."""
@@ -232,8 +233,8 @@ def way_between(
 
 @njit(cache=True)
 def path_coordinate(
-    edge: NDArray[np.int32], offset: Floats, x: Floats, y: Floats, next_first: NDArray[np.int32], next_edges: NDArray[np.int32], length: Floats,
-    reverse: NDArray[np.int32], back: float, link: Codes, coordinate: Floats,
+    edge: Index, offset: Floats, x: Floats, y: Floats, next_first: Index, next_edges: Index, length: Floats, reverse: Index,
+    back: float, link: Codes, coordinate: Floats,
 ) -> None:  # fmt: skip
     """Way travelled along the matched edges into ``coordinate``; marks ``JUMP`` in ``link`` where no short way joins two rows.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ Wide = NDArray[np.int64]
 Index = NDArray[np.int32]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def _visit_cells(
     px: Floats,
     py: Floats,
@@ -47,14 +48,19 @@ def _visit_cells(
             counts[c] += 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def build_grid(
-    px: Floats, py: Floats, first: Wide, x0: float, y0: float, cell: float, nx: int, ny: int
+    px: Floats, py: Floats, first: Wide, twin: Index, x0: float, y0: float, cell: float, nx: int, ny: int
 ) -> Any:
-    """CSR of the segments in every cell: starts (nx * ny + 1,), segments (first vertex index)."""
+    """CSR of the segments in every cell: starts (nx * ny + 1,), segments (first vertex index).
+
+    Of two edges that are each other's ``twin`` (the same line in both directions, -1 none) only the first is entered.
+    """
     counts = np.zeros(nx * ny, np.int64)
     empty = np.empty(0, np.int64)
     for e in range(len(first) - 1):
+        if 0 <= twin[e] < e:
+            continue
         for k in range(first[e], first[e + 1] - 1):
             _visit_cells(px, py, k, x0, y0, cell, nx, ny, counts, False, empty)
     starts = np.zeros(nx * ny + 1, np.int64)
@@ -62,36 +68,34 @@ def build_grid(
     items = np.empty(starts[-1], np.int64)
     at = starts[:-1].copy()
     for e in range(len(first) - 1):
+        if 0 <= twin[e] < e:
+            continue
         for k in range(first[e], first[e + 1] - 1):
             _visit_cells(px, py, k, x0, y0, cell, nx, ny, at, True, items)
     return starts, items
 
 
-@njit(cache=True)
-def project(px: Floats, py: Floats, dist: Floats, k: int, x: float, y: float) -> Any:
-    """Foot of (x, y) on segment k: squared distance, offset along the edge, unit tangent, side (1 left, -1 right)."""
+@njit(cache=True, error_model="numpy", fastmath=True)
+def project(px: Floats, py: Floats, k: int, x: float, y: float) -> Any:
+    """Foot of (x, y) on segment k: squared distance, and the share of the segment passed."""
     ax, ay = px[k], py[k]
     dx, dy = px[k + 1] - ax, py[k + 1] - ay
-    square = dx * dx + dy * dy
-    share = 0.0
-    if square > 0.0:
-        share = min(max(((x - ax) * dx + (y - ay) * dy) / square, 0.0), 1.0)
-        norm = np.sqrt(square)
-    else:
-        norm = 1.0
+    along, square = (x - ax) * dx + (y - ay) * dy, dx * dx + dy * dy
+    share = 0.0 if along <= 0.0 else (1.0 if along >= square else along / square)
     ex, ey = x - ax - share * dx, y - ay - share * dy
-    side = 1.0 if dx * ey - dy * ex >= 0.0 else -1.0
-    return ex * ex + ey * ey, dist[k] + share * (dist[k + 1] - dist[k]), dx / norm, dy / norm, side
+    return ex * ex + ey * ey, share
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def find_candidates(
     x: Floats,
     y: Floats,
     px: Floats,
     py: Floats,
     dist: Floats,
+    length: Floats,
     owner: Index,
+    twin: Index,
     grid: tuple[float, float, float, int, int],
     starts: Wide,
     items: Wide,
@@ -110,8 +114,8 @@ def find_candidates(
     capacity = 8 * n + limit
     edge = np.empty(capacity, np.int32)
     value = np.empty((4, capacity))
-    near_e = np.empty(limit, np.int32)
-    near = np.empty((5, limit))
+    near_k = np.empty(limit // 2, np.int64)
+    near = np.empty((2, limit // 2))
     total = 0
     for p in range(n):
         m = 0
@@ -125,48 +129,54 @@ def find_candidates(
             for j in range(j0, j1 + 1):
                 for q in range(starts[i * ny + j], starts[i * ny + j + 1]):
                     k = items[q]
-                    d2, s, ux, uy, side = project(px, py, dist, k, x[p], y[p])
+                    d2, share = project(px, py, k, x[p], y[p])
                     if d2 > cut:
                         continue
                     if d2 < best:
                         best = d2
-                        cut = min((np.sqrt(best) + margin) ** 2, radius * radius)
-                    m = _keep(near_e, near, m, owner[k], d2, s, ux, uy, side)
+                        cut = min((math.sqrt(best) + margin) ** 2, radius * radius)
+                    m = _keep(near_k, near, m, k, d2, share, owner)
         if total + limit > capacity:
             capacity *= 2
             edge = np.concatenate((edge, np.empty_like(edge)))
             value = np.concatenate((value, np.empty_like(value)), axis=1)
         for c in range(m):
-            if near[0, c] <= cut:
-                edge[total] = near_e[c]
-                value[0, total] = near[1, c]
-                value[1, total] = near[4, c] * np.sqrt(near[0, c])
-                value[2, total], value[3, total] = near[2, c], near[3, c]
+            if near[0, c] > cut:
+                continue
+            k, e = near_k[c], owner[near_k[c]]
+            dx, dy = px[k + 1] - px[k], py[k + 1] - py[k]
+            scale = 1.0 / max(math.sqrt(dx * dx + dy * dy), 1e-12)
+            left = dx * (y[p] - py[k]) - dy * (x[p] - px[k]) >= 0.0
+            offset = dist[k] + near[1, c] * (dist[k + 1] - dist[k])
+            aside = math.sqrt(near[0, c]) if left else -math.sqrt(near[0, c])
+            edge[total], value[0, total], value[1, total] = e, offset, aside
+            value[2, total], value[3, total] = dx * scale, dy * scale
+            total += 1
+            if twin[e] >= 0:
+                edge[total], value[0, total], value[1, total] = twin[e], length[e] - offset, -aside
+                value[2, total], value[3, total] = -dx * scale, -dy * scale
                 total += 1
         ptr[p + 1] = total
     return ptr, edge[:total].copy(), value[:, :total].copy()
 
 
-@njit(cache=True)
-def _keep(
-    near_e: Index, near: Floats, m: int, e: int, d2: float, s: float, ux: float, uy: float, side: float
-) -> Any:
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _keep(near_k: Wide, near: Floats, m: int, k: int, d2: float, share: float, owner: Index) -> Any:
     """Enter a foot in the list of one position; of an edge the nearest foot stays, of too many edges the farthest goes."""
     at = -1
     for c in range(m):
-        if near_e[c] == e:
+        if owner[near_k[c]] == owner[k]:
             at = c
             if d2 >= near[0, c]:
                 return m
             break
     if at < 0:
-        if m < len(near_e):
+        if m < len(near_k):
             at = m
             m += 1
         else:
             at = int(np.argmax(near[0]))
             if near[0, at] <= d2:
                 return m
-    near_e[at] = e
-    near[0, at], near[1, at], near[2, at], near[3, at], near[4, at] = d2, s, ux, uy, side
+    near_k[at], near[0, at], near[1, at] = k, d2, share
     return m

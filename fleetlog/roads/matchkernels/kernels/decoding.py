@@ -35,7 +35,7 @@ CHAIN_END = -2
 BY_JUMP = 1 << 20
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def emission_costs(
     ptr: Wide,
     edge: Index,
@@ -53,6 +53,7 @@ def emission_costs(
     """
     out = np.empty(len(edge))
     for g in range(len(ptr) - 1):
+        strength = math.sqrt(axis[0, g] ** 2 + axis[1, g] ** 2)
         for c in range(ptr[g], ptr[g + 1]):
             z = abs(value[1, c]) / sigma
             cost = 0.5 * z * z if z < 3.0 else 3.0 * z - 4.5
@@ -60,21 +61,20 @@ def emission_costs(
             along = ux * direction[0, g] + uy * direction[1, g]
             strict = 3.0 if along < -0.5 and reverse[edge[c]] < 0 else 1.0
             cost += strict * sharpness[g] * (1.0 - along)
-            strength = np.hypot(axis[0, g], axis[1, g])
             if strength > 0.0:
                 cost += strength - (axis[0, g] * (ux * ux - uy * uy) + axis[1, g] * 2.0 * ux * uy)
             out[c] = weight * cost
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def mismatch(d: float, moved: float, scale: float) -> Any:
     """Cost of a step of network distance d: exponential, beyond four scales of slow growth (corners cut, wheels that slip)."""
     z = abs(d - moved) / scale
-    return z if z < 4.0 else 4.0 + 2.0 * np.log(0.25 * z)
+    return z if z < 4.0 else 4.0 + 2.0 * math.log(0.25 * z)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def step_costs(
     begin: Wide,
     count: Wide,
@@ -101,7 +101,7 @@ def step_costs(
     """
     a, b, c = ptr[g], ptr[g + 1], ptr[g + 2]
     k, m = b - a, c - b
-    scale = np.hypot(beta, 0.1 * moved)
+    scale = math.sqrt(beta * beta + 0.01 * moved * moved)
     reach = reach_of(moved, beta)
     for j in range(m):
         slot[edge[b + j]] = j
@@ -133,13 +133,13 @@ def step_costs(
     cost[k, m] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def reach_of(moved: float, beta: float) -> Any:
     """How long a way is tried for a step of travelled distance ``moved`` [m]."""
-    return moved + max(JUMP * np.hypot(beta, 0.1 * moved), SLACK)
+    return moved + max(JUMP * math.sqrt(beta * beta + 0.01 * moved * moved), SLACK)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def _first_missing(known: Floats, ptr: Wide, edge: Index, moved: Floats, a: int, b: int, beta: float) -> Any:
     """The first candidate of groups a to b whose reach is not stored, and the bound it needs; -1 where all are."""
     for g in range(a, b):
@@ -150,7 +150,7 @@ def _first_missing(known: Floats, ptr: Wide, edge: Index, moved: Floats, a: int,
     return b, -1, 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def ensure_all(
     store: Any,
     ptr: Wide,
@@ -171,7 +171,7 @@ def ensure_all(
     return store
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def decode(
     store: Any,
     ptr: Wide,
@@ -277,7 +277,7 @@ def decode(
     return store, chosen, posterior, off_posterior, linked
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def _normalise(values: Floats, a: int, b: int) -> None:
     total = 0.0
     for i in range(a, b):
@@ -286,7 +286,7 @@ def _normalise(values: Floats, a: int, b: int) -> None:
         values[i] = values[i] / total if total > 0.0 else 1.0 / (b - a)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def _advance(
     h: int,
     ptr: Wide,
@@ -329,7 +329,7 @@ def _advance(
     _normalise(alpha, b, b + m)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def _backward(
     count: int, states: Wide, at: Wide, steps: Floats, alpha: Floats, own: Floats, gamma: Floats, widest: int
 ) -> None:
@@ -354,7 +354,7 @@ def _backward(
         _normalise(gamma, a, a + k)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def _best_last(states: Wide, count: int, delta: Floats, rank: Wide, edge: Index, ptr: Wide, g: int) -> Any:
     a, k = states[count - 1], ptr[g + 1] - ptr[g]
     best, order = 0, 1 << 31

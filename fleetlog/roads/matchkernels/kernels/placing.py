@@ -15,7 +15,7 @@ Index = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def smooth_coordinate(
     t: Floats,
     seen: Floats,
@@ -83,7 +83,7 @@ def smooth_coordinate(
         out[i], sd[i] = x, math.sqrt(max(sxx, 0.0))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _locate(
     where: float,
     piece: int,
@@ -120,7 +120,7 @@ def _locate(
     return piece, inside, px[k] + share * dx, py[k] + share * dy, dx / norm, dy / norm, run / norm
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def place_points(
     t: Floats,
     x: Floats,
@@ -209,7 +209,7 @@ def place_points(
             confidence[a + i] = near[g] * 0.5 * (math.erf(high) - math.erf(low))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def make_monotone(values: Floats) -> None:
     """The nearest series (least squares) that never decreases, in place: pool adjacent violators."""
     n = len(values)
@@ -229,7 +229,7 @@ def make_monotone(values: Floats) -> None:
         i += size[k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _interpolate(
     t: Floats,
     a: int,
@@ -261,7 +261,7 @@ def _interpolate(
                 where[i - a] = place_of[g]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def route_posterior(
     chosen: Wide,
     ptr: Wide,
