@@ -109,7 +109,7 @@ class BagFile:
                 self._say("a message of an unknown connection")
                 return
             self.count += 1
-            yield channel, seconds * 1_000_000 + nanoseconds // 1000, data
+            yield channel, seconds * 1_000_000 + (nanoseconds + 500) // 1000, data
 
     def _connect(self, header: dict[bytes, bytes], data: bytes) -> None:
         if header[b"op"] != bytes([CONNECTION]):

@@ -162,7 +162,7 @@ class McapFile:
             self._say(f"a message of the unknown channel {number}")
             return
         self.count += 1
-        yield channel, min(time // 1000, 1 << 62), record[_MESSAGE.size :]
+        yield channel, min((time + 500) // 1000, 1 << 62), record[_MESSAGE.size :]
 
     def _define(self, op: int, record: memoryview) -> None:
         if op == SCHEMA:

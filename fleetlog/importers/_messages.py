@@ -94,7 +94,7 @@ def _json_stamp(message: dict[str, Any]) -> int:
         return 0
     seconds = finite(stamp.get("sec", stamp.get("secs", 0)))
     nanoseconds = finite(stamp.get("nsec", stamp.get("nanosec", stamp.get("nsecs", 0))))
-    return int(seconds) * 1_000_000 + int(nanoseconds) // 1000
+    return int(seconds) * 1_000_000 + (int(nanoseconds) + 500) // 1000
 
 
 def _object(data: Any) -> dict[str, Any]:
@@ -150,7 +150,7 @@ def _json_battery(percent: float) -> Callable[[Any], Sample]:
 
 def _proto_stamp(data: bytes) -> int:
     parts = dict(fields(data))
-    return int(parts.get(1, 0)) * 1_000_000 + int(parts.get(2, 0)) // 1000
+    return int(parts.get(1, 0)) * 1_000_000 + (int(parts.get(2, 0)) + 500) // 1000
 
 
 def _proto_fix(data: Any) -> Sample:

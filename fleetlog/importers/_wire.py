@@ -56,4 +56,4 @@ class Wire:
         else:
             (seconds,), (nanoseconds,) = self.take("i"), self.take("I")
         self.skip_string()
-        return int(seconds) * 1_000_000 + int(nanoseconds) // 1000
+        return int(seconds) * 1_000_000 + (int(nanoseconds) + 500) // 1000

@@ -17,8 +17,8 @@ def sniff(path: Path, head: bytes) -> bool:
     return head.startswith(MAGIC)
 
 
-def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
-    """Positions and batteries, in the order of the file."""
+def read(path: Path, options: ReadOptions, name: str | None = None) -> Iterator[RawBatch]:
+    """Positions and batteries, in the order of the file; ``name`` is the vehicle's where the topics name none."""
     with path.open("rb") as stream:
         if stream.read(len(MAGIC)) != MAGIC:
             raise FormatError(
@@ -26,7 +26,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             )
         file = McapFile(path, stream, options.report)
         summary = file.summary()
-        roles = _roles(path, stream, file, summary, options)
+        roles = _roles(path, summary, options, name or plain_stem(path))
         decoder = Decoder(roles, options.report, file.share)
         for channel, time, data in file.messages(summary):
             yield from decoder.feed(channel.topic, time, data)
@@ -35,13 +35,10 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         yield from decoder.drain()
 
 
-def _roles(
-    path: Path, stream: object, file: McapFile, summary: Summary | None, options: ReadOptions
-) -> dict[str, Role]:
+def _roles(path: Path, summary: Summary | None, options: ReadOptions, name: str) -> dict[str, Role]:
     """The plan for the topics; without a summary the file is walked once for them."""
     channels = summary.channels if summary else _scan(path)
-    topics = [Topic(*c) for c in channels.values()]
-    return plan(topics, path, plain_stem(path), options.vehicle, options.report)
+    return plan([Topic(*c) for c in channels.values()], path, name, options.vehicle, options.report)
 
 
 def _scan(path: Path) -> dict[int, Channel]:

@@ -80,7 +80,7 @@ def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         )
     files = sorted(path.glob("*.mcap"))
     for file in files:
-        yield from mcap.read(file, options)
+        yield from mcap.read(file, options, plain_stem(path))
     if not files:
         yield from _ros2(path, options)
 
@@ -100,7 +100,7 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             decoder = Decoder(roles, options.report, lambda: decoder.record / total if decoder else 0.0)
             wanted = [c for c in bag.connections if c.topic in roles]
             for connection, time, data in bag.messages(connections=wanted):
-                yield from decoder.feed(connection.topic, time // 1000, data)
+                yield from decoder.feed(connection.topic, (time + 500) // 1000, data)
     except FleetlogError:
         raise
     except Exception as error:

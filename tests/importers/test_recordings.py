@@ -257,6 +257,16 @@ def test_ros2_bag_as_folder_and_file(tmp_path: Path) -> None:
         assert (read.rows, read.status) == (400, 0)
 
 
+def test_a_bag_split_into_files_is_one_vehicle(tmp_path: Path) -> None:
+    folder = tmp_path / "ride"
+    folder.mkdir()
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
+    for i in range(2):
+        write_ros2(folder / f"ride_{i}.mcap", {"/fix": "sensor_msgs/msg/NavSatFix"})
+    read = read_log(folder)
+    assert (read.rows, read.vehicles) == (38, {"ride"})
+
+
 def big_json(path: Path, compression: Any, n: int = 4000) -> None:
     """LocationFix as JSON in small chunks, by the mcap package's own writer."""
     from mcap.writer import Writer
