@@ -41,14 +41,12 @@ class Layout:
 
 
 def find_delimiter(lines: list[str]) -> str:
-    """The separator that splits the first lines into the most fields, the same number in most of them."""
+    """The separator that splits the header line, and most of the other lines into as many fields as that."""
 
     def worth(delimiter: str) -> tuple[float, int]:
-        counts = [len(row) for row in csv_text.reader(lines, delimiter=delimiter)]
-        usual = max(set(counts), key=counts.count) if counts else 1
-        return (counts.count(usual) / len(counts) if usual > 1 else 0.0) * (
-            counts[0] > 1 if counts else 0
-        ), usual
+        counts = [len(row) for row in csv_text.reader(lines, delimiter=delimiter) if row]
+        fields = counts[0] if counts else 1
+        return (counts.count(fields) / len(counts) if fields > 1 else 0.0), fields
 
     return max(DELIMITERS, key=worth)
 

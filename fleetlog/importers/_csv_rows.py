@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Ints, Labels, Values
-from fleetlog.errors import InputError
 from fleetlog.importers._csv_blocks import Block
 from fleetlog.importers._csv_cells import degrees, numbers
 from fleetlog.importers._csv_clock import Clock
@@ -40,6 +39,8 @@ class RowReader:
         self._types: dict[str, Any] = {}
         self._percent = False
         self._angles: set[str] = set()
+        self._blank: set[str] = set()
+        """Own columns without a value so far; text until the first value says what they are."""
 
     def _constant_vehicle(self) -> str:
         """The id of every row where no column has it."""
@@ -87,7 +88,9 @@ class RowReader:
         text = {*layout.time, *layout.labels.values(), *([layout.vehicle] if layout.vehicle else [])}
         for name in layout.names:
             kind = inferred.field(name).type
-            figures = pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_null(kind)
+            figures = pa.types.is_floating(kind) or pa.types.is_integer(kind)
+            if pa.types.is_null(kind) and name in layout.own:
+                self._blank.add(name)
             self._types[name] = pa.float64() if name not in text and figures else pa.string()
         for target, source in layout.values.items():
             if target in ("latitude", "longitude") and self._types[source.column] == pa.string():
@@ -182,9 +185,24 @@ class RowReader:
             else:
                 columns[target] = _labels(table.column(name))
         for name in self.layout.own:
-            figures = self._types[name] == pa.float64()
-            columns[name] = self._figures(table, name, name, bad) if figures else _labels(table.column(name))
+            if name in self._blank:
+                self._decide_blank(table.column(name), name)
+            if name in self._blank:
+                columns[name] = np.full(table.num_rows, np.nan)
+            elif self._types[name] == pa.float64():
+                columns[name] = self._figures(table, name, name, bad)
+            else:
+                columns[name] = _labels(table.column(name))
         return columns
+
+    def _decide_blank(self, chunk: pa.ChunkedArray, name: str) -> None:
+        import pyarrow as pa
+
+        if chunk.null_count == len(chunk):
+            return
+        self._blank.discard(name)
+        if not numbers(chunk.combine_chunks(), self.profile.decimal)[1].any():
+            self._types[name] = pa.float64()
 
     def _figures(self, table: pa.Table, name: str, target: str, bad: dict[str, NDArray[np.bool_]]) -> Floats:
         import pyarrow as pa
@@ -220,13 +238,13 @@ class RowReader:
         """A state of charge without a unit is in per cent where it is above 1; said aloud."""
         if not self._percent and len(values) and np.nanmax(values, initial=0.0) > 1.5:
             self._percent = True
-            self.report.recognised[name] = f"soc, from % (it goes beyond 1)"
+            self.report.recognised[name] = "soc, from % (it goes beyond 1)"
         return values / 100.0 if self._percent else values
 
     def _vehicles(self, table: pa.Table) -> Labels:
         if self.layout.vehicle is None:
             return Labels(np.zeros(table.num_rows, np.int32), (self.vehicle,))
-        return _labels(table.column(self.layout.vehicle))
+        return _trimmed(_labels(table.column(self.layout.vehicle)))
 
     # ----------------------------------------------------------------------- what is refused
 
@@ -261,14 +279,17 @@ class RowReader:
         rejects += [Reject(n, reason, text, False) for n, text in zip(gone, block.texts(gone), strict=True)]
 
 
+def _trimmed(labels: Labels) -> Labels:
+    """Names without blanks around them; nothing but blanks is no name."""
+    names = [n.strip() for n in labels.names]
+    if all(names) and names == list(labels.names):
+        return labels
+    order = {n: i for i, n in enumerate(dict.fromkeys(n for n in names if n))}
+    table = np.array([order.get(n, -1) for n in names] + [-1], dtype=np.int32)
+    return Labels(table[labels.codes], tuple(order))
+
+
 def _labels(chunk: pa.ChunkedArray) -> Labels:
     array = chunk.combine_chunks().dictionary_encode()
     codes = np.asarray(array.indices.fill_null(-1), dtype=np.int32)
     return Labels(codes, tuple(str(n) for n in array.dictionary.to_pylist()))
-
-
-def no_position(path: Path) -> InputError:
-    """The error of a log without positions."""
-    return InputError(
-        "no position in the log", where=path, do="map latitude and longitude, or x and y, in a profile"
-    )

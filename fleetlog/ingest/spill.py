@@ -18,7 +18,7 @@ from fleetlog.ingest.rows import join
 DAY = 86_400_000_000
 BUDGET = 96 << 20
 """Bytes of rows that wait in memory before they are set down."""
-WINDOW_ROWS = 300_000
+WINDOW_ROWS = 100_000
 """Rows of a vehicle that are taken up again at a time, about."""
 
 

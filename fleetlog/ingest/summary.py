@@ -73,7 +73,7 @@ class ImportSummary:
         out = [line for group in _grouped(self.files) for line in group]
         if self.rows:
             whose = f"{_count(len(self.vehicles), 'vehicle')}, {_count(self.trips, 'trip')}"
-            out.append(f"{self.rows:,} rows of {whose}, {self.start} to {self.end}")
+            out.append(f"{_count(self.rows, 'row')} of {whose}, {self.start} to {self.end}")
         if self.rows_joined:
             out.append(f"{self.rows_joined:,} rows without a position were joined to those with one")
         if self.derived:

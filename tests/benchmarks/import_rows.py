@@ -1,6 +1,6 @@
 """Rows a second and peak memory of an import, at growing lengths of the log.
 
-    python tests/benchmarks/import_rows.py [--rows 1e6 3e6 1e7] [--site SITE]
+    python tests/benchmarks/import_rows.py [--rows 1e6 3e6 1e7] [--map]
 
 Writes CSV logs of eight trucks at 10 Hz (speed, payload, power and SOC beside the position, the trucks mixed row by row), imports
 each in a process of its own without the replay, and prints the processor time and the peak of the resident memory.
@@ -17,8 +17,12 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from fleetlog.core.site import Site
 
 TRUCKS, RATE = 8, 10.0
 CHUNK = 200_000
@@ -60,14 +64,27 @@ def around(distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def measure(log: Path, out: Path, site: Path | None) -> dict[str, float]:
+def block() -> Site:
+    """The block as four two-way roads."""
+    from fleetlog.core.network import Edge, build_network
+    from fleetlog.core.site import Site
+
+    corners = np.array([[0, 0, 0], [200, 0, 0], [200, 100, 0], [0, 100, 0], [0, 0, 0]], float)
+    edges = []
+    for i in range(4):
+        points = corners[i : i + 2]
+        edges.append(Edge(f"r{i}", f"n{i}", f"n{(i + 1) % 4}", points, f"r{i}"))
+        edges.append(Edge(f"-r{i}", f"n{(i + 1) % 4}", f"n{i}", points[::-1].copy(), f"r{i}"))
+    return Site("block", None, build_network(edges))
+
+
+def measure(log: Path, out: Path, with_map: bool) -> dict[str, float]:
     """Processor seconds, wall seconds, peak memory [MB] of one import in this process."""
     from fleetlog.core.site import Site
     from fleetlog.ingest.pipeline import import_logs
-    from fleetlog.roads import load_site
     from fleetlog.store import DatasetWriter
 
-    place = load_site(site)[0] if site else Site()
+    place = block() if with_map else Site()
     wall, cpu = time.perf_counter(), time.process_time()
     with DatasetWriter.create(out, "recorded", place) as writer:
         rows = import_logs([log], place, writer).rows
@@ -80,11 +97,11 @@ def measure(log: Path, out: Path, site: Path | None) -> dict[str, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else "")
     parser.add_argument("--rows", type=float, nargs="+", default=[1e6, 3e6, 1e7])
-    parser.add_argument("--site", type=Path, help="match to this site too (by default no map)")
+    parser.add_argument("--map", action="store_true", help="match to the roads of the block too")
     parser.add_argument("--one", nargs=2, type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.one:
-        print(json.dumps(measure(*arguments.one, arguments.site)))
+        print(json.dumps(measure(*arguments.one, arguments.map)))
         return
     print(f"{'rows':>12} {'MB of CSV':>10} {'rows/CPU s':>12} {'rows/s':>10} {'peak MB':>8}")
     with tempfile.TemporaryDirectory(dir=os.environ.get("TMPDIR")) as folder:
@@ -92,7 +109,7 @@ def main() -> None:
             log = Path(folder) / f"log{rows}.csv"
             write_log(log, rows)
             command = [sys.executable, __file__, "--one", str(log), str(Path(folder) / f"out{rows}")]
-            command += ["--site", str(arguments.site)] if arguments.site else []
+            command += ["--map"] if arguments.map else []
             found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
             size = log.stat().st_size / 1e6
             print(

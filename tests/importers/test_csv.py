@@ -301,3 +301,29 @@ def test_other_files_are_not_taken(tmp_path: Path, content: bytes) -> None:
     from fleetlog.importers.csv import sniff
 
     assert not sniff(path, content)
+
+
+def test_a_column_that_is_blank_at_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_csv_blocks.blocks, "__defaults__", (200,))
+    lines = [
+        f"A,2026-03-02T05:00:{i:02d}Z,1,2,{i if i > 20 else ''},{'ab'[i % 2] if i > 30 else ''},"
+        for i in range(50)
+    ]
+    path = tmp_path / "a.csv"
+    path.write_text("vehicle_id,timestamp,x,y,late,word,never\n" + "\n".join(lines) + "\n")
+    batches, _ = read(path)
+    assert len(batches) > 4 and not any(b.rejects for b in batches)
+    late = np.concatenate([b.columns["late"] for b in batches])
+    assert np.array_equal(late, [i if i > 20 else np.nan for i in range(50)], equal_nan=True)
+    assert batches[-1].columns["word"].strings()[-1] == "b"
+    assert np.isnan(batches[-1].columns["never"]).all()
+
+
+def test_blanks_around_a_vehicle(tmp_path: Path) -> None:
+    batch, _ = one(
+        tmp_path / "a.csv",
+        HEADER
+        + " A ,2026-03-02T05:00:00Z,1,2,3\nA,2026-03-02T05:00:01Z,1,2,3\n  ,2026-03-02T05:00:02Z,1,2,3\n",
+    )
+    assert batch.vehicle.strings() == ["A", "A"] and batch.vehicle.names == ("A",)
+    assert [r.reason for r in batch.rejects] == ["the vehicle id is missing"]
