@@ -66,7 +66,7 @@ def lines(fit: Fit) -> list[str]:
     """The answer for the terminal."""
     rms = [float(np.sqrt(np.mean(((p - fit.measured) / fit.sigma) ** 2))) for p in (fit.before, fit.after)]
     out = [
-        f"{len(fit.measured)} measured figures; misfit {rms[0]:.2f} standard deviations before, {rms[1]:.2f} after",
+        f"measured figures: {len(fit.measured)}; misfit {rms[0]:.2f} standard deviations before, {rms[1]:.2f} after",
         f"fitted, with intervals that hold all at once with {CONFIDENCE:.0%}:",
     ]
     fitted = [e for e in fit.estimates if e.status == "fitted"]
