@@ -61,7 +61,7 @@ def _driven(dataset: Dataset) -> Floats:
             for group in range(meta.num_row_groups):
                 x, y = (meta.row_group(group).column(names.index(c)).statistics for c in ("x", "y"))
                 if x is not None and x.has_min_max and y is not None and y.has_min_max:
-                    corners += [(x.min, y.min), (x.max, y.max)]
+                    corners += [(a, b) for a in (x.min, x.max) for b in (y.min, y.max)]
     return np.array(corners, dtype=np.float64).reshape(-1, 2)
 
 

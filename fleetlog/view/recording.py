@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.store import Dataset
 from fleetlog.store.atomic import atomic_output
 from fleetlog.view import blueprint, fleet, palette, thin
@@ -18,6 +18,7 @@ from fleetlog.view.extent import dataset_outline
 from fleetlog.view.palette import Colour
 from fleetlog.view.scene import log_site
 from fleetlog.view.stream import Stream, entity, open_stream
+from fleetlog.view.ways import log_ways, ways_of
 
 RATE = 2.0
 """Samples a second that are kept by default."""
@@ -90,9 +91,12 @@ class Fleet:
         for number, vehicle in enumerate(self.dataset.vehicles):
             lane = fleet.Lane(vehicle, self._colour(number), self.prefix, self.name, screen.start)
             signals: set[str] = set()
+            ways: list[Floats] = []
             for day in self.days(vehicle):
+                ways += ways_of(day) if self.dataset.site.network is None else []
                 signals |= fleet.log_day(stream, lane, day, self.dataset.site, labels)
             fleet.log_static(stream, lane, signals)
+            log_ways(stream, self.prefix, vehicle, lane.colour, ways, self.dataset.site)
             screen.signals |= signals
             screen.trails.append(lane.path("trail"))
 

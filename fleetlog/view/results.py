@@ -129,7 +129,7 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
         labels=texts, radii=rr.Radius.ui_points(0.5), colors=[(225, 228, 235)], show_labels=True,
     )  # fmt: skip
     stream.static(f"{path}/scale/ends", ends)
-    how = "blue below zero, red above" if scale.diverging else "dark is low, bright is high"
+    how = "blue below zero, orange above" if scale.diverging else "dark is low, bright is high"
     return f"**{label}**: {_short(scale.low)} to {top} ({how})"
 
 

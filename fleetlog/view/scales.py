@@ -37,7 +37,7 @@ class Scale:
 
 
 def scale_of(values: Floats, diverging: bool = False) -> Scale:
-    """Limits that show most values well: from 0 (or symmetric about it) to the 98th percentile where a few stand far out."""
+    """Limits that show most values well: from 0 (or symmetric about it) to the 98th (99th) percentile where a few stand far out."""
     known = np.asarray(values, dtype=np.float64)
     known = known[np.isfinite(known)]
     if not len(known):
@@ -45,7 +45,10 @@ def scale_of(values: Floats, diverging: bool = False) -> Scale:
     if diverging:
         known = np.abs(known)
     used = known[known != 0.0]
-    top, usual = float(known.max()), float(np.quantile(used, 0.98)) if len(used) else 0.0
+    top, usual = (
+        float(known.max()),
+        float(np.quantile(used, 0.99 if diverging else 0.98)) if len(used) else 0.0,
+    )
     high = usual if 0.0 < usual < 0.67 * top else top
     low = 0.0 if diverging else min(0.0, float(known.min()))
     if high - low < 1e-300:

@@ -6,6 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 
@@ -52,6 +53,16 @@ def test_recording_is_made_when_missing_or_old_and_only_then(dataset: Path) -> N
     os.utime(rrd, (1e9, 1e9))
     viewer.recording_of(dataset, say=said.append)
     assert len(said) == 2
+
+
+def test_two_datasets_side_by_side(dataset: Path, tmp_path: Path) -> None:
+    import rrd
+
+    both = tmp_path / "both.rrd"
+    run(str(dataset), "--beside", str(dataset), "--save", str(both))
+    assert {"/recorded/trucks/truck\\ 1", "/simulated/trucks/truck\\ 1"} <= rrd.entities(both)
+    with pytest.raises(click.UsageError, match="--beside"):
+        run(str(dataset), "--save", str(both))
 
 
 @pytest.mark.parametrize("content", [None, b"", b"vehicle_id,timestamp\n"])

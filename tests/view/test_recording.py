@@ -158,6 +158,20 @@ def test_no_view_without_its_data(
     assert rrd.views(out) == ALL - missing
 
 
+def test_without_a_map_the_ways_driven_are_drawn(tmp_path: Path) -> None:
+    """In pieces: not across the gap of 30 s, in which the truck came 40 m further."""
+    dataset = write_fleet(tmp_path / "d", plant(network=False), 1)
+    out = write_recording(dataset, tmp_path / "r.rrd")
+    _, strips = rrd.column(out, "/site/driven/truck\\ 1", "LineStrips3D:strips", None)
+    (lines,) = strips.to_pylist()
+    assert len(lines) == 2
+    driven = sum(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in lines)
+    assert driven == pytest.approx(2.0 * (4 * 30 + 2 * 30 - 20), rel=0.1)
+    where = rrd.column(out, "/geo/driven/truck\\ 1", "GeoLineStrings:line_strings", None)[1].to_pylist()[0]
+    x, _ = plant().frame.to_local(*np.array(where[0]).T)
+    np.testing.assert_allclose(x, np.array(lines[0])[:, 0], atol=1e-4)
+
+
 def test_several_days_are_one_recording(tmp_path: Path) -> None:
     """A truck that is out over midnight, then silent for a day: breaks are where the silence is, not at midnight."""
     day = 86_400_000_000
