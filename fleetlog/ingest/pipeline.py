@@ -57,6 +57,8 @@ def import_logs(
     finally:
         spill.clear()
     inputs = [f for log in logs for f in ([log.path] if log.path.is_file() else sorted(log.path.rglob("*")))]
+    if profile is not None and profile.path:
+        inputs.append(Path(profile.path))
     writer.provenance = provenance(inputs)
     writer.summary = summary.to_dict()
     return summary

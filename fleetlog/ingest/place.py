@@ -28,7 +28,7 @@ def place(rows: Trajectory, site: Site) -> Trajectory:
     """Rows with x, y [m] in the site's frame; geographic columns are turned into them, local ones stay.
 
     A log that has both keeps its x, y where they agree with its latitude and longitude to a metre (a dataset that comes
-    back); otherwise they are in another frame, and the geographic ones count.
+    back); otherwise they are in another frame: the geographic ones count, and they are kept as ``x_log``, ``y_log``.
     """
     if "latitude" not in rows or site.frame is None:
         return rows
@@ -38,6 +38,8 @@ def place(rows: Trajectory, site: Site) -> Trajectory:
         off = np.hypot(rows.floats("x") - x, rows.floats("y") - y)
         if not np.isfinite(off).any() or float(np.nanmedian(off)) < 1.0:
             x, y = (np.where(np.isfinite(rows.floats(n)), rows.floats(n), v) for n, v in (("x", x), ("y", y)))
+        else:
+            rows = rows.with_columns(x_log=rows.floats("x"), y_log=rows.floats("y"))
     return without(rows, "latitude", "longitude").with_columns(x=x, y=y)
 
 
@@ -72,6 +74,8 @@ def distance_from_map(x: float, y: float, site: Site) -> float:
 def with_frame(site: Site, rows: Trajectory) -> Site:
     """The site, with a frame from the data where it has none, no map, and the log is geographic."""
     if site.frame is not None or "latitude" not in rows:
+        return site
+    if site.network is not None and "x" in rows:
         return site
     if site.network is not None:
         do = "add [frame] latitude and longitude to the site file"

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from fleetlog.core.network import Edge, build_network
 from fleetlog.core.site import Frame, Site
 from fleetlog.core.trajectory import Labels
+from fleetlog.errors import DataError
 from fleetlog.ingest import spill, stretch
 from fleetlog.ingest.pipeline import import_logs
 from fleetlog.ingest.summary import ImportSummary
@@ -221,3 +222,26 @@ def test_every_row_is_in_the_dataset_or_refused(
     assert not {
         r for r in fine if rows[rows.record == r].reason.isin(["an impossible jump of the position"]).any()
     }
+
+
+def both(table: pd.DataFrame, shift: float) -> pd.DataFrame:
+    x, y = FRAME.to_local(table.latitude, table.longitude)
+    return table.assign(x=x + shift, y=y)
+
+
+def test_a_log_with_both_kinds_of_position(table: pd.DataFrame, whole: Dataset, tmp_path: Path) -> None:
+    """Local positions that agree are the dataset's own; those in another frame are kept beside the geographic ones."""
+    agree, _ = run([save(both(table, 0.0), tmp_path / "log.csv")], tmp_path / "a", block())
+    assert np.allclose(agree.read("T0").floats("x"), whole.read("T0").floats("x"), atol=1e-6)
+    other, _ = run([save(both(table, 5e5), tmp_path / "log.csv")], tmp_path / "b", block())
+    t = other.read("T0")
+    assert np.allclose(t.floats("x"), whole.read("T0").floats("x"), atol=1e-6)
+    assert np.allclose(t.floats("x_log"), whole.read("T0").floats("x") + 5e5, atol=1e-5)
+    local = Site("block", None, block().network)
+    placed, summary = run([save(both(table, 0.0), tmp_path / "log.csv")], tmp_path / "c", local)
+    assert (
+        np.allclose(placed.read("T0").floats("x"), whole.read("T0").floats("x"), atol=1e-6)
+        and summary.matched == 1.0
+    )
+    with pytest.raises(DataError, match="does not say where on earth"):
+        run([save(table, tmp_path / "log.csv")], tmp_path / "d", local)

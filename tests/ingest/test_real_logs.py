@@ -59,8 +59,8 @@ def test_twizy_positions_move_as_its_speed_says(twizy: tuple[Dataset, ImportSumm
     assert known.mean() > 0.97
     step, dt = np.hypot(np.diff(x), np.diff(y)), np.diff(s)
     fine = np.isfinite(step) & (dt < 1.5) & (speed[1:] > 5)
-    # The way between fixes is a chord, so a little shorter than the way driven.
-    assert 0.85 < step[fine].sum() / (speed[1:] * dt)[fine].sum() < 1.02
+    # Chords between fixes, and a speed that reads 2 % low, against one another.
+    assert 0.95 < step[fine].sum() / (speed[1:] * dt)[fine].sum() < 1.05
     assert np.quantile(step[fine], 0.999) < 35.0
 
 
