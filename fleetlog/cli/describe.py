@@ -209,4 +209,5 @@ def _recording(path: Path) -> Described:
             f"  recording {r['recording']} of {r['application']}: {r['rows']:,} rows, timelines {', '.join(r['timelines']) or 'none'}",
             *(f"  entity    {name}: {rows:,} rows" for name, rows in r["entities"].items()),
         ]
+    lines += [f"  damaged   {damage}" for damage in found["damage"]]
     return {"kind": "recording", "path": str(path), **found}, lines

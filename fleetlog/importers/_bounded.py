@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import bz2
+from pathlib import Path
 from typing import Any
+
+from fleetlog.errors import FormatError
+from fleetlog.importers._open import compression
 
 LIMIT = 1 << 29
 """Bytes of one packed piece, before or after unpacking, that are believed."""
@@ -11,6 +15,16 @@ LIMIT = 1 << 29
 
 class Damaged(Exception):
     """A stretch of the file cannot be read."""
+
+
+def refuse_packed(path: Path) -> None:
+    """Raise where the whole file is packed: formats that are read by seeking must be unpacked first."""
+    packing = compression(path)
+    if packing is not None:
+        tool = {"gzip": "gunzip", "zstd": "zstd -d"}.get(packing, "the tool that packed it")
+        raise FormatError(
+            f"the whole file is packed with {packing}", where=path, do=f"unpack it first: {tool} {path.name}"
+        )
 
 
 def unpack(packing: str, packed: bytes, size: int) -> bytes:

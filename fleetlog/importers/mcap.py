@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fleetlog.errors import FormatError
+from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._mcap_walk import MAGIC, Channel, McapFile, Summary
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers._topics import Decoder, Role, Topic, plan
@@ -19,6 +20,7 @@ def sniff(path: Path, head: bytes) -> bool:
 
 def read(path: Path, options: ReadOptions, name: str | None = None) -> Iterator[RawBatch]:
     """Positions and batteries, in the order of the file; ``name`` is the vehicle's where the topics name none."""
+    refuse_packed(path)
     with path.open("rb") as stream:
         if stream.read(len(MAGIC)) != MAGIC:
             raise FormatError(

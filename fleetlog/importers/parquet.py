@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import FormatError
+from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._fields import Fields, epoch_unit, fields_of
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, Reject
@@ -35,6 +36,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    refuse_packed(path)
     try:
         file = pq.ParquetFile(path, memory_map=False)
     except (OSError, pa.ArrowException) as error:

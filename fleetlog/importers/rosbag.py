@@ -12,6 +12,7 @@ from typing import Any
 from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers import mcap
 from fleetlog.importers._bag_walk import MAGIC, BagFile
+from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers._topics import Decoder, Role, Topic, plan
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
@@ -34,6 +35,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     if path.is_dir():
         yield from _folder(path, options)
         return
+    refuse_packed(path)
     with path.open("rb") as stream:
         magic = stream.read(len(MAGIC))
     if not magic:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -13,20 +14,25 @@ def describe_recording(path: Path) -> dict[str, Any]:
     from rerun.chunk import RrdReader
 
     try:
-        reader = RrdReader(str(path))
-        recordings = [
-            {"application": s.application_id, "recording": s.recording_id, **_contents(reader, s)}
-            for s in reader.recordings()
-        ]
-        blueprints = len(reader.blueprints())
+        # Rerun warns, and does not raise, where a file was not closed
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            reader = RrdReader(str(path))
+            recordings = [
+                {"application": s.application_id, "recording": s.recording_id, **_contents(reader, s)}
+                for s in reader.recordings()
+            ]
+            blueprints = len(reader.blueprints())
     except Exception as error:  # Rerun raises its own kinds and RuntimeError alike
         why = " ".join(str(error).split())[:160]
         raise InputError(
             f"not readable as a recording: {why}", where=path, do="make it again from its dataset"
         ) from None
-    if not recordings:
-        raise InputError("no recording in it", where=path, do="make it again from its dataset")
-    return {"recordings": recordings, "blueprint": blueprints > 0}
+    if not any(r["rows"] for r in recordings):
+        raise InputError("no recording with a row in it", where=path, do="make it again from its dataset")
+    open_end = any("no footer" in str(w.message) for w in heard)
+    damage = ["the recording was not closed: it has no footer"] if open_end else []
+    return {"recordings": recordings, "blueprint": blueprints > 0, "damage": damage}
 
 
 def _contents(reader: Any, store: Any) -> dict[str, Any]:

@@ -158,3 +158,11 @@ def test_empty_and_nonsense(importer, tmp_path: Path) -> None:
         path.write_bytes(data)
         with pytest.raises(FleetlogError):
             read_log(path, importer.IMPORTER)
+
+
+@pytest.mark.parametrize("name", ["mcap", "parquet", "rosbag"])
+def test_recordings_packed_as_a_whole_are_refused(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.gz"
+    path.write_bytes(gzip.compress(_recording(name, tmp_path)))
+    with pytest.raises(FleetlogError, match="the whole file is packed with gzip"):
+        read_log(path, by_name(name))

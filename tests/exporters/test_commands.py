@@ -1,0 +1,106 @@
+"""``fleetlog export`` and ``fleetlog info`` as a user calls them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from fleetlog.cli.describe import describe
+from fleetlog.cli.export import FORMATS
+from fleetlog.cli.export import command as export_command
+from fleetlog.cli.info import command as info_command
+from fleetlog.errors import FleetlogError
+from fleetlog.exporters.base import exporters
+
+
+def test_help_lists_every_format() -> None:
+    assert tuple(sorted(exporters())) == FORMATS
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_from_the_command(name: str, make_dataset, tmp_path: Path) -> None:
+    dataset = make_dataset(vehicles=1)
+    out = tmp_path / "out"
+    done = CliRunner().invoke(
+        export_command, [str(dataset.path), "--to", name, "-o", str(out), "--json"], catch_exceptions=False
+    )
+    summary = json.loads(done.stdout)
+    assert done.exit_code == 0
+    assert summary["rows"] == (9 if name == "sumo-net" else dataset.rows)
+    assert summary["bytes"] == out.stat().st_size
+
+
+def test_info_of_a_dataset_and_of_its_exports(make_dataset, tmp_path: Path) -> None:
+    dataset = make_dataset(vehicles=2)
+    summary, lines = describe(dataset.path)
+    assert (summary["kind"], summary["rows"], len(summary["vehicles"])) == ("dataset", dataset.rows, 2)
+    assert any("2 vehicles" in line for line in lines)
+    for name in ("csv", "gpx", "geojson", "mcap", "parquet", "sumo-fcd"):
+        out = tmp_path / f"x{exporters()[name].suffix}"
+        CliRunner().invoke(
+            export_command, [str(dataset.path), "--to", name, "-o", str(out)], catch_exceptions=False
+        )
+        done = CliRunner().invoke(
+            info_command, [str(out), "--json"], catch_exceptions=False, standalone_mode=False
+        )
+        told = json.loads(done.stdout)
+        assert (told["kind"], told["format"], told["rows"]) == ("log", name, dataset.rows)
+        assert done.return_value == 0
+
+
+def test_info_of_roads_site_and_truck(project_root: Path) -> None:
+    sample = project_root / "sample_data"
+    roads, _ = describe(sample / "roads.geojson")
+    site, lines = describe(sample / "site.toml")
+    truck, _ = describe(sample / "truck.toml")
+    assert (roads["kind"], site["kind"], truck["kind"]) == ("map", "site", "truck")
+    assert roads["reports"][0]["kept"] == roads["reports"][0]["read"] == 40
+    assert roads["length_m"] == pytest.approx(site["length_m"], rel=1e-3)
+    assert truck["chassis"]["mass"] > 0
+    assert any("40 roads read" in line for line in lines)
+
+
+def test_info_of_a_recording(tmp_path: Path) -> None:
+    rr = pytest.importorskip("rerun")
+    import numpy as np
+
+    path = tmp_path / "x.rrd"
+    with rr.RecordingStream("fleetlog", recording_id="shift") as rec:
+        rec.save(str(path))
+        times = np.arange(5).astype("datetime64[s]").astype("datetime64[ns]")
+        rec.send_columns(
+            "soc/T1", [rr.TimeColumn("utc", timestamp=times)], rr.Scalars.columns(scalars=np.arange(5.0))
+        )
+    summary, _ = describe(path)
+    assert summary["recordings"][0]["entities"] == {"/soc/T1": 5}
+    assert summary["recordings"][0]["timelines"] == ["utc"]
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(FleetlogError) as caught:
+        describe(path)
+    assert "\n" not in caught.value.line()
+
+
+def test_info_of_nothing_known(tmp_path: Path) -> None:
+    for name, data in (
+        ("a.bin", bytes(range(256))),
+        ("a.toml", b"x = 1"),
+        ("b.toml", b"x ="),
+        ("a.txt", b""),
+        ("a.xml", b"<a/>"),
+    ):
+        path = tmp_path / name
+        path.write_bytes(data)
+        with pytest.raises(FleetlogError) as caught:
+            describe(path)
+        assert str(path) in caught.value.line()
+
+
+def test_info_says_3_for_a_damaged_log(tmp_path: Path) -> None:
+    path = tmp_path / "a.tum"
+    path.write_text("1772431200.5 1 2 3 0 0 0 1\n1772431201.5 1 2 3 0 0 0 1\nbroken\n")
+    done = CliRunner().invoke(info_command, [str(path)], standalone_mode=False)
+    assert done.return_value == 3
+    assert "rejected  1" in done.stdout
