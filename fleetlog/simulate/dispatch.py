@@ -145,7 +145,7 @@ class Dispatcher:
         self._charging(now)
         for v in np.flatnonzero(f.mode == PARKED):
             self._idle(int(v), now)
-        if int(round(now)) % 5 == 0:
+        if round(now) % 5 == 0:
             self._untangle(now)
 
     # -- stages of a job
@@ -291,7 +291,8 @@ class Dispatcher:
         """Nothing to do: charge if that is worth while, else clear a working place that is not one's own."""
         if self.soc[v] < self.policy.chance and self._wants_charge(v):
             return
-        if self.kind[self.home[v]] != "park" and not self.demand.endless:
+        job = self.jobs[v]
+        if self.kind[self.home[v]] != "park" and not self.demand.endless and now - job.since > ASIDE:
             b = self._spare_bay(v, only_park=True)
             if b is not None:
                 self._go(v, b, "park")

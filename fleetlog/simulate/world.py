@@ -196,6 +196,12 @@ def with_spurs(track: Track, bays: list[Bay]) -> Track:
 def speed_limits(site: Site, track: Track) -> Floats:
     """(S,) limit [m/s] of road and zones at every sample, inf where there is none."""
     limit = np.where(np.isfinite(track.network.speed_limit), track.network.speed_limit, np.inf)[track.edge]
+    # In the middle of a connector the lower of the two limits holds on both sides of the change.
+    change = np.flatnonzero(np.diff(track.edge) != 0)
+    lower = np.minimum(limit[change], limit[change + 1])
+    inside = track.source[np.searchsorted(track.first, change, side="right") - 1] >= 0
+    limit[change[inside]] = lower[inside]
+    limit[change[inside] + 1] = lower[inside]
     for zone in site.zones:
         if np.isfinite(zone.speed_limit):
             inside = within(zone.polygon, track.x, track.y)

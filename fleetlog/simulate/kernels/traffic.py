@@ -26,6 +26,8 @@ ROUND = 5
 """Steps between two rounds of reservations."""
 NEAR = 0.02
 """At rest this close to its mark a truck is there [m]."""
+REST = 0.01
+"""Slower than this it is at rest [m/s]."""
 
 
 @njit(cache=True)
@@ -419,7 +421,7 @@ def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
 @njit(cache=True)
 def arrive(r: Roads, f: Fleet, v: int) -> None:
     """Wait before the bay when its mark is reached."""
-    if f.at[v] == f.last[v] and f.v[v] < 0.1 and abs(f.s[v] - r.bay_at[f.bay[v]]) < NEAR:
+    if f.at[v] == f.last[v] and f.v[v] < REST and abs(f.s[v] - r.bay_at[f.bay[v]]) < NEAR:
         f.s[v] = r.bay_at[f.bay[v]]
         f.v[v] = 0.0
         f.mode[v] = AT_BAY
@@ -432,7 +434,7 @@ def end_spur(r: Roads, f: Fleet, v: int) -> None:
     b = f.bay[v]
     lane = r.bay_lane[b]
     spur = len(r.length) + 2 * len(r.clear) + b
-    if f.mode[v] == ENTERING and r.bay_length[b] - f.spur[v] < NEAR and f.v[v] < 0.1:
+    if f.mode[v] == ENTERING and r.bay_length[b] - f.spur[v] < NEAR and f.v[v] < REST:
         f.spur[v] = r.bay_length[b]
         f.v[v] = 0.0
         f.held[spur] -= 1
@@ -444,7 +446,7 @@ def end_spur(r: Roads, f: Fleet, v: int) -> None:
         f.piece[v] = -1
         f.left[v] = -1
         f.attention[v] = True
-    elif f.mode[v] == LEAVING and f.spur[v] < NEAR and f.v[v] < 0.1:
+    elif f.mode[v] == LEAVING and f.spur[v] < NEAR and f.v[v] < REST:
         f.spur[v] = 0.0
         f.v[v] = 0.0
         f.held[spur] -= 1

@@ -1,0 +1,68 @@
+"""Bad input: one clear line each."""
+
+import numpy as np
+import pytest
+from sites import TRUCK, grid, place, road
+
+from fleetlog.core.network import build_network
+from fleetlog.core.site import Site
+from fleetlog.errors import DataError, InputError, SiteError
+from fleetlog.simulate.tasks import Demand, Task, read_tasks
+
+
+def one_line(error):
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_a_place_off_the_roads(simulated):
+    with pytest.raises(SiteError) as error:
+        simulated(grid(places=[place(1, "pick", -80, -80)]), 1, 10.0)
+    assert "pick1" in one_line(error)
+    assert "off the roads" in str(error.value)
+
+
+def test_an_unreachable_place(simulated):
+    edges = road("a", "p", "q", np.array([[0.0, 0.0], [60.0, 0.0]]))
+    edges += road("b", "r", "s", np.array([[0.0, 50.0], [60.0, 50.0]]))
+    site = Site("islands", network=build_network(edges), places=(place(1, "pick", 30, -3), place(1, "drop", 30, 47)))
+    with pytest.raises(SiteError) as error:
+        simulated(site, 1, 10.0, demand=Demand([Task(None, "pick1", "drop1", 100.0, 0.0)], endless=False))
+    assert "cannot be reached" in one_line(error)
+
+
+@pytest.mark.parametrize("count", [0, -3])
+def test_no_vehicles(simulated, count):
+    with pytest.raises(DataError) as error:
+        simulated(grid(), count, 10.0)
+    assert "vehicles" in one_line(error)
+
+
+def test_more_trucks_than_the_site_can_hold(simulated):
+    with pytest.raises(SiteError) as error:
+        simulated(grid(2, 2), 500, 10.0)
+    assert "more than the site can hold" in one_line(error)
+
+
+@pytest.mark.parametrize(
+    "row, told",
+    [
+        (",pick1,drop1,9000,0", "rated load"),
+        (",pick1,nowhere,100,0", "no place 'nowhere'"),
+        (",pick1,drop1,heavy,0", "not a number"),
+        (",pick1,drop1,-5,0", "negative"),
+    ],
+)
+def test_tasks_that_cannot_be(tmp_path, row, told):
+    file = tmp_path / "tasks.csv"
+    file.write_text(f"vehicle,from,to,payload,earliest\n{row}\n")
+    site = grid(places=[place(1, "pick", 15, 3), place(1, "drop", 45, 33)])
+    with pytest.raises(InputError) as error:
+        read_tasks(file, site, TRUCK)
+    assert told in one_line(error)
+    assert "line 2" in str(error.value)
+
+
+def test_rows_that_do_not_fall_on_steps(simulated):
+    with pytest.raises(DataError):
+        simulated(grid(), 1, 10.0, interval=0.25)

@@ -1,0 +1,174 @@
+"""Laws of every simulation, over seeds and small random sites."""
+
+import numpy as np
+import pytest
+from sites import TRUCK, aisle, crossing, grid, place
+
+from fleetlog.core.motion import Motion
+from fleetlog.physics.power import Physics, battery_power, cell_power, ledger
+from fleetlog.simulate.tasks import Demand, Task
+
+HALF = (TRUCK.chassis.length / 2, TRUCK.chassis.width / 2)
+
+
+def corners(x, y, heading):
+    """(..., 4, 2) corners of footprints; a calculation of its own, not the simulator's."""
+    out = []
+    for u, v in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
+        a, b = u * HALF[0], v * HALF[1]
+        out.append(np.stack([x + a * np.cos(heading) - b * np.sin(heading), y + a * np.sin(heading) + b * np.cos(heading)], -1))
+    return np.stack(out, -2)
+
+
+def overlap(a, b):
+    """Whether two convex quadrilaterals (4, 2) share area."""
+    for shape in (a, b):
+        for k in range(4):
+            edge = shape[(k + 1) % 4] - shape[k]
+            axis = np.array([-edge[1], edge[0]])
+            p, q = a @ axis, b @ axis
+            if p.max() <= q.min() + 1e-9 or q.max() <= p.min() + 1e-9:
+                return False
+    return True
+
+
+def overlaps(outcome):
+    x, y, h = outcome.array("x"), outcome.array("y"), outcome.array("heading")
+    boxes = corners(x, y, h)
+    reach = 2 * np.hypot(*HALF)
+    found = []
+    for i in range(len(x)):
+        for j in range(i + 1, len(x)):
+            near = np.flatnonzero(np.hypot(x[i] - x[j], y[i] - y[j]) < reach)
+            found += [(i, j, int(k)) for k in near if overlap(boxes[i, k], boxes[j, k])]
+    return found
+
+
+CASES = [(f"grid-{seed}", lambda s=seed: grid(4, 4, seed=s), 16) for seed in range(6)]
+CASES += [("crossing", crossing, 8), ("aisle", aisle, 8), ("even grid", grid, 16), ("left", lambda: grid(traffic="left"), 10)]
+
+
+@pytest.mark.parametrize("make, trucks", [c[1:] for c in CASES], ids=[c[0] for c in CASES])
+def test_every_simulation_keeps_the_laws(make, trucks, simulated):
+    site = make()
+    sim = simulated(site, trucks, 400.0, seed=trucks)
+    network = site.network
+    assert not overlaps(sim)
+    moved = 0.0
+    for t in sim.tracks:
+        assert (np.diff(t.time) > 0).all()
+        speed, edge = t.floats("speed"), t.labels("edge_id").recode(network.index)
+        assert (edge >= 0).all()
+        assert (speed <= network.speed_limit[edge] * TRUCK.drive.speed_factor + 1e-3).all()
+        a = np.diff(speed) / 0.1
+        assert a.max() <= TRUCK.drive.max_acceleration + 0.02
+        assert a.min() >= -TRUCK.drive.max_deceleration - 0.02
+        x, y = t.floats("x"), t.floats("y")
+        step = np.hypot(np.diff(x), np.diff(y))
+        assert (step <= 0.5 * (speed[:-1] + speed[1:]) * 0.1 + 0.03).all(), "no truck jumps"
+        against_traffic(t, network, edge)
+        moved += step.sum()
+    assert moved > 100.0 * trucks
+    s = sim.summary
+    assert s.count.tasks_given == s.count.tasks_done + s.unfinished
+    assert s.count.tasks_done > 0
+    assert s.unfinished <= trucks
+
+
+def against_traffic(t, network, edge):
+    """On the lane, the heading of motion is that of the directed edge; backing out of a bay is off the lane."""
+    going = (t.floats("speed") > 0.5) & (np.abs(t.floats("lateral_offset")) < 1.2)
+    ahead = network.heading(edge, t.floats("edge_offset"))
+    inside = (t.floats("edge_offset") > 6.0) & (t.floats("edge_offset") < network.length[edge] - 6.0)
+    rows = np.flatnonzero(going & inside)
+    off = np.abs(np.angle(np.exp(1j * (t.floats("heading")[rows] - ahead[rows]))))
+    # A truck that leaves a bay backs onto its lane for less than a second.
+    assert np.mean(off > 2.0) < 0.05
+
+
+def test_energy_is_the_sum_of_its_terms_and_agrees_with_the_charge(simulated):
+    sim = simulated(grid(), 6, 600.0, seed=3)
+    truck, dt = TRUCK, 0.1
+    for t in sim.tracks:
+        power, soc = t.floats("battery_power"), t.floats("soc")
+        used = (soc[0] - soc[-1]) * truck.battery.capacity_wh
+        assert used == pytest.approx((cell_power(power, truck)[:-1] * dt).sum() / 3600.0, abs=0.01)
+        speed = t.floats("speed")
+        middle = 0.5 * (speed[:-1] + speed[1:])
+        motion = Motion.of(
+            len(middle), speed=middle, acceleration=np.diff(speed) / dt, payload=t.floats("payload")[:-1],
+            lift_speed=lifting(t, dt), dt=dt,
+        )  # fmt: skip
+        terms = ledger(motion, Physics(truck))
+        again = sum(terms.values())
+        for trip in np.unique(t.trip_ids()):
+            mine = t.trip_ids()[:-1] == trip
+            assert again[mine].sum() * dt == pytest.approx(power[:-1][mine].sum() * dt, rel=0.01, abs=500.0)
+
+
+def lifting(t, dt):
+    rate = np.diff(t.floats("fork_height")) / dt
+    return np.where(rate > 0.2, 0.35, np.where(rate < -0.2, -0.45, 0.0))
+
+
+def test_rows_of_any_rate_carry_the_same_energy(simulated):
+    fine, coarse = (simulated(grid(), 4, 300.0, seed=5, interval=i) for i in (0.1, 1.0))
+    a = fine.array("battery_power").sum(axis=1) * 0.1
+    b = coarse.array("battery_power").sum(axis=1) * 1.0
+    np.testing.assert_allclose(a, b, rtol=1e-6)
+
+
+def test_same_seed_same_bytes(simulated):
+    def files(outcome):
+        root = outcome.dataset.path
+        return {str(p.relative_to(root)): p.read_bytes() for p in sorted(root.rglob("*")) if p.is_file() and p.name != "dataset.json"}
+
+    a, b, c = (simulated(grid(seed=1), 5, 120.0, seed=s, interval=1.0) for s in (9, 9, 10))
+    assert files(a) == files(b)
+    assert files(a) != files(c)
+
+
+def test_a_mirrored_site_has_a_mirrored_fleet(simulated):
+    right = simulated(grid(seed=2), 8, 300.0, seed=4)
+    left = simulated(grid(seed=2, mirror=True, traffic="left"), 8, 300.0, seed=4)
+    np.testing.assert_allclose(left.array("x"), right.array("x"), atol=0.01)
+    np.testing.assert_allclose(left.array("y"), -right.array("y"), atol=0.01)
+
+
+def given_site():
+    places = [place(1, "pick", 15, 3), place(1, "drop", 45, 33), place(1, "park", 15, 33), place(2, "park", 45, 3)]
+    return grid(3, 3, places=[*places, place(1, "charge", 33, 45, power=60000.0)])
+
+
+def test_given_tasks_are_done_with_their_loads(simulated):
+    tasks = [Task(None, "pick1", "drop1", 800.0, 20.0 * i, (20.0, 20.0), (1.2, 2.4)) for i in range(6)]
+    sim = simulated(given_site(), 2, 1500.0, demand=Demand(tasks, endless=False))
+    assert sim.summary.count.tasks_done == 6
+    changes = np.diff(sim.array("payload"), axis=1)
+    assert (changes > 700).sum() == (changes < -700).sum() == 6
+    assert sim.array("fork_height").max() == pytest.approx(2.4, abs=0.05)
+
+
+def test_trucks_charge_and_an_empty_one_is_reported(simulated):
+    site = given_site()
+    sim = simulated(site, 2, 1800.0, soc=0.31, interval=1.0)
+    assert sim.summary.count.charges >= 1
+    assert sim.array("battery_power").min() < -10000.0
+    assert sim.array("soc")[:, -1].max() > 0.5
+    dry = simulated(grid(), 2, 900.0, soc=0.005, interval=1.0)
+    assert dry.summary.count.empty == ["T1", "T2"]
+    assert (dry.array("speed")[:, -1] == 0.0).all()
+    assert (dry.array("battery_power")[:, -1] == 0.0).all()
+
+
+def test_a_term_can_be_added_and_switched_off(simulated):
+    plain = simulated(grid(), 2, 120.0, interval=1.0)
+    more = simulated(grid(), 2, 120.0, interval=1.0, physics=Physics(TRUCK, {"auxiliary_load": {"power": 900.0}}))
+    less = simulated(grid(), 2, 120.0, interval=1.0, physics=Physics(TRUCK, off=frozenset({"auxiliary_load"})))
+    np.testing.assert_allclose(more.array("battery_power") - plain.array("battery_power"), 500.0, atol=0.02)
+    np.testing.assert_allclose(plain.array("battery_power") - less.array("battery_power"), 400.0, atol=0.02)
+
+
+def test_power_at_rest_is_auxiliary_only():
+    still = Motion.of(3)
+    np.testing.assert_allclose(battery_power(still, Physics(TRUCK)), TRUCK.auxiliary.power)

@@ -1,0 +1,58 @@
+"""A recording driven again, and places mined from one."""
+
+import numpy as np
+import pytest
+from sites import TRUCK, grid, place
+
+from fleetlog.simulate.mission import replay
+from fleetlog.simulate.places import carried, clusters, find_stands, like, mined_site, place_table
+from fleetlog.store import Dataset, DatasetWriter
+
+PLACES = [place(1, "pick", 15, 3), place(1, "drop", 45, 33), place(2, "pick", 33, 45), place(2, "drop", 3, 45)]
+
+
+@pytest.fixture
+def recording(simulated):
+    return simulated(grid(3, 3, places=PLACES), 3, 1200.0, seed=2, interval=1.0)
+
+
+def test_the_same_mission_is_comparable_trip_by_trip(recording, tmp_path):
+    with DatasetWriter.create(tmp_path / "again", "simulated", recording.dataset.site) as writer:
+        summary = replay(recording.dataset, TRUCK, writer)
+    again = Dataset(tmp_path / "again")
+    both = recording.dataset.trips.merge(again.trips, on=["vehicle_id", "trip_id"], suffixes=("", "_again"))
+    both = both[both.distance > 20.0]
+    assert len(both) > 20
+    ratio = both.distance_again / both.distance
+    assert ratio.median() == pytest.approx(1.0, abs=0.08)
+    assert (both.start_again - both.start).dt.total_seconds().abs().median() < 5.0
+    assert summary.own_path == 0
+    for vehicle in again.vehicles:
+        t = again.read(vehicle)
+        assert (np.diff(t.time) > 0).all()
+        assert (t.floats("speed") <= 3.0 + 1e-6).all()
+
+
+def test_mined_places_are_where_the_trucks_stood(recording):
+    stands = find_stands(recording.dataset)
+    cluster = clusters(stands)
+    table = place_table(stands, cluster)
+    assert set(table.kind) >= {"pick", "drop"}
+    spots = np.array([[p.x, p.y] for p in PLACES])
+    for row in table.itertuples():
+        if row.kind in ("pick", "drop"):
+            assert np.hypot(*(spots - [row.x, row.y]).T).min() < 8.0
+    _, names = mined_site(recording.dataset.site, table)
+    tasks = carried(stands, cluster, names)
+    done = recording.summary.count.tasks_done
+    assert done - 3 <= len(tasks) <= done + 3
+
+
+def test_demand_like_a_recording_has_its_volume(recording):
+    site, tasks, notes = like(recording.dataset, recording.dataset.site, TRUCK, 6, 0, 24 * 3600.0, 1)
+    stands = find_stands(recording.dataset)
+    known = carried(stands, clusters(stands), mined_site(site, place_table(stands, clusters(stands)))[1])
+    expected = len(known) * 3.0 * 24.0 * 2.0
+    assert len(tasks) == pytest.approx(expected, rel=0.1)
+    assert {t.payload for t in tasks} <= {min(t.payload, TRUCK.chassis.rated_load) for t in known}
+    assert notes
