@@ -44,9 +44,15 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
 
 def _windows(selection: Selection) -> Iterator[list[Trajectory]]:
     """All vehicles' rows, stretch by stretch of a day."""
+    meta = selection.dataset.meta
+    first, last = (
+        int(np.datetime64(str(meta[k]).rstrip("Z"), "us").astype(np.int64)) for k in ("start", "end")
+    )
     for date in selection.dataset.dates:
         day = int(np.datetime64(date, "us").astype(np.int64))
         for begin in range(day, day + 86_400_000_000, WINDOW):
+            if begin > last or begin + WINDOW <= first:
+                continue
             pieces = [p for v in selection.vehicles if len(p := _read(selection, v, date, begin))]
             if pieces:
                 yield pieces
