@@ -139,21 +139,45 @@ def jump_outliers(x: Floats, y: Floats, t: Floats) -> Mask:
 
 
 def unstick(rows: Trajectory) -> Trajectory:
-    """A speed that shows the same figure for a minute while the position stands is a stuck sensor: unknown, and marked."""
-    if not rows.has("speed"):
-        return rows
-    speed, t = rows.floats("speed"), rows.seconds()
+    """Values that stay the same to the last digit while the truck shows that they cannot: unknown, and marked.
+
+    A speed, for a minute, while the position stands; a battery power or current, for two minutes, while the truck speeds up and
+    slows down.  A sensor that is merely coarse is left alone.
+    """
+    t, speed = rows.seconds(), rows.floats("speed")
+    stuck = np.zeros(len(rows))
+    for name in ("speed", "battery_power", "battery_current"):
+        values = rows.floats(name)
+        held = np.zeros(len(rows), bool)
+        for start, stop in _same_runs(values, t, STUCK_TIME if name == "speed" else 2 * STUCK_TIME):
+            part = slice(start, stop)
+            held[part] = _stands(rows[part], values[start]) if name == "speed" else _varies(speed[part])
+        if held.any():
+            rows = set_unknown(rows, name, held)
+            stuck += held
+    return rows.with_columns(**{STUCK: stuck}) if stuck.any() else rows
+
+
+def _same_runs(values: Floats, t: Floats, length: float) -> list[tuple[int, int]]:
+    """Half-open row ranges of one value other than zero, at least ``length`` [s] and ``STUCK_ROWS`` long."""
+    cut = np.flatnonzero(np.diff(values, prepend=np.nan) != 0)
+    stop = np.append(cut[1:], len(values))
+    if not len(cut):
+        return []
+    long = (stop - cut >= STUCK_ROWS) & (t[stop - 1] - t[cut] >= length) & (np.abs(values[cut]) > 0.5)
+    return list(zip(cut[long].tolist(), stop[long].tolist(), strict=True))
+
+
+def _stands(rows: Trajectory, speed: float) -> bool:
+    """Whether the position stays within a tenth of the way that the speed claims."""
     x, y = rows.floats("x"), rows.floats("y")
-    stuck = np.zeros(len(rows), bool)
-    cut = np.flatnonzero(np.diff(speed, prepend=np.nan) != 0)
-    for start, stop in zip(cut.tolist(), [*cut[1:].tolist(), len(rows)], strict=True):
-        length = t[stop - 1] - t[start]
-        if not speed[start] > 0.5 or stop - start < STUCK_ROWS or length < STUCK_TIME:
-            continue
-        xs, ys = x[start:stop], y[start:stop]
-        fixes = np.isfinite(xs)
-        if fixes.sum() >= 5 and max(np.ptp(xs[fixes]), np.ptp(ys[fixes])) < 0.1 * speed[start] * length:
-            stuck[start:stop] = True
-    if not stuck.any():
-        return rows
-    return set_unknown(rows, "speed", stuck).with_columns(**{STUCK: stuck.astype(np.float64)})
+    known = np.isfinite(x) & np.isfinite(y)
+    if known.sum() < 5:
+        return False
+    t = rows.seconds()
+    return bool(max(np.ptp(x[known]), np.ptp(y[known])) < 0.1 * speed * (t[-1] - t[0]))
+
+
+def _varies(speed: Floats) -> bool:
+    """Whether the truck both stands and drives within the run."""
+    return bool((speed < 0.2).sum() >= 5 and (speed > 1.0).sum() >= 5)

@@ -64,7 +64,9 @@ class VehicleImport:
         s.derived = sorted(self._derived)
         s.trips = len(self._trips)
         if self._stuck:
-            s.notes.append(f"the speed of {self._stuck:,} rows is unknown: the sensor was stuck")
+            s.notes.append(
+                f"{self._stuck:,} values of speed, power or current are unknown: their sensor was stuck"
+            )
         if self._held:
             s.notes.append(
                 f"{self._held:,} rows repeat a position while the truck moves: placed between the fixes by the distance driven"

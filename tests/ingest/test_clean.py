@@ -105,6 +105,21 @@ def test_a_stuck_speed_is_unknown_only_when_the_truck_stands() -> None:
     assert not np.isnan(clean.unstick(parked).floats("speed")).any()
 
 
+def test_a_stuck_power_is_unknown_only_when_the_truck_stops_and_drives() -> None:
+    t, x, y = straight(300)
+    speed = np.where(t % 60 < 30, 2.0, 0.0)
+    power = np.full(300, 1234.5)
+    assert np.isnan(
+        clean.unstick(track(t, x=x, y=y, speed=speed, battery_power=power)).floats("battery_power")
+    ).all()
+    for alive in (power + t, np.where(t % 100 < 1, 1.0, power), np.zeros(300)):
+        assert not np.isnan(
+            clean.unstick(track(t, x=x, y=y, speed=speed, battery_power=alive)).floats("battery_power")
+        ).any()
+    steady = track(t, x=x, y=y, speed=speed * 0 + 2.0, battery_power=power)
+    assert not np.isnan(clean.unstick(steady).floats("battery_power")).any()
+
+
 @pytest.mark.parametrize("every", [5, 12, 30])
 def test_repeated_fixes_are_placed_by_the_distance_driven(every: int) -> None:
     t = np.arange(0.0, 300.0)
