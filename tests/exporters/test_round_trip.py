@@ -15,8 +15,16 @@ from fleetlog.store import Dataset
 
 # format: (tolerance of positions [m], of time [us], columns that come back)
 FORMATS: dict[str, tuple[float, int, tuple[str, ...]]] = {
-    "csv": (0.0, 0, ("heading", "speed", "payload", "soc", "battery_current", "edge_offset", "my_signal", "z")),
-    "parquet": (0.0, 0, ("heading", "speed", "payload", "soc", "battery_current", "edge_offset", "my_signal", "z")),
+    "csv": (
+        0.0,
+        0,
+        ("heading", "speed", "payload", "soc", "battery_current", "edge_offset", "my_signal", "z"),
+    ),
+    "parquet": (
+        0.0,
+        0,
+        ("heading", "speed", "payload", "soc", "battery_current", "edge_offset", "my_signal", "z"),
+    ),
     "geojson": (2e-4, 0, ("heading", "speed", "payload", "soc", "battery_current", "my_signal", "z")),
     "gpx": (2e-4, 0, ("heading", "speed", "payload", "soc", "battery_current", "my_signal", "z")),
     "mcap": (1e-6, 0, ("z",)),
@@ -37,7 +45,11 @@ def read_back(path: Path, dataset: Dataset) -> dict[str, dict[str, np.ndarray]]:
             rows = {"time": batch.time[mine]}
             for name, values in batch.columns.items():
                 taken = values[mine]
-                rows[name] = np.array(taken.strings(), object) if isinstance(taken, Labels) else np.asarray(taken, float)
+                rows[name] = (
+                    np.array(taken.strings(), object)
+                    if isinstance(taken, Labels)
+                    else np.asarray(taken, float)
+                )
             if "latitude" in rows and "x" not in rows:
                 assert dataset.site.frame is not None
                 rows["x"], rows["y"] = dataset.site.frame.to_local(rows["latitude"], rows["longitude"])
@@ -46,7 +58,9 @@ def read_back(path: Path, dataset: Dataset) -> dict[str, dict[str, np.ndarray]]:
     out = {}
     for vehicle, parts in pieces.items():
         names = {n for p in parts for n in p}
-        joined = {n: np.concatenate([p.get(n, np.full(len(p["time"]), np.nan)) for p in parts]) for n in names}
+        joined = {
+            n: np.concatenate([p.get(n, np.full(len(p["time"]), np.nan)) for p in parts]) for n in names
+        }
         order = np.argsort(joined["time"], kind="stable")
         out[vehicle] = {n: v[order] for n, v in joined.items()}
     return out
@@ -117,7 +131,9 @@ def test_twice_the_same_bytes(make_dataset, tmp_path: Path) -> None:
     for name, exporter in exporters().items():
         for run in "ab":
             export_dataset(dataset, name, tmp_path / f"{run}{exporter.suffix}")
-        assert (tmp_path / f"a{exporter.suffix}").read_bytes() == (tmp_path / f"b{exporter.suffix}").read_bytes(), name
+        assert (tmp_path / f"a{exporter.suffix}").read_bytes() == (
+            tmp_path / f"b{exporter.suffix}"
+        ).read_bytes(), name
 
 
 def test_refusals_are_one_line_and_leave_nothing(make_dataset, tmp_path: Path) -> None:

@@ -51,6 +51,10 @@ def read_log(path: Path, importer: Importer | None = None) -> Read:
         kind = "time" if batch.has_position else "channel time"
         out.columns.setdefault(kind, []).append(batch.time)
         for name, values in batch.columns.items():
-            plain = np.array(values.strings(), object) if isinstance(values, Labels) else np.asarray(values, float)
+            plain = (
+                np.array(values.strings(), object)
+                if isinstance(values, Labels)
+                else np.asarray(values, float)
+            )
             out.columns.setdefault(name, []).append(plain)
     return out
