@@ -256,7 +256,7 @@ class Truck:
         p = drive + (work / NOMINAL["eta_lift"] if work > 0 else 0.0) + self.aux
         if self.charging:
             p = -5200.0
-        self.power += p * STEP
+        self.power += 0.25 * (p - self.power)  # the meter settles within a fifth of a second
         self.soc -= p * STEP / (3600 * NOMINAL["wh"])
 
     def handle(self) -> float:
@@ -279,7 +279,6 @@ class Truck:
         self.noise = 0.9 * self.noise + r.normal(0, 0.08 * math.sqrt(1 - 0.81), 2)
         n = self.noise + r.normal(0, 0.04, 2)
         p = self.power * r.normal(1, 0.01) + r.normal(0, 25)
-        self.power = 0.0
         weighed = 0.0 if not self.load else self.load * r.normal(1, 0.002)
         self.rows.append(
             (
@@ -305,8 +304,6 @@ def record() -> list[Truck]:
         t = k * STEP
         for truck, p in zip(trucks, phase, strict=True):
             truck.step(t, trucks)
-            if t < 1.0 and int(t + p) != int(t + p - STEP):
-                truck.power = 0.0  # the first second is not whole
             if t >= 1.0 and int(t + p) != int(t + p - STEP):
                 truck.log(t)
     return trucks

@@ -21,29 +21,62 @@ def steps(sample: Path, out: Path) -> list[tuple[str, list[str]]]:
     """What is done, in words and as a command line."""
     site, truck, recorded = str(sample / "site.toml"), str(sample / "truck.toml"), str(out / "recorded")
     logs = sorted(str(p) for p in (sample / "logs").iterdir())
-    again = ["simulate", "--site", site, "--truck", truck, "--like", recorded, "--same-mission", "--seed", "1"]
+    again = [
+        "simulate",
+        "--site",
+        site,
+        "--truck",
+        truck,
+        "--like",
+        recorded,
+        "--same-mission",
+        "--seed",
+        "1",
+    ]
     model = ["--physics", str(out / "diagnosis" / "model.toml")]
     return [
-        ("Logs of eight trucks in five formats become one dataset", ["import", *logs, "--site", site, "-o", recorded]),
+        (
+            "Logs of eight trucks in five formats become one dataset",
+            ["import", *logs, "--site", site, "-o", recorded],
+        ),
         ("Where it is tight", ["analyze", "density", recorded, "-o", str(out / "density")]),
         ("Where chargers belong", ["analyze", "chargers", recorded, "-k", "2", "-o", str(out / "chargers")]),
         (
             "A fleet of the same kind, simulated",
-            ["simulate", "--site", site, "--truck", truck, "--vehicles", "8", "--duration", "30m"]
-            + ["--like", recorded, "--seed", "1", "-o", str(out / "simulated")],
+            [
+                *("simulate", "--site", site, "--truck", truck, "--vehicles", "8", "--duration", "30m"),
+                *("--like", recorded, "--seed", "1", "-o", str(out / "simulated")),
+            ],
         ),
-        ("What physics was left out?", ["diagnose", recorded, "--truck", truck, "-o", str(out / "diagnosis")]),
+        (
+            "What physics was left out?",
+            ["diagnose", recorded, "--truck", truck, "-o", str(out / "diagnosis")],
+        ),
         ("The recorded trips again, with what was found", [*again, *model, "-o", str(out / "resimulated")]),
         (
             "Is the mismatch gone?",
-            ["diagnose", recorded, "--truck", truck, "--against", str(out / "resimulated"), "-o", str(out / "after")],
+            [
+                "diagnose",
+                recorded,
+                "--truck",
+                truck,
+                "--against",
+                str(out / "resimulated"),
+                "-o",
+                str(out / "after"),
+            ],
         ),
     ]
 
 
 @click.command()
 @click.option(
-    "-o", "--output", type=anywhere, default=Path("fleetlog-demo"), show_default=True, help="Folder for everything that is made."
+    "-o",
+    "--output",
+    type=anywhere,
+    default=Path("fleetlog-demo"),
+    show_default=True,
+    help="Folder for everything that is made.",
 )
 @overwrite_option
 def command(output: Path, overwrite: bool) -> None:
@@ -55,7 +88,11 @@ def command(output: Path, overwrite: bool) -> None:
     check_free(output, overwrite)
     with atomic_output(output, overwrite=overwrite) as scratch:
         for number, (what, arguments) in enumerate(steps(sample_folder(), scratch), start=1):
-            shown = shlex.join(arguments).replace(str(scratch), str(output)).replace(str(sample_folder()), "SAMPLE")
+            shown = (
+                shlex.join(arguments)
+                .replace(str(scratch), str(output))
+                .replace(str(sample_folder()), "SAMPLE")
+            )
             click.secho(f"\n{number}. {what}", bold=True)
             click.echo(f"$ fleetlog {shown}")
             status = cli.main(arguments, standalone_mode=False)
@@ -68,4 +105,4 @@ def command(output: Path, overwrite: bool) -> None:
         ("diagnosis/report.html", "what was left out, for a person: a browser"),
         ("density/density.png", "where trucks crowd: a picture"),
     ):
-        click.echo(f"  {str(output / path):40s} {what}")
+        click.echo(f"  {output / path!s:40s} {what}")
