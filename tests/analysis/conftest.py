@@ -69,8 +69,8 @@ def fleet(tmp_path_factory) -> Dataset:
     return write(tmp_path_factory.mktemp("fleet") / "d", range(6), 1800)
 
 
-def write(path: Path, seeds, seconds, dt=1.0) -> Dataset:
-    site = grid_site()
+def write(path: Path, seeds, seconds, dt=1.0, site=None) -> Dataset:
+    site = site or grid_site()
     with DatasetWriter.create(path, "recorded", site) as w:
         for seed in seeds:
             w.write(walk(site.roads(), seed, seconds, dt))

@@ -33,6 +33,8 @@ class Unit:
     """Payload changes."""
     open_spells: list[tuple[int, int]]
     """Start and end (int64 us) of those standstills with urgency, for the number of plugs."""
+    spell_vertices: list[int]
+    """The vertex of each of them, -1 off the map."""
 
 
 def urgency(soc: Floats, enough: float = ENOUGH_SOC, least: float = LEAST_SOC) -> Floats:
@@ -56,6 +58,7 @@ def _unit(t: Trajectory, network: Network, shortest: float) -> Unit:
     u = urgency(t.floats("soc"))
     standing, urgent = np.zeros(n), np.zeros(n)
     spells: list[tuple[int, int]] = []
+    places: list[int] = []
     for a, b in runs(stands):
         if dt[a:b].sum() < shortest:
             continue
@@ -64,6 +67,7 @@ def _unit(t: Trajectory, network: Network, shortest: float) -> Unit:
         np.add.at(urgent, vertex[a:b][on], (dt * u)[a:b][on])
         if (u[a:b] > 0).any():
             spells.append((int(t.time[a]), int(t.time[b - 1])))
+            places.append(int(vertex[a]))
     payload = t.floats("payload")
     changed = np.flatnonzero(np.abs(np.diff(payload)) > LOAD_CHANGE)
     loading = np.bincount(vertex[changed][vertex[changed] >= 0], minlength=n).astype(float)
@@ -75,6 +79,7 @@ def _unit(t: Trajectory, network: Network, shortest: float) -> Unit:
         urgent,
         loading,
         spells,
+        places,
     )
 
 

@@ -7,6 +7,7 @@ vertex number.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +20,22 @@ Ints = NDArray[np.int64]
 STARTS = 10
 EXACT_CELLS = 20_000
 """Up to so many demand-site pairs HiGHS settles the p-median when the bound leaves a gap."""
+CAPACITY_CELLS = 200_000
+PATIENCE = 60.0
+"""HiGHS works so long on a p-median with capacities, then its best answer and its gap are taken [s]."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The sites, what they achieve, and the proven gap to the best possible (0: optimal; NaN: no bound computed)."""
+    """The sites, what they achieve, and the proven gap to the best possible (0: optimal).
+
+    ``served`` (k,) is the share of demand at each site where capacities send some of it past the nearest one.
+    """
 
     sites: Ints
     objective: float
     gap: float
+    served: Floats | None = None
 
 
 def top_k(rank: Floats, k: int) -> Choice:
@@ -43,11 +51,13 @@ def p_median(
     forced: Ints | None = None,
     forbidden: Ints | None = None,
     seed: int = 0,
+    capacity: float | None = None,
 ) -> Choice:
     """Sites that minimise the weighted distance from demand i (rows, ``weight`` (m,)) to the nearest site (columns).
 
     Fast interchange from several starts, a Lagrangian lower bound, and where a gap is left on a small instance HiGHS.
-    The objective is the weighted mean distance.
+    The objective is the weighted mean distance.  ``capacity`` is the largest share of all demand that one site may serve;
+    then HiGHS solves it whole, and demand may go past its nearest site.
     """
     from fleetlog.analysis.placement.kernels import interchange, lagrangian
 
@@ -63,6 +73,8 @@ def p_median(
     total = max(float(weight.sum()), 1e-300)
     cost = np.ascontiguousarray((weight[:, None] * _finite(distance))[weight > 0][:, candidates] / total)
     is_forced = np.isin(candidates, forced)
+    if capacity is not None and capacity < 1.0:
+        return _capacitated(cost, weight[weight > 0] / total, candidates, k, is_forced, capacity)
     fixed = np.flatnonzero(is_forced)
     rng = np.random.default_rng(seed)
     best: tuple[float, Ints] | None = None
@@ -102,31 +114,60 @@ def _greedy(cost: Floats, fixed: Ints, k: int) -> Ints:
 
 def _exact(cost: Floats, k: int, forced: NDArray[np.bool_]) -> tuple[float, Ints]:
     """The p-median as a mixed-integer program: y_ij <= x_j, sum_j y_ij = 1, sum x <= k; only x is integer."""
+    result = _program(cost, k, forced)
+    sites = np.flatnonzero(result.x[: cost.shape[1]] > 0.5)
+    return float(result.fun), sites.astype(np.int64)
+
+
+def _capacitated(
+    cost: Floats, share: Floats, candidates: Ints, k: int, forced: NDArray[np.bool_], capacity: float
+) -> Choice:
+    """The same with sum_i w_i y_ij <= capacity x_j."""
+    m, n = cost.shape
+    if k * capacity < 1.0 - 1e-9:
+        raise DataError(
+            f"{k} sites of {capacity:.0%} each cannot serve all demand", do="raise --capacity or -k"
+        )
+    if cost.size > CAPACITY_CELLS:
+        raise DataError(
+            f"{m} demand vertices and {n} candidates are too many with a capacity", do="leave it out"
+        )
+    result = _program(cost, k, forced, share, capacity)
+    if result.x is None:
+        raise DataError("no choice of sites keeps the capacity", do="raise --capacity or -k")
+    on = np.flatnonzero(result.x[:n] > 0.5)
+    served = (share[:, None] * result.x[n:].reshape(m, n)).sum(axis=0)[on]
+    return Choice(candidates[on], float(result.fun), float(result.mip_gap or 0.0), served)
+
+
+def _program(
+    cost: Floats, k: int, forced: NDArray[np.bool_], share: Floats | None = None, capacity: float = 1.0
+) -> Any:
+    """HiGHS on x (n,) then y (m n,); the result of :func:`scipy.optimize.milp`."""
     from scipy.optimize import Bounds, LinearConstraint, milp
 
     m, n = cost.shape
     c = np.concatenate([np.zeros(n), cost.ravel()])
     i, j = (a.ravel() for a in np.mgrid[0:m, 0:n])
-    row = np.arange(m * n)
+    row, width = np.arange(m * n), n + m * n
     y = n + row
     link = sparse.coo_array(
-        (np.r_[np.ones(m * n), -np.ones(m * n)], (np.r_[row, row], np.r_[y, j])), shape=(m * n, n + m * n)
+        (np.r_[np.ones(m * n), -np.ones(m * n)], (np.r_[row, row], np.r_[y, j])), shape=(m * n, width)
     )
-    once = sparse.coo_array((np.ones(m * n), (i, y)), shape=(m, n + m * n))
-    few = sparse.coo_array((np.ones(n), (np.zeros(n, int), np.arange(n))), shape=(1, n + m * n))
+    once = sparse.coo_array((np.ones(m * n), (i, y)), shape=(m, width))
+    few = sparse.coo_array((np.ones(n), (np.zeros(n, int), np.arange(n))), shape=(1, width))
+    rules = [
+        LinearConstraint(link.tocsr(), -np.inf, 0), LinearConstraint(once.tocsr(), 1, 1), LinearConstraint(few.tocsr(), 0, k)
+    ]  # fmt: skip
+    if share is not None:
+        entries, columns = np.r_[share[i], np.full(n, -capacity)], np.r_[y, np.arange(n)]
+        full = sparse.coo_array((entries, (np.r_[j, np.arange(n)], columns)), shape=(n, width))
+        rules.append(LinearConstraint(full.tocsr(), -np.inf, 0))
     low = np.concatenate([forced.astype(float), np.zeros(m * n)])
-    result = milp(
-        c,
-        constraints=[
-            LinearConstraint(link.tocsr(), -np.inf, 0),
-            LinearConstraint(once.tocsr(), 1, 1),
-            LinearConstraint(few.tocsr(), 0, k),
-        ],
-        integrality=np.r_[np.ones(n), np.zeros(m * n)],
-        bounds=Bounds(low, 1),
-    )
-    sites = np.flatnonzero(result.x[:n] > 0.5)
-    return float(result.fun), sites.astype(np.int64)
+    return milp(
+        c, constraints=rules, integrality=np.r_[np.ones(n), np.zeros(m * n)], bounds=Bounds(low, 1),
+        options={"time_limit": PATIENCE},
+    )  # fmt: skip
 
 
 def spaced(rank: Floats, distance: Floats, k: int, spacing: float) -> Choice:

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from fleetlog.cli.options import existing, json_option, output_option, overwrite_option, quiet_option, say
+from fleetlog.cli.simulate import Duration
 
 
 @click.command()
@@ -33,10 +34,10 @@ from fleetlog.cli.options import existing, json_option, output_option, overwrite
 )  # fmt: skip
 @click.option(
     "--metric",
-    type=click.Choice(["distance", "time"]),
+    type=click.Choice(["distance", "time", "energy"]),
     default="distance",
     show_default=True,
-    help="What is kept short.",
+    help="What is kept small; energy is that of the empty truck and needs --truck.",
 )
 @click.option(
     "--shortest",
@@ -62,17 +63,52 @@ from fleetlog.cli.options import existing, json_option, output_option, overwrite
     "--force", "forced", multiple=True, help="A vertex or place that must be a site (an existing charger)."
 )
 @click.option("--forbid", "forbidden", multiple=True, help="A vertex or place that must not be one.")
+@click.option("--keep-existing", is_flag=True, help="Keep the site's own chargers; they count among the k.")
+@click.option(
+    "--capacity",
+    type=click.FloatRange(0, 1, min_open=True),
+    help="Largest share of the demand that one site may serve.",
+)
+@click.option("--truck", type=str, help="Truck file, or name of a preset; for --metric energy and --check.")
+@click.option(
+    "--check", is_flag=True, help="Try the plan in the simulator: the same tasks, before and after."
+)
+@click.option(
+    "--vehicles", type=click.IntRange(1), help="Trucks in the simulator; by default as many as recorded."
+)
+@click.option(
+    "--duration", type=Duration(), default="8h", show_default=True, help="Of the simulation: 8h, 90m."
+)
+@click.option("--seed", default=0, show_default=True, help="Of the simulation.")
+@click.option(
+    "--soc", default=0.6, show_default=True, type=click.FloatRange(0.05, 1.0), help="Charge at its start."
+)
 @output_option("Folder for the answer.")
 @json_option
 @overwrite_option
 @quiet_option
-def command(dataset: Path, output: Path, as_json: bool, overwrite: bool, quiet: bool, **options: Any) -> None:
+def command(
+    dataset: Path, output: Path, as_json: bool, overwrite: bool, quiet: bool, truck: str | None, check: bool,
+    vehicles: int | None, duration: float, seed: int, soc: float, **options: Any,
+) -> None:  # fmt: skip
     """Choose where chargers belong, and say how good the choice is."""
     from fleetlog.analysis.chargers import chargers
+    from fleetlog.analysis.placement.check import Trial
     from fleetlog.cli.output import write_analysis
+    from fleetlog.core.truck import load_truck
     from fleetlog.store import Dataset
+    from fleetlog.store.atomic import check_free
 
+    if truck is None and (check or options["metric"] == "energy"):
+        raise click.UsageError("--check and --metric energy need a truck: name one with --truck")
+    check_free(output, overwrite)
     data = Dataset(dataset)
-    result = chargers(data, **options)
+    model = load_truck(truck) if truck is not None else None
+    trial = (
+        Trial(model, vehicles or len(data.vehicles), duration, seed, soc)
+        if check and model is not None
+        else None
+    )
+    result = chargers(data, truck=model, trial=trial, **options)
     write_analysis(result, data.site, output, overwrite)
     say(result.lines, result.summary, as_json=as_json, quiet=quiet)

@@ -1,0 +1,152 @@
+"""One question about sites, and the steps of its answer: share, rank, demand, choice, stability."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.analysis.placement.costs import Metric
+from fleetlog.analysis.placement.demand import Unit
+from fleetlog.analysis.placement.ranks import flow_counts, rank, vertex_distances, visit_share, vote_scores
+from fleetlog.analysis.placement.select import Choice, cover, p_median, spaced, top_k
+from fleetlog.core.network import Network
+from fleetlog.errors import DataError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Method = Literal["pmedian", "spaced", "topk", "cover"]
+Variant = Literal["flow", "vote", "urgency"]
+Demand = Literal["urgency", "standing", "visits", "rank", "loading"]
+VOTE_LENGTH = 30.0
+MAX_LEFT_OUT = 30
+"""So many days or trucks are left out in turn, to see how stable a choice is."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked: ``cost`` (n, n) of a drive by ``metric``; ``must`` and ``must_not`` are vertices; the rest as in ``chargers``."""
+
+    network: Network
+    cost: Floats
+    k: int
+    method: Method
+    variant: Variant
+    demand: Demand
+    metric: Metric
+    spacing: float
+    radius: float
+    alpha: float
+    must: Ints
+    must_not: Ints
+    capacity: float | None = None
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """(n,) heat share, rank and demand of every vertex; which demand was used, and notices about a fall-back."""
+
+    share: Floats
+    ranks: Floats
+    weight: Floats
+    used: str
+    notices: list[str]
+
+
+def weigh(units: list[Unit], q: Question) -> Weighed:
+    """Share, rank and demand from vehicle-days."""
+    share = visit_share([s for u in units for s in u.visits], len(q.network.node_ids))
+    ranks = _ranks(units, share, q)
+    weight, used, notices = _weights(units, ranks, share, q.demand)
+    return Weighed(share, ranks, weight, used, notices)
+
+
+def _ranks(units: list[Unit], share: Floats, q: Question) -> Floats:
+    counts = flow_counts([s for u in units for s in u.visits], len(share))
+    if q.variant == "flow":
+        return rank(counts, q.alpha)
+    if q.variant == "vote":
+        d = vertex_distances(q.network)
+        return vote_scores(share, np.where(np.isfinite(d), d, 1e9), VOTE_LENGTH)
+    urgent = total(units, "urgent")
+    return rank(counts, q.alpha, urgent if urgent.any() else None)
+
+
+def total(units: list[Unit], what: str) -> Floats:
+    """(n,) sum of one quantity over vehicle-days."""
+    return np.asarray(np.sum([getattr(u, what) for u in units], axis=0), dtype=np.float64)
+
+
+def _weights(
+    units: list[Unit], ranks: Floats, share: Floats, demand: Demand
+) -> tuple[Floats, str, list[str]]:
+    notices: list[str] = []
+    options = {
+        "urgency": total(units, "urgent"), "standing": total(units, "standing"), "visits": share, "rank": ranks,
+        "loading": total(units, "loading"),
+    }  # fmt: skip
+    order = {"urgency": ["urgency", "standing", "visits"], "standing": ["standing", "visits"]}.get(
+        demand, [demand]
+    )
+    for name in order:
+        if options[name].any():
+            return options[name], name, notices
+        why = (
+            "no state of charge under 50 % while standing"
+            if name == "urgency"
+            else "nothing of the kind in the data"
+        )
+        notices.append(f"demand {name!r} is empty ({why}); the next best is used")
+    raise DataError(
+        f"demand {demand!r} is empty: nothing of the kind in the data", do="choose another --demand"
+    )
+
+
+def choose(w: Weighed, q: Question) -> Choice:
+    """At most k sites; a site that no demand would use and nobody asked for is left out."""
+    if q.method == "pmedian":
+        return _without_idle(
+            p_median(w.weight, q.cost, q.k, q.must, q.must_not, capacity=q.capacity), w.weight, q
+        )
+    if len(q.must) or len(q.must_not) or q.capacity is not None:
+        raise DataError("forced and forbidden sites and capacities need the method pmedian")
+    if q.method == "topk":
+        return top_k(w.ranks, q.k)
+    metres = vertex_distances(q.network)
+    if q.method == "spaced":
+        return spaced(w.ranks, metres, q.k, q.spacing)
+    return cover(w.weight, metres, q.k, q.radius)
+
+
+def _without_idle(choice: Choice, weight: Floats, q: Question) -> Choice:
+    to = q.cost[:, choice.sites].argmin(axis=1)
+    nearest = np.bincount(to, weights=weight, minlength=len(choice.sites))
+    served = np.asarray(nearest if choice.served is None else choice.served, dtype=np.float64)
+    keep = (served > 0) | np.isin(choice.sites, q.must)
+    return Choice(
+        choice.sites[keep], choice.objective, choice.gap,
+        None if choice.served is None else choice.served[keep],
+    )  # fmt: skip
+
+
+def stability(units: list[Unit], choice: Choice, q: Question) -> dict[str, Any]:
+    """How many of the sites stay when a whole day, or a truck where there are fewer than three days, is left out."""
+    days = sorted({u.day for u in units})
+    by_day = len(days) >= 3
+    keys: list[Any] = list(days) if by_day else sorted({u.vehicle for u in units})
+    kept = []
+    for key in keys[:MAX_LEFT_OUT]:
+        rest = [u for u in units if (u.day if by_day else u.vehicle) != key]
+        if not any(u.visits for u in rest):
+            continue
+        try:
+            again = choose(weigh(rest, q), q)
+        except DataError:
+            continue
+        kept.append(len(np.intersect1d(again.sites, choice.sites)) / max(len(choice.sites), 1))
+    return {
+        "left_out": "day" if by_day else "vehicle", "runs": len(kept),
+        "mean_kept_share": float(np.mean(kept)) if kept else None, "worst_kept_share": float(np.min(kept)) if kept else None,
+    }  # fmt: skip

@@ -1,0 +1,149 @@
+"""What is said about chosen sites: how far, against what, how stable, how many plugs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fleetlog.analysis.placement.costs import UNITS
+from fleetlog.analysis.placement.demand import Unit, peak
+from fleetlog.analysis.placement.plan import Question, Weighed, total
+from fleetlog.analysis.placement.select import Choice, top_k
+from fleetlog.core.network import Network
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+DRAWS = 200
+
+
+def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:
+    """Weighted mean and 95th percentile of the cost to the nearest site, over the demand that can reach one."""
+    nearest_site = cost[:, sites].min(axis=1)
+    ok = np.isfinite(nearest_site) & (weight > 0)
+    w, d = weight[ok], nearest_site[ok]
+    if not len(d):
+        return {"mean": float("nan"), "p95": float("nan"), "unreachable_share": 1.0}
+    order = np.argsort(d)
+    cumulated = np.cumsum(w[order])
+    p95 = d[order][min(int(np.searchsorted(cumulated, 0.95 * cumulated[-1])), len(d) - 1)]
+    return {
+        "mean": float(np.average(d, weights=w)),
+        "p95": float(p95),
+        "unreachable_share": float(1 - w.sum() / weight.sum()),
+    }
+
+
+def summarise(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> dict[str, Any]:
+    """The figures of an answer, JSON-ready."""
+    from scipy.stats import spearmanr
+
+    n, k = len(w.share), len(choice.sites)
+    rng = np.random.default_rng(0)
+    random = [reach(w.weight, q.cost, rng.choice(n, k, replace=False))["mean"] for _ in range(DRAWS)]
+    baselines = {
+        "random": {"mean": float(np.nanmedian(random)), "best_of_200": float(np.nanmin(random))},
+        "hottest": reach(w.weight, q.cost, top_k(w.share, k).sites),
+        "top_rank": reach(w.weight, q.cost, top_k(w.ranks, k).sites),
+        "greedy": reach(w.weight, q.cost, _greedy(w.weight, q.cost, k)),
+    }
+    notices = list(w.notices)
+    if k < q.k and q.method == "pmedian":
+        notices.append(f"{k} of {q.k} sites serve all demand; more would stand idle")
+    return {
+        "k": q.k, "method": q.method, "variant": q.variant, "demand": w.used, "metric": q.metric, "unit": UNITS[q.metric],
+        "alpha": q.alpha, "capacity_share": q.capacity, "sites": [q.network.node_ids[i] for i in choice.sites],
+        "objective": choice.objective, "proven_gap": choice.gap, "reach": reach(w.weight, q.cost, choice.sites),
+        "baselines": baselines, "rank_heat_spearman": float(spearmanr(w.ranks, w.share).statistic),
+        "rank_heat_note": "high by construction: on closed trips the flow rank is the heat share" if q.variant == "flow" else None,
+        "vehicle_days": len(units), "plugs_peak": peak([s for u in units for s in u.open_spells]), "notices": notices,
+    }  # fmt: skip
+
+
+def _greedy(weight: Floats, cost: Floats, k: int) -> Ints:
+    """Sites added one by one, each where it helps most."""
+    far = 10.0 * float(cost[np.isfinite(cost)].max(initial=1.0))
+    weighted = weight[:, None] * np.minimum(cost, far)
+    best = np.full(len(weight), np.inf)
+    out: list[int] = []
+    for _ in range(k):
+        out.append(int(np.minimum(weighted, best[:, None]).sum(axis=0).argmin()))
+        best = np.minimum(best, weighted[:, out[-1]])
+    return np.array(out, dtype=np.int64)
+
+
+def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd.DataFrame:
+    """One row a site: where, what it serves, how many trucks want a plug there at once."""
+    sites = choice.sites
+    to = q.cost[:, sites].argmin(axis=1)
+    served = choice.served
+    if served is None:
+        served = np.bincount(to, weights=w.weight, minlength=len(sites)) / w.weight.sum()
+    hours = np.bincount(to, weights=total(units, "urgent"), minlength=len(sites)) / 3600
+    plugs = _plugs(units, to, len(sites))
+    xy = q.network.node_points[sites]
+    return pd.DataFrame({
+        "site": np.arange(1, len(sites) + 1), "vertex": [q.network.node_ids[i] for i in sites],
+        "x": xy[:, 0], "y": xy[:, 1], "rank": w.ranks[sites], "heat_share": w.share[sites], "served_share": served,
+        "urgent_hours": hours, "plugs": plugs, "urgent_hours_per_plug": hours / plugs,
+        "label": [f"{i + 1} ({s:.0%})" for i, s in enumerate(served)],
+    })  # fmt: skip
+
+
+def _plugs(units: list[Unit], to: NDArray[np.intp], sites: int) -> NDArray[np.int64]:
+    """The most trucks that stood in need of charge at once, among those nearest to each site; one at least."""
+    spells: list[list[tuple[int, int]]] = [[] for _ in range(sites)]
+    for u in units:
+        for spell, vertex in zip(u.open_spells, u.spell_vertices, strict=True):
+            if vertex >= 0:
+                spells[int(to[vertex])].append(spell)
+    return np.array([max(1, peak(s)) for s in spells], dtype=np.int64)
+
+
+def vertex_table(network: Network, w: Weighed) -> pd.DataFrame:
+    """Every vertex by its rank."""
+    xy = network.node_points
+    return pd.DataFrame({
+        "vertex": network.node_ids, "x": xy[:, 0], "y": xy[:, 1], "heat_share": w.share, "rank": w.ranks,
+        "demand_share": w.weight / w.weight.sum(),
+    }).sort_values("rank", ascending=False, ignore_index=True)  # fmt: skip
+
+
+def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
+    """The answer for the terminal."""
+    unit, r, b = s["unit"], s["reach"], s["baselines"]
+    gap = "optimal" if s["proven_gap"] == 0 else f"within {s['proven_gap']:.2%} of the best possible"
+    out = [
+        f"{len(sites)} sites by {s['method']} from {s['demand']}: {r['mean']:.1f} {unit} to the nearest on average, "
+        f"95 % within {r['p95']:.1f} {unit}" + (f" ({gap})" if s["method"] == "pmedian" else ""),
+        f"  against {b['random']['mean']:.1f} {unit} for random sites, {b['hottest']['mean']:.1f} {unit} for the hottest vertices",
+    ]
+    out += [
+        f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {row.served_share:.0%}, "
+        f"{row.plugs} plug{'s' if row.plugs != 1 else ''}"
+        for row in sites.itertuples()
+    ]
+    st = s["stability"]
+    if st["runs"]:
+        out.append(
+            f"  {st['mean_kept_share']:.0%} of the sites stay when a {st['left_out']} is left out (worst {st['worst_kept_share']:.0%})"
+        )
+    out.append(
+        f"  rank and heat share correlate at {s['rank_heat_spearman']:.2f}"
+        + (f": {s['rank_heat_note']}" if s["rank_heat_note"] else "")
+    )
+    if "check" in s:
+        out += _check_lines(s["check"])
+    return out + [f"  note: {n}" for n in s["notices"]]
+
+
+def _check_lines(c: dict[str, Any]) -> list[str]:
+    rows = [(c["before"], "present"), (c["after"], "planned")]
+    return [f"  simulated, {c['vehicles']} trucks, {c['hours']:g} h from {c['soc_start']:.0%} charge:"] + [
+        f"    {name} chargers ({r['plugs']} plugs): charge lowest {r['soc_lowest']:.0%}, mean {r['soc_mean']:.0%}, at the end "
+        f"{r['soc_end_mean']:.0%}; {r['waiting_for_plug_h']:.1f} h waiting for a plug; {r['empty_trucks']} trucks empty; "
+        f"{r['tasks_done']} of {r['tasks_given']} tasks"
+        for r, name in rows
+    ]
