@@ -60,9 +60,3 @@ def one_angle(text: str) -> float | None:
     value = float(match["d"]) + minutes / 60.0 + seconds / 3600.0
     letter = (match["head"] or match["tail"] or "N").upper()
     return -value if (letter in "SW") != (match["sign"] == "-") else value
-
-
-def packed_minutes(values: Floats) -> Floats:
-    """Degrees of figures packed as ``dddmm.mmmm`` (NMEA 0183)."""
-    whole = np.trunc(values / 100.0)
-    return np.asarray(whole + (values - 100.0 * whole) / 60.0, dtype=np.float64)

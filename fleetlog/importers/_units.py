@@ -27,6 +27,8 @@ class Unit:
         """Values in SI; angles become radians within -pi and pi, compass angles also turn into the site's sense."""
         if self.name == "compass_deg":
             values = 90.0 - values
+        if self.name == "ddmm":
+            return packed_minutes(values)
         out = values if (self.factor, self.shift) == (1.0, 0.0) else (values + self.shift) * self.factor
         if self.kind == "angle" and self.name != "rad":
             out = np.pi - np.mod(np.pi - out, 2 * np.pi)
@@ -39,7 +41,7 @@ UNITS: tuple[Unit, ...] = (
     Unit("m", "length"), Unit("mm", "length", 1e-3), Unit("cm", "length", 1e-2), Unit("km", "length", 1e3),
     Unit("ft", "length", 0.3048), Unit("in", "length", 0.0254),
     Unit("deg", "angle", math.pi / 180), Unit("rad", "angle"), Unit("compass_deg", "angle", math.pi / 180),
-    Unit("deg", "degrees"),
+    Unit("deg", "degrees"), Unit("ddmm", "degrees"),
     Unit("kg", "mass"), Unit("g", "mass", 1e-3), Unit("t", "mass", 1e3), Unit("lb", "mass", 0.45359237),
     Unit("W", "power"), Unit("kW", "power", 1e3), Unit("hp", "power", 745.6998715822702),
     Unit("V", "voltage"), Unit("mV", "voltage", 1e-3), Unit("A", "current"), Unit("mA", "current", 1e-3),
@@ -91,3 +93,9 @@ def si_unit(column: str) -> Unit:
         if (KINDS[column] != "degrees")
         else Unit("deg", "degrees")
     )
+
+
+def packed_minutes(values: Floats) -> Floats:
+    """Degrees of figures packed as ``dddmm.mmmm`` (NMEA 0183)."""
+    whole = np.trunc(values / 100.0)
+    return np.asarray(whole + (values - 100.0 * whole) / 60.0, dtype=np.float64)

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import FormatError, InputError
 from fleetlog.importers import _csv_blocks
-from fleetlog.importers._csv_cells import one_angle, packed_minutes
+from fleetlog.importers._csv_cells import one_angle
 from fleetlog.importers._names import recognise
 from fleetlog.importers._profile import Profile, profile_from_dict
-from fleetlog.importers._units import UNITS, find_unit
+from fleetlog.importers._units import UNITS, find_unit, packed_minutes
 from fleetlog.importers.base import RawBatch, ReadOptions, ReadReport, detect
 
 HEADER = "vehicle_id,timestamp,x,y,speed\n"
@@ -239,6 +239,14 @@ def test_angles_in_cells(text: str, degrees: float | None) -> None:
 def test_packed_minutes_undo_packing(angle: float) -> None:
     whole = np.trunc(angle)
     assert packed_minutes(np.array([whole * 100 + (angle - whole) * 60]))[0] == pytest.approx(angle, abs=1e-9)
+
+
+def test_packed_minutes_by_profile(tmp_path: Path) -> None:
+    profile = {"columns": {n: {"column": n, "unit": "ddmm"} for n in ("latitude", "longitude")}}
+    batch, _ = one(
+        tmp_path / "a.csv", "id,time,latitude,longitude\nA,2026-03-02T05:00:00Z,4958.614,-0909.078\n", profile
+    )
+    assert [batch.columns[n][0] for n in ("latitude", "longitude")] == pytest.approx([49.9769, -9.1513])
 
 
 def test_degrees_and_minutes_column(tmp_path: Path) -> None:
