@@ -119,6 +119,13 @@ def step(parameter: Parameter, now: float) -> float:
     return -size if now + size > parameter.high else size
 
 
+def moved(found: Found, term: Term, setting: dict[str, float]) -> Found:
+    """The model with a term set so."""
+    for name, value in setting.items():
+        found = found.with_value(term.name, name, value)
+    return found
+
+
 def tilted(found: Found, term: Term, knob: Knob) -> tuple[dict[str, float], float]:
     """The setting with a knob turned by a small step, and that step; shapes are those of the knob."""
     parameter = term.by_name[knob.parameter]

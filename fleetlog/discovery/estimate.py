@@ -17,11 +17,14 @@ SURE = 1.96
 """Standard errors of a 95 per cent interval."""
 ROBUST = 2
 """Rounds of taking weight off windows that the model does not explain."""
+STANDS_OUT, TOP = 0.45, 0.98
+"""Pieces with this share of the field's 98 per cent point belong to it."""
+FREELY = 100.0
 OUTLYING = 3.0
 """Beyond this many robust standard deviations a window weighs less [1]."""
 MODEL = 0.01
 """What a model that is right in kind still misses of a coefficient, as sampling does (relative, one standard deviation)."""
-MODEL_SPEED = 0.08
+MODEL_SPEED = 0.1
 """The same of a number that governs how fast trucks drive: corners and ramps of speed are rounder than the profile's."""
 
 
@@ -46,6 +49,7 @@ def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float,
     state = settle(task, replace(state, curves=own), everything)
     for _ in range(ROBUST if state.chosen else 0):
         state = settle(task, _reweighted(task, state, everything), everything)
+    task, state = _only_where_large(task, state, everything)
     table, p = posed(task, state, everything)
     s = selection(state, p)
     f = fit(p, s)
@@ -57,7 +61,7 @@ def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float,
         c = choice.candidate
         if c.term is None:
             continue
-        part = _part(f, s, c.name)
+        part = f.part(s, c.name)
         own, other = covariance[part, part], stiff.beta[part] - f.beta[part]
         if c.kind == "field":
             root = task.root(c.term)
@@ -80,10 +84,35 @@ def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float,
             error = np.sqrt(max(own[i, i], 0.0) + (0.5 * other[i]) ** 2 + model**2)
             if knob.parameter in direct.get(c.name, {}):
                 value, error = direct[c.name][knob.parameter]
-                error = np.hypot(error, 0.5 * MODEL_SPEED * value)
+                error = np.hypot(error, MODEL_SPEED * value)
                 state.found = state.found.with_value(c.name, knob.parameter, value)
             numbers[c.name][knob.parameter] = (value, float(error))
     return Estimates(state, numbers, found_fields)
+
+
+def _only_where_large(task: Task, state: State, use: NDArray[np.bool_]) -> tuple[Task, State]:
+    """Even fields fitted once more on the places that stand out, freely there and nothing elsewhere.
+
+    The prior that keeps a field small everywhere would keep it small where it is not, too.
+    """
+    roots, found, chosen = dict(task.own_roots), state.found, []
+    for choice in state.chosen:
+        term = choice.candidate.term
+        if term is None or choice.candidate.kind != "field" or term.odd:
+            chosen.append(choice)
+            continue
+        deviation = found.fields[term.name]
+        keep = np.abs(deviation) >= STANDS_OUT * np.quantile(np.abs(deviation), TOP)
+        covariance = task.root(term) @ task.root(term).T
+        root = np.zeros((len(deviation), int(keep.sum())))
+        root[keep] = np.linalg.cholesky(covariance[np.ix_(keep, keep)])
+        roots[term.name] = root
+        found = found.with_field(term.name, np.where(keep, deviation, 0.0))
+        chosen.append(replace(choice, gain=replace(choice.gain, tau=FREELY * choice.gain.tau)))
+    if len(roots) == len(task.own_roots):
+        return task, state
+    task, state = replace(task, own_roots=roots), replace(state, found=found, chosen=chosen)
+    return task, settle(task, state, use)
 
 
 def _reweighted(task: Task, state: State, use: NDArray[np.bool_]) -> State:
@@ -96,15 +125,6 @@ def _reweighted(task: Task, state: State, use: NDArray[np.bool_]) -> State:
     weight = p.weight.copy()
     weight[use] *= np.minimum(1.0, OUTLYING / np.maximum(z, 1e-9)) ** 2
     return replace(state, weight=weight)
-
-
-def _part(f: Fit, s: Selection, name: str) -> slice:
-    begin = f.nuisances
-    for k, c in s.columns.items():
-        if k == name:
-            return slice(begin, begin + len(c))
-        begin += len(c)
-    raise KeyError(name)
 
 
 def sandwich(p: Problem, f: Fit) -> Floats:

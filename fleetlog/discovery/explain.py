@@ -227,7 +227,7 @@ def _numbers(
     out = []
     for parameter in c.term.parameters:
         value, error = result.numbers[c.name].get(
-            parameter.name, (result.state.found.value(c.term, parameter.name), 0.0)
+            parameter.name, (result.state.found.value(c.term, parameter.name), _grid_error(choice, parameter.name))
         )
         low, high = value - estimate.SURE * error, value + estimate.SURE * error
         out.append(
@@ -240,6 +240,16 @@ def _numbers(
         for p, n in ((out[0], c.term.parameters[0].nominal(task.base.truck)),) if c.term.parameters[0].unit == "W"
     ]  # fmt: skip
     return None, [*out, *extra]
+
+
+def _grid_error(choice: Choice, parameter: str) -> float:
+    """Standard error of a shape that was only tried on a grid: the interval reaches to its neighbours' middles and a little on."""
+    term = choice.candidate.term
+    assert term is not None
+    tried = sorted({dict(k.shape)[parameter] for k in choice.candidate.knobs if parameter in dict(k.shape)})
+    if len(tried) < 2 or not any(parameter in dict(k.shape) for k in choice.knobs):
+        return 0.0
+    return 0.7 * (tried[1] - tried[0]) / estimate.SURE
 
 
 def field_numbers(

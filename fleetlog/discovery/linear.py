@@ -107,15 +107,19 @@ class Fit:
     inverse: Floats
     nuisances: int
 
-    def of(self, selection: Selection, name: str) -> tuple[Floats, Floats]:
-        """Coefficients of a group and their covariance block."""
+    def part(self, selection: Selection, name: str) -> slice:
+        """Where the coefficients of a group are."""
         begin = self.nuisances
         for k, c in selection.columns.items():
             if k == name:
-                part = slice(begin, begin + len(c))
-                return self.beta[part], self.inverse[part, part]
+                return slice(begin, begin + len(c))
             begin += len(c)
         raise KeyError(name)
+
+    def of(self, selection: Selection, name: str) -> tuple[Floats, Floats]:
+        """Coefficients of a group and their covariance block."""
+        part = self.part(selection, name)
+        return self.beta[part], self.inverse[part, part]
 
 
 def fit(

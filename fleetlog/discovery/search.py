@@ -251,6 +251,17 @@ def _accept(task: Task, state: State, choice: Choice, model: Found, rng: np.rand
     return _with_companions(task, state, choice, rng)
 
 
+def _pulled(task: Task, state: State, p: Problem) -> Floats:
+    """What the fields already in the model add to X'y, so that a fit gives them whole and their prior pulls to zero."""
+    out = np.zeros(len(p.moment))
+    for name, deviation in state.found.fields.items():
+        if name in task.candidates and name in p.at and name not in task.base.fields:
+            term = task.candidates[name].term
+            assert term is not None
+            out += p.gram[:, p.at[name]] @ np.linalg.lstsq(task.root(term), deviation, rcond=None)[0]
+    return out
+
+
 def _size(task: Task, choice: Choice) -> int:
     term = choice.candidate.term
     assert term is not None
@@ -262,30 +273,20 @@ def settle(task: Task, state: State, use: Mask | None = None) -> State:
     for _ in range(SETTLE):
         _, p = posed(task, state, use)
         s = selection(state, p)
-        f = fit(p, s)
+        f = fit(p, s, moment=p.moment + _pulled(task, state, p), inverse=False)
         found = state.found
         for choice in state.chosen:
             c = choice.candidate
-            if not c.named:
+            if c.term is None:
                 continue
-            beta, _ = f.of(s, c.name)
+            beta = f.beta[f.part(s, c.name)]
             if c.kind == "field":
-                assert c.term is not None
                 first = c.term.parameters[0]
-                deviation = found.fields[c.name] + task.root(c.term) @ beta
-                found = found.with_field(
-                    c.name,
-                    np.clip(
-                        deviation,
-                        first.low - first.neutral,
-                        (
-                            min(first.high, 1.05)
-                            if first.name == "factor" and c.term.acts == "speed"
-                            else first.high
-                        )
-                        - first.neutral,
-                    ),
-                )
+                low, high = first.low - first.neutral, first.high - first.neutral
+                if c.term.acts == "speed" and first.neutral == 1.0:
+                    # A cap can only slow down; where it does not bind, nothing is known of it.
+                    high = 0.0
+                found = found.with_field(c.name, np.clip(task.root(c.term) @ beta, low, high))
             else:
                 found = polish.turned(found, c, choice.knobs, beta)
         state = State(found, state.chosen, state.curves, state.weight, state.log)

@@ -18,7 +18,7 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.discovery import generic
 from fleetlog.discovery.bends import STEP
-from fleetlog.discovery.candidates import Candidate, knobs, tilted
+from fleetlog.discovery.candidates import Candidate, knobs, moved, tilted
 from fleetlog.discovery.explain import Explained, Options, explained, make_task
 from fleetlog.discovery.fleet import Fleet
 from fleetlog.discovery.legs import Leg, legs
@@ -160,10 +160,13 @@ class Journeys:
         out = []
         for knob in c.knobs:
             setting, size = tilted(found, term, knob)
-            trial = found
-            for name, value in setting.items():
-                trial = trial.with_value(term.name, name, value)
-            out.append(self._windowed(self.times(trial)[0] - seconds) / size)
+            change = self.times(moved(found, term, setting))[0] - seconds
+            if not change.any():
+                # A cap just above what is allowed anyway does nothing; just below it does.
+                setting = {**setting, knob.parameter: setting[knob.parameter] - 2.0 * size}
+                size = -size
+                change = self.times(moved(found, term, setting))[0] - seconds
+            out.append(self._windowed(change) / size)
         return np.stack(out, axis=1)
 
     def _spread_over(self, place: NDArray[np.int32], count: int, values: Floats) -> Floats:

@@ -52,7 +52,8 @@ def draw(name: str, plant: Plant, nominal: dict[str, float], strength: float, rn
         factor = off(0.7, 1.8) if name == "surface_resistance" else max(1.0 - strength * u(0.3, 0.5), 0.3)
         return {"roads": sorted(roads), "factor": factor}
     if name == "waiting":
-        road, sense = int(rng.integers(len(plant.ends))), 1
+        busy = np.argsort(np.hypot(*(plant.xy[plant.ends].mean(axis=1) - plant.xy.mean(axis=0)).T))
+        road, sense = int(busy[rng.integers(4)]), 1
         return {"road": road, "sense": sense, "at": u(0.35, 0.65), "seconds": strength * u(9, 22)}
     table = {
         "rolling_resistance": {"coefficient": nominal["rolling"] * (off(0.3, 0.7) if sign > 0 else 1.0 - 0.35 * strength)},
