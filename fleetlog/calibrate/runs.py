@@ -104,6 +104,7 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "vdi2198": ("energy",),
 }
 KINDS = tuple(NEEDS)
+POSITIVE = ("sigma", "repeats", "length", "height", "speed", "acceleration", "deceleration", "duration")
 
 
 def coast_time(r: Run, physics: Physics) -> float:
@@ -156,4 +157,19 @@ def _run(row: dict[str, str | None], path: Path, number: int) -> Run:
     for column in NEEDS[kind]:
         if column not in numbers:
             raise InputError(f"a run of kind {kind} needs {column!r}", where=path, place=place)
+    _check(numbers, path, place)
     return Run(name, kind, **numbers)
+
+
+def _check(numbers: dict[str, float], path: Path, place: str) -> None:
+    """Raise :class:`InputError` at the first number that no run can have."""
+    for column, value in numbers.items():
+        where = f"{place}, {column}"
+        if not np.isfinite(value):
+            raise InputError(f"{value} is not a number", where=path, place=where)
+        if column in POSITIVE and value <= 0.0:
+            raise InputError(f"{value:g} must be more than 0", where=path, place=where)
+        if column in ("payload", "end_speed") and value < 0.0:
+            raise InputError(f"{value:g} must not be negative", where=path, place=where)
+    if numbers.get("end_speed", 0.0) >= numbers.get("speed", np.inf):
+        raise InputError("the end speed is not below the speed", where=path, place=f"{place}, end_speed")
