@@ -18,8 +18,8 @@ FIELD_OF_VIEW = np.radians(55.0)
 """Of the viewer's eye, in height."""
 ASPECT = 1.9
 """Width by height of a view of the floor in a window of 16:9."""
-WINDOW = (240.0, 60.0)
-"""What the plots of a long recording show before and after the cursor [s]."""
+LONG, WINDOW = 900.0, (240.0, 60.0)
+"""From what duration on plots show a window only, and what it holds before and after the cursor [s]."""
 CURVE_NAMES = {"speed": "Speed [m/s]", "power": "Battery power [kW]", "soc": "State of charge [%]"}
 
 
@@ -149,17 +149,22 @@ def _legend_signal(screen: Screen) -> str:
     return next((s for s in ("soc", "speed", "power") if s in screen.signals), "")
 
 
+def time_of(screen: Screen, slow: bool) -> dict[str, Any]:
+    """Options of a plot: the whole time for a slow signal or a short recording, else a window about the cursor."""
+    if slow or screen.duration <= LONG:
+        return {"axis_x": whole_time()}
+    return {"axis_x": window(*WINDOW), "time_ranges": around_cursor(*WINDOW)}
+
+
 def curve_view(screen: Screen, signal: str) -> rrb.TimeSeriesView:
     """The curves of one signal, all vehicles."""
     soc = signal == "soc"
-    whole = soc or screen.duration <= 900
     return rrb.TimeSeriesView(
         origin="/",
         name=CURVE_NAMES.get(signal, signal),
         contents=[f"{p}/{signal}/**" for p in screen.prefixes],
         axis_y=rrb.ScalarAxis(range=(0.0, 104.0)) if soc else None,
-        axis_x=whole_time() if whole else window(*WINDOW),
-        time_ranges=None if whole else around_cursor(*WINDOW),
+        **time_of(screen, slow=soc),
         plot_legend=rrb.PlotLegend(
             rrb.Corner2D.LeftBottom, visible=screen.legend and signal == _legend_signal(screen)
         ),

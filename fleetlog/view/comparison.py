@@ -22,8 +22,11 @@ from fleetlog.view.stream import Stream, entity, open_stream
 DIFFERENCES = {
     "apart": "Distance apart [m]",
     "power": "Power, simulated - recorded [kW]",
+    "energy": "Energy so far, simulated - recorded [kWh]",
     "soc": "Charge, simulated - recorded [%]",
 }
+SLOW = frozenset({"energy", "soc"})
+"""Shown from the first to the last, also in a long recording."""
 
 
 def write_comparison(
@@ -80,7 +83,7 @@ def _span(recorded: Dataset, simulated: Dataset, shift: int) -> tuple[int | None
 
 def _text(recorded: Dataset, simulated: Dataset, shift: int) -> str:
     moved = f"\n\nThe simulated clock is moved by {shift * 1e-6:,.0f} s.\n" if shift else "\n"
-    return f"Recorded in orange, simulated in blue.{moved}\n{summary_markdown(recorded)}\n{summary_markdown(simulated)}"
+    return f"Recorded in orange, simulated in blue.{moved}\n{summary_markdown(recorded, {})}\n{summary_markdown(simulated, {})}"
 
 
 def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:
@@ -91,9 +94,11 @@ def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:
         ours, theirs = list(a.days(vehicle)), list(b.days(vehicle))
         if not ours or not theirs:
             continue
-        other = concatenate(theirs)
+        other, spent = concatenate(theirs), 0.0
         for day in ours:
             for kind, values in differences(day, other).items():
+                if kind == "energy":
+                    values, spent = values + spent, spent + values[-1]
                 path = entity("difference", kind, vehicle)
                 if kind not in found or day is ours[0]:
                     stream.static(path, curve_style(vehicle, palette.vehicle_colour(number)))
@@ -116,13 +121,29 @@ def at_times(other: Trajectory, name: str, time: Any) -> Floats:
     return np.asarray(out, dtype=np.float64)
 
 
+def running_energy(time: Any, power: Floats) -> Floats:
+    """(N,) energy of a power [W] from the first row on [kWh]; nothing is added where it is unknown or over a gap."""
+    known = np.isfinite(power)
+    if not known.any():
+        return np.full(len(power), np.nan)
+    step = np.diff(time) * 1e-6
+    step[np.diff(time) > thin.gap_limit(time)] = 0.0
+    part = 0.5 * np.where(known[1:] & known[:-1], power[1:] + power[:-1], 0.0) * step
+    return np.asarray(np.concatenate([[0.0], np.cumsum(part)]) / 3.6e6, dtype=np.float64)
+
+
 def differences(recorded: Trajectory, simulated: Trajectory) -> dict[str, Floats]:
-    """By kind (N,): distance apart [m], power [kW] and SOC [%] simulated minus recorded; kinds without data left out."""
+    """By kind (N,), simulated minus recorded: distance apart [m], power [kW], energy so far [kWh], SOC [%]; only kinds with data."""
     time = recorded.time
     dx, dy = (at_times(simulated, c, time) - recorded.floats(c) for c in ("x", "y"))
     power = at_times(simulated, "battery_power", time) - recorded.floats("battery_power")
     soc = at_times(simulated, "soc", time) - recorded.floats("soc")
-    every = {"apart": np.hypot(dx, dy), "power": power * 1e-3, "soc": soc * 100.0}
+    every = {
+        "apart": np.hypot(dx, dy),
+        "power": power * 1e-3,
+        "energy": running_energy(time, power),
+        "soc": soc * 100.0,
+    }
     return {kind: values for kind, values in every.items() if np.isfinite(values).any()}
 
 
@@ -135,7 +156,7 @@ def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
     both.append(rrb.TextDocumentView(origin="/summary", name="Summary"))
     apart: list[Any] = [
         rrb.TimeSeriesView(
-            origin="/", contents=[f"/difference/{kind}/**"], name=title, axis_x=blueprint.whole_time(),
+            origin="/", contents=[f"/difference/{kind}/**"], name=title, **blueprint.time_of(screen, slow=kind in SLOW),
             plot_legend=rrb.PlotLegend(visible=False),
         )
         for kind, title in DIFFERENCES.items()

@@ -136,7 +136,7 @@ def summary_markdown(dataset: Dataset, figures: Mapping[str, Any] | None = None)
         f"{_clock(meta.get('start'))} to {_clock(meta.get('end'))} UTC",
         f"{edges} directed road edges" if edges else "no road map",
     ]
-    more = summary_lines(figures or meta.get("summary") or {})
+    more = summary_lines(meta.get("summary") or {} if figures is None else figures)
     return f"**{meta['site']['name']}**\n\n" + "\n".join(f"- {line}" for line in [*head, *more]) + "\n"
 
 

@@ -49,6 +49,10 @@ def test_both_fleets_and_their_difference(tmp_path: Path, later: int) -> None:
     known = np.isfinite(power)
     p = truth.floats("battery_power")[np.searchsorted(truth.time, time[known])]
     np.testing.assert_allclose(power[known], -0.2e-3 * p, atol=1e-9)
+    time, energy = rrd.scalars(out, "/difference/energy/truck\\ 1")
+    step = np.diff(truth.time, append=truth.time[-1]) * 1e-6
+    total = -0.2 * (truth.floats("battery_power") * np.where(step < 5, step, 0)).sum() / 3.6e6
+    assert energy[-1] == pytest.approx(total, rel=0.02)
     _, apart = rrd.scalars(out, "/difference/apart/truck\\ 1")
     assert np.nanmax(apart) < 1e-9
     _, text = rrd.column(out, "/summary", "TextDocument:text", None)
