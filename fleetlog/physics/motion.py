@@ -32,6 +32,9 @@ SHORTEST_GAP = 10.0
 STANDING_SPEED = 0.05
 """Below this the log's speed is a standstill [m/s]."""
 
+UNSURE_END = 1.5
+"""Both ends of a standstill that only positions show are left to the smoother for this long [s]."""
+
 
 @dataclass(frozen=True)
 class SmoothMotion:
@@ -79,14 +82,15 @@ def smooth_motion(
     n = len(t)
     if n == 0:
         return SmoothMotion(Motion.of(0), np.zeros(0), np.zeros(0), noise or Noise())
-    x, y, log_speed = (_filled(t, trajectory.floats(c)) for c in ("x", "y", "speed"))
-    log_speed = np.where(np.isfinite(trajectory.floats("speed")), log_speed, np.nan)
+    x, y = _filled(t, trajectory.floats("x")), _filled(t, trajectory.floats("y"))
+    log_speed = trajectory.floats("speed")
     if not np.isfinite(x).any() and not np.isfinite(log_speed).any():
         raise DataError(
             f"vehicle {trajectory.vehicle_id} has neither positions nor speeds",
             do="map one of them in a profile",
         )
-    x, y = np.nan_to_num(x), np.nan_to_num(y)
+    if not trajectory.has("x"):
+        x, y = np.zeros(n), np.zeros(n)
     link = np.zeros(n, np.uint8)
     link[0] = 2
     link[1:][np.diff(t) > max(SHORTEST_GAP, 5.0 * float(np.median(np.diff(t)))) if n > 1 else []] = 2
@@ -119,11 +123,11 @@ def smooth_motion(
     height, lift_speed = fork_motion(t, trajectory, breaks)
     dt = sample_spans(t, breaks)
     slope = _slope(trajectory, network, path, np.cumsum(speed * dt), breaks)
-    motion = Motion.of(
-        n, time=t, dt=dt, speed=speed, acceleration=acceleration, slope=slope, curvature=curvature, heading=heading,
-        payload=payload(t, trajectory), lift_speed=lift_speed, fork_height=height, x=x, y=y, edge=edge,
-        edge_offset=offset, ambient_temperature=trajectory.floats("ambient_temperature"),
-        soc=trajectory.floats("soc"), trip=trajectory.trip_ids(), power=measured_power(trajectory),
+    motion = Motion(
+        time=t, dt=dt, speed=speed, acceleration=acceleration, slope=slope, curvature=curvature, heading=heading,
+        payload=payload(t, trajectory), lift_speed=lift_speed, fork_height=height, x=x, y=y, edge=edge, edge_offset=offset,
+        ambient_temperature=trajectory.floats("ambient_temperature"), soc=trajectory.floats("soc"),
+        vehicle=np.zeros(n, np.int64), trip=trajectory.trip_ids(), power=measured_power(trajectory),
     )  # fmt: skip
     return SmoothMotion(motion, speed_sd, acceleration_sd, noise)
 
@@ -169,7 +173,19 @@ def _standing(
     same = np.append(equal, False) | np.append(False, equal)
     noise = _position_noise(x, y)
     by_place = stays(t, x, y, link, 3.0 * noise + 0.1, max(5.0, 12.0 * noise))
-    return np.where(known, rest, np.where(edge >= 0, same, by_place))
+    found = _inner(t, np.where(edge >= 0, same, by_place))
+    return np.where(known, rest, found)
+
+
+def _inner(t: Floats, rest: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Standstills without their ends: positions cannot tell the last creeping metre from standing."""
+    change = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]]).astype(np.int8)))
+    inner = np.zeros(len(rest), np.bool_)
+    for begin, end in zip(change[::2].tolist(), change[1::2].tolist(), strict=True):
+        margin = min(UNSURE_END, 0.3 * (t[end - 1] - t[begin]))
+        lo, hi = np.searchsorted(t, [t[begin] + margin - 1e-6, t[end - 1] - margin + 1e-6])
+        inner[lo:hi] = True
+    return inner & rest
 
 
 def _position_noise(x: Floats, y: Floats) -> float:

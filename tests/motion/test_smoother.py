@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 sys.path.insert(0, str(Path(__file__).parent))
 from truth import Truth, long_road, on_road, shuttle
 
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.errors import DataError
 from fleetlog.physics.motion import motion_from_trajectory, smooth_motion
 from fleetlog.physics.smooth.noise import Noise
+from fleetlog.roads.matching import match
 
 ROAD = long_road()
 
@@ -49,6 +50,19 @@ def test_speed_and_acceleration_from_positions(
     if noise >= 0.5:
         x = on_road(truth, ROAD, noise, 2).floats("x")
         assert rms(found.motion.speed - truth.speed) < 0.4 * rms(np.gradient(x, truth.t) - truth.speed)
+
+
+@pytest.mark.parametrize(("noise", "rate"), [(0.1, 10.0), (1.0, 10.0), (0.5, 1.0)])
+def test_after_the_matcher_it_is_as_good(noise: float, rate: float) -> None:
+    """Edges, places and standstills found from the noisy positions, not told."""
+    truth = shuttle(900.0, rate, 23)
+    log = on_road(truth, ROAD, noise, 24)
+    found = match(log, ROAD)
+    log = log.with_columns(edge_id=Labels(found.edge, ROAD.edge_ids), edge_offset=found.offset)
+    motion = smooth_motion(log, ROAD).motion
+    assert rms(motion.speed - truth.speed) < 0.3
+    assert rms(motion.acceleration - truth.acceleration) < 0.3
+    assert motion.speed[truth.speed == 0.0].mean() < 0.05
 
 
 @pytest.mark.parametrize("rate", [1.0, 10.0])
@@ -145,7 +159,7 @@ def test_a_standstill_has_speed_zero_exactly() -> None:
     for speed_noise in (None, 0.05):
         motion = smooth_motion(on_road(truth, ROAD, 0.3, 14, speed_noise), ROAD).motion
         standing = truth.speed == 0.0
-        inner = standing & np.roll(standing, 10) & np.roll(standing, -10)
+        inner = standing & np.roll(standing, 17) & np.roll(standing, -17)
         assert (motion.speed[inner] == 0.0).all() and (motion.acceleration[inner] == 0.0).all()
 
 

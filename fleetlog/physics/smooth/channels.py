@@ -36,7 +36,7 @@ def fork_motion(t: Floats, trajectory: Trajectory, breaks: NDArray[np.bool_]) ->
 
     height = trajectory.floats("fork_height")
     known = np.isfinite(height)
-    if known.sum() < 2:
+    if not trajectory.has("fork_height") or known.sum() < 2:
         return np.zeros(len(t)), np.zeros(len(t))
     if not known.all():
         height = np.interp(t, t[known], height[known])
@@ -57,6 +57,8 @@ def _jitter(height: Floats) -> float:
 def measured_power(trajectory: Trajectory) -> Floats:
     """(N,) battery power [W]: measured, else voltage times current, else NaN."""
     power = trajectory.floats("battery_power")
+    if "battery_voltage" not in trajectory or "battery_current" not in trajectory:
+        return power
     product = trajectory.floats("battery_voltage") * trajectory.floats("battery_current")
     return np.where(np.isfinite(power), power, product)
 

@@ -22,7 +22,7 @@ ON, JUMP, BREAK = 0, 1, 2
 """How a row follows the one before: on the same coordinate; on a new one, at the same speed; after a gap."""
 START_SPEED_VAR, START_ACCEL_VAR = 400.0, 1.0
 NEW_COORDINATE_VAR = 1e4
-REST_SPEED_VAR, REST_ACCEL_VAR = 1e-6, 1e-6
+REST_SPEED_VAR, REST_ACCEL_VAR = 4e-4, 2.5e-3
 
 
 @njit(cache=True)
