@@ -52,7 +52,8 @@ def stops(dataset: Dataset, *, min_visits: int = 3) -> Result:
     ]
     for row in table.nlargest(5, "dwell_total").itertuples():
         lines.append(
-            f"{row.place}: {row.visits} visits of {row.vehicles} trucks, median {row.dwell_median:.0f} s, at ({row.x:.1f}, {row.y:.1f})"
+            f"{row.place}: {row.visits} visits of {row.vehicles} trucks, "
+            f"median {row.dwell_median:.0f} s, at ({row.x:.1f}, {row.y:.1f})"
         )
     marks = Marks(
         "places", table[["x", "y"]].to_numpy(float).reshape(-1, 2), tuple(table.place),

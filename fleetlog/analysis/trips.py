@@ -45,7 +45,8 @@ def trips(dataset: Dataset, *, min_distance: float = 5.0) -> Result:
         "laden_share": float(np.mean(real.payload.fillna(0.0) > 25.0)) if len(real) else None,
     }  # fmt: skip
     pairs = real.groupby(["from_place", "to_place"], as_index=False).agg(
-        trips=("distance", "size"), distance_mean=("distance", "mean"), duration_mean=("duration", "mean"), energy_mean=("energy", "mean")
+        trips=("distance", "size"), distance_mean=("distance", "mean"), duration_mean=("duration", "mean"),
+        energy_mean=("energy", "mean"),
     )  # fmt: skip
     pairs = pairs.sort_values(
         ["trips", "from_place", "to_place"], ascending=[False, True, True], ignore_index=True
@@ -65,7 +66,8 @@ def trips(dataset: Dataset, *, min_distance: float = 5.0) -> Result:
 
 def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
     out = [
-        f"{s['trips']} trips of {s['vehicles']} vehicles, {s['distance_m'] / 1000.0:.1f} km in {s['driving_time_s'] / 3600.0:.1f} h of driving"
+        f"{s['trips']} trips of {s['vehicles']} vehicles, {s['distance_m'] / 1000.0:.1f} km"
+        f" in {s['driving_time_s'] / 3600.0:.1f} h of driving"
     ]
     if s["mean_distance_m"] is not None:
         out.append(
@@ -75,11 +77,11 @@ def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
         out.append(
             f"energy {s['energy_wh'] / 1000.0:.2f} kWh, {s['energy_wh_per_km']:.0f} Wh/km, stops at the ends included"
         )
-    out += [
-        f"{r.from_place} to {r.to_place}: {r.trips} trips, {r.distance_mean:.0f} m"
-        for r in pairs.head(5).itertuples()
-        if r.from_place and r.to_place
-    ]
+    for r in pairs.head(5).to_dict("records"):
+        if r["from_place"] and r["to_place"]:
+            out.append(
+                f"{r['from_place']} to {r['to_place']}: {r['trips']} trips, {r['distance_mean']:.0f} m"
+            )
     return out
 
 

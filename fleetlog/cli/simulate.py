@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 UNITS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
-class Duration(click.ParamType):
+class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in newer releases of click only
     """``8h``, ``90m``, ``1.5h``, ``600`` (seconds)."""
 
     name = "duration"
@@ -69,7 +69,10 @@ class Duration(click.ParamType):
 @click.option(
     "--charge-below", default=0.3, show_default=True, help="State of charge that sends a truck to charge."
 )
-@click.option("--chemistry", type=click.Choice(["nominal", "lfp", "lead"]), default="nominal", show_default=True, help="Of the battery; nominal: constant voltage.")  # fmt: skip
+@click.option(
+    "--chemistry", type=click.Choice(["nominal", "lfp", "lead"]), default="nominal", show_default=True,
+    help="Of the battery; nominal: constant voltage.",
+)  # fmt: skip
 @click.option("--temperature", default=20.0, show_default=True, help="Of the air [degC].")
 @click.option("--no-recording", is_flag=True, help="Leave the replay out (fleetlog view can make it later).")
 @output_option("Folder of the dataset.")
@@ -148,7 +151,8 @@ def _fleet(
     from fleetlog.simulate.tasks import Demand, read_tasks
 
     vehicles = options["vehicles"] if options["vehicles"] is not None else (len(like.vehicles) if like else 8)
-    start, site, demand, notes = _start(options["start"], like), writer.site, Demand(), []
+    start, site, demand = _start(options["start"], like), writer.site, Demand()
+    notes: list[str] = []
     own = {p.id for p in site.places}
     if like is not None:
         site, tasks, notes = take_over(
@@ -184,7 +188,8 @@ def _mission(
     summary = replay(like, truck, writer, physics, progress)
     lines = [
         f"{summary.trips} trips of {summary.vehicles} trucks driven again, {summary.rows} rows",
-        f"simulated / recorded: distance {summary.distance_ratio:.3f}, driving {summary.duration_ratio:.3f}, energy {summary.energy_ratio:.3f}",
+        f"simulated / recorded: distance {summary.distance_ratio:.3f}, driving {summary.duration_ratio:.3f}, "
+        f"energy {summary.energy_ratio:.3f}",
     ]
     if summary.own_path:
         lines.append(f"{summary.own_path} trips follow their recorded positions: they are not on the roads")

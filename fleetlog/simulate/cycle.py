@@ -23,7 +23,15 @@ def strip() -> Site:
     return Site("test strip", network=build_network([edge, reversed_edge(edge)]))
 
 
-def run_cycle(name: str, truck: Truck, duration: float, writer: DatasetWriter, physics: Physics, start: int, soc: float = 0.95) -> float:  # fmt: skip
+def run_cycle(
+    name: str,
+    truck: Truck,
+    duration: float,
+    writer: DatasetWriter,
+    physics: Physics,
+    start: int,
+    soc: float = 0.95,
+) -> float:
     """Drive a cycle over and over for ``duration`` [s] and write it every tenth of a second; the energy of an hour [Wh].
 
     The runs of a cycle go to and fro: position is folded onto the strip, heading turns with it.

@@ -351,12 +351,11 @@ class Dispatcher:
                 self.jobs[v].since = now
         free = [int(b) for b in np.flatnonzero((self.kind == "charge") & (self.owner < 0))]
         while self.queue and free:
-            v = self.queue.popleft()
-            if f.mode[v] != PARKED or self.jobs[v].stage != "idle" or self.soc[v] <= 0.0:
+            first = self.queue.popleft()
+            if f.mode[first] != PARKED or self.jobs[first].stage != "idle" or self.soc[first] <= 0.0:
                 continue
-            gap = [float(np.hypot(*(self.where[b] - self.where[self.home[v]]))) for b in free]
-            b = free.pop(int(np.argmin(gap)))
-            self._go(v, b, "charge")
+            gap = [float(np.hypot(*(self.where[b] - self.where[self.home[first]]))) for b in free]
+            self._go(first, free.pop(int(np.argmin(gap))), "charge")
 
     # -- trucks that wait for one another
 

@@ -55,7 +55,8 @@ def locate(ground: Track, log: Log) -> Batch:
         log.piece.ravel(), log.s.ravel(), (log.mode == LEAVING).ravel(), t.first, t.spacing, t.x, t.y, t.z, t.heading,
         t.curvature, t.slope, t.edge, t.offset, t.lateral,
     )  # fmt: skip
-    return Batch(*(row.reshape(shape) for row in out), edge.reshape(shape))
+    x, y, z, heading, curvature, slope, offset, lateral = (row.reshape(shape) for row in out)
+    return Batch(x, y, z, heading, curvature, slope, offset, lateral, edge.reshape(shape))
 
 
 @dataclass

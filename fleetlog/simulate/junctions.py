@@ -160,8 +160,8 @@ def _in_line(track: Track, a: Index, b: Index) -> NDArray[np.bool_]:
         return resource - low if low <= resource < low + lanes else -1
 
     for k in np.flatnonzero(~out):
-        for one, other in ((int(a[k]), int(b[k])), (int(b[k]), int(a[k]))):
-            i, j = lane_of(one, True), lane_of(other, False)
+        for this, that in ((int(a[k]), int(b[k])), (int(b[k]), int(a[k]))):
+            i, j = lane_of(this, True), lane_of(that, False)
             if i >= 0 and j >= 0 and (i, j) in turns and track.network.reverse[i] != j:
                 out[k] = True
     return out

@@ -82,7 +82,7 @@ class Pathfinder:
             ([int(edge[0])], float(offset[0]), float(offset[end[0]]))
         ]
         for b, e in zip(begin[1:], end[1:], strict=True):
-            chain, start, last = legs[-1]
+            chain, start, _ = legs[-1]
             more = self._joined(chain[-1], int(edge[b]))
             if more is None:
                 legs.append(([int(edge[b])], float(offset[b]), float(offset[e])))
@@ -129,7 +129,7 @@ class Pathfinder:
         k = rows[near]
 
         def at(values: Floats) -> Floats:
-            return np.interp(s, along, values[rows])
+            return np.asarray(np.interp(s, along, values[rows]), dtype=np.float64)
 
         offset = t.offset[k] + (s - along[near])
         way = Way(

@@ -5,6 +5,7 @@ No truck meets another; so what differs from the recording, trip by trip, is the
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -125,9 +126,7 @@ class VehicleReplay:
         """All trips in order of time."""
         ids = self.recorded.trip_ids()
         begins = np.concatenate([[0], np.flatnonzero(np.diff(ids)) + 1, [len(ids)]])
-        found = [
-            self._trip(int(ids[a]), int(a), int(b)) for a, b in zip(begins[:-1], begins[1:], strict=True)
-        ]
+        found = [self._trip(int(ids[a]), int(a), int(b)) for a, b in itertools.pairwise(begins)]
         clock, row = 0.0, 0
         for k, trip in enumerate(found):
             leave = max(trip.leave, clock)
@@ -136,7 +135,7 @@ class VehicleReplay:
             last = k + 1 == len(found)
             until = max(ready, float(self.time[-1])) if last else max(ready, found[k + 1].leave)
             end = int(np.ceil((until - 1e-9) / self.interval)) + (1 if last else 0)
-            self._write(trip, leave, arrival, np.arange(row, max(end, row)) * self.interval)
+            self._write(trip, leave, arrival, np.arange(row, max(end, row), dtype=np.float64) * self.interval)
             clock, row = until, max(end, row)
 
     def _trip(self, number: int, a: int, b: int) -> Trip:
@@ -207,8 +206,8 @@ class VehicleReplay:
     def _motion(self, trip: Trip, time: Floats, leave: float, arrival: float) -> Motion:
         if trip.way is not None and trip.drive is not None:
             s, v, a = trip.drive.at(time - leave)
-            way = trip.way
-            self.place = (way, float(way.distance[-1]))
+            way: Way | None = trip.way
+            self.place = (trip.way, float(trip.way.distance[-1]))
         else:
             s, v, a = np.zeros(len(time)), np.zeros(len(time)), np.zeros(len(time))
             way = None if self.place is None else self.place[0]
@@ -265,9 +264,9 @@ class VehicleReplay:
         if np.isfinite(at.ambient_temperature).any():
             columns["ambient_temperature"] = np.round(at.ambient_temperature, 2)
         if self.site.network is not None and (at.edge >= 0).any():
-            used, codes = np.unique(at.edge, return_inverse=True)
+            used, places = np.unique(at.edge, return_inverse=True)
             names = self.site.network.edge_ids
-            codes = np.where(at.edge < 0, -1, codes - int(used[0] < 0)).astype(np.int32)
+            codes = np.where(at.edge < 0, -1, places - int(used[0] < 0)).astype(np.int32)
             columns["edge_id"] = Labels(codes, tuple(names[i] for i in used if i >= 0))
             length = self.site.network.length[np.maximum(at.edge, 0)]
             columns["edge_offset"] = np.where(

@@ -185,17 +185,19 @@ def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:
     """The site with the mined places that it does not have yet; and the place of every row of ``table``."""
     places, names = list(site.places), []
     used = {p.id for p in places}
-    for row in table.itertuples():
-        near = [p for p in site.places if np.hypot(p.x - row.x, p.y - row.y) <= KNOWN]
-        if near:
-            names.append(min(near, key=lambda p: float(np.hypot(p.x - row.x, p.y - row.y))).id)
+    spots = table[["x", "y"]].to_numpy(float)
+    for k, (first, kind) in enumerate(zip(table["place"].tolist(), table["kind"].tolist(), strict=True)):
+        x, y = float(spots[k, 0]), float(spots[k, 1])
+        gaps = [float(np.hypot(p.x - x, p.y - y)) for p in site.places]
+        if gaps and min(gaps) <= KNOWN:
+            names.append(site.places[int(np.argmin(gaps))].id)
             continue
-        name = str(row.place)
+        name = str(first)
         while name in used:
             name = f"{name}m"
         used.add(name)
         names.append(name)
-        places.append(Place(name, str(row.kind), float(row.x), float(row.y)))  # type: ignore[arg-type]  # one of the four kinds
+        places.append(Place(name, kind, x, y))
     return replace(site, places=tuple(places)), names
 
 
@@ -267,9 +269,13 @@ def demand_like(
     return out
 
 
+def _seconds(iso: str) -> float:
+    return float(np.datetime64(iso.removesuffix("Z"), "us").astype(np.int64)) * 1e-6
+
+
 def recorded_hours(stands: Stands, dataset: Dataset) -> Floats:
     """(24,) how many hours of recording fall on each hour of the day."""
-    start, end = (float(np.datetime64(str(dataset.meta[k]).removesuffix("Z"), "us").astype(np.int64)) * 1e-6 for k in ("start", "end"))  # fmt: skip
+    start, end = (_seconds(str(dataset.meta[k])) for k in ("start", "end"))
     out = np.zeros(24)
     at = start
     while at < end:
@@ -279,14 +285,17 @@ def recorded_hours(stands: Stands, dataset: Dataset) -> Floats:
     return out
 
 
-def like(dataset: Dataset, site: Site, truck: Truck, vehicles: int, start: int, duration: float, seed: int) -> tuple[Site, list[Task], list[str]]:  # fmt: skip
+def like(
+    dataset: Dataset, site: Site, truck: Truck, vehicles: int, start: int, duration: float, seed: int
+) -> tuple[Site, list[Task], list[str]]:
     """The site with the places of a recording, tasks drawn like its own, and notes to say aloud."""
     stands = find_stands(dataset)
     cluster = clusters(stands)
     table = place_table(stands, cluster)
     site, names = mined_site(site, table)
     known = carried(stands, cluster, names)
-    notes = [f"{len(table)} places mined from {len(stands)} stops ({', '.join(f'{n} {k}' for k, n in table.kind.value_counts().items())})"]  # fmt: skip
+    kinds = ", ".join(f"{n} {k}" for k, n in table.kind.value_counts().items())
+    notes = [f"{len(table)} places mined from {len(stands)} stops ({kinds})"]
     if not known:
         notes.append("the recording shows no load carried between two places: tasks are random")
         return site, [], notes

@@ -118,8 +118,18 @@ class Log(NamedTuple):
 def new_log(trucks: int, steps: int) -> Log:
     """An empty log."""
     shape = (trucks, steps)
-    f = [np.zeros(shape) for _ in range(6)]
-    return Log(np.zeros(shape, np.int32), *f, np.zeros(shape, np.int32), np.zeros(shape, np.int8))
+    s, v, a, height, lift, load = (np.zeros(shape) for _ in range(6))
+    return Log(
+        np.zeros(shape, np.int32),
+        s,
+        v,
+        a,
+        height,
+        lift,
+        load,
+        np.zeros(shape, np.int32),
+        np.zeros(shape, np.int8),
+    )
 
 
 def new_fleet(trucks: int, lanes: int, pieces: int, resources: int, longest: int) -> Fleet:
@@ -134,7 +144,8 @@ def new_fleet(trucks: int, lanes: int, pieces: int, resources: int, longest: int
     n = trucks
     return Fleet(
         mode=np.zeros(n, np.int8), piece=ints(n, -1), s=zeros(), v=zeros(), a=zeros(), spur=zeros(), bay=ints(n, -1),
-        goal=ints(n, -1),         route=np.full((n, longest), -1, np.int32), at=ints(n), last=ints(n, -1), held_from=ints(n, 0), held_to=ints(n, -1),
+        goal=ints(n, -1), route=np.full((n, longest), -1, np.int32), at=ints(n), last=ints(n, -1), held_from=ints(n),
+        held_to=ints(n, -1),
         ahead=ints(n, -1), behind=ints(n, -1), waits=np.full(n, np.inf), load=zeros(), trip=ints(n),
         hand_start=np.full(n, -np.inf), hand_height=zeros(), hand_times=np.zeros((n, 3)), hand_before=zeros(),
         hand_after=zeros(), until=np.full(n, np.inf), attention=np.ones(n, np.bool_), force=np.zeros(n, np.bool_),

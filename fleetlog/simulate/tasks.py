@@ -90,7 +90,8 @@ def _task(
     known = [p.id for p in site.places]
     for column in ("from", "to"):
         if row[column] not in known:
-            raise InputError(f"no place {row[column]!r} on this site", where=path, place=place, do=nearest(row[column], known) if known else "add it to the site")  # fmt: skip
+            do = nearest(row[column], known) if known else "add it to the site"
+            raise InputError(f"no place {row[column]!r} on this site", where=path, place=place, do=do)
     payload = _number(row.get("payload"), 0.5 * truck.chassis.rated_load, "payload", path, place)
     if payload > truck.chassis.rated_load:
         raise InputError(

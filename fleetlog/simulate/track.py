@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -70,7 +71,7 @@ class Track:
     def pieces(self, edges: NDArray[np.integer]) -> list[int]:
         """Lanes and connectors along a chain of edges."""
         out = [int(edges[0])]
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in itertools.pairwise(edges):
             out += [self.connector(int(a), int(b)), int(b)]
         return out
 

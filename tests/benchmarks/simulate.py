@@ -53,12 +53,29 @@ def sumo(vehicles: int, seconds: float, folder: Path) -> dict[str, float]:
     import sumo as wheel
 
     home = Path(wheel.SUMO_HOME)
-    run = lambda *a: subprocess.run([str(x) for x in a], check=True, capture_output=True, env={**os.environ, "SUMO_HOME": str(home)})  # noqa: E731
+    run = lambda *a: subprocess.run(
+        [str(x) for x in a], check=True, capture_output=True, env={**os.environ, "SUMO_HOME": str(home)}
+    )
     net, routes, fcd = folder / "grid.net.xml", folder / "routes.xml", folder / "fcd.parquet"
     run(home / "bin/netgenerate", "--grid", "--grid.number", SIDE, "--grid.length", PITCH, "--default.speed", 3.0,
         "--default.lanenumber", 1, "--no-turnarounds.except-deadend", "-o", net)  # fmt: skip
     trips = folder / "trips.xml"
-    run(sys.executable, home / "tools/randomTrips.py", "-n", net, "-o", trips, "-e", 20, "-p", 20.0 / vehicles, "--intermediate", 30, "--seed", 1)
+    run(
+        sys.executable,
+        home / "tools/randomTrips.py",
+        "-n",
+        net,
+        "-o",
+        trips,
+        "-e",
+        20,
+        "-p",
+        20.0 / vehicles,
+        "--intermediate",
+        30,
+        "--seed",
+        1,
+    )
     run(home / "bin/duarouter", "-n", net, "-r", trips, "-o", routes, "--ignore-errors", "true")
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     # The fleet is on the road after 20 s; what it does before is counted too.
@@ -72,7 +89,12 @@ def sumo(vehicles: int, seconds: float, folder: Path) -> dict[str, float]:
 
     steps = pq.ParquetFile(fcd).metadata.num_rows
     teleports = [line.strip() for line in done.stdout.decode().splitlines() if "Teleports" in line]
-    return {"cpu_s": cpu, "vehicle_steps": steps, "per_cpu_s": steps / cpu, "teleports": teleports[0] if teleports else 0}
+    return {
+        "cpu_s": cpu,
+        "vehicle_steps": steps,
+        "per_cpu_s": steps / cpu,
+        "teleports": teleports[0] if teleports else 0,
+    }
 
 
 def main() -> None:

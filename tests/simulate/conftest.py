@@ -31,7 +31,9 @@ def simulated(tmp_path):
     """A function that simulates with rows at every step and returns an Outcome."""
     count = iter(range(1000))
 
-    def run(site, vehicles, duration, seed=0, truck=TRUCK, interval=0.1, demand=None, physics=None, **settings):
+    def run(
+        site, vehicles, duration, seed=0, truck=TRUCK, interval=0.1, demand=None, physics=None, **settings
+    ):
         path = tmp_path / f"sim{next(count)}"
         with DatasetWriter.create(path, "simulated", site) as writer:
             chosen = Settings(vehicles=vehicles, duration=duration, seed=seed, interval=interval, **settings)

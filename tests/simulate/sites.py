@@ -54,7 +54,7 @@ def crossing(arm=40.0):
     """One crossing of two two-way roads, whose ends turn round; the case of the throughput plot."""
     centre = np.zeros(2)
     edges = []
-    for k, name in enumerate("ensw"):
+    for name in "ensw":
         angle = {"e": 0.0, "n": 90.0, "w": 180.0, "s": 270.0}[name]
         tip = arm * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
         edges += road(f"arm{name}", "c", f"t{name}", np.array([centre, np.round(tip, 9)]), limit=3.0)

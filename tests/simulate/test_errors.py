@@ -25,7 +25,9 @@ def test_a_place_off_the_roads(simulated):
 def test_an_unreachable_place(simulated):
     edges = road("a", "p", "q", np.array([[0.0, 0.0], [60.0, 0.0]]))
     edges += road("b", "r", "s", np.array([[0.0, 50.0], [60.0, 50.0]]))
-    site = Site("islands", network=build_network(edges), places=(place(1, "pick", 30, -3), place(1, "drop", 30, 47)))
+    site = Site(
+        "islands", network=build_network(edges), places=(place(1, "pick", 30, -3), place(1, "drop", 30, 47))
+    )
     with pytest.raises(SiteError) as error:
         simulated(site, 1, 10.0, demand=Demand([Task(None, "pick1", "drop1", 100.0, 0.0)], endless=False))
     assert "cannot be reached" in one_line(error)

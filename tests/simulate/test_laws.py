@@ -16,7 +16,15 @@ def corners(x, y, heading):
     out = []
     for u, v in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
         a, b = u * HALF[0], v * HALF[1]
-        out.append(np.stack([x + a * np.cos(heading) - b * np.sin(heading), y + a * np.sin(heading) + b * np.cos(heading)], -1))
+        out.append(
+            np.stack(
+                [
+                    x + a * np.cos(heading) - b * np.sin(heading),
+                    y + a * np.sin(heading) + b * np.cos(heading),
+                ],
+                -1,
+            )
+        )
     return np.stack(out, -2)
 
 
@@ -45,7 +53,12 @@ def overlaps(outcome):
 
 
 CASES = [(f"grid-{seed}", lambda s=seed: grid(4, 4, seed=s), 16) for seed in range(6)]
-CASES += [("crossing", crossing, 8), ("aisle", aisle, 8), ("even grid", grid, 16), ("left", lambda: grid(traffic="left"), 10)]
+CASES += [
+    ("crossing", crossing, 8),
+    ("aisle", aisle, 8),
+    ("even grid", grid, 16),
+    ("left", lambda: grid(traffic="left"), 10),
+]
 
 
 @pytest.mark.parametrize("make, trucks", [c[1:] for c in CASES], ids=[c[0] for c in CASES])
@@ -76,14 +89,13 @@ def test_every_simulation_keeps_the_laws(make, trucks, simulated):
 
 
 def against_traffic(t, network, edge):
-    """On the lane, the heading of motion is that of the directed edge; backing out of a bay is off the lane."""
-    going = (t.floats("speed") > 0.5) & (np.abs(t.floats("lateral_offset")) < 1.2)
+    """The heading of motion is that of the directed edge; only out of a bay a truck backs, and no faster than it creeps there."""
+    going = (t.floats("speed") > 1.05) & (np.abs(t.floats("lateral_offset")) < 1.2)
     ahead = network.heading(edge, t.floats("edge_offset"))
     inside = (t.floats("edge_offset") > 6.0) & (t.floats("edge_offset") < network.length[edge] - 6.0)
     rows = np.flatnonzero(going & inside)
     off = np.abs(np.angle(np.exp(1j * (t.floats("heading")[rows] - ahead[rows]))))
-    # A truck that leaves a bay backs onto its lane for less than a second.
-    assert np.mean(off > 2.0) < 0.05
+    assert (off < 0.3).all()
 
 
 def test_energy_is_the_sum_of_its_terms_and_agrees_with_the_charge(simulated):
@@ -121,7 +133,11 @@ def test_rows_of_any_rate_carry_the_same_energy(simulated):
 def test_same_seed_same_bytes(simulated):
     def files(outcome):
         root = outcome.dataset.path
-        return {str(p.relative_to(root)): p.read_bytes() for p in sorted(root.rglob("*")) if p.is_file() and p.name != "dataset.json"}
+        return {
+            str(p.relative_to(root)): p.read_bytes()
+            for p in sorted(root.rglob("*"))
+            if p.is_file() and p.name != "dataset.json"
+        }
 
     a, b, c = (simulated(grid(seed=1), 5, 120.0, seed=s, interval=1.0) for s in (9, 9, 10))
     assert files(a) == files(b)
@@ -136,7 +152,12 @@ def test_a_mirrored_site_has_a_mirrored_fleet(simulated):
 
 
 def given_site():
-    places = [place(1, "pick", 15, 3), place(1, "drop", 45, 33), place(1, "park", 15, 33), place(2, "park", 45, 3)]
+    places = [
+        place(1, "pick", 15, 3),
+        place(1, "drop", 45, 33),
+        place(1, "park", 15, 33),
+        place(2, "park", 45, 3),
+    ]
     return grid(3, 3, places=[*places, place(1, "charge", 33, 45, power=60000.0)])
 
 
@@ -163,8 +184,12 @@ def test_trucks_charge_and_an_empty_one_is_reported(simulated):
 
 def test_a_term_can_be_added_and_switched_off(simulated):
     plain = simulated(grid(), 2, 120.0, interval=1.0)
-    more = simulated(grid(), 2, 120.0, interval=1.0, physics=Physics(TRUCK, {"auxiliary_load": {"power": 900.0}}))
-    less = simulated(grid(), 2, 120.0, interval=1.0, physics=Physics(TRUCK, off=frozenset({"auxiliary_load"})))
+    more = simulated(
+        grid(), 2, 120.0, interval=1.0, physics=Physics(TRUCK, {"auxiliary_load": {"power": 900.0}})
+    )
+    less = simulated(
+        grid(), 2, 120.0, interval=1.0, physics=Physics(TRUCK, off=frozenset({"auxiliary_load"}))
+    )
     np.testing.assert_allclose(more.array("battery_power") - plain.array("battery_power"), 500.0, atol=0.02)
     np.testing.assert_allclose(plain.array("battery_power") - less.array("battery_power"), 400.0, atol=0.02)
 

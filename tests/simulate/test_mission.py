@@ -8,7 +8,12 @@ from fleetlog.simulate.mission import replay
 from fleetlog.simulate.places import carried, clusters, find_stands, like, mined_site, place_table
 from fleetlog.store import Dataset, DatasetWriter
 
-PLACES = [place(1, "pick", 15, 3), place(1, "drop", 45, 33), place(2, "pick", 33, 45), place(2, "drop", 3, 45)]
+PLACES = [
+    place(1, "pick", 15, 3),
+    place(1, "drop", 45, 33),
+    place(2, "pick", 33, 45),
+    place(2, "drop", 3, 45),
+]
 
 
 @pytest.fixture

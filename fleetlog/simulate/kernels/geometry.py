@@ -102,7 +102,7 @@ def meetings(
 @njit(cache=True)
 def meets_any(x: float, y: float, heading: float, others: Floats, half_l: float, half_w: float) -> bool:
     """Whether a box meets one of (N, 3) x, y, heading."""
-    for i in range(len(others)):  # noqa: SIM110  compiled: a generator would not be
+    for i in range(len(others)):
         if boxes_meet(x, y, heading, others[i, 0], others[i, 1], others[i, 2], half_l, half_w):
             return True
     return False

@@ -30,7 +30,7 @@ REST = 0.01
 """Slower than this it is at rest [m/s]."""
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
     """Highest speed after the next step that still stops ``brake``-ing behind one that does so from ``u``, ``room`` m ahead.
 
@@ -40,7 +40,7 @@ def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
     return -0.5 * brake * dt + np.sqrt(q) if q > 0.0 else 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def cap_at(r: Roads, piece: int, s: float, laden: int) -> float:
     """Speed cap on a piece; its square is linear between samples."""
     x = min(max(s, 0.0), r.length[piece]) / r.spacing[piece]
@@ -50,7 +50,7 @@ def cap_at(r: Roads, piece: int, s: float, laden: int) -> float:
     return np.sqrt(a * a + (x - i) * (b * b - a * a))
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def is_safe_lane(r: Roads, piece: int) -> bool:
     """Whether a truck may wait on this piece."""
     return piece < len(r.clear) and r.capacity[piece] > 0
@@ -267,7 +267,7 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits) -> int:
     return 0
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def wants_passage(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether a truck comes near the end of its lane without a reservation, and is the first to."""
     if f.held_to[v] >= f.at[v] or f.at[v] >= f.last[v]:
@@ -308,7 +308,7 @@ def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
             f.waits[v] = np.inf
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     """The highest speed at the end of the step that keeps all limits, distances and stops ahead."""
     laden = 1 if f.load[v] > 25.0 else 0
@@ -351,7 +351,7 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     return limit
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def pull(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     """Greatest acceleration [m/s2]: the driver's, or what max_power leaves after rolling and slope."""
     p = f.piece[v]
@@ -364,7 +364,7 @@ def pull(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     return min(x.up, (x.power / f.v[v] - resist) / mass)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def next_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     """Speed at the end of the step."""
     m, speed = f.mode[v], f.v[v]
@@ -456,7 +456,7 @@ def end_spur(r: Roads, f: Fleet, v: int) -> None:
         f.attention[v] = True
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def handling(
     f: Fleet, log: Log, v: int, column: int, now: float, raise_speed: float, lower_speed: float
 ) -> None:
@@ -474,7 +474,7 @@ def handling(
     log.height[v, column], log.lift[v, column] = height, lift
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
     """The state at the start of a step."""
     m = f.mode[v]
@@ -513,7 +513,7 @@ def advance(
                 handling(f, log, v, column + k, now, raise_speed, lower_speed)
             write(r, f, log, v, column + k)
             if f.v[v] == 0.0 and f.a[v] == 0.0:
-                if m == DRIVING:
+                if m == DRIVING and f.at[v] == f.last[v]:
                     arrive(r, f, v)
                 elif m == ENTERING or m == LEAVING:
                     end_spur(r, f, v)
@@ -530,7 +530,10 @@ def advance(
             else:
                 f.s[v] += step
                 f.left_by[v] += step
-                cross(r, f, v)
-                let_go(r, f, v, x)
-                if m == DRIVING:
+                # Calls cost more than the questions whether they are needed.
+                if f.s[v] > r.length[f.piece[v]] and f.at[v] < f.last[v]:
+                    cross(r, f, v)
+                if f.held_to[v] >= f.held_from[v]:
+                    let_go(r, f, v, x)
+                if m == DRIVING and f.at[v] == f.last[v] and f.v[v] < REST:
                     arrive(r, f, v)
