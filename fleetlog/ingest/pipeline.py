@@ -114,7 +114,7 @@ def _write(reading: Reading, site: Site, writer: DatasetWriter, progress: Progre
         for rows, last in reading.spill.windows(vehicle):
             if work is None:
                 writer.site = site = with_frame(site, rows)
-                work = VehicleImport(site, writer, reading.rejects, summary)
+                work = VehicleImport(site, writer, reading.rejects, summary, reading.spill.own)
             work.take(rows, last=last)
             done += len(rows)
             if progress:

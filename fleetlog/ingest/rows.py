@@ -67,6 +67,21 @@ def without(rows: Trajectory, *names: str) -> Trajectory:
     return Trajectory(rows.vehicle_id, rows.time, {k: v for k, v in rows.columns.items() if k not in names})
 
 
+def with_own_columns(rows: Trajectory, own: dict[str, bool]) -> Trajectory:
+    """Every own column of the logs, null where this vehicle has none, text where any vehicle has text.
+
+    So all files of a dataset have the same columns, and databases read them together.
+    """
+    new: dict[str, Values] = {}
+    for name, text in own.items():
+        values = rows.columns.get(name)
+        if text and not isinstance(values, Labels):
+            new[name] = _as_labels(values, len(rows))
+        elif values is None:
+            new[name] = np.full(len(rows), np.nan)
+    return rows.with_columns(**new) if new else rows
+
+
 def picture(rows: Trajectory, row: int) -> str:
     """One row as text, for ``rejected.parquet``."""
     cells = [f"vehicle_id={rows.vehicle_id}", f"timestamp={np.datetime64(int(rows.time[row]), 'us')}Z"]

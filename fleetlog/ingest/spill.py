@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.core.columns import BY_NAME
 from fleetlog.core.trajectory import Ints, Labels, Trajectory, Values
 from fleetlog.ingest.rows import join
 
@@ -39,11 +40,16 @@ class Spill:
         self.folder = folder
         self.folder.mkdir()
         self._slots: dict[tuple[str, int], _Slot] = defaultdict(_Slot)
+        self.own: dict[str, bool] = {}
+        """The log's own columns, and whether each is text."""
         self._bytes = 0
         self._count = 0
 
     def add(self, rows: Trajectory) -> None:
         """Set rows of one vehicle aside."""
+        for name, values in rows.columns.items():
+            if name not in BY_NAME and not name.startswith("_"):
+                self.own[name] = self.own.get(name, False) or isinstance(values, Labels)
         day = rows.time // DAY
         if len(rows) and day.min() == day.max():
             self._put(rows, int(day[0]))

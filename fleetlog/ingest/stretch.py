@@ -8,6 +8,7 @@ import numpy as np
 
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Ints, Trajectory
+from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean
 from fleetlog.ingest.channels import CHANNEL, join_channels
 from fleetlog.ingest.derive import derive_motion, derive_power, pace_ratio, suspect_unit
@@ -15,7 +16,7 @@ from fleetlog.ingest.edges import Edges
 from fleetlog.ingest.fixes import HELD, fill_positions, release_held
 from fleetlog.ingest.place import check_place, place
 from fleetlog.ingest.rejects import Rejects
-from fleetlog.ingest.rows import FILE, RECORD, join, without
+from fleetlog.ingest.rows import FILE, RECORD, join, with_own_columns, without
 from fleetlog.ingest.spill import WINDOW_ROWS
 from fleetlog.ingest.summary import ImportSummary
 from fleetlog.store.trips import trip_ids
@@ -30,7 +31,15 @@ OVERLAP = 5000
 class VehicleImport:
     """The second half of an import; rows come vehicle by vehicle in order of time."""
 
-    def __init__(self, site: Site, writer: DatasetWriter, rejects: Rejects, summary: ImportSummary) -> None:
+    def __init__(
+        self,
+        site: Site,
+        writer: DatasetWriter,
+        rejects: Rejects,
+        summary: ImportSummary,
+        own: dict[str, bool],
+    ) -> None:
+        self.own = own if site.frame is None else {n: t for n, t in own.items() if n not in GEOGRAPHIC}
         self.site, self.writer, self.rejects, self.summary = site, writer, rejects, summary
         self.edges = Edges(site.network) if site.network is not None else None
         self._kept_back: Trajectory | None = None
@@ -120,7 +129,7 @@ class VehicleImport:
             rows = self.edges.match(rows)
         self._count(rows)
         rows = without(rows, FILE, RECORD, clean.STUCK, HELD)
-        self.writer.write(rows)
+        self.writer.write(with_own_columns(rows, self.own))
         s = self.summary
         s.rows += len(rows)
         s.vehicles[rows.vehicle_id] = s.vehicles.get(rows.vehicle_id, 0) + len(rows)

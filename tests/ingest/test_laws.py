@@ -245,3 +245,17 @@ def test_a_log_with_both_kinds_of_position(table: pd.DataFrame, whole: Dataset, 
     )
     with pytest.raises(DataError, match="does not say where on earth"):
         run([save(table, tmp_path / "log.csv")], tmp_path / "d", local)
+
+
+def test_every_file_has_the_same_columns(table: pd.DataFrame, tmp_path: Path) -> None:
+    """Databases read the parts together, although one truck's log has columns that the other's has not."""
+    import pyarrow.parquet as pq
+
+    first, second = (table[table.vehicle_id == v] for v in ("T0", "T1"))
+    a = save(first.assign(word="w", figure=1.5, mixed=2.0), tmp_path / "a.csv")
+    b = save(second.drop(columns="Mode").assign(mixed="m"), tmp_path / "b.csv")
+    dataset, _ = run([a, b], tmp_path / "out")
+    schemas = [pq.read_schema(p) for v in dataset.vehicles for p in dataset.parts(v)]
+    assert len(schemas) == 4 and all(s.equals(schemas[0]) for s in schemas)
+    assert dataset.read("T0").labels("mixed").strings()[0] == "2"
+    assert dataset.read("T1").floats("payload").size and "word" not in dataset.read("T1")
