@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 WIDTH, DPI = 10.0, 150
 PANEL_HEIGHT = 2.4
-MAX_MAPS, MAX_PANELS, MAX_BARS = 4, 6, 20
+MAX_MAPS, MAX_PANELS, MAX_BARS = 24, 6, 20
 STYLE: Any = {
     "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 10.5, "axes.titlelocation": "left",
     "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#5a5f66", "axes.labelcolor": "#33373d",

@@ -25,7 +25,7 @@ MARK_COLOURS = {
     "point": (240, 240, 245),
 }  # fmt: skip
 SERIES_COLOURS = [palette.vehicle_colour(i) for i in range(24)]
-MAX_MAPS = 4
+MAX_MAPS = 9
 WIDE = 2.5
 """Width by height of one of two maps above one another."""
 

@@ -60,8 +60,9 @@ class Stream:
 def open_stream(path: Path, name: str, start: Ints | int | None = None) -> Iterator[Stream]:
     """A stream that writes the .rrd file ``path``; errors of the data raise, nothing is dropped in silence."""
     rr.set_strict_mode(True)
+    # No recording id of our own: the viewer would take two files of one id, such as two imports, for one recording.
     try:
-        with rr.RecordingStream(APPLICATION, recording_id=name, send_properties=True) as recording:
+        with rr.RecordingStream(APPLICATION, send_properties=True) as recording:
             rr.set_log_time_enabled(False, recording=recording)
             if not rr.is_enabled(recording=recording):
                 raise OutputError("Rerun is switched off (RERUN=off)", where=path, do="unset RERUN")

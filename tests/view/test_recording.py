@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import rrd
 from fixtures_view import START, plant, write_fleet
+from rerun.chunk import RrdReader
 
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.store import Dataset, DatasetWriter
@@ -208,6 +209,15 @@ def test_older_recording_stays_when_writing_fails(
     with pytest.raises(ZeroDivisionError):
         write_recording(dataset, out)
     assert out.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["r.rrd"]
+
+
+def test_two_recordings_are_two(tmp_path: Path, replay: tuple[Path, Path]) -> None:
+    """The viewer merges files of one recording id; ours must never be merged by accident."""
+    dataset, out = replay
+    again = write_recording(dataset, tmp_path / "r.rrd", rate_hz=0.5)
+    (first,), (second,) = (RrdReader(str(p)).recordings() for p in (out, again))
+    assert first.application_id == second.application_id == "fleetlog"
+    assert first.recording_id != second.recording_id
 
 
 def test_summary_is_shown(tmp_path: Path, replay: tuple[Path, Path]) -> None:
