@@ -18,8 +18,14 @@ def follow(
     n = len(power)
     charge, voltage, current = np.empty(n), np.empty(n), np.empty(n)
     collapsed, empty = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    k = 0
     for i in range(n):
-        e = np.interp(soc, knots, volts)
+        # Charge moves little from sample to sample: the knots are found by walking, not by searching.
+        while k < len(knots) - 2 and soc > knots[k + 1]:
+            k += 1
+        while k > 0 and soc < knots[k]:
+            k -= 1
+        e = volts[k] + (soc - knots[k]) / (knots[k + 1] - knots[k]) * (volts[k + 1] - volts[k])
         radicand = e * e - 4.0 * resistance * power[i]
         if radicand < 0.0:
             collapsed[i] = True

@@ -96,9 +96,9 @@ def keep_book(
     rows = {name: sampled(watts, steps) for name, watts in ledger(fine, physics, forces).items()}
     work = sum(forces.values(), np.zeros(len(fine))) * fine.speed
     terms = tuple(rows)
-    watts = np.stack([*rows.values()], axis=1)
-    total = watts.sum(axis=1)
-    dt, joules = motion.dt, watts * motion.dt[:, None]
+    total = sum(rows.values(), np.zeros(len(motion)))
+    dt = motion.dt
+    joules = [watts * dt for watts in rows.values()]
     starts = _segments(trajectory)
     known = np.isfinite(measured)
     sums = {
@@ -114,7 +114,7 @@ def keep_book(
     bins, bin_energy, bin_measured = _by_time(trajectory.time, joules, sums["measured"], known * dt)
     return Book(
         trajectory.vehicle_id, terms, trajectory.trip_ids()[starts], trajectory.time[starts] // HOUR * HOUR,
-        np.add.reduceat(joules, starts, axis=0), {k: np.add.reduceat(v, starts) for k, v in sums.items()},
+        _reduced(joules, starts), {k: np.add.reduceat(v, starts) for k, v in sums.items()},
         np.maximum.reduceat(total, starts), np.stack([soc[starts], soc[ends]], axis=1),
         np.stack([trajectory.time[starts], trajectory.time[ends]], axis=1), stretch, stretch_sums,
         _by_zone(motion, joules, site), bins, bin_energy, bin_measured,
@@ -166,13 +166,13 @@ def _by_stretch(motion: Motion, joules: Floats) -> tuple[NDArray[np.int32], Floa
     return np.stack([key // most, key % most], axis=1).astype(np.int32), np.stack(sums, axis=1)
 
 
-def _by_zone(motion: Motion, joules: Floats, site: Site) -> Floats:
+def _by_zone(motion: Motion, joules: list[Floats], site: Site) -> Floats:
     out = []
     for zone in site.zones:
         inside = in_polygon(zone.polygon, motion.x, motion.y)
         way = (motion.speed * motion.dt)[inside].sum()
-        out.append([*joules[inside].sum(axis=0), way, motion.dt[inside].sum()])
-    return np.array(out).reshape(len(site.zones), joules.shape[1] + 2)
+        out.append([*(row[inside].sum() for row in joules), way, motion.dt[inside].sum()])
+    return np.array(out).reshape(len(site.zones), len(joules) + 2)
 
 
 def in_polygon(polygon: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
@@ -186,12 +186,14 @@ def in_polygon(polygon: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
     return inside
 
 
-def _by_time(time: Ints, joules: Floats, measured: Floats, known: Floats) -> tuple[Ints, Floats, Floats]:
+def _by_time(
+    time: Ints, joules: list[Floats], measured: Floats, known: Floats
+) -> tuple[Ints, Floats, Floats]:
     minute = time // BIN
     starts = np.flatnonzero(np.concatenate([[True], np.diff(minute) != 0]))
-    beside = np.stack([measured, known], axis=1)
-    return (
-        minute[starts] * BIN,
-        np.add.reduceat(joules, starts, axis=0),
-        np.add.reduceat(beside, starts, axis=0),
-    )
+    return minute[starts] * BIN, _reduced(joules, starts), _reduced([measured, known], starts)
+
+
+def _reduced(rows: list[Floats], starts: NDArray[np.intp]) -> Floats:
+    """(S, T) sums of T columns over the segments that begin at ``starts``."""
+    return np.stack([np.add.reduceat(row, starts) for row in rows], axis=1)
