@@ -139,7 +139,7 @@ def _check_bars(check: dict[str, Any]) -> list[Shape]:
 
 
 def _heat(dataset: Dataset) -> Grid:
-    from fleetlog.analysis.heatmap import LABELS, cells_of, compute, extent, values
+    from fleetlog.analysis.occupancy.maps import LABELS, cells_of, compute, extent, values
 
     cells = cells_of([extent(dataset)], 1.0)
     layers = compute(dataset, cells).grid

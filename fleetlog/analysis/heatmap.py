@@ -1,194 +1,39 @@
 """Where it is busy: time-weighted occupancy, passages, mean speed, energy and standing time, per cell and stretch of road.
 
-A map is a sum over rows, so maps over the same cells add: of days, of vehicles, of shifts.
+The sums are those of :mod:`fleetlog.analysis.occupancy.maps`; they add over days, vehicles and shifts.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fleetlog.analysis.occupancy.compare import difference
+from fleetlog.analysis.occupancy.maps import (
+    LABELS,
+    LAYERS,
+    STRETCH,
+    Grouping,
+    HeatMap,
+    Quantity,
+    cells_of,
+    compute,
+    compute_by,
+    extent,
+    stretches,
+    values,
+)
 from fleetlog.core.network import Network
 from fleetlog.core.result import EdgeValues, Grid, Result, Shape
-from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
-from fleetlog.store.trips import STANDING_SPEED
 
-LAYERS = ("time", "distance", "energy", "standing", "passages")
-Quantity = Literal["occupancy", "passages", "speed", "energy", "standing"]
-LABELS = {
-    "occupancy": "time [s/m²]", "passages": "passages", "speed": "mean speed [m/s]", "energy": "energy [kJ/m²]",
-    "standing": "standing time [s/m²]",
-}  # fmt: skip
-MAX_GAP = 15.0
-STRETCH = 5.0
-MAX_CELLS = 25_000_000
-LADEN = 25.0
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Cells:
-    """The frame of a map: south-west corner [m], cell size [m], rows, columns."""
-
-    x0: float
-    y0: float
-    cell: float
-    rows: int
-    columns: int
-
-
-@dataclass
-class HeatMap:
-    """Sums per cell (5, rows, columns) and per stretch of directed edge (5, bins), and per unit (vehicle-day) time for tests."""
-
-    cells: Cells
-    grid: Floats
-    edges: Floats
-    units: list[Floats]
-
-    def __add__(self, other: HeatMap) -> HeatMap:
-        """The map of both; the cells must be the same."""
-        if self.cells != other.cells:
-            raise DataError("maps over different cells do not add")
-        return HeatMap(self.cells, self.grid + other.grid, self.edges + other.edges, self.units + other.units)
-
-
-def values(layers: Floats, quantity: Quantity, area: float) -> Floats:
-    """One quantity from summed layers; NaN where nothing was.  Times and energies are per square metre (``area``) or stretch."""
-    time = layers[0]
-    per = {
-        "occupancy": lambda: time / area,
-        "passages": lambda: layers[4],
-        "speed": lambda: layers[1] / np.where(time > 0, time, np.nan),
-        "energy": lambda: layers[2] / area / 1000.0,
-        "standing": lambda: layers[3] / area,
-    }[quantity]()
-    return np.asarray(np.where(time > 0, per, np.nan), dtype=np.float64)
-
-
-def cells_of(extents: list[tuple[float, float, float, float]], cell: float) -> Cells:
-    """Whole cells around all extents (xmin, ymin, xmax, ymax)."""
-    low = np.floor(np.min([e[:2] for e in extents], axis=0) / cell - 1) * cell
-    high = np.ceil(np.max([e[2:] for e in extents], axis=0) / cell + 1) * cell
-    columns, rows = (int(n) for n in np.round((high - low) / cell))
-    if rows * columns > MAX_CELLS:
-        raise DataError(f"{rows} x {columns} cells are too many", do="choose a larger --cell")
-    return Cells(float(low[0]), float(low[1]), cell, rows, columns)
-
-
-def extent(dataset: Dataset) -> tuple[float, float, float, float]:
-    """xmin, ymin, xmax, ymax of the positions and the roads [m]."""
-    boxes = [] if dataset.site.network is None else [dataset.site.network.extent]
-    for t in dataset.days(("x", "y")):
-        x, y = t.floats("x"), t.floats("y")
-        if np.isfinite(x).any():
-            boxes.append((float(np.nanmin(x)), float(np.nanmin(y)), float(np.nanmax(x)), float(np.nanmax(y))))
-    if not boxes:
-        raise DataError("the dataset has no positions")
-    low, high = np.min([b[:2] for b in boxes], axis=0), np.max([b[2:] for b in boxes], axis=0)
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
-
-
-def stretches(network: Network | None) -> NDArray[np.int64]:
-    """(E + 1,) first stretch of every edge."""
-    if network is None:
-        return np.zeros(1, np.int64)
-    return np.concatenate([[0], np.cumsum(np.maximum(1, np.ceil(network.length / STRETCH)))]).astype(np.int64)
-
-
-def select(t: Trajectory, hours: tuple[int, int] | None, state: str) -> NDArray[np.bool_]:
-    """(N,) rows of the hours of the day [UTC) and the load state ``all``, ``laden`` or ``empty``."""
-    use = np.ones(len(t), np.bool_)
-    if hours is not None:
-        hour = t.time // 3_600_000_000 % 24
-        first, last = hours
-        use &= (hour >= first) & (hour < last) if first < last else (hour >= first) | (hour < last)
-    if state != "all":
-        payload = t.floats("payload")
-        use &= payload > LADEN if state == "laden" else payload <= LADEN
-    return use
-
-
-def compute(
-    dataset: Dataset,
-    cells: Cells,
-    hours: tuple[int, int] | None = None,
-    vehicles: tuple[str, ...] = (),
-    state: str = "all",
-) -> HeatMap:
-    """The sums of a dataset over given cells, vehicle-day by vehicle-day."""
-    from fleetlog.analysis.occupancy.kernels import accumulate, along_edges
-
-    network = dataset.site.network
-    first = stretches(network)
-    total = np.zeros((5, cells.rows, cells.columns))
-    edges = np.zeros((5, int(first[-1])))
-    units = []
-    for t in dataset.days(("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payload")):
-        if vehicles and t.vehicle_id not in vehicles:
-            continue
-        use, speed, power = select(t, hours, state), t.floats("speed"), t.floats("battery_power")
-        one = np.zeros_like(total)
-        accumulate(
-            t.floats("x"),
-            t.floats("y"),
-            t.time,
-            speed,
-            power,
-            STANDING_SPEED,
-            use,
-            cells.x0,
-            cells.y0,
-            cells.cell,
-            MAX_GAP,
-            one,
-        )
-        total += one
-        units.append(one[0])
-        if network is not None:
-            edge = t.labels("edge_id").recode(network.index)
-            offset = np.nan_to_num(t.floats("edge_offset"))
-            along_edges(
-                edge, offset, t.time, speed, power, STANDING_SPEED, use, first, STRETCH, MAX_GAP, edges
-            )
-    return HeatMap(cells, total, edges, units)
-
-
-def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple[Floats, NDArray[np.bool_]]:
-    """Share of time per cell, a minus b, and where it is significant.
-
-    Each unit (vehicle-day) of either map is resampled whole; a cell counts where its difference lies outside what pooled
-    resampling gives, two-sided 5 % after Benjamini and Hochberg over all cells that were ever visited.
-    """
-    shares = [m.grid[0] / max(m.grid[0].sum(), 1e-12) for m in (a, b)]
-    observed = shares[0] - shares[1]
-    pool = np.array([u / max(u.sum(), 1e-12) for u in (*a.units, *b.units) if u.sum() > 0])
-    seen = np.flatnonzero(pool.sum(axis=0).ravel() > 0)
-    flat = pool.reshape(len(pool), -1)[:, seen]
-    rng = np.random.default_rng(seed)
-    na, nb = max(len(a.units), 1), max(len(b.units), 1)
-    null = np.array([
-        flat[rng.integers(0, len(flat), na)].mean(axis=0) - flat[rng.integers(0, len(flat), nb)].mean(axis=0)
-        for _ in range(draws)
-    ])  # fmt: skip
-    z = np.abs(observed.ravel()[seen]) / np.maximum(null.std(axis=0), 1e-12)
-    from scipy.stats import norm
-
-    p = 2 * norm.sf(z)
-    order = np.argsort(p)
-    passes = p[order] <= 0.05 * (np.arange(len(p)) + 1) / max(len(p), 1)
-    cut = int(np.max(np.flatnonzero(passes), initial=-1))
-    mask = np.zeros(observed.size, np.bool_)
-    mask[seen[order[: cut + 1]]] = True
-    return observed, mask.reshape(observed.shape)
 
 
 def heatmap(
@@ -201,6 +46,7 @@ def heatmap(
     vehicles: tuple[str, ...] = (),
     state: str = "all",
     compare: Dataset | None = None,
+    by: Grouping | None = None,
 ) -> Result:
     """A heat map over floor and roads.
 
@@ -212,46 +58,68 @@ def heatmap(
     hours : first and last hour of the day (UTC), the last one excluded.
     state : ``all``, ``laden`` or ``empty``.
     compare : another dataset; the map is then the difference of time shares, with a significance mask.
+    by : one map for each hour of the day (UTC), vehicle or load state, all in one colour scale; they add up to the whole.
     """
+    if by is not None and compare is not None:
+        raise DataError("a comparison is of whole datasets", do="leave --by or --compare out")
     for v in vehicles:
         dataset.parts(v)
     boxes = [extent(dataset)] + ([extent(compare)] if compare else [])
     cells = cells_of(boxes, cell)
-    here = compute(dataset, cells, hours, vehicles, state)
-    if not here.grid[0].any():
+    maps = compute_by(dataset, cells, by, hours, vehicles, state)
+    if not maps:
         raise DataError("no row is left by this choice of hours, vehicles and load", do="choose a wider one")
-    layers = here.grid if not smooth else _blur(here.grid, smooth / cell)
-    name = "heatmap"
-    grids = [Grid("heat", values(layers, quantity, cell * cell), cells.x0, cells.y0, cell, LABELS[quantity])]
+    here = _sum(list(maps.values()))
     summary = _summary(dataset, here, quantity, smooth)
+    grids = [_drawn("heat" if by is None else name, m, quantity, smooth) for name, m in maps.items()]
+    table = _cell_table(here)
+    if by is not None:
+        summary["by"] = {name: {"vehicle_hours": float(m.grid[0].sum() / 3600)} for name, m in maps.items()}
+        table = pd.concat(
+            [_cell_table(m).assign(**{by: name}) for name, m in maps.items()], ignore_index=True
+        )
     if compare is not None:
-        share, mask = difference(here, compute(compare, cells, hours, (), state))
-        per_mille = np.where((here.grid[0] > 0) | (share != 0), 1000 * share, np.nan)
-        grids = [
-            Grid(
-                "difference",
-                per_mille,
-                cells.x0,
-                cells.y0,
-                cell,
-                "share of time, difference [per mille]",
-                True,
-                mask,
-            )
-        ]
-        summary["compare"] = {
-            "other": str(compare.path),
-            "significant_cells": int(mask.sum()),
-            "moved_share": float(np.abs(share).sum() / 2),
-        }
+        other = compute(compare, cells, hours, (), state)
+        grids = [_compared(here, other, summary, table, str(compare.path))]
     shapes: list[Shape] = [*grids]
-    tables = {"cells": _cell_table(here, grids[0])}
+    tables = {"cells": table}
     if dataset.site.network is not None:
-        table, shape = _edge_layer(dataset.site.network, here, quantity)
-        tables["edges"] = table
-        if compare is None:
+        tables["edges"], shape = _edge_layer(dataset.site.network, here, quantity)
+        if compare is None and by is None:
             shapes.append(shape)
-    return Result(name, summary, tables=tables, shapes=shapes, lines=_lines(summary))
+    return Result(
+        "heatmap", summary, tables=tables, shapes=shapes, lines=_lines(summary), squares={"cells": cell}
+    )
+
+
+def _sum(maps: list[HeatMap]) -> HeatMap:
+    out = maps[0]
+    for m in maps[1:]:
+        out = out + m
+    return out
+
+
+def _drawn(name: str, m: HeatMap, quantity: Quantity, smooth: float) -> Grid:
+    c = m.cells
+    layers = m.grid if not smooth else _blur(m.grid, smooth / c.cell)
+    return Grid(name, values(layers, quantity, c.cell * c.cell), c.x0, c.y0, c.cell, LABELS[quantity])
+
+
+def _compared(here: HeatMap, other: HeatMap, summary: dict[str, Any], table: pd.DataFrame, name: str) -> Grid:
+    """The difference map; its figures go into the summary and into the table of cells."""
+    share, mask = difference(here, other)
+    per_mille = np.where((here.grid[0] > 0) | (share != 0), 1000 * share, np.nan)
+    summary["compare"] = {
+        "other": name,
+        "significant_cells": int(mask.sum()),
+        "moved_share": float(np.abs(share).sum() / 2),
+    }
+    r, c = np.nonzero(here.grid[0] > 0)
+    table["difference"], table["significant"] = share[r, c], mask[r, c]
+    f = here.cells
+    return Grid(
+        "difference", per_mille, f.x0, f.y0, f.cell, "share of time, difference [per mille]", True, mask
+    )
 
 
 def _blur(layers: Floats, sigma: float) -> Floats:
@@ -260,15 +128,12 @@ def _blur(layers: Floats, sigma: float) -> Floats:
     return np.stack([gaussian_filter(layer, sigma, mode="constant") for layer in layers])
 
 
-def _cell_table(here: HeatMap, drawn: Grid) -> pd.DataFrame:
+def _cell_table(here: HeatMap) -> pd.DataFrame:
     r, c = np.nonzero(here.grid[0] > 0)
-    table = pd.DataFrame({
+    return pd.DataFrame({
         "x": here.cells.x0 + (c + 0.5) * here.cells.cell, "y": here.cells.y0 + (r + 0.5) * here.cells.cell,
         **{name: here.grid[i, r, c] for i, name in enumerate(LAYERS)},
     })  # fmt: skip
-    if drawn.mask is not None:
-        table["difference"], table["significant"] = drawn.values[r, c] / 1000.0, drawn.mask[r, c]
-    return table
 
 
 def _edge_layer(network: Network, here: HeatMap, quantity: Quantity) -> tuple[pd.DataFrame, EdgeValues]:
@@ -309,6 +174,9 @@ def _lines(s: dict[str, Any]) -> list[str]:
         f"{s['distance_km']:.1f} km, {s['energy_kwh']:.1f} kWh, {s['standing_hours']:.1f} h standing",
         f"  busiest cell at ({b['x']:.0f}, {b['y']:.0f}) m: {b['hours']:.2f} h",
     ]
+    if "by" in s:
+        parts = ", ".join(f"{name} {v['vehicle_hours']:.2f} h" for name, v in list(s["by"].items())[:24])
+        out.append(f"  of these {parts}".replace("_", " "))
     if "compare" in s:
         c = s["compare"]
         out.append(
@@ -316,15 +184,6 @@ def _lines(s: dict[str, Any]) -> list[str]:
             f"{c['moved_share']:.1%} of the time lies elsewhere"
         )
     return out
-
-
-def world_file(cells: Cells) -> str:
-    """The six lines that place the raster in the site frame: cell size, rotations, centre of the north-west cell [m]."""
-    top = cells.y0 + (cells.rows - 0.5) * cells.cell
-    return (
-        "\n".join(f"{v:.6f}" for v in (cells.cell, 0.0, 0.0, -cells.cell, cells.x0 + cells.cell / 2, top))
-        + "\n"
-    )
 
 
 ANALYSIS = heatmap

@@ -98,6 +98,8 @@ class Result:
 
     ``summary`` is JSON-ready; a quantity's key ends in its unit or ``units`` says it.  ``tables`` are written as Parquet,
     those named in ``places`` (with columns x, y) as GeoJSON too.  ``lines`` is the answer in at most ten sentences for the terminal.
+    ``squares`` names the tables whose rows are square cells about x, y, with the size of a cell [m]: they get an outline.
+    Every :class:`Grid` is written as a GeoTIFF too.
     """
 
     name: str
@@ -106,3 +108,4 @@ class Result:
     places: dict[str, pd.DataFrame] = field(default_factory=dict)
     shapes: list[Shape] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
+    squares: dict[str, float] = field(default_factory=dict)

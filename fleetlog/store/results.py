@@ -1,4 +1,4 @@
-"""Writing a result: summary as JSON, tables as Parquet, places as GeoJSON."""
+"""Writing a result: summary as JSON, tables as Parquet, places as GeoJSON, grids as GeoTIFF."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fleetlog.core.result import Result
+from fleetlog.core.result import Grid, Result
 from fleetlog.core.site import Frame
 
 if TYPE_CHECKING:
@@ -27,11 +27,22 @@ def plain(value: Any) -> Any:
 
 
 def write_result(result: Result, folder: Path, frame: Frame | None = None) -> None:
-    """``NAME.json``, the tables as Parquet and the places as GeoJSON (WGS 84 where the site has a frame) into ``folder``."""
+    """``NAME.json``, tables as Parquet, places as GeoJSON, cells as GeoParquet, grids as GeoTIFF into ``folder``.
+
+    Geographic coordinates (WGS 84) where the site has a frame.
+    """
+    from fleetlog.store.geotiff import write_geotiff
+    from fleetlog.store.squares import write_squares
+
     text = json.dumps(plain({"format_version": 1, **result.summary}), indent=1, allow_nan=False)
     (folder / f"{result.name}.json").write_text(text + "\n", encoding="utf-8")
     for name, table in {**result.tables, **result.places}.items():
-        table.to_parquet(folder / f"{name}.parquet", index=False)
+        if name in result.squares:
+            write_squares(table, result.squares[name], folder / name, frame)
+        else:
+            table.to_parquet(folder / f"{name}.parquet", index=False)
+    for grid in (s for s in result.shapes if isinstance(s, Grid)):
+        write_geotiff(grid, folder / f"{grid.name}.tif", frame)
     for name, table in result.places.items():
         (folder / f"{name}.geojson").write_text(
             json.dumps(points_geojson(table, frame)) + "\n", encoding="utf-8"

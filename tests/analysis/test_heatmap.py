@@ -5,8 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleetlog.analysis.heatmap import cells_of, compute, difference, extent, heatmap, values, world_file
+from fleetlog.analysis.heatmap import heatmap
+from fleetlog.analysis.occupancy.compare import difference
 from fleetlog.analysis.occupancy.kernels import accumulate, occupy
+from fleetlog.analysis.occupancy.maps import cells_of, compute, compute_by, extent, values
 from fleetlog.errors import DataError
 
 from .conftest import write
@@ -118,4 +120,16 @@ def test_result_and_errors(fleet, tmp_path):
         heatmap(fleet, cell=0.001)
     with pytest.raises(DataError, match="did you mean"):
         heatmap(fleet, vehicles=("T9",))
-    assert len(world_file(cells_of([extent(fleet)], 1.0)).splitlines()) == 6
+
+
+@pytest.mark.parametrize("by", ["hour", "vehicle", "load"])
+def test_the_maps_of_groups_add_up_to_the_whole(fleet, by):
+    cells = cells_of([extent(fleet)], 2.0)
+    parts, whole = compute_by(fleet, cells, by), compute(fleet, cells)
+    assert len(parts) > 1 or by == "hour"
+    # A truck that passes on into the same cell in another group comes in anew there, so passages may only grow.
+    assert np.allclose(sum(p.grid[:4] for p in parts.values()), whole.grid[:4])
+    assert (sum(p.grid[4] for p in parts.values()) >= whole.grid[4]).all()
+    r = heatmap(fleet, cell=2.0, by=by)
+    assert [s.name for s in r.shapes] == list(parts) and by in r.tables["cells"]
+    assert r.tables["cells"].time.sum() == pytest.approx(whole.grid[0].sum())

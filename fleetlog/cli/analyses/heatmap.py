@@ -10,7 +10,7 @@ import click
 from fleetlog.cli.options import existing, json_option, output_option, overwrite_option, quiet_option, say
 
 if TYPE_CHECKING:
-    from fleetlog.analysis.heatmap import Quantity
+    from fleetlog.analysis.occupancy.maps import Grouping, Quantity
 
 QUANTITIES = ["occupancy", "passages", "speed", "energy", "standing"]
 
@@ -49,13 +49,18 @@ def _hours(_: click.Context, __: click.Parameter, value: str | None) -> tuple[in
     help="Load state.",
 )
 @click.option("--compare", type=existing, help="Another dataset: draw the difference of time shares.")
+@click.option(
+    "--by",
+    type=click.Choice(["hour", "vehicle", "load"]),
+    help="One map for each hour (UTC), vehicle or load state.",
+)
 @output_option("Folder for the answer.")
 @json_option
 @overwrite_option
 @quiet_option
 def command(
     dataset: Path, cell: float, quantity: Quantity, smooth: float, hours: tuple[int, int] | None, vehicles: tuple[str, ...],
-    state: str, compare: Path | None, output: Path, as_json: bool, overwrite: bool, quiet: bool,
+    state: str, compare: Path | None, by: Grouping | None, output: Path, as_json: bool, overwrite: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Draw how much time trucks spend where, on the floor and on the roads."""
     from fleetlog.analysis.heatmap import heatmap
@@ -64,6 +69,8 @@ def command(
 
     if cell <= 0 or smooth < 0:
         raise click.UsageError("--cell must be positive and --smooth not negative")
+    if by is not None and compare is not None:
+        raise click.UsageError("--by and --compare do not go together")
     data = Dataset(dataset)
     other = Dataset(compare) if compare else None
     result = heatmap(
@@ -75,6 +82,7 @@ def command(
         vehicles=vehicles,
         state=state,
         compare=other,
+        by=by,
     )
     write_analysis(result, data.site, output, overwrite)
     say(result.lines, result.summary, as_json=as_json, quiet=quiet)

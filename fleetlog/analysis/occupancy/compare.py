@@ -1,0 +1,39 @@
+"""Where two heat maps differ by more than chance."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.analysis.occupancy.maps import HeatMap
+
+Floats = NDArray[np.float64]
+
+
+def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple[Floats, NDArray[np.bool_]]:
+    """Share of time per cell, a minus b, and where it is significant.
+
+    Each unit (vehicle-day) of either map is resampled whole; a cell counts where its difference lies outside what pooled
+    resampling gives, two-sided 5 % after Benjamini and Hochberg over all cells that were ever visited.
+    """
+    shares = [m.grid[0] / max(m.grid[0].sum(), 1e-12) for m in (a, b)]
+    observed = shares[0] - shares[1]
+    pool = np.array([u / max(u.sum(), 1e-12) for u in (*a.units, *b.units) if u.sum() > 0])
+    seen = np.flatnonzero(pool.sum(axis=0).ravel() > 0)
+    flat = pool.reshape(len(pool), -1)[:, seen]
+    rng = np.random.default_rng(seed)
+    na, nb = max(len(a.units), 1), max(len(b.units), 1)
+    null = np.array([
+        flat[rng.integers(0, len(flat), na)].mean(axis=0) - flat[rng.integers(0, len(flat), nb)].mean(axis=0)
+        for _ in range(draws)
+    ])  # fmt: skip
+    z = np.abs(observed.ravel()[seen]) / np.maximum(null.std(axis=0), 1e-12)
+    from scipy.stats import norm
+
+    p = 2 * norm.sf(z)
+    order = np.argsort(p)
+    passes = p[order] <= 0.05 * (np.arange(len(p)) + 1) / max(len(p), 1)
+    cut = int(np.max(np.flatnonzero(passes), initial=-1))
+    mask = np.zeros(observed.size, np.bool_)
+    mask[seen[order[: cut + 1]]] = True
+    return observed, mask.reshape(observed.shape)

@@ -1,0 +1,201 @@
+"""What trucks do where: sums over rows per cell and per stretch of road.
+
+A map is a sum over rows, so maps over the same cells add: of days, of vehicles, of shifts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.errors import DataError
+from fleetlog.store import Dataset
+from fleetlog.store.trips import STANDING_SPEED
+
+LAYERS = ("time", "distance", "energy", "standing", "passages")
+Quantity = Literal["occupancy", "passages", "speed", "energy", "standing"]
+Grouping = Literal["hour", "vehicle", "load"]
+LABELS = {
+    "occupancy": "time [s/m²]", "passages": "passages", "speed": "mean speed [m/s]", "energy": "energy [kJ/m²]",
+    "standing": "standing time [s/m²]",
+}  # fmt: skip
+MAX_GAP = 15.0
+STRETCH = 5.0
+MAX_CELLS = 25_000_000
+LADEN = 25.0
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The frame of a map: south-west corner [m], cell size [m], rows, columns."""
+
+    x0: float
+    y0: float
+    cell: float
+    rows: int
+    columns: int
+
+
+@dataclass
+class HeatMap:
+    """Sums per cell (5, rows, columns) and per stretch of directed edge (5, bins), and per unit (vehicle-day) time for tests."""
+
+    cells: Cells
+    grid: Floats
+    edges: Floats
+    units: list[Floats]
+
+    def __add__(self, other: HeatMap) -> HeatMap:
+        """The map of both; the cells must be the same."""
+        if self.cells != other.cells:
+            raise DataError("maps over different cells do not add")
+        return HeatMap(self.cells, self.grid + other.grid, self.edges + other.edges, self.units + other.units)
+
+
+def values(layers: Floats, quantity: Quantity, area: float) -> Floats:
+    """One quantity from summed layers; NaN where nothing was.  Times and energies are per square metre (``area``) or stretch."""
+    time = layers[0]
+    per = {
+        "occupancy": lambda: time / area,
+        "passages": lambda: layers[4],
+        "speed": lambda: layers[1] / np.where(time > 0, time, np.nan),
+        "energy": lambda: layers[2] / area / 1000.0,
+        "standing": lambda: layers[3] / area,
+    }[quantity]()
+    return np.asarray(np.where(time > 0, per, np.nan), dtype=np.float64)
+
+
+def cells_of(extents: list[tuple[float, float, float, float]], cell: float) -> Cells:
+    """Whole cells around all extents (xmin, ymin, xmax, ymax)."""
+    low = np.floor(np.min([e[:2] for e in extents], axis=0) / cell - 1) * cell
+    high = np.ceil(np.max([e[2:] for e in extents], axis=0) / cell + 1) * cell
+    columns, rows = (int(n) for n in np.round((high - low) / cell))
+    if rows * columns > MAX_CELLS:
+        raise DataError(f"{rows} x {columns} cells are too many", do="choose a larger --cell")
+    return Cells(float(low[0]), float(low[1]), cell, rows, columns)
+
+
+def extent(dataset: Dataset) -> tuple[float, float, float, float]:
+    """xmin, ymin, xmax, ymax of the positions and the roads [m]."""
+    boxes = [] if dataset.site.network is None else [dataset.site.network.extent]
+    for t in dataset.days(("x", "y")):
+        x, y = t.floats("x"), t.floats("y")
+        if np.isfinite(x).any():
+            boxes.append((float(np.nanmin(x)), float(np.nanmin(y)), float(np.nanmax(x)), float(np.nanmax(y))))
+    if not boxes:
+        raise DataError("the dataset has no positions")
+    low, high = np.min([b[:2] for b in boxes], axis=0), np.max([b[2:] for b in boxes], axis=0)
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def stretches(network: Network | None) -> NDArray[np.int64]:
+    """(E + 1,) first stretch of every edge."""
+    if network is None:
+        return np.zeros(1, np.int64)
+    return np.concatenate([[0], np.cumsum(np.maximum(1, np.ceil(network.length / STRETCH)))]).astype(np.int64)
+
+
+def select(t: Trajectory, hours: tuple[int, int] | None, state: str) -> NDArray[np.bool_]:
+    """(N,) rows of the hours of the day [UTC) and the load state ``all``, ``laden`` or ``empty``."""
+    use = np.ones(len(t), np.bool_)
+    if hours is not None:
+        hour = t.time // 3_600_000_000 % 24
+        first, last = hours
+        use &= (hour >= first) & (hour < last) if first < last else (hour >= first) | (hour < last)
+    if state != "all":
+        payload = t.floats("payload")
+        use &= payload > LADEN if state == "laden" else payload <= LADEN
+    return use
+
+
+def compute(
+    dataset: Dataset,
+    cells: Cells,
+    hours: tuple[int, int] | None = None,
+    vehicles: tuple[str, ...] = (),
+    state: str = "all",
+) -> HeatMap:
+    """The sums of a dataset over given cells, vehicle-day by vehicle-day."""
+    return compute_by(dataset, cells, None, hours, vehicles, state).get("all", _empty(dataset, cells))
+
+
+def compute_by(
+    dataset: Dataset,
+    cells: Cells,
+    by: Grouping | None,
+    hours: tuple[int, int] | None = None,
+    vehicles: tuple[str, ...] = (),
+    state: str = "all",
+) -> dict[str, HeatMap]:
+    """One map a group, in one pass over the rows; the groups' maps add up to the map of all."""
+    network = dataset.site.network
+    out: dict[str, HeatMap] = {}
+    for t in dataset.days(("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payload")):
+        if vehicles and t.vehicle_id not in vehicles:
+            continue
+        use = select(t, hours, state)
+        for name, mine in _GROUPS[by](t):
+            if (use & mine).any():
+                _add(out.setdefault(name, _empty(dataset, cells)), t, use & mine, network)
+    return dict(sorted(out.items()))
+
+
+def _empty(dataset: Dataset, cells: Cells) -> HeatMap:
+    bins = int(stretches(dataset.site.network)[-1])
+    return HeatMap(cells, np.zeros((5, cells.rows, cells.columns)), np.zeros((5, bins)), [])
+
+
+def _add(to: HeatMap, t: Trajectory, use: NDArray[np.bool_], network: Network | None) -> None:
+    from fleetlog.analysis.occupancy.kernels import accumulate, along_edges
+
+    c, speed, power = to.cells, t.floats("speed"), t.floats("battery_power")
+    one = np.zeros_like(to.grid)
+    accumulate(
+        t.floats("x"), t.floats("y"), t.time, speed, power, STANDING_SPEED, use, c.x0, c.y0, c.cell, MAX_GAP, one
+    )  # fmt: skip
+    to.grid += one
+    to.units.append(one[0])
+    if network is not None:
+        edge = t.labels("edge_id").recode(network.index)
+        offset = np.nan_to_num(t.floats("edge_offset"))
+        along_edges(
+            edge, offset, t.time, speed, power, STANDING_SPEED, use, stretches(network), STRETCH, MAX_GAP, to.edges
+        )  # fmt: skip
+
+
+Groups = list[tuple[str, NDArray[np.bool_]]]
+
+
+def _all(t: Trajectory) -> Groups:
+    return [("all", np.ones(len(t), np.bool_))]
+
+
+def _hours(t: Trajectory) -> Groups:
+    hour = t.time // 3_600_000_000 % 24
+    return [(f"hour_{h:02d}", hour == h) for h in np.unique(hour).tolist()]
+
+
+def _vehicle(t: Trajectory) -> Groups:
+    return [(t.vehicle_id, np.ones(len(t), np.bool_))]
+
+
+def _load(t: Trajectory) -> Groups:
+    payload = t.floats("payload")
+    laden, empty = payload > LADEN, payload <= LADEN
+    return [("laden", laden), ("empty", empty), ("load_unknown", ~(laden | empty))]
+
+
+_GROUPS: dict[Grouping | None, Callable[[Trajectory], Groups]] = {
+    None: _all,
+    "hour": _hours,
+    "vehicle": _vehicle,
+    "load": _load,
+}
