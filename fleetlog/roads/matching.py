@@ -38,6 +38,8 @@ REASONS: tuple[str, ...] = (
 """Why a row has no edge (``Match.reason``), and why a chain starts anew (``Match.restart``: no connected path, gap)."""
 NO_ROAD, NO_PATH, ONE_WAY, STANDING, NO_POSITION, GAP, OUT_OF_LINE = range(1, 8)
 
+CHANCE_PERSISTENCE = 0.12
+"""Correlation of successive groups that independent noise shows too, as the match bends towards it."""
 LEAST_WEIGHT = 0.35
 """Of the evidence of a group, however persistent the errors are: at a junction it is new evidence all the same."""
 BLOCK, AHEAD = 1000, 60
@@ -241,9 +243,10 @@ def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchPara
     edge = np.full(n, -1, np.int32)
     offset, lateral = np.full(n, np.nan), np.full(n, np.nan)
     confidence = np.repeat(chain.off_posterior, np.diff(groups.first))
+    lasting = p.sigma**2 * max(p.persistence - CHANCE_PERSISTENCE, 0.0) / (1.0 - CHANCE_PERSISTENCE)
     place_points(
         track.t, track.x, track.y, track.speed, groups.first, groups.t, spans, firsts, piece, place, groups.still,
-        p_edge, p_value, prepared.px, prepared.py, prepared.first, prepared.dist, near, max(p.noise, 0.02) ** 2,
+        p_edge, p_value, prepared.px, prepared.py, prepared.first, prepared.dist, near, max(p.noise, 0.02) ** 2, lasting,
         p.speed_noise**2, p.acceleration, edge, offset, lateral, confidence,
     )  # fmt: skip
     reason = np.repeat(_reasons(groups, chain, prepared, p), np.diff(groups.first)).astype(np.uint8)

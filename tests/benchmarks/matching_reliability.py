@@ -15,11 +15,20 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "matching"))
-from worlds import aisle_grid, drive
+from worlds import aisle_grid, drive, wandering
 
 from fleetlog.roads.matching import match
 
-CASES = ((10.0, 0.5), (10.0, 2.0), (1.0, 0.5), (1.0, 2.0))
+# rate [1/s], noise [m], memory of the noise [s]: 0 is independent from row to row
+CASES = (
+    (10.0, 0.5, 0.0),
+    (10.0, 2.0, 0.0),
+    (1.0, 0.5, 0.0),
+    (1.0, 2.0, 0.0),
+    (10.0, 1.0, 20.0),
+    (1.0, 2.0, 20.0),
+    (1.0, 1.0, 60.0),
+)
 BINS = np.array([0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 1.0001])
 
 
@@ -27,10 +36,12 @@ def main(out: Path) -> None:
     network = aisle_grid()
     figure, axes = plt.subplots(figsize=(5.2, 5.0), layout="constrained")
     axes.plot([0, 1], [0, 1], color="0.7", lw=1, label="perfect")
-    for rate, noise in CASES:
+    for rate, noise, memory in CASES:
         sure, hit = [], []
         for seed in range(12):
-            track, edges, _ = drive(network, 10_000, rate, noise, 100 + seed)
+            track, edges, _ = drive(network, 10_000, rate, 0.0 if memory else noise, 100 + seed)
+            if memory:
+                track = wandering(track, rate, noise, memory, seed)
             found = match(track, network)
             sure.append(found.confidence)
             hit.append(found.edge == edges)
@@ -41,17 +52,16 @@ def main(out: Path) -> None:
         x = (np.bincount(which, confidence, len(BINS) - 1) / np.maximum(rows, 1))[kept]
         y = (np.bincount(which, right, len(BINS) - 1) / np.maximum(rows, 1))[kept]
         gap = float(np.sum(np.abs(x - y) * rows[kept]) / rows[kept].sum())
-        axes.plot(x, y, "o-", ms=4, lw=1.2, label=f"{rate:g} Hz, {noise:g} m: off by {gap:.3f}")
-        print(
-            f"{rate:g} Hz, {noise:g} m: right {right.mean():.3f}, stated {confidence.mean():.3f}, mean distance {gap:.3f}"
-        )
+        name = f"{rate:g} Hz, {noise:g} m" + (f" lasting {memory:g} s" if memory else "")
+        axes.plot(x, y, "o--" if memory else "o-", ms=4, lw=1.2, label=f"{name}: off by {gap:.3f}")
+        print(f"{name}: right {right.mean():.3f}, stated {confidence.mean():.3f}, mean distance {gap:.3f}")
     axes.set(
         xlabel="stated confidence",
         ylabel="share of rows on the right directed edge",
         xlim=(0, 1.01),
         ylim=(0, 1.01),
     )
-    axes.legend(loc="upper left", frameon=False)
+    axes.legend(loc="upper left", frameon=False, fontsize=8)
     out.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(out, dpi=130)
 

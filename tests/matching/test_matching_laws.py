@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 sys.path.insert(0, str(Path(__file__).parent))
-from worlds import aisle_grid, drive
+from worlds import aisle_grid, drive, wandering
 
 from fleetlog.core.network import Edge, Network, build_network, reversed_edge
 from fleetlog.core.trajectory import Trajectory
@@ -146,6 +146,19 @@ def test_confidence_is_the_share_of_right_edges(noise: float) -> None:
     for low, high in ((0.4, 0.7), (0.7, 0.95), (0.95, 1.01)):
         rows = (confidence >= low) & (confidence < high)
         assert abs(confidence[rows].mean() - hit[rows].mean()) < 0.12
+
+
+@pytest.mark.parametrize(("rate", "spread"), [(1.0, 0.5), (1.0, 2.0), (10.0, 1.0)])
+def test_confidence_holds_where_errors_last(rate: float, spread: float) -> None:
+    """Errors that persist for 20 s cannot be averaged out, and the confidence knows it."""
+    grid = aisle_grid()
+    sure, right = [], []
+    for seed in range(4):
+        track, edges, _ = drive(grid, 5000, rate, 0.0, seed)
+        found = match(wandering(track, rate, spread, 20.0, seed), grid)
+        sure.append(found.confidence.mean())
+        right.append((found.edge == edges).mean())
+    assert abs(np.mean(sure) - np.mean(right)) < 0.03
 
 
 @pytest.mark.parametrize("noise", [0.3, 1.0, 2.0])

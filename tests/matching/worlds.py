@@ -48,3 +48,16 @@ def drive(
         xy = network.position(edges, offsets)[:, :2]
     time = np.round(np.arange(rows) * dt * 1e6).astype(np.int64)
     return Trajectory("truck", time, {"x": xy[:, 0].copy(), "y": xy[:, 1].copy()}), edges, offsets
+
+
+def wandering(track: Trajectory, rate: float, spread: float, memory: float, seed: int) -> Trajectory:
+    """The track with errors that last: a first-order process of standard deviation ``spread`` [m] and ``memory`` seconds."""
+    rng = np.random.default_rng(seed)
+    keep = float(np.exp(-1.0 / (rate * memory)))
+    steps = rng.normal(0.0, spread * np.sqrt(1.0 - keep * keep), (len(track), 2))
+    error = np.empty((len(track), 2))
+    error[0] = rng.normal(0.0, spread, 2)
+    for i in range(1, len(track)):
+        error[i] = keep * error[i - 1] + steps[i]
+    error += rng.normal(0.0, 0.05, error.shape)
+    return track.with_columns(x=track.floats("x") + error[:, 0], y=track.floats("y") + error[:, 1])

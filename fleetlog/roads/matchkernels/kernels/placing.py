@@ -141,6 +141,7 @@ def place_points(
     dist: Floats,
     near: Floats,
     variance: float,
+    lasting: float,
     speed_variance: float,
     accel: float,
     edge: Index,
@@ -151,7 +152,8 @@ def place_points(
     """Edge, offset, lateral offset and confidence of every row that a stretch covers.
 
     Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is projected onto the
-    tangent of the route.  ``near`` (G,) is the posterior of the route about each group.
+    tangent of the route.  ``near`` (G,) is the posterior of the route about each group; ``lasting`` the
+    variance of errors that persist from group to group, which no smoothing along time takes out.
     """
     cursor = np.zeros(2, np.int64)
     for s in range(spans.shape[1]):
@@ -203,7 +205,7 @@ def place_points(
             )
             edge[a + i], offset[a + i] = p_edge[piece], o
             lateral[a + i] = -(x[a + i] - qx) * uy + (y[a + i] - qy) * ux
-            width = max(sd[i], 1e-3) * 1.4142135623730951
+            width = math.sqrt(2.0 * (sd[i] * sd[i] + lasting) + 1e-6)
             low = -1e9 if piece == lo else (p_value[2, piece] - c) / width
             high = 1e9 if piece == hi - 1 else (p_value[2, piece + 1] - c) / width
             confidence[a + i] = near[g] * 0.5 * (math.erf(high) - math.erf(low))
