@@ -34,6 +34,8 @@ class Fleet:
     lag: dict[int, float]
     scale: dict[int, float]
     load_with_power: bool = False
+    speed_from_positions: frozenset[int] = frozenset()
+    """Vehicles whose speed was derived on import: it can say nothing of a faulty speed channel."""
 
     def has(self, column: str) -> bool:
         """Whether any vehicle-day knows the column."""
@@ -41,7 +43,7 @@ class Fleet:
 
     def blocks(self) -> list[Block]:
         """Uninterrupted pieces as finely stepped motion."""
-        out = []
+        out: list[Block] = []
         for vehicle, trajectory in self.days:
             lag, scale = self.lag.get(vehicle, 0.0), self.scale.get(vehicle, 1.0)
             out.extend(
@@ -72,7 +74,9 @@ def read_fleet(dataset: Dataset, truck: Truck, site: Site | None = None) -> Flee
             days.append((vehicles.index(trajectory.vehicle_id), trajectory))
     if not days:
         raise DataError("no vehicle has rows with a speed", do="import logs that carry speed or positions")
-    return Fleet(days, vehicles, network, truck, {}, {})
+    derived = dataset.meta.get("summary", {}).get("derived_by_vehicle", {})
+    no_channel = frozenset(i for i, v in enumerate(vehicles) if "speed" in derived.get(v, ()))
+    return Fleet(days, vehicles, network, truck, {}, {}, speed_from_positions=no_channel)
 
 
 ABSENCES = {

@@ -6,6 +6,7 @@ best.  Scale: integrated speed against progress along the map, on the middle of 
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -109,7 +110,7 @@ def _pieces(block: Block) -> list[slice]:
     """A block in at most six pieces of at least two hundred rows: the independent looks at its clock."""
     count = int(np.clip(len(block) // 200, 1, 6))
     cuts = np.linspace(0, len(block), count + 1).astype(int)
-    return [slice(int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    return [slice(int(a), int(b)) for a, b in itertools.pairwise(cuts)]
 
 
 def _best_shift(block: Block, piece: slice, fleet: Fleet) -> tuple[float, float, float] | None:
@@ -171,6 +172,8 @@ def speed_scale(fleet: Fleet) -> Fault | None:
     """What the speed channel reads over the true speed; None where no vehicle's is off."""
     pairs: dict[int, list[tuple[float, float]]] = {}
     for vehicle, trajectory in fleet.days:
+        if vehicle in fleet.speed_from_positions:
+            continue
         own = pairs.setdefault(vehicle, [])
         if fleet.network is not None and trajectory.has("edge_id"):
             own.extend(_edge_pairs(trajectory, fleet))

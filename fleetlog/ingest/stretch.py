@@ -114,6 +114,9 @@ class VehicleImport:
         for name in ("speed", "heading", "battery_power"):
             if full.has(name) and not rows.has(name):
                 self._derived.add(name)
+                own = self.summary.derived_by_vehicle.setdefault(rows.vehicle_id, [])
+                if name not in own:
+                    own.append(name)
         return full
 
     def _trip_ids(self, rows: Trajectory) -> Ints:

@@ -42,6 +42,8 @@ class ImportSummary:
     rejected_file: str | None = None
     derived: list[str] = field(default_factory=list)
     """Columns made from others."""
+    derived_by_vehicle: dict[str, list[str]] = field(default_factory=dict)
+    """The same by vehicle: what was derived is no channel that a diagnosis may test."""
     notes: list[str] = field(default_factory=list)
     trips: int = 0
     matched: float | None = None
