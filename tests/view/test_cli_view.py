@@ -83,7 +83,8 @@ def test_times(dataset: Path) -> None:
 @pytest.mark.skipif(
     headless.vulkan_missing() is not None, reason=f"the viewer cannot draw here: {headless.vulkan_missing()}"
 )
-def test_screenshot(dataset: Path, tmp_path: Path) -> None:
+def test_screenshot(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(headless.screenshot.__kwdefaults__, "settle", 2.0)
     out = tmp_path / "shot.png"
     run(str(dataset), "--screenshot", str(out), "--at", "2026-03-02T06:01:18")
     assert headless.colour_ink(out.read_bytes()) > 5 * headless.INK

@@ -39,7 +39,7 @@ def pixels(path: Path) -> np.ndarray:
     return np.asarray(Image.open(path).convert("RGB")).astype(int)
 
 
-@pytest.mark.parametrize("site", [plant(), plant(frame=False), plant(network=False), Site("bare")])
+@pytest.mark.parametrize("site", [plant(), Site("bare")])
 @pytest.mark.parametrize("shape", [*EMPTY, None])
 def test_nothing_to_draw_is_no_error(tmp_path: Path, shape: Shape | None, site: Site) -> None:
     result = Result("empty", {}, shapes=[] if shape is None else [shape], lines=["nothing found"])

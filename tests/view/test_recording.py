@@ -211,6 +211,18 @@ def test_older_recording_stays_when_writing_fails(
     assert out.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["r.rrd"]
 
 
+def test_dataset_of_nothing_and_of_unplaced_rows(tmp_path: Path) -> None:
+    with DatasetWriter.create(tmp_path / "empty", "recorded", plant()):
+        pass
+    assert "/site/roads/surface" in rrd.entities(write_recording(tmp_path / "empty", tmp_path / "e.rrd"))
+    nowhere = Trajectory("t", START + np.arange(20) * 1_000_000, {"soc": np.linspace(0.9, 0.8, 20)})
+    with DatasetWriter.create(tmp_path / "d", "recorded", plant()) as writer:
+        writer.write(nowhere)
+    out = write_recording(tmp_path / "d", tmp_path / "r.rrd")
+    assert len(rrd.scalars(out, "/soc/t")[1]) == 5
+    assert rrd.column(out, "/trucks/t", "Transform3D:translation")[1] is None
+
+
 def test_two_recordings_are_two(tmp_path: Path, replay: tuple[Path, Path]) -> None:
     """The viewer merges files of one recording id; ours must never be merged by accident."""
     dataset, out = replay
