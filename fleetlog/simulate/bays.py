@@ -145,7 +145,8 @@ class BayMaker:
             else -1
         )
         reach = 2.0 * float(np.hypot(*self.half))
-        for i, (x, y, heading, _) in enumerate(bay.path):
+        # From the bay outwards: most ground that is taken is taken there.
+        for i, (x, y, heading, _) in reversed(list(enumerate(bay.path))):
             rows = np.asarray(self.tree.query_ball_point((x, y), reach), dtype=np.int64)
             if i < len(bay.path) - 1:
                 safe = self.junctions.resource[rows] < 0

@@ -53,6 +53,8 @@ class Recorder:
         k = len(pick)
 
         def mean(values: Floats) -> Floats:
+            if self.every == 1:
+                return values
             return np.asarray(values.reshape(len(self.names), k, self.every).mean(axis=2))
 
         columns = {

@@ -25,9 +25,9 @@ def passages(trucks: int, minutes: float, seed: int, folder: Path) -> tuple[floa
     from fleetlog.simulate.tasks import Demand
     from fleetlog.store import Dataset, DatasetWriter
 
-    with DatasetWriter.create(folder / "run", "simulated", crossing(arm=80.0), overwrite=True) as writer:
+    with DatasetWriter.create(folder / "run", "simulated", crossing(arm=120.0), overwrite=True) as writer:
         settings = Settings(vehicles=trucks, duration=60.0 * minutes, seed=seed)
-        summary = simulate(crossing(arm=80.0), TRUCK, writer, settings, Demand(pause=1.0))
+        summary = simulate(crossing(arm=120.0), TRUCK, writer, settings, Demand(pause=1.0))
     data = Dataset(folder / "run")
     count = 0
     for vehicle in data.vehicles:
@@ -43,7 +43,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures/throughput.png"))
     parser.add_argument("--minutes", type=float, default=30.0)
     args = parser.parse_args()
-    fleets, seeds = (2, 4, 8, 12, 16, 24, 32, 40), (1, 2)
+    fleets, seeds = (2, 4, 8, 16, 24, 32, 40, 48, 56, 64), (1, 2)
     with tempfile.TemporaryDirectory() as name:
         found = [[passages(n, args.minutes, s, Path(name)) for s in seeds] for n in fleets]
     rate = np.array([[f[0] for f in row] for row in found])
