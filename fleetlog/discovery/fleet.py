@@ -34,6 +34,8 @@ class Fleet:
     lag: dict[int, float]
     scale: dict[int, float]
     load_with_power: bool = False
+    left_out: tuple[str, ...] = ()
+    """Vehicles whose log lacks the payload that others have: their loads would pass for missing physics."""
     speed_from_positions: frozenset[int] = frozenset()
     """Vehicles whose speed was derived on import: it can say nothing of a faulty speed channel."""
 
@@ -74,9 +76,12 @@ def read_fleet(dataset: Dataset, truck: Truck, site: Site | None = None) -> Flee
             days.append((vehicles.index(trajectory.vehicle_id), trajectory))
     if not days:
         raise DataError("no vehicle has rows with a speed", do="import logs that carry speed or positions")
+    weighed = {v for v, t in days if t.has("payload")}
+    left_out = tuple(vehicles[v] for v in sorted({v for v, _ in days} - weighed)) if weighed else ()
+    days = [(v, t) for v, t in days if not weighed or v in weighed]
     derived = dataset.meta.get("summary", {}).get("derived_by_vehicle", {})
     no_channel = frozenset(i for i, v in enumerate(vehicles) if "speed" in derived.get(v, ()))
-    return Fleet(days, vehicles, network, truck, {}, {}, speed_from_positions=no_channel)
+    return Fleet(days, vehicles, network, truck, {}, {}, left_out=left_out, speed_from_positions=no_channel)
 
 
 ABSENCES = {
@@ -92,6 +97,8 @@ ABSENCES = {
 def absences(fleet: Fleet) -> list[str]:
     """What the recording lacks, and what that costs."""
     out = [text for column, text in ABSENCES.items() if not fleet.has(column)]
+    if fleet.left_out:
+        out.append(f"left out, since their logs carry no payload: {', '.join(fleet.left_out)}")
     if fleet.step > 2.5:
         out.append(
             f"a row every {fleet.step:.0f} s: braking and setting off fall between rows and are known in outline only"
