@@ -100,7 +100,13 @@ def _boxes(place: Floats, half: Floats, height: Floats, count: int) -> Floats:
 
 
 def path_curvature(
-    piece: Trajectory, network: Network | None, edge: Index, offset: Floats, row: Ints, radius: float, speed: Floats
+    piece: Trajectory,
+    network: Network | None,
+    edge: Index,
+    offset: Floats,
+    row: Ints,
+    radius: float,
+    speed: Floats,
 ) -> Floats:
     """(N,) curvature of the path [1/m], left positive."""
     if network is None or not (edge >= 0).any():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from fleetlog.core.site import Site
@@ -161,7 +161,8 @@ def _of_fault(fault: Fault, explained: dict[str, Explained]) -> Finding:
     )
 
 
-def _check(given: Sequence[str], known_names: Sequence[str] | dict[str, object], what: str) -> None:
+def _check(given: Sequence[str], known_names: Iterable[str], what: str) -> None:
+    names = list(known_names)
     for name in given:
-        if name not in known_names:
-            raise DataError(f"unknown {what} {name!r}", do=nearest(name, known_names))
+        if name not in names:
+            raise DataError(f"unknown {what} {name!r}", do=nearest(name, names))

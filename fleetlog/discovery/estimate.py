@@ -62,10 +62,10 @@ def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float,
         if c.term is None:
             continue
         part = f.part(s, c.name)
-        own, other = covariance[part, part], stiff.beta[part] - f.beta[part]
+        spread, other = covariance[part, part], stiff.beta[part] - f.beta[part]
         if c.kind == "field":
             root = task.root(c.term)
-            error = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", root, own, root), 0.0))
+            error = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", root, spread, root), 0.0))
             samples = (np.abs(table.groups[c.name]) > 0).sum(axis=0)
             found_fields[c.name] = Values(
                 state.found.fields[c.name], np.hypot(error, 0.5 * (root @ other)), samples
@@ -81,7 +81,7 @@ def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float,
                 if c.term.acts == "speed"
                 else np.hypot(MODEL * value * (parameter.truck_key is not None), 2.0 * MODEL * moved)
             )
-            error = np.sqrt(max(own[i, i], 0.0) + (0.5 * other[i]) ** 2 + model**2)
+            error = np.sqrt(max(spread[i, i], 0.0) + (0.5 * other[i]) ** 2 + model**2)
             if knob.parameter in direct.get(c.name, {}):
                 value, error = direct[c.name][knob.parameter]
                 error = np.hypot(error, MODEL_SPEED * value)

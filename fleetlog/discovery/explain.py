@@ -65,9 +65,10 @@ def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) ->
         blocks = [on_the_clock_of_charge(b, fleet.lag.get(b.vehicle, 0.0), capacity) for b in blocks]
     floor = cells_of(fleet)
     recording = residual.prepare(blocks, floor, channel, measured, width(fleet, channel), capacity)
+    spans = recording.ranges
     candidates = [
         *named_candidates(channel, measured, floor is not None, options.terms),
-        *(generic.measured_candidates(recording.ranges) if measured else generic.generic_candidates(recording.ranges, floor is not None)),
+        *(generic.measured_candidates(spans) if measured else generic.generic_candidates(spans, floor is not None)),
     ]  # fmt: skip
     free = residual.generic_columns(recording, base)
     task = make_task(recording, candidates, free, floor, base, options)
@@ -79,7 +80,10 @@ def on_the_clock_of_charge(block: Block, lag: float, capacity: float) -> Block:
     """The block with its measured power moved by ``lag`` [s], where the state of charge then follows it better."""
     moved = np.interp(block.time + lag, block.time, block.power)
     paid = -np.diff(block.soc) * capacity
-    off = [float(np.nansum((paid - 0.5 * (p[1:] + p[:-1]) * np.diff(block.time)) ** 2)) for p in (block.power, moved)]
+    off = [
+        float(np.nansum((paid - 0.5 * (p[1:] + p[:-1]) * np.diff(block.time)) ** 2))
+        for p in (block.power, moved)
+    ]
     if off[0] <= off[1]:
         return block
     return replace(block, power=moved, motion=block.motion.replaced(power=np.repeat(moved, block.steps)))
@@ -227,7 +231,8 @@ def _numbers(
     out = []
     for parameter in c.term.parameters:
         value, error = result.numbers[c.name].get(
-            parameter.name, (result.state.found.value(c.term, parameter.name), _grid_error(choice, parameter.name))
+            parameter.name,
+            (result.state.found.value(c.term, parameter.name), _grid_error(choice, parameter.name)),
         )
         low, high = value - estimate.SURE * error, value + estimate.SURE * error
         out.append(

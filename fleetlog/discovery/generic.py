@@ -115,10 +115,10 @@ def generic_candidates(r: Ranges, with_map: bool) -> list[Candidate]:
         )
         out.append(Candidate("lift power by payload", "generic", None, ("lift_speed", "payload")))
     if "ambient_temperature" in r.knots:
-        name = ("ambient_temperature", "speed")
+        pair = ("ambient_temperature", "speed")
         out.append(
             Candidate(
-                "force by ambient_temperature and speed", "generic", None, name, slow=True, internal=True
+                "force by ambient_temperature and speed", "generic", None, pair, slow=True, internal=True
             )
         )
     if r.vehicles > 1:
@@ -158,7 +158,7 @@ def columns(
     """(windows, p) kJ of every free dependence, by the candidate's name."""
     m = block.motion
     weight = FORCE * GRAVITY * mass * gain
-    moving = POWER * (m.speed > 0.0)
+    moving = np.asarray(POWER * (m.speed > 0.0), dtype=np.float64)
     state = variables(block, start)
     for name, knots in r.knots.items():
         j, w = hats(state[name], knots)
@@ -176,7 +176,10 @@ def columns(
         "drag by heading",
         np.stack([c.energy(block, 100.0 * gain * t) for t in (np.ones(len(m)), *turns)], axis=1),
     )
-    yield "power when standing", c.energy(block, POWER * (m.speed <= 0.0))[:, None]
+    yield (
+        "power when standing",
+        c.energy(block, np.asarray(POWER * (m.speed <= 0.0), dtype=np.float64))[:, None],
+    )
     if "payload" in r.knots:
         yield "power by payload and speed", _pair(block, c, state, r, "payload", "speed", moving)
         j, w = hats(m.payload, r.knots["payload"])
@@ -219,7 +222,7 @@ def _hat_energy(block: Block, c: Cut, j: NDArray[np.intp], w: Floats, k: int, po
     flat = c.of_sample * k + j
     left = np.bincount(flat, e * (1.0 - w), c.count * k)
     right = np.bincount(flat + 1, e * w, c.count * k)
-    return (left + right).reshape(c.count, k)
+    return np.asarray((left + right).reshape(c.count, k), dtype=np.float64)
 
 
 def _pair(block: Block, c: Cut, state: dict[str, Floats], r: Ranges, a: str, b: str, power: Floats) -> Floats:

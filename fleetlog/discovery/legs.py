@@ -5,6 +5,7 @@ Progress along a path comes from integrated speed, scaled to the length that the
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -122,7 +123,7 @@ def _path(
         return None
     keep = np.concatenate([[True], np.diff(edge) != 0])
     path = edge[keep]
-    for a, b in zip(path[:-1], path[1:], strict=True):
+    for a, b in itertools.pairwise(path):
         if b not in network.successors(int(a)):
             return None
     return path, float(offset[0]), float(offset[-1])

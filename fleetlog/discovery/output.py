@@ -45,7 +45,7 @@ def physics(d: Diagnosis) -> Physics:
 
 def shapes(d: Diagnosis) -> list[Any]:
     """Everything drawable, the energy channel first."""
-    out = []
+    out: list[Any] = []
     for channel in ("battery_power", "soc"):
         if channel in d.channels and not out:
             out.extend(maps.shapes(d.channels[channel]))

@@ -102,7 +102,7 @@ def _block(
     scale: float,
     load_with_power: bool,
 ) -> Block:
-    time = piece.time * 1e-6
+    time = np.asarray(piece.time * 1e-6, dtype=np.float64)
     steps = int(np.clip(np.ceil(step / FINEST), 4, MAX_STEPS))
     width = np.minimum(np.gradient(time), 1.5 * step)
     inside = (np.arange(steps) + 0.5) / steps - 0.5

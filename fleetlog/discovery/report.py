@@ -14,13 +14,19 @@ from fleetlog.discovery.finding import Finding
 
 STYLE = """
 :root{--ink:#1d2430;--soft:#5c6675;--line:#dfe4ea;--paper:#fff;--panel:#f6f8fa;--warm:#c2410c;--cold:#1d6fb8;--good:#187a4b}
-@media (prefers-color-scheme:dark){:root{--ink:#e8ecf1;--soft:#9aa6b5;--line:#323b47;--paper:#151a21;--panel:#1d242d;--warm:#f08a4b;--cold:#6db3f2;--good:#5cc28e}}
+@media (prefers-color-scheme:dark){:root{--ink:#e8ecf1;--soft:#9aa6b5;--line:#323b47;--paper:#151a21;--panel:#1d242d;
+--warm:#f08a4b;--cold:#6db3f2;--good:#5cc28e}}
 body{margin:0;background:var(--paper);color:var(--ink);font:16px/1.55 system-ui,sans-serif}
-main{max-width:62rem;margin:0 auto;padding:2rem 1.2rem 4rem}h1{font-size:1.7rem;margin:0 0 .3rem}h2{font-size:1.15rem;margin:2.2rem 0 .6rem}
-.lead{font-size:1.1rem;color:var(--soft);margin:0 0 1.4rem}.card{background:var(--panel);border:1px solid var(--line);border-radius:10px;padding:1.1rem 1.3rem;margin:1rem 0}
-.card h3{margin:0 0 .4rem;font-size:1.1rem}table{border-collapse:collapse;width:100%;font-size:.95rem}td,th{text-align:left;padding:.35rem .6rem;border-bottom:1px solid var(--line)}
-th{color:var(--soft);font-weight:600}.num{text-align:right;font-variant-numeric:tabular-nums}.warn{color:var(--warm)}.two{display:grid;grid-template-columns:1fr 1fr;gap:1rem}
-@media(max-width:720px){.two{grid-template-columns:1fr}}svg{width:100%;height:auto;display:block}figcaption{color:var(--soft);font-size:.9rem}figure{margin:0}
+main{max-width:62rem;margin:0 auto;padding:2rem 1.2rem 4rem}h1{font-size:1.7rem;margin:0 0 .3rem}
+h2{font-size:1.15rem;margin:2.2rem 0 .6rem}
+.lead{font-size:1.1rem;color:var(--soft);margin:0 0 1.4rem}
+.card{background:var(--panel);border:1px solid var(--line);border-radius:10px;padding:1.1rem 1.3rem;margin:1rem 0}
+.card h3{margin:0 0 .4rem;font-size:1.1rem}table{border-collapse:collapse;width:100%;font-size:.95rem}
+td,th{text-align:left;padding:.35rem .6rem;border-bottom:1px solid var(--line)}
+th{color:var(--soft);font-weight:600}.num{text-align:right;font-variant-numeric:tabular-nums}.warn{color:var(--warm)}
+.two{display:grid;grid-template-columns:1fr 1fr;gap:1rem}
+@media(max-width:720px){.two{grid-template-columns:1fr}}svg{width:100%;height:auto;display:block}
+figcaption{color:var(--soft);font-size:.9rem}figure{margin:0}
 .bar{height:.7rem;border-radius:4px;background:var(--cold)}.bar.best{background:var(--good)}
 """
 WORDS = {
@@ -63,7 +69,8 @@ def _channels(d: Diagnosis) -> str:
 
 def _finding(f: Finding) -> str:
     numbers = "".join(
-        f"<tr><td>{escape(p.name)}</td><td class=num>{p.value:.4g}</td><td class=num>{p.low:.4g} to {p.high:.4g}</td><td>{escape(p.unit)}</td></tr>"
+        f"<tr><td>{escape(p.name)}</td><td class=num>{p.value:.4g}</td><td class=num>{p.low:.4g} to {p.high:.4g}</td>"
+        f"<td>{escape(p.unit)}</td></tr>"
         for p in f.parameters
     )
     table = (
@@ -80,7 +87,8 @@ def _finding(f: Finding) -> str:
     elif f.needs:
         doubt = f"<p class=warn>To go on: {escape(f.needs)}.</p>"
     return (
-        f"<div class=card><h3>{escape(f.term.replace('_', ' '))} <small>({escape(f.channel)})</small></h3><p>{escape(f.statement)}.</p>{doubt}"
+        f"<div class=card><h3>{escape(f.term.replace('_', ' '))} <small>({escape(f.channel)})</small></h3>"
+        f"<p>{escape(f.statement)}.</p>{doubt}"
         f"{table}{_ranking(f)}{_where(f)}</div>"
     )
 
@@ -96,7 +104,8 @@ def _ranking(f: Finding) -> str:
     if top <= 0.0 or len(rows) < 2:
         return ""
     body = "".join(
-        f"<tr><td>{escape(n.replace('_', ' '))}</td><td style='width:55%'><div class='bar{' best' if best else ''}' style='width:{100 * max(g, 0) / top:.1f}%'>"
+        f"<tr><td>{escape(n.replace('_', ' '))}</td><td style='width:55%'>"
+        f"<div class='bar{' best' if best else ''}' style='width:{100 * max(g, 0) / top:.1f}%'>"
         f"</div></td><td class=num>{g:.4f}</td></tr>"
         for n, g, best in rows
     )
@@ -112,7 +121,8 @@ def _where(f: Finding) -> str:
         f"<td class=num>{e['low']:.4g} to {e['high']:.4g}</td></tr>"
         for e in edges[:20]
     )
-    return f"<h4>Where</h4><table><tr><th>Road</th><th class=num>stretch</th><th class=num>value</th><th class=num>95 % interval</th></tr>{rows}</table>"
+    head = "<tr><th>Road</th><th class=num>stretch</th><th class=num>value</th><th class=num>95 % interval</th></tr>"
+    return f"<h4>Where</h4><table>{head}{rows}</table>"
 
 
 def _maps(shapes: list[Any], network: Network | None) -> str:
@@ -124,7 +134,8 @@ def _maps(shapes: list[Any], network: Network | None) -> str:
         MISMATCH,
     )
     figures = "".join(
-        f"<figure>{_map(s, size, network)}<figcaption>{escape(s.name)}: {escape(s.label)}, full colour at {size:.0f} W</figcaption></figure>"
+        f"<figure>{_map(s, size, network)}<figcaption>{escape(s.name)}: {escape(s.label)}, full colour at {size:.0f} W"
+        "</figcaption></figure>"
         for s in drawn
     )
     return f"<h2>Where model and recording differ</h2><div class=two>{figures}</div>"
@@ -155,7 +166,8 @@ def _map(shape: EdgeValues, size: float, network: Network) -> str:
         strength = min(abs(float(value)) / size, 1.0)
         colour = "var(--warm)" if value > 0 else "var(--cold)"
         parts.append(
-            f"<polyline fill=none stroke='{colour}' stroke-opacity='{0.08 + 0.92 * strength:.2f}' stroke-width=3 points='{at(place)}'/>"
+            f"<polyline fill=none stroke='{colour}' stroke-opacity='{0.08 + 0.92 * strength:.2f}' stroke-width=3"
+            f" points='{at(place)}'/>"
         )
     return f"<svg viewBox='0 0 {width:.0f} {height:.0f}' role=img aria-label='{escape(shape.name)}'>{roads}{''.join(parts)}</svg>"
 
@@ -189,7 +201,8 @@ def _plot(s: Series) -> str:
         f"<text x={left + 150 * i:.0f} y=14 fill='{colours.get(n, 'var(--cold)')}' font-size=13>{escape(n)}</text>"
         for i, n in enumerate(s.y)
     )
-    axis = f"<text x=0 y=34 font-size=12 fill='var(--soft)'>{high / 1e3:.1f} kW</text><text x=0 y={height - 30:.0f} font-size=12 fill='var(--soft)'>{low / 1e3:.1f} kW</text>"
+    small = "font-size=12 fill='var(--soft)'"
+    axis = f"<text x=0 y=34 {small}>{high / 1e3:.1f} kW</text><text x=0 y={height - 30:.0f} {small}>{low / 1e3:.1f} kW</text>"
     foot = f"<text x={width - 60:.0f} y={height - 8:.0f} font-size=12 fill='var(--soft)'>{x[-1]:.0f} s</text>"
     return f"<svg viewBox='0 0 {width:.0f} {height:.0f}' role=img aria-label='{escape(s.y_label)}'>{curves}{keys}{axis}{foot}</svg>"
 

@@ -147,7 +147,7 @@ def recorded_energy(block: Block, c: Cut, channel: str, capacity: float) -> Floa
     """(windows,) kJ that the channel shows; NaN where a row is missing or the battery was charged."""
     if channel == "battery_power":
         dt = block.rows(block.motion.dt) * block.steps
-        return np.bincount(c.of_row, block.power * dt, c.count) * 1e-3
+        return np.asarray(np.bincount(c.of_row, block.power * dt, c.count) * 1e-3, dtype=np.float64)
     first = np.flatnonzero(np.concatenate([[True], np.diff(c.of_row) != 0]))
     soc = block.soc
     # A row stands for the time around its stamp, so a window begins half way between two stamps.
@@ -226,13 +226,14 @@ def _named(recording: Recording, e: Evaluation, c: Cut, candidate: Candidate) ->
         assert recording.floor is not None
         slope, size = e.slope(term), recording.floor.size(term.odd)
         parts = recording.floor.parts(e.block.motion, term.odd)
-        return np.asarray(sum(c.energies(e.block, number, size, slope * weight) for number, weight in parts))
+        pieces = [c.energies(e.block, number, size, slope * weight) for number, weight in parts]
+        return np.asarray(np.sum(pieces, axis=0), dtype=np.float64)
     out = []
     for knob in candidate.knobs:
-        setting, size = tilted(e.found, term, knob)
+        setting, delta = tilted(e.found, term, knob)
         # A shape changes nothing by itself only while the amplitude is neutral; else it is taken as it is now.
-        level = e.change(term, dict(knob.shape)) if knob.shape else 0.0
-        out.append(c.energy(e.block, e.change(term, setting) - level) / size)
+        level = e.change(term, dict(knob.shape)) if knob.shape else np.zeros(1)
+        out.append(c.energy(e.block, e.change(term, setting) - level) / delta)
     return np.stack(out, axis=1)
 
 
@@ -295,7 +296,8 @@ def _rectified(e: Evaluation, wobble: Floats) -> Floats:
 def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Floats]:
     """Standard deviation of every nuisance: honest tolerance, but never so much that twice of it would be material."""
     fixed = {
-        "vehicle rolling": 0.05, "vehicle load": 25.0, "vehicle-day load": 30.0, "lag": 0.15, "sampling": 0.3, "ripple": 0.5, "capacity": 0.02,
+        "vehicle rolling": 0.05, "vehicle load": 25.0, "vehicle-day load": 30.0, "lag": 0.15, "sampling": 0.3,
+        "ripple": 0.5, "capacity": 0.02,
     }  # fmt: skip
     total = float(np.abs(recording.recorded).sum()) or 1.0
     out = {}

@@ -197,7 +197,8 @@ def _line(
     choice: Choice | None,
 ) -> str:
     parts = [
-        f"{n}: gain {gains[n].trip:.3f} kept {gains[n].worst(candidates[n].named):.2f} share {gains[n].share:.3f} p {found[n].p_value:.3f}"
+        f"{n}: gain {gains[n].trip:.3f} kept {gains[n].worst(candidates[n].named):.2f}"
+        f" share {gains[n].share:.3f} p {found[n].p_value:.3f}"
         for n in sorted(short, key=lambda n: -gains[n].trip)
     ]
     return "; ".join(parts) + (f" -> {choice.candidate.name}" if choice else " -> stop")

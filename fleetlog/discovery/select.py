@@ -176,17 +176,30 @@ def choose(
     pool = [k for k in near if not candidates[k].place] or near
     pool = [k for k in pool if candidates[k].named] or pool
     chosen = max(pool, key=lambda k: good[k].trip - 0.05 * best * COST[candidates[k].kind])
-    tied = tuple(k for k in gains if k != chosen and candidates[k].named and _rivals(candidates[k], gains[k], candidates[chosen], gains[chosen]))
+    tied = tuple(
+        k
+        for k in gains
+        if k != chosen
+        and candidates[k].named
+        and _rivals(candidates[k], gains[k], candidates[chosen], gains[chosen])
+    )
     rivals = {k: g for k, g in gains.items() if k != chosen}
     return Choice(candidates[chosen], evidence[chosen], good[chosen], (), rivals, tied)
 
 
-def _same_in_another_shape(candidates: dict[str, Candidate], good: dict[str, Gain], near: list[str], name: str) -> bool:
+def _same_in_another_shape(
+    candidates: dict[str, Candidate], good: dict[str, Gain], near: list[str], name: str
+) -> bool:
     """Whether a named term is what the best free curves say, over the same variables, in a shape not quite its own."""
     c = candidates[name]
     free = [k for k in near if not candidates[k].named]
-    return c.named and len(free) == len(near) and any(
-        set(candidates[k].depends_on) <= set(c.depends_on) and good[name].trip >= SHAPE * good[k].trip for k in free
+    return (
+        c.named
+        and len(free) == len(near)
+        and any(
+            set(candidates[k].depends_on) <= set(c.depends_on) and good[name].trip >= SHAPE * good[k].trip
+            for k in free
+        )
     )
 
 

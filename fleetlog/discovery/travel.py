@@ -116,7 +116,7 @@ class Journeys:
         return np.where(self.inside, STEP / np.maximum(length, STEP), 0.0)
 
     def _windowed(self, values: Floats) -> Floats:
-        return np.bincount(self.of, values, len(self.windows))
+        return np.asarray(np.bincount(self.of, values, len(self.windows)), dtype=np.float64)
 
     def tabulate(self, found: Found, named: list[Candidate], free: dict[str, Columns]) -> Table:
         """Recorded minus modelled seconds, and the columns of all candidates about the model."""
@@ -171,7 +171,8 @@ class Journeys:
 
     def _spread_over(self, place: NDArray[np.int32], count: int, values: Floats) -> Floats:
         flat = self.of * count + place
-        return np.bincount(flat, values, len(self.windows) * count).reshape(-1, count)
+        total = np.bincount(flat, values, len(self.windows) * count)
+        return np.asarray(total.reshape(-1, count), dtype=np.float64)
 
     def _nuisance(self, found: Found, seconds: Floats) -> dict[str, Floats]:
         """Drivers differ in speed, setting off and braking, and the truck file is a little off in all of them."""
@@ -254,7 +255,8 @@ class Journeys:
                 "ambient_temperature": 1.5,
             }.get(name, 0.1):
                 continue
-            span = np.linspace(*np.quantile(known, [0.01, 0.99]), 6)
+            low, high = (float(q) for q in np.quantile(known, [0.01, 0.99]))
+            span = np.linspace(low, high, 6)
             ends = np.array(generic.FIXED["curvature"]) if name == "curvature" else span
             j, w = generic.hats(values, ends)
             right = np.nan_to_num(w)
@@ -402,11 +404,11 @@ def _laid_out(
     count = np.array([int(local[b + n - 1]) + 1 for b, n in zip(begin, size, strict=True)])
     of = (local + np.repeat(np.concatenate([[0], np.cumsum(count)[:-1]]), size)).astype(np.int64)
     seconds = np.where(inside, np.diff(time, prepend=time[:1]), 0.0)
-    recorded = np.bincount(of, seconds)
+    recorded = np.asarray(np.bincount(of, seconds), dtype=np.float64)
     last = np.cumsum(count) - 1
     recorded[last] += np.array([leg.wait for _, _, leg in parts])
     metres = laid([leg.metres for _, _, leg in parts])
-    driven = np.bincount(of, np.where(inside, STEP * metres, 0.0))
+    driven = np.asarray(np.bincount(of, np.where(inside, STEP * metres, 0.0)), dtype=np.float64)
     middle = np.searchsorted(of, np.arange(len(recorded))) + np.bincount(of) // 2
     day = np.concatenate(
         [np.full(n, int(t.time[0] // 86_400_000_000)) for n, (_, t, _) in zip(size, parts, strict=True)]

@@ -32,14 +32,15 @@ class Cut:
     def energy(self, block: Block, power: Floats) -> Floats:
         """(count,) kJ of a power along the sub-samples [W]."""
         weight = power * block.motion.dt
-        return np.bincount(self.of_sample, weight, self.count) * 1e-3
+        return np.asarray(np.bincount(self.of_sample, weight, self.count) * 1e-3, dtype=np.float64)
 
     def energies(self, block: Block, cell: NDArray[np.int32], cells: int, power: Floats) -> Floats:
         """(count, cells) kJ of a power, apart by the cell of each sub-sample; cells below zero count nowhere."""
         on = cell >= 0
         flat = self.of_sample[on] * cells + cell[on]
         weight = (power * block.motion.dt)[on]
-        return np.bincount(flat, weight, self.count * cells).reshape(self.count, cells) * 1e-3
+        total = np.bincount(flat, weight, self.count * cells).reshape(self.count, cells)
+        return np.asarray(total * 1e-3, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def describe(block: Block, c: Cut) -> Windows:
     sample = middle * block.steps + block.steps // 2
 
     def total(values: Floats) -> Floats:
-        return np.bincount(c.of_sample, values, c.count)
+        return np.asarray(np.bincount(c.of_sample, values, c.count), dtype=np.float64)
 
     return Windows(
         trip=block.trip[middle], vehicle=np.full(c.count, block.vehicle), day=np.full(c.count, block.day),

@@ -32,7 +32,9 @@ def truck(rng: np.random.Generator) -> dict[str, float]:
     }  # fmt: skip
 
 
-def draw(name: str, plant: Plant, nominal: dict[str, float], strength: float, rng: np.random.Generator) -> dict[str, Any]:
+def draw(
+    name: str, plant: Plant, nominal: dict[str, float], strength: float, rng: np.random.Generator
+) -> dict[str, Any]:
     """Parameters of one effect; the true values of what a diagnosis should name are under the term's own parameter names."""
 
     def u(low: float, high: float) -> float:
@@ -44,10 +46,17 @@ def draw(name: str, plant: Plant, nominal: dict[str, float], strength: float, rn
     sign = float(rng.choice([-1.0, 1.0]))
     middle = plant.xy.mean(axis=0) + rng.uniform(-55, 55, 2) * [1.0, 0.6]
     if name == "grade":
-        return {"x": float(middle[0]), "y": float(middle[1]), "height": strength * u(1.0, 2.4), "width": u(22, 34)}
+        return {
+            "x": float(middle[0]),
+            "y": float(middle[1]),
+            "height": strength * u(1.0, 2.4),
+            "width": u(22, 34),
+        }
     if name in ("surface_resistance", "speed_zone"):
         start = int(rng.integers(len(plant.ends)))
-        touching = [k for k in range(len(plant.ends)) if k != start and set(plant.ends[k]) & set(plant.ends[start])]
+        touching = [
+            k for k in range(len(plant.ends)) if k != start and set(plant.ends[k]) & set(plant.ends[start])
+        ]
         roads = [start, *[int(k) for k in rng.permutation(touching)[: int(rng.integers(0, 3))]]]
         factor = off(0.7, 1.8) if name == "surface_resistance" else max(1.0 - strength * u(0.3, 0.5), 0.3)
         return {"roads": sorted(roads), "factor": factor}

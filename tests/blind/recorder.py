@@ -27,7 +27,9 @@ METRE, METRE_EAST = 1.0 / 111_229.0, 1.0 / 71_740.0
 
 
 @njit(cache=True)
-def _advance(cap: np.ndarray, step: np.ndarray, up: float, down: float, wait_at: int, wait: float, jerk: float) -> tuple[np.ndarray, np.ndarray]:  # pragma: no cover
+def _advance(
+    cap: np.ndarray, step: np.ndarray, up: float, down: float, wait_at: int, wait: float, jerk: float
+) -> tuple[np.ndarray, np.ndarray]:  # pragma: no cover
     """Speed and index along the path at every tick: a driver who looks ahead, with limited jerk."""
     speeds, places = [], []
     n, dt = len(cap), 0.05
@@ -67,7 +69,9 @@ def _advance(cap: np.ndarray, step: np.ndarray, up: float, down: float, wait_at:
     return np.array(speeds), np.array(places)
 
 
-def record(name: str, seed: int, folder: Path, strength: float = 1.0, vehicles: int = 4, hours: float = 2.5) -> None:
+def record(
+    name: str, seed: int, folder: Path, strength: float = 1.0, vehicles: int = 4, hours: float = 2.5
+) -> None:
     """Write ``recorded.csv.gz``, ``roads.geojson``, ``site.toml``, ``truck.toml`` and ``key.json``."""
     rng = np.random.default_rng(seed)
     plant, nominal = Plant(rng), truck(rng)
@@ -84,18 +88,45 @@ def record(name: str, seed: int, folder: Path, strength: float = 1.0, vehicles: 
         out.write(header + "\n")
         for r in rows:
             stamp = np.datetime64("2026-04-13T06:00:00", "ms") + np.timedelta64(int(r[1] * 1000), "ms")
-            out.write(f"{r[0]},{stamp}Z," + ",".join(f"{v:.{d}f}" for v, d in zip(r[2:], (8, 8, 3, 0, 2, 1, 5, 1), strict=True)) + "\n")
-    roads = sorted({f"r{k:02d}" for e in effects.values() for k in e.get("roads", [e["road"]] if "road" in e else [])})
-    key = {"terms": names, "where": roads, "seed": seed, "strength": strength, "effect": effects, "rows": len(rows)}
+            out.write(
+                f"{r[0]},{stamp}Z,"
+                + ",".join(f"{v:.{d}f}" for v, d in zip(r[2:], (8, 8, 3, 0, 2, 1, 5, 1), strict=True))
+                + "\n"
+            )
+    roads = sorted(
+        {f"r{k:02d}" for e in effects.values() for k in e.get("roads", [e["road"]] if "road" in e else [])}
+    )
+    key = {
+        "terms": names,
+        "where": roads,
+        "seed": seed,
+        "strength": strength,
+        "effect": effects,
+        "rows": len(rows),
+    }
     (folder / "key.json").write_text(json.dumps(key, indent=1))
 
 
 def _write_site(plant: Plant, nominal: dict[str, float], folder: Path) -> None:
     features = []
     for k, (a, b) in enumerate(plant.ends):
-        line = [[round(LONGITUDE + x * METRE_EAST, 9), round(LATITUDE + y * METRE, 9)] for x, y in plant.line(k)]
-        properties = {"id": f"r{k:02d}", "from": f"j{a}", "to": f"j{b}", "oneway": bool(plant.oneway[k]), "speed_limit": float(plant.limit[k])}
-        features.append({"type": "Feature", "properties": properties, "geometry": {"type": "LineString", "coordinates": line}})
+        line = [
+            [round(LONGITUDE + x * METRE_EAST, 9), round(LATITUDE + y * METRE, 9)] for x, y in plant.line(k)
+        ]
+        properties = {
+            "id": f"r{k:02d}",
+            "from": f"j{a}",
+            "to": f"j{b}",
+            "oneway": bool(plant.oneway[k]),
+            "speed_limit": float(plant.limit[k]),
+        }
+        features.append(
+            {
+                "type": "Feature",
+                "properties": properties,
+                "geometry": {"type": "LineString", "coordinates": line},
+            }
+        )
     (folder / "roads.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     (folder / "site.toml").write_text(
         f'name = "yard"\n[frame]\nlatitude = {LATITUDE}\nlongitude = {LONGITUDE}\n[network]\nfile = "roads.geojson"\n'
@@ -103,20 +134,29 @@ def _write_site(plant: Plant, nominal: dict[str, float], folder: Path) -> None:
     t = nominal
     (folder / "truck.toml").write_text(
         f'name = "blind"\n[chassis]\nmass = {t["mass"]}\nturn_radius = {t["radius"]}\n[drive]\nefficiency = {t["efficiency"]}\n'
-        f'regeneration = {t["regeneration"]}\nspeed_factor = {t["factor"]}\nmax_acceleration = {t["acceleration"]}\n'
-        f'max_deceleration = {t["deceleration"]}\nmax_lateral_acceleration = {t["lateral"]}\n[resistance]\nrolling = {t["rolling"]}\n'
-        f'drag_area = {t["drag_area"]}\n[lift]\nefficiency = {t["lift"]}\ncarriage_mass = {t["carriage"]}\n[auxiliary]\npower = {t["power"]}\n'
-        f'[battery]\nvoltage = {t["voltage"]}\ncapacity_wh = {t["capacity"]}\n'
+        f"regeneration = {t['regeneration']}\nspeed_factor = {t['factor']}\nmax_acceleration = {t['acceleration']}\n"
+        f"max_deceleration = {t['deceleration']}\nmax_lateral_acceleration = {t['lateral']}\n[resistance]\nrolling = {t['rolling']}\n"
+        f"drag_area = {t['drag_area']}\n[lift]\nefficiency = {t['lift']}\ncarriage_mass = {t['carriage']}\n[auxiliary]\npower = {t['power']}\n"
+        f"[battery]\nvoltage = {t['voltage']}\ncapacity_wh = {t['capacity']}\n"
     )
 
 
-def _vehicle(plant: Plant, t: dict[str, float], effects: dict[str, Any], number: int, hours: float, rng: np.random.Generator) -> list[tuple[Any, ...]]:
+def _vehicle(
+    plant: Plant,
+    t: dict[str, float],
+    effects: dict[str, Any],
+    number: int,
+    hours: float,
+    rng: np.random.Generator,
+) -> list[tuple[Any, ...]]:
     """Rows of one truck: trips with and without a load, lifting at their ends."""
     own = {
         "mass": t["mass"] * (1 + 0.008 * rng.normal()), "rolling": t["rolling"] * (1 + 0.025 * rng.normal()),
         "power": t["power"] * (1 + 0.03 * rng.normal()), "efficiency": t["efficiency"] * (1 + 0.004 * rng.normal()),
     }  # fmt: skip
-    driver = {k: 1 + s * rng.normal() for k, s in (("pace", 0.015), ("up", 0.04), ("down", 0.06), ("turn", 0.05))}
+    driver = {
+        k: 1 + s * rng.normal() for k, s in (("pace", 0.015), ("up", 0.04), ("down", 0.06), ("turn", 0.05))
+    }
     place, loaded, pieces, clock = int(rng.integers(len(plant.xy))), False, [], 0.0
     while clock < hours * 3600.0:
         goal = int(rng.integers(len(plant.xy)))
@@ -134,10 +174,22 @@ def _vehicle(plant: Plant, t: dict[str, float], effects: dict[str, Any], number:
     return _rows(whole, t, own, effects, number, rng)
 
 
-def _trip(plant: Plant, path: dict[str, np.ndarray], t: dict[str, float], effects: dict[str, Any], driver: dict[str, float], load: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
+def _trip(
+    plant: Plant,
+    path: dict[str, np.ndarray],
+    t: dict[str, float],
+    effects: dict[str, Any],
+    driver: dict[str, float],
+    load: float,
+    rng: np.random.Generator,
+) -> dict[str, np.ndarray]:
     allowed = plant.limit[path["road"]] * t["factor"] * driver["pace"]
     if "speed_zone" in effects:
-        allowed = np.where(np.isin(path["road"], effects["speed_zone"]["roads"]), effects["speed_zone"]["factor"] * allowed, allowed)
+        allowed = np.where(
+            np.isin(path["road"], effects["speed_zone"]["roads"]),
+            effects["speed_zone"]["factor"] * allowed,
+            allowed,
+        )
     if "laden_speed" in effects and load > 0:
         allowed = allowed * effects["laden_speed"]["factor"]
     lateral = effects.get("cornering_speed", {}).get("lateral_acceleration", t["lateral"]) * driver["turn"]
@@ -153,10 +205,18 @@ def _trip(plant: Plant, path: dict[str, np.ndarray], t: dict[str, float], effect
         on = np.flatnonzero((path["road"] == e["road"]) & (path["sense"] == e["sense"]))
         if len(on) > 20:
             wait_at, wait = int(on[int(e["at"] * len(on))]), e["seconds"] * rng.uniform(0.7, 1.3)
-    v, i = _advance(np.maximum(cap, 0.4), path["step"], up, t["deceleration"] * driver["down"], wait_at, wait, 3.0)
+    v, i = _advance(
+        np.maximum(cap, 0.4), path["step"], up, t["deceleration"] * driver["down"], wait_at, wait, 3.0
+    )
     out = {k: path[k][i] for k in ("x", "y", "heading", "bend", "road", "sense")}
     weighed = max(load * (1 + 0.03 * rng.normal()), 0.0)
-    out.update(v=v, load=np.full(len(v), load), weighed=np.full(len(v), weighed), height=np.zeros(len(v)), lift=np.zeros(len(v)))
+    out.update(
+        v=v,
+        load=np.full(len(v), load),
+        weighed=np.full(len(v), weighed),
+        height=np.zeros(len(v)),
+        lift=np.zeros(len(v)),
+    )
     return out
 
 
@@ -164,15 +224,26 @@ def _lift(trip: dict[str, np.ndarray], height: float, rng: np.random.Generator) 
     """The standstill after a trip: up, a pause, down."""
     up, down = int(height / 0.35 * HZ), int(height / 0.45 * HZ)
     rest = [int(rng.uniform(4, 15) * HZ) for _ in range(3)]
-    rate = np.concatenate([np.zeros(rest[0]), np.full(up, 0.35), np.zeros(rest[1]), np.full(down, -0.45), np.zeros(rest[2])])
+    rate = np.concatenate(
+        [np.zeros(rest[0]), np.full(up, 0.35), np.zeros(rest[1]), np.full(down, -0.45), np.zeros(rest[2])]
+    )
     n = len(rate)
-    out = {k: np.concatenate([v, np.full(n, v[-1] if k not in ("v", "bend") else 0.0)]) for k, v in trip.items()}
+    out = {
+        k: np.concatenate([v, np.full(n, v[-1] if k not in ("v", "bend") else 0.0)]) for k, v in trip.items()
+    }
     out["lift"][-n:] = rate
     out["height"][-n:] = np.maximum(np.cumsum(rate) / HZ, 0.0)
     return out
 
 
-def _rows(w: dict[str, np.ndarray], t: dict[str, float], own: dict[str, float], effects: dict[str, Any], number: int, rng: np.random.Generator) -> list[tuple[Any, ...]]:
+def _rows(
+    w: dict[str, np.ndarray],
+    t: dict[str, float],
+    own: dict[str, float],
+    effects: dict[str, Any],
+    number: int,
+    rng: np.random.Generator,
+) -> list[tuple[Any, ...]]:
     n = len(w["v"])
     clock = np.arange(n) / HZ
     start = float(rng.uniform(0, 240))
@@ -184,7 +255,9 @@ def _rows(w: dict[str, np.ndarray], t: dict[str, float], own: dict[str, float], 
     shift = effects.get("clock_offset", {}).get("offset", 0.0)
     seen = np.interp(pick - shift * HZ, np.arange(n), np.convolve(smooth, np.ones(HZ) / HZ, "same"))
     seen = seen * (1 + 0.01 * rng.normal(size=len(pick))) + 30.0 * rng.normal(size=len(pick))
-    speed = np.convolve(w["v"], np.ones(HZ) / HZ, "same")[pick] * effects.get("speed_scale", {}).get("factor", 1.0)
+    speed = np.convolve(w["v"], np.ones(HZ) / HZ, "same")[pick] * effects.get("speed_scale", {}).get(
+        "factor", 1.0
+    )
     speed = np.where(w["v"][pick] <= 0, 0.0, np.maximum(speed + 0.03 * rng.normal(size=len(pick)), 0.0))
     drift = [_wander(len(pick), 0.25, rng) for _ in range(2)]
     x, y = w["x"][pick] + drift[0], w["y"][pick] + drift[1]
@@ -206,18 +279,35 @@ def _wander(n: int, size: float, rng: np.random.Generator) -> np.ndarray:
     return lfilter([np.sqrt(1 - 0.96**2)], [1.0, -0.96], size * rng.normal(size=n))
 
 
-def _power(w: dict[str, np.ndarray], t: dict[str, float], own: dict[str, float], effects: dict[str, Any], number: int, clock: np.ndarray, temperature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _power(
+    w: dict[str, np.ndarray],
+    t: dict[str, float],
+    own: dict[str, float],
+    effects: dict[str, Any],
+    number: int,
+    clock: np.ndarray,
+    temperature: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """(terminal, cell) power at every tick [W]."""
     v, n = w["v"], len(w["v"])
     a = np.gradient(v) * HZ
     value = lambda term, name, other: effects.get(term, {}).get(name, other)  # noqa: E731 - a look-up of one line
     load = w["load"] * value("payload", "factor", 1.0)
     mass = own["mass"] + load
-    rolling = own["rolling"] * value("rolling_resistance", "coefficient", t["rolling"]) / t["rolling"] * np.ones(n)
+    rolling = (
+        own["rolling"] * value("rolling_resistance", "coefficient", t["rolling"]) / t["rolling"] * np.ones(n)
+    )
     if "surface_resistance" in effects:
-        rolling = rolling + np.isin(w["road"], effects["surface_resistance"]["roads"]) * (effects["surface_resistance"]["factor"] - 1) * t["rolling"]
+        rolling = (
+            rolling
+            + np.isin(w["road"], effects["surface_resistance"]["roads"])
+            * (effects["surface_resistance"]["factor"] - 1)
+            * t["rolling"]
+        )
     if "warm_up" in effects:
-        rolling = rolling * (1 + effects["warm_up"]["share"] * np.exp(-clock / 60.0 / effects["warm_up"]["minutes"]))
+        rolling = rolling * (
+            1 + effects["warm_up"]["share"] * np.exp(-clock / 60.0 / effects["warm_up"]["minutes"])
+        )
     force = mass * a * value("rotational_inertia", "factor", 1.0) + rolling * mass * GRAVITY * (v > 0)
     if "grade" in effects:
         e = effects["grade"]
@@ -236,14 +326,29 @@ def _power(w: dict[str, np.ndarray], t: dict[str, float], own: dict[str, float],
     if number == value("odd_vehicle", "vehicle", -1):
         force = force + effects["odd_vehicle"]["force"] * (v > 0)
     mechanical = force * v
-    efficiency = own["efficiency"] * value("drivetrain_efficiency", "efficiency", t["efficiency"]) / t["efficiency"]
-    drive = np.where(mechanical > 0, mechanical / efficiency, mechanical * value("regeneration", "regeneration", t["regeneration"]))
+    efficiency = (
+        own["efficiency"] * value("drivetrain_efficiency", "efficiency", t["efficiency"]) / t["efficiency"]
+    )
+    drive = np.where(
+        mechanical > 0,
+        mechanical / efficiency,
+        mechanical * value("regeneration", "regeneration", t["regeneration"]),
+    )
     if "low_charge" in effects:
-        drive = drive * (1 + np.where(drive > 0, effects["low_charge"]["share"] * np.clip(clock / 9000.0, 0, 1) ** 2, 0.0))
-    lifting = (load + t["carriage"]) * GRAVITY * np.maximum(w["lift"], 0.0) / value("lift_efficiency", "efficiency", t["lift"])
+        drive = drive * (
+            1 + np.where(drive > 0, effects["low_charge"]["share"] * np.clip(clock / 9000.0, 0, 1) ** 2, 0.0)
+        )
+    lifting = (
+        (load + t["carriage"])
+        * GRAVITY
+        * np.maximum(w["lift"], 0.0)
+        / value("lift_efficiency", "efficiency", t["lift"])
+    )
     power = drive + lifting + own["power"] + value("auxiliary_load", "power", t["power"]) - t["power"]
     if "thermal_load" in effects:
-        power = power + effects["thermal_load"]["heating"] * np.maximum(effects["thermal_load"]["threshold"] - temperature, 0.0)
+        power = power + effects["thermal_load"]["heating"] * np.maximum(
+            effects["thermal_load"]["threshold"] - temperature, 0.0
+        )
     if "hour" in effects:
         h = clock / 3600.0 - effects["hour"]["from"]
         power = power + effects["hour"]["power"] * ((h > 0) & (h < effects["hour"]["hours"]))

@@ -1,10 +1,10 @@
 """Judge a diagnosis against a sealed key.
 
-    right      exactly the terms of the key are named (for effects outside the vocabulary: unknown, following the right variable)
-    undecided  the true term is among ``not_excluded`` of what was named, or the verdict is ``unknown`` where a term was true
-    missed     nothing was found where something is
-    extra      the true terms are named, and another one too
-    wrong      a term is named with certainty and is not true
+right      exactly the terms of the key are named (for effects outside the vocabulary: unknown, following the right variable)
+undecided  the true term is among ``not_excluded`` of what was named, or the verdict is ``unknown`` where a term was true
+missed     nothing was found where something is
+extra      the true terms are named, and another one too
+wrong      a term is named with certainty and is not true
 """
 
 from __future__ import annotations
@@ -50,13 +50,23 @@ def parameters(key: dict[str, Any], found: dict[str, Any]) -> list[dict[str, Any
             given = {p["name"]: p for p in f["parameters"]}
             true = dict(truth)
             if term == "wind":
-                true = {"wind_east": truth["speed"] * np.cos(truth["angle"]), "wind_north": truth["speed"] * np.sin(truth["angle"])}
+                true = {
+                    "wind_east": truth["speed"] * np.cos(truth["angle"]),
+                    "wind_north": truth["speed"] * np.sin(truth["angle"]),
+                }
             if term == "grade":
                 true = {"max_grade": truth["height"] / truth["width"] * np.sqrt(2.0) * np.exp(-0.5)}
             for name, value in true.items():
                 if name in given and isinstance(value, float):
                     p = given[name]
-                    out.append({"term": term, "name": name, "truth": value, **{k: p[k] for k in ("value", "low", "high")}})
+                    out.append(
+                        {
+                            "term": term,
+                            "name": name,
+                            "truth": value,
+                            **{k: p[k] for k in ("value", "low", "high")},
+                        }
+                    )
     return out
 
 

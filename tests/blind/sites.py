@@ -134,6 +134,8 @@ class Plant:
 def _slide(values: np.ndarray, width: int) -> np.ndarray:
     if len(values) <= width:
         return values
-    padded = np.concatenate([np.full(width // 2, values[0]), values, np.full(width - 1 - width // 2, values[-1])])
+    padded = np.concatenate(
+        [np.full(width // 2, values[0]), values, np.full(width - 1 - width // 2, values[-1])]
+    )
     total = np.cumsum(np.concatenate([[0.0], padded]))
     return (total[width:] - total[:-width]) / width
