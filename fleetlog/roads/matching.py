@@ -210,7 +210,8 @@ class Chain:
 
 
 def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> Chain:
-    from fleetlog.roads.matchkernels.kernels.decoding import decode, emission_costs
+    from fleetlog.roads.matchkernels.kernels.costs import emission_costs
+    from fleetlog.roads.matchkernels.kernels.decoding import decode
 
     ptr, edge, value = prepared.candidates(groups.x, groups.y, p.reach, max(4.5 * p.sigma, 1.5))
     weight = max((1.0 - p.persistence) / (1.0 + p.persistence), LEAST_WEIGHT)

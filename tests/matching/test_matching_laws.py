@@ -200,3 +200,27 @@ def test_the_log_speed_helps_and_is_not_needed() -> None:
 def test_many_rows_in_several_blocks_are_one_chain() -> None:
     track, _, _ = drive(GRID, 6000, 1.0, 0.3, 8)
     assert not match(track, GRID).restart.any()
+
+
+coordinates = st.one_of(st.floats(-60, 120), st.just(25.0), st.just(float("nan")), st.floats(-1e6, 1e6))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.tuples(coordinates, coordinates, st.floats(0, 8), st.integers(1, 10**8)), max_size=40),
+    st.booleans(),
+)
+def test_whatever_comes_every_row_has_an_edge_or_a_reason(
+    rows: list[tuple[float, float, float, int]], speed: bool
+) -> None:
+    x, y, v, step = (
+        (np.array(c, dtype=float) for c in zip(*rows, strict=True)) if rows else (np.zeros(0),) * 4
+    )
+    columns = {"x": x, "y": y, **({"speed": v} if speed else {})}
+    found = match(Trajectory("T", np.cumsum(step).astype(np.int64), columns), GRID)
+    on = found.edge >= 0
+    assert len(found) == len(rows)
+    assert ((found.reason == 0) == on).all()
+    assert np.isfinite(found.offset[on]).all() and np.isfinite(found.lateral[on]).all()
+    assert ((found.offset[on] >= 0) & (found.offset[on] <= GRID.length[found.edge[on]] + 1e-9)).all()
+    assert ((found.confidence >= 0) & (found.confidence <= 1 + 1e-9)).all()

@@ -202,3 +202,20 @@ def test_speed_alone_is_enough() -> None:
 def test_the_shortest_logs(rows: int) -> None:
     truth = shuttle(30.0, 1.0, 21)
     assert len(motion_from_trajectory(on_road(truth, ROAD, 0.1, 22)[:rows], ROAD)) == rows
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.floats(-1e5, 1e5), st.one_of(st.floats(0, 20), st.just(float("nan"))), st.integers(1, 10**8)),
+        min_size=1, max_size=40,
+    ),
+    st.booleans(),
+)  # fmt: skip
+def test_whatever_comes_the_motion_is_finite(rows: list[tuple[float, float, int]], speed: bool) -> None:
+    x, v, step = (np.array(c, dtype=float) for c in zip(*rows, strict=True))
+    columns = {"x": x, "y": 0.3 * x, **({"speed": v} if speed else {})}
+    found = smooth_motion(Trajectory("T", np.cumsum(step).astype(np.int64), columns))
+    for name in ("speed", "acceleration", "slope", "curvature", "heading", "dt", "lift_speed", "payload"):
+        assert np.isfinite(getattr(found.motion, name)).all(), name
+    assert np.isfinite(found.speed_sd).all() and (found.motion.speed >= 0).all()
