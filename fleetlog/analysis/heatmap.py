@@ -32,7 +32,6 @@ from fleetlog.core.result import EdgeValues, Grid, Result, Shape
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 
-
 Floats = NDArray[np.float64]
 
 

@@ -47,13 +47,17 @@ class EdgeValues:
 
 @dataclass(frozen=True)
 class Marks:
-    """Labelled points on the floor ((N, 2) m): stops, chargers, critical areas.  ``size`` (N,) in metres."""
+    """Labelled points on the floor ((N, 2) m): stops, chargers, critical areas.  ``size`` (N,) in metres.
+
+    ``on`` names the one map that they belong to, where a result has several; by default they are drawn on all.
+    """
 
     name: str
     xy: Floats
     labels: tuple[str, ...]
     size: Floats
     kind: Literal["place", "charger", "critical", "point"] = "point"
+    on: str | None = None
 
 
 @dataclass(frozen=True)

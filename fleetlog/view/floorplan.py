@@ -132,12 +132,12 @@ def _draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Laye
     return Layer(strips, _extend(scale))
 
 
-def draw_overlay(axes: Axes, result: Result) -> None:
-    """Marks and critical lines, over every map."""
+def draw_overlay(axes: Axes, result: Result, layer: str | None = None) -> None:
+    """Marks and critical lines, over every map; marks of another map than ``layer`` are left out."""
     for shape in result.shapes:
         if isinstance(shape, MovingLines):
             _draw_lines(axes, shape)
-        elif isinstance(shape, Marks) and len(shape.xy):
+        elif isinstance(shape, Marks) and len(shape.xy) and shape.on in (None, layer):
             _draw_marks(axes, shape)
 
 

@@ -111,7 +111,7 @@ def _draw_map(
                 orientation="horizontal" if wide else "vertical", shrink=0.7, aspect=30, pad=0.02,
             )  # fmt: skip
             bar.outline.set_visible(False)
-    draw_overlay(axes, result)
+    draw_overlay(axes, result, None if layer is None else layer.name)
     draw_furniture(axes, site)
 
 

@@ -222,6 +222,11 @@ def _contents(layer: Grid | EdgeValues | None) -> list[str]:
     return [*surface, *([f"{entity('result', layer.name)}/**"] if layer is not None else [])]
 
 
+def _own(marks: list[Marks], layer: Grid | EdgeValues | None) -> list[str]:
+    """The marks that belong to one map only."""
+    return [f"{entity('result', s.name)}/**" for s in marks if layer is not None and s.on == layer.name]
+
+
 def _duration(result: Result) -> float:
     """From the first to the last time of what moves [s]."""
     times = [s.time for s in result.shapes if isinstance(s, MovingLines)]
@@ -240,7 +245,9 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
     maps: list[Grid | EdgeValues | None] = [
         *[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
     ]
-    always = [f"{entity('result', s.name)}/**" for s in result.shapes if isinstance(s, Marks | MovingLines)]
+    marks = [s for s in result.shapes if isinstance(s, Marks)]
+    always = [f"{entity('result', s.name)}/**" for s in result.shapes if isinstance(s, MovingLines)]
+    always += [f"{entity('result', s.name)}/**" for s in marks if s.on is None]
     if maps:
         x0, y0, x1, _ = around(outline)
         outline = np.vstack([outline, [x0, y0 - 0.08 * (x1 - x0), 0.0]])  # the colour bar
@@ -248,11 +255,12 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
     eye = blueprint.top_down(outline, WIDE)
     flat = [*always, *blueprint.FLAT, "- /site/zones/**"]
     plans: list[Any] = [
-        blueprint.floor_view(screen, "Plan" if m is None else _title(m.name), eye, [*flat, *_contents(m)])
+        blueprint.floor_view(screen, "Plan" if m is None else _title(m.name), eye, [*flat, *_contents(m), *_own(marks, m)])
         for m in maps or [None]
     ]
     if len(plans) == 1:
-        over = [*always, *_contents(maps[0] if maps else None), "- /site/buildings/roofs/**"]
+        only = maps[0] if maps else None
+        over = [*always, *_contents(only), *_own(marks, only), "- /site/buildings/roofs/**"]
         plans.append(blueprint.floor_view(screen, "Site", blueprint.oblique(outline, WIDE), over))
     curves = [s for s in result.shapes if isinstance(s, Series) and s.over_time]
     side: list[Any] = [

@@ -1,0 +1,116 @@
+"""Figures of the pages on density, heat maps and chargers, from the sample plant: a recorded and a simulated fleet.
+
+python docs/scripts/plant_figures.py        writes docs/figures/plant_*.png and prints the figures that the pages quote
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+FIGURES = ROOT / "docs" / "figures"
+SAMPLE = ROOT / "sample_data"
+K = 5
+
+
+def fleets(folder: Path) -> dict[str, Path]:
+    """The sample logs imported, and a fleet of the same kind simulated."""
+    from fleetlog.cli.main import cli
+
+    recorded, simulated = folder / "recorded", folder / "simulated"
+    site = str(SAMPLE / "site.toml")
+    logs = sorted(str(p) for p in (SAMPLE / "logs").iterdir())
+    cli.main(["import", *logs, "--site", site, "-q", "-o", str(recorded)], standalone_mode=False)
+    cli.main(
+        ["simulate", "--site", site, "--truck", str(SAMPLE / "truck.toml"), "--like", str(recorded), "--duration", "30m",
+         "--seed", "1", "--no-recording", "-q", "-o", str(simulated)], standalone_mode=False,
+    )  # fmt: skip
+    return {"recorded": recorded, "simulated": simulated}
+
+
+def chargers_side_by_side(data: dict[str, Path]) -> None:
+    """Chosen sites over the heat map, of both fleets, in one colour scale."""
+    from fleetlog.analysis.chargers import chargers
+    from fleetlog.core.result import Result
+    from fleetlog.store import Dataset
+    from fleetlog.view.picture import write_picture
+
+    shapes, sites = [], {}
+    for name, path in data.items():
+        result = chargers(Dataset(path), k=K, demand="standing")
+        heat, marks = result.shapes[0], result.shapes[1]
+        shapes += [replace(heat, name=name), replace(marks, name=f"chargers_{name}", on=name)]
+        sites[name] = result.summary["sites"]
+        print(
+            name,
+            json.dumps(
+                {k: result.summary[k] for k in ("sites", "reach", "proven_gap", "rank_heat_spearman")}
+            ),
+        )
+    print("sites in common:", len(set(sites["recorded"]) & set(sites["simulated"])), "of", K)
+    site = Dataset(data["recorded"]).site
+    write_picture(
+        Result("chargers over the heat map", {}, shapes=shapes), site, FIGURES / "plant_chargers.png"
+    )
+
+
+def difference(data: dict[str, Path]) -> None:
+    """Where the recorded trucks spend more (red) or less (blue) of their time than the simulated ones."""
+    from fleetlog.analysis.heatmap import heatmap
+    from fleetlog.store import Dataset
+    from fleetlog.view.picture import write_picture
+
+    a, b = (Dataset(p) for p in data.values())
+    result = heatmap(a, cell=2.0, compare=b)
+    print("\n".join(result.lines))
+    write_picture(replace(result, name="recorded minus simulated"), a.site, FIGURES / "plant_difference.png")
+
+
+def one_dock(folder: Path) -> None:
+    """Density where one dock gets all the work."""
+    from fleetlog.analysis.density import density
+    from fleetlog.view.picture import write_picture
+    from tests.proofs.one_dock import run
+
+    data, site = run("hall b", folder / "one_dock")
+    result = density(data)
+    print("\n".join(result.lines))
+    write_picture(
+        replace(result, name="all work at the dock in hall B"), site, FIGURES / "plant_one_dock.png"
+    )
+
+
+def plan_checked(data: dict[str, Path]) -> None:
+    """The plan tried in the simulator."""
+    from fleetlog.analysis.chargers import chargers
+    from fleetlog.analysis.placement.check import Trial
+    from fleetlog.core.truck import load_truck
+    from fleetlog.store import Dataset
+    from fleetlog.view.picture import write_picture
+
+    recorded = Dataset(data["recorded"])
+    result = chargers(recorded, k=K, demand="standing", trial=Trial(load_truck(SAMPLE / "truck.toml"), 8))
+    print("\n".join(result.lines))
+    write_picture(
+        replace(result, name="the plan in the simulator"), recorded.site, FIGURES / "plant_check.png"
+    )
+
+
+def main() -> None:
+    """All figures."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        data = fleets(folder)
+        chargers_side_by_side(data)
+        difference(data)
+        one_dock(folder)
+        plan_checked(data)
+
+
+if __name__ == "__main__":
+    main()
