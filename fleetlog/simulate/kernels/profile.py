@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 GRAVITY = 9.81
+AT_REST = 0.02
+"""A speed at a node under this means a stop [m/s]."""
 
 
 @njit(cache=True)
@@ -38,7 +40,7 @@ def passes(
 def clock(distance: Floats, speed: Floats, wait: Floats, up: float, down: float) -> Floats:
     """(N,) arrival times [s]; ``wait`` is spent at a node before going on.
 
-    A stretch with a stop at either end is driven up and down again within it.
+    A stretch with a stop at either end, or a hair from one, is driven up and down again within it.
     """
     n = len(distance)
     time = np.zeros(n)
@@ -46,7 +48,7 @@ def clock(distance: Floats, speed: Floats, wait: Floats, up: float, down: float)
         ds, total = distance[i + 1] - distance[i], speed[i] + speed[i + 1]
         if ds <= 0.0:
             took = 0.0
-        elif total > 1e-9:
+        elif max(speed[i], speed[i + 1]) > AT_REST:
             took = 2.0 * ds / total
         else:
             took = np.sqrt(2.0 * ds * (1.0 / up + 1.0 / down))
