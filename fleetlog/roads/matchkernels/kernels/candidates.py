@@ -9,6 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.roads.matchkernels.kernels.growing import longer, wider
+
 Floats = NDArray[np.float64]
 Wide = NDArray[np.int64]
 Index = NDArray[np.int32]
@@ -64,7 +66,8 @@ def build_grid(
         for k in range(first[e], first[e + 1] - 1):
             _visit_cells(px, py, k, x0, y0, cell, nx, ny, counts, False, empty)
     starts = np.zeros(nx * ny + 1, np.int64)
-    starts[1:] = np.cumsum(counts)
+    for c in range(nx * ny):
+        starts[c + 1] = starts[c] + counts[c]
     items = np.empty(starts[-1], np.int64)
     at = starts[:-1].copy()
     for e in range(len(first) - 1):
@@ -138,8 +141,7 @@ def find_candidates(
                     m = _keep(near_k, near, m, k, d2, share, owner)
         if total + limit > capacity:
             capacity *= 2
-            edge = np.concatenate((edge, np.empty_like(edge)))
-            value = np.concatenate((value, np.empty_like(value)), axis=1)
+            edge, value = longer(edge, capacity), wider(value, capacity)
         for c in range(m):
             if near[0, c] > cut:
                 continue

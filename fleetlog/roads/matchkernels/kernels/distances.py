@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.roads.matchkernels.kernels.growing import longer
+
 Floats = NDArray[np.float64]
 Wide = NDArray[np.int64]
 Index = NDArray[np.int32]
@@ -124,10 +126,8 @@ def ensure(
     m = search(source, bound, next_first, next_edges, length, best, before, heap_d, heap_e, found)
     start = used[0]
     if start + m > len(target):
-        more = max(len(target), m)
-        target = np.concatenate((target, np.empty(more, np.int32)))
-        previous = np.concatenate((previous, np.empty(more, np.int32)))
-        away = np.concatenate((away, np.empty(more)))
+        room = 2 * len(target) + m
+        target, previous, away = longer(target, room), longer(previous, room), longer(away, room)
     for i in range(m):
         f = found[i]
         target[start + i], previous[start + i], away[start + i] = f, before[f], best[f]

@@ -188,7 +188,8 @@ def place_points(
             smooth_coordinate(t[a:b], seen, var, v, v_var, accel, where, sd)
         for g in range(g0, g1 + 1):
             if still[g]:
-                where[first_row[g] - a : first_row[g + 1] - a] = place_of[g]
+                for i in range(first_row[g] - a, first_row[g + 1] - a):
+                    where[i] = place_of[g]
         make_monotone(where)  # a truck does not slide back on its route: a turn would be a piece of its own
         for g in range(g0, g1 + 1):
             if not still[g]:  # rows in motion stay nanometres apart: equal offsets mean a standstill
@@ -227,7 +228,8 @@ def make_monotone(values: Floats) -> None:
         m += 1
     i = 0
     for k in range(m):
-        values[i : i + size[k]] = mean[k]
+        for j in range(i, i + size[k]):
+            values[j] = mean[k]
         i += size[k]
 
 

@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fleetlog.roads.matchkernels.kernels.distances import path_between
+from fleetlog.roads.matchkernels.kernels.growing import longer, wider
 
 Floats = NDArray[np.float64]
 Wide = NDArray[np.int64]
@@ -51,10 +52,7 @@ def build_routes(
         e, s = edge[chosen[g]], value[0, chosen[g]]
         if n + len(path) + 8 > capacity:
             capacity = 2 * capacity + len(path)
-            p_edge = np.concatenate((p_edge, np.empty(capacity - len(p_edge), np.int32)))
-            grown = np.empty((3, capacity))
-            grown[:, :n] = p_value[:, :n]
-            p_value = grown
+            p_edge, p_value = longer(p_edge, capacity), wider(p_value, capacity)
         fresh = not linked[g] or g == 0 or chosen[g - 1] < 0
         if not fresh:
             last, at = p_edge[n - 1], value[0, chosen[g - 1]]

@@ -1,0 +1,27 @@
+"""Arrays that grow, by plain loops: numpy's own way costs seconds to compile."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def longer(array: Any, size: int) -> Any:
+    """A copy of a one-dimensional array with room for ``size`` values; the new ones are not set."""
+    out = np.empty(size, array.dtype)
+    for i in range(min(len(array), size)):
+        out[i] = array[i]
+    return out
+
+
+@njit(cache=True)
+def wider(array: Any, columns: int) -> Any:
+    """A copy of a two-dimensional array with room for ``columns`` columns; the new ones are not set."""
+    out = np.empty((array.shape[0], columns), array.dtype)
+    for i in range(array.shape[0]):
+        for j in range(min(array.shape[1], columns)):
+            out[i, j] = array[i, j]
+    return out
