@@ -99,6 +99,8 @@ class Fleet(NamedTuple):
     why: NDArray[np.int8]
     """Why a truck waits: 0 does not, 1 others are in the way, 2 no room behind the junction."""
     moved: Floats
+    line: Index
+    """Those who ask for a reservation, longest wait first."""
 
 
 class Log(NamedTuple):
@@ -152,6 +154,7 @@ def new_fleet(trucks: int, lanes: int, pieces: int, resources: int, longest: int
         left=ints(n, -1), left_by=zeros(), left_hold=zeros(), tail=ints(pieces, -1), on=ints(lanes), inbound=ints(lanes),
         last_out=ints(lanes, -1), asks=ints(lanes, -1), held=ints(resources), claimed=np.zeros(resources, np.int64),
         round=np.zeros(1, np.int64), why=np.zeros(n, np.int8), moved=zeros(),
+        line=ints(n),
     )  # fmt: skip
 
 

@@ -21,6 +21,8 @@ from fleetlog.simulate.state import (
     Roads,
 )
 
+# Nothing here allocates, so counting references of sixty arrays at every access, which
+# would take most of the time, is switched off: ``_nrt=False``.
 GRAVITY = 9.81
 ROUND = 5
 """Steps between two rounds of reservations."""
@@ -30,7 +32,7 @@ REST = 0.01
 """Slower than this it is at rest [m/s]."""
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, _nrt=False)
 def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
     """Highest speed after the next step that still stops ``brake``-ing behind one that does so from ``u``, ``room`` m ahead.
 
@@ -40,7 +42,7 @@ def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
     return -0.5 * brake * dt + np.sqrt(q) if q > 0.0 else 0.0
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, _nrt=False)
 def cap_at(r: Roads, piece: int, s: float, laden: int) -> float:
     """Speed cap on a piece; its square is linear between samples."""
     x = min(max(s, 0.0), r.length[piece]) / r.spacing[piece]
@@ -50,13 +52,13 @@ def cap_at(r: Roads, piece: int, s: float, laden: int) -> float:
     return np.sqrt(a * a + (x - i) * (b * b - a * a))
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, _nrt=False)
 def is_safe_lane(r: Roads, piece: int) -> bool:
     """Whether a truck may wait on this piece."""
     return piece < len(r.clear) and r.capacity[piece] > 0
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def resource(r: Roads, f: Fleet, v: int, k: int, low: int, high: int) -> int:
     """Resource that position ``k`` of a truck's route stands for in the passage ``low`` to ``high``."""
     p = f.route[v, k]
@@ -69,7 +71,7 @@ def resource(r: Roads, f: Fleet, v: int, k: int, low: int, high: int) -> int:
     return p
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def holds(r: Roads, f: Fleet, v: int, what: int) -> bool:
     """Whether truck ``v`` itself holds a resource."""
     for k in range(f.held_from[v], f.held_to[v] + 1):
@@ -78,7 +80,7 @@ def holds(r: Roads, f: Fleet, v: int, what: int) -> bool:
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def is_free(r: Roads, f: Fleet, v: int, what: int, claims: bool) -> bool:
     """Whether nobody else holds, or with ``claims`` has claimed, what excludes resource ``what``."""
     for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
@@ -91,7 +93,7 @@ def is_free(r: Roads, f: Fleet, v: int, what: int, claims: bool) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def passage_end(r: Roads, f: Fleet, v: int, low: int) -> int:
     """Route position of the next lane with a safe part after ``low``, or of the last piece."""
     k = low + 1
@@ -100,7 +102,7 @@ def passage_end(r: Roads, f: Fleet, v: int, low: int) -> int:
     return min(k, f.last[v])
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
     """Whether one more truck can stand on a lane, a place being kept for one that has asked to come out of a bay."""
     room = r.capacity[lane]
@@ -114,7 +116,7 @@ def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
     return f.on[lane] + f.inbound[lane] < room
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int:
     """Reserve the way to the next safe lane whole or not at all: 0 done, 1 others are in the way, 2 no room there."""
     high = passage_end(r, f, v, low)
@@ -136,7 +138,7 @@ def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int
     return 0
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def release(r: Roads, f: Fleet, v: int, upto: int) -> None:
     """Give back the passage up to (not with) route position ``upto``."""
     low, high = f.held_from[v], f.held_to[v]
@@ -148,7 +150,7 @@ def release(r: Roads, f: Fleet, v: int, upto: int) -> None:
         f.held_from[v] = upto
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def push(f: Fleet, v: int, piece: int) -> None:
     """Join the end of a piece's queue."""
     f.ahead[v] = f.tail[piece]
@@ -158,7 +160,7 @@ def push(f: Fleet, v: int, piece: int) -> None:
     f.tail[piece] = v
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def drop(f: Fleet, v: int, piece: int) -> None:
     """Leave a piece's queue."""
     a, b = f.ahead[v], f.behind[v]
@@ -172,7 +174,7 @@ def drop(f: Fleet, v: int, piece: int) -> None:
     f.behind[v] = -1
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def insert(f: Fleet, v: int, piece: int) -> None:
     """Join a piece's queue at one's own offset."""
     b, a = -1, f.tail[piece]
@@ -187,7 +189,7 @@ def insert(f: Fleet, v: int, piece: int) -> None:
         f.tail[piece] = v
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def front(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     """How far along its lane a truck reaches [m]."""
     reach = 0.5 * x.length
@@ -196,7 +198,7 @@ def front(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     return f.s[v] + reach
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether the stretch of lane that a truck backs out onto is clear, ahead and of trucks that could not stop behind."""
     b = f.bay[v]
@@ -225,7 +227,7 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     """Back out of a bay if the road is clear: 0 done, 1 not yet."""
     b = f.bay[v]
@@ -250,7 +252,7 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     return 0
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def try_enter(r: Roads, f: Fleet, v: int, x: Limits) -> int:
     """Turn into the bay if its ground and the road just ahead are clear: 0 done, 1 not yet."""
     b = f.bay[v]
@@ -267,7 +269,7 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits) -> int:
     return 0
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, _nrt=False)
 def wants_passage(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether a truck comes near the end of its lane without a reservation, and is the first to."""
     if f.held_to[v] >= f.at[v] or f.at[v] >= f.last[v]:
@@ -280,23 +282,25 @@ def wants_passage(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     return r.stop[p] - f.s[v] < f.v[v] * f.v[v] / (2.0 * x.plan) + 1.2 * f.v[v] + 3.0
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
     """One round: those who wait longest ask first."""
     f.round[0] += 1
     n = 0
-    who = np.empty(len(f.mode), np.int64)
-    since = np.empty(len(f.mode))
     for v in range(len(f.mode)):
         m = f.mode[v]
         if m == WANTS_OUT or m == AT_BAY or (m == DRIVING and wants_passage(r, f, v, x)):
             if f.waits[v] == np.inf:
                 f.waits[v] = now
-            who[n] = v
-            since[n] = f.waits[v]
+            # Into the line behind all who have waited as long.
+            k = n
+            while k > 0 and f.waits[f.line[k - 1]] > f.waits[v]:
+                f.line[k] = f.line[k - 1]
+                k -= 1
+            f.line[k] = v
             n += 1
-    for i in np.argsort(since[:n], kind="mergesort"):
-        v = who[i]
+    for i in range(n):
+        v = f.line[i]
         if f.mode[v] == WANTS_OUT:
             answer = try_leave(r, f, v, x, now)
         elif f.mode[v] == AT_BAY:
@@ -308,7 +312,7 @@ def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
             f.waits[v] = np.inf
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, _nrt=False)
 def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     """The highest speed at the end of the step that keeps all limits, distances and stops ahead."""
     laden = 1 if f.load[v] > 25.0 else 0
@@ -351,7 +355,7 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     return limit
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, _nrt=False)
 def pull(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     """Greatest acceleration [m/s2]: the driver's, or what max_power leaves after rolling and slope."""
     p = f.piece[v]
@@ -364,7 +368,7 @@ def pull(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     return min(x.up, (x.power / f.v[v] - resist) / mass)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, _nrt=False)
 def next_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     """Speed at the end of the step."""
     m, speed = f.mode[v], f.v[v]
@@ -379,7 +383,7 @@ def next_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     return new if new > 1e-3 else 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def cross(r: Roads, f: Fleet, v: int) -> None:
     """Go over to the next pieces of the route where the end of one is passed."""
     while f.s[v] > r.length[f.piece[v]] and f.at[v] < f.last[v]:
@@ -406,7 +410,7 @@ def cross(r: Roads, f: Fleet, v: int) -> None:
         f.piece[v] = q
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
     """Give back what is behind the truck."""
     if f.held_to[v] < f.held_from[v]:
@@ -418,7 +422,7 @@ def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
         release(r, f, v, min(f.at[v], f.held_to[v]))
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def arrive(r: Roads, f: Fleet, v: int) -> None:
     """Wait before the bay when its mark is reached."""
     if f.at[v] == f.last[v] and f.v[v] < REST and abs(f.s[v] - r.bay_at[f.bay[v]]) < NEAR:
@@ -428,7 +432,7 @@ def arrive(r: Roads, f: Fleet, v: int) -> None:
         f.waits[v] = np.inf
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def end_spur(r: Roads, f: Fleet, v: int) -> None:
     """Stand in the bay, or on the lane, at the end of a spur."""
     b = f.bay[v]
@@ -456,7 +460,7 @@ def end_spur(r: Roads, f: Fleet, v: int) -> None:
         f.attention[v] = True
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, _nrt=False)
 def handling(
     f: Fleet, log: Log, v: int, column: int, now: float, raise_speed: float, lower_speed: float
 ) -> None:
@@ -474,7 +478,7 @@ def handling(
     log.height[v, column], log.lift[v, column] = height, lift
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, _nrt=False)
 def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
     """The state at the start of a step."""
     m = f.mode[v]
@@ -486,7 +490,7 @@ def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
     log.trip[v, column], log.mode[v, column] = f.trip[v], m
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def advance(
     r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, step0: int, dt: float,
     raise_speed: float, lower_speed: float,
