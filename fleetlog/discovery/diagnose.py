@@ -18,6 +18,8 @@ from fleetlog.errors import DataError, nearest
 from fleetlog.physics.power import all_terms
 from fleetlog.store import Dataset
 
+MUCH = 0.25
+"""Share of a channel that may stay unexplained without a word."""
 CHANNELS = ("battery_power", "soc", "speed")
 
 
@@ -82,7 +84,7 @@ def diagnose(
         )
 
     findings = [*(_of_fault(f, explained) for f in faults), *_merged(explained)]
-    notes = absences(fleet)
+    notes = absences(fleet) + unexplained(explained, findings)
     verdict = Verdict([e.fit for e in explained.values()], findings, notes)
     return Diagnosis(verdict, together(base, explained), explained, faults, fleet)
 
@@ -98,6 +100,15 @@ def known(
         look = speed_channel if channel == "speed" else energy_channel
         explained[channel] = look(fleet, channel, Found(truck), options)
     return together(Found(truck), explained)
+
+
+def unexplained(explained: dict[str, Explained], findings: list[Finding]) -> list[str]:
+    """A warning where nothing was named and much is left: then nothing is known, rather than nothing missing."""
+    return [
+        f"{e.fit.name}: {e.fit.after:.0%} of it stays unexplained, and these data do not say by what"
+        for e in explained.values()
+        if e.fit.after > MUCH and not any(f.channel == e.fit.name for f in findings)
+    ]
 
 
 def present(fleet: Fleet, wanted: Sequence[str]) -> list[str]:

@@ -101,10 +101,12 @@ def _grid(squares: Squares, value: Floats, name: str, label: str) -> Grid:
 def worst_trip(bench: Recording, before: Found, after: Found) -> Series:
     """Power over the trip that the nominal model misses most, recorded and modelled before and after."""
     off = np.abs(bench.recorded - _energy(bench, before)) * bench.whole
-    names, which = np.unique(bench.windows.trip, return_inverse=True)
-    trip = int(names[int(np.argmax(np.bincount(which, off)))])
-    block = next(b for b in bench.blocks if (b.trip == trip).any())
-    rows = np.flatnonzero(block.trip == trip)[:LONG]
+    _, which = np.unique(bench.windows.trip, return_inverse=True)
+    worst = np.flatnonzero(which == int(np.argmax(np.bincount(which, off))))
+    vehicle = int(bench.windows.vehicle[worst[0]])
+    begin, end = float(bench.windows.time[worst].min()) - 10.0, float(bench.windows.time[worst].max()) + 10.0
+    block = next(b for b in bench.blocks if b.vehicle == vehicle and b.time[0] <= end and b.time[-1] >= begin)
+    rows = np.flatnonzero((block.time >= begin) & (block.time <= end))[:LONG]
     curves = {"recorded": block.power[rows]}
     for name, found in (("before", before), ("after", after)):
         curves[f"model {name}"] = block.rows(bench.evaluation(block, found).power)[rows]

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.discovery import generic, windows
+from fleetlog.discovery import generic, splits, windows
 from fleetlog.discovery.candidates import MECHANISM, Candidate, Knob, tilted
 from fleetlog.discovery.evaluate import Evaluation
 from fleetlog.discovery.model import Found
@@ -134,6 +134,7 @@ def prepare(
         starts[key] = min(starts.get(key, np.inf), float(b.time[0]))
     cuts = [windows.cut(b, width) for b in blocks]
     frame = windows.join([windows.describe(b, c) for b, c in zip(blocks, cuts, strict=True)])
+    frame = splits.independent(frame)
     pairs = [recorded_energy(b, c, channel, capacity) for b, c in zip(blocks, cuts, strict=True)]
     energy = np.concatenate(pairs)
     whole = np.isfinite(energy)

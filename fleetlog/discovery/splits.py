@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +31,13 @@ def slow_blocks(w: Windows) -> Ints:
         rank = np.argsort(np.argsort(w.time[m], kind="stable"), kind="stable")
         out[m] = k * parts + rank * parts // max(int(m.sum()), 1)
     return out
+
+
+def independent(w: Windows) -> Windows:
+    """The windows with stretches of time in place of trips, where a log hardly ever stops."""
+    if len(np.unique(w.trip)) >= FEWEST_BLOCKS:
+        return w
+    return replace(w, trip=slow_blocks(w))
 
 
 def test_windows(w: Windows, holdout: str, rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -63,8 +72,9 @@ def folds(w: Windows, block: Ints, rng: np.random.Generator) -> dict[str, Ints]:
 
 
 def _squares(w: Windows) -> Ints:
-    size = max(np.ptp(w.x), np.ptp(w.y), 1.0) / 8.0
-    return np.asarray((w.x // size).astype(np.int64) * 1000 + (w.y // size).astype(np.int64))
+    x, y = np.nan_to_num(w.x), np.nan_to_num(w.y)
+    size = max(np.ptp(x), np.ptp(y), 1.0) / 8.0
+    return np.asarray((x // size).astype(np.int64) * 1000 + (y // size).astype(np.int64))
 
 
 def _deal(unit: Ints, count: int, rng: np.random.Generator) -> Ints:

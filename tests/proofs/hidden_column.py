@@ -1,0 +1,164 @@
+"""Real logs with the column that explains them withheld, diagnosed, and judged against that column afterwards.
+
+    python tests/proofs/hidden_column.py tripviewer|twizy|borealtc DATA OUT
+
+DATA is the folder of public logs (see docs/proof.md for where they come from).  The altitude, or the surface, is never
+written into the dataset that ``fleetlog diagnose`` reads; this script alone looks at it, at the end.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from fleetlog.core.site import Frame, Site
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.truck import Truck, truck_from_dict
+from fleetlog.discovery.diagnose import Diagnosis, diagnose
+from fleetlog.discovery.output import lines, write_diagnosis
+from fleetlog.discovery.squares import Squares
+from fleetlog.store import Dataset, DatasetWriter
+from fleetlog.store.trips import trip_ids
+
+LEAF = truck_from_dict({
+    "name": "electric hatchback", "chassis": {"mass": 1640.0}, "drive": {"efficiency": 0.85, "regeneration": 0.65, "max_speed": 40.0},
+    "resistance": {"rolling": 0.010, "drag_area": 0.65}, "auxiliary": {"power": 600.0}, "battery": {"voltage": 380.0, "capacity_wh": 56000.0},
+})  # fmt: skip
+TWIZY = truck_from_dict({
+    "name": "quadricycle", "chassis": {"mass": 540.0}, "drive": {"efficiency": 0.78, "regeneration": 0.35, "max_speed": 23.0},
+    "resistance": {"rolling": 0.014, "drag_area": 0.64}, "auxiliary": {"power": 150.0}, "battery": {"voltage": 58.0, "capacity_wh": 6100.0},
+})  # fmt: skip
+HUSKY = truck_from_dict({
+    "name": "skid-steer robot", "chassis": {"mass": 75.0}, "drive": {"efficiency": 0.6, "regeneration": 0.0, "max_speed": 1.2},
+    "resistance": {"rolling": 0.12}, "auxiliary": {"power": 0.0}, "battery": {"voltage": 24.0, "capacity_wh": 480.0},
+})  # fmt: skip
+
+
+def tripviewer(data: Path) -> tuple[list[tuple[Trajectory, np.ndarray]], Frame, Truck]:
+    """One motorway run; altitude from the log's own elevation [ft]."""
+    t = pd.read_csv(data / "tripviewer" / "tripviewer_hesperia_la.csv").drop_duplicates("epoch")
+    frame = Frame(float(t.lat.mean()), float(t.lon.mean()))
+    x, y = frame.to_local(t.lat.to_numpy(), t.lon.to_numpy())
+    columns = _columns(x, y, t.speed_mph.to_numpy() * 0.44704) | {
+        "battery_power": (t.volts * t.amps).to_numpy(float), "soc": t.soc.to_numpy(float) / 100.0,
+        "ambient_temperature": (t.amb_f.to_numpy(float) - 32.0) / 1.8,
+    }  # fmt: skip
+    time = (t.epoch.to_numpy() * 1e6).astype(np.int64)
+    return [(Trajectory("leaf", time, columns), t.elev_ft.to_numpy() * 0.3048)], frame, LEAF
+
+
+def twizy(data: Path) -> tuple[list[tuple[Trajectory, np.ndarray]], Frame, Truck]:
+    """Three routes, eleven runs, of one vehicle; positions only where they are fresh, interpolated between."""
+    files = sorted((data / "twizy").glob("T*/*.csv"))
+    out = []
+    frame = Frame(33.98, -6.75)
+    for number, file in enumerate(files):
+        t = pd.read_csv(file)
+        stamp = pd.to_datetime(t.Date + " " + t.Time, format="%m/%d/%Y %H:%M:%S", utc=True, errors="coerce")
+        t, stamp = t[stamp.notna()], stamp[stamp.notna()]
+        t = (
+            t.assign(us=stamp.astype("datetime64[us, UTC]").astype(np.int64))
+            .drop_duplicates("us")
+            .sort_values("us")
+        )
+        x, y = frame.to_local(t.LAT.to_numpy(), t.LON.to_numpy())
+        fresh = (
+            np.concatenate([[True], (np.diff(x) != 0) | (np.diff(y) != 0)])
+            & (np.abs(x) < 60_000)
+            & (np.abs(y) < 60_000)
+        )
+        seconds = t.us.to_numpy() * 1e-6
+        x, y = (np.interp(seconds, seconds[fresh], v[fresh]) for v in (x, y))
+        columns = _columns(x, y, t.Speed.to_numpy() / 3.6) | {
+            "soc": t.Soc.to_numpy(float) / 100.0, "ambient_temperature": t.Temperature.to_numpy(float),
+        }  # fmt: skip
+        altitude = t.ALT.where(t.ALT > -100).interpolate(limit_direction="both").to_numpy()
+        out.append((Trajectory(f"run-{number:02d}", t.us.to_numpy(), columns), altitude))
+    return out, frame, TWIZY
+
+
+def borealtc(data: Path) -> tuple[list[tuple[Trajectory, np.ndarray]], Frame | None, Truck]:
+    """A robot on five surfaces, every run a vehicle of its own; no positions, so none are given."""
+    t = pd.read_csv(data / "borealtc" / "borealtc_husky_6hz.csv.gz")
+    out = []
+    for number, ((terrain, run), g) in enumerate(t.groupby(["terrain", "run"], sort=True)):
+        g = g.sort_values("t_s").drop_duplicates("t_s")
+        time = ((1_650_000_000 + 86_400 * number + g.t_s.to_numpy()) * 1e6).astype(np.int64)
+        speed = np.abs(g.velL_mps + g.velR_mps).to_numpy() / 2.0
+        power = 24.0 * (g.curL_A.abs() + g.curR_A.abs()).to_numpy()
+        columns = {"speed": speed, "battery_power": power, "trip_id": np.zeros(len(g), np.int64)}
+        out.append((Trajectory(f"{terrain.lower()}-{run}", time, columns), np.full(len(g), np.nan)))
+    return out, None, HUSKY
+
+
+def _columns(x: np.ndarray, y: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
+    a, b = np.maximum(np.arange(len(x)) - 2, 0), np.minimum(np.arange(len(x)) + 2, len(x) - 1)
+    return {"x": x, "y": y, "speed": speed, "heading": np.arctan2(y[b] - y[a], x[b] - x[a])}
+
+
+def run(name: str, data: Path, out: Path) -> None:
+    """Write the dataset without the column, diagnose it, and look at the column."""
+    pieces, frame, truck = {"tripviewer": tripviewer, "twizy": twizy, "borealtc": borealtc}[name](data)
+    with DatasetWriter.create(out / f"{name}_data", "recorded", Site(name, frame), overwrite=True) as writer:
+        for trajectory, _ in pieces:
+            writer.write(
+                trajectory
+                if trajectory.has("trip_id")
+                else trajectory.with_columns(trip_id=trip_ids(trajectory))
+            )
+    d = diagnose(Dataset(out / f"{name}_data"), truck)
+    folder = out / f"{name}_diagnosis"
+    folder.mkdir(exist_ok=True)
+    write_diagnosis(d, folder)
+    print("\n".join(lines(d)))
+    for channel in d.channels.values():
+        print("\n".join(channel.state.log))
+    judge = {"borealtc": by_surface}.get(name)
+    verdict = judge(d) if judge else by_altitude(d, [t for t, _ in pieces], [z for _, z in pieces])
+    print(json.dumps(verdict, indent=1))
+    (out / f"{name}.json").write_text(json.dumps(verdict, indent=1))
+
+
+def by_altitude(d: Diagnosis, tracks: list[Trajectory], altitudes: list[np.ndarray]) -> dict[str, object]:
+    """The slope field found against the slope of the withheld altitude, over half-kilometre pieces of road."""
+    channel = next((c for c in d.channels.values() if "grade" in c.result.fields), None)
+    if channel is None:
+        return {"grade": "not found"}
+    cells, values = channel.task.floor, channel.result.fields["grade"]
+    assert isinstance(cells, Squares)
+    found, true, weight = [], [], []
+    for track, z in zip(tracks, altitudes, strict=True):
+        x, y, v, t = track.floats("x"), track.floats("y"), track.floats("speed"), track.seconds()
+        s = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+        number, heading = cells.number(x, y), track.floats("heading")
+        field = values.deviation.reshape(-1, 2)[np.maximum(number, 0)]
+        slope = np.where(number >= 0, field[:, 0] * np.cos(heading) + field[:, 1] * np.sin(heading), np.nan)
+        for a in np.arange(0.0, s[-1] - 500.0, 500.0):
+            i, j = np.searchsorted(s, [a, a + 500.0])
+            if j - i > 3 and np.isfinite(slope[i:j]).all():
+                found.append(float(np.average(slope[i:j], weights=np.maximum(v[i:j], 0.1))))
+                true.append(float((z[j] - z[i]) / (s[j] - s[i])))
+                weight.append(j - i)
+    f, g = np.array(found), np.array(true)
+    return {
+        "pieces": len(f), "correlation": float(np.corrcoef(f, g)[0, 1]), "slope of found over true": float((f * g).sum() / (g * g).sum()),
+        "rms error": float(np.sqrt(np.mean((f - g) ** 2))), "rms true slope": float(np.sqrt(np.mean(g**2))),
+    }  # fmt: skip
+
+
+def by_surface(d: Diagnosis) -> dict[str, object]:
+    """What was found to differ by run, averaged by the surface that was withheld."""
+    channel = d.channels["battery_power"]
+    return {
+        "findings": [f.document() for f in d.verdict.findings],
+        "runs": list(d.fleet.vehicles),
+        "log": channel.state.log,
+    }
+
+
+if __name__ == "__main__":
+    run(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]))
