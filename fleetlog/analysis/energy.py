@@ -140,7 +140,7 @@ def _is_term(column: str, terms: Sequence[str]) -> bool:
 
 SAID = {
     "power": "the power channel", "voltage and current": "voltage times current",
-    "soc": "the change of the state of charge", "nothing": "nothing: the log has no electrical channel",
+    "soc": "the change of the state of charge",
 }  # fmt: skip
 
 
@@ -170,7 +170,13 @@ def _lines(
             f"the voltage collapses (to {whole['lowest_voltage_v']:.1f} V) for {whole['collapsed_s']:.0f} s: the model asks for"
             " more power than the battery can give"
         )
-    out.append("measured energy is taken from " + "; ".join(SAID[s] for s in sources))
+    known = [f"{SAID[s]} ({n} trips)" for s, n in sources.items() if s != "nothing"]
+    without = sources.get("nothing", 0)
+    if known:
+        rest = f"; {without} trips have no electrical channel" if without else ""
+        out.append(f"measured energy is taken from {', '.join(known)}{rest}")
+    else:
+        out.append("the log has no electrical channel: nothing was measured, the figures are the model's")
     return out
 
 
