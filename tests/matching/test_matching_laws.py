@@ -80,6 +80,8 @@ def test_matching_a_matched_track_changes_nothing(seed: int, rate: float) -> Non
     again = match(Trajectory("t", track.time[on], {"x": place[:, 0].copy(), "y": place[:, 1].copy()}), GRID)
     # positions on a node belong to both of its edges
     inside = np.minimum(once.offset[on], GRID.length[once.edge[on]] - once.offset[on]) > 0.2
+    # and of a track that begins or ends just beside a node, the last group alone does not say which edge it was on
+    inside[:10] = inside[-10:] = False
     assert (again.edge == once.edge[on])[inside].mean() >= 0.99
 
 
