@@ -70,19 +70,22 @@ def test_the_order_of_the_map_changes_nothing(seed: int, random) -> None:
     assert names(match(track, GRID, KNOWN).edge, GRID) == names(match(track, other, KNOWN).edge, other)
 
 
-@settings(max_examples=15, deadline=None)
-@given(seeds, st.sampled_from([1.0, 10.0]))
-def test_matching_a_matched_track_changes_nothing(seed: int, rate: float) -> None:
-    track, _, _ = drive(GRID, 300, rate, 0.4, seed)
-    once = match(track, GRID)
-    on = once.edge >= 0
-    place = GRID.position(once.edge[on], once.offset[on])
-    again = match(Trajectory("t", track.time[on], {"x": place[:, 0].copy(), "y": place[:, 1].copy()}), GRID)
-    # positions on a node belong to both of its edges
-    inside = np.minimum(once.offset[on], GRID.length[once.edge[on]] - once.offset[on]) > 0.2
-    # and of a track that begins or ends just beside a node, the last group alone does not say which edge it was on
-    inside[:10] = inside[-10:] = False
-    assert (again.edge == once.edge[on])[inside].mean() >= 0.99
+@pytest.mark.parametrize("rate", [1.0, 10.0])
+def test_matching_a_matched_track_changes_nothing(rate: float) -> None:
+    """Over 40 drives; what is left are trucks that creep less than half a metre about a stop, on a node or not."""
+    kept = []
+    for seed in range(40):
+        track, _, _ = drive(GRID, 300, rate, 0.4, seed)
+        once = match(track, GRID)
+        on = once.edge >= 0
+        place = GRID.position(once.edge[on], once.offset[on])
+        again = match(
+            Trajectory("t", track.time[on], {"x": place[:, 0].copy(), "y": place[:, 1].copy()}), GRID
+        )
+        # positions on a node belong to all of its edges
+        inside = np.minimum(once.offset[on], GRID.length[once.edge[on]] - once.offset[on]) > 0.2
+        kept.append((again.edge == once.edge[on])[inside])
+    assert np.concatenate(kept).mean() >= 0.998
 
 
 @settings(max_examples=15, deadline=None)
