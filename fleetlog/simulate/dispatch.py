@@ -23,7 +23,7 @@ from fleetlog.simulate.state import (
 from fleetlog.simulate.tasks import ENGAGE, Demand, Task, random_dwell, random_height, random_load
 from fleetlog.simulate.world import World
 
-ASIDE = 60.0
+ASIDE = 30.0
 """A truck that waits this long for a place that another truck stands at makes room itself [s]."""
 STUCK = 30.0
 """After this wait at a junction somebody looks for a deadlock [s]."""
@@ -204,7 +204,9 @@ class Dispatcher:
     def _new_task(self, v: int, now: float) -> bool:
         job = self.jobs[v]
         for i, task in enumerate(self._due[:50]):
-            if task.vehicle in (None, self.names[v]) and self._nearest(task, v):
+            if task.vehicle not in (None, self.names[v]) or not self._open(task.source, v):
+                continue
+            if self._nearest(task, v):
                 job.task, job.stage = self._due.pop(i), "assigned"
                 return True
         if not self.demand.endless:
@@ -220,6 +222,10 @@ class Dispatcher:
         job.stage = "assigned"
         self.count.tasks_given += 1
         return True
+
+    def _open(self, place: str, v: int) -> bool:
+        """Whether a bay of a place is free, or this truck's own."""
+        return any(self.owner[b] in (-1, v) for b in self.bays_of[place])
 
     def _nearest(self, task: Task, v: int) -> bool:
         """Whether no other truck with nothing to do stands nearer to the task's source."""
