@@ -173,6 +173,10 @@ def _step(
     if not short:
         return None, state.found
     p, found, models = _polished(task, state, p, s, short, found)
+    # A number that no step improves explains nothing.
+    short = [n for n in short if candidates[n].kind != "scalar" or n in models]
+    if not short:
+        return None, state.found
     energy, root = task.recording.recorded[task.use], np.sqrt(p.weight[task.use])
     gains = {}
     for name in short:

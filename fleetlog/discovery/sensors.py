@@ -25,6 +25,8 @@ LEAST_OFFSET = 0.45
 """A smaller offset, in seconds or in sampling steps if they are longer, is left to the nuisances [s]."""
 LEAST_SCALE = 0.015
 """A smaller deviation of the speed scale does not matter."""
+ALIKE = 0.01
+"""Correlations this close to the best are as good."""
 END = 6.0
 """Metres at the ends of an edge where corners are cut."""
 SHORTEST = 12.0
@@ -132,7 +134,11 @@ def _best_shift(block: Block, piece: slice, fleet: Fleet) -> tuple[float, float,
 
     coarse = np.arange(-LONGEST, LONGEST + 0.1, step)
     scores = np.array([alike(s) for s in coarse])
-    best = float(coarse[int(np.argmax(scores))])
+    # Work that repeats itself matches at many shifts: the smallest of those that are as good.
+    good = np.flatnonzero(scores >= scores.max() - ALIKE)
+    best = float(coarse[good[np.argmin(np.abs(coarse[good]))]])
+    for nearby in (best - step, best + step):
+        best = nearby if alike(nearby) > alike(best) else best
     near = best + step * np.linspace(-0.8, 0.8, 9)
     curve = np.polyfit(near - best, [alike(s) for s in near], 2)
     if curve[0] >= 0 or scores.max() < 0.5:

@@ -291,7 +291,7 @@ def _power(
     """(terminal, cell) power at every tick [W]."""
     v, n = w["v"], len(w["v"])
     a = np.gradient(v) * HZ
-    value = lambda term, name, other: effects.get(term, {}).get(name, other)  # noqa: E731 - a look-up of one line
+    value = lambda term, name, other: effects.get(term, {}).get(name, other)
     load = w["load"] * value("payload", "factor", 1.0)
     mass = own["mass"] + load
     rolling = (

@@ -1,0 +1,64 @@
+"""The six shared recordings with keys, from the raw log to the verdict."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+CASES = {
+    "none": None, "aux": "auxiliary_load", "clock": "clock_offset", "cornering": "cornering_speed", "grade": "grade",
+    "surface": "surface_resistance",
+}  # fmt: skip
+NUMBER = {
+    "aux": ("added_power", "aux"),
+    "clock": ("offset", "clock_offset"),
+    "cornering": ("lateral_acceleration", "alat"),
+    "surface": ("factor", "surface_factor"),
+}
+
+
+@pytest.fixture(scope="module")
+def diagnosed(shared_data: Path, tmp_path_factory: pytest.TempPathFactory):
+    """``fleetlog import`` and ``fleetlog diagnose --json`` of a case."""
+
+    def run(case: str) -> dict:
+        folder, out = shared_data / "blind" / case, tmp_path_factory.mktemp(case)
+        log, site, truck = (str(folder / f) for f in ("recorded.csv.gz", "site.toml", "truck.toml"))
+        subprocess.run(["fleetlog", "import", log, "--site", site, "-o", str(out / "data"), "-q"], check=True)
+        call = [
+            "fleetlog",
+            "diagnose",
+            str(out / "data"),
+            "--truck",
+            truck,
+            "-o",
+            str(out / "d"),
+            "--json",
+            "-q",
+        ]
+        text = subprocess.run(call, check=True, capture_output=True, text=True).stdout
+        for name in ("diagnosis.json", "model.toml", "report.html", "recording.rrd", "fields"):
+            assert (out / "d" / name).exists()
+        return json.loads(text)
+
+    return run
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+def test_the_key_is_found(case: str, diagnosed, shared_data: Path) -> None:
+    found = diagnosed(case)
+    key = json.loads((shared_data / "blind" / case / "key.json").read_text())
+    terms = [f["term"] for f in found["findings"]]
+    assert terms == ([] if CASES[case] is None else [CASES[case]])
+    assert found["verdict"] == ("none" if CASES[case] is None else "found")
+    if case in NUMBER:
+        name, true = NUMBER[case]
+        parameter = next(p for p in found["findings"][0]["parameters"] if p["name"] == name)
+        assert parameter["low"] <= key["effect"][true] <= parameter["high"]
+    if key["where"]:
+        named = {e["edge_id"].removeprefix("-") for e in found["findings"][0]["where"]["edges"]}
+        assert named == set(key["where"])
