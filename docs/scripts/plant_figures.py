@@ -16,6 +16,7 @@ sys.path.insert(0, str(ROOT))
 FIGURES = ROOT / "docs" / "figures"
 SAMPLE = ROOT / "sample_data"
 K = 5
+NUMBERS = ("1", "2", "3", "4", "5")
 
 
 def fleets(folder: Path) -> dict[str, Path]:
@@ -35,16 +36,22 @@ def fleets(folder: Path) -> dict[str, Path]:
 
 def chargers_side_by_side(data: dict[str, Path]) -> None:
     """Chosen sites over the heat map, of both fleets, in one colour scale."""
+    from scipy.stats import spearmanr
+
     from fleetlog.analysis.chargers import chargers
     from fleetlog.core.result import Result
     from fleetlog.store import Dataset
     from fleetlog.view.picture import write_picture
 
-    shapes, sites = [], {}
+    shapes, sites, visits = [], {}, []
     for name, path in data.items():
-        result = chargers(Dataset(path), k=K, demand="standing")
+        result = chargers(Dataset(path), k=K, demand="rank")
         heat, marks = result.shapes[0], result.shapes[1]
-        shapes += [replace(heat, name=name), replace(marks, name=f"chargers_{name}", on=name)]
+        shapes += [
+            replace(heat, name=name),
+            replace(marks, name=f"chargers_{name}", on=name, labels=NUMBERS[: len(marks.labels)]),
+        ]
+        visits.append(result.tables["vertices"].set_index("vertex").sort_index().heat_share)
         sites[name] = result.summary["sites"]
         print(
             name,
@@ -52,6 +59,10 @@ def chargers_side_by_side(data: dict[str, Path]) -> None:
                 {k: result.summary[k] for k in ("sites", "reach", "proven_gap", "rank_heat_spearman")}
             ),
         )
+    print(
+        "Spearman correlation of the fleets' visits per vertex:",
+        round(float(spearmanr(*visits).statistic), 2),
+    )
     print("sites in common:", len(set(sites["recorded"]) & set(sites["simulated"])), "of", K)
     site = Dataset(data["recorded"]).site
     write_picture(
@@ -101,6 +112,15 @@ def plan_checked(data: dict[str, Path]) -> None:
     )
 
 
+def shrink(path: Path) -> None:
+    """To 128 colours: a drawing has few."""
+    from PIL import Image
+
+    with Image.open(path) as image:
+        small = image.convert("RGB").quantize(128, dither=Image.Dither.NONE)
+    small.save(path, optimize=True)
+
+
 def main() -> None:
     """All figures."""
     with tempfile.TemporaryDirectory() as name:
@@ -110,6 +130,8 @@ def main() -> None:
         difference(data)
         one_dock(folder)
         plan_checked(data)
+    for path in FIGURES.glob("plant_*.png"):
+        shrink(path)
 
 
 if __name__ == "__main__":

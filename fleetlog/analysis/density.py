@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fleetlog.analysis.clusters.areas import BIN, PLACES, Samples, critical_areas, delay_by_place, samples
 from fleetlog.analysis.clusters.steps import Clusters, Fleet, find_clusters, on_grid
+from fleetlog.analysis.clusters.timeline import area_of, timeline
 from fleetlog.analysis.clusters.tracking import Episode, episodes
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
@@ -64,6 +65,7 @@ def density(
     rows = samples(fleet, found, free_speeds(dataset, network))
     areas = critical_areas(network, rows, fleet)
     table = _episode_table(fleet, network, found, rows)
+    table["area"] = area_of(table, areas)
     summary = {
         "threshold_m": threshold, "speed_limit_m_s": speed, "step_s": step, "vehicles": len(fleet.vehicles),
         "hours": len(fleet.time) * step / 3600.0, "min_duration_s": min_duration,
@@ -81,7 +83,9 @@ def density(
             "clusters": _step_table(fleet, clusters, speed),
         },
         places={"areas": areas} if len(areas) else {},
-        shapes=_shapes(fleet, network, clusters, speed, areas, rows),
+        shapes=_shapes(
+            fleet, network, clusters, speed, areas, rows, timeline(fleet, found, table["area"].to_numpy())
+        ),
         lines=_lines(summary, areas),
     )
 
@@ -190,21 +194,17 @@ def _step_table(fleet: Fleet, c: Clusters, limit: float) -> pd.DataFrame:
 
 
 def _shapes(
-    fleet: Fleet, network: Network, c: Clusters, limit: float, areas: pd.DataFrame, rows: Samples
+    fleet: Fleet,
+    network: Network,
+    c: Clusters,
+    limit: float,
+    areas: pd.DataFrame,
+    rows: Samples,
+    episode_time: Series,
 ) -> list[Shape]:
     critical = (c.size >= 2) & (c.mean_speed < limit)
     shapes: list[Shape] = [_arc_lines(fleet, network, c, critical)]
-    count = (c.size * critical).sum(axis=1).astype(float)
-    shapes.append(
-        Series(
-            "critical_trucks",
-            fleet.time,
-            {"trucks in critical clusters": count},
-            "time",
-            "trucks",
-            over_time=True,
-        )
-    )
+    shapes.append(episode_time)
     if len(rows.delay):
         shapes.insert(0, _delay_layer(network, rows))
     if len(areas):

@@ -38,23 +38,27 @@ def test_episodes_agree_with_their_rows(fleet):
     assert (r.places["areas"].delay_low <= r.places["areas"].delay_high).all()
 
 
-def queue(path, centre_edge="e10x"):
+def queue(path, centre_edge="e10x", start=T0, seconds=600, every=1.0, halt=False):
     """Four trucks creep one behind the other on one road; two drive freely elsewhere."""
     site = grid_site()
     n = site.roads()
-    t = np.arange(600.0)
+    t = np.arange(0.0, seconds, every)
+    rows = len(t)
     with DatasetWriter.create(path, "recorded", site) as w:
         for k in range(6):
             jam = k < 4
             e = n.edge(centre_edge if jam else f"e0{k - 4}y")
-            v = np.full(600, 0.25 if jam else 2.5)
+            v = np.full(rows, 0.25 if jam else 2.5)
+            if halt and jam:  # they set out, stand, and move on at last: never arrived in between
+                v = np.where((t < 20) | (t > seconds - 20), 0.25, 0.0)
             s = (18 - 4.5 * k) + 0.002 * t if jam else (2.5 * t) % 20
-            xy = n.position(np.full(600, e, np.int32), s)
+            xy = n.position(np.full(rows, e, np.int32), s)
             tr = Trajectory(
-                f"T{k}", T0 + (t * 1e6).astype(np.int64),
-                {"x": xy[:, 0], "y": xy[:, 1], "speed": v, "edge_id": Labels(np.full(600, e, np.int32), n.edge_ids), "edge_offset": s},
+                f"T{k}", start + (t * 1e6).astype(np.int64),
+                {"x": xy[:, 0], "y": xy[:, 1], "speed": v, "edge_id": Labels(np.full(rows, e, np.int32), n.edge_ids), "edge_offset": s},
             )  # fmt: skip
-            w.write(tr.with_columns(trip_id=trip_ids(tr)))
+            # A stop on the way is not the end of a trip, however long.
+            w.write(tr.with_columns(trip_id=np.ones(rows, np.int64) if halt else trip_ids(tr)))
     return Dataset(path)
 
 
@@ -83,3 +87,63 @@ def test_without_roads_it_says_what_to_do(tmp_path):
 def test_the_same_twice(fleet, tmp_path):
     again = write(tmp_path / "d", range(6), 1800)
     assert density(fleet).summary == density(again).summary
+
+
+@pytest.mark.parametrize("halt", [False, True])
+@pytest.mark.parametrize("every", [1.0, 7.0])
+def test_an_episode_goes_on_past_midnight(tmp_path, halt, every):
+    midnight = T0 // 86_400_000_000 * 86_400_000_000
+    r = density(queue(tmp_path / "q", start=midnight - 300_000_000, every=every, halt=halt), threshold=10)
+    e = r.tables["episodes"]
+    assert len(e) == 1 and e.duration[0] >= 590 - every
+    assert e.start[0].date() != e.end[0].date()
+
+
+@pytest.mark.parametrize("step", [0.1, 0.25, 0.5, 2.0])
+def test_any_step_keeps_the_vehicle_seconds_of_episodes_and_areas(tmp_path, step):
+    r = density(queue(tmp_path / "q"), threshold=10, step=step)
+    assert r.tables["episodes"].vehicle_seconds.sum() == pytest.approx(4 * 599, rel=0.01)
+    whole = density(queue(tmp_path / "p"), threshold=10)
+    seconds = [x.places["areas"].vehicle_seconds.sum() for x in (r, whole)]
+    assert seconds[0] == pytest.approx(seconds[1], rel=0.01) and seconds[1] >= 0.8 * 4 * 599
+    assert r.summary["delay_s"] == pytest.approx(whole.summary["delay_s"], rel=0.01)
+
+
+def days(path, jammed):
+    """One road with a short jam on each of the days in ``jammed``, six days in all."""
+    site = grid_site()
+    n = site.roads()
+    t = np.arange(120.0)
+    with DatasetWriter.create(path, "recorded", site) as w:
+        for k in range(3):
+            for day in range(6):
+                jam = day in jammed and k < 2
+                e = n.edge("e10x" if k < 2 else "e00y")
+                v = np.full(120, 0.25 if jam else 2.5)
+                s = (18 - 4.5 * k) + 0.002 * t if jam else (2.5 * t + 10 * k) % 20
+                xy = n.position(np.full(120, e, np.int32), s)
+                tr = Trajectory(
+                    f"T{k}", T0 + day * 86_400_000_000 + (t * 1e6).astype(np.int64),
+                    {"x": xy[:, 0], "y": xy[:, 1], "speed": v, "edge_id": Labels(np.full(120, e, np.int32), n.edge_ids), "edge_offset": s},
+                )  # fmt: skip
+                w.write(tr.with_columns(trip_id=trip_ids(tr) + 100 * day))
+    return Dataset(path)
+
+
+def test_with_many_days_whole_days_are_resampled(tmp_path):
+    """A jam on one day of six is weaker evidence than a sixth of it on each day, although the delay is the same."""
+    once, always = (
+        density(days(tmp_path / "a", {2}), step=2.0),
+        density(days(tmp_path / "b", set(range(6))), step=2.0),
+    )
+    one, every = once.places["areas"].iloc[0], always.places["areas"].iloc[0]
+    assert one.delay_low == 0 and one.delay_high > 1.5 * one.delay
+    assert every.delay_low > 0.9 * every.delay and every.delay_high < 1.1 * every.delay
+
+
+def test_the_timeline_is_the_episodes(fleet):
+    r = density(fleet)
+    series = next(s for s in r.shapes if s.name == "episodes")
+    e = r.tables["episodes"]
+    assert sum(y.sum() for y in series.y.values()) == pytest.approx(e.vehicle_seconds.sum())
+    assert set(e.area) - {0} <= set(r.places["areas"].area)

@@ -92,7 +92,7 @@ def critical_areas(network: Network, s: Samples, fleet: Fleet, seed: int = 0) ->
         x, y = np.average(xy[here], axis=0, weights=weight)
         roads = sorted({network.roads[int(c // PLACES)] for c in places[here]})
         rows.append({
-            "x": x, "y": y, "delay": s.delay[mine].sum(), "vehicle_seconds": float(mine.sum()),
+            "x": x, "y": y, "delay": s.delay[mine].sum(), "vehicle_seconds": float(mine.sum()) * fleet.step,
             "episodes": len(np.unique(s.episode[mine])), "vehicles": len(np.unique(s.truck[mine])),
             "episodes_per_hour": len(np.unique(s.episode[mine])) / max(hours, 1e-9), "roads": ", ".join(roads),
             "radius": float(np.sqrt(np.average(((xy[here] - (x, y)) ** 2).sum(axis=1), weights=weight))) + BIN / 2,

@@ -12,19 +12,21 @@ critical where its mean speed is under the limit.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
 
+DAY = 86_400_000_000
 COLUMNS = ("edge_id", "edge_offset", "speed", "trip_id", "battery_power", "soc")
 
 
@@ -83,15 +85,9 @@ def on_grid(dataset: Dataset, network: Network, step: float, max_gap: float, sta
     edge, offset = np.full(shape, -1, np.int32), np.zeros(shape)
     speed, idle = np.zeros(shape), np.zeros(shape, np.bool_)
     for v, vehicle in enumerate(vehicles):
-        for date in dataset.dates:
-            day = int(np.datetime64(date, "us").astype(np.int64))
-            if day >= stop or day + 86_400_000_000 <= start:
-                continue
-            t = dataset.read(vehicle, date, COLUMNS)
-            if not len(t):
-                continue
-            a = max(int(np.searchsorted(grid, t.time[0])), 0)
-            b = int(np.searchsorted(grid, t.time[-1], side="right"))
+        for t, until in _overlapping(dataset, vehicle, start, stop):
+            a = int(np.searchsorted(grid, t.time[0]))
+            b = int(np.searchsorted(grid, until, side="right"))
             resample_along(
                 t.time, t.labels("edge_id").recode(network.index), np.nan_to_num(t.floats("edge_offset")),
                 np.nan_to_num(t.floats("speed")), standing_by(t), grid[a:b], int(max_gap * 1e6),
@@ -99,6 +95,26 @@ def on_grid(dataset: Dataset, network: Network, step: float, max_gap: float, sta
                 edge[a:b, v], offset[a:b, v], speed[a:b, v], idle[a:b, v],
             )  # fmt: skip
     return Fleet(vehicles, grid, step, edge, offset, speed, idle)
+
+
+def _overlapping(dataset: Dataset, vehicle: str, start: int, stop: int) -> Iterator[tuple[Trajectory, int]]:
+    """Days of a vehicle, each with the day after it behind, and the time (us) up to which it counts: the next day's first row.
+
+    A truck that stands in a jam at midnight has not arrived, and the step at midnight lies between rows of two days.
+    """
+    today: Trajectory | None = None
+    for date in dataset.dates:
+        day = int(np.datetime64(date, "us").astype(np.int64))
+        if day >= stop or day + DAY <= start:
+            continue
+        after = dataset.read(vehicle, date, COLUMNS)
+        if not len(after):
+            continue
+        if today is not None:
+            yield concatenate([today, after]), int(after.time[0])
+        today = after
+    if today is not None:
+        yield today, int(today.time[-1])
 
 
 def find_clusters(fleet: Fleet, network: Network, threshold: float, slow: float, *, mask: bool) -> Clusters:
