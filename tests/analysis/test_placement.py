@@ -150,3 +150,15 @@ def test_large_instances_state_a_small_proven_gap():
 def test_plugs_at_the_peak():
     assert peak([(0, 10), (5, 8), (8, 12), (20, 30)]) == 2
     assert peak([]) == 0
+
+
+@pytest.mark.parametrize("k", [2, 4, 7])
+def test_spopt_finds_nothing_better(k):
+    pulp = pytest.importorskip("pulp")
+    locate = pytest.importorskip("spopt.locate")
+    rng = np.random.default_rng(k)
+    sites, demand, w = rng.random((25, 2)), rng.random((60, 2)), rng.random(60)
+    d = np.hypot(*(demand[:, None] - sites[None]).transpose(2, 0, 1))
+    model = locate.PMedian.from_cost_matrix(d, w, p_facilities=k).solve(pulp.PULP_CBC_CMD(msg=False))
+    ours = p_median(w, d, k)
+    assert ours.gap == 0 and ours.objective == pytest.approx(pulp.value(model.problem.objective) / w.sum(), rel=1e-6)

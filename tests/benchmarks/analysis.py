@@ -145,6 +145,32 @@ def pmedian() -> None:
         start = time.process_time()
         got = p_median(w, d, k)
         print(f"{k:2d} {time.process_time() - start:6.2f} {got.objective:14.5f} {got.gap:11.3%}")
+    peer()
+
+
+def peer() -> None:
+    """spopt's p-median by CBC on an instance that it settles, beside ours."""
+    from fleetlog.analysis.placement.select import p_median
+
+    try:
+        import pulp
+        from spopt.locate import PMedian
+    except ImportError:
+        print("spopt is not installed")
+        return
+    rng = np.random.default_rng(2)
+    sites, demand, w = rng.random((40, 2)), rng.random((100, 2)), rng.random(100)
+    d = np.hypot(*(demand[:, None] - sites[None]).transpose(2, 0, 1))
+    print("40 candidates, 100 demand points\n k  ours: s, mean distance, gap    spopt: s, mean distance")
+    for k in (3, 5, 10):
+        p_median(w, d, k)
+        start = time.perf_counter()
+        ours = p_median(w, d, k)
+        middle = time.perf_counter()
+        model = PMedian.from_cost_matrix(d, w, p_facilities=k).solve(pulp.PULP_CBC_CMD(msg=False))
+        end = time.perf_counter()
+        theirs = pulp.value(model.problem.objective) / w.sum()
+        print(f"{k:2d} {middle - start:6.3f} {ours.objective:.6f} {ours.gap:.2%}  {end - middle:12.3f} {theirs:.6f}")
 
 
 if __name__ == "__main__":
