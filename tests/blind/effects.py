@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from sites import Plant
+from plants import Plant
 
 POWER = (
     "grade", "surface_resistance", "rolling_resistance", "aerodynamic_drag", "wind", "cornering_resistance", "viscous_drag",

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from effects import draw, truck
 from numba import njit
-from sites import STEP, Plant
+from plants import STEP, Plant
 
 HZ = 20
 GRAVITY, AIR = 9.81, 1.2
