@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,21 +13,17 @@ from fleetlog.simulate.state import (
     AT_BAY,
     CHARGING,
     DRIVING,
-    EMPTY,
     HANDLING,
     PARKED,
     WANTS_OUT,
     Fleet,
 )
 from fleetlog.simulate.tasks import ENGAGE, Demand, Task, random_dwell, random_height, random_load
+from fleetlog.simulate.untangle import Count, Untangler
 from fleetlog.simulate.world import World
 
 ASIDE = 30.0
 """A truck that waits this long for a place that another truck stands at makes room itself [s]."""
-STUCK = 30.0
-"""After this wait at a junction somebody looks for a deadlock [s]."""
-DETOUR = 45.0
-"""After this wait a truck tries another way [s]."""
 
 
 @dataclass(frozen=True)
@@ -50,21 +45,7 @@ class Job:
     since: float = 0.0
 
 
-@dataclass
-class Count:
-    """What happened."""
-
-    tasks_given: int = 0
-    tasks_done: int = 0
-    deadlocks: int = 0
-    deadlocks_released: int = 0
-    detours: int = 0
-    made_room: int = 0
-    charges: int = 0
-    empty: list[str] = field(default_factory=list)
-
-
-class Dispatcher:
+class Dispatcher(Untangler):
     """Takes over whenever a truck needs attention; once a second."""
 
     def __init__(
@@ -76,19 +57,12 @@ class Dispatcher:
         policy: Policy,
         rng: np.random.Generator,
     ) -> None:
-        self.world, self.fleet, self.names, self.demand, self.policy, self.rng = (
-            world,
-            fleet,
-            names,
-            demand,
-            policy,
-            rng,
-        )
+        super().__init__(world, fleet)
+        self.names, self.demand, self.policy, self.rng = names, demand, policy, rng
         self.truck: Truck = world.truck
         self.jobs = [Job() for _ in names]
         self.home = np.full(len(names), -1, np.int64)
         self.owner = np.full(len(world.bays), -1, np.int64)
-        self.count = Count()
         self.queue: deque[int] = deque()
         self.pending: list[Task] = list(demand.given)
         self._next = 0
@@ -101,7 +75,6 @@ class Dispatcher:
             self.work = self.kind != "charge"
         self.where = np.array([b.path[-1, :2] for b in world.bays])
         self.soc = np.ones(len(names))
-        self._events: list[dict[str, Any]] = []
         self._check_reachable()
 
     def _check_reachable(self) -> None:
@@ -326,17 +299,6 @@ class Dispatcher:
         f.mode[v] = WANTS_OUT
         f.waits[v] = np.inf
 
-    def _set_route(self, v: int, way: Any) -> None:
-        f = self.fleet
-        f.route[v, : len(way)] = way
-        f.last[v] = len(way) - 1
-
-    def _closed(self) -> list[int]:
-        """Edges on which a truck with an empty battery stands."""
-        f = self.fleet
-        stands = f.piece[np.flatnonzero((f.mode == EMPTY) & (f.piece >= 0))]
-        return sorted({int(p) for p in stands if p < len(self.world.track.network)})
-
     # -- charging
 
     def _wants_charge(self, v: int) -> bool:
@@ -362,73 +324,6 @@ class Dispatcher:
                 continue
             gap = [float(np.hypot(*(self.where[b] - self.where[self.home[first]]))) for b in free]
             self._go(first, free.pop(int(np.argmin(gap))), "charge")
-
-    # -- trucks that wait for one another
-
-    def _untangle(self, now: float) -> None:
-        f = self.fleet
-        waiting = np.flatnonzero((f.mode == DRIVING) & (f.why > 0) & (now - f.waits > STUCK))
-        if not len(waiting):
-            return
-        blocker = {int(v): self._blocker(int(v)) for v in waiting}
-        released: set[int] = set()
-        for v in blocker:
-            ring = self._ring(v, blocker)
-            if ring and not released & set(ring):
-                released |= set(ring)
-                self.count.deadlocks += 1
-                if any(f.why[u] == 2 for u in ring):
-                    f.force[np.array(ring)] = True
-                    self.count.deadlocks_released += 1
-        for v in blocker:
-            if v not in released and f.why[v] == 2 and now - f.waits[v] > DETOUR:
-                self._detour(v)
-
-    def _ring(self, v: int, blocker: dict[int, int]) -> list[int]:
-        seen: list[int] = []
-        while v in blocker and v not in seen:
-            seen.append(v)
-            v = blocker[v]
-        return seen[seen.index(v) :] if v in seen else []
-
-    def _blocker(self, v: int) -> int:
-        """The truck that has to move first: the head of the full lane, or who holds the junction."""
-        f = self.fleet
-        lane = self._next_lane(v)
-        if f.why[v] == 2:
-            on = np.flatnonzero((f.piece == lane) & (f.mode != PARKED))
-            return int(on[np.argmax(f.s[on])]) if len(on) else -1
-        holders = np.flatnonzero(f.held_to >= f.held_from)
-        holders = holders[holders != v]
-        mine = f.s[v], f.piece[v]
-        near = [int(u) for u in holders if int(f.piece[u]) != mine[1]]
-        return near[0] if len(near) == 1 else -1
-
-    def _next_lane(self, v: int) -> int:
-        f = self.fleet
-        k = int(f.at[v]) + 1
-        while k < f.last[v] and not (
-            f.route[v, k] < len(self.world.roads.clear) and self.world.roads.capacity[f.route[v, k]] > 0
-        ):
-            k += 1
-        return int(f.route[v, k])
-
-    def _detour(self, v: int) -> None:
-        """Take another way where there is one that is not three times as long."""
-        f = self.fleet
-        lane, goal = int(f.piece[v]), int(f.bay[v])
-        old = f.route[v, f.at[v] : f.last[v] + 1]
-        closed = sorted({self._next_lane(v), *self._closed()})
-        target = self.world.bays[goal].lane
-        if target in closed or lane == target:
-            return
-        way = self.world.way_between(lane, target, True, closed)
-        length = self.world.track.length
-        if way is not None and length[way].sum() < 3.0 * length[old].sum() + 50.0:
-            self._set_route(v, way)
-            f.at[v] = 0
-            f.waits[v] = np.inf
-            self.count.detours += 1
 
 
 __all__ = ["AT_BAY", "Count", "Dispatcher", "Policy"]

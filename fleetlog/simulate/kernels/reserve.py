@@ -1,0 +1,300 @@
+"""Who may go where: queues on pieces, reservations of junctions, aisles and spurs; who waits longest asks first."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from fleetlog.simulate.state import (
+    AT_BAY,
+    DRIVING,
+    ENTERING,
+    LEAVING,
+    WANTS_OUT,
+    Fleet,
+    Limits,
+    Roads,
+)
+
+# Nothing here allocates, so counting references of sixty arrays at every access, which would take most of the time, is
+# switched off: ``_nrt=False``.
+
+
+@njit(cache=True, _nrt=False)
+def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
+    """Highest speed after the next step that still stops ``brake``-ing behind one that does so from ``u``, ``room`` m ahead.
+
+    Krauss 1998, written for a speed that is linear over the step.
+    """
+    q = 0.25 * brake * brake * dt * dt + 2.0 * brake * (room - 0.5 * v * dt) + u * u
+    return -0.5 * brake * dt + np.sqrt(q) if q > 0.0 else 0.0
+
+
+@njit(cache=True, _nrt=False)
+def cap_at(r: Roads, piece: int, s: float, laden: int) -> float:
+    """Speed cap on a piece; its square is linear between samples."""
+    x = min(max(s, 0.0), r.length[piece]) / r.spacing[piece]
+    low = r.first[piece]
+    i = min(int(x), r.first[piece + 1] - low - 2)
+    a, b = r.cap[laden, low + i], r.cap[laden, low + i + 1]
+    return np.sqrt(a * a + (x - i) * (b * b - a * a))
+
+
+@njit(cache=True, _nrt=False)
+def is_safe_lane(r: Roads, piece: int) -> bool:
+    """Whether a truck may wait on this piece."""
+    return piece < len(r.clear) and r.capacity[piece] > 0
+
+
+@njit(cache=True, _nrt=False)
+def resource(r: Roads, f: Fleet, v: int, k: int, low: int, high: int) -> int:
+    """Resource that position ``k`` of a truck's route stands for in the passage ``low`` to ``high``."""
+    p = f.route[v, k]
+    if is_safe_lane(r, p):
+        # The last lane first: when the rest is given back it is the only one.
+        if k == high:
+            return len(r.length) + len(r.clear) + p
+        if k == low:
+            return len(r.length) + p
+    return p
+
+
+@njit(cache=True, _nrt=False)
+def holds(r: Roads, f: Fleet, v: int, what: int) -> bool:
+    """Whether truck ``v`` itself holds a resource."""
+    for k in range(f.held_from[v], f.held_to[v] + 1):
+        if resource(r, f, v, k, f.held_from[v], f.held_to[v]) == what:
+            return True
+    return False
+
+
+@njit(cache=True, _nrt=False)
+def is_free(r: Roads, f: Fleet, v: int, what: int, claims: bool) -> bool:
+    """Whether nobody else holds, or with ``claims`` has claimed, what excludes resource ``what``."""
+    for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
+        q = r.conflicts[i]
+        others = f.held[q]
+        if others > 0 and holds(r, f, v, q):
+            others -= 1
+        if others > 0 or (claims and f.claimed[q] == f.round[0]):
+            return False
+    return True
+
+
+@njit(cache=True, _nrt=False)
+def passage_end(r: Roads, f: Fleet, v: int, low: int) -> int:
+    """Route position of the next lane with a safe part after ``low``, or of the last piece."""
+    k = low + 1
+    while k < f.last[v] and not is_safe_lane(r, f.route[v, k]):
+        k += 1
+    return min(k, f.last[v])
+
+
+@njit(cache=True, _nrt=False)
+def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
+    """Whether one more truck can stand on a lane, a place being kept for one that has asked to come out of a bay."""
+    room = r.capacity[lane]
+    asker = f.asks[lane]
+    if asker >= 0 and asker != v:
+        room -= 1
+        if r.bay_at[f.bay[asker]] - x.length - x.gap < r.clear[lane] + 0.5 and not f.force[v]:
+            return False
+    if f.force[v]:
+        room += 1
+    return f.on[lane] + f.inbound[lane] < room
+
+
+@njit(cache=True, _nrt=False)
+def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int:
+    """Reserve the way to the next safe lane whole or not at all: 0 done, 1 others are in the way, 2 no room there."""
+    high = passage_end(r, f, v, low)
+    ends_safe = is_safe_lane(r, f.route[v, high])
+    if ends_safe and high > low and not has_room(r, f, v, f.route[v, high], x):
+        return 2
+    for k in range(low, high + 1):
+        if not is_free(r, f, v, resource(r, f, v, k, low, high), True):
+            if claim:
+                for j in range(low, high + 1):
+                    f.claimed[resource(r, f, v, j, low, high)] = f.round[0]
+            return 1
+    f.held_from[v], f.held_to[v] = low, high
+    for k in range(low, high + 1):
+        f.held[resource(r, f, v, k, low, high)] += 1
+    if ends_safe and high > low:
+        f.inbound[f.route[v, high]] += 1
+    f.force[v] = False
+    return 0
+
+
+@njit(cache=True, _nrt=False)
+def release(r: Roads, f: Fleet, v: int, upto: int) -> None:
+    """Give back the passage up to (not with) route position ``upto``."""
+    low, high = f.held_from[v], f.held_to[v]
+    for k in range(low, min(upto, high + 1)):
+        f.held[resource(r, f, v, k, low, high)] -= 1
+    if upto > high:
+        f.held_from[v], f.held_to[v] = 0, -1
+    elif upto > low:
+        f.held_from[v] = upto
+
+
+@njit(cache=True, _nrt=False)
+def push(f: Fleet, v: int, piece: int) -> None:
+    """Join the end of a piece's queue."""
+    f.ahead[v] = f.tail[piece]
+    f.behind[v] = -1
+    if f.tail[piece] >= 0:
+        f.behind[f.tail[piece]] = v
+    f.tail[piece] = v
+
+
+@njit(cache=True, _nrt=False)
+def drop(f: Fleet, v: int, piece: int) -> None:
+    """Leave a piece's queue."""
+    a, b = f.ahead[v], f.behind[v]
+    if a >= 0:
+        f.behind[a] = b
+    if b >= 0:
+        f.ahead[b] = a
+    if f.tail[piece] == v:
+        f.tail[piece] = a
+    f.ahead[v] = -1
+    f.behind[v] = -1
+
+
+@njit(cache=True, _nrt=False)
+def insert(f: Fleet, v: int, piece: int) -> None:
+    """Join a piece's queue at one's own offset."""
+    b, a = -1, f.tail[piece]
+    while a >= 0 and f.s[a] < f.s[v]:
+        b, a = a, f.ahead[a]
+    f.ahead[v], f.behind[v] = a, b
+    if a >= 0:
+        f.behind[a] = v
+    if b >= 0:
+        f.ahead[b] = v
+    else:
+        f.tail[piece] = v
+
+
+@njit(cache=True, _nrt=False)
+def front(r: Roads, f: Fleet, v: int, x: Limits) -> float:
+    """How far along its lane a truck reaches [m]."""
+    reach = 0.5 * x.length
+    if f.mode[v] == LEAVING or f.mode[v] == ENTERING:
+        reach = max(reach, r.bay_ahead[f.bay[v]])
+    return f.s[v] + reach
+
+
+@njit(cache=True, _nrt=False)
+def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
+    """Whether the stretch of lane that a truck backs out onto is clear, ahead and of trucks that could not stop behind."""
+    b = f.bay[v]
+    lane, at = r.bay_lane[b], r.bay_at[b]
+    rear = at - 0.5 * x.length - x.gap
+    safe_lane = is_safe_lane(r, lane)
+    if safe_lane and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
+        return False
+    enter = min(cap_at(r, lane, 0.0, 0), cap_at(r, lane, 0.0, 1))
+    if f.inbound[lane] > 0 and rear - 0.5 * x.length < enter * enter / (2.0 * x.plan) + 0.6 * enter:
+        return False
+    u = f.tail[lane]
+    while u >= 0:
+        if f.s[u] >= at:
+            if f.s[u] - 0.5 * x.length < at + r.bay_ahead[b] + 0.3:
+                return False
+        else:
+            need = f.v[u] * f.v[u] / (2.0 * x.plan) + 0.6 * f.v[u]
+            if front(r, f, u, x) + need > rear or f.held_to[u] > f.at[u]:
+                return False
+        u = f.ahead[u]
+    out = f.last_out[lane]
+    if out >= 0 and f.left[out] == lane and f.left_by[out] < x.length + f.left_hold[out] and f.s[v] > 0.0:
+        if r.length[lane] - 0.5 * x.length + f.left_by[out] < at + r.bay_ahead[b] + 0.3:
+            return False
+    return True
+
+
+@njit(cache=True, _nrt=False)
+def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
+    """Back out of a bay if the road is clear: 0 done, 1 not yet."""
+    b = f.bay[v]
+    lane = r.bay_lane[b]
+    spur = len(r.length) + 2 * len(r.clear) + b
+    late = now - f.waits[v] > x.patience
+    if late and f.asks[lane] < 0:
+        f.asks[lane] = v
+    if not may_leave(r, f, v, x) or not is_free(r, f, v, spur, True):
+        return 1
+    if not is_safe_lane(r, lane) and acquire(r, f, v, 0, x, late) != 0:
+        return 1
+    if f.asks[lane] == v:
+        f.asks[lane] = -1
+    f.s[v] = r.bay_at[b]
+    f.piece[v] = lane
+    insert(f, v, lane)
+    f.on[lane] += 1
+    f.held[spur] += 1
+    f.mode[v] = LEAVING
+    f.trip[v] += 1
+    return 0
+
+
+@njit(cache=True, _nrt=False)
+def try_enter(r: Roads, f: Fleet, v: int, x: Limits) -> int:
+    """Turn into the bay if its ground and the road just ahead are clear: 0 done, 1 not yet."""
+    b = f.bay[v]
+    spur = len(r.length) + 2 * len(r.clear) + b
+    a = f.ahead[v]
+    if a >= 0 and f.s[a] - 0.5 * x.length < r.bay_at[b] + r.bay_ahead[b] + 0.3:
+        return 1
+    # It is on the road already: whoever has claimed the junction waits for it to be gone.
+    if not is_free(r, f, v, spur, False):
+        return 1
+    f.held[spur] += 1
+    f.mode[v] = ENTERING
+    f.spur[v] = 0.0
+    return 0
+
+
+@njit(cache=True, _nrt=False)
+def wants_passage(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
+    """Whether a truck comes near the end of its lane without a reservation, and is the first to."""
+    if f.held_to[v] >= f.at[v] or f.at[v] >= f.last[v]:
+        return False
+    p = f.piece[v]
+    if not is_safe_lane(r, p):
+        return False
+    if f.ahead[v] >= 0 and f.held_to[f.ahead[v]] <= f.at[f.ahead[v]]:
+        return False
+    return r.stop[p] - f.s[v] < f.v[v] * f.v[v] / (2.0 * x.plan) + 1.2 * f.v[v] + 3.0
+
+
+@njit(cache=True, _nrt=False)
+def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
+    """One round: those who wait longest ask first."""
+    f.round[0] += 1
+    n = 0
+    for v in range(len(f.mode)):
+        m = f.mode[v]
+        if m == WANTS_OUT or m == AT_BAY or (m == DRIVING and wants_passage(r, f, v, x)):
+            if f.waits[v] == np.inf:
+                f.waits[v] = now
+            # Into the line behind all who have waited as long.
+            k = n
+            while k > 0 and f.waits[f.line[k - 1]] > f.waits[v]:
+                f.line[k] = f.line[k - 1]
+                k -= 1
+            f.line[k] = v
+            n += 1
+    for i in range(n):
+        v = f.line[i]
+        if f.mode[v] == WANTS_OUT:
+            answer = try_leave(r, f, v, x, now)
+        elif f.mode[v] == AT_BAY:
+            answer = try_enter(r, f, v, x)
+        else:
+            answer = acquire(r, f, v, f.at[v], x, now - f.waits[v] > x.patience)
+        f.why[v] = answer
+        if answer == 0:
+            f.waits[v] = np.inf

@@ -1,0 +1,112 @@
+"""Trucks that wait for one another: rings are found and released, others look for another way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fleetlog.simulate.state import DRIVING, EMPTY, PARKED, Fleet
+from fleetlog.simulate.world import Index, World
+
+STUCK = 30.0
+"""After this wait at a junction somebody looks for a deadlock [s]."""
+DETOUR = 45.0
+"""After this wait a truck tries another way [s]."""
+
+
+@dataclass
+class Count:
+    """What happened."""
+
+    tasks_given: int = 0
+    tasks_done: int = 0
+    deadlocks: int = 0
+    deadlocks_released: int = 0
+    detours: int = 0
+    made_room: int = 0
+    charges: int = 0
+    empty: list[str] = field(default_factory=list)
+
+
+class Untangler:
+    """The part of a dispatcher that watches for standstill."""
+
+    def __init__(self, world: World, fleet: Fleet) -> None:
+        self.world, self.fleet, self.count = world, fleet, Count()
+
+    def _set_route(self, v: int, way: Index) -> None:
+        f = self.fleet
+        f.route[v, : len(way)] = way
+        f.last[v] = len(way) - 1
+
+    def _closed(self) -> list[int]:
+        """Edges on which a truck with an empty battery stands."""
+        f = self.fleet
+        stands = f.piece[np.flatnonzero((f.mode == EMPTY) & (f.piece >= 0))]
+        return sorted({int(p) for p in stands if p < len(self.world.track.network)})
+
+    def _untangle(self, now: float) -> None:
+        f = self.fleet
+        waiting = np.flatnonzero((f.mode == DRIVING) & (f.why > 0) & (now - f.waits > STUCK))
+        if not len(waiting):
+            return
+        blocker = {int(v): self._blocker(int(v)) for v in waiting}
+        released: set[int] = set()
+        for v in blocker:
+            ring = self._ring(v, blocker)
+            if ring and not released & set(ring):
+                released |= set(ring)
+                self.count.deadlocks += 1
+                if any(f.why[u] == 2 for u in ring):
+                    f.force[np.array(ring)] = True
+                    self.count.deadlocks_released += 1
+        for v in blocker:
+            if v not in released and f.why[v] == 2 and now - f.waits[v] > DETOUR:
+                self._detour(v)
+
+    def _ring(self, v: int, blocker: dict[int, int]) -> list[int]:
+        seen: list[int] = []
+        while v in blocker and v not in seen:
+            seen.append(v)
+            v = blocker[v]
+        return seen[seen.index(v) :] if v in seen else []
+
+    def _blocker(self, v: int) -> int:
+        """The truck that has to move first: the head of the full lane, or who holds the junction."""
+        f = self.fleet
+        lane = self._next_lane(v)
+        if f.why[v] == 2:
+            on = np.flatnonzero((f.piece == lane) & (f.mode != PARKED))
+            return int(on[np.argmax(f.s[on])]) if len(on) else -1
+        holders = np.flatnonzero(f.held_to >= f.held_from)
+        holders = holders[holders != v]
+        mine = f.s[v], f.piece[v]
+        near = [int(u) for u in holders if int(f.piece[u]) != mine[1]]
+        return near[0] if len(near) == 1 else -1
+
+    def _next_lane(self, v: int) -> int:
+        f = self.fleet
+        k = int(f.at[v]) + 1
+        while k < f.last[v] and not (
+            f.route[v, k] < len(self.world.roads.clear) and self.world.roads.capacity[f.route[v, k]] > 0
+        ):
+            k += 1
+        return int(f.route[v, k])
+
+    def _detour(self, v: int) -> None:
+        """Take another way where there is one that is not three times as long."""
+        f = self.fleet
+        lane, goal = int(f.piece[v]), int(f.bay[v])
+        old = f.route[v, f.at[v] : f.last[v] + 1]
+        closed = sorted({self._next_lane(v), *self._closed()})
+        target = self.world.bays[goal].lane
+        if target in closed or lane == target:
+            return
+        way = self.world.way_between(lane, target, True, closed)
+        length = self.world.track.length
+        if way is not None and length[way].sum() < 3.0 * length[old].sum() + 50.0:
+            self._set_route(v, way)
+            f.at[v] = 0
+            f.waits[v] = np.inf
+            self.count.detours += 1
