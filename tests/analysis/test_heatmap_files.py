@@ -45,7 +45,9 @@ def test_a_mask_is_the_second_band(tmp_path):
 def test_pillow_reads_it_too(tmp_path):
     image = pytest.importorskip("PIL.Image")
     write_geotiff(GRID, tmp_path / "g.tif")
-    assert np.array_equal(np.asarray(image.open(tmp_path / "g.tif")), VALUES[::-1].astype("f4"), equal_nan=True)
+    assert np.array_equal(
+        np.asarray(image.open(tmp_path / "g.tif")), VALUES[::-1].astype("f4"), equal_nan=True
+    )
 
 
 def test_corners_of_the_transformation():
@@ -61,7 +63,9 @@ def test_cells_are_squares_on_the_earth(fleet, tmp_path):
     ring = np.array(features[0]["geometry"]["coordinates"][0])
     x, y = fleet.site.frame.to_local(ring[:, 1], ring[:, 0])
     row = r.tables["cells"].iloc[0]
-    assert np.ptp(x) == pytest.approx(2.0, abs=0.01) and np.mean([x.min(), x.max()]) == pytest.approx(row.x, abs=0.01)
+    assert np.ptp(x) == pytest.approx(2.0, abs=0.01) and np.mean([x.min(), x.max()]) == pytest.approx(
+        row.x, abs=0.01
+    )
     area = np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) / 2
     assert area == pytest.approx(4.0, abs=0.02)  # positive: counter-clockwise, as RFC 7946 asks
     geopandas = pytest.importorskip("geopandas")

@@ -161,4 +161,6 @@ def test_spopt_finds_nothing_better(k):
     d = np.hypot(*(demand[:, None] - sites[None]).transpose(2, 0, 1))
     model = locate.PMedian.from_cost_matrix(d, w, p_facilities=k).solve(pulp.PULP_CBC_CMD(msg=False))
     ours = p_median(w, d, k)
-    assert ours.gap == 0 and ours.objective == pytest.approx(pulp.value(model.problem.objective) / w.sum(), rel=1e-6)
+    assert ours.gap == 0 and ours.objective == pytest.approx(
+        pulp.value(model.problem.objective) / w.sum(), rel=1e-6
+    )

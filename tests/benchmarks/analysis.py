@@ -170,7 +170,9 @@ def peer() -> None:
         model = PMedian.from_cost_matrix(d, w, p_facilities=k).solve(pulp.PULP_CBC_CMD(msg=False))
         end = time.perf_counter()
         theirs = pulp.value(model.problem.objective) / w.sum()
-        print(f"{k:2d} {middle - start:6.3f} {ours.objective:.6f} {ours.gap:.2%}  {end - middle:12.3f} {theirs:.6f}")
+        print(
+            f"{k:2d} {middle - start:6.3f} {ours.objective:.6f} {ours.gap:.2%}  {end - middle:12.3f} {theirs:.6f}"
+        )
 
 
 if __name__ == "__main__":
