@@ -51,7 +51,8 @@ def _log_or_map(path: Path) -> Described:
             raise refusal from None
         raise InputError(
             "is no dataset, log, map, truck or recording that fleetlog knows",
-            where=path, do=f"see docs/logs.md and docs/maps.md ({str(error)[:80]})",
+            where=path, do="name a file in it, or see what an import would read with fleetlog import --dry-run" if path.is_dir()
+            else f"see docs/logs.md and docs/maps.md (taken as a map: {getattr(error, 'what', error)})",
         ) from None  # fmt: skip
 
 
@@ -66,8 +67,8 @@ def _dataset(path: Path) -> Described:
     where = meta["site"]
     lines = [
         f"{path}: a {d.kind} dataset (format {meta['format_version']})",
-        f"  rows      {d.rows:,} of {_some(d.vehicles, 'vehicle')}, {len(d.trips):,} trips",
-        f"  span      {meta['start']} to {meta['end']} ({len(d.dates)} days)",
+        f"  rows      {d.rows:,} of {_some(d.vehicles, 'vehicle')}, {_count(len(d.trips), 'trip')}",
+        f"  span      {meta['start']} to {meta['end']} ({_count(len(d.dates), 'day')})",
         f"  site      {where['name']}, {where['edges']} directed edges, " + _place(where.get("frame")),
         f"  columns   {', '.join(n + (f' [{u}]' if u else '') for n, u in meta['columns'].items())}",
         f"  replay    {'recording.rrd' if summary['replay'] else 'none'}",
@@ -80,9 +81,13 @@ def _place(frame: dict[str, Any] | None) -> str:
     return f"at {frame['latitude']:.5f}, {frame['longitude']:.5f}" if frame else "not placed on earth"
 
 
+def _count(number: int, noun: str) -> str:
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
 def _some(names: list[str], noun: str) -> str:
     shown = ", ".join(names[:LISTED]) + (f" and {len(names) - LISTED} more" if len(names) > LISTED else "")
-    return f"{len(names)} {noun}{'' if len(names) == 1 else 's'} ({shown})"
+    return f"{_count(len(names), noun)} ({shown})"
 
 
 def _log(path: Path) -> Described:

@@ -43,6 +43,7 @@ def command(
     no_recording: bool, rate: float, overwrite: bool, as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Read LOGs (files, folders, patterns), match them to the roads, write a dataset and its replay."""
+    _check_format(format)
     if dry_run:
         from fleetlog.ingest.preview import preview
 
@@ -73,6 +74,7 @@ def _import(
     from fleetlog.store import DatasetWriter
 
     about = load_profile(profile) if profile else None
+    _check_apart(output, [*map(Path, logs), *filter(None, (site, profile))])
     place = _site(site, quiet)
     with (
         interruptible() as check,
@@ -88,6 +90,27 @@ def _import(
             write_recording(writer.path, writer.path / "recording.rrd", rate_hz=rate)
         check()
     return summary
+
+
+def _check_format(name: str | None) -> None:
+    """A format that does not exist is wrong usage, not a fault of the logs."""
+    from fleetlog.errors import InputError
+    from fleetlog.importers.base import by_name
+
+    try:
+        if name is not None:
+            by_name(name)
+    except InputError as error:
+        raise click.UsageError(error.line()) from None
+
+
+def _check_apart(output: Path, inputs: list[Path]) -> None:
+    """What is read must not lie in the folder that is replaced."""
+    from fleetlog.errors import OutputError
+
+    for path in inputs:
+        if output.exists() and path.resolve().is_relative_to(output.resolve()):
+            raise OutputError(f"{path}, which is read, lies in it", where=output, do="choose another name")
 
 
 def _site(path: Path | None, quiet: bool) -> Site:

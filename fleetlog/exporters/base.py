@@ -115,7 +115,7 @@ def export_dataset(
     if to not in known:
         raise InputError(f"no export format {to!r}", do=nearest(to, known))
     output = Path(output)
-    check_free(output, overwrite)
+    check_free(output, overwrite, folder=False)
     source = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     for vehicle in vehicles:
         if vehicle not in source.vehicles:

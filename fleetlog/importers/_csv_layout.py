@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv as csv_text
+import re
 from dataclasses import dataclass, field
 
 from fleetlog.core.columns import BY_NAME
@@ -13,6 +14,8 @@ from fleetlog.importers._units import KINDS, si_unit
 from fleetlog.importers.base import ReadReport
 
 DELIMITERS = ",;\t|"
+_COMMA = re.compile(r"[+-]?\d*,\d+")
+_POINT = re.compile(r"[+-]?\d*\.\d+")
 
 
 @dataclass
@@ -32,6 +35,7 @@ class Layout:
     labels: dict[str, str] = field(default_factory=dict)
     """Columns of text (edge_id) and the trip number -> where they come from."""
     own: list[str] = field(default_factory=list)
+    decimal: str = "."
 
     @property
     def used(self) -> set[str]:
@@ -49,6 +53,18 @@ def find_delimiter(lines: list[str]) -> str:
         return (counts.count(fields) / len(counts) if fields > 1 else 0.0), fields
 
     return max(DELIMITERS, key=worth)
+
+
+def find_decimal(lines: list[str], delimiter: str, report: ReadReport) -> str:
+    """The decimal comma where another character separates the cells and none of the figures has a point; said aloud."""
+    if delimiter == ",":
+        return "."
+    cells = [cell.strip() for row in csv_text.reader(lines, delimiter=delimiter) for cell in row]
+    commas = sum(bool(_COMMA.fullmatch(cell)) for cell in cells)
+    if commas == 0 or any(_POINT.fullmatch(cell) for cell in cells):
+        return "."
+    report.note("figures have a decimal comma")
+    return ","
 
 
 def unique(names: list[str], report: ReadReport) -> list[str]:

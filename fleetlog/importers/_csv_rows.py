@@ -149,7 +149,7 @@ class RowReader:
         missing = [str(s) for s in self.profile.sentinels if isinstance(s, str)]
         missing += [s for v in self.layout.values.values() for s in v.sentinels if isinstance(s, str)]
         convert = pv.ConvertOptions(
-            column_types=types, null_values=NULLS + missing, strings_can_be_null=True, decimal_point=self.profile.decimal,
+            column_types=types, null_values=NULLS + missing, strings_can_be_null=True, decimal_point=self.layout.decimal,
             timestamp_parsers=["-"], check_utf8=False,
         )  # fmt: skip
         options = pv.ReadOptions(
@@ -201,7 +201,7 @@ class RowReader:
         if chunk.null_count == len(chunk):
             return
         self._blank.discard(name)
-        if not numbers(chunk.combine_chunks(), self.profile.decimal)[1].any():
+        if not numbers(chunk.combine_chunks(), self.layout.decimal)[1].any():
             self._types[name] = pa.float64()
 
     def _figures(self, table: pa.Table, name: str, target: str, bad: dict[str, NDArray[np.bool_]]) -> Floats:
@@ -212,7 +212,7 @@ class RowReader:
             values = np.array(chunk.fill_null(np.nan) if chunk.null_count else chunk, dtype=np.float64)
         else:
             read = degrees if name in self._angles else numbers
-            values, wrong = read(chunk.combine_chunks(), self.profile.decimal)
+            values, wrong = read(chunk.combine_chunks(), self.layout.decimal)
             if wrong.any():
                 bad[target] = wrong
         endless = np.isinf(values)

@@ -36,7 +36,8 @@ class Profile:
     vehicle: str | None = None
     """Constant vehicle id; ``"{stem}"`` and ``"{folder}"`` stand for the file's name and its folder's."""
     delimiter: str | None = None
-    decimal: str = "."
+    decimal: str | None = None
+    """``","`` or ``"."``; found from the first lines where it is not given."""
     encoding: str | None = None
     skip_lines: int = 0
     comment: str | None = None

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._csv_blocks import Block, blocks, guess_encoding
-from fleetlog.importers._csv_layout import DELIMITERS, Layout, find_delimiter, lay_out
+from fleetlog.importers._csv_layout import DELIMITERS, Layout, find_decimal, find_delimiter, lay_out
 from fleetlog.importers._csv_rows import RowReader
 from fleetlog.importers._open import head_of
 from fleetlog.importers._profile import Profile
@@ -76,6 +76,7 @@ def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tu
         _check_header(names, path, skip + 1)
         skip += 1
     layout = lay_out(names, delimiter, skip, profile, report)
+    layout.decimal = profile.decimal or find_decimal(lines[skip : skip + 20], delimiter, report)
     text = block.text
     for _ in range(skip):
         text = text[text.find(b"\n") + 1 :] if b"\n" in text else b""

@@ -5,6 +5,8 @@ Every step takes the sorted rows of one vehicle and gives fewer rows, or rows wi
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -150,8 +152,11 @@ def unstick(rows: Trajectory) -> Trajectory:
         values = rows.floats(name)
         held = np.zeros(len(rows), bool)
         for start, stop in _same_runs(values, t, STUCK_TIME if name == "speed" else 2 * STUCK_TIME):
-            part = slice(start, stop)
-            held[part] = _stands(rows[part], values[start]) if name == "speed" else _varies(speed[part])
+            if name != "speed":
+                held[start:stop] = _varies(speed[start:stop])
+                continue
+            for part in _minutes(t, start, stop):  # rounds at a governed speed come back to where they were
+                held[part] = _stands(rows[part], values[start])
         if held.any():
             rows = set_unknown(rows, name, held)
             stuck += held
@@ -166,6 +171,14 @@ def _same_runs(values: Floats, t: Floats, length: float) -> list[tuple[int, int]
         return []
     long = (stop - cut >= STUCK_ROWS) & (t[stop - 1] - t[cut] >= length) & (np.abs(values[cut]) > 0.5)
     return list(zip(cut[long].tolist(), stop[long].tolist(), strict=True))
+
+
+def _minutes(t: Floats, start: int, stop: int) -> list[slice]:
+    """A run in pieces of ``STUCK_TIME`` or a little more, of ``STUCK_ROWS`` on average at least."""
+    count = int(max(1, min((t[stop - 1] - t[start]) // STUCK_TIME, (stop - start) // STUCK_ROWS)))
+    cuts = np.linspace(t[start], t[stop - 1], count + 1)[1:-1]
+    edges = [start, *(start + np.searchsorted(t[start:stop], cuts)).tolist(), stop]
+    return [slice(a, b) for a, b in itertools.pairwise(edges) if a < b]
 
 
 def _stands(rows: Trajectory, speed: float) -> bool:

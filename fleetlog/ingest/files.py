@@ -44,6 +44,12 @@ def find_logs(paths: Sequence[str | Path], format: str | None = None) -> list[Lo
     return found
 
 
+def names_of(logs: Sequence[Log]) -> list[str]:
+    """The logs by their names, or by their paths where two have the same name."""
+    names = [log.path.name for log in logs]
+    return names if len(set(names)) == len(names) else [str(log.path) for log in logs]
+
+
 def _expanded(paths: Sequence[str | Path]) -> list[Path]:
     out = []
     for path in map(Path, paths):

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.trajectory import Labels
-from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
+from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, FleetlogError, InputError
 from fleetlog.importers._profile import Profile, load_profile
 from fleetlog.importers.base import RawBatch, ReadOptions, ReadReport
-from fleetlog.ingest.files import find_logs
+from fleetlog.ingest.files import Log, find_logs, names_of
 from fleetlog.ingest.summary import FileSummary, ImportSummary
 
 ROWS = 5
@@ -42,7 +42,10 @@ class Preview:
         """For a person: what was recognised, then the rows as a table."""
         out = []
         for f in self.files:
-            out += ImportSummary(files=[f]).lines()
+            head, *about = ImportSummary(files=[f]).lines()
+            out += [head.replace(": " + f.format + ", ", f": {f.format}, the first "), *about]
+            if f.damage and not self.rows[f.file]:
+                continue
             out += _table(self.rows[f.file])
             out += [
                 f"  rejected: line {r['record']}: {r['reason']}: {r['text'][:80]}"
@@ -54,37 +57,37 @@ class Preview:
 def preview(
     paths: Sequence[str | Path], *, format: str | None = None, profile: str | Path | Profile | None = None
 ) -> Preview:
-    """The first rows of every log among ``paths``; a log that cannot be read raises its error."""
+    """The first rows of every log among ``paths``; one that cannot be read raises its error, of several it is told of."""
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
     out = Preview()
-    for log in find_logs(paths, format):
-        if log.importer is None:
-            out.files.append(
-                FileSummary(log.path.name, "unknown", damage=[log.error.what if log.error else ""])
-            )
-            out.rows[log.path.name], out.rejected[log.path.name] = [], []
-            continue
-        report = ReadReport(log.path, log.importer.name)
-        rows: list[dict[str, Any]] = []
-        rejected: list[dict[str, Any]] = []
-        for batch in log.importer.read(log.path, ReadOptions(report, profile)):
-            rows += _rows(batch, ROWS - len(rows))
-            rejected += [r._asdict() for r in batch.rejects[: ROWS - len(rejected)]]
-            if len(rows) >= ROWS:
-                break
-        name = log.path.name
-        out.files.append(
-            FileSummary(
-                name,
-                report.format or log.importer.name,
-                len(rows),
-                report.recognised,
-                report.notes,
-                report.damage,
-            )
-        )
-        out.rows[name], out.rejected[name] = rows, rejected
+    logs = find_logs(paths, format)
+    errors: list[FleetlogError] = []
+    for log, name in zip(logs, names_of(logs), strict=True):
+        out.rows[name], out.rejected[name] = [], []
+        try:
+            out.files.append(_first(out, log, name, profile))
+        except FleetlogError as error:
+            errors.append(error)
+            kind = log.importer.name if log.importer else "unknown format"
+            out.files.append(FileSummary(name, kind, damage=[f"nothing is usable: {error.what}"]))
+    if len(errors) == len(logs):
+        raise errors[0]
     return out
+
+
+def _first(out: Preview, log: Log, name: str, profile: Profile | None) -> FileSummary:
+    """The first rows and refusals of one log go into ``out``."""
+    if log.importer is None:
+        raise log.error or InputError("no log format fits", where=log.path, do="name it with --format")
+    report = ReadReport(log.path, log.importer.name)
+    rows, rejected = out.rows[name], out.rejected[name]
+    for batch in log.importer.read(log.path, ReadOptions(report, profile)):
+        rows += _rows(batch, ROWS - len(rows))
+        rejected += [r._asdict() for r in batch.rejects[: ROWS - len(rejected)]]
+        if len(rows) >= ROWS:
+            break
+    form = report.format or log.importer.name
+    return FileSummary(name, form, len(rows), report.recognised, report.notes, report.damage)
 
 
 def _rows(batch: RawBatch, count: int) -> list[dict[str, Any]]:

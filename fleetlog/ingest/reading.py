@@ -14,7 +14,7 @@ from fleetlog.errors import FleetlogError
 from fleetlog.importers._profile import Profile
 from fleetlog.importers.base import RawBatch, ReadOptions, ReadReport
 from fleetlog.ingest.channels import CHANNEL
-from fleetlog.ingest.files import Log
+from fleetlog.ingest.files import Log, names_of
 from fleetlog.ingest.order import BACKWARDS, Order
 from fleetlog.ingest.rejects import Rejects
 from fleetlog.ingest.rows import FILE, RECORD
@@ -29,7 +29,7 @@ class Reading:
 
     def __init__(self, spill: Spill, folder: Path, logs: list[Log], profile: Profile | None) -> None:
         self.spill, self.profile = spill, profile
-        self.rejects = Rejects(folder, _names(logs))
+        self.rejects = Rejects(folder, names_of(logs))
         self.summary = ImportSummary()
         self.positioned: set[str] = set()
         """Vehicles that have a position somewhere."""
@@ -84,12 +84,6 @@ class Reading:
         self.summary.files.append(
             FileSummary(log.path.name, name, damage=[f"nothing is usable: {error.what}"])
         )
-
-
-def _names(logs: list[Log]) -> list[str]:
-    """The logs by their names, or by their paths where two have the same name."""
-    names = [log.path.name for log in logs]
-    return names if len(set(names)) == len(names) else [str(log.path) for log in logs]
 
 
 def split(batch: RawBatch, number: int, report: ReadReport) -> Iterator[Trajectory]:

@@ -79,7 +79,7 @@ class ImportSummary:
         if self.rows_joined:
             out.append(f"{self.rows_joined:,} rows without a position were joined to those with one")
         if self.derived:
-            out.append(f"derived from positions: {', '.join(self.derived)}")
+            out.append(f"derived: {', '.join(self.derived)}")
         if self.matched is not None:
             off = "".join(
                 f"; {n:,} {reason}" for reason, n in sorted(self.off_map.items(), key=lambda i: -i[1])

@@ -12,6 +12,8 @@ from pathlib import Path
 from fleetlog.errors import OutputError
 
 MARK = ".partial-"
+RESULTS = ("dataset.json", "diagnosis.json", "recording.rrd")
+"""What tells a folder that fleetlog made: a dataset, a diagnosis, an analysis."""
 
 
 def _alive(pid: int) -> bool:
@@ -32,10 +34,30 @@ def _clear_leftovers(target: Path) -> None:
             shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink(missing_ok=True)
 
 
-def check_free(target: Path, overwrite: bool) -> None:
-    """Raise :class:`OutputError` if ``target`` is there and must not be replaced, or cannot be written."""
+def _ours(folder: Path) -> bool:
+    """Whether a folder is empty, was made by fleetlog, or holds nothing but such folders (the demo's)."""
+    if any((folder / name).is_file() for name in RESULTS):
+        return True
+    return all(
+        child.is_dir() and any((child / name).is_file() for name in RESULTS) for child in folder.iterdir()
+    )
+
+
+def check_free(target: Path, overwrite: bool, folder: bool = True) -> None:
+    """Raise :class:`OutputError` if ``target`` is there and must not be replaced, or cannot be written.
+
+    ``overwrite`` replaces an older output and nothing else: never a folder of the user's own, never a file by a folder.
+    """
     if target.exists() and not overwrite:
         raise OutputError("is already there", where=target, do="choose another name or add --overwrite")
+    if target.is_dir() and not folder:
+        raise OutputError("is a folder; a file is to be written", where=target, do="name a file")
+    if target.is_file() and folder:
+        raise OutputError("is a file; a folder is to be written", where=target, do="choose another name")
+    if target.is_dir() and not _ours(target):
+        raise OutputError(
+            "was not made by fleetlog and is not replaced", where=target, do="choose another name or empty it"
+        )
     if not target.absolute().parent.is_dir():
         raise OutputError("its folder does not exist", where=target, do=f"make {target.parent} first")
 
@@ -48,7 +70,7 @@ def atomic_output(target: str | Path, *, overwrite: bool = False, folder: bool =
     hidden scratch folder, which the next run removes.
     """
     target = Path(target)
-    check_free(target, overwrite)
+    check_free(target, overwrite, folder)
     _clear_leftovers(target)
     scratch = target.parent / f".{target.name}{MARK}{os.getpid()}-{secrets.token_hex(3)}"
     if folder:

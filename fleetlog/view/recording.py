@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -148,7 +149,8 @@ def summary_lines(figures: Mapping[str, Any]) -> list[str]:
         if key in SAID or value in (None, "", 0, [], {}):
             continue
         if key == "files" and isinstance(value, list):
-            lines.append(f"{len(value)} files: " + ", ".join(str(f.get("format")) for f in value[:6]))
+            kinds = Counter(str(f.get("format")) for f in value)
+            lines.append("files: " + ", ".join(f"{n} {kind}" for kind, n in sorted(kinds.items())))
         elif isinstance(value, str | int | float):
             lines.append(f"{name}: {_figure(value)}")
         elif isinstance(value, Mapping) and all(isinstance(v, str | int | float) for v in value.values()):

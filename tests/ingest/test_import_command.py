@@ -47,7 +47,7 @@ def test_without_a_map(log: Path, tmp_path: Path) -> None:
     assert dataset.rows == 120 and dataset.site.frame is not None
     assert not dataset.read("A").has("edge_id")
     assert np.abs(dataset.read("A").floats("x")).max() < 100.0
-    assert "derived from positions: heading, speed" in done.stdout
+    assert "derived: heading, speed" in done.stdout
 
 
 def test_json_is_one_object_and_provenance_is_kept(log: Path, tmp_path: Path) -> None:
@@ -119,7 +119,7 @@ def test_usage(log: Path, tmp_path: Path) -> None:
     missing = fleetlog("import", tmp_path / "none.csv", "-o", tmp_path / "out")
     assert missing.returncode == 1 and "no such file" in missing.stderr
     wrong = fleetlog("import", log, "--format", "cvs", "-o", tmp_path / "out")
-    assert wrong.returncode == 1 and "csv" in wrong.stderr
+    assert wrong.returncode == 2 and "csv" in wrong.stderr
 
 
 def test_an_older_dataset_is_left_alone(log: Path, tmp_path: Path) -> None:
@@ -128,8 +128,12 @@ def test_an_older_dataset_is_left_alone(log: Path, tmp_path: Path) -> None:
     (out / "mine").write_text("x")
     assert fleetlog("import", log, "-o", out, "--no-recording").returncode == 1
     assert (out / "mine").exists()
-    assert fleetlog("import", log, "-o", out, "--no-recording", "--overwrite").returncode == 0
-    assert not (out / "mine").exists() and Dataset(out).rows == 120
+    again = fleetlog("import", log, "-o", out, "--no-recording", "--overwrite")
+    assert again.returncode == 1 and "not made by fleetlog" in again.stderr and (out / "mine").exists()
+    (out / "mine").unlink()
+    for _ in range(2):
+        assert fleetlog("import", log, "-o", out, "--no-recording", "--overwrite").returncode == 0
+    assert Dataset(out).rows == 120
 
 
 def test_dry_run_writes_nothing(log: Path, tmp_path: Path) -> None:
