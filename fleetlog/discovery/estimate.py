@@ -24,6 +24,8 @@ OUTLYING = 3.0
 """Beyond this many robust standard deviations a window weighs less [1]."""
 MODEL = 0.01
 """What a model that is right in kind still misses of a coefficient, as sampling does (relative, one standard deviation)."""
+MODEL_CHANGE = 0.06
+"""The same as a share of the change that was found."""
 MODEL_SPEED = 0.1
 """The same of a number that governs how fast trucks drive: corners and ramps of speed are rounder than the profile's."""
 
@@ -35,6 +37,12 @@ class Estimates:
     state: State
     numbers: dict[str, dict[str, tuple[float, float]]]
     fields: dict[str, Values]
+
+    def drop(self, name: str) -> None:
+        """Forget a term: the model that is written holds only what is reported."""
+        self.numbers.pop(name, None)
+        self.fields.pop(name, None)
+        self.state.found = self.state.found.without(name)
 
 
 def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float, float]]]) -> Estimates:
@@ -67,9 +75,9 @@ def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float,
             root = task.root(c.term)
             error = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", root, spread, root), 0.0))
             samples = (np.abs(table.groups[c.name]) > 0).sum(axis=0)
-            found_fields[c.name] = Values(
-                state.found.fields[c.name], np.hypot(error, 0.5 * (root @ other)), samples
-            )
+            deviation = state.found.fields[c.name]
+            error = np.sqrt(error**2 + (0.5 * (root @ other)) ** 2 + (MODEL_CHANGE * deviation) ** 2)
+            found_fields[c.name] = Values(deviation, error, samples)
             continue
         numbers[c.name] = {}
         for i, knob in enumerate(choice.knobs):
@@ -79,7 +87,7 @@ def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float,
             model = (
                 MODEL_SPEED * value
                 if c.term.acts == "speed"
-                else np.hypot(MODEL * value * (parameter.truck_key is not None), 2.0 * MODEL * moved)
+                else np.hypot(MODEL * value * (parameter.truck_key is not None), MODEL_CHANGE * moved)
             )
             error = np.sqrt(max(spread[i, i], 0.0) + (0.5 * other[i]) ** 2 + model**2)
             if knob.parameter in direct.get(c.name, {}):

@@ -119,6 +119,7 @@ def make_task(
     roots = {} if floor is None else {odd: floor.root(odd) for odd in (True, False)}
     usable = {k: v for k, v in free.items() if np.any(v)}
     kept = {c.name: c for c in candidates if c.named or c.name in usable}
+    # Corners of clean recordings are replayed to some three per cent: less at a place is the replay's own.
     return Task(
         bench,
         kept,
@@ -144,9 +145,27 @@ def explained(
     errors = estimate.held_out(task, state)
     result = estimate.estimates(task, state, direct or {})
     fit = ChannelFit(channel, metric, errors.before, errors.after, errors.floor)
-    findings = [_finding(task, channel, choice, result, fit) for choice in state.chosen]
-    findings = [f for f in findings if _says_something(f)]
+    findings = []
+    for choice in state.chosen:
+        finding = _finding(task, channel, choice, result, fit)
+        if _says_something(finding) and _matters(task, choice, result):
+            findings.append(finding)
+        elif choice.candidate.named:
+            result.drop(choice.candidate.name)
     return Explained(fit, findings, task, state, result)
+
+
+def _matters(task: Task, choice: Choice, result: estimate.Estimates) -> bool:
+    """Whether the final number, from all trips, is still worth the name."""
+    c = choice.candidate
+    if c.kind != "scalar":
+        return True
+    found = result.state.found
+    share = (
+        np.abs(task.recording.effect(found.without(c.name), found)).sum()
+        / np.abs(task.recording.recorded).sum()
+    )
+    return bool(share >= task.material[0])
 
 
 def _says_something(f: Finding) -> bool:

@@ -46,7 +46,7 @@ class Task:
     base: Found
     train: Mask
     seed: int
-    material: tuple[float, float] = (MATERIAL, MATERIAL)
+    material: tuple[float, float] = (MATERIAL, 2.0 * MATERIAL)
     own_floors: dict[str, Cells] = field(default_factory=dict)
     own_roots: dict[str, Floats] = field(default_factory=dict)
 
