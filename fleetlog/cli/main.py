@@ -60,7 +60,8 @@ def entry() -> None:
         sys.stderr.close()
         status = EXIT_INPUT
     except OSError as error:
-        click.echo(f"fleetlog: {error.filename or ''}: {error.strerror or error}", err=True)
+        where = f"{error.filename}: " if error.filename else ""
+        click.echo(f"fleetlog: {where}{' '.join((error.strerror or str(error)).split())}", err=True)
         status = EXIT_INPUT
     except KeyboardInterrupt:
         click.echo("fleetlog: interrupted; nothing was written", err=True)

@@ -38,6 +38,8 @@ def command(
     when = None if at is None else viewer.nanoseconds_of(at)
     if beside is None:
         rrd = viewer.recording_of(path, rate_hz=rate, say=lambda text: notice(text, quiet))
+        if screenshot is not None and when is None:
+            when = viewer.middle_of_driving(path)
         _open(rrd, screenshot, when, quiet)
         return
     with tempfile.TemporaryDirectory() as folder:

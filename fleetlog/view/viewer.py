@@ -48,6 +48,23 @@ def _checked(path: Path) -> Path:
     return path
 
 
+def middle_of_driving(path: Path) -> int | None:
+    """Time [ns] in the middle of the trip that is nearest to the middle of a dataset, where no truck drives in that; else None."""
+    if not (path / "dataset.json").is_file():
+        return None
+    from fleetlog.store import Dataset
+
+    trips = Dataset(path).trips
+    if not len(trips):
+        return None
+    start, end = (trips[n].to_numpy("datetime64[ns]").astype(np.int64) for n in ("start", "end"))
+    middle = int(start.min()) + (int(end.max()) - int(start.min())) // 2
+    if ((start <= middle) & (middle <= end)).any():
+        return None
+    of_trips = start + (end - start) // 2
+    return int(of_trips[np.abs(of_trips - middle).argmin()])
+
+
 def nanoseconds_of(iso: str) -> int:
     """Nanoseconds since 1970 of a time in ISO 8601, UTC unless it says otherwise."""
     from datetime import UTC, datetime
