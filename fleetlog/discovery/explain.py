@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.discovery import estimate, fields, generic, residual, splits, words
-from fleetlog.discovery.candidates import Candidate, named_candidates
+from fleetlog.discovery.candidates import MECHANISM, Candidate, named_candidates
 from fleetlog.discovery.finding import ChannelFit, Finding, Parameter
 from fleetlog.discovery.fleet import Fleet
 from fleetlog.discovery.model import Found
@@ -165,7 +165,9 @@ def _matters(task: Task, choice: Choice, result: estimate.Estimates) -> bool:
         np.abs(task.recording.effect(found.without(c.name), found)).sum()
         / np.abs(task.recording.recorded).sum()
     )
-    return bool(share >= task.material[0])
+    # A coefficient of the truck file must stand out from what the replay itself misses, too.
+    least = task.material[0] * (1.5 if c.name in MECHANISM else 1.0)
+    return bool(share >= least)
 
 
 def _says_something(f: Finding) -> bool:

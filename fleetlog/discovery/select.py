@@ -24,6 +24,13 @@ NEAR = 0.85
 """Explanations with this share of the best gain are practically as good."""
 SHAPE = 0.5
 """Share of a free curve's gain at which a term over the same variables is what the curve says."""
+ALIKE = frozenset({
+    frozenset({"rotational_inertia", "drivetrain_efficiency"}), frozenset({"rolling_resistance", "drivetrain_efficiency"}),
+    frozenset({"rolling_resistance", "viscous_drag"}), frozenset({"aerodynamic_drag", "viscous_drag"}),
+})  # fmt: skip
+"""Pairs that a small error of the replay can exchange: significance alone must not decide between them."""
+CLOSE = 0.8
+"""Share of the gain at which the other of such a pair stays possible."""
 DOUBT = 2.5
 """Standard errors by which held-out trips must prefer one explanation to another."""
 SHORT = 9
@@ -213,6 +220,8 @@ def _rivals(other: Candidate, its: Gain, chosen: Candidate, own: Gain) -> bool:
     general = not chosen.place and own.by_split.get("place", 0.0) > 0.7 * own.trip
     if other.place and general and its.trip < own.trip:
         return False
+    if frozenset((other.name, chosen.name)) in ALIKE and its.trip > CLOSE * own.trip:
+        return True
     return _tied(its, own)
 
 
