@@ -112,13 +112,18 @@ def plan_checked(data: dict[str, Path]) -> None:
     )
 
 
-def shrink(path: Path) -> None:
-    """To 128 colours: a drawing has few."""
+def shrink(path: Path, most: int = 190_000) -> None:
+    """To 1,200 points in width where the file is large."""
     from PIL import Image
 
-    with Image.open(path) as image:
-        small = image.convert("RGB").quantize(128, dither=Image.Dither.NONE)
-    small.save(path, optimize=True)
+    if path.stat().st_size > most:
+        with Image.open(path) as image:
+            small = image.convert("RGB").resize(
+                (1200, round(1200 * image.height / image.width)), Image.Resampling.LANCZOS
+            )
+        small.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+            path, optimize=True
+        )
 
 
 def main() -> None:

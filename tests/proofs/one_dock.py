@@ -23,6 +23,8 @@ SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 DOCKS = {"yard": ("x", 54.0, (12.0, 16.0, 20.0, 24.0)), "hall b": ("x", 134.0, (15.0, 19.0, 23.0, 27.0))}
 """Four bays one after the other along an aisle: the fixed coordinate and the places along the other one [m]."""
 DROPS = [(84, 40), (84, 20), (54, 40), (28, 42), (70, 58), (38, 30)]
+PARKING = [(8, 12), (8, 36), (8, 48), (28, 12), (28, 48), (69, 3), (84, 48), (116, 48), (128, 48), (122, 16)]
+"""So that a truck with nothing to do leaves the place where it set its load down [m]."""
 TRUCKS, HOURS, EVERY = 12, 1.0, 5.0
 
 
@@ -32,7 +34,9 @@ def plant(dock: str) -> Site:
     _, x, ys = DOCKS[dock]
     bays = [Place(f"dock-{chr(97 + i)}", "pick", x, y) for i, y in enumerate(ys)]
     drops = [Place(f"rack-{10 + i}", "drop", float(a), float(b)) for i, (a, b) in enumerate(DROPS)]
-    return replace(site, places=(*bays, *(p for p in site.places if not p.id.startswith("yard")), *drops))
+    parking = [Place(f"parking-{i}", "park", float(a), float(b)) for i, (a, b) in enumerate(PARKING)]
+    kept = (p for p in site.places if not p.id.startswith("yard"))
+    return replace(site, places=(*bays, *kept, *drops, *parking))
 
 
 def dock_roads(site: Site, dock: str) -> set[str]:

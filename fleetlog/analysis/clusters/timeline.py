@@ -29,7 +29,7 @@ def area_of(table: pd.DataFrame, areas: pd.DataFrame) -> NDArray[np.int64]:
 
 
 def timeline(fleet: Fleet, found: list[Episode], area: NDArray[np.int64]) -> Series:
-    """Trucks in open episodes over time, one band for each of the first areas and one for elsewhere."""
+    """Trucks in open episodes over time, a curve for each of the first areas and one for elsewhere."""
     steps = len(fleet.time)
     named = [a for a in sorted(set(area.tolist())) if 0 < a <= SHOWN]
     curves = {f"area {a}": np.zeros(steps) for a in named}
@@ -39,4 +39,4 @@ def timeline(fleet: Fleet, found: list[Episode], area: NDArray[np.int64]) -> Ser
         curve[np.array(e.steps)] += [len(m) for m in e.members]
     if rest.any() or not curves:
         curves["elsewhere"] = rest
-    return Series("episodes", fleet.time, curves, "time", "trucks", over_time=True, stacked=True)
+    return Series("episodes", fleet.time, curves, "time", "trucks", over_time=True)
