@@ -21,7 +21,9 @@ LINES = {
 class Analyses(LazyGroup):
     """The analyses, loaded one by one."""
 
-    verbs: ClassVar[dict[str, tuple[str, str]]] = {name: (f"fleetlog.cli.analyses.{name}", line) for name, line in LINES.items()}
+    verbs: ClassVar[dict[str, tuple[str, str]]] = {
+        name: (f"fleetlog.cli.analyses.{name}", line) for name, line in LINES.items()
+    }
 
 
 @click.command(

@@ -28,7 +28,10 @@ from fleetlog.cli.options import (
 @click.option("--channels", default="", help="Comma-separated: battery_power, soc, speed. All by default.")
 @click.option("--terms", default="", help="Comma-separated terms that may be named. All by default.")
 @click.option(
-    "--holdout", type=click.Choice(["trips", "vehicles", "days"]), default="trips", show_default=True,
+    "--holdout",
+    type=click.Choice(["trips", "vehicles", "days"]),
+    default="trips",
+    show_default=True,
     help="What is kept from the search to judge it by.",
 )
 @click.option("--gate", is_flag=True, help="Exit with 1 when something material is missing.")

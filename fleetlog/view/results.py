@@ -255,7 +255,9 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
     eye = blueprint.top_down(outline, WIDE)
     flat = [*always, *blueprint.FLAT, "- /site/zones/**"]
     plans: list[Any] = [
-        blueprint.floor_view(screen, "Plan" if m is None else _title(m.name), eye, [*flat, *_contents(m), *_own(marks, m)])
+        blueprint.floor_view(
+            screen, "Plan" if m is None else _title(m.name), eye, [*flat, *_contents(m), *_own(marks, m)]
+        )
         for m in maps or [None]
     ]
     if len(plans) == 1:

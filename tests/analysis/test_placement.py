@@ -152,6 +152,7 @@ def test_plugs_at_the_peak():
     assert peak([]) == 0
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:pulp.*")
 @pytest.mark.parametrize("k", [2, 4, 7])
 def test_spopt_finds_nothing_better(k):
     pulp = pytest.importorskip("pulp")
