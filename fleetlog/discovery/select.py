@@ -29,7 +29,7 @@ ALIKE = frozenset({
     frozenset({"rolling_resistance", "viscous_drag"}), frozenset({"aerodynamic_drag", "viscous_drag"}),
 })  # fmt: skip
 """Pairs that a small error of the replay can exchange: significance alone must not decide between them."""
-CLOSE = 0.8
+CLOSE = 0.65
 """Share of the gain at which the other of such a pair stays possible."""
 DOUBT = 2.5
 """Standard errors by which held-out trips must prefer one explanation to another."""
