@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 from pathlib import Path
 
@@ -86,13 +87,9 @@ def command(output: Path, overwrite: bool) -> None:
     from fleetlog.store.atomic import atomic_output, check_free
 
     check_free(output, overwrite)
-    with atomic_output(output, overwrite=overwrite) as scratch:
-        for number, (what, arguments) in enumerate(steps(sample_folder(), scratch), start=1):
-            shown = (
-                shlex.join(arguments)
-                .replace(str(scratch), str(output))
-                .replace(str(sample_folder()), "SAMPLE")
-            )
+    with atomic_output(output, overwrite=overwrite) as scratch, contextlib.chdir(scratch):
+        for number, (what, arguments) in enumerate(steps(sample_folder(), Path()), start=1):
+            shown = shlex.join(arguments).replace(str(sample_folder()), "SAMPLE")
             click.secho(f"\n{number}. {what}", bold=True)
             click.echo(f"$ fleetlog {shown}")
             status = cli.main(arguments, standalone_mode=False)
