@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import shlex
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import click
@@ -92,7 +94,9 @@ def command(output: Path, overwrite: bool) -> None:
             shown = shlex.join(arguments).replace(str(sample_folder()), "SAMPLE")
             click.secho(f"\n{number}. {what}", bold=True)
             click.echo(f"$ fleetlog {shown}")
-            status = cli.main(arguments, standalone_mode=False)
+            with redirect_stdout(StringIO()) as said:
+                status = cli.main(arguments, standalone_mode=False)
+            click.echo(said.getvalue().replace(str(scratch), str(output)), nl=False)
             if status not in (None, 0, EXIT_DAMAGED):
                 raise click.exceptions.Exit(int(status))
     click.secho("\nWhere to look", bold=True)

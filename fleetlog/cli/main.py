@@ -9,6 +9,7 @@ from typing import ClassVar
 import click
 
 from fleetlog import __version__
+from fleetlog.cli.compiled import find_place
 from fleetlog.cli.lazy import LazyGroup
 from fleetlog.errors import EXIT_INPUT, EXIT_INTERRUPTED, FleetlogError
 
@@ -45,6 +46,7 @@ def entry() -> None:
     # BLAS threads that spin on a busy machine cost more than they give; must be set before numpy loads.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
+    find_place()
     try:
         status = cli.main(standalone_mode=False)
     except FleetlogError as error:

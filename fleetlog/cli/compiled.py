@@ -1,0 +1,37 @@
+"""A place for compiled kernels where the installation and the home folder cannot be written (containers, services)."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+
+def find_place() -> None:
+    """Set ``NUMBA_CACHE_DIR`` to a folder of this run's own where numba's own choices cannot be written; it ends with the run.
+
+    The folder has a name that nobody can foresee: numba loads what lies in it.
+    """
+    if "NUMBA_CACHE_DIR" in os.environ or _writable(Path(__file__).parent):
+        return
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - Path raises without a home
+    if _writable(Path(home)):
+        return
+    import atexit
+    import shutil
+    import tempfile
+
+    folder = tempfile.mkdtemp(prefix="fleetlog-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    os.environ["NUMBA_CACHE_DIR"] = folder
+
+
+def _writable(folder: Path) -> bool:
+    """Whether ``folder``, or the nearest one above it that exists, can be written."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    return os.access(folder, os.W_OK | os.X_OK) and not _is_proc(folder)
+
+
+def _is_proc(folder: Path) -> bool:
+    """Kernel file systems let the superuser pass the question and then refuse."""
+    return folder.parts[:2] in (("/", "proc"), ("/", "sys"))
