@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.discovery import words
@@ -83,9 +85,16 @@ def diagnose(
             "no channel to judge", do="record battery power, state of charge, or positions on a road map"
         )
 
+    judged = [e.fit for e in explained.values() if np.isfinite(e.fit.before)]
+    if not judged:
+        raise DataError(
+            "the recording is too short to judge any channel by trips that are kept back",
+            do="record more trips",
+        )
     findings = [*(_of_fault(f, explained) for f in faults), *_merged(explained)]
     notes = absences(fleet) + unexplained(explained, findings)
-    verdict = Verdict([e.fit for e in explained.values()], findings, notes)
+    notes += [f"{name}: too little of it to judge" for name, e in explained.items() if e.fit not in judged]
+    verdict = Verdict(judged, findings, notes)
     return Diagnosis(verdict, together(base, explained), explained, faults, fleet)
 
 
