@@ -187,6 +187,29 @@ def front(r: Roads, f: Fleet, v: int, x: Limits) -> float:
 
 
 @njit(cache=True, _nrt=False)
+def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
+    """Whether truck ``v`` may stop for the one that asks to come out onto route position ``j``.
+
+    Not where that one could not come even so (see ``may_leave``): the two would wait for each other for ever.
+    """
+    lane = f.route[v, j]
+    if is_safe_lane(r, lane) and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
+        return False
+    if j == f.at[v]:
+        # Its junction is reserved already: it goes first.
+        return f.held_to[v] <= f.at[v]
+    rear = r.bay_at[f.bay[f.asks[lane]]] - 0.5 * x.length - x.gap
+    return f.inbound[lane] == 0 or rear - 0.5 * x.length >= run_in(r, lane, x)
+
+
+@njit(cache=True, _nrt=False)
+def run_in(r: Roads, lane: int, x: Limits) -> float:
+    """Metres in which a truck that comes onto a lane can stop."""
+    enter = min(cap_at(r, lane, 0.0, 0), cap_at(r, lane, 0.0, 1))
+    return enter * enter / (2.0 * x.plan) + 0.6 * enter
+
+
+@njit(cache=True, _nrt=False)
 def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether the stretch of lane that a truck backs out onto is clear, ahead and of trucks that could not stop behind."""
     b = f.bay[v]
@@ -195,8 +218,7 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     safe_lane = is_safe_lane(r, lane)
     if safe_lane and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
         return False
-    enter = min(cap_at(r, lane, 0.0, 0), cap_at(r, lane, 0.0, 1))
-    if f.inbound[lane] > 0 and rear - 0.5 * x.length < enter * enter / (2.0 * x.plan) + 0.6 * enter:
+    if f.inbound[lane] > 0 and rear - 0.5 * x.length < run_in(r, lane, x):
         return False
     u = f.tail[lane]
     while u >= 0:

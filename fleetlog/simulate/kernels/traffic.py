@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from fleetlog.simulate.kernels.reserve import cap_at, drop, is_safe_lane, push, release, reservations, safe
+from fleetlog.simulate.kernels.reserve import (
+    cap_at,
+    drop,
+    is_safe_lane,
+    may_ask,
+    push,
+    release,
+    reservations,
+    safe,
+)
 from fleetlog.simulate.state import (
     AT_BAY,
     CHARGING,
@@ -58,7 +67,7 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
                             limit, safe(speed, off + r.length[p] + past - x.length - x.gap, 0.0, x.plan, dt)
                         )
             asker = f.asks[p]
-            if asker >= 0 and asker != v:
+            if asker >= 0 and asker != v and may_ask(r, f, v, j, x):
                 room = off + r.bay_at[f.bay[asker]] - x.length - x.gap
                 if room > speed * speed / (2.0 * x.down) + 0.1:
                     limit = min(limit, safe(speed, room, 0.0, x.plan, dt))
