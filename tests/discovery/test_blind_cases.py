@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+FLEETLOG = [sys.executable, "-m", "fleetlog"]
 CASES = {
     "none": None, "aux": "auxiliary_load", "clock": "clock_offset", "cornering": "cornering_speed", "grade": "grade",
     "surface": "surface_resistance",
@@ -27,9 +29,9 @@ def diagnosed(shared_data: Path, tmp_path_factory: pytest.TempPathFactory):
     def run(case: str) -> dict:
         folder, out = shared_data / "blind" / case, tmp_path_factory.mktemp(case)
         log, site, truck = (str(folder / f) for f in ("recorded.csv.gz", "site.toml", "truck.toml"))
-        subprocess.run(["fleetlog", "import", log, "--site", site, "-o", str(out / "data"), "-q"], check=True)
+        subprocess.run([*FLEETLOG, "import", log, "--site", site, "-o", str(out / "data"), "-q"], check=True)
         call = [
-            "fleetlog",
+            *FLEETLOG,
             "diagnose",
             str(out / "data"),
             "--truck",
