@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -66,7 +67,7 @@ def fastmm_with(reading: bool) -> Matcher:
                 roads,
                 fastmm.TransitionMode.SHORTEST,
                 max_distance_between_candidates=60.0,
-                cache_dir=Path("/tmp/ubodt"),
+                cache_dir=Path(tempfile.gettempdir()) / "ubodt",
             )
             kept[id(network)] = (roads, matcher)  # the matcher keeps a bare pointer to the roads
         matcher = kept[id(network)][1]

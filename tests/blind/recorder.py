@@ -29,7 +29,7 @@ METRE, METRE_EAST = 1.0 / 111_229.0, 1.0 / 71_740.0
 @njit(cache=True)
 def _advance(
     cap: np.ndarray, step: np.ndarray, up: float, down: float, wait_at: int, wait: float, jerk: float
-) -> tuple[np.ndarray, np.ndarray]:  # pragma: no cover
+) -> tuple[np.ndarray, np.ndarray]:
     """Speed and index along the path at every tick: a driver who looks ahead, with limited jerk."""
     speeds, places = [], []
     n, dt = len(cap), 0.05

@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.roads.matchkernels.kernels.heap import pop, push
+
 Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
 
@@ -38,10 +40,10 @@ def reachable(
             best[f], via[f] = 0.0, -1
             touched[count] = f
             count += 1
-            filled = _push(heap_d, heap_e, filled, 0.0, f)
+            filled = push(heap_d, heap_e, filled, 0.0, f)
         while filled > 0:
             d, e = heap_d[0], heap_e[0]
-            filled = _pop(heap_d, heap_e, filled)
+            filled = pop(heap_d, heap_e, filled)
             if done[e]:
                 continue
             done[e] = True
@@ -59,7 +61,7 @@ def reachable(
                     best[f], via[f] = onward, grown - 1
                     if filled == len(heap_d):
                         heap_d, heap_e = _grow_float(heap_d, 2 * filled), _grow_int(heap_e, 2 * filled)
-                    filled = _push(heap_d, heap_e, filled, onward, f)
+                    filled = push(heap_d, heap_e, filled, onward, f)
         for k in range(count):
             best[touched[k]], done[touched[k]] = np.inf, False
         if used + grown > size:
@@ -98,38 +100,6 @@ def _preorder(
             here, top = top, top + below[i]
         cursor[i] = here + 1
         edges[here], distances[here], skip[here] = tree_e[i], tree_d[i], below[i]
-
-
-@njit(cache=True)
-def _push(heap_d: Floats, heap_e: Index, filled: int, d: float, e: int) -> int:
-    i = filled
-    while i > 0:
-        up = (i - 1) >> 1
-        if heap_d[up] <= d:
-            break
-        heap_d[i], heap_e[i] = heap_d[up], heap_e[up]
-        i = up
-    heap_d[i], heap_e[i] = d, e
-    return filled + 1
-
-
-@njit(cache=True)
-def _pop(heap_d: Floats, heap_e: Index, filled: int) -> int:
-    filled -= 1
-    d, e = heap_d[filled], heap_e[filled]
-    i = 0
-    while True:
-        child = 2 * i + 1
-        if child >= filled:
-            break
-        if child + 1 < filled and heap_d[child + 1] < heap_d[child]:
-            child += 1
-        if heap_d[child] >= d:
-            break
-        heap_d[i], heap_e[i] = heap_d[child], heap_e[child]
-        i = child
-    heap_d[i], heap_e[i] = d, e
-    return filled
 
 
 @njit(cache=True)

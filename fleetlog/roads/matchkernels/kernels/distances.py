@@ -9,43 +9,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fleetlog.roads.matchkernels.kernels.growing import longer
+from fleetlog.roads.matchkernels.kernels.heap import pop, push
 
 Floats = NDArray[np.float64]
 Wide = NDArray[np.int64]
 Index = NDArray[np.int32]
-
-
-@njit(cache=True)
-def _push(heap_d: Floats, heap_e: Index, size: int, d: float, e: int) -> Any:
-    i = size
-    while i > 0:
-        up = (i - 1) >> 1
-        if heap_d[up] <= d:
-            break
-        heap_d[i], heap_e[i] = heap_d[up], heap_e[up]
-        i = up
-    heap_d[i], heap_e[i] = d, e
-    return size + 1
-
-
-@njit(cache=True)
-def _pop(heap_d: Floats, heap_e: Index, size: int) -> Any:
-    """Drop the top; the caller has read it."""
-    size -= 1
-    d, e = heap_d[size], heap_e[size]
-    i = 0
-    while True:
-        child = 2 * i + 1
-        if child >= size:
-            break
-        if child + 1 < size and heap_d[child + 1] < heap_d[child]:
-            child += 1
-        if heap_d[child] >= d:
-            break
-        heap_d[i], heap_e[i] = heap_d[child], heap_e[child]
-        i = child
-    heap_d[i], heap_e[i] = d, e
-    return size
 
 
 @njit(cache=True)
@@ -73,10 +41,10 @@ def search(
         if best[f] > 0.0:
             best[f] = 0.0
             before[f] = source
-            size = _push(heap_d, heap_e, size, 0.0, f)
+            size = push(heap_d, heap_e, size, 0.0, f)
     while size > 0:
         d, e = heap_d[0], heap_e[0]
-        size = _pop(heap_d, heap_e, size)
+        size = pop(heap_d, heap_e, size)
         if d > best[e]:
             continue
         found[count] = e
@@ -89,7 +57,7 @@ def search(
             if through < best[f]:
                 best[f] = through
                 before[f] = e
-                size = _push(heap_d, heap_e, size, through, f)
+                size = push(heap_d, heap_e, size, through, f)
     return count
 
 

@@ -1,0 +1,46 @@
+"""A binary heap in two arrays, distances and edges, for Dijkstra in numba."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Index = NDArray[np.int32]
+
+
+@njit(cache=True)
+def push(heap_d: Floats, heap_e: Index, size: int, d: float, e: int) -> Any:
+    """Add edge ``e`` at distance ``d`` to a heap of ``size`` entries; returns its new size."""
+    i = size
+    while i > 0:
+        up = (i - 1) >> 1
+        if heap_d[up] <= d:
+            break
+        heap_d[i], heap_e[i] = heap_d[up], heap_e[up]
+        i = up
+    heap_d[i], heap_e[i] = d, e
+    return size + 1
+
+
+@njit(cache=True)
+def pop(heap_d: Floats, heap_e: Index, size: int) -> Any:
+    """Drop the top, which the caller has read; returns the new size."""
+    size -= 1
+    d, e = heap_d[size], heap_e[size]
+    i = 0
+    while True:
+        child = 2 * i + 1
+        if child >= size:
+            break
+        if child + 1 < size and heap_d[child + 1] < heap_d[child]:
+            child += 1
+        if heap_d[child] >= d:
+            break
+        heap_d[i], heap_e[i] = heap_d[child], heap_e[child]
+        i = child
+    heap_d[i], heap_e[i] = d, e
+    return size
