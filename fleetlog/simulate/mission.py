@@ -196,8 +196,8 @@ class VehicleReplay:
         if trip.way is not None:
             assert trip.drive is not None
             # Energy is compared only where it was measured.
-            used = float(mean.sum() * self.interval) if trip.rows.has("battery_power") else 0.0
-            self.totals[3:] += trip.way.distance[-1], trip.drive.duration, used
+            joules = float(mean.sum() * self.interval) if trip.rows.has("battery_power") else 0.0
+            self.totals[3:] += trip.way.distance[-1], trip.drive.duration, joules
 
     def _logged(self, rows: Floats, leave: float, arrival: float) -> NDArray[np.bool_]:
         """Rows near a recorded one, or on the way: where the log was silent overnight, so is the replay."""

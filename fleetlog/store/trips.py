@@ -59,8 +59,8 @@ def _load_changes(t: Trajectory, start: int, stop: int) -> bool:
     payload = t.columns.get("payload")
     if payload is None:
         return False
-    before, after = float(payload[max(start - 1, 0)]), float(payload[stop])  # type: ignore[arg-type]
-    return abs(after - before) > MIN_LOAD_CHANGE
+    load = np.asarray(payload, dtype=np.float64)
+    return bool(abs(load[stop] - load[max(start - 1, 0)]) > MIN_LOAD_CHANGE)
 
 
 def trip_table(trajectory: Trajectory) -> pd.DataFrame:
