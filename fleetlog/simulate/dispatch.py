@@ -14,6 +14,7 @@ from fleetlog.simulate.state import (
     CHARGING,
     DRIVING,
     HANDLING,
+    LEAVING,
     PARKED,
     WANTS_OUT,
     Fleet,
@@ -22,8 +23,10 @@ from fleetlog.simulate.tasks import ENGAGE, Demand, Task, random_dwell, random_h
 from fleetlog.simulate.untangle import Count, Untangler
 from fleetlog.simulate.world import World
 
+YIELD = 5.0
+"""A truck that waits this long for a place asks whoever stands idle there to leave [s]."""
 ASIDE = 30.0
-"""A truck that waits this long for a place that another truck stands at makes room itself [s]."""
+"""A truck that waits this long for a place, at a place that another truck waits for, makes room itself [s]."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,8 @@ class Dispatcher(Untangler):
         self.pending: list[Task] = list(demand.given)
         self._next = 0
         self._due: list[Task] = []
+        self._wanted: list[tuple[int, list[int]]] = []
+        self._wanted_now: list[tuple[int, list[int]]] = []
         self.bays_of = world.by_place
         kinds = [b.place.kind for b in world.bays]
         self.kind = np.array(kinds)
@@ -116,8 +121,10 @@ class Dispatcher(Untangler):
             self._next += 1
             self.count.tasks_given += 1
         self._charging(now)
-        for v in np.flatnonzero(f.mode == PARKED):
-            self._idle(int(v), now)
+        self._wanted, self._wanted_now = self._wanted_now, []
+        # Who has waited longest chooses first, so that nobody waits for ever for a place.
+        for u in sorted(np.flatnonzero(f.mode == PARKED), key=lambda u: (self.jobs[u].since, u)):
+            self._idle(int(u), now)
         if round(now) % 5 == 0:
             self._untangle(now)
 
@@ -145,7 +152,8 @@ class Dispatcher(Untangler):
             f.mode[v] = CHARGING
             self.count.charges += 1
         elif job.stage == "park":
-            job.stage = "loaded" if job.task is not None and f.load[v] > 0.0 else "idle"
+            begun = "loaded" if f.load[v] > 0.0 else "assigned"
+            job.stage = begun if job.task is not None else "idle"
 
     def _handle(self, v: int, now: float, after: float, which: int) -> None:
         f, lift, task = self.fleet, self.truck.lift, self.jobs[v].task
@@ -177,7 +185,11 @@ class Dispatcher(Untangler):
     def _new_task(self, v: int, now: float) -> bool:
         job = self.jobs[v]
         for i, task in enumerate(self._due[:50]):
-            if task.vehicle not in (None, self.names[v]) or not self._open(task.source, v):
+            if task.vehicle not in (None, self.names[v]):
+                continue
+            if not self._open(task.source, v):
+                # Who stands idle there does it himself, if he may and can.
+                self._send_away(v, self.bays_of[task.source], task.vehicle is None)
                 continue
             if self._nearest(task, v):
                 job.task, job.stage = self._due.pop(i), "assigned"
@@ -185,6 +197,8 @@ class Dispatcher(Untangler):
         if not self.demand.endless:
             return False
         source = self._free_place(v, {"pick"})
+        if source is None and self.kind[self.home[v]] == "pick":
+            source = self.world.bays[int(self.home[v])].place.id
         if source is None:
             return False
         rng = self.rng
@@ -233,6 +247,9 @@ class Dispatcher(Untangler):
         target = job.task.target or self._free_place(v, {"drop"})
         if target is not None:
             self._to_place(v, target, "bring", now)
+            return
+        drops = np.flatnonzero(self.work & (self.kind == "drop"))
+        self._wait_for(v, (drops if len(drops) else np.flatnonzero(self.work)).tolist(), now)
 
     def _to_place(self, v: int, place: str, stage: str, now: float) -> None:
         bays = self.bays_of[place]
@@ -245,26 +262,41 @@ class Dispatcher(Untangler):
             if self.owner[b] < 0:
                 self._go(v, b, stage)
                 return
-        if now - job.since > ASIDE:
-            self._make_room(v, [int(self.owner[b]) for b in bays], now)
+        self._wait_for(v, bays, now)
 
-    def _make_room(self, v: int, holders: list[int], now: float) -> None:
-        """Two trucks that wait for each other's places: this one waits elsewhere."""
-        job = self.jobs[v]
-        job.since = now
-        if any(
-            self.fleet.mode[u] == PARKED and self.jobs[u].stage in ("loaded", "assigned") for u in holders
-        ):
+    def _wait_for(self, v: int, bays: list[int], now: float) -> None:
+        """Stand until one of the bays is free: the idle are asked to leave them; who is in the way of others goes aside."""
+        job, here = self.jobs[v], int(self.home[v])
+        self._wanted_now.append((v, bays))
+        if now - job.since > YIELD:
+            self._send_away(v, bays)
+        if now - job.since > ASIDE and any(here in w for u, w in self._wanted if u != v):
             b = self._spare_bay(v)
             if b is not None:
-                task, load = job.task, self.fleet.load[v]
-                self._go(v, b, "park")
-                job.task = task
-                self.count.made_room += 1
-                if load <= 0.0 and task is not None:
+                if self.fleet.load[v] <= 0.0 and job.task is not None and job.task.target:
                     # Not begun: somebody else may do it from where it is nearer.
-                    self._due.append(task) if task.target else None
+                    self._due.insert(0, job.task)
                     job.task = None
+                self.count.made_room += 1
+                self._go(v, b, "park")
+
+    def _send_away(self, v: int, bays: list[int], only_low: bool = False) -> None:
+        """One idle truck leaves one of the bays, unless one is being left; with ``only_low`` one that has to charge."""
+        holders = [int(self.owner[b]) for b in bays]
+        if any(self.home[u] in bays and self.jobs[u].goal not in bays and self._leaves(u) for u in holders):
+            return
+        for u in holders:
+            idle = self.fleet.mode[u] == PARKED and self.jobs[u].stage == "idle"
+            if u == v or not idle or (only_low and self.soc[u] >= self.policy.low):
+                continue
+            b = self._spare_bay(u)
+            if b is not None:
+                self.count.made_room += 1
+                self._go(u, b, "park")
+            return
+
+    def _leaves(self, u: int) -> bool:
+        return bool(self.fleet.mode[u] in (WANTS_OUT, LEAVING))
 
     def _rest(self, v: int, now: float) -> None:
         """Nothing to do: charge if that is worth while, else clear a working place that is not one's own."""
@@ -324,6 +356,8 @@ class Dispatcher(Untangler):
                 continue
             gap = [float(np.hypot(*(self.where[b] - self.where[self.home[first]]))) for b in free]
             self._go(first, free.pop(int(np.argmin(gap))), "charge")
+        if self.queue and not free:
+            self._send_away(self.queue[0], [int(b) for b in np.flatnonzero(self.kind == "charge")])
 
 
 __all__ = ["AT_BAY", "Count", "Dispatcher", "Policy"]

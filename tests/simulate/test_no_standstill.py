@@ -1,0 +1,56 @@
+"""Nobody waits for ever: few bays, a fleet as large as they hold, and work for an hour."""
+
+import numpy as np
+import pytest
+from sites import grid, place
+
+from fleetlog.simulate.tasks import Demand, Task
+
+PATIENCE = 300.0
+
+
+def few_bays(drops):
+    """A dock of two bays, some drops, and no parking but what the simulator draws."""
+    docks = [place(i, "pick", 15, 3 + 24 * i) for i in range(2)]
+    return grid(3, 3, places=[*docks, *(place(i, "drop", 45, 3 + 15 * i) for i in range(drops))])
+
+
+def longest_stand(outcome, rows):
+    """Longest time [s] that any truck stands on end in the marked (V, N) rows of one second each."""
+    still = (outcome.array("speed") < 0.01) & rows
+    longest = run = np.zeros(still.shape[0])
+    for k in range(still.shape[1]):
+        run = np.where(still[:, k], run + 1, 0)
+        longest = np.maximum(longest, run)
+    return longest.max()
+
+
+@pytest.mark.parametrize("trucks, drops", [(4, 1), (8, 2), (12, 3)])
+def test_all_tasks_are_done_where_bays_are_few(simulated, trucks, drops):
+    tasks = [
+        Task(None, f"pick{i % 2}", f"drop{i % drops}", 500.0, 20.0 * i, (15.0, 15.0), (0.3, 0.3))
+        for i in range(40)
+    ]
+    sim = simulated(few_bays(drops), trucks, 3600.0, interval=1.0, demand=Demand(tasks, endless=False))
+    count = sim.summary.count
+    assert (count.tasks_given, count.tasks_done, sim.summary.unfinished) == (40, 40, 0)
+    assert longest_stand(sim, sim.array("payload") > 0) < PATIENCE
+
+
+def test_a_task_for_one_truck_is_done_though_another_stands_idle_at_its_source(simulated):
+    for holder in ("T1", "T2"):
+        tasks = [
+            Task(holder, "pick0", "pick1", 500.0, 0.0, (15.0, 15.0), (0.3, 0.3)),
+            Task("T2" if holder == "T1" else "T1", "pick1", "drop0", 500.0, 1.0, (15.0, 15.0), (0.3, 0.3)),
+        ]
+        sim = simulated(few_bays(1), 2, 900.0, interval=1.0, demand=Demand(tasks, endless=False))
+        assert sim.summary.count.tasks_done == 2
+
+
+@pytest.mark.parametrize("drops", [1, 2])
+def test_endless_tasks_go_on_where_all_drops_are_taken(simulated, drops):
+    sim = simulated(few_bays(drops), 8, 3600.0, interval=1.0)
+    done = np.diff(sim.array("payload"), axis=1) < 0
+    last = np.flatnonzero(done.any(axis=0))
+    assert last[0] < 600 and np.diff(last).max() < PATIENCE and last[-1] > 3600 - PATIENCE
+    assert sim.summary.unfinished <= 8
