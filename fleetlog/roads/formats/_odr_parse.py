@@ -103,7 +103,7 @@ def parse_road(element: Element, path: Path) -> Road | None:
 
 
 def _rule(element: Element, path: Path, place: str) -> str | None:
-    rule = element.get("rule")
+    rule: str | None = element.get("rule")
     if rule not in (None, "RHT", "LHT"):
         raise SiteError(f"rule is {rule!r}", where=path, place=place, do="write RHT or LHT")
     return rule

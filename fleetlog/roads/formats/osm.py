@@ -70,7 +70,7 @@ def read(path: Path, options: MapOptions) -> RoadMap:
 
 
 def _alive(element: Element) -> bool:
-    return element.get("visible") != "false" and element.get("action") != "delete"
+    return bool(element.get("visible") != "false" and element.get("action") != "delete")
 
 
 def _spot(node: Element, path: Path) -> tuple[float, float]:
