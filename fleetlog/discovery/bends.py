@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.discovery.smooth import gaussian
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
@@ -61,9 +62,7 @@ def bends(network: Network, edges: Index, radius: float, halted: NDArray[np.bool
     turning = _boxes(place, half, angle / (2.0 * half), count)
     saved = _boxes(place, half, np.maximum(1.0 - radius * size / (2.0 * half), 0.0) * (half > STEP), count)
     metres = np.clip(1.0 - saved, 0.4, 1.0)
-    from scipy.ndimage import gaussian_filter1d
-
-    return Bends(ends, gaussian_filter1d(turning, STEERING / STEP) / metres, metres)
+    return Bends(ends, gaussian(turning, STEERING / STEP) / metres, metres)
 
 
 def _vertices(

@@ -61,7 +61,9 @@ class Evaluation:
     @cached_property
     def power(self) -> Floats:
         """(N,) the channel's power [W]."""
-        return channel_power(self.block, self.physics, self.channel, self.measured)
+        return self._seen(
+            self.block.motion.power if self.measured else self._driven(self.force) + self._powers
+        )
 
     @cached_property
     def mass(self) -> Floats:
@@ -81,13 +83,19 @@ class Evaluation:
         after = {**before, **setting}
         simple = term.acts in ("force", "power") and all(p.truck_key is None for p in term.parameters)
         if simple and term.function is not None and not self.measured:
-            terminal = self._swapped(term, before, after)
-        else:
-            physics = Physics(self.physics.truck, {**self.physics.values, term.name: after})
-            return channel_power(self.block, physics, self.channel, self.measured) - self.power
-        if self.channel == "soc":
-            return cell_power(terminal, self.truck) - self.power
-        return terminal - self.power
+            return self._swapped(term, before, after)
+        physics = Physics(self.physics.truck, {**self.physics.values, term.name: after})
+        return channel_power(self.block, physics, self.channel, self.measured) - self.power
+
+    def _driven(self, force: Floats) -> Floats:
+        """(N,) W at the terminals for a force."""
+        drive = self.truck.drive
+        conversion = np.where(force >= 0.0, 1.0 / drive.efficiency, drive.regeneration)
+        return np.asarray(force * conversion * self.motion.speed)
+
+    def _seen(self, terminal: Floats) -> Floats:
+        """(N,) what the channel shows of a power at the terminals [W]."""
+        return terminal if self.channel == "battery_power" else cell_power(terminal, self.truck)
 
     @cached_property
     def _powers(self) -> Floats:
@@ -98,14 +106,11 @@ class Evaluation:
         new = term.function(self.motion, self.truck, after)
         active = term.nominal or term.name in self.physics.values
         old = term.function(self.motion, self.truck, before) if active else np.zeros(len(new))
-        force, power = self.force, self._powers
+        if term.acts == "power" and self.channel == "battery_power":
+            return new - old
         if term.acts == "force":
-            force = force + new - old
-        else:
-            power = power + new - old
-        drive = self.truck.drive
-        conversion = np.where(force >= 0.0, 1.0 / drive.efficiency, drive.regeneration)
-        return np.asarray(force * conversion * self.motion.speed + power)
+            return self._seen(self._driven(self.force + new - old) + self._powers) - self.power
+        return self._seen(self._driven(self.force) + self._powers + new - old) - self.power
 
     def slope(self, term: Term) -> Floats:
         """(N,) derivative of the channel's power with respect to a field term's first parameter, where it is now."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -56,12 +57,12 @@ class Fleet:
             )  # fmt: skip
         return out
 
-    @property
+    @cached_property
     def rows(self) -> int:
         """Rows in all."""
         return sum(len(t) for _, t in self.days)
 
-    @property
+    @cached_property
     def step(self) -> float:
         """Median time between rows [s]."""
         return float(np.median([np.median(np.diff(t.time)) for _, t in self.days if len(t) > 2])) * 1e-6

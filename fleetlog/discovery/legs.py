@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.bends import STEP, bends
+from fleetlog.discovery.smooth import Akima
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -158,8 +159,6 @@ def _leg(
 
 def _progress(time: Floats, speed: Floats) -> tuple[Floats, Floats]:
     """Distance and clock of a leg whose first and last rows stand; setting off and stopping fall between rows."""
-    from scipy.interpolate import Akima1DInterpolator
-
     clock, v = time.copy(), speed.copy()
     v[0] = v[-1] = 0.0
     for first, second, end, sense in ((1, 2, 0, 1.0), (-2, -3, -1, -1.0)):
@@ -176,6 +175,6 @@ def _progress(time: Floats, speed: Floats) -> tuple[Floats, Floats]:
     # Straight lines between rows would cut the tip off every slow turn.
     fine = np.linspace(0.0, len(clock) - 1.0, (len(clock) - 1) * FINE + 1)
     moments = np.interp(fine, np.arange(len(clock)), clock)
-    speeds = np.maximum(Akima1DInterpolator(clock, v)(moments), 0.0)
+    speeds = np.maximum(Akima(clock, v)(moments), 0.0)
     distance = np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(moments))])
     return distance + np.arange(len(moments)) * 1e-9, moments

@@ -16,6 +16,7 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.bends import path_curvature
+from fleetlog.discovery.smooth import Akima
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -132,11 +133,8 @@ def _block(
 
 def _smooth_speed(time: Floats, speed: Floats, fine: Floats) -> tuple[Floats, Floats]:
     """Speed and acceleration of the spline of speed; at rest both are zero."""
-    from scipy.interpolate import Akima1DInterpolator
-
-    spline = Akima1DInterpolator(time, speed)
     inside = np.clip(fine, time[0], time[-1])
-    v, a = spline(inside), spline(inside, nu=1)
+    v, a = Akima(time, speed).with_slope(inside)
     # A spline overshoots below zero next to a standstill.
     still = (v < STILL) | (np.interp(inside, time, speed) < STILL)
     return np.where(still, 0.0, v), np.where(still, 0.0, a)

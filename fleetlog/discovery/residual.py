@@ -17,6 +17,7 @@ from fleetlog.discovery.replay import Block
 from fleetlog.discovery.stretches import Cells
 from fleetlog.discovery.windows import Cut, Windows
 from fleetlog.physics.power import all_terms
+from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
 Columns = NDArray[np.float32]
@@ -74,6 +75,8 @@ class Recording:
     measured: bool
     recorded: Floats
     whole: NDArray[np.bool_]
+    latest: list[tuple[Found, list[Candidate], Table]] = field(default_factory=list)
+    """The table that was asked for last: the search comes back to the same model again and again."""
 
     @property
     def cells(self) -> int:
@@ -90,7 +93,12 @@ class Recording:
 
     def tabulate(self, found: Found, named: list[Candidate], free: dict[str, Columns]) -> Table:
         """The residual under ``found`` and the columns of all named candidates about it."""
-        return tabulate(self, found, named, free)
+        for model, candidates, table in self.latest:
+            if model is found and candidates == named:
+                return table
+        self.latest.clear()
+        self.latest.append((found, named, tabulate(self, found, named, free)))
+        return self.latest[0][2]
 
     def column(self, found: Found, candidate: Candidate) -> Floats:
         """(W, p) kJ of one named candidate about a model."""
@@ -233,9 +241,16 @@ def _named(recording: Recording, e: Evaluation, c: Cut, candidate: Candidate) ->
     for knob in candidate.knobs:
         setting, delta = tilted(e.found, term, knob)
         # A shape changes nothing by itself only while the amplitude is neutral; else it is taken as it is now.
-        level = e.change(term, dict(knob.shape)) if knob.shape else np.zeros(1)
-        out.append(c.energy(e.block, e.change(term, setting) - level) / delta)
+        change = e.change(term, setting)
+        if knob.shape and _acting(e.found, term):
+            change = change - e.change(term, dict(knob.shape))
+        out.append(c.energy(e.block, change) / delta)
     return np.stack(out, axis=1)
+
+
+def _acting(found: Found, term: Term) -> bool:
+    """Whether any number of a term but its shapes is off its neutral value."""
+    return any(p.neutral == 0.0 and found.value(term, p.name) != 0.0 for p in term.parameters)
 
 
 def _jumps(block: Block, c: Cut, e: Evaluation) -> Floats:
@@ -285,12 +300,16 @@ def _own(values: Floats, which: int, count: int) -> Floats:
 
 def _rectified(e: Evaluation, wobble: Floats) -> Floats:
     """(N,) W that the convex switch between traction and braking adds where mechanical power wobbles by ``wobble`` [W]."""
-    from scipy.stats import norm
+    from scipy.special import ndtr
 
     drive = e.truck.drive
     size = np.maximum(wobble, 1e-6)
     z = np.abs(e.force * e.motion.speed) / size
-    bend = (1.0 / drive.efficiency - drive.regeneration) * size * (norm.pdf(z) - z * norm.sf(z))
+    bend = (
+        (1.0 / drive.efficiency - drive.regeneration)
+        * size
+        * (np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi) - z * ndtr(-z))
+    )
     return np.asarray(np.where(e.motion.speed > 0.05, bend, 0.0))
 
 

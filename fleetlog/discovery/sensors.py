@@ -7,6 +7,7 @@ best.  Scale: integrated speed against progress along the map, on the middle of 
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,8 +69,9 @@ def clock_offset(fleet: Fleet) -> Fault | None:
     shifts: dict[int, list[float]] = {}
     fit: dict[int, list[tuple[float, float]]] = {}
     for block in fleet.blocks():
+        smooth = _row_means(battery_power(block.motion, Physics(fleet.truck)), block.steps)
         for piece in _pieces(block):
-            found = _best_shift(block, piece, fleet)
+            found = _best_shift(block, smooth, piece, fleet)
             if found is not None:
                 shifts.setdefault(block.vehicle, []).append(found[0])
                 fit.setdefault(block.vehicle, []).append(found[1:])
@@ -103,9 +105,7 @@ def _spread(values: list[float]) -> float:
 
 
 def _tail(z: float) -> float:
-    from scipy.stats import norm
-
-    return float(max(2.0 * norm.sf(min(z, 37.0)), 1e-300))
+    return max(math.erfc(min(z, 37.0) / math.sqrt(2.0)), 1e-300)
 
 
 def _pieces(block: Block) -> list[slice]:
@@ -115,14 +115,14 @@ def _pieces(block: Block) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in itertools.pairwise(cuts)]
 
 
-def _best_shift(block: Block, piece: slice, fleet: Fleet) -> tuple[float, float, float] | None:
+def _best_shift(
+    block: Block, smooth: Floats, piece: slice, fleet: Fleet
+) -> tuple[float, float, float] | None:
     """Shift [s] at the best correlation, and the share of power left unexplained without and with it."""
     measured = block.power[piece]
     known = np.isfinite(measured)
     if known.sum() < 100 or measured[known].std() < 100.0:
         return None
-    fine = battery_power(block.motion, Physics(fleet.truck))
-    smooth = _row_means(fine, block.steps)
     clock = block.time[piece][known]
     y = measured[known] - measured[known].mean()
     step = max(fleet.step, 0.5)

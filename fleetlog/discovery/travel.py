@@ -7,7 +7,7 @@ v^2 - 2 a s cannot grow, so a running minimum is the profile.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -78,6 +78,7 @@ class Journeys:
     floor: Stretches
     lanes: Stretches
     vehicles: int
+    latest: list[tuple[Found, list[Candidate], Table]] = field(default_factory=list)
 
     def times(self, found: Found) -> tuple[Floats, NDArray[np.bool_]]:
         """(G,) seconds for the step to each node, and whether the speed there is held down by a cap, not by gathering speed."""
@@ -119,7 +120,15 @@ class Journeys:
         return np.asarray(np.bincount(self.of, values, len(self.windows)), dtype=np.float64)
 
     def tabulate(self, found: Found, named: list[Candidate], free: dict[str, Columns]) -> Table:
-        """Recorded minus modelled seconds, and the columns of all candidates about the model."""
+        """Recorded minus modelled seconds, and the columns of all candidates about the model; the last table is kept."""
+        for model, candidates, table in self.latest:
+            if model is found and candidates == named:
+                return table
+        self.latest.clear()
+        self.latest.append((found, named, self._table(found, named, free)))
+        return self.latest[0][2]
+
+    def _table(self, found: Found, named: list[Candidate], free: dict[str, Columns]) -> Table:
         seconds, capped = self.times(found)
         model = self._windowed(seconds)
         groups = {c.name: self._candidate(found, c, seconds, capped).astype(np.float32) for c in named}

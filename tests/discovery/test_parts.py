@@ -19,6 +19,7 @@ from fleetlog.discovery.fleet import Fleet
 from fleetlog.discovery.model import Found
 from fleetlog.discovery.replay import Block, blocks
 from fleetlog.discovery.sensors import clock_offset
+from fleetlog.discovery.smooth import Akima, gaussian
 from fleetlog.discovery.squares import make_squares
 from fleetlog.discovery.stretches import along, make_stretches
 from fleetlog.physics.power import Physics, all_terms, battery_power
@@ -192,3 +193,24 @@ def test_labels_of_unknown_edges_are_off_the_map() -> None:
     )
     (block,) = blocks(track, 0, network(), 2.5)
     assert set(np.unique(block.motion.edge)) == {-1, network().edge("a")}
+
+
+@given(st.integers(5, 60), st.integers(0, 10_000))
+@settings(max_examples=40, deadline=None)
+def test_akima_agrees_with_the_reference(n: int, seed: int) -> None:
+    from scipy.interpolate import Akima1DInterpolator
+
+    rng = np.random.default_rng(seed)
+    x, y = np.cumsum(rng.uniform(0.2, 2.0, n)), np.round(rng.normal(size=n) * rng.integers(0, 2, n), 1)
+    at = rng.uniform(x[0], x[-1], 200)
+    reference = Akima1DInterpolator(x, y)
+    value, slope = Akima(x, y).with_slope(at)
+    assert value == pytest.approx(reference(at), abs=1e-9)
+    assert slope == pytest.approx(reference(at, nu=1), abs=1e-8)
+
+
+def test_the_gaussian_agrees_with_the_reference() -> None:
+    from scipy.ndimage import gaussian_filter1d
+
+    values = np.random.default_rng(0).normal(size=300)
+    assert gaussian(values, 1.7) == pytest.approx(gaussian_filter1d(values, 1.7), abs=1e-12)
