@@ -70,18 +70,34 @@ def _advance(
 
 
 def record(
-    name: str, seed: int, folder: Path, strength: float = 1.0, vehicles: int = 4, hours: float = 2.5
+    name: str,
+    seed: int,
+    folder: Path,
+    strength: float = 1.0,
+    vehicles: int = 4,
+    hours: float = 2.5,
+    days: int = 1,
+    given: dict[str, Any] | None = None,
 ) -> None:
-    """Write ``recorded.csv.gz``, ``roads.geojson``, ``site.toml``, ``truck.toml`` and ``key.json``."""
+    """Write ``recorded.csv.gz``, ``roads.geojson``, ``site.toml``, ``truck.toml`` and ``key.json``.
+
+    ``given`` effects take the place of those drawn under their names.
+    """
     rng = np.random.default_rng(seed)
     plant, nominal = Plant(rng), truck(rng)
     names = [] if name == "none" else name.split("+")
-    effects = {n: draw(n, plant, nominal, strength, rng) for n in names}
+    effects = {n: draw(n, plant, nominal, strength, rng) for n in names} | (given or {})
     if "wind" in effects:
         nominal["drag_area"] = 6.0
     folder.mkdir(parents=True, exist_ok=True)
     _write_site(plant, nominal, folder)
-    rows = [row for k in range(vehicles) for row in _vehicle(plant, nominal, effects, k, hours, rng)]
+    trucks: list[dict[str, float]] = [{} for _ in range(vehicles)]
+    rows = [
+        row
+        for day in range(days)
+        for k in range(vehicles)
+        for row in _vehicle(plant, nominal, effects, k, trucks[k], hours, day, rng)
+    ]
     rows.sort(key=lambda r: r[1])
     header = "vehicle_id,timestamp,latitude,longitude,speed,payload,fork_height,battery_power,soc,ambient_temperature"
     with gzip.open(folder / "recorded.csv.gz", "wt", encoding="utf-8") as out:
@@ -146,11 +162,13 @@ def _vehicle(
     t: dict[str, float],
     effects: dict[str, Any],
     number: int,
+    own: dict[str, float],
     hours: float,
+    day: int,
     rng: np.random.Generator,
 ) -> list[tuple[Any, ...]]:
-    """Rows of one truck: trips with and without a load, lifting at their ends."""
-    own = {
+    """Rows of one truck on one day: trips with and without a load, lifting at their ends; its ``own`` numbers stay."""
+    own |= own or {
         "mass": t["mass"] * (1 + 0.008 * rng.normal()), "rolling": t["rolling"] * (1 + 0.025 * rng.normal()),
         "power": t["power"] * (1 + 0.03 * rng.normal()), "efficiency": t["efficiency"] * (1 + 0.004 * rng.normal()),
     }  # fmt: skip
@@ -171,7 +189,7 @@ def _vehicle(
         clock += len(lifted["v"]) / HZ
         place, loaded = goal, not loaded if rng.random() < 0.9 else loaded
     whole = {k: np.concatenate([p[k] for p in pieces]) for k in pieces[0]}
-    return _rows(whole, t, own, effects, number, rng)
+    return _rows(whole, t, own, effects, number, day, rng)
 
 
 def _trip(
@@ -242,12 +260,14 @@ def _rows(
     own: dict[str, float],
     effects: dict[str, Any],
     number: int,
+    day: int,
     rng: np.random.Generator,
 ) -> list[tuple[Any, ...]]:
     n = len(w["v"])
     clock = np.arange(n) / HZ
     start = float(rng.uniform(0, 240))
-    temperature = -1.0 + 2.6 * (clock + start) / 3600.0 + 0.2 * np.sin(clock / 700.0)
+    warmer = float(rng.uniform(-4.0, 12.0)) if day else 0.0
+    temperature = warmer - 1.0 + 2.6 * (clock + start) / 3600.0 + 0.2 * np.sin(clock / 700.0)
     power, cell = _power(w, t, own, effects, number, clock, temperature)
     # The logger's filter, then noise in proportion and white.
     smooth = np.convolve(power, np.ones(4) / 4.0)[:n]
@@ -264,7 +284,7 @@ def _rows(
     soc = 0.97 - np.cumsum(cell) / HZ / (3600.0 * t["capacity"])
     keep = rng.random(len(pick)) > 0.004
     return [
-        (f"T{number + 1}", start + clock[p], LATITUDE + b * METRE, LONGITUDE + a * METRE_EAST, s, m, h, e, q, c)
+        (f"T{number + 1}", 86400.0 * day + start + clock[p], LATITUDE + b * METRE, LONGITUDE + a * METRE_EAST, s, m, h, e, q, c)
         for p, a, b, s, m, h, e, q, c, k in zip(
             pick, x, y, speed, w["weighed"][pick], w["height"][pick], seen, soc[pick], temperature[pick], keep, strict=True
         )
