@@ -94,7 +94,7 @@ def ranges(blocks: list[Block], starts: dict[tuple[int, int], float]) -> Ranges:
 
 def generic_candidates(r: Ranges, with_map: bool) -> list[Candidate]:
     """The free dependences that these data can carry."""
-    internal = {"speed", "payload", "acceleration", "fork_height"}
+    internal = {"speed", "payload", "acceleration", "curvature", "fork_height"}
     out = []
     for name in r.knots:
         slow = name in SLOW

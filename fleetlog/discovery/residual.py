@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -286,6 +286,9 @@ def _nuisance(recording: Recording, e: Evaluation, c: Cut, jumps: Floats) -> dic
         c.energy(block, -np.gradient(e.power, m.time)), block.vehicle, recording.ranges.vehicles
     )
     out["sampling"] = c.energy(block, _rectified(e, e.mass * e.motion.speed * 0.12))[:, None]
+    speed, acceleration = block.kinked
+    kinked = replace(block, motion=m.replaced(speed=speed, acceleration=acceleration))
+    out["kinks"] = c.energy(block, replace(e, block=kinked).power - e.power)[:, None]
     if recording.channel == "battery_power":
         wobble = jumps[c.of_sample] * e.truck.drive.efficiency
         out["ripple"] = c.energy(block, _rectified(e, wobble))[:, None]
@@ -317,7 +320,7 @@ def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Fl
     """Standard deviation of every nuisance: honest tolerance, but never so much that twice of it would be material."""
     fixed = {
         "vehicle rolling": 0.05, "vehicle load": 25.0, "vehicle-day load": 30.0, "lag": 0.15, "sampling": 0.3,
-        "ripple": 0.5, "capacity": 0.02,
+        "ripple": 0.5, "capacity": 0.02, "kinks": 0.7,
     }  # fmt: skip
     total = float(np.abs(recording.recorded).sum()) or 1.0
     out = {}

@@ -6,6 +6,8 @@ import numpy as np
 
 STEP = 0.1
 """Between the points of a path [m]."""
+SHARPEST = -0.2
+"""Cosine of the sharpest corner that is driven."""
 
 
 class Plant:
@@ -94,7 +96,11 @@ class Plant:
                 break
             for k, (a, b) in enumerate(self.ends):
                 for sense, x, y in ((1, a, b), (-1, b, a)):
-                    if x != u or (sense < 0 and self.oneway[k]) or (u in came and came[u][1] == k):
+                    if (
+                        x != u
+                        or (sense < 0 and self.oneway[k])
+                        or (u in came and self._sharp(came[u][0], u, int(y)))
+                    ):
                         continue
                     if d + cost[k] < best.get(int(y), np.inf):
                         best[int(y)] = d + cost[k]
@@ -108,6 +114,11 @@ class Plant:
             u, k, sense = came[u]
             out.append((k, sense))
         return out[::-1]
+
+    def _sharp(self, before: int, here: int, after: int) -> bool:
+        """Whether no truck gets round this corner; turning back is one."""
+        a, b = self.xy[here] - self.xy[before], self.xy[after] - self.xy[here]
+        return bool(a @ b < SHARPEST * np.hypot(*a) * np.hypot(*b))
 
     def path(self, legs: list[tuple[int, int]]) -> dict[str, np.ndarray]:
         """A driven path: corners rounded by a sliding mean, as a driver cuts them; arrays every ``STEP`` metres."""

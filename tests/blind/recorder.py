@@ -86,7 +86,9 @@ def record(
     rng = np.random.default_rng(seed)
     plant, nominal = Plant(rng), truck(rng)
     names = [] if name == "none" else name.split("+")
-    effects = {n: draw(n, plant, nominal, strength, rng) for n in names} | (given or {})
+    # Drawn apart, so that the clean recording of a seed has the same drives.
+    drawn = np.random.default_rng([seed, 1])
+    effects = {n: draw(n, plant, nominal, strength, drawn) for n in names} | (given or {})
     if "wind" in effects:
         nominal["drag_area"] = 6.0
     folder.mkdir(parents=True, exist_ok=True)
