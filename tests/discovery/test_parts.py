@@ -11,7 +11,7 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.core.truck import Chassis, Truck
-from fleetlog.discovery import linear, splits, windows
+from fleetlog.discovery import linear, replay, splits, windows
 from fleetlog.discovery.bends import bends
 from fleetlog.discovery.candidates import knobs
 from fleetlog.discovery.evaluate import Evaluation
@@ -106,7 +106,8 @@ def test_a_changed_term_is_the_difference_of_two_sums(name: str) -> None:
     rng = np.random.default_rng(1)
     motion = Motion.of(200, speed=rng.uniform(0, 4, 200), acceleration=rng.normal(0, 0.5, 200), payload=800.0,
                        curvature=rng.normal(0, 0.1, 200), ambient_temperature=5.0)  # fmt: skip
-    block = Block(motion, 1, motion.time, motion.power, motion.soc, motion.trip, 0, 0)
+    same = (motion.speed, motion.acceleration)
+    block = Block(motion, 1, motion.time, motion.power, motion.soc, motion.trip, 0, 0, same)
     found = Found(TRUCK).with_value("auxiliary_load", "power", 700.0)
     term = all_terms()[name]
     parameter = term.parameters[0]
@@ -214,3 +215,15 @@ def test_the_gaussian_agrees_with_the_reference() -> None:
 
     values = np.random.default_rng(0).normal(size=300)
     assert gaussian(values, 1.7) == pytest.approx(gaussian_filter1d(values, 1.7), abs=1e-12)
+
+
+def test_a_kink_between_two_rows_is_found_where_the_lines_meet() -> None:
+    time = np.arange(0.0, 12.0)
+    true = np.where(time < 5.3, 3.0, np.maximum(3.0 - 0.8 * (time - 5.3), 0.5))
+    fine = np.arange(0.125, 11.0, 0.25)
+    speed, acceleration = replay._smooth_speed(time, true, fine)
+    v, a = replay._kinked_speed(time, true, fine, speed, acceleration)
+    exact = np.where(fine < 5.3, 3.0, np.maximum(3.0 - 0.8 * (fine - 5.3), 0.5))
+    near = np.abs(fine - 5.3) < 2.0
+    assert np.abs(v - exact)[near].max() < 1e-9 < np.abs(speed - exact)[near].max()
+    assert set(np.round(a[near & (np.abs(fine - 5.3) > 0.25)], 9)) == {0.0, -0.8}
