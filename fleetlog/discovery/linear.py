@@ -21,6 +21,8 @@ JITTERY = 3.0
 """Windows that jump this many times more than usual weigh less."""
 FREE = 0.02
 """Ridge of the freest model, as a share of each column's own square."""
+LEVER = 0.05
+"""Least share of a window's residual that its own fit leaves: rounding decides below."""
 HUBER = 4.0
 """Residuals beyond this many standard deviations weigh less."""
 
@@ -261,6 +263,9 @@ def _robust_weights(
         beta = np.linalg.solve(h, (weighted.T @ y[use].astype(np.float32)).astype(float))
         residual = y.copy()
         residual[use] -= x @ beta.astype(np.float32)
+        # What a window would miss had it not been fitted itself: many columns for few windows leave no noise to see.
+        lever = np.einsum("ij,ij->i", weighted @ np.linalg.inv(h).astype(np.float32), x)
+        residual[use] /= np.maximum(1.0 - lever, LEVER)
         weight = noise_weights(windows, model, residual, use, jitter, crude)
         z = np.abs(residual) * np.sqrt(weight)
         weight = weight * np.minimum(1.0, HUBER / np.maximum(z, 1e-9))
