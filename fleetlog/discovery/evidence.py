@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import erfc
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from fleetlog.discovery.linear import Fit, Ints, Problem, Selection, fit
 Floats = NDArray[np.float64]
 
 FLIPS = 200
+WIDE = 30
+"""Columns of a group whose statistic is a sum of so many parts that its flips are normal: then their mean and width say more
+than the largest of all candidates, which single numbers with long tails decide."""
 
 
 @dataclass(frozen=True)
@@ -220,5 +224,7 @@ def _with_p_values(
     out = {}
     for name, one in scored.items():
         chance = max((1.0 + np.sum(worst[i] >= strength[name][i] - 1e-9)) / (FLIPS + 1.0) for i in (0, 1))
+        if len(one.columns) >= WIDE:
+            chance = min(chance, len(scored) * 0.5 * erfc(min(strength[name]) / np.sqrt(2.0)))
         out[name] = Evidence(one.log_evidence, one.raw, one.columns, one.tau, float(chance))
     return out

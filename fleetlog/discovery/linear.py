@@ -21,7 +21,7 @@ JITTERY = 3.0
 """Windows that jump this many times more than usual weigh less."""
 FREE = 0.02
 """Ridge of the freest model, as a share of each column's own square."""
-LEVER = 0.05
+LEVER = 0.005
 """Least share of a window's residual that its own fit leaves: rounding decides below."""
 HUBER = 4.0
 """Residuals beyond this many standard deviations weigh less."""

@@ -11,7 +11,7 @@ from fleetlog.discovery import evidence as ev
 from fleetlog.discovery import polish, select
 from fleetlog.discovery.candidates import Candidate, Knob
 from fleetlog.discovery.evidence import Evidence
-from fleetlog.discovery.linear import Problem, Selection, fit, pose
+from fleetlog.discovery.linear import Fit, Problem, Selection, fit, pose
 from fleetlog.discovery.model import Found
 from fleetlog.discovery.residual import MATERIAL, Bench, Columns, Table
 from fleetlog.discovery.select import Choice
@@ -181,7 +181,8 @@ def _step(
     gains = {}
     for name in short:
         without = Selection(s.columns, s.tau, s.drop | replaced(p, name))
-        gains[name] = select.gain_of(p, s, without, candidates[name], found[name], base, root, energy)
+        within = plausible(task, name)
+        gains[name] = select.gain_of(p, s, without, candidates[name], found[name], base, root, energy, within)
     # What is added later must clear what leaks from what was added before.
     need = max(select.LEAST_GAIN, LEAK * got / (1.0 - got))
     choice = select.choose(candidates, found, gains, need, task.material)
@@ -273,6 +274,35 @@ def _size(task: Task, choice: Choice) -> int:
     return len(task.root(term))
 
 
+def plausible(task: Task, name: str) -> select.Within:
+    """Holds a fit of a field to values that are plausible: no floor rolls easier than the smoothest."""
+    candidate = task.candidates[name]
+    if candidate.kind != "field" or candidate.term is None:
+        return select.anything
+    term, root = candidate.term, task.root(candidate.term)
+    low, high = _span(term)
+
+    def within(f: Fit, s: Selection) -> Fit:
+        part = f.part(s, name)
+        value = root @ f.beta[part]
+        held = np.clip(value, low, high)
+        if np.array_equal(held, value):
+            return f
+        beta = f.beta.copy()
+        beta[part] = np.linalg.lstsq(root, held, rcond=None)[0]
+        return replace(f, beta=beta)
+
+    return within
+
+
+def _span(term: Term) -> tuple[float, float]:
+    """How far a field may deviate from neutral."""
+    first = term.parameters[0]
+    # A cap can only slow down; where it does not bind, nothing is known of it.
+    caps = term.acts == "speed" and first.neutral == 1.0
+    return first.low - first.neutral, 0.0 if caps else first.high - first.neutral
+
+
 def settle(task: Task, state: State, use: Mask | None = None) -> State:
     """Everything chosen, fitted together."""
     for _ in range(SETTLE):
@@ -286,12 +316,7 @@ def settle(task: Task, state: State, use: Mask | None = None) -> State:
                 continue
             beta = f.beta[f.part(s, c.name)]
             if c.kind == "field":
-                first = c.term.parameters[0]
-                low, high = first.low - first.neutral, first.high - first.neutral
-                if c.term.acts == "speed" and first.neutral == 1.0:
-                    # A cap can only slow down; where it does not bind, nothing is known of it.
-                    high = 0.0
-                found = found.with_field(c.name, np.clip(task.root(c.term) @ beta, low, high))
+                found = found.with_field(c.name, np.clip(task.root(c.term) @ beta, *_span(c.term)))
             else:
                 found = polish.turned(found, c, choice.knobs, beta)
         state = State(found, state.chosen, state.curves, state.weight, state.log)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,9 +10,10 @@ from numpy.typing import NDArray
 
 from fleetlog.discovery.candidates import Candidate, Knob
 from fleetlog.discovery.evidence import Evidence
-from fleetlog.discovery.linear import Problem, Selection, fit, loss, refit_tau
+from fleetlog.discovery.linear import Fit, Problem, Selection, fit, loss, refit_tau
 
 Floats = NDArray[np.float64]
+Within = Callable[[Fit, Selection], Fit]
 
 ALPHA = 0.01
 """Family-wise p-value that an explanation must reach."""
@@ -29,6 +31,8 @@ ALIKE = frozenset({
     frozenset({"rolling_resistance", "viscous_drag"}), frozenset({"aerodynamic_drag", "viscous_drag"}),
 })  # fmt: skip
 """Pairs that a small error of the replay can exchange: significance alone must not decide between them."""
+ONE_WAY = frozenset({"grade", "surface_resistance"})
+"""The same on roads driven one way only, but for what a slope gives back downhill."""
 CLOSE = 0.65
 """Share of the gain at which the other of such a pair stays possible."""
 DOUBT = 2.5
@@ -73,20 +77,25 @@ class Choice:
     tied: tuple[str, ...] = ()
 
 
-def cross_validate(p: Problem, s: Selection, kind: str) -> Floats:
+def anything(f: Fit, _: Selection) -> Fit:
+    """A fit as it is."""
+    return f
+
+
+def cross_validate(p: Problem, s: Selection, kind: str, within: Within = anything) -> Floats:
     """(folds,) held-out mean squared weighted residual."""
     out = []
     for fold in p.folds(kind):
-        f = fit(p, s, p.gram - fold[0], p.moment - fold[1], inverse=False)
+        f = within(fit(p, s, p.gram - fold[0], p.moment - fold[1], inverse=False), s)
         out.append(loss(f, fold))
     return np.array(out)
 
 
-def held_out_trips(p: Problem, s: Selection) -> Floats:
+def held_out_trips(p: Problem, s: Selection, within: Within = anything) -> Floats:
     """(trips,) sum of squared weighted residuals of every trip when its fold was held out."""
     total = np.zeros(int(p.trip.max()) + 1)
     for k, fold in enumerate(p.folds("trip")):
-        f = fit(p, s, p.gram - fold[0], p.moment - fold[1], inverse=False)
+        f = within(fit(p, s, p.gram - fold[0], p.moment - fold[1], inverse=False), s)
         rows = p.fold["trip"] == k
         residual = p.y[rows] - p.x[rows][:, f.columns] @ f.beta
         total += np.bincount(p.trip[rows], residual**2, len(total))
@@ -112,11 +121,12 @@ def gain_of(
     base: dict[str, Floats],
     root: Floats,
     energy: Floats,
+    within: Within = anything,
 ) -> Gain:
     """Cross-validated gain of adding ``c``.
 
     ``without`` lacks the nuisances that ``c`` makes needless; ``base`` caches the losses of ``s``; ``root`` (W,) is
-    that of the weights and ``energy`` (W,) what was recorded.
+    that of the weights and ``energy`` (W,) what was recorded; ``within`` holds a fit to what is plausible.
     """
     with_it = without.add(c.name, e.columns, max(e.tau, 1e-12))
     if c.kind != "scalar":
@@ -126,13 +136,13 @@ def gain_of(
     for kind in splits_for(p, c):
         if kind not in base:
             base[kind] = cross_validate(p, s, kind)
-        difference = base[kind] - cross_validate(p, with_it, kind)
+        difference = base[kind] - cross_validate(p, with_it, kind, within)
         scale = base["trip"].mean() if "trip" in base else base[kind].mean()
         by_split[kind] = float(difference.mean() / scale)
         error[kind] = float(difference.std(ddof=1) / np.sqrt(len(difference)) / scale)
     if "every trip" not in base:
         base["every trip"] = held_out_trips(p, s)
-    trips = (base["every trip"] - held_out_trips(p, with_it)) / base["every trip"].sum()
+    trips = (base["every trip"] - held_out_trips(p, with_it, within)) / base["every trip"].sum()
     error["trip"] = float(trips.std(ddof=1) * np.sqrt(len(trips)))
     f = fit(p, with_it, inverse=False)
     if c.kind == "scalar":
@@ -220,7 +230,8 @@ def _rivals(other: Candidate, its: Gain, chosen: Candidate, own: Gain) -> bool:
     general = not chosen.place and own.by_split.get("place", 0.0) > 0.7 * own.trip
     if other.place and general and its.trip < own.trip:
         return False
-    if frozenset((other.name, chosen.name)) in ALIKE and its.trip > CLOSE * own.trip:
+    pair = frozenset((other.name, chosen.name))
+    if (pair in ALIKE and its.trip > CLOSE * own.trip) or (pair == ONE_WAY and its.trip > SHAPE * own.trip):
         return True
     return _tied(its, own)
 

@@ -16,6 +16,10 @@ FEWEST_BLOCKS = 12
 """With fewer vehicle-days than this each is cut into hours, as slow variables need some independent samples."""
 TEST = 0.2
 """Share that no step of the search sees."""
+PIECE = 3
+"""Windows of a piece of road that is held out where every place is passed once, so that its neighbours speak for it."""
+RETURN = 10
+"""Windows after which a truck that is at a place again has come back to it."""
 
 
 def slow_blocks(w: Windows) -> Ints:
@@ -34,10 +38,38 @@ def slow_blocks(w: Windows) -> Ints:
 
 
 def independent(w: Windows) -> Windows:
-    """The windows with stretches of time in place of trips, where a log hardly ever stops."""
+    """The windows with stretches of time in place of trips, where a log hardly ever stops.
+
+    Where it never comes back to a place either, pieces of road of a few windows take their place: what is said of a piece
+    that was held out can only come from its neighbours.
+    """
     if len(np.unique(w.trip)) >= FEWEST_BLOCKS:
         return w
-    return replace(w, trip=slow_blocks(w))
+    return replace(w, trip=_pieces(w) if passed_once(w) else slow_blocks(w))
+
+
+def passed_once(w: Windows) -> bool:
+    """Whether most places off any map are passed once only."""
+    drove = np.flatnonzero(w.moving & np.isfinite(w.x) & np.isfinite(w.y))
+    if (w.edge >= 0).any() or len(drove) < 2 * RETURN:
+        return False
+    side = 2.0 * float(np.median(w.distance[drove]))
+    place = (w.x[drove] // side).astype(np.int64) * 1_000_003 + (w.y[drove] // side).astype(np.int64)
+    order = np.lexsort((w.time[drove], place))
+    place, time, vehicle = place[order], w.time[drove][order], w.vehicle[drove][order]
+    long = RETURN * float(np.median(w.duration[drove]))
+    again = (np.diff(place) == 0) & ((np.diff(time) > long) | (np.diff(vehicle) != 0))
+    return bool(np.isin(place, place[1:][again]).mean() < 0.5)
+
+
+def _pieces(w: Windows) -> Ints:
+    """(W,) number of the piece of ``PIECE`` windows, trip by trip."""
+    order = np.lexsort((w.time, w.trip))
+    begin = np.flatnonzero(np.concatenate([[True], np.diff(w.trip[order]) != 0]))
+    inside = np.arange(len(w)) - np.repeat(begin, np.diff(np.append(begin, len(w))))
+    out = np.zeros(len(w), np.int64)
+    out[order] = np.cumsum(inside % PIECE == 0) - 1
+    return out
 
 
 def test_windows(w: Windows, holdout: str, rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -57,6 +89,12 @@ def test_windows(w: Windows, holdout: str, rng: np.random.Generator) -> NDArray[
 def folds(w: Windows, block: Ints, rng: np.random.Generator) -> dict[str, Ints]:
     """(W,) fold numbers of every kind of split that these data allow; ``trip`` is always there."""
     trips = w.trip if len(np.unique(w.trip)) >= 2 * FOLDS else block
+    if passed_once(w):
+        # A stretch of hours is then a place never seen, which a map of places cannot be asked to predict.
+        return {
+            "trip": _deal(trips, FOLDS, rng),
+            "place": _deal(block, min(2 * FOLDS, len(np.unique(block))), rng),
+        }
     out = {
         "trip": _deal(trips, FOLDS, rng),
         "block": _deal(block, min(2 * FOLDS, len(np.unique(block))), rng),

@@ -25,8 +25,8 @@ from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.store.trips import trip_ids
 
 LEAF = truck_from_dict({
-    "name": "electric hatchback", "chassis": {"mass": 1640.0}, "drive": {"efficiency": 0.85, "regeneration": 0.65, "max_speed": 40.0},
-    "resistance": {"rolling": 0.010, "drag_area": 0.65}, "auxiliary": {"power": 600.0}, "battery": {"voltage": 380.0, "capacity_wh": 56000.0},
+    "name": "electric hatchback", "chassis": {"mass": 1655.0}, "drive": {"efficiency": 0.85, "regeneration": 0.65, "max_speed": 40.0},
+    "resistance": {"rolling": 0.010, "drag_area": 0.64}, "auxiliary": {"power": 600.0}, "battery": {"voltage": 350.0, "capacity_wh": 39000.0},
 })  # fmt: skip
 TWIZY = truck_from_dict({
     "name": "quadricycle", "chassis": {"mass": 540.0}, "drive": {"efficiency": 0.78, "regeneration": 0.35, "max_speed": 23.0},
