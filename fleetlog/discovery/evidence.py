@@ -162,13 +162,9 @@ def _score_group(
 
     def statistic(v: Floats) -> Floats:
         q2 = (v @ vectors) ** 2 / design**2
-        out = np.zeros(len(np.atleast_2d(q2)))
-        for t in grid:
-            e = 0.5 * (
-                np.atleast_2d(q2) @ (t / (1.0 + t * values / design)) - np.log1p(t * values / design).sum()
-            )
-            out = np.maximum(out, e)
-        return out
+        t = grid[:, None] * values / design
+        e = 0.5 * (np.atleast_2d(q2) @ (grid[:, None] / (1.0 + t)).T - np.log1p(t).sum(axis=1))
+        return np.asarray(np.maximum(e.max(axis=1), 0.0))
 
     return _Scored(deflated, raw, g, max(tau, 1e-12), scores, statistic)
 

@@ -59,7 +59,7 @@ def cells_of(fleet: Fleet) -> Cells | None:
 def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) -> Explained:
     """Search, judge and word what an energy channel is missing."""
     measured = channel == "soc" and fleet.has("battery_power")
-    blocks = fleet.blocks()
+    blocks = fleet.blocks
     capacity = 3600.0 * fleet.truck.battery.capacity_wh
     if measured and fleet.lag:
         blocks = [on_the_clock_of_charge(b, fleet.lag.get(b.vehicle, 0.0), capacity) for b in blocks]
@@ -73,7 +73,9 @@ def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) ->
     free = residual.generic_columns(recording, base)
     task = make_task(recording, candidates, free, floor, base, options)
     unit = f"rms error of energy per {width(fleet, channel):.0f} s window, over rms energy"
-    return explained(task, channel, unit)
+    out = explained(task, channel, unit)
+    recording.latest.clear()
+    return out
 
 
 def on_the_clock_of_charge(block: Block, lag: float, capacity: float) -> Block:

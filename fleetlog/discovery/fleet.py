@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -44,18 +45,19 @@ class Fleet:
         """Whether any vehicle-day knows the column."""
         return any(t.has(column) for _, t in self.days)
 
+    @cached_property
     def blocks(self) -> list[Block]:
-        """Uninterrupted pieces as finely stepped motion."""
-        out: list[Block] = []
+        """Uninterrupted pieces as finely stepped motion; the largest thing in memory, so all channels share it."""
+        return list(self.each_block())
+
+    def each_block(self) -> Iterator[Block]:
+        """The same one after the other, for a single look."""
         for vehicle, trajectory in self.days:
             lag, scale = self.lag.get(vehicle, 0.0), self.scale.get(vehicle, 1.0)
-            out.extend(
-                blocks(
-                    trajectory, vehicle, self.network, self.truck.chassis.turn_radius,
-                    lag=lag, scale=scale, load_with_power=self.load_with_power,
-                )
+            yield from blocks(
+                trajectory, vehicle, self.network, self.truck.chassis.turn_radius,
+                lag=lag, scale=scale, load_with_power=self.load_with_power,
             )  # fmt: skip
-        return out
 
     @cached_property
     def rows(self) -> int:

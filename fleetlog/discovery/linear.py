@@ -23,6 +23,8 @@ FREE = 0.02
 """Ridge of the freest model, as a share of each column's own square."""
 LEVER = 0.005
 """Least share of a window's residual that its own fit leaves: rounding decides below."""
+CHUNK = 8192
+"""Windows that are weighted at a time."""
 HUBER = 4.0
 """Residuals beyond this many standard deviations weigh less."""
 
@@ -50,8 +52,9 @@ class Problem:
     _by_fold: dict[str, list[tuple[Floats, Floats, float, int]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.gram = (self.x.T @ self.x).astype(float)
-        self.moment = (self.x.T @ self.y.astype(np.float32)).astype(float)
+        parts = self.folds("trip")
+        self.gram = np.sum([f[0] for f in parts], axis=0)
+        self.moment = np.sum([f[1] for f in parts], axis=0)
 
     def folds(self, kind: str) -> list[tuple[Floats, Floats, float, int]]:
         """X'X, X'y, y'y and size of every fold of a kind of split."""
@@ -223,9 +226,11 @@ def pose(
 ) -> Problem:
     """The problem of the windows in ``use``, with weights from what the freest model leaves (or given)."""
     names = [*nuisance, *groups]
-    x = np.concatenate([*nuisance.values(), *groups.values()], axis=1)[use]
     width = [*(v.shape[1] for v in nuisance.values()), *(v.shape[1] for v in groups.values())]
     ends = np.cumsum(width)
+    x = np.empty((int(use.sum()), int(ends[-1])), np.float32)
+    for v, end, wide in zip([*nuisance.values(), *groups.values()], ends, width, strict=True):
+        x[:, end - wide : end] = v[use]
     at = {
         f"nuisance {n}" if i < len(nuisance) else n: np.arange(e - w, e)
         for i, (n, w, e) in enumerate(zip(names, width, ends, strict=True))
@@ -236,10 +241,11 @@ def pose(
     if weight is None:
         weight = _robust_weights(windows, model, y, x, use, jitter, crude)
     root = np.sqrt(weight[use])
+    x *= root[:, None].astype(np.float32)
     _, trip = np.unique(windows.trip[use], return_inverse=True)
     _, slow = np.unique(block[use], return_inverse=True)
     return Problem(
-        (x * root[:, None].astype(np.float32)), y[use] * root, weight, at, index, spreads, own,
+        x, y[use] * root, weight, at, index, spreads, own,
         trip, slow, {k: np.unique(v[use], return_inverse=True)[1] for k, v in fold.items()},
     )  # fmt: skip
 
@@ -256,17 +262,36 @@ def _robust_weights(
     """Weights from what the freest model leaves: an effect that is yet to be found must not pass for noise."""
     weight = noise_weights(windows, model, y, use, jitter, crude)
     for _ in range(2):
-        w = weight[use].astype(np.float32)
-        weighted = x * w[:, None]
-        h = (weighted.T @ x).astype(float)
+        h, b = _sums(x, y[use], np.sqrt(weight[use]))
         h += np.diag(FREE * np.diag(h) + 1e-9)
-        beta = np.linalg.solve(h, (weighted.T @ y[use].astype(np.float32)).astype(float))
+        beta = np.linalg.solve(h, b)
         residual = y.copy()
         residual[use] -= x @ beta.astype(np.float32)
         # What a window would miss had it not been fitted itself: many columns for few windows leave no noise to see.
-        lever = np.einsum("ij,ij->i", weighted @ np.linalg.inv(h).astype(np.float32), x)
+        lever = _leverage(x, np.sqrt(weight[use]), np.linalg.inv(h).astype(np.float32))
         residual[use] /= np.maximum(1.0 - lever, LEVER)
         weight = noise_weights(windows, model, residual, use, jitter, crude)
         z = np.abs(residual) * np.sqrt(weight)
         weight = weight * np.minimum(1.0, HUBER / np.maximum(z, 1e-9))
     return np.asarray(weight)
+
+
+def _sums(x: NDArray[np.float32], y: Floats, root: Floats) -> tuple[Floats, Floats]:
+    """X'X and X'y of rows multiplied by ``root`` (W,), some thousand rows at a time: no weighted copy of everything."""
+    gram, moment = np.zeros((x.shape[1], x.shape[1])), np.zeros(x.shape[1])
+    for begin in range(0, len(x), CHUNK):
+        part = slice(begin, begin + CHUNK)
+        z = x[part] * root[part, None].astype(np.float32)
+        gram += z.T @ z
+        moment += z.T @ (y[part] * root[part]).astype(np.float32)
+    return gram, moment
+
+
+def _leverage(x: NDArray[np.float32], root: Floats, inverse: NDArray[np.float32]) -> Floats:
+    """(W,) how much of its own recorded value each row's fitted value is."""
+    out = np.empty(len(x))
+    for begin in range(0, len(x), CHUNK):
+        part = slice(begin, begin + CHUNK)
+        z = x[part] * root[part, None].astype(np.float32)
+        out[part] = np.einsum("ij,ij->i", z @ inverse, z)
+    return out

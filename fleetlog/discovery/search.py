@@ -127,7 +127,7 @@ def rotated(task: Task, name: str, x: Columns) -> Columns:
     candidate = task.candidates[name]
     if candidate.kind != "field" or candidate.term is None:
         return x
-    return (x @ task.root(candidate.term)).astype(np.float32)
+    return x @ task.root(candidate.term).astype(np.float32)
 
 
 def selection(state: State, p: Problem) -> Selection:

@@ -68,7 +68,7 @@ def clock_offset(fleet: Fleet) -> Fault | None:
         return None
     shifts: dict[int, list[float]] = {}
     fit: dict[int, list[tuple[float, float]]] = {}
-    for block in fleet.blocks():
+    for block in fleet.each_block():
         smooth = _row_means(battery_power(block.motion, Physics(fleet.truck)), block.steps)
         for piece in _pieces(block):
             found = _best_shift(block, smooth, piece, fleet)
@@ -166,7 +166,7 @@ def _load_runs_with_power(fleet: Fleet) -> bool:
     missed = []
     for together in (False, True):
         total = 0.0
-        for block in replace(fleet, load_with_power=together).blocks():
+        for block in replace(fleet, load_with_power=together).each_block():
             still = block.rows(block.motion.speed) <= 0.0
             off = np.nan_to_num(block.power - block.rows(battery_power(block.motion, Physics(fleet.truck))))
             total += float((off[still] ** 2).sum())

@@ -312,7 +312,9 @@ def speed_channel(fleet: Fleet, channel: str, base: Found, options: Options) -> 
         own_roots={"waiting": np.eye(len(lanes))},
     )
     direct = {} if turns is None else {"cornering_speed": {"lateral_acceleration": turns}}
-    return explained(task, channel, f"rms error of the time for {WINDOW:.0f} m, over rms time", direct)
+    out = explained(task, channel, f"rms error of the time for {WINDOW:.0f} m, over rms time", direct)
+    journeys.latest.clear()
+    return out
 
 
 def gather(fleet: Fleet) -> Journeys:

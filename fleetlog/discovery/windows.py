@@ -6,6 +6,7 @@ Noise averages out, accelerations telescope, and windows are nearly independent.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +30,14 @@ class Cut:
     of_sample: Ints
     count: int
 
+    @cached_property
+    def begin(self) -> Ints:
+        """(count,) first sub-sample of every window; windows follow one another."""
+        return np.searchsorted(self.of_sample, np.arange(self.count))
+
     def energy(self, block: Block, power: Floats) -> Floats:
         """(count,) kJ of a power along the sub-samples [W]."""
-        weight = power * block.motion.dt
-        return np.asarray(np.bincount(self.of_sample, weight, self.count) * 1e-3, dtype=np.float64)
+        return np.asarray(np.add.reduceat(power * block.motion.dt, self.begin) * 1e-3, dtype=np.float64)
 
     def energies(self, block: Block, cell: NDArray[np.int32], cells: int, power: Floats) -> Floats:
         """(count, cells) kJ of a power, apart by the cell of each sub-sample; cells below zero count nowhere."""
