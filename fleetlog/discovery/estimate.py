@@ -111,6 +111,7 @@ def _only_where_large(task: Task, state: State, use: NDArray[np.bool_]) -> tuple
             continue
         deviation = found.fields[term.name]
         keep = np.abs(deviation) >= STANDS_OUT * np.quantile(np.abs(deviation), TOP)
+        keep = task.cells(term).closed(keep)
         covariance = task.root(term) @ task.root(term).T
         root = np.zeros((len(deviation), int(keep.sum())))
         root[keep] = np.linalg.cholesky(covariance[np.ix_(keep, keep)])

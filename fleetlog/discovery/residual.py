@@ -263,7 +263,7 @@ def _jumps(block: Block, c: Cut, e: Evaluation) -> Floats:
 
 
 def _nuisance(recording: Recording, e: Evaluation, c: Cut, jumps: Floats) -> dict[str, Floats]:
-    """Small honest errors: the truck file's coefficients, each vehicle's and vehicle-day's own, and the sampling."""
+    """Small honest errors: the truck file's coefficients, each vehicle's and vehicle-day's own, and what rows do not resolve."""
     block, m = e.block, e.block.motion
     terms = all_terms()
     out: dict[str, Floats] = {}
@@ -285,7 +285,6 @@ def _nuisance(recording: Recording, e: Evaluation, c: Cut, jumps: Floats) -> dic
     out["lag"] = _own(
         c.energy(block, -np.gradient(e.power, m.time)), block.vehicle, recording.ranges.vehicles
     )
-    out["sampling"] = c.energy(block, _rectified(e, e.mass * e.motion.speed * 0.12))[:, None]
     speed, acceleration = block.kinked
     kinked = replace(block, motion=m.replaced(speed=speed, acceleration=acceleration))
     out["kinks"] = c.energy(block, replace(e, block=kinked).power - e.power)[:, None]
@@ -319,7 +318,7 @@ def _rectified(e: Evaluation, wobble: Floats) -> Floats:
 def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Floats]:
     """Standard deviation of every nuisance: honest tolerance, but never so much that twice of it would be material."""
     fixed = {
-        "vehicle rolling": 0.05, "vehicle load": 25.0, "vehicle-day load": 30.0, "lag": 0.15, "sampling": 0.3,
+        "vehicle rolling": 0.03, "vehicle load": 25.0, "vehicle-day load": 30.0, "lag": 0.15, 
         "ripple": 0.5, "capacity": 0.02, "kinks": 0.7,
     }  # fmt: skip
     total = float(np.abs(recording.recorded).sum()) or 1.0
@@ -328,7 +327,7 @@ def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Fl
         spread = MECHANISM.get(name, fixed.get(name, 0.05))
         if name in MECHANISM:
             effect = float(np.abs(x).sum(dtype=float)) / total
-            spread = min(spread, 0.5 * MATERIAL / max(effect, 1e-12))
+            spread = min(spread, 0.25 * MATERIAL / max(effect, 1e-12))
         if name == "lag" and recording.measured:
             spread = CLOCKS
         out[name] = np.full(x.shape[1], spread)

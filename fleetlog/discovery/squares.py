@@ -53,6 +53,10 @@ class Squares:
         north = np.where(cell >= 0, 2 * cell + 1, -1).astype(np.int32)
         return [(east, np.cos(motion.heading)), (north, np.sin(motion.heading))]
 
+    def closed(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(C,) kept squares: none is between two others only."""
+        return keep
+
     def root(self, odd: bool) -> Floats:
         """L with L L' the prior covariance: an own part, and one shared with neighbours."""
         apart = np.hypot(*(self.middle[:, None, :] - self.middle[None, :, :]).transpose(2, 0, 1))

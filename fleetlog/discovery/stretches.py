@@ -22,7 +22,7 @@ Part = tuple[Index, Floats]
 
 LENGTH = 8.0
 """Of a stretch, before edges are divided evenly [m]."""
-REACH = 25.0
+REACH = 40.0
 """Distance over which neighbouring stretches of one road resemble each other, in the prior [m]."""
 MOST = 900
 """More stretches than this are made longer instead."""
@@ -45,6 +45,10 @@ class Cells(Protocol):
 
     def root(self, odd: bool) -> Floats:
         """L with L L' the prior covariance of the values."""
+        ...
+
+    def closed(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Kept pieces, and single ones between two of them."""
         ...
 
 
@@ -100,12 +104,19 @@ class Stretches:
         """(C,) whether the map has both directions."""
         return np.asarray(self.network.reverse[self.road_edge] >= 0)
 
+    def closed(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(C,) kept stretches, and single ones between two of them on one road."""
+        out = keep.copy()
+        same = self.road_edge[:-2] == self.road_edge[2:]
+        out[1:-1] |= keep[:-2] & keep[2:] & same
+        return out
+
     def root(self, odd: bool) -> Floats:
         """(C, C) L with L L' the prior covariance: an own part, and one shared with neighbours on the same road."""
         same = self.road_edge[:, None] == self.road_edge[None, :]
         middle = (self.start + self.end) / 2.0
         near = np.exp(-np.abs(middle[:, None] - middle[None, :]) / REACH)
-        return np.asarray(np.linalg.cholesky(0.25 * np.eye(len(self)) + 0.75 * np.where(same, near, 0.0)))
+        return np.asarray(np.linalg.cholesky(0.1 * np.eye(len(self)) + 0.9 * np.where(same, near, 0.0)))
 
 
 def make_stretches(network: Network, *, apart: bool = False) -> Stretches:

@@ -6,6 +6,8 @@ import numpy as np
 
 STEP = 0.1
 """Between the points of a path [m]."""
+RADIUS = 2.5
+"""Of the tightest corner [m]."""
 SHARPEST = -0.2
 """Cosine of the sharpest corner that is driven."""
 
@@ -121,25 +123,51 @@ class Plant:
         return bool(a @ b < SHARPEST * np.hypot(*a) * np.hypot(*b))
 
     def path(self, legs: list[tuple[int, int]]) -> dict[str, np.ndarray]:
-        """A driven path: corners rounded by a sliding mean, as a driver cuts them; arrays every ``STEP`` metres."""
-        points, roads, senses = [], [], []
-        for road, sense in legs:
-            line = self.line(road, 160)[::sense]
-            points.append(line)
-            roads.append(np.full(len(line), road))
-            senses.append(np.full(len(line), sense))
-        xy, road, sense = np.concatenate(points), np.concatenate(roads), np.concatenate(senses)
+        """A driven path: corners are arcs a little wider than the truck's turning circle, blurred as steering takes time.
+
+        Arrays every ``STEP`` metres.
+        """
+        lines = [self.line(road, 160)[::sense] for road, sense in legs]
+        points, which = [lines[0]], [np.zeros(len(lines[0]), int)]
+        for k in range(1, len(lines)):
+            before, arc, after = _rounded(points.pop(), lines[k], RADIUS + 0.5 * (legs[k][0] * 0.618 % 1.0))
+            which.pop()
+            points += [before, arc, after]
+            half = len(arc) // 2
+            which += [
+                np.full(len(before), k - 1),
+                np.where(np.arange(len(arc)) < half, k - 1, k),
+                np.full(len(after), k),
+            ]
+        xy, leg = np.concatenate(points), np.concatenate(which)
         s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))]) + np.arange(len(xy)) * 1e-9
         grid = np.arange(0.0, s[-1], STEP)
         x, y = (np.interp(grid, s, xy[:, i]) for i in (0, 1))
-        near = np.clip(np.searchsorted(s, grid), 0, len(s) - 1)
-        road, sense = road[near], sense[near]
-        for width in (33, 21):
+        leg = leg[np.clip(np.searchsorted(s, grid), 0, len(s) - 1)]
+        road, sense = np.array(legs)[leg].T
+        for width in (13, 9):
             x, y = _slide(x, width), _slide(y, width)
         step = np.hypot(np.gradient(x), np.gradient(y))
         heading = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
         bend = _slide(np.gradient(heading) / np.maximum(step, 0.3 * STEP), 9)
         return {"x": x, "y": y, "step": step, "heading": heading, "bend": bend, "road": road, "sense": sense}
+
+
+def _rounded(a: np.ndarray, b: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Two lines that meet, with the corner between them an arc."""
+    u, v = a[-1] - a[-6], b[5] - b[0]
+    u, v = u / np.hypot(*u), v / np.hypot(*v)
+    angle = float(np.arctan2(u[0] * v[1] - u[1] * v[0], u @ v))
+    cut = radius * np.tan(abs(angle) / 2.0)
+    if cut < 0.15:
+        return a, a[-1:], b
+    side = np.sign(angle) * np.array([-u[1], u[0]])
+    centre = b[0] - cut * u + radius * side
+    turn = np.linspace(0.0, angle, 24)[:, None]
+    spoke = -radius * side
+    arc = centre + np.cos(turn) * spoke + np.sin(turn) * np.array([-spoke[1], spoke[0]])
+    apart_a, apart_b = np.hypot(*(a - a[-1]).T), np.hypot(*(b - b[0]).T)
+    return a[apart_a > cut], arc, b[apart_b > cut]
 
 
 def _slide(values: np.ndarray, width: int) -> np.ndarray:
