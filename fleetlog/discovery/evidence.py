@@ -61,13 +61,12 @@ def scan(
     f = fit(p, s)
     residual = p.y - p.x[:, f.columns] @ f.beta
     trips = _Sums(p.trip)
-    base = trips.sum(p.x[:, f.columns] * residual[:, None].astype(np.float32))
     through = p.gram[:, f.columns] @ f.inverse
     scored = {}
     for name in names:
         if name in s.columns or not len(p.at.get(name, ())):
             continue
-        one = _score(p, f, through, residual, trips, base, p.at[name], name in variants)
+        one = _score(p, f, through, residual, trips, p.at[name], name in variants)
         if one is not None:
             scored[name] = one
     return _with_p_values(p, trips, scored, slow, rng)
@@ -86,7 +85,7 @@ class _Sums:
 
 
 def _score(
-    p: Problem, f: Fit, through: Floats, residual: Floats, trips: _Sums, base: Floats, g: Ints, variant: bool
+    p: Problem, f: Fit, through: Floats, residual: Floats, trips: _Sums, g: Ints, variant: bool
 ) -> _Scored | None:
     c = f.columns
     left = p.gram[np.ix_(g, g)] - through[g] @ p.gram[np.ix_(c, g)]
@@ -94,11 +93,19 @@ def _score(
     own = np.diag(p.gram)[g]
     if not (own > 0).any():
         return None
-    x = p.x[:, g]
-    scores = trips.sum(x * residual[:, None].astype(np.float32)) - base @ through[g].T
     if variant or len(g) == 1:
-        return _score_best_column(p, c, through, residual, x, g, left, u, scores)
-    return _score_group(p, c, through, residual, trips, x, g, left, u, scores)
+        return _score_best_column(p, c, through, residual, trips, g, left, u)
+    return _score_group(p, c, through, residual, trips, g, left, u)
+
+
+def _scores(p: Problem, c: Ints, through: Floats, after: Floats, trips: _Sums, g: Ints) -> Floats:
+    """(trips, g) what every trip says of each column, of the residual that is left once the group is allowed for.
+
+    What flips under the null must not hold the effect itself (ter Braak 1992): an effect on few trips would hide behind
+    its own size.
+    """
+    weighted = after[:, None].astype(np.float32)
+    return trips.sum(p.x[:, g] * weighted) - trips.sum(p.x[:, c] * weighted) @ through[g].T
 
 
 def _score_best_column(
@@ -106,11 +113,10 @@ def _score_best_column(
     c: Ints,
     through: Floats,
     residual: Floats,
-    x: NDArray[np.float32],
+    trips: _Sums,
     g: Ints,
     left: Floats,
     u: Floats,
-    scores: Floats,
 ) -> _Scored | None:
     d = np.diag(left)
     usable = d > 1e-6 * np.diag(p.gram)[g] + 1e-12
@@ -119,8 +125,10 @@ def _score_best_column(
     z2 = np.where(usable, u**2 / np.where(usable, d, 1.0), 0.0)
     j = int(np.argmax(z2))
     beta = u[j] / d[j]
-    rest = x[:, j] - p.x[:, c] @ through[g[j]]
-    design = _design_effect(p, rest * (residual - rest * beta), d[j])
+    rest = p.x[:, g[j]] - p.x[:, c] @ through[g[j]]
+    after = residual - rest * beta
+    design = _design_effect(p, rest * after, d[j])
+    scores = _scores(p, c, through, after, trips, g)
 
     def statistic(v: Floats) -> Floats:
         z = np.where(usable, v**2 / np.where(usable, d, 1.0), 0.0) / design
@@ -136,11 +144,9 @@ def _score_group(
     through: Floats,
     residual: Floats,
     trips: _Sums,
-    x: NDArray[np.float32],
     g: Ints,
     left: Floats,
     u: Floats,
-    scores: Floats,
 ) -> _Scored | None:
     values, vectors = _eigen((left + left.T) / 2.0)
     keep = values > max(values.max() * 1e-7, 1e-9)
@@ -151,10 +157,9 @@ def _score_group(
     raw, tau = _evidence(values, q**2)
     share = tau * values / (1.0 + tau * values)
     beta = vectors @ (q * tau / (1.0 + tau * values))
-    after = residual - (x @ beta - p.x[:, c] @ (through[g].T @ beta))
-    turn = vectors / np.sqrt(values)
-    weighted = after[:, None].astype(np.float32)
-    per_trip = trips.sum(x * weighted) @ turn - trips.sum(p.x[:, c] * weighted) @ (through[g].T @ turn)
+    after = residual - (p.x[:, g] @ beta - p.x[:, c] @ (through[g].T @ beta))
+    scores = _scores(p, c, through, after, trips, g)
+    per_trip = scores @ (vectors / np.sqrt(values))
     share = share / share.sum() if share.sum() > 1e-6 else np.full(len(values), 1.0 / len(values))
     design = max(float((per_trip**2).sum(axis=0) @ share), 0.7)
     deflated, tau = _evidence(values / design, (q / design) ** 2)

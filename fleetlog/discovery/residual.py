@@ -318,7 +318,7 @@ def _rectified(e: Evaluation, wobble: Floats) -> Floats:
 def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Floats]:
     """Standard deviation of every nuisance: honest tolerance, but never so much that twice of it would be material."""
     fixed = {
-        "vehicle rolling": 0.03, "vehicle load": 25.0, "vehicle-day load": 30.0, "lag": 0.15, 
+        "vehicle rolling": 0.03, "vehicle load": 25.0, "vehicle-day load": 30.0, "lag": 0.15,
         "ripple": 0.5, "capacity": 0.02, "kinks": 0.7,
     }  # fmt: skip
     total = float(np.abs(recording.recorded).sum()) or 1.0
