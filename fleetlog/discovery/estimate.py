@@ -58,7 +58,7 @@ def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float,
     for _ in range(ROBUST if state.chosen else 0):
         state = settle(task, _reweighted(task, state, everything), everything)
     task, state = _only_where_large(task, state, everything)
-    table, p = posed(task, state, everything)
+    table, p = posed(task, state, everything, chosen_only=True)
     s = selection(state, p)
     f = fit(p, s)
     covariance = sandwich(p, f)
@@ -166,7 +166,7 @@ def held_out(task: Task, state: State) -> Errors:
     recorded = task.recording.recorded
     scale = float(np.sqrt(np.mean(recorded[test] ** 2))) or 1.0
     bare = State(task.base, weight=state.weight)
-    before = posed(task, bare)[0].y
+    before = posed(task, bare, chosen_only=True)[0].y
     after, floor = _residual(task, state), _freest(task, state)
 
     def error(r: Floats) -> float:
@@ -177,7 +177,7 @@ def held_out(task: Task, state: State) -> Errors:
 
 def _residual(task: Task, state: State) -> Floats:
     """(W,) residual everywhere of the model fitted to the windows that the search saw."""
-    table, p = posed(task, state)
+    table, p = posed(task, state, chosen_only=True)
     s = selection(state, p)
     f = fit(p, s, inverse=False)
     groups = {k: v for k, v in table.groups.items() if k in s.columns}

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fleetlog.discovery.linear import Fit, Ints, Problem, Selection, fit
 
 Floats = NDArray[np.float64]
+Rows = NDArray[np.float32]
 
 FLIPS = 200
 WIDE = 30
@@ -59,14 +60,15 @@ def scan(
     over hours.
     """
     f = fit(p, s)
-    residual = p.y - p.x[:, f.columns] @ f.beta
+    residual = p.y - p.predicted(f.columns, f.beta)
+    fitted = p.x[:, f.columns]
     trips = _Sums(p.trip)
     through = p.gram[:, f.columns] @ f.inverse
     scored = {}
     for name in names:
         if name in s.columns or not len(p.at.get(name, ())):
             continue
-        one = _score(p, f, through, residual, trips, p.at[name], name in variants)
+        one = _score(p, f, fitted, through, residual, trips, p.at[name], name in variants)
         if one is not None:
             scored[name] = one
     return _with_p_values(p, trips, scored, slow, rng)
@@ -85,7 +87,7 @@ class _Sums:
 
 
 def _score(
-    p: Problem, f: Fit, through: Floats, residual: Floats, trips: _Sums, g: Ints, variant: bool
+    p: Problem, f: Fit, fitted: Rows, through: Floats, residual: Floats, trips: _Sums, g: Ints, variant: bool
 ) -> _Scored | None:
     c = f.columns
     left = p.gram[np.ix_(g, g)] - through[g] @ p.gram[np.ix_(c, g)]
@@ -94,23 +96,27 @@ def _score(
     if not (own > 0).any():
         return None
     if variant or len(g) == 1:
-        return _score_best_column(p, c, through, residual, trips, g, left, u)
-    return _score_group(p, c, through, residual, trips, g, left, u)
+        return _score_best_column(p, fitted, through, residual, trips, g, left, u)
+    return _score_group(p, fitted, through, residual, trips, g, left, u)
 
 
-def _scores(p: Problem, c: Ints, through: Floats, after: Floats, trips: _Sums, g: Ints) -> Floats:
+def _own(p: Problem, fitted: Rows, through: Floats, g: Ints) -> Rows:
+    """(W, g) what of each column is its own, once what is in the model already is allowed for."""
+    return p.x[:, g] - fitted @ through[g].T.astype(np.float32)
+
+
+def _scores(own: Rows, after: Floats, trips: _Sums) -> Floats:
     """(trips, g) what every trip says of each column, of the residual that is left once the group is allowed for.
 
     What flips under the null must not hold the effect itself (ter Braak 1992): an effect on few trips would hide behind
     its own size.
     """
-    weighted = after[:, None].astype(np.float32)
-    return trips.sum(p.x[:, g] * weighted) - trips.sum(p.x[:, c] * weighted) @ through[g].T
+    return trips.sum(own * after[:, None].astype(np.float32))
 
 
 def _score_best_column(
     p: Problem,
-    c: Ints,
+    fitted: Rows,
     through: Floats,
     residual: Floats,
     trips: _Sums,
@@ -125,10 +131,10 @@ def _score_best_column(
     z2 = np.where(usable, u**2 / np.where(usable, d, 1.0), 0.0)
     j = int(np.argmax(z2))
     beta = u[j] / d[j]
-    rest = p.x[:, g[j]] - p.x[:, c] @ through[g[j]]
-    after = residual - rest * beta
-    design = _design_effect(p, rest * after, d[j])
-    scores = _scores(p, c, through, after, trips, g)
+    own = _own(p, fitted, through, g)
+    after = residual - own[:, j] * beta
+    design = _design_effect(p, own[:, j] * after, d[j])
+    scores = _scores(own, after, trips)
 
     def statistic(v: Floats) -> Floats:
         z = np.where(usable, v**2 / np.where(usable, d, 1.0), 0.0) / design
@@ -140,7 +146,7 @@ def _score_best_column(
 
 def _score_group(
     p: Problem,
-    c: Ints,
+    fitted: Rows,
     through: Floats,
     residual: Floats,
     trips: _Sums,
@@ -157,8 +163,9 @@ def _score_group(
     raw, tau = _evidence(values, q**2)
     share = tau * values / (1.0 + tau * values)
     beta = vectors @ (q * tau / (1.0 + tau * values))
-    after = residual - (p.x[:, g] @ beta - p.x[:, c] @ (through[g].T @ beta))
-    scores = _scores(p, c, through, after, trips, g)
+    own = _own(p, fitted, through, g)
+    after = residual - own @ beta.astype(np.float32)
+    scores = _scores(own, after, trips)
     per_trip = scores @ (vectors / np.sqrt(values))
     share = share / share.sum() if share.sum() > 1e-6 else np.full(len(values), 1.0 / len(values))
     design = max(float((per_trip**2).sum(axis=0) @ share), 0.7)

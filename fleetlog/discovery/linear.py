@@ -6,6 +6,7 @@ One pass over the windows builds X'X and X'y per fold; folds add up, and so do d
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,8 @@ from fleetlog.discovery.windows import Windows
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Sums = tuple[Floats, Floats, float, int]
+"""X'X, X'y, y'y and number of some windows: all that a fit needs of them, and they add up over folds, trips and days."""
 
 BOX = 2.0
 """Nuisances stay within this many standard deviations."""
@@ -47,32 +50,49 @@ class Problem:
     trip: Ints
     block: Ints
     fold: dict[str, Ints]
-    gram: Floats = field(init=False)
-    moment: Floats = field(init=False)
-    _by_fold: dict[str, list[tuple[Floats, Floats, float, int]]] = field(default_factory=dict)
+    inner: Problem | None = None
+    """The problem that this one has some more columns than: its sums are not added up again."""
+    _by_fold: dict[str, list[Sums]] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        parts = self.folds("trip")
-        self.gram = np.sum([f[0] for f in parts], axis=0)
-        self.moment = np.sum([f[1] for f in parts], axis=0)
+    @cached_property
+    def gram(self) -> Floats:
+        """(P, P) X'X, the sum over the folds of trips."""
+        return np.asarray(np.sum([f[0] for f in self.folds("trip")], axis=0))
 
-    def folds(self, kind: str) -> list[tuple[Floats, Floats, float, int]]:
-        """X'X, X'y, y'y and size of every fold of a kind of split."""
+    @cached_property
+    def moment(self) -> Floats:
+        """(P,) X'y."""
+        return np.asarray(np.sum([f[1] for f in self.folds("trip")], axis=0))
+
+    def folds(self, kind: str) -> list[Sums]:
+        """The sums of every fold of a kind of split."""
         if kind not in self._by_fold:
-            out = []
-            for k in range(int(self.fold[kind].max()) + 1):
-                m = self.fold[kind] == k
-                x, y = self.x[m], self.y[m]
-                out.append(
-                    (
-                        (x.T @ x).astype(float),
-                        (x.T @ y.astype(np.float32)).astype(float),
-                        float(y @ y),
-                        int(m.sum()),
-                    )
-                )
-            self._by_fold[kind] = out
+            before = None if self.inner is None else self.inner.folds(kind)
+            of = self.fold[kind]
+            self._by_fold[kind] = [
+                self._sums(of == k, None if before is None else before[k]) for k in range(int(of.max()) + 1)
+            ]
         return self._by_fold[kind]
+
+    def _sums(self, rows: NDArray[np.bool_], before: Sums | None) -> Sums:
+        """The sums of some windows; ``before`` those of the columns that came first."""
+        x, y = self.x[rows], self.y[rows]
+        begin = 0 if before is None else len(before[1])
+        new = x[:, begin:]
+        border = (x.T @ new).astype(float) if begin else (x.T @ x).astype(float)
+        moment = (new.T @ y.astype(np.float32)).astype(float)
+        if before is None:
+            return border, moment, float(y @ y), len(y)
+        gram = np.empty((x.shape[1], x.shape[1]))
+        gram[:begin, :begin] = before[0]
+        gram[:, begin:], gram[begin:] = border, border.T
+        return gram, np.concatenate([before[1], moment]), before[2], before[3]
+
+    def predicted(self, columns: Ints, beta: Floats) -> Floats:
+        """(W,) what coefficients of some columns make; one product with all is faster than picking columns out."""
+        every = np.zeros(self.x.shape[1], np.float32)
+        every[columns] = beta
+        return (self.x @ every).astype(float)
 
     def extended(self, columns: dict[str, NDArray[np.float32]], rows: NDArray[np.bool_]) -> Problem:
         """With more groups; ``rows`` are the windows of this problem among all."""
@@ -82,7 +102,7 @@ class Problem:
             at[name] = np.arange(begin, begin + c.shape[1])
             begin += c.shape[1]
         new = np.concatenate([c[rows] for c in columns.values()], axis=1) * root[:, None]
-        return replace(self, x=np.concatenate([self.x, new], axis=1), at=at, _by_fold={})
+        return replace(self, x=np.concatenate([self.x, new], axis=1), at=at, inner=self, _by_fold={})
 
 
 @dataclass(frozen=True)
@@ -179,7 +199,7 @@ def refit_tau(p: Problem, s: Selection, rounds: int = 4) -> Selection:
     return s
 
 
-def loss(f: Fit, fold: tuple[Floats, Floats, float, int]) -> float:
+def loss(f: Fit, fold: Sums) -> float:
     """Mean squared weighted residual of a fit on a fold."""
     gram, moment, yy, n = fold
     value = yy - 2.0 * f.beta @ moment[f.columns] + f.beta @ gram[np.ix_(f.columns, f.columns)] @ f.beta

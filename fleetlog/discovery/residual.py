@@ -94,7 +94,7 @@ class Recording:
     def tabulate(self, found: Found, named: list[Candidate], free: dict[str, Columns]) -> Table:
         """The residual under ``found`` and the columns of all named candidates about it."""
         for model, candidates, table in self.latest:
-            if model is found and candidates == named:
+            if model is found and all(c in candidates for c in named):
                 return table
         self.latest.clear()
         self.latest.append((found, named, tabulate(self, found, named, free)))

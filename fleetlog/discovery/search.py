@@ -103,16 +103,23 @@ def search(task: Task, state: State) -> State:
     return backward(task, state)
 
 
-def posed(task: Task, state: State, use: Mask | None = None) -> tuple[Table, Problem]:
-    """Residual and columns about the model so far; weights stay until something is added."""
+def posed(
+    task: Task, state: State, use: Mask | None = None, *, chosen_only: bool = False
+) -> tuple[Table, Problem]:
+    """Residual and columns about the model so far; weights stay until something is added.
+
+    ``chosen_only`` leaves the columns of everything else out, where weights are known already.
+    """
     chosen = {c.candidate.name: c for c in state.chosen}
+    everything = state.weight is None or not chosen_only
     named = [
         replace(c, knobs=chosen[c.name].knobs) if c.name in chosen and c.kind == "scalar" else c
         for c in task.named
+        if everything or c.name in chosen
     ]
     table = task.recording.tabulate(state.found, named, task.free)
-    groups = {k: rotated(task, k, v) for k, v in table.groups.items()}
-    groups.update(task.free)
+    groups = {c.name: rotated(task, c.name, table.groups[c.name]) for c in named}
+    groups.update({k: v for k, v in task.free.items() if everything or k in state.curves})
     p = pose(
         table.windows, table.model, table.y, groups, table.nuisance, table.spread,
         task.use if use is None else use, task.fold, task.block, table.jitter, table.crude, state.weight,
@@ -306,7 +313,7 @@ def _span(term: Term) -> tuple[float, float]:
 def settle(task: Task, state: State, use: Mask | None = None) -> State:
     """Everything chosen, fitted together."""
     for _ in range(SETTLE):
-        _, p = posed(task, state, use)
+        _, p = posed(task, state, use, chosen_only=True)
         s = selection(state, p)
         f = fit(p, s, moment=p.moment + _pulled(task, state, p), inverse=False)
         found = state.found
@@ -344,7 +351,7 @@ def backward(task: Task, state: State) -> State:
     """Without each explanation that hardly helps on held-out trips once the others are there."""
     if len(state.chosen) < 2:
         return state
-    _, p = posed(task, state)
+    _, p = posed(task, state, chosen_only=True)
     s = selection(state, p)
     full = select.cross_validate(p, s, "trip").mean()
     nothing = nominal_loss(task, state)
@@ -367,12 +374,12 @@ def _loss_without(task: Task, state: State, p: Problem, s: Selection, choice: Ch
     name = choice.candidate.name
     added = task.recording.effect(state.found.without(name), state.found)
     y = p.y + (added * np.sqrt(p.weight))[task.use]
-    other = replace(p, y=y, _by_fold={})
+    other = replace(p, y=y, inner=None, _by_fold={})
     return float(select.cross_validate(other, s.remove(name), "trip").mean())
 
 
 def nominal_loss(task: Task, state: State) -> float:
     """Cross-validated loss of the nominal model with its honest errors."""
     bare = State(task.base, weight=state.weight)
-    _, p = posed(task, bare)
+    _, p = posed(task, bare, chosen_only=True)
     return float(select.cross_validate(p, Selection(), "trip").mean())

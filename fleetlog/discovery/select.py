@@ -97,7 +97,7 @@ def held_out_trips(p: Problem, s: Selection, within: Within = anything) -> Float
     for k, fold in enumerate(p.folds("trip")):
         f = within(fit(p, s, p.gram - fold[0], p.moment - fold[1], inverse=False), s)
         rows = p.fold["trip"] == k
-        residual = p.y[rows] - p.x[rows][:, f.columns] @ f.beta
+        residual = (p.y - p.predicted(f.columns, f.beta))[rows]
         total += np.bincount(p.trip[rows], residual**2, len(total))
     return total
 
@@ -147,11 +147,11 @@ def gain_of(
     f = fit(p, with_it, inverse=False)
     if c.kind == "scalar":
         own = f.nuisances + sum(len(v) for v in s.columns.values())
-        effect = p.x[:, f.columns[own:]] @ f.beta[own:]
+        effect = p.predicted(f.columns[own:], f.beta[own:])
     else:
         # Of a free shape only what the honest errors could not say as well.
         g = fit(p, s, inverse=False)
-        effect = p.x[:, f.columns] @ f.beta - p.x[:, g.columns] @ g.beta
+        effect = p.predicted(f.columns, f.beta) - p.predicted(g.columns, g.beta)
     return Gain(by_split, error, trips, material_share(effect / root, energy, c.place), with_it.tau[c.name])
 
 

@@ -122,7 +122,7 @@ class Journeys:
     def tabulate(self, found: Found, named: list[Candidate], free: dict[str, Columns]) -> Table:
         """Recorded minus modelled seconds, and the columns of all candidates about the model; the last table is kept."""
         for model, candidates, table in self.latest:
-            if model is found and candidates == named:
+            if model is found and all(c in candidates for c in named):
                 return table
         self.latest.clear()
         self.latest.append((found, named, self._table(found, named, free)))
