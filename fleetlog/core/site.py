@@ -60,6 +60,7 @@ class Place:
     x: float
     y: float
     plugs: int = 1
+    """Trucks that there is room for at once; chargers have as many plugs."""
     power: float = float("nan")
     """Charging power [W] of one plug, for kind ``charge``."""
 

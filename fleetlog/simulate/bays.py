@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.site import Place, Site
 from fleetlog.core.truck import Truck
-from fleetlog.simulate.junctions import GAP, Junctions, half_box
+from fleetlog.simulate.junctions import Junctions, half_box
 from fleetlog.simulate.paths import arc, even
+from fleetlog.simulate.spurs import SHARES, Bay, opposite_spur, span
 from fleetlog.simulate.track import SPACING, Track
 
 Floats = NDArray[np.float64]
@@ -19,25 +18,7 @@ OFF_ROADS = 15.0
 """A place farther than this from every road is not on the site [m]."""
 REACH = 25.0
 """A bay is drawn at most this far along the road from its place [m]."""
-SHARES = (1.0, 0.7, 0.5)
-"""Of the turn radius that the way into a bay is tried with, in this order; a truck creeps in there."""
 STEP = 0.5
-
-
-@dataclass(frozen=True)
-class Bay:
-    """A spot for one truck.
-
-    ``lane`` is where its spur leaves at offset ``at`` [m]; ``path`` (n, 4) x, y, heading, curvature from there into the bay,
-    ``length`` [m]; ``ahead`` [m] is how far before ``at`` a truck on the spur can be met on the lane.
-    """
-
-    place: Place
-    lane: int
-    at: float
-    path: Floats
-    length: float
-    ahead: float
 
 
 class BayMaker:
@@ -48,13 +29,12 @@ class BayMaker:
 
         self.track, self.junctions, self.truck, self.side = track, junctions, truck, side
         self.half = half_box(truck)
-        self.tree = cKDTree(np.column_stack([track.x, track.y]))
         self.lanes = len(track.network)
         self._lane_tree = cKDTree(np.column_stack([track.x, track.y])[: track.first[self.lanes]])
-        self.owner = np.repeat(np.arange(len(track)), np.diff(track.first))
+        self.owner = np.repeat(np.arange(len(track), dtype=np.int32), np.diff(track.first))
         self.bays: list[Bay] = []
-        self._taken = np.zeros((0, 3))
-        self._swept = np.zeros((0, 3))
+        self._ground = Ground(track, junctions.resource < 0, self.owner, self.half)
+        self._spurs: dict[tuple[float, float, float], tuple[Floats, float]] = {}
 
     def lanes_near(self, x: float, y: float) -> list[tuple[float, int, float]]:
         """(distance, lane, offset) of the lanes within reach of a point, nearest first."""
@@ -69,133 +49,145 @@ class BayMaker:
         return sorted((gap, lane, at) for lane, (gap, at) in found.items())
 
     def place(self, place: Place) -> Bay | None:
-        """A bay for ``place`` on the nearest ground that is free, or None."""
+        """A bay for ``place`` on the nearest ground that is free, or None; rather one that both lanes of its road lead to."""
+        near = self.lanes_near(place.x, place.y)
+        bay = self._nearest(place, near, True) or self._nearest(place, near, False)
+        if bay is not None:
+            self._keep(bay)
+        return bay
+
+    def along(self, lane: int, at: float, place: Place) -> Bay | None:
+        """A bay exactly at ``at`` on ``lane``, or None."""
+        bay = self._try(place, lane, at, 0.0, False)
+        if bay is not None:
+            self._keep(bay)
+        return bay
+
+    def from_both(self, lane: int, centre: float, radius: float) -> bool:
+        """Whether a bay beside offset ``centre`` [m] can be reached from the opposite lane too, or there is none."""
+        t, reverse = self.track, int(self.track.network.reverse[lane])
+        if reverse < 0:
+            return True
+        here = slice(t.first[lane], t.first[lane + 1])
+        there = slice(t.first[reverse], t.first[reverse + 1])
+        on_road = np.interp(centre, np.arange(len(t.offset[here])) * t.spacing[lane], t.offset[here])
+        back = float(t.network.length[lane]) - on_road
+        at = np.interp(back, t.offset[there], np.arange(len(t.offset[there])) * t.spacing[reverse]) - radius
+        low, high = span(t, self.junctions, reverse)
+        return bool(low + SPACING <= at <= high)
+
+    def _nearest(self, place: Place, near: list[tuple[float, int, float]], both: bool) -> Bay | None:
         best: tuple[float, Bay] | None = None
-        for gap, lane, at in self.lanes_near(place.x, place.y):
+        for gap, lane, at in near:
             if best is not None and gap > best[0] + REACH:
                 break
             for shift in np.arange(0.0, REACH, STEP):
                 if best is not None and gap + shift >= best[0]:
                     break
-                bay = self._try(place, lane, at, shift)
+                bay = self._try(place, lane, at, float(shift), both)
                 if bay is not None:
                     best = (gap + shift, bay)
                     break
-        if best is None:
-            return None
-        self._keep(best[1])
-        return best[1]
-
-    def along(self, lane: int, at: float, place: Place) -> Bay | None:
-        """A bay exactly at ``at`` on ``lane``, or None."""
-        bay = self._try(place, lane, at, 0.0)
-        if bay is not None:
-            self._keep(bay)
-        return bay
+        return None if best is None else best[1]
 
     def _keep(self, bay: Bay) -> None:
         self.bays.append(bay)
-        self._taken = np.vstack([self._taken, bay.path[-1:, :3]])
-        self._swept = np.vstack([self._swept, bay.path[:, :3]])
+        self._ground.take(bay.path)
 
-    def _try(self, place: Place, lane: int, at: float, shift: float) -> Bay | None:
+    def _try(self, place: Place, lane: int, at: float, shift: float, both: bool) -> Bay | None:
         sides = (self.side,) if self._two_lanes(lane) else (self.side, -self.side)
         for share in SHARES:
             radius = share * self.truck.chassis.turn_radius
             for centre in (at - shift, at + shift) if shift else (at,):
+                if both and not self.from_both(lane, centre, SHARES[-1] * self.truck.chassis.turn_radius):
+                    continue
                 for side in sides:
                     bay = self._shape(place, lane, centre - radius, radius, side)
-                    if bay is not None and self._free(bay):
+                    if bay is not None and self._free(bay) and (not both or self._opposite_free(bay)):
                         return bay
         return None
 
     def _two_lanes(self, lane: int) -> bool:
-        return (
-            abs(float(self.track.lateral[self.track.first[lane] : self.track.first[lane + 1]].mean())) > 0.3
-        )
+        # Lanes of one road lie beside its centre line all along, by the same distance.
+        middle = (self.track.first[lane] + self.track.first[lane + 1]) // 2
+        return abs(float(self.track.lateral[middle])) > 0.3
 
     def _shape(self, place: Place, lane: int, at: float, radius: float, side: float) -> Bay | None:
-        low, high = self.junctions.clear[lane], self.junctions.stop[lane]
-        if high < low:
-            # A single-lane aisle has no part of its own; whoever is on it has it to himself.
-            low, high = 0.25, float(self.track.length[lane]) - 0.25
+        low, high = span(self.track, self.junctions, lane)
         k = int(self.track.first[lane] + round(at / self.track.spacing[lane]))
         at = (k - self.track.first[lane]) * float(self.track.spacing[lane])
-        # At the very start of a lane a truck would have to stop before it is on it.
-        if not max(low, 0.2) <= at <= high:
+        if not low <= at <= high:
             return None
-        start, heading = np.array([self.track.x[k], self.track.y[k]]), float(self.track.heading[k])
-        into = np.array([np.cos(heading), np.sin(heading)])
-        normal = side * np.array([-into[1], into[0]])
-        aside = float((np.array([place.x, place.y]) - start) @ normal)
+        x, y, heading = float(self.track.x[k]), float(self.track.y[k]), float(self.track.heading[k])
+        c, s = np.cos(heading), np.sin(heading)
+        aside = side * ((place.y - y) * c - (place.x - x) * s)
         need = self.half[0] + self.half[1] + 0.1
-        deep = max(radius, need, min(aside, OFF_ROADS))
-        bow = arc(start + radius * into, into, side * np.pi / 2.0, radius)
-        end = start + radius * into + deep * normal
-        path, length = even(np.concatenate([bow, [end]]) if deep > radius + 1e-3 else bow, 0.5 * SPACING)
-        ahead = radius + self.half[1]
-        return Bay(place, lane, at, path, length, max(ahead, self.half[0]))
+        shape, length = self._spur(radius, max(radius, need, min(aside, OFF_ROADS)), side)
+        path = shape.copy()
+        path[:, 0], path[:, 1] = x + c * shape[:, 0] - s * shape[:, 1], y + s * shape[:, 0] + c * shape[:, 1]
+        path[:, 2] += heading
+        return Bay(place, lane, at, path, length, max(radius + self.half[1], self.half[0]))
+
+    def _spur(self, radius: float, deep: float, side: float) -> tuple[Floats, float]:
+        """The way into a bay ``deep`` m to one side, from the origin and heading along x."""
+        key = (radius, deep, side)
+        if key not in self._spurs:
+            bow = arc(np.array([radius, 0.0]), np.array([1.0, 0.0]), side * np.pi / 2.0, radius)
+            points = np.concatenate([bow, [[radius, side * deep]]]) if deep > radius + 1e-3 else bow
+            self._spurs[key] = even(points, 0.5 * SPACING)
+        return self._spurs[key]
 
     def _free(self, bay: Bay) -> bool:
         """Whether its ground is touched by no piece and no bay, and its spur by no safe part of another lane and no bay."""
         own = bay.lane
-        reverse = (
-            int(self.track.network.reverse[own])
-            if self.junctions.stop[own] < self.junctions.clear[own]
-            else -1
+        narrow = self.junctions.stop[own] < self.junctions.clear[own]
+        return self._ground.is_free(bay.path, own, int(self.track.network.reverse[own]) if narrow else -1)
+
+    def _opposite_free(self, bay: Bay) -> bool:
+        """Whether the opposite lane of its road leads to it too; True where there is none."""
+        reverse = int(self.track.network.reverse[bay.lane])
+        for share in SHARES:
+            radius = share * self.truck.chassis.turn_radius
+            door = opposite_spur(self.track, self.junctions, bay, radius, self.half[1])
+            if door is not None and self._ground.is_free(door.path, bay.lane, reverse):
+                return True
+        return reverse < 0
+
+
+class Ground:
+    """What trucks stand on and drive over, in cells."""
+
+    def __init__(
+        self, track: Track, safe: NDArray[np.bool_], owner: NDArray[np.int32], half: tuple[float, float]
+    ) -> None:
+        from fleetlog.simulate.kernels.ground import new_cells, put
+
+        self.half, cell = half, 2.0 * float(np.hypot(*half))
+        boxes = np.column_stack([track.x, track.y, track.heading])
+        self._extent = (track.x, track.y, cell)
+        self.every = new_cells(*self._extent, len(boxes))
+        self.safe = new_cells(*self._extent, int(safe.sum()))
+        put(self.every, boxes, owner)
+        put(self.safe, boxes[safe], owner[safe])
+        self.parked, self.swept = new_cells(*self._extent, 64), new_cells(*self._extent, 4096)
+
+    def is_free(self, path: Floats, lane: int, reverse: int) -> bool:
+        """See ``spur_is_free``."""
+        from fleetlog.simulate.kernels.ground import spur_is_free
+
+        return bool(
+            spur_is_free(path, self.every, self.safe, self.parked, self.swept, *self.half, lane, reverse)
         )
-        reach = 2.0 * float(np.hypot(*self.half))
-        # From the bay outwards: most ground that is taken is taken there.
-        for i, (x, y, heading, _) in reversed(list(enumerate(bay.path))):
-            rows = np.asarray(self.tree.query_ball_point((x, y), reach), dtype=np.int64)
-            if i < len(bay.path) - 1:
-                safe = self.junctions.resource[rows] < 0
-                rows = rows[safe & (self.owner[rows] != own) & (self.owner[rows] != reverse)]
-            samples = np.column_stack([self.track.x[rows], self.track.y[rows], self.track.heading[rows]])
-            if self._meets(x, y, heading, samples) or self._meets(x, y, heading, self._taken):
-                return False
-        x, y, heading, _ = bay.path[-1]
-        return not self._meets(x, y, heading, self._swept)
 
-    def _meets(self, x: float, y: float, heading: float, others: Floats) -> bool:
-        from fleetlog.simulate.kernels.geometry import meets_any
+    def take(self, path: Floats) -> None:
+        """A truck may stand at the end of ``path`` (n, 4) and drive over all of it."""
+        from fleetlog.simulate.kernels.ground import grown, put
 
-        return bool(meets_any(x, y, heading, np.ascontiguousarray(others), *self.half))
+        self.parked, self.swept = grown(self.parked, 1), grown(self.swept, len(path))
+        put(self.parked, path[-1:], np.zeros(1, np.int32))
+        put(self.swept, path, np.zeros(len(path), np.int32))
 
 
 def side_of(site: Site) -> float:
     """+1 where bays lie left of the lane, -1 right: the side that traffic keeps to."""
     return 1.0 if site.traffic == "left" else -1.0
-
-
-def auto_places(maker: BayMaker, wanted: int, kinds: tuple[str, ...] = ("park", "pick", "drop")) -> list[Bay]:
-    """Bays drawn along the lanes of a site without places, evenly over the roads; at most ``wanted``."""
-    pitch = maker.truck.chassis.width + 2.0 * GAP
-    spots: list[tuple[float, int, float]] = []
-    for lane in range(maker.lanes):
-        low, high = maker.junctions.clear[lane], maker.junctions.stop[lane]
-        if high < low:
-            low, high = 0.25, float(maker.track.length[lane]) - 0.25
-        n = int(max(high - low, 0.0) / pitch)
-        # The middle of a lane first, then its quarters ...: a few bays lie spread over all roads.
-        spots += [(_spread(i), lane, low + (i + 0.5) / n * (high - low)) for i in range(n)]
-    made: list[Bay] = []
-    for _, lane, at in sorted(spots):
-        if len(made) >= wanted:
-            break
-        kind = kinds[len(made) % len(kinds)]
-        spot = maker.track.first[lane] + int(at / maker.track.spacing[lane])
-        place = Place(f"{kind}-{len(made) + 1}", kind, float(maker.track.x[spot]), float(maker.track.y[spot]))  # type: ignore[arg-type]  # one of the kinds above
-        bay = maker.along(lane, at, place)
-        if bay is not None:
-            made.append(bay)
-    return made
-
-
-def _spread(i: int) -> float:
-    """Van der Corput's sequence of base 2: an order in which any first few are far apart."""
-    out, share = 0.0, 0.5
-    while i:
-        out += share * (i & 1)
-        i, share = i >> 1, share / 2.0
-    return out

@@ -18,6 +18,7 @@ from fleetlog.simulate.state import (
     PARKED,
     WANTS_OUT,
     Fleet,
+    creep_speed,
 )
 from fleetlog.simulate.tasks import ENGAGE, Demand, Task, random_dwell, random_height, random_load
 from fleetlog.simulate.untangle import Count, Untangler
@@ -27,6 +28,8 @@ YIELD = 5.0
 """A truck that waits this long for a place asks whoever stands idle there to leave [s]."""
 ASIDE = 30.0
 """A truck that waits this long for a place, at a place that another truck waits for, makes room itself [s]."""
+DUE = 50
+"""Due tasks that a truck looks at."""
 
 
 @dataclass(frozen=True)
@@ -80,19 +83,22 @@ class Dispatcher(Untangler):
             self.work = self.kind != "charge"
         self.where = np.array([b.path[-1, :2] for b in world.bays])
         self.soc = np.ones(len(names))
+        creep, drive = creep_speed(self.truck), self.truck.drive
+        change = 0.5 * creep * (1.0 / drive.max_acceleration + 1.0 / drive.max_deceleration)
+        self.spur_time = np.array([d.length for d in world.doors]) / creep + change
         self._check_reachable()
 
     def _check_reachable(self) -> None:
         for task in self.pending:
             a, b = self.bays_of[task.source][0], self.bays_of[task.target][0]
-            if a != b and self.world.way(a, b) is None:
+            if a != b and not self.world.ways.joins(a, b):
                 raise SiteError(
                     f"place {task.target!r} cannot be reached from {task.source!r}",
                     do="check one-way roads and turns of the map",
                 )
         first = int(np.flatnonzero(self.kind != "charge")[0])
         for b, bay in enumerate(self.world.bays):
-            if b != first and (self.world.way(first, b) is None or self.world.way(b, first) is None):
+            if b != first and not (self.world.ways.joins(first, b) and self.world.ways.joins(b, first)):
                 raise SiteError(
                     f"place {bay.place.id!r} cannot be reached from {self.world.bays[first].place.id!r} and back",
                     do="check one-way roads and turns of the map, or remove the place",
@@ -103,7 +109,7 @@ class Dispatcher(Untangler):
         order = [b for b in range(len(self.kind)) if self.kind[b] == "park"]
         order += [b for b in range(len(self.kind)) if self.kind[b] not in ("park", "charge")]
         for v, b in enumerate(order[: len(self.names)]):
-            self.fleet.bay[v] = self.home[v] = b
+            self.fleet.door[v] = self.home[v] = b
             self.fleet.spur[v] = self.world.bays[b].length
             self.owner[b] = v
 
@@ -162,7 +168,8 @@ class Dispatcher(Untangler):
         times = (height / lift.raise_speed, ENGAGE, height / lift.lower_speed)
         f.hand_start[v], f.hand_height[v], f.hand_times[v] = now, height, times
         f.hand_before[v], f.hand_after[v] = f.load[v], after
-        f.until[v] = now + max(task.dwell[which], sum(times))
+        spurs = 2.0 * self.spur_time[f.door[v]] if task.on_road else 0.0
+        f.until[v] = now + max(task.dwell[which] - spurs, sum(times))
         f.mode[v] = HANDLING
 
     def _idle(self, v: int, now: float) -> None:
@@ -184,16 +191,11 @@ class Dispatcher(Untangler):
 
     def _new_task(self, v: int, now: float) -> bool:
         job = self.jobs[v]
-        for i, task in enumerate(self._due[:50]):
-            if task.vehicle not in (None, self.names[v]):
-                continue
-            if not self._open(task.source, v):
-                # Who stands idle there does it himself, if he may and can.
-                self._send_away(v, self.bays_of[task.source], task.vehicle is None)
-                continue
-            if self._nearest(task, v):
-                job.task, job.stage = self._due.pop(i), "assigned"
-                return True
+        task = self._due_task(v, now)
+        if task is not None:
+            self._due.remove(task)
+            job.task, job.stage = task, "assigned"
+            return True
         if not self.demand.endless:
             return False
         source = self._free_place(v, {"pick"})
@@ -209,6 +211,26 @@ class Dispatcher(Untangler):
         job.stage = "assigned"
         self.count.tasks_given += 1
         return True
+
+    def _due_task(self, v: int, now: float) -> Task | None:
+        """The nearest of the due tasks that this truck can do now, of those that have waited at least half as long as the first."""
+        best: tuple[float, Task] | None = None
+        patience = 0.0
+        for task in self._due[:DUE]:
+            if task.vehicle not in (None, self.names[v]):
+                continue
+            if best is not None and now - task.earliest < patience:
+                break
+            if not self._open(task.source, v):
+                # Who stands idle there does it himself, if he may and can.
+                self._send_away(v, self.bays_of[task.source], task.vehicle is None)
+                continue
+            if self._nearest(task, v):
+                cost = min(self._cost(v, b) for b in self.bays_of[task.source] if self.owner[b] in (-1, v))
+                patience = patience or 0.5 * (now - task.earliest)
+                if best is None or cost < best[0]:
+                    best = (cost, task)
+        return None if best is None else best[1]
 
     def _open(self, place: str, v: int) -> bool:
         """Whether a bay of a place is free, or this truck's own."""
@@ -258,11 +280,16 @@ class Dispatcher(Untangler):
             job.stage, job.goal = stage, int(self.home[v])
             self._parked(v, now)
             return
-        for b in bays:
-            if self.owner[b] < 0:
-                self._go(v, b, stage)
-                return
-        self._wait_for(v, bays, now)
+        free = [b for b in bays if self.owner[b] < 0]
+        if free:
+            self._go(v, min(free, key=lambda b: self._cost(v, b)), stage)
+        else:
+            self._wait_for(v, bays, now)
+
+    def _cost(self, v: int, b: int) -> float:
+        """Seconds to bay ``b``."""
+        way = self.world.ways.between(int(self.home[v]), b)
+        return np.inf if way is None else way.cost
 
     def _wait_for(self, v: int, bays: list[int], now: float) -> None:
         """Stand until one of the bays is free: the idle are asked to leave them; who is in the way of others goes aside."""
@@ -319,15 +346,12 @@ class Dispatcher(Untangler):
 
     def _go(self, v: int, b: int, stage: str) -> None:
         f, job = self.fleet, self.jobs[v]
-        way = self.world.way(int(self.home[v]), b, self._closed())
-        if way is None:
-            way = self.world.way(int(self.home[v]), b)
+        ways, home = self.world.ways, int(self.home[v])
+        way = ways.between(home, b, self._closed()) or ways.between(home, b)
         assert way is not None
         self.owner[b] = v
         job.stage, job.goal = stage, b
-        f.goal[v] = b
-        self._set_route(v, way)
-        f.at[v] = 0
+        self._take(v, way)
         f.mode[v] = WANTS_OUT
         f.waits[v] = np.inf
 

@@ -188,6 +188,7 @@ class Run:
         self.dispatcher = Dispatcher(world, self.fleet, names, demand, settings.policy, rng)
         self.dispatcher.settle()
         charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])
+        self.bay_of = np.array([d.bay for d in world.doors], dtype=np.int32)
         soc = np.full(n, settings.soc)
         self.meter = Meter(
             world.physics, world.ground, charger, dt, soc, settings.temperature, settings.battery
@@ -214,7 +215,7 @@ class Run:
 
         dt, lift = self.settings.step, self.world.truck.lift
         self.dispatcher.soc = self.meter.soc
-        bay = self.fleet.bay.copy()
+        bay = self.bay_of[self.fleet.door]
         for k in range(0, self.steps, self.second):
             self.dispatcher.tick((step0 + k) * dt)
             advance(
@@ -235,8 +236,9 @@ class Run:
     def _stop_empty(self) -> None:
         f = self.fleet
         for v in np.flatnonzero((self.meter.soc <= 0.0) & (f.mode != EMPTY)):
-            if f.mode[v] in (PARKED, HANDLING, DRIVING, AT_BAY, WANTS_OUT):
+            if f.mode[v] in (PARKED, HANDLING, DRIVING, AT_BAY, WANTS_OUT) and not f.entry[v]:
                 f.mode[v] = EMPTY
+                f.asks[f.asks == v] = -1
                 self.dispatcher.count.empty.append(self.names[v])
 
     def _summary(self, total: int) -> Summary:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
 from fleetlog.simulate.drive import SpeedProfile, speed_profile
-from fleetlog.simulate.paths import even, rounded, simplified
 from fleetlog.simulate.track import SPACING, Track
+from fleetlog.simulate.way import Way, free_way, joined
 from fleetlog.simulate.world import within
 
 Floats = NDArray[np.float64]
@@ -25,36 +22,10 @@ MATCHED = 0.8
 """A drive with fewer of its rows on a road follows its own positions."""
 COARSE = 3.0
 """Own positions are taken this far apart: closer, noise would be turns [m]."""
-
-
-@dataclass(frozen=True)
-class Way:
-    """N nodes: ``distance`` [m] along, x, y, z [m], heading [rad], curvature [1/m], slope [rad], edge (-1 off the map), offset [m]."""
-
-    distance: Floats
-    x: Floats
-    y: Floats
-    z: Floats
-    heading: Floats
-    curvature: Floats
-    slope: Floats
-    edge: Index
-    offset: Floats
-    stops: tuple[int, ...] = ()
-
-    def at(self, s: Floats, payload: float = 0.0) -> Motion:
-        """Place and shape of the way at (M,) distances, as a motion with ``payload`` [kg]; the rest of it empty."""
-        i = np.clip(np.searchsorted(self.distance, s, side="right") - 1, 0, len(self.distance) - 1)
-        near = np.clip(
-            np.rint(np.interp(s, self.distance, np.arange(len(self.distance)))).astype(int), 0, None
-        )
-        heading = np.interp(s, self.distance, np.unwrap(self.heading))
-        offset = self.offset[i] + np.where(self.edge[i] >= 0, s - self.distance[i], 0.0)
-        return Motion.of(
-            len(s), x=np.interp(s, self.distance, self.x), y=np.interp(s, self.distance, self.y),
-            heading=np.angle(np.exp(1j * heading)), curvature=np.interp(s, self.distance, self.curvature),
-            slope=self.slope[near], edge=self.edge[i], edge_offset=offset, payload=payload,
-        )  # fmt: skip
+FINE = 1.0
+"""So far apart beside the road, where the ways are short [m]."""
+OFF_LANE = 2.0
+"""Farther than this from the middle of its road a truck is beside it [m]."""
 
 
 class Pathfinder:
@@ -67,13 +38,34 @@ class Pathfinder:
 
     def way(self, drive: Trajectory) -> Way | None:
         """The way of the rows of one drive; None where it goes nowhere."""
-        edge = (
-            drive.labels("edge_id").recode(self.known) if self.track is not None else np.full(len(drive), -1)
-        )
-        if self.track is not None and len(edge) and np.mean(edge >= 0) >= MATCHED:
-            on = edge >= 0
-            return self._on_roads(edge[on].astype(np.int32), np.nan_to_num(drive.floats("edge_offset"))[on])
-        return self._own(drive.floats("x"), drive.floats("y"), np.nan_to_num(drive.floats("z")))
+        x, y, z = drive.floats("x"), drive.floats("y"), np.nan_to_num(drive.floats("z"))
+        if self.track is None:
+            return self._own(x, y, z)
+        edge = drive.labels("edge_id").recode(self.known)
+        if not len(edge) or np.mean(edge >= 0) < MATCHED:
+            return self._own(x, y, z)
+        offset = np.nan_to_num(drive.floats("edge_offset"))
+        a, b = on_lanes(edge, offset, np.nan_to_num(drive.floats("lateral_offset")))
+        on = np.flatnonzero(edge[a:b] >= 0) + a
+        road = self._on_roads(edge[on].astype(np.int32), offset[on])
+        return None if road is None else self._with_ends(road, x, y, z, a, b)
+
+    def _with_ends(self, road: Way, x: Floats, y: Floats, z: Floats, a: int, b: int) -> Way:
+        """The road with the rows before ``a`` and from ``b`` on, where the truck came out of a bay and went into one."""
+        first, last = ([road.x[k], road.y[k], road.z[k]] for k in (0, -1))
+        for rows, after in ((slice(0, a), True), (slice(b, len(x)), False)):
+            own = np.column_stack([x[rows], y[rows], z[rows]])
+            own = own[np.isfinite(own).all(axis=1)]
+            if not len(own):
+                continue
+            east, north, up = np.concatenate([own, [first]] if after else [[last], own]).T
+            spur = free_way(east, north, up, FINE, self.radius)
+            if spur is not None:
+                pair = [spur, road] if after else [road, spur]
+                # Out of a bay a truck backs: it stops before it drives on.
+                turn = pair[1].heading[0] - pair[0].heading[-1]
+                road = joined(pair, bool(np.cos(turn) < 0.0))
+        return road
 
     def _on_roads(self, edge: Index, offset: Floats) -> Way | None:
         cut = np.flatnonzero(np.diff(edge) != 0)
@@ -89,7 +81,7 @@ class Pathfinder:
             else:
                 legs[-1] = (chain + more, start, float(offset[e]))
         ways = [w for w in (self._leg(*leg) for leg in legs) if w is not None]
-        return chained(ways) if ways else None
+        return joined(ways, True) if ways else None
 
     def _joined(self, a: int, b: int) -> list[int] | None:
         """Edges after ``a`` up to ``b``; None where only a long way leads there."""
@@ -141,7 +133,7 @@ class Pathfinder:
             self._straight(edges[0], start, float(t.offset[rows[0]])),
             self._straight(edges[-1], float(t.offset[rows[-1]]), end),
         )
-        return fused([w for w in (ends[0], way, ends[1]) if w is not None])
+        return joined([w for w in (ends[0], way, ends[1]) if w is not None], False)
 
     def _straight(self, edge: int, start: float, end: float) -> Way | None:
         """The edge itself from one offset to another; None where that is nothing."""
@@ -159,48 +151,21 @@ class Pathfinder:
 
     def _own(self, x: Floats, y: Floats, z: Floats) -> Way | None:
         good = np.isfinite(x) & np.isfinite(y)
-        x, y, z = x[good], y[good], z[good]
-        if len(x) < 2:
-            return None
-        keep = [0]
-        for i in range(1, len(x)):
-            if np.hypot(x[i] - x[keep[-1]], y[i] - y[keep[-1]]) >= COARSE:
-                keep.append(i)
-        if len(keep) < 2:
-            return None
-        shape, length = even(rounded(simplified(np.column_stack([x, y])[keep]), self.radius), 1.0)
-        n = len(shape)
-        s = np.linspace(0.0, length, n)
-        high = np.interp(s, np.linspace(0.0, length, len(keep)), z[keep])
-        none = np.full(n, -1, np.int32)
-        return Way(
-            s, shape[:, 0], shape[:, 1], high, shape[:, 2], shape[:, 3], np.zeros(n), none, np.zeros(n)
-        )
+        return free_way(x[good], y[good], z[good], COARSE, self.radius)
 
 
-def fused(ways: list[Way]) -> Way:
-    """Pieces that follow one another without a stop, as one way."""
-    if len(ways) == 1:
-        return ways[0]
-    joined = chained(ways)
-    return replace(joined, stops=())
+def on_lanes(edge: NDArray[np.integer], offset: Floats, lateral: Floats) -> tuple[int, int]:
+    """Rows a to b of a drive between the bay that it came out of and the one that it went into; all of it without bays.
 
-
-def chained(ways: list[Way]) -> Way:
-    """Legs one after the other, with a stop between them."""
-    if len(ways) == 1:
-        return ways[0]
-    base = np.concatenate([[0.0], np.cumsum([w.distance[-1] + 1e-6 for w in ways])])
-    stops = np.cumsum([len(w.distance) for w in ways])[:-1]
-
-    def join(name: str) -> Floats:
-        return np.concatenate([np.asarray(getattr(w, name), dtype=np.float64) for w in ways])
-
-    return Way(
-        np.concatenate([w.distance + b for w, b in zip(ways, base[:-1], strict=True)]), join("x"), join("y"), join("z"),
-        np.unwrap(join("heading")), join("curvature"), join("slope"), join("edge").astype(np.int32), join("offset"),
-        tuple(int(k) for k in stops),
-    )  # fmt: skip
+    Backing out goes on until the truck drives along its road.
+    """
+    beside = np.abs(lateral) > OFF_LANE
+    if beside.all():
+        return 0, len(edge)
+    a, b = int(np.argmin(beside)), len(beside) - int(np.argmin(beside[::-1]))
+    while 0 < a < b - 1 and edge[a + 1] == edge[a] and offset[a + 1] < offset[a]:
+        a += 1
+    return a, b
 
 
 def drive_along(way: Way, site: Site, physics: Physics, payload: float) -> SpeedProfile:

@@ -19,8 +19,9 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 from fleetlog.physics.power import Physics, battery_power, cell_power
 from fleetlog.simulate.drive import SpeedProfile
-from fleetlog.simulate.legs import Pathfinder, Way, drive_along
+from fleetlog.simulate.legs import Pathfinder, drive_along
 from fleetlog.simulate.track import build_track
+from fleetlog.simulate.way import Way
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.trips import MAX_GAP, STANDING_SPEED
 from fleetlog.store.writer import DatasetWriter
@@ -154,7 +155,7 @@ class VehicleReplay:
         arrive = float(time[j] + min(speed[j] / drive.max_deceleration, self.interval))
         if way is not None:
             self.trips += 1
-            self.own += int(way.edge[0] < 0)
+            self.own += int((way.edge < 0).all())
             power = np.nan_to_num(rows.floats("battery_power"))
             step = np.clip(np.diff(time, append=time[-1:]), 0.0, MAX_GAP)
             self.totals[:3] += float((speed * step).sum()), arrive - leave, float((power * step).sum())

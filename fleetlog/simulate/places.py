@@ -33,6 +33,8 @@ KNOWN = 6.0
 """A mined place this close to one of the site is that one [m]."""
 MAJORITY = 0.3
 """A place where loads (or charge) change in more than this share of the visits is one for that."""
+JITTER = 120.0
+"""A drawn task comes this much earlier or later than the recorded one at most [s]."""
 
 
 @dataclass(frozen=True)
@@ -201,10 +203,27 @@ def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:
     return replace(site, places=tuple(places)), names
 
 
+def with_room(site: Site, stands: Stands, cluster: NDArray[np.int64], names: list[str]) -> Site:
+    """The site with room at each place, chargers apart, for as many trucks as were seen there at the same time."""
+    most: dict[str, int] = {}
+    for k, name in enumerate(names):
+        mine = cluster == k
+        time = np.concatenate([stands.start[mine], stands.end[mine]])
+        step = np.repeat([1, -1], mine.sum())
+        # Who leaves as another comes makes room for it.
+        together = np.cumsum(step[np.lexsort((step, time))])
+        most[name] = max(most.get(name, 1), int(together.max(initial=1)))
+    places = (
+        p if p.kind == "charge" else replace(p, plugs=max(p.plugs, most.get(p.id, 1))) for p in site.places
+    )
+    return replace(site, places=tuple(places))
+
+
 def carried(stands: Stands, cluster: NDArray[np.int64], names: list[str]) -> list[Task]:
     """Every load that the recording shows: taken up at one place, set down at another by the same truck.
 
-    ``earliest`` is the time of day [s] at which it was taken up.
+    ``earliest`` is the time of day [s] at which the truck set off to fetch it.  Recorded trucks mostly stood on the road, so the
+    way into a bay and out of it counts as time at the place.
     """
     tasks: list[Task] = []
     held: tuple[int, int] | None = None
@@ -218,10 +237,11 @@ def carried(stands: Stands, cluster: NDArray[np.int64], names: list[str]) -> lis
             a, b = int(cluster[k]), int(cluster[i])
             if vehicle != stands.vehicle[i] or a < 0 or b < 0 or names[a] == names[b]:
                 continue
-            day = float(stands.start[k] % 86_400_000_000) * 1e-6
+            known = k > 0 and stands.vehicle[k - 1] == vehicle
+            day = float((stands.end[k - 1] if known else stands.start[k]) % 86_400_000_000) * 1e-6
             tasks.append(
                 Task(None, names[a], names[b], float(stands.after[k] - stands.before[k]), day,
-                     (float(stands.dwell[k]), float(stands.dwell[i])), (float(stands.height[k]), float(stands.height[i])))
+                     (float(stands.dwell[k]), float(stands.dwell[i])), (float(stands.height[k]), float(stands.height[i])), True)
             )  # fmt: skip
     return tasks
 
@@ -248,7 +268,8 @@ def demand_like(
     -----
     Each hour has a Poisson number of tasks with the recorded mean of that hour of day (of the whole recording where that
     hour was not recorded); places, payload, dwell times and heights of each are drawn together from one recorded task, so
-    that they keep their joint distribution.
+    that they keep their joint distribution.  A task comes within ``JITTER`` of the time of day of that one, so that lulls and
+    rushes come again, and at any time where the recording covers less of the hour than is simulated.
     """
     rng = np.random.Generator(np.random.PCG64([seed, 7]))
     hour = np.array([int(t.earliest // 3600) % 24 for t in carried_tasks])
@@ -261,12 +282,26 @@ def demand_like(
         here = np.flatnonzero(hour == now)
         rate = len(here) / hours[now] if hours[now] > 0.1 else mean
         pool = here if len(here) else np.arange(len(carried_tasks))
-        for at in np.sort(rng.uniform(begin, end, rng.poisson(rate * share * (end - begin) / 3600.0))):
-            like = carried_tasks[int(pool[rng.integers(len(pool))])]
-            load = min(like.payload, truck.chassis.rated_load)
-            out.append(replace(like, payload=load, earliest=float(at)))
+        covered = len(here) > 0 and 3600.0 * hours[now] >= 0.95 * (end - begin)
+        for like in (
+            carried_tasks[int(i)]
+            for i in rng.choice(pool, rng.poisson(rate * share * (end - begin) / 3600.0))
+        ):
+            at = (
+                like.earliest % 3600.0
+                - (start_of_day + begin) % 3600.0
+                + begin
+                + rng.uniform(-JITTER, JITTER)
+            )
+            if not covered or at >= end:
+                at = rng.uniform(begin, end)
+            out.append(
+                replace(
+                    like, payload=min(like.payload, truck.chassis.rated_load), earliest=float(max(at, begin))
+                )
+            )
         begin = end
-    return out
+    return sorted(out, key=lambda t: t.earliest)
 
 
 def _seconds(iso: str) -> float:
@@ -293,6 +328,7 @@ def like(
     cluster = clusters(stands)
     table = place_table(stands, cluster)
     site, names = mined_site(site, table)
+    site = with_room(site, stands, cluster, names)
     known = carried(stands, cluster, names)
     kinds = ", ".join(f"{n} {k}" for k, n in table.kind.value_counts().items())
     notes = [f"{len(table)} places mined from {len(stands)} stops ({kinds})"]

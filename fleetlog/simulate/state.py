@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ goes in, charges, or stands with an empty battery."""
 
 
 class Roads(NamedTuple):
-    """P pieces, E lanes, S samples, B bays, R resources; see Track, Junctions and Bay for the meaning."""
+    """P pieces, E lanes, S samples, D doors, R resources; see Track, Junctions and Door for the meaning."""
 
     first: NDArray[np.int64]
     spacing: Floats
@@ -32,10 +32,13 @@ class Roads(NamedTuple):
     bent: NDArray[np.bool_]
     conflict_first: NDArray[np.int64]
     conflicts: Index
-    bay_lane: Index
-    bay_at: Floats
-    bay_length: Floats
-    bay_ahead: Floats
+    door_lane: Index
+    door_at: Floats
+    door_length: Floats
+    door_ahead: Floats
+    door_crosses: Index
+    door_low: Floats
+    door_high: Floats
 
 
 class Limits(NamedTuple):
@@ -65,8 +68,10 @@ class Fleet(NamedTuple):
     v: Floats
     a: Floats
     spur: Floats
-    bay: Index
+    door: Index
+    """Of its bay while it stands there, then the one that it goes to."""
     goal: Index
+    """Door that it goes to when it has left its bay."""
     route: Index
     at: Index
     last: Index
@@ -93,6 +98,13 @@ class Fleet(NamedTuple):
     inbound: Index
     last_out: Index
     asks: Index
+    """(E,) the truck for which others stop on a lane, -1: none."""
+    ask_at: Floats
+    """(E,) where they stop for it [m]."""
+    crossed: Index
+    """(E,) the truck that crosses a lane on its way into a bay or out of it, -1: none."""
+    entry: NDArray[np.bool_]
+    """Whether a truck on the road has the ground of its bay reserved."""
     held: Index
     claimed: NDArray[np.int64]
     round: NDArray[np.int64]
@@ -119,52 +131,44 @@ class Log(NamedTuple):
 
 def new_log(trucks: int, steps: int) -> Log:
     """An empty log."""
-    shape = (trucks, steps)
-    s, v, a, height, lift, load = (np.zeros(shape) for _ in range(6))
-    return Log(
-        np.zeros(shape, np.int32),
-        s,
-        v,
-        a,
-        height,
-        lift,
-        load,
-        np.zeros(shape, np.int32),
-        np.zeros(shape, np.int8),
-    )
+    kinds = {"piece": np.int32, "trip": np.int32, "mode": np.int8}
+    return Log(*(np.zeros((trucks, steps), kinds.get(name, np.float64)) for name in Log._fields))
+
+
+NOT_ZERO: dict[str, float] = {
+    "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1, "behind": -1, "left": -1,
+    "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "waits": np.inf, "hand_start": -np.inf, "until": np.inf,
+    "attention": 1,
+}  # fmt: skip
+"""What trucks that are nowhere yet, and empty roads, begin with; all else with 0."""
 
 
 def new_fleet(trucks: int, lanes: int, pieces: int, resources: int, longest: int) -> Fleet:
-    """Trucks that are nowhere yet."""
+    """Trucks that are nowhere yet, on empty roads; routes have at most ``longest`` pieces."""
+    shape: dict[str, int | tuple[int, int]] = {
+        "route": (trucks, longest), "hand_times": (trucks, 3), "tail": pieces, "held": resources, "claimed": resources,
+        "round": 1, **dict.fromkeys(("on", "inbound", "last_out", "asks", "ask_at", "crossed"), lanes),
+    }  # fmt: skip
+    hints = get_type_hints(Fleet)
 
-    def ints(n: int, value: int = 0) -> Index:
-        return np.full(n, value, np.int32)
+    def array(name: str) -> NDArray[Any]:
+        # NDArray[T] is an array of any shape of dtype[T].
+        kind = get_args(get_args(hints[name])[1])[0]
+        return np.full(shape.get(name, trucks), NOT_ZERO.get(name, 0), kind)
 
-    def zeros() -> Floats:
-        return np.zeros(trucks)
+    return Fleet(*(array(name) for name in Fleet._fields))
 
-    n = trucks
-    return Fleet(
-        mode=np.zeros(n, np.int8), piece=ints(n, -1), s=zeros(), v=zeros(), a=zeros(), spur=zeros(), bay=ints(n, -1),
-        goal=ints(n, -1), route=np.full((n, longest), -1, np.int32), at=ints(n), last=ints(n, -1), held_from=ints(n),
-        held_to=ints(n, -1),
-        ahead=ints(n, -1), behind=ints(n, -1), waits=np.full(n, np.inf), load=zeros(), trip=ints(n),
-        hand_start=np.full(n, -np.inf), hand_height=zeros(), hand_times=np.zeros((n, 3)), hand_before=zeros(),
-        hand_after=zeros(), until=np.full(n, np.inf), attention=np.ones(n, np.bool_), force=np.zeros(n, np.bool_),
-        left=ints(n, -1), left_by=zeros(), left_hold=zeros(), tail=ints(pieces, -1), on=ints(lanes), inbound=ints(lanes),
-        last_out=ints(lanes, -1), asks=ints(lanes, -1), held=ints(resources), claimed=np.zeros(resources, np.int64),
-        round=np.zeros(1, np.int64), why=np.zeros(n, np.int8), moved=zeros(),
-        line=ints(n),
-    )  # fmt: skip
+
+def creep_speed(truck: Truck) -> float:
+    """Speed on the way into a bay and out of it [m/s]."""
+    d = truck.drive
+    return min(1.0, d.max_speed, float(np.sqrt(d.max_lateral_acceleration * 0.5 * truck.chassis.turn_radius)))
 
 
 def limits_of(truck: Truck, gap: float) -> Limits:
     """The numbers of a truck."""
     d = truck.drive
-    creep = min(
-        1.0, d.max_speed, float(np.sqrt(d.max_lateral_acceleration * 0.5 * truck.chassis.turn_radius))
-    )
     return Limits(
         truck.chassis.length, gap, d.max_acceleration, d.max_deceleration, 0.9 * d.max_deceleration, d.max_power,
-        truck.resistance.rolling, truck.chassis.mass, creep, 15.0,
+        truck.resistance.rolling, truck.chassis.mass, creep_speed(truck), 15.0,
     )  # fmt: skip

@@ -25,7 +25,8 @@ class Task:
     """One load.
 
     ``vehicle`` is an id or None for any; ``source`` and ``target`` are places; ``payload`` kg; ``earliest`` s after the
-    start; ``dwell`` (pick, drop) seconds at the two places, at least what the lift needs; ``height`` (pick, drop) m.
+    start; ``dwell`` (pick, drop) seconds at the two places, at least what the lift needs; ``height`` (pick, drop) m.  With
+    ``on_road`` the dwell includes the way into the bay and out of it.
     """
 
     vehicle: str | None
@@ -35,6 +36,7 @@ class Task:
     earliest: float
     dwell: tuple[float, float] = (20.0, 20.0)
     height: tuple[float, float] = (1.2, 1.2)
+    on_road: bool = False
 
 
 @dataclass

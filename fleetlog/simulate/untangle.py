@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fleetlog.simulate.state import DRIVING, EMPTY, PARKED, Fleet
-from fleetlog.simulate.world import Index, World
+from fleetlog.simulate.ways import Way
+from fleetlog.simulate.world import World
 
 STUCK = 30.0
 """After this wait at a junction somebody looks for a deadlock [s]."""
@@ -35,10 +36,16 @@ class Untangler:
     def __init__(self, world: World, fleet: Fleet) -> None:
         self.world, self.fleet, self.count = world, fleet, Count()
 
-    def _set_route(self, v: int, way: Index) -> None:
+    def _take(self, v: int, way: Way) -> None:
+        """Give a truck its way: out of a bay, or onward from the lane it is on."""
         f = self.fleet
-        f.route[v, : len(way)] = way
-        f.last[v] = len(way) - 1
+        f.route[v, : len(way.pieces)] = way.pieces
+        f.last[v], f.at[v] = len(way.pieces) - 1, 0
+        f.goal[v] = way.door
+        if way.out < 0:
+            f.door[v] = way.door
+        else:
+            f.door[v], f.spur[v] = way.out, self.world.doors[way.out].length
 
     def _closed(self) -> list[int]:
         """Edges on which a truck with an empty battery stands."""
@@ -97,16 +104,14 @@ class Untangler:
     def _detour(self, v: int) -> None:
         """Take another way where there is one that is not three times as long."""
         f = self.fleet
-        lane, goal = int(f.piece[v]), int(f.bay[v])
+        lane, goal = int(f.piece[v]), self.world.doors[f.door[v]]
         old = f.route[v, f.at[v] : f.last[v] + 1]
         closed = sorted({self._next_lane(v), *self._closed()})
-        target = self.world.bays[goal].lane
-        if target in closed or lane == target:
+        if goal.lane in closed or lane == goal.lane:
             return
-        way = self.world.way_between(lane, target, True, closed)
+        way = self.world.ways.onward(lane, float(f.s[v]), goal.bay, closed)
         length = self.world.track.length
-        if way is not None and length[way].sum() < 3.0 * length[old].sum() + 50.0:
-            self._set_route(v, way)
-            f.at[v] = 0
+        if way is not None and length[way.pieces].sum() < 3.0 * length[old].sum() + 50.0:
+            self._take(v, way)
             f.waits[v] = np.inf
             self.count.detours += 1

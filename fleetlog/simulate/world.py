@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,10 +13,14 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import SiteError
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
-from fleetlog.simulate.bays import OFF_ROADS, Bay, BayMaker, auto_places, side_of
+from fleetlog.simulate.bays import OFF_ROADS, BayMaker, side_of
+from fleetlog.simulate.doors import all_doors
 from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box
+from fleetlog.simulate.spots import auto_places
+from fleetlog.simulate.spurs import Bay, Door
 from fleetlog.simulate.state import Roads
 from fleetlog.simulate.track import Track, build_track, project
+from fleetlog.simulate.ways import Ways
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
@@ -36,12 +39,12 @@ class World:
     physics: Physics
     track: Track
     ground: Track
-    """The track with the spurs behind it: piece len(track) + b is the spur of bay b."""
+    """The track with the spurs behind it: piece len(track) + d is the spur of door d."""
     bays: list[Bay]
+    doors: list[Door]
     roads: Roads
-    router: Router
+    ways: Ways
     notes: list[str] = field(default_factory=list)
-    _ways: dict[tuple[int, int, bool], NDArray[np.int32] | None] = field(default_factory=dict)
 
     @property
     def by_place(self) -> dict[str, list[int]]:
@@ -50,33 +53,6 @@ class World:
         for b, bay in enumerate(self.bays):
             out.setdefault(bay.place.id, []).append(b)
         return out
-
-    def way(self, start: int, end: int, closed: Iterable[int] = ()) -> Index | None:
-        """Pieces from the lane of bay ``start`` to the lane of bay ``end``, or None."""
-        a, b = self.bays[start], self.bays[end]
-        onward = b.at > a.at + 0.5
-        shut = tuple(closed)
-        key = (a.lane, b.lane, onward)
-        if not shut and key in self._ways:
-            return self._ways[key]
-        found = self.way_between(a.lane, b.lane, onward, shut)
-        if not shut:
-            self._ways[key] = found
-        return found
-
-    def way_between(self, a: int, b: int, onward: bool, closed: Iterable[int] = ()) -> Index | None:
-        """Pieces from lane ``a`` to lane ``b``; round the block where they are one and the goal lies behind."""
-        if a == b and onward:
-            return np.array([a], dtype=np.int32)
-        if a != b:
-            route = self.router.route(a, b, closed)
-            return None if route is None else np.array(self.track.pieces(route.edges), dtype=np.int32)
-        options = [self.router.route(int(s), b, closed) for s in self.track.network.successors(a)]
-        good = [r for r in options if r is not None]
-        if not good:
-            return None
-        best = min(good, key=lambda r: r.cost)
-        return np.array(self.track.pieces(np.concatenate([[a], best.edges])), dtype=np.int32)
 
 
 def build_world(
@@ -97,44 +73,35 @@ def build_world(
     junctions = find_junctions(track, truck)
     maker = BayMaker(track, junctions, truck, side_of(site))
     notes = _place_bays(site, maker, vehicles, mined)
-    ground = with_spurs(track, maker.bays)
-    roads = _roads(site, track, junctions, maker.bays, ground, truck, physics)
+    doors = all_doors(track, junctions, maker.bays, truck)
+    ground = with_spurs(track, doors)
+    roads = _roads(site, track, junctions, doors, ground, truck, physics)
     limit = np.where(np.isfinite(network.speed_limit), network.speed_limit, actual.drive.max_speed)
     pace = np.minimum(limit * actual.drive.speed_factor, actual.drive.max_speed)
-    return World(
-        site,
-        truck,
-        physics,
-        track,
-        ground,
-        maker.bays,
-        roads,
-        Router(network, pace, turn_time=TURN_TIME),
-        notes,
-    )
+    ways = Ways(track, Router(network, pace, turn_time=TURN_TIME), doors, len(maker.bays))
+    return World(site, truck, physics, track, ground, maker.bays, doors, roads, ways, notes)
 
 
 def _place_bays(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str]) -> list[str]:
     notes: list[str] = []
     for place in site.places:
         near = maker.lanes_near(place.x, place.y)
-        if place.id in mined:
-            if maker.place(place) is None:
-                notes.append(
-                    f"no room for a truck beside the road at the mined place {place.id!r}: it is left out"
-                )
-            continue
-        if not near or near[0][0] > OFF_ROADS:
+        if place.id not in mined and (not near or near[0][0] > OFF_ROADS):
             raise SiteError(
                 f"place {place.id!r} at ({place.x:.1f}, {place.y:.1f}) is off the roads",
                 do=f"move it to within {OFF_ROADS:.0f} m of a road, or draw the road that leads there",
             )
-        for _ in range(max(place.plugs, 1) if place.kind == "charge" else 1):
-            if maker.place(place) is None:
-                raise SiteError(
-                    f"no room for a truck of {maker.truck.chassis.length:g} m beside the road at place {place.id!r}",
-                    do="move the place to a longer stretch of road, or away from its neighbours",
-                )
+        wanted = max(place.plugs, 1)
+        drawn = sum(maker.place(place) is not None for _ in range(wanted))
+        if place.id in mined and not drawn:
+            notes.append(
+                f"no room for a truck beside the road at the mined place {place.id!r}: it is left out"
+            )
+        elif place.id not in mined and drawn < (wanted if place.kind == "charge" else 1):
+            raise SiteError(
+                f"no room for a truck of {maker.truck.chassis.length:g} m beside the road at place {place.id!r}",
+                do="move the place to a longer stretch of road, or away from its neighbours",
+            )
     kinds = {p.kind for p in site.places}
     if not site.places:
         made = auto_places(maker, max(24, 3 * vehicles))
@@ -171,16 +138,16 @@ def _spare(maker: BayMaker, wanted: int) -> list[Bay]:
     return made
 
 
-def with_spurs(track: Track, bays: list[Bay]) -> Track:
-    """The track with one piece more for each bay, laid on the edge of its lane."""
-    if not bays:
+def with_spurs(track: Track, doors: list[Door]) -> Track:
+    """The track with one piece more for each door, laid on the edge of its lane."""
+    if not doors:
         return track
-    shape = np.concatenate([b.path for b in bays])
-    count = np.array([len(b.path) for b in bays])
-    edge = np.repeat(np.array([b.lane for b in bays], dtype=np.int32), count)
+    shape = np.concatenate([d.path for d in doors])
+    count = np.array([len(d.path) for d in doors])
+    edge = np.repeat(np.array([d.lane for d in doors], dtype=np.int32), count)
     x, y = np.ascontiguousarray(shape[:, 0]), np.ascontiguousarray(shape[:, 1])
     offset, lateral = project(track.network, edge, x, y)
-    length, none = np.array([b.length for b in bays]), np.full(len(bays), -1, np.int32)
+    length, none = np.array([d.length for d in doors]), np.full(len(doors), -1, np.int32)
     join = np.concatenate
     return Track(
         track.network, join([track.first, track.first[-1] + np.cumsum(count)]),
@@ -236,24 +203,31 @@ def caps(site: Site, track: Track, physics: Physics) -> Floats:
 
 
 def _roads(
-    site: Site, track: Track, j: Junctions, bays: list[Bay], ground: Track, truck: Truck, physics: Physics
+    site: Site, track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck, physics: Physics
 ) -> Roads:
     pieces, lanes = len(track), len(track.network)
-    pairs = _spur_conflicts(track, j, bays, ground, truck)
-    count = pieces + 2 * lanes + len(bays)
+    pairs = _spur_conflicts(track, j, doors, ground, truck)
+    count = pieces + 2 * lanes + len(doors)
     old = np.repeat(np.arange(len(j.conflict_first) - 1), np.diff(j.conflict_first))
     first, conflicts = conflict_lists(
         np.concatenate([old, pairs[:, 0]]), np.concatenate([j.conflicts, pairs[:, 1]]), count
     )
+
+    def ints(name: str) -> Index:
+        return np.array([getattr(d, name) for d in doors], dtype=np.int32)
+
+    def floats(name: str) -> Floats:
+        return np.array([getattr(d, name) for d in doors], dtype=np.float64)
+
     return Roads(
         track.first, track.spacing, track.length, track.slope, caps(site, track, physics), j.clear, j.stop, j.capacity,
-        j.bent, first, conflicts, np.array([b.lane for b in bays], dtype=np.int32), np.array([b.at for b in bays]),
-        np.array([b.length for b in bays]), np.array([b.ahead for b in bays]),
+        j.bent, first, conflicts, ints("lane"), floats("at"), floats("length"), floats("ahead"), ints("crosses"), floats("low"),
+        floats("high"),
     )  # fmt: skip
 
 
 def _spur_conflicts(
-    track: Track, j: Junctions, bays: list[Bay], ground: Track, truck: Truck
+    track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck
 ) -> NDArray[np.int64]:
     """(N, 2) resources that exclude each other because of a spur; those that only follow onto its lane do not."""
     from fleetlog.simulate.kernels.geometry import meetings
@@ -269,7 +243,7 @@ def _spur_conflicts(
     found = (
         np.unique(np.column_stack([a[keep], b[keep]]), axis=0) if keep.any() else np.zeros((0, 2), np.int64)
     )
-    lane = np.array([bay.lane for bay in bays], dtype=np.int64)[found[:, 1] - pieces - 2 * lanes]
+    lane = np.array([d.lane for d in doors], dtype=np.int64)[found[:, 1] - pieces - 2 * lanes]
     other = found[:, 0]
     target = np.where(other < pieces, track.target[np.minimum(other, pieces - 1)], -1)
     follows = (other == lane) | (other == pieces + lanes + lane) | (target == lane)

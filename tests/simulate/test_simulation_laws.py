@@ -177,7 +177,7 @@ def test_trucks_charge_and_an_empty_one_is_reported(simulated):
     assert sim.array("battery_power").min() < -10000.0
     assert sim.array("soc")[:, -1].max() > 0.5
     dry = simulated(grid(), 2, 900.0, soc=0.005, interval=1.0)
-    assert dry.summary.count.empty == ["T1", "T2"]
+    assert sorted(dry.summary.count.empty) == ["T1", "T2"]
     assert (dry.array("speed")[:, -1] == 0.0).all()
     assert (dry.array("battery_power")[:, -1] == 0.0).all()
 

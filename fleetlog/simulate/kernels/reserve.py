@@ -96,12 +96,24 @@ def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
     room = r.capacity[lane]
     asker = f.asks[lane]
     if asker >= 0 and asker != v:
-        room -= 1
-        if r.bay_at[f.bay[asker]] - x.length - x.gap < r.clear[lane] + 0.5 and not f.force[v]:
+        if r.door_lane[f.door[asker]] == lane:
+            room -= 1
+        if f.ask_at[lane] < r.clear[lane] + 0.5 and not f.force[v]:
             return False
     if f.force[v]:
         room += 1
     return f.on[lane] + f.inbound[lane] < room
+
+
+@njit(cache=True, _nrt=False)
+def ends_here(r: Roads, f: Fleet, piece: int) -> bool:
+    """Whether somebody on a piece goes into a bay there: who followed with a reservation beyond it could be in his way."""
+    u = f.tail[piece]
+    while u >= 0:
+        if f.at[u] == f.last[u]:
+            return True
+        u = f.ahead[u]
+    return False
 
 
 @njit(cache=True, _nrt=False)
@@ -111,6 +123,14 @@ def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int
     ends_safe = is_safe_lane(r, f.route[v, high])
     if ends_safe and high > low and not has_room(r, f, v, f.route[v, high], x):
         return 2
+    for k in range(low + 1, high):
+        if ends_here(r, f, f.route[v, k]):
+            return 1
+    if f.mode[v] == WANTS_OUT and f.held[f.route[v, low]] > 0:
+        # Who comes along a single-lane aisle may have a reservation beyond it already: it goes first.
+        if claim:
+            f.claimed[f.route[v, low]] = f.round[0]
+        return 1
     for k in range(low, high + 1):
         if not is_free(r, f, v, resource(r, f, v, k, low, high), True):
             if claim:
@@ -182,24 +202,67 @@ def front(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     """How far along its lane a truck reaches [m]."""
     reach = 0.5 * x.length
     if f.mode[v] == LEAVING or f.mode[v] == ENTERING:
-        reach = max(reach, r.bay_ahead[f.bay[v]])
+        reach = max(reach, r.door_ahead[f.door[v]])
     return f.s[v] + reach
 
 
 @njit(cache=True, _nrt=False)
 def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
-    """Whether truck ``v`` may stop for the one that asks to come out onto route position ``j``.
+    """Whether truck ``v`` may stop for the one that asks to come out onto, or to cross, route position ``j``.
 
     Not where that one could not come even so (see ``may_leave``): the two would wait for each other for ever.
     """
     lane = f.route[v, j]
-    if is_safe_lane(r, lane) and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
+    comes_out = r.door_lane[f.door[f.asks[lane]]] == lane
+    if comes_out and is_safe_lane(r, lane) and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
         return False
     if j == f.at[v]:
         # Its junction is reserved already: it goes first.
         return f.held_to[v] <= f.at[v]
-    rear = r.bay_at[f.bay[f.asks[lane]]] - 0.5 * x.length - x.gap
-    return f.inbound[lane] == 0 or rear - 0.5 * x.length >= run_in(r, lane, x)
+    return f.inbound[lane] == 0 or f.ask_at[lane] >= run_in(r, lane, x)
+
+
+@njit(cache=True, _nrt=False)
+def ask(r: Roads, f: Fleet, v: int, x: Limits) -> None:
+    """Ask those on the lane that ``v`` comes out onto, and on the one that it crosses, to stop."""
+    d = f.door[v]
+    if f.mode[v] == WANTS_OUT and f.asks[r.door_lane[d]] < 0:
+        f.asks[r.door_lane[d]] = v
+        f.ask_at[r.door_lane[d]] = r.door_at[d] - x.length - x.gap
+    c = r.door_crosses[d]
+    if c >= 0 and f.asks[c] < 0:
+        f.asks[c] = v
+        f.ask_at[c] = r.door_low[d]
+
+
+@njit(cache=True, _nrt=False)
+def unask(r: Roads, f: Fleet, v: int) -> None:
+    """Ask no longer."""
+    d = f.door[v]
+    if f.asks[r.door_lane[d]] == v:
+        f.asks[r.door_lane[d]] = -1
+    c = r.door_crosses[d]
+    if c >= 0 and f.asks[c] == v:
+        f.asks[c] = -1
+
+
+@njit(cache=True, _nrt=False)
+def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
+    """Whether the lane that the truck's door crosses is clear there, and nobody comes who could not stop before it."""
+    d = f.door[v]
+    lane, low, high = r.door_crosses[d], r.door_low[d], r.door_high[d]
+    if lane < 0:
+        return True
+    if f.crossed[lane] >= 0 or (f.inbound[lane] > 0 and low < run_in(r, lane, x)):
+        return False
+    u = f.tail[lane]
+    while u >= 0:
+        if f.s[u] <= high:
+            need = f.v[u] * f.v[u] / (2.0 * x.plan) + 0.6 * f.v[u]
+            if f.s[u] + need > low or f.held_to[u] > f.at[u]:
+                return False
+        u = f.ahead[u]
+    return True
 
 
 @njit(cache=True, _nrt=False)
@@ -212,8 +275,8 @@ def run_in(r: Roads, lane: int, x: Limits) -> float:
 @njit(cache=True, _nrt=False)
 def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether the stretch of lane that a truck backs out onto is clear, ahead and of trucks that could not stop behind."""
-    b = f.bay[v]
-    lane, at = r.bay_lane[b], r.bay_at[b]
+    d = f.door[v]
+    lane, at = r.door_lane[d], r.door_at[d]
     rear = at - 0.5 * x.length - x.gap
     safe_lane = is_safe_lane(r, lane)
     if safe_lane and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
@@ -223,7 +286,7 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     u = f.tail[lane]
     while u >= 0:
         if f.s[u] >= at:
-            if f.s[u] - 0.5 * x.length < at + r.bay_ahead[b] + 0.3:
+            if f.s[u] - 0.5 * x.length < at + r.door_ahead[d] + 0.3:
                 return False
         else:
             need = f.v[u] * f.v[u] / (2.0 * x.plan) + 0.6 * f.v[u]
@@ -232,7 +295,7 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
         u = f.ahead[u]
     out = f.last_out[lane]
     if out >= 0 and f.left[out] == lane and f.left_by[out] < x.length + f.left_hold[out] and f.s[v] > 0.0:
-        if r.length[lane] - 0.5 * x.length + f.left_by[out] < at + r.bay_ahead[b] + 0.3:
+        if r.length[lane] - 0.5 * x.length + f.left_by[out] < at + r.door_ahead[d] + 0.3:
             return False
     return True
 
@@ -240,43 +303,71 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
 @njit(cache=True, _nrt=False)
 def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     """Back out of a bay if the road is clear: 0 done, 1 not yet."""
-    b = f.bay[v]
-    lane = r.bay_lane[b]
-    spur = len(r.length) + 2 * len(r.clear) + b
+    d = f.door[v]
+    lane = r.door_lane[d]
+    spur = len(r.length) + 2 * len(r.clear) + d
     late = now - f.waits[v] > x.patience
-    if late and f.asks[lane] < 0:
-        f.asks[lane] = v
-    if not may_leave(r, f, v, x) or not is_free(r, f, v, spur, True):
+    if late:
+        ask(r, f, v, x)
+    if not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur, True):
         return 1
     if not is_safe_lane(r, lane) and acquire(r, f, v, 0, x, late) != 0:
         return 1
-    if f.asks[lane] == v:
-        f.asks[lane] = -1
-    f.s[v] = r.bay_at[b]
+    unask(r, f, v)
+    f.s[v] = r.door_at[d]
     f.piece[v] = lane
     insert(f, v, lane)
     f.on[lane] += 1
     f.held[spur] += 1
+    if r.door_crosses[d] >= 0:
+        f.crossed[r.door_crosses[d]] = v
     f.mode[v] = LEAVING
     f.trip[v] += 1
     return 0
 
 
 @njit(cache=True, _nrt=False)
-def try_enter(r: Roads, f: Fleet, v: int, x: Limits) -> int:
-    """Turn into the bay if its ground and the road just ahead are clear: 0 done, 1 not yet."""
-    b = f.bay[v]
-    spur = len(r.length) + 2 * len(r.clear) + b
-    a = f.ahead[v]
-    if a >= 0 and f.s[a] - 0.5 * x.length < r.bay_at[b] + r.bay_ahead[b] + 0.3:
+def past_door(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
+    """Whether nobody stands or drives just past the door that the truck comes to."""
+    d, a = f.door[v], f.ahead[v]
+    return a < 0 or f.s[a] - 0.5 * x.length >= r.door_at[d] + r.door_ahead[d] + 0.3
+
+
+@njit(cache=True, _nrt=False)
+def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
+    """Turn into the bay if its ground, the road just ahead and the lane to cross are clear: 0 done, 1 not yet.
+
+    A truck that still rolls towards its door has the ground reserved from then on, and need not stop.
+    """
+    d = f.door[v]
+    spur = len(r.length) + 2 * len(r.clear) + d
+    if not past_door(r, f, v, x):
         return 1
-    # It is on the road already: whoever has claimed the junction waits for it to be gone.
-    if not is_free(r, f, v, spur, False):
-        return 1
-    f.held[spur] += 1
-    f.mode[v] = ENTERING
-    f.spur[v] = 0.0
+    if not f.entry[v]:
+        # It is on the road already: whoever has claimed the junction waits for it to be gone.
+        if not is_free(r, f, v, spur, False):
+            return 1
+        if now - f.waits[v] > x.patience:
+            ask(r, f, v, x)
+        if not may_cross(r, f, v, x):
+            return 1
+        unask(r, f, v)
+        if r.door_crosses[d] >= 0:
+            f.crossed[r.door_crosses[d]] = v
+        f.held[spur] += 1
+        f.entry[v] = True
+    if f.mode[v] == AT_BAY:
+        f.mode[v] = ENTERING
+        f.spur[v] = 0.0
     return 0
+
+
+@njit(cache=True, _nrt=False)
+def wants_entry(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
+    """Whether a truck comes near its door without a reservation of the ground there."""
+    if f.at[v] < f.last[v] or f.entry[v]:
+        return False
+    return r.door_at[f.door[v]] - f.s[v] < f.v[v] * f.v[v] / (2.0 * x.plan) + 1.2 * f.v[v] + 1.0
 
 
 @njit(cache=True, _nrt=False)
@@ -299,7 +390,8 @@ def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
     n = 0
     for v in range(len(f.mode)):
         m = f.mode[v]
-        if m == WANTS_OUT or m == AT_BAY or (m == DRIVING and wants_passage(r, f, v, x)):
+        rolls = m == DRIVING and wants_entry(r, f, v, x)
+        if m == WANTS_OUT or m == AT_BAY or rolls or (m == DRIVING and wants_passage(r, f, v, x)):
             if f.waits[v] == np.inf:
                 f.waits[v] = now
             # Into the line behind all who have waited as long.
@@ -313,8 +405,8 @@ def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
         v = f.line[i]
         if f.mode[v] == WANTS_OUT:
             answer = try_leave(r, f, v, x, now)
-        elif f.mode[v] == AT_BAY:
-            answer = try_enter(r, f, v, x)
+        elif f.mode[v] == AT_BAY or f.at[v] == f.last[v]:
+            answer = try_enter(r, f, v, x, now)
         else:
             answer = acquire(r, f, v, f.at[v], x, now - f.waits[v] > x.patience)
         f.why[v] = answer

@@ -10,6 +10,7 @@ from fleetlog.simulate.kernels.reserve import (
     drop,
     is_safe_lane,
     may_ask,
+    past_door,
     push,
     release,
     reservations,
@@ -68,11 +69,16 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
                         )
             asker = f.asks[p]
             if asker >= 0 and asker != v and may_ask(r, f, v, j, x):
-                room = off + r.bay_at[f.bay[asker]] - x.length - x.gap
+                room = off + f.ask_at[p]
                 if room > speed * speed / (2.0 * x.down) + 0.1:
                     limit = min(limit, safe(speed, room, 0.0, x.plan, dt))
+            if f.crossed[p] >= 0:
+                d = f.door[f.crossed[p]]
+                if j > f.at[v] or f.s[v] <= r.door_high[d]:
+                    limit = min(limit, safe(speed, max(off + r.door_low[d], 0.0), 0.0, x.plan, dt))
             if j == f.last[v]:
-                limit = min(limit, safe(speed, off + r.bay_at[f.bay[v]], 0.0, x.plan, dt))
+                pace = x.creep if f.entry[v] and past_door(r, f, v, x) else 0.0
+                limit = min(limit, safe(speed, off + r.door_at[f.door[v]], pace, x.plan, dt))
             elif is_safe_lane(r, p) and j >= f.held_to[v]:
                 limit = min(limit, safe(speed, off + r.stop[p], 0.0, x.plan, dt))
                 break
@@ -104,7 +110,7 @@ def next_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     if m == DRIVING:
         new = min(speed + pull(r, f, v, x) * dt, wanted_speed(r, f, v, x, dt))
     elif m == ENTERING or m == LEAVING:
-        rest = r.bay_length[f.bay[v]] - f.spur[v] if m == ENTERING else f.spur[v]
+        rest = r.door_length[f.door[v]] - f.spur[v] if m == ENTERING else f.spur[v]
         new = min(min(speed + x.up * dt, x.creep), safe(speed, rest, 0.0, x.plan, dt))
     else:
         new = 0.0
@@ -154,28 +160,46 @@ def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
 @njit(cache=True, _nrt=False)
 def arrive(r: Roads, f: Fleet, v: int) -> None:
     """Wait before the bay when its mark is reached."""
-    if f.at[v] == f.last[v] and f.v[v] < REST and abs(f.s[v] - r.bay_at[f.bay[v]]) < NEAR:
-        f.s[v] = r.bay_at[f.bay[v]]
+    if f.at[v] == f.last[v] and f.v[v] < REST and abs(f.s[v] - r.door_at[f.door[v]]) < NEAR:
+        f.s[v] = r.door_at[f.door[v]]
         f.v[v] = 0.0
         f.mode[v] = AT_BAY
         f.waits[v] = np.inf
 
 
 @njit(cache=True, _nrt=False)
+def roll_in(r: Roads, f: Fleet, v: int) -> None:
+    """Turn onto the spur where its door is passed."""
+    past = f.s[v] - r.door_at[f.door[v]]
+    if f.entry[v] and past >= 0.0:
+        f.spur[v], f.s[v] = past, r.door_at[f.door[v]]
+        f.mode[v] = ENTERING
+        f.waits[v] = np.inf
+
+
+@njit(cache=True, _nrt=False)
+def clear_lane(r: Roads, f: Fleet, d: int) -> None:
+    """The lane that door ``d`` crosses is free again."""
+    if r.door_crosses[d] >= 0:
+        f.crossed[r.door_crosses[d]] = -1
+
+
+@njit(cache=True, _nrt=False)
 def end_spur(r: Roads, f: Fleet, v: int) -> None:
     """Stand in the bay, or on the lane, at the end of a spur."""
-    b = f.bay[v]
-    lane = r.bay_lane[b]
-    spur = len(r.length) + 2 * len(r.clear) + b
-    if f.mode[v] == ENTERING and r.bay_length[b] - f.spur[v] < NEAR and f.v[v] < REST:
-        f.spur[v] = r.bay_length[b]
+    d = f.door[v]
+    lane = r.door_lane[d]
+    spur = len(r.length) + 2 * len(r.clear) + d
+    if f.mode[v] == ENTERING and r.door_length[d] - f.spur[v] < NEAR and f.v[v] < REST:
+        f.spur[v] = r.door_length[d]
         f.v[v] = 0.0
         f.held[spur] -= 1
+        clear_lane(r, f, d)
         drop(f, v, lane)
         f.on[lane] -= 1
         if f.held_to[v] >= f.held_from[v]:
             release(r, f, v, f.held_to[v] + 1)
-        f.mode[v] = PARKED
+        f.mode[v], f.entry[v] = PARKED, False
         f.piece[v] = -1
         f.left[v] = -1
         f.attention[v] = True
@@ -183,9 +207,10 @@ def end_spur(r: Roads, f: Fleet, v: int) -> None:
         f.spur[v] = 0.0
         f.v[v] = 0.0
         f.held[spur] -= 1
+        clear_lane(r, f, d)
         f.mode[v] = DRIVING
         f.at[v] = 0
-        f.bay[v] = f.goal[v]
+        f.door[v] = f.goal[v]
         f.attention[v] = True
 
 
@@ -214,7 +239,7 @@ def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
     if m == DRIVING or m == AT_BAY or (m == EMPTY and f.piece[v] >= 0):
         log.piece[v, column], log.s[v, column] = f.piece[v], f.s[v]
     else:
-        log.piece[v, column], log.s[v, column] = len(r.length) + f.bay[v], f.spur[v]
+        log.piece[v, column], log.s[v, column] = len(r.length) + f.door[v], f.spur[v]
     log.v[v, column], log.a[v, column], log.load[v, column] = f.v[v], f.a[v], f.load[v]
     log.trip[v, column], log.mode[v, column] = f.trip[v], m
 
@@ -255,7 +280,7 @@ def advance(
             f.v[v] = max(f.v[v] + f.a[v] * dt, 0.0)
             f.moved[v] += step
             if m == ENTERING:
-                f.spur[v] = min(f.spur[v] + step, r.bay_length[f.bay[v]])
+                f.spur[v] = min(f.spur[v] + step, r.door_length[f.door[v]])
                 end_spur(r, f, v)
             elif m == LEAVING:
                 f.spur[v] = max(f.spur[v] - step, 0.0)
@@ -268,5 +293,7 @@ def advance(
                     cross(r, f, v)
                 if f.held_to[v] >= f.held_from[v]:
                     let_go(r, f, v, x)
-                if m == DRIVING and f.at[v] == f.last[v] and f.v[v] < REST:
-                    arrive(r, f, v)
+                if m == DRIVING and f.at[v] == f.last[v]:
+                    roll_in(r, f, v)
+                    if f.mode[v] == DRIVING and f.v[v] < REST:
+                        arrive(r, f, v)
