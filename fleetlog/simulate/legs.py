@@ -10,6 +10,7 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
 from fleetlog.simulate.drive import SpeedProfile, speed_profile
+from fleetlog.simulate.state import creep_speed
 from fleetlog.simulate.track import SPACING, Track
 from fleetlog.simulate.way import Way, free_way, joined
 from fleetlog.simulate.world import within
@@ -181,6 +182,9 @@ def drive_along(way: Way, site: Site, physics: Physics, payload: float) -> Speed
         if np.isfinite(zone.speed_limit):
             limit = np.where(within(zone.polygon, way.x, way.y), np.minimum(limit, zone.speed_limit), limit)
     allowed = np.minimum(limit * truck.drive.speed_factor, truck.drive.max_speed)
+    if (way.edge >= 0).any():
+        # Into a bay and out of it a truck creeps.
+        allowed = np.where(way.edge < 0, np.minimum(allowed, creep_speed(truck)), allowed)
     motion = way.at(way.distance, payload).replaced(speed=allowed, curvature=way.curvature)
     cap = np.maximum(allowed_speed(motion, physics), 0.05)
     stops = dict.fromkeys(way.stops, 0.0)
