@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.discovery import estimate, fields, generic, residual, splits, words
-from fleetlog.discovery.candidates import MECHANISM, Candidate, named_candidates
+from fleetlog.discovery.candidates import Candidate, named_candidates
 from fleetlog.discovery.finding import ChannelFit, Finding, Parameter
 from fleetlog.discovery.fleet import Fleet
 from fleetlog.discovery.model import Found
@@ -24,6 +24,8 @@ from fleetlog.physics.power import all_terms
 
 Floats = NDArray[np.float64]
 
+PLAIN = 3.0
+"""Standard errors by which a field must differ from nothing."""
 QUANTA = 8.0
 """A window of a stepped state of charge holds at least this many steps on average."""
 
@@ -168,17 +170,17 @@ def _matters(task: Task, choice: Choice, result: estimate.Estimates) -> bool:
         / np.abs(task.recording.recorded).sum()
     )
     # A coefficient of the truck file must stand out from what the replay itself misses, too.
-    least = task.material[0] * (1.5 if c.name in MECHANISM else 1.0)
+    least = task.material[0]
     return bool(share >= least)
 
 
 def _says_something(f: Finding) -> bool:
-    """Whether an even field found has a mean effect at all: places that contradict one another are noise."""
+    """Whether what stands out of a field is sure as a whole: places that contradict one another are noise."""
     if f.where is None or not f.parameters or f.term == "unknown":
         return True
-    term = all_terms()[f.term]
-    first = f.parameters[0]
-    return term.odd or not first.low <= term.parameters[0].neutral <= first.high
+    first, neutral = f.parameters[0], all_terms()[f.term].parameters[0].neutral
+    error = (first.high - first.low) / (2.0 * estimate.SURE)
+    return abs(first.value - neutral) > PLAIN * error
 
 
 def _finding(

@@ -160,7 +160,9 @@ def material_share(effect: Floats, energy: Floats, place: bool) -> float:
     size = np.abs(effect)
     total = np.abs(energy)
     if place and size.max() > 0:
-        touched = size > 0.2 * np.quantile(size, 0.98)
+        # How large it is where it is, however few those windows are.
+        usual = np.sqrt((size**4).sum() / (size**2).sum())
+        touched = size > 0.25 * usual
         return float(size[touched].sum() / max(total[touched].sum(), 1e-12))
     return float(size.sum() / max(total.sum(), 1e-12))
 

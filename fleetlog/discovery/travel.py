@@ -36,7 +36,7 @@ WINDOW = 12.0
 """Length of path whose time is taken together [m]."""
 SLOWEST = 0.15
 """Mean speed over a step of the path is not taken below this [m/s]."""
-PLACE = 0.07
+PLACE = 0.05
 """Share of the time at a place that counts there: less is the profile's own roughness."""
 CRUDE = 0.05
 """Share of a window's time that a profile of constant accelerations may be off by."""
