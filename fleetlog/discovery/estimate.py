@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.discovery.fields import Values
+from fleetlog.discovery.fields import Values, stands_out
 from fleetlog.discovery.linear import Fit, Problem, Selection, fit
 from fleetlog.discovery.search import State, Task, posed, selection, settle
 
@@ -17,8 +17,6 @@ SURE = 1.96
 """Standard errors of a 95 per cent interval."""
 ROBUST = 2
 """Rounds of taking weight off windows that the model does not explain."""
-STANDS_OUT, TOP = 0.45, 0.98
-"""Pieces with this share of the field's 98 per cent point belong to it."""
 FREELY = 100.0
 OUTLYING = 3.0
 """Beyond this many robust standard deviations a window weighs less [1]."""
@@ -110,8 +108,7 @@ def _only_where_large(task: Task, state: State, use: NDArray[np.bool_]) -> tuple
             chosen.append(choice)
             continue
         deviation = found.fields[term.name]
-        keep = np.abs(deviation) >= STANDS_OUT * np.quantile(np.abs(deviation), TOP)
-        keep = task.cells(term).closed(keep)
+        keep = task.cells(term).closed(stands_out(deviation))
         covariance = task.root(term) @ task.root(term).T
         root = np.zeros((len(deviation), int(keep.sum())))
         root[keep] = np.linalg.cholesky(covariance[np.ix_(keep, keep)])

@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 
 LARGE = 0.35
 """Pieces with this share of the largest deviation belong to where the effect is."""
+STANDS_OUT = 0.45
+"""Values with this share of what is usual where a field is belong to it."""
 SURE = 1.96
 FEW = 3
 """Windows that must touch a piece before it may be named."""
@@ -30,6 +32,13 @@ class Values:
     deviation: Floats
     error: Floats
     samples: NDArray[np.int64]
+
+
+def stands_out(deviation: Floats) -> NDArray[np.bool_]:
+    """(C,) values that are not small beside what is usual where the field is: a mean weighted by the squares."""
+    square = deviation**2
+    usual = np.sqrt((square**2).sum() / max(float(square.sum()), 1e-300))
+    return np.asarray((np.abs(deviation) >= STANDS_OUT * usual) & (square > 0.0))
 
 
 def large(v: Values) -> NDArray[np.bool_]:

@@ -5,6 +5,7 @@ One pass over the windows builds X'X and X'y per fold; folds add up, and so do d
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -17,6 +18,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Sums = tuple[Floats, Floats, float, int]
 """X'X, X'y, y'y and number of some windows: all that a fit needs of them, and they add up over folds, trips and days."""
+
+Hold = tuple[str, Callable[[Floats], Floats]]
+"""A group, and what its coefficients are held to once they are known."""
 
 BOX = 2.0
 """Nuisances stay within this many standard deviations."""
@@ -154,8 +158,12 @@ def fit(
     moment: Floats | None = None,
     *,
     inverse: bool = True,
+    hold: Hold | None = None,
 ) -> Fit:
-    """Ridge fit of nuisances and selected groups; nuisances at the wall of their box stay there."""
+    """Ridge fit of nuisances and selected groups; nuisances at the wall of their box stay there.
+
+    Coefficients under ``hold`` are replaced, and the others follow.
+    """
     gram = p.gram if gram is None else gram
     moment = p.moment if moment is None else moment
     keep = np.array([j not in s.drop for j in p.nuisance], dtype=bool)
@@ -169,22 +177,32 @@ def fit(
     b = moment[c]
     beta = np.linalg.solve(h, b)
     wall = np.concatenate([BOX * spread, np.full(len(c) - n, np.inf)])
-    stuck = np.zeros(len(c), bool)
+    stuck, fixed = np.zeros(len(c), bool), np.zeros(len(c))
+    if hold is not None:
+        part = Fit(c, beta, h, n).part(s, hold[0])
+        stuck[part], fixed[part] = True, hold[1](beta[part])
+        beta = _others(h, b, stuck, fixed)
     for _ in range(4):
         out = ~stuck & (np.abs(beta) > wall * (1.0 + 1e-9))
         if not out.any():
             break
         stuck |= out
-        fixed = np.clip(beta, -wall, wall)
-        free = ~stuck
-        beta = np.where(stuck, fixed, 0.0)
-        beta[free] = np.linalg.solve(h[np.ix_(free, free)], b[free] - h[np.ix_(free, stuck)] @ fixed[stuck])
+        fixed = np.where(out, np.clip(beta, -wall, wall), fixed)
+        beta = _others(h, b, stuck, fixed)
     if not inverse:
         return Fit(c, beta, np.zeros((0, 0)), n)
     spread_of = np.zeros_like(h)
     free = ~stuck
     spread_of[np.ix_(free, free)] = np.linalg.inv(h[np.ix_(free, free)])
     return Fit(c, beta, spread_of, n)
+
+
+def _others(h: Floats, b: Floats, stuck: NDArray[np.bool_], fixed: Floats) -> Floats:
+    """The solution with some coefficients fixed."""
+    free = ~stuck
+    beta = np.where(stuck, fixed, 0.0)
+    beta[free] = np.linalg.solve(h[np.ix_(free, free)], b[free] - h[np.ix_(free, stuck)] @ fixed[stuck])
+    return beta
 
 
 def refit_tau(p: Problem, s: Selection, rounds: int = 4) -> Selection:

@@ -11,7 +11,8 @@ from fleetlog.discovery import evidence as ev
 from fleetlog.discovery import polish, select
 from fleetlog.discovery.candidates import Candidate, Knob
 from fleetlog.discovery.evidence import Evidence
-from fleetlog.discovery.linear import Fit, Problem, Selection, fit, pose
+from fleetlog.discovery.fields import stands_out
+from fleetlog.discovery.linear import Hold, Problem, Selection, fit, pose
 from fleetlog.discovery.model import Found
 from fleetlog.discovery.residual import MATERIAL, Bench, Columns, Table
 from fleetlog.discovery.select import Choice
@@ -188,8 +189,8 @@ def _step(
     gains = {}
     for name in short:
         without = Selection(s.columns, s.tau, s.drop | replaced(p, name))
-        within = plausible(task, name)
-        gains[name] = select.gain_of(p, s, without, candidates[name], found[name], base, root, energy, within)
+        hold = plausible(task, name)
+        gains[name] = select.gain_of(p, s, without, candidates[name], found[name], base, root, energy, hold)
     # What is added later must clear what leaks from what was added before.
     need = max(select.LEAST_GAIN, LEAK * got / (1.0 - got))
     choice = select.choose(candidates, found, gains, need, task.material)
@@ -281,25 +282,22 @@ def _size(task: Task, choice: Choice) -> int:
     return len(task.root(term))
 
 
-def plausible(task: Task, name: str) -> select.Within:
-    """Holds a fit of a field to values that are plausible: no floor rolls easier than the smoothest."""
+def plausible(task: Task, name: str) -> Hold | None:
+    """Holds a field to what is plausible: no floor rolls easier than the smoothest; even ones to where they stand out."""
     candidate = task.candidates[name]
     if candidate.kind != "field" or candidate.term is None:
-        return select.anything
+        return None
     term, root = candidate.term, task.root(candidate.term)
     low, high = _span(term)
 
-    def within(f: Fit, s: Selection) -> Fit:
-        part = f.part(s, name)
-        value = root @ f.beta[part]
-        held = np.clip(value, low, high)
-        if np.array_equal(held, value):
-            return f
-        beta = f.beta.copy()
-        beta[part] = np.linalg.lstsq(root, held, rcond=None)[0]
-        return replace(f, beta=beta)
+    def within(beta: Floats) -> Floats:
+        value = np.clip(root @ beta, low, high)
+        if not term.odd:
+            # The prior spreads over all of the floor what belongs to a part of it.
+            value = np.where(stands_out(value), value, 0.0)
+        return np.asarray(np.linalg.lstsq(root, value, rcond=None)[0], dtype=np.float64)
 
-    return within
+    return name, within
 
 
 def _span(term: Term) -> tuple[float, float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,10 +9,9 @@ from numpy.typing import NDArray
 
 from fleetlog.discovery.candidates import Candidate, Knob
 from fleetlog.discovery.evidence import Evidence
-from fleetlog.discovery.linear import Fit, Problem, Selection, fit, loss, refit_tau
+from fleetlog.discovery.linear import Hold, Problem, Selection, fit, loss, refit_tau
 
 Floats = NDArray[np.float64]
-Within = Callable[[Fit, Selection], Fit]
 
 ALPHA = 0.01
 """Family-wise p-value that an explanation must reach."""
@@ -77,25 +75,20 @@ class Choice:
     tied: tuple[str, ...] = ()
 
 
-def anything(f: Fit, _: Selection) -> Fit:
-    """A fit as it is."""
-    return f
-
-
-def cross_validate(p: Problem, s: Selection, kind: str, within: Within = anything) -> Floats:
+def cross_validate(p: Problem, s: Selection, kind: str, hold: Hold | None = None) -> Floats:
     """(folds,) held-out mean squared weighted residual."""
     out = []
     for fold in p.folds(kind):
-        f = within(fit(p, s, p.gram - fold[0], p.moment - fold[1], inverse=False), s)
+        f = fit(p, s, p.gram - fold[0], p.moment - fold[1], inverse=False, hold=hold)
         out.append(loss(f, fold))
     return np.array(out)
 
 
-def held_out_trips(p: Problem, s: Selection, within: Within = anything) -> Floats:
+def held_out_trips(p: Problem, s: Selection, hold: Hold | None = None) -> Floats:
     """(trips,) sum of squared weighted residuals of every trip when its fold was held out."""
     total = np.zeros(int(p.trip.max()) + 1)
     for k, fold in enumerate(p.folds("trip")):
-        f = within(fit(p, s, p.gram - fold[0], p.moment - fold[1], inverse=False), s)
+        f = fit(p, s, p.gram - fold[0], p.moment - fold[1], inverse=False, hold=hold)
         rows = p.fold["trip"] == k
         residual = (p.y - p.predicted(f.columns, f.beta))[rows]
         total += np.bincount(p.trip[rows], residual**2, len(total))
@@ -121,12 +114,12 @@ def gain_of(
     base: dict[str, Floats],
     root: Floats,
     energy: Floats,
-    within: Within = anything,
+    hold: Hold | None = None,
 ) -> Gain:
     """Cross-validated gain of adding ``c``.
 
     ``without`` lacks the nuisances that ``c`` makes needless; ``base`` caches the losses of ``s``; ``root`` (W,) is
-    that of the weights and ``energy`` (W,) what was recorded; ``within`` holds a fit to what is plausible.
+    that of the weights and ``energy`` (W,) what was recorded; ``hold`` the group to what is plausible.
     """
     with_it = without.add(c.name, e.columns, max(e.tau, 1e-12))
     if c.kind != "scalar":
@@ -136,15 +129,15 @@ def gain_of(
     for kind in splits_for(p, c):
         if kind not in base:
             base[kind] = cross_validate(p, s, kind)
-        difference = base[kind] - cross_validate(p, with_it, kind, within)
+        difference = base[kind] - cross_validate(p, with_it, kind, hold)
         scale = base["trip"].mean() if "trip" in base else base[kind].mean()
         by_split[kind] = float(difference.mean() / scale)
         error[kind] = float(difference.std(ddof=1) / np.sqrt(len(difference)) / scale)
     if "every trip" not in base:
         base["every trip"] = held_out_trips(p, s)
-    trips = (base["every trip"] - held_out_trips(p, with_it, within)) / base["every trip"].sum()
+    trips = (base["every trip"] - held_out_trips(p, with_it, hold)) / base["every trip"].sum()
     error["trip"] = float(trips.std(ddof=1) * np.sqrt(len(trips)))
-    f = fit(p, with_it, inverse=False)
+    f = fit(p, with_it, inverse=False, hold=hold)
     if c.kind == "scalar":
         own = f.nuisances + sum(len(v) for v in s.columns.values())
         effect = p.predicted(f.columns[own:], f.beta[own:])
