@@ -15,7 +15,6 @@ from fleetlog.discovery.finding import Finding, Parameter, Verdict
 from fleetlog.discovery.fleet import Fleet, absences, read_fleet
 from fleetlog.discovery.model import Found
 from fleetlog.discovery.sensors import Fault, examine
-from fleetlog.discovery.splits import passed_once
 from fleetlog.discovery.travel import speed_channel
 from fleetlog.errors import DataError, nearest
 from fleetlog.physics.power import all_terms
@@ -26,6 +25,10 @@ MUCH = 0.25
 ONCE = (
     "most places are passed once: kept back were pieces of road between others that were seen, and what belongs to a place "
     "cannot be told from what belonged to that moment; drive the road again"
+)
+APART = (
+    "nothing says where the trips went, so each may have a floor of its own: kept back were parts of trips of which other parts "
+    "were seen"
 )
 CHANNELS = ("battery_power", "soc", "speed")
 
@@ -99,8 +102,8 @@ def diagnose(
     findings = [*(_of_fault(f, explained) for f in faults), *_merged(explained)]
     notes = absences(fleet) + unexplained(explained, findings)
     notes += [f"{name}: too little of it to judge" for name, e in explained.items() if e.fit not in judged]
-    if any(passed_once(e.task.recording.windows) for e in explained.values()):
-        notes.append(ONCE)
+    if any(e.task.recording.windows.pieces for e in explained.values()):
+        notes.append(ONCE if fleet.has("x") else APART)
     verdict = Verdict(judged, findings, notes)
     return Diagnosis(verdict, together(base, explained), explained, faults, fleet)
 

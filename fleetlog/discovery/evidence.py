@@ -22,6 +22,8 @@ FLIPS = 200
 WIDE = 30
 """Columns of a group whose statistic is a sum of so many parts that its flips are normal: then their mean and width say more
 than the largest of all candidates, which single numbers with long tails decide."""
+RAREST = 1e-6
+"""Further out no normal tail is to be trusted."""
 
 
 @dataclass(frozen=True)
@@ -233,6 +235,7 @@ def _with_p_values(
     for name, one in scored.items():
         chance = max((1.0 + np.sum(worst[i] >= strength[name][i] - 1e-9)) / (FLIPS + 1.0) for i in (0, 1))
         if len(one.columns) >= WIDE:
-            chance = min(chance, len(scored) * 0.5 * erfc(min(strength[name]) / np.sqrt(2.0)))
+            tail = len(scored) * 0.5 * erfc(min(strength[name]) / np.sqrt(2.0))
+            chance = min(chance, max(tail, RAREST))
         out[name] = Evidence(one.log_evidence, one.raw, one.columns, one.tau, float(chance))
     return out

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fleetlog.discovery import estimate, fields, generic, residual, splits, words
 from fleetlog.discovery.candidates import Candidate, named_candidates
+from fleetlog.discovery.classes import own_values
 from fleetlog.discovery.finding import ChannelFit, Finding, Parameter
 from fleetlog.discovery.fleet import Fleet
 from fleetlog.discovery.model import Found
@@ -192,9 +193,8 @@ def _finding(
     strength = choice.gain.trip
     tied = list(choice.tied)
     if c.term is None:
-        text = f"Something that none of the known terms explains follows {words.follows(c.depends_on)}"
-        where = _where_of_generic(task, choice)
-        needs = f"a term of your own for what follows {words.follows(c.depends_on)}, or a recording that varies it more"
+        where, when = _where_of_generic(task, choice), own_values(task, result.state, choice)
+        text, needs = words.unknown(c.name, c.depends_on, when)
         proposal = {"proposal": proposed(task, choice)}
         return Finding(
             "unknown",
@@ -204,7 +204,7 @@ def _finding(
             needs,
             list(c.depends_on),
             where,
-            None,
+            when,
             [],
             {**evidence, **proposal},
             fitted,

@@ -12,6 +12,7 @@ from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
+from fleetlog.discovery.positions import placed, seldom
 from fleetlog.discovery.replay import Block, blocks
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
@@ -40,6 +41,8 @@ class Fleet:
     """Vehicles whose log lacks the payload that others have: their loads would pass for missing physics."""
     speed_from_positions: frozenset[int] = frozenset()
     """Vehicles whose speed was derived on import: it can say nothing of a faulty speed channel."""
+    rarely_placed: frozenset[int] = frozenset()
+    """Vehicles whose position is updated on few rows only: their speed cannot be held against it."""
 
     def has(self, column: str) -> bool:
         """Whether any vehicle-day knows the column."""
@@ -82,9 +85,23 @@ def read_fleet(dataset: Dataset, truck: Truck, site: Site | None = None) -> Flee
     weighed = {v for v, t in days if t.has("payload")}
     left_out = tuple(vehicles[v] for v in sorted({v for v, _ in days} - weighed)) if weighed else ()
     days = [(v, t) for v, t in days if not weighed or v in weighed]
+    rarely: frozenset[int] = frozenset()
+    if network is None:
+        rarely = frozenset(v for v, t in days if t.has("x") and seldom(t))
+        days = [(v, placed(t) if t.has("x") else t) for v, t in days]
     derived = dataset.meta.get("summary", {}).get("derived_by_vehicle", {})
     no_channel = frozenset(i for i, v in enumerate(vehicles) if "speed" in derived.get(v, ()))
-    return Fleet(days, vehicles, network, truck, {}, {}, left_out=left_out, speed_from_positions=no_channel)
+    return Fleet(
+        days,
+        vehicles,
+        network,
+        truck,
+        {},
+        {},
+        left_out=left_out,
+        speed_from_positions=no_channel,
+        rarely_placed=rarely,
+    )
 
 
 ABSENCES = {
@@ -102,6 +119,10 @@ def absences(fleet: Fleet) -> list[str]:
     out = [text for column, text in ABSENCES.items() if not fleet.has(column)]
     if fleet.left_out:
         out.append(f"left out, since their logs carry no payload: {', '.join(fleet.left_out)}")
+    if fleet.rarely_placed:
+        out.append(
+            "positions come on few rows: between them places are known in outline, and speed is not held against them"
+        )
     if fleet.step > 2.5:
         out.append(
             f"a row every {fleet.step:.0f} s: braking and setting off fall between rows and are known in outline only"

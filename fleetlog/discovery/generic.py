@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
+from fleetlog.discovery import splits
 from fleetlog.discovery.candidates import SLOW, Candidate
 from fleetlog.discovery.replay import Block
 from fleetlog.discovery.windows import Cut
@@ -34,6 +35,8 @@ class Ranges:
     knots: dict[str, Floats]
     vehicles: int
     days: tuple[int, ...]
+    trips: tuple[int, ...] = ()
+    """Trips that may each have a resistance of their own: few and long ones, of which nothing tells where they went."""
 
 
 def drive_gain(motion: Motion, physics: Physics) -> Floats:
@@ -89,7 +92,12 @@ def ranges(blocks: list[Block], starts: dict[tuple[int, int], float]) -> Ranges:
             continue
         knots[name] = np.array(FIXED[name]) if name in FIXED else np.linspace(low, high, COUNT[name])
     days = tuple(sorted({b.day for b in blocks}))
-    return Ranges(knots, 1 + max(b.vehicle for b in blocks), days)
+    trips = splits.apart(
+        {int(t) for b in blocks for t in np.unique(b.trip)},
+        sum(float(b.motion.dt.sum()) for b in blocks),
+        any(np.isfinite(b.motion.x).any() for b in blocks),
+    )
+    return Ranges(knots, 1 + max(b.vehicle for b in blocks), days, trips)
 
 
 def generic_candidates(r: Ranges, with_map: bool) -> list[Candidate]:
@@ -127,6 +135,9 @@ def generic_candidates(r: Ranges, with_map: bool) -> list[Candidate]:
     if len(r.days) > 1:
         out.append(Candidate("force by day", "generic", None, ("day",), slow=True))
         out.append(Candidate("power by day", "generic", None, ("day",), slow=True))
+    if r.trips:
+        out.append(Candidate("force by trip", "generic", None, ("trip_id",)))
+        out.append(Candidate("power by trip", "generic", None, ("trip_id",)))
     if with_map:
         out.append(Candidate("power by place", "generic", None, ("x", "y")))
     return out
@@ -204,6 +215,12 @@ def columns(
             own = np.zeros((c.count, len(r.days)))
             own[:, r.days.index(block.day)] = c.energy(block, power)
             yield name, own
+    if r.trips:
+        which = np.repeat(np.searchsorted(r.trips, block.trip), block.steps).astype(np.int32)
+        for name, power in (("force by trip", weight), ("power by trip", np.full(len(m), POWER))):
+            own = c.energies(block, which, len(r.trips), power)
+            # The first column is what they have in common, so that a trip never seen is taken for a usual one.
+            yield name, np.concatenate([own.sum(axis=1, keepdims=True), own], axis=1)
     if cells:
         yield "power by place", c.energies(block, cell, cells, moving)
 

@@ -28,6 +28,8 @@ JITTERY = 3.0
 """Windows that jump this many times more than usual weigh less."""
 FREE = 0.02
 """Ridge of the freest model, as a share of each column's own square."""
+PLENTY = 10
+"""Windows for each column, from which on a window hardly bends its own fit."""
 LEVER = 0.005
 """Least share of a window's residual that its own fit leaves: rounding decides below."""
 CHUNK = 8192
@@ -305,9 +307,10 @@ def _robust_weights(
         beta = np.linalg.solve(h, b)
         residual = y.copy()
         residual[use] -= x @ beta.astype(np.float32)
-        # What a window would miss had it not been fitted itself: many columns for few windows leave no noise to see.
-        lever = _leverage(x, np.sqrt(weight[use]), np.linalg.inv(h).astype(np.float32))
-        residual[use] /= np.maximum(1.0 - lever, LEVER)
+        if len(x) < PLENTY * x.shape[1]:
+            # What a window would miss had it not been fitted itself: many columns for few windows leave no noise to see.
+            lever = _leverage(x, np.sqrt(weight[use]), np.linalg.inv(h).astype(np.float32))
+            residual[use] /= np.maximum(1.0 - lever, LEVER)
         weight = noise_weights(windows, model, residual, use, jitter, crude)
         z = np.abs(residual) * np.sqrt(weight)
         weight = weight * np.minimum(1.0, HUBER / np.maximum(z, 1e-9))

@@ -278,10 +278,9 @@ def _nuisance(recording: Recording, e: Evaluation, c: Cut, jumps: Floats) -> dic
     if not recording.measured:
         out["vehicle rolling"] = _own(rolling, block.vehicle, recording.ranges.vehicles)
     out["vehicle load"] = _own(ones, block.vehicle, recording.ranges.vehicles)
-    days = recording.ranges.days
-    if len(days) > 1:
-        place = block.vehicle * len(days) + days.index(block.day)
-        out["vehicle-day load"] = _own(ones, place, recording.ranges.vehicles * len(days))
+    if len(recording.ranges.days) > 1:
+        shifts = sorted(recording.starts)
+        out["vehicle-day load"] = _own(ones, shifts.index((block.vehicle, block.day)), len(shifts))
     out["lag"] = _own(
         c.energy(block, -np.gradient(e.power, m.time)), block.vehicle, recording.ranges.vehicles
     )
@@ -328,6 +327,9 @@ def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Fl
         if name in MECHANISM:
             effect = float(np.abs(x).sum(dtype=float)) / total
             spread = min(spread, 0.25 * MATERIAL / max(effect, 1e-12))
+        if name in ("vehicle load", "vehicle-day load"):
+            # A machine of forty watts has no twenty-five to spare.
+            spread = min(spread, 1e3 * MATERIAL * total / float(recording.windows.duration.sum()))
         if name == "lag" and recording.measured:
             spread = CLOCKS
         out[name] = np.full(x.shape[1], spread)

@@ -100,8 +100,10 @@ def splits_for(p: Problem, c: Candidate) -> list[str]:
     out = [k for k in p.fold if not (k == "place" and c.place)]
     if "vehicle_id" in c.depends_on:
         out = [k for k in out if k != "vehicle"]
-    if "day" in c.depends_on or "time" in c.depends_on:
+    if {"day", "time"} & set(c.depends_on):
         out = [k for k in out if k != "block"]
+    if "trip_id" in c.depends_on:
+        out = ["trip"]
     return out
 
 
@@ -188,6 +190,7 @@ def choose(
     pool = [k for k in near if not candidates[k].place] or near
     pool = [k for k in pool if candidates[k].named] or pool
     chosen = max(pool, key=lambda k: good[k].trip - 0.05 * best * COST[candidates[k].kind])
+    chosen = _free_map(candidates, good, chosen)
     tied = tuple(
         k
         for k in gains
@@ -197,6 +200,15 @@ def choose(
     )
     rivals = {k: g for k, g in gains.items() if k != chosen}
     return Choice(candidates[chosen], evidence[chosen], good[chosen], (), rivals, tied)
+
+
+def _free_map(candidates: dict[str, Candidate], good: dict[str, Gain], chosen: str) -> str:
+    """The free map of places in place of a named one that is even in direction, where trips cannot tell the two apart."""
+    term = candidates[chosen].term
+    if term is None or not term.field or term.odd:
+        return chosen
+    free = [k for k, c in candidates.items() if k in good and c.place and not c.named]
+    return next((k for k in free if _tied(good[k], good[chosen])), chosen)
 
 
 def _same_in_another_shape(

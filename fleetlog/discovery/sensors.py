@@ -178,7 +178,7 @@ def speed_scale(fleet: Fleet) -> Fault | None:
     """What the speed channel reads over the true speed; None where no vehicle's is off."""
     pairs: dict[int, list[tuple[float, float]]] = {}
     for vehicle, trajectory in fleet.days:
-        if vehicle in fleet.speed_from_positions:
+        if vehicle in fleet.speed_from_positions | fleet.rarely_placed:
             continue
         own = pairs.setdefault(vehicle, [])
         if fleet.network is not None and trajectory.has("edge_id"):

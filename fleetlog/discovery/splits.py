@@ -16,6 +16,9 @@ FEWEST_BLOCKS = 12
 """With fewer vehicle-days than this each is cut into hours, as slow variables need some independent samples."""
 TEST = 0.2
 """Share that no step of the search sees."""
+FEWEST_TRIPS, MOST_TRIPS = 6, 150
+LONG_TRIP = 30.0
+"""Mean seconds of a trip that can be held against another by its own parts."""
 PIECE = 3
 """Windows of a piece of road that is held out where every place is passed once, so that its neighbours speak for it."""
 RETURN = 10
@@ -41,11 +44,22 @@ def independent(w: Windows) -> Windows:
     """The windows with stretches of time in place of trips, where a log hardly ever stops.
 
     Where it never comes back to a place either, pieces of road of a few windows take their place: what is said of a piece
-    that was held out can only come from its neighbours.
+    that was held out can only come from its neighbours.  So it is with trips that may each have something of their own.
     """
-    if len(np.unique(w.trip)) >= FEWEST_BLOCKS:
+    trips = {int(t) for t in np.unique(w.trip)}
+    if apart(trips, float(w.duration.sum()), bool(np.isfinite(w.x).any())):
+        return replace(w, trip=_pieces(w), pieces=True)
+    if len(trips) >= FEWEST_BLOCKS:
         return w
-    return replace(w, trip=_pieces(w) if passed_once(w) else slow_blocks(w))
+    if passed_once(w):
+        return replace(w, trip=_pieces(w), pieces=True)
+    return replace(w, trip=slow_blocks(w))
+
+
+def apart(trips: set[int], seconds: float, placed: bool) -> tuple[int, ...]:
+    """Trips that may each have something of their own (a floor, a trailer): few and long, and nothing known of where they went."""
+    fits = not placed and FEWEST_TRIPS <= len(trips) <= MOST_TRIPS and seconds > LONG_TRIP * len(trips)
+    return tuple(sorted(trips)) if fits else ()
 
 
 def passed_once(w: Windows) -> bool:
@@ -77,6 +91,8 @@ def test_windows(w: Windows, holdout: str, rng: np.random.Generator) -> NDArray[
     unit = {"trips": w.trip, "vehicles": w.vehicle, "days": w.day}[holdout]
     if holdout != "trips" and len(np.unique(unit)) < 3:
         unit = slow_blocks(w)
+    if w.pieces and holdout == "trips":
+        return np.asarray(_interleave(w.trip, round(1.0 / TEST), rng) == 0)
     names = np.unique(unit)
     # A log that never stops is one trip: then stretches of time take the place of trips.
     if len(names) < 5:
@@ -89,10 +105,10 @@ def test_windows(w: Windows, holdout: str, rng: np.random.Generator) -> NDArray[
 def folds(w: Windows, block: Ints, rng: np.random.Generator) -> dict[str, Ints]:
     """(W,) fold numbers of every kind of split that these data allow; ``trip`` is always there."""
     trips = w.trip if len(np.unique(w.trip)) >= 2 * FOLDS else block
-    if passed_once(w):
+    if w.pieces:
         # A stretch of hours is then a place never seen, which a map of places cannot be asked to predict.
         return {
-            "trip": _deal(trips, FOLDS, rng),
+            "trip": _interleave(w.trip, FOLDS, rng),
             "place": _deal(block, min(2 * FOLDS, len(np.unique(block))), rng),
         }
     out = {
@@ -113,6 +129,13 @@ def _squares(w: Windows) -> Ints:
     x, y = np.nan_to_num(w.x), np.nan_to_num(w.y)
     size = max(np.ptp(x), np.ptp(y), 1.0) / 8.0
     return np.asarray((x // size).astype(np.int64) * 1000 + (y // size).astype(np.int64))
+
+
+def _interleave(piece: Ints, count: int, rng: np.random.Generator) -> Ints:
+    """Fold of every window: of ``count`` pieces in a row each goes to another fold, so that one held out has neighbours."""
+    _, which = np.unique(piece, return_inverse=True)
+    rounds = rng.permuted(np.tile(np.arange(count), (which.max() // count + 1, 1)), axis=1)
+    return np.asarray(rounds.ravel()[which], dtype=np.int64)
 
 
 def _deal(unit: Ints, count: int, rng: np.random.Generator) -> Ints:

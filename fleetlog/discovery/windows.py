@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,8 @@ class Windows:
     x: Floats
     y: Floats
     time: Floats
+    pieces: bool = False
+    """Whether ``trip`` numbers pieces of trips, since no trip resembles another."""
 
     def __len__(self) -> int:
         return len(self.trip)
@@ -110,4 +113,6 @@ def describe(block: Block, c: Cut) -> Windows:
 
 def join(pieces: list[Windows]) -> Windows:
     """Windows of several blocks, one after the other."""
-    return Windows(**{f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Windows)})
+    names = [f.name for f in fields(Windows) if f.name != "pieces"]
+    joined: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in pieces]) for n in names}
+    return Windows(**joined)

@@ -51,7 +51,7 @@ PEOPLE = {
     "x": "place", "y": "", "heading": "direction of travel", "ambient_temperature": "outside temperature", "soc": "state of charge",
     "time": "hour of the day", "time since start": "time since the truck set out", "payload": "load", "speed": "speed",
     "acceleration": "acceleration", "curvature": "turning", "lift_speed": "lifting", "fork_height": "fork height",
-    "vehicle_id": "vehicle", "day": "day", "standing": "standing", "battery_power": "battery power",
+    "vehicle_id": "vehicle", "day": "day", "trip_id": "trip", "standing": "standing", "battery_power": "battery power",
 }  # fmt: skip
 
 NEEDS = {
@@ -122,3 +122,21 @@ def follows(depends_on: tuple[str, ...]) -> str:
     """What a mismatch follows, in words."""
     said = [PEOPLE.get(d, d) for d in depends_on]
     return " and ".join(s for s in said if s)
+
+
+def unknown(name: str, depends_on: tuple[str, ...], when: dict[str, Any] | None) -> tuple[str, str]:
+    """Statement and need of a mismatch that no term explains; ``when`` has what each trip or day has of its own."""
+    what = follows(depends_on)
+    if not when:
+        text = f"Something that none of the known terms explains follows {what}"
+        return text, f"a term of your own for what follows {what}, or a recording that varies it more"
+    (classes,) = when.values()
+    values = [v[0] for v in classes.values()]
+    low, high = min(values), max(values)
+    thing, size = (
+        ("Resistance to driving", f"{low:+.3f} to {high:+.3f} of the weight")
+        if name.startswith("force")
+        else ("The power drawn", f"{low:+.0f} to {high:+.0f} W")
+    )
+    text = f"{thing} differs from {what} to {what} ({size}, against the model), by something that is not in the log"
+    return text, f"record what differed between these {what}s: floor, load, tyres, weather"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,14 @@ def test_what_is_kept_back_of_a_road_passed_once_has_neighbours_that_were_seen()
     assert 0.15 < kept.mean() < 0.25
     assert np.median(gap) <= splits.PIECE
     assert set(splits.folds(w, splits.slow_blocks(w), np.random.default_rng(1))) == {"trip", "place"}
+
+
+def test_trips_that_went_nowhere_known_are_held_out_in_parts() -> None:
+    w = road(np.full(240, np.nan))
+    trips = splits.independent(replace(w, trip=np.arange(240) // 12))
+    kept = splits.test_windows(trips, "trips", np.random.default_rng(2))
+    assert trips.pieces
+    for k in range(20):
+        assert not kept[12 * k : 12 * k + 12].all()
+    fold = splits.folds(trips, splits.slow_blocks(trips), np.random.default_rng(2))["trip"]
+    assert min(len(np.unique(fold[12 * k : 12 * k + 12])) for k in range(20)) >= 2

@@ -32,13 +32,13 @@ TWIZY = truck_from_dict({
     "name": "quadricycle", "chassis": {"mass": 540.0}, "drive": {"efficiency": 0.78, "regeneration": 0.35, "max_speed": 23.0},
     "resistance": {"rolling": 0.014, "drag_area": 0.64}, "auxiliary": {"power": 150.0}, "battery": {"voltage": 58.0, "capacity_wh": 6100.0},
 })  # fmt: skip
-HUSKY = truck_from_dict({
-    "name": "skid-steer robot", "chassis": {"mass": 75.0}, "drive": {"efficiency": 0.6, "regeneration": 0.0, "max_speed": 1.2},
-    "resistance": {"rolling": 0.12}, "auxiliary": {"power": 0.0}, "battery": {"voltage": 24.0, "capacity_wh": 480.0},
-})  # fmt: skip
+HUSKY = {
+    "name": "skid-steer robot", "chassis": {"mass": 75.0}, "drive": {"efficiency": 1.0, "regeneration": 0.0, "max_speed": 1.0},
+    "auxiliary": {"power": 0.0}, "battery": {"voltage": 24.0, "capacity_wh": 480.0},
+}  # fmt: skip
 
 
-def tripviewer(data: Path) -> tuple[list[tuple[Trajectory, np.ndarray]], Frame, Truck]:
+def tripviewer(data: Path) -> tuple[list[tuple[Trajectory, np.ndarray]], Frame | None, Truck]:
     """One motorway run; altitude from the log's own elevation [ft]."""
     t = pd.read_csv(data / "tripviewer" / "tripviewer_hesperia_la.csv").drop_duplicates("epoch")
     frame = Frame(float(t.lat.mean()), float(t.lon.mean()))
@@ -51,48 +51,47 @@ def tripviewer(data: Path) -> tuple[list[tuple[Trajectory, np.ndarray]], Frame, 
     return [(Trajectory("leaf", time, columns), t.elev_ft.to_numpy() * 0.3048)], frame, LEAF
 
 
-def twizy(data: Path) -> tuple[list[tuple[Trajectory, np.ndarray]], Frame, Truck]:
-    """Three routes, eleven runs, of one vehicle; positions only where they are fresh, interpolated between."""
-    files = sorted((data / "twizy").glob("T*/*.csv"))
-    out = []
-    frame = Frame(33.98, -6.75)
-    for number, file in enumerate(files):
+def twizy(data: Path) -> tuple[list[tuple[Trajectory, np.ndarray]], Frame | None, Truck]:
+    """Three routes, eleven runs, of one vehicle; positions as logged, held from one update of the receiver to the next."""
+    frame, out = Frame(33.98, -6.75), []
+    for file in sorted((data / "twizy").glob("T*/*.csv")):
         t = pd.read_csv(file)
         stamp = pd.to_datetime(t.Date + " " + t.Time, format="%m/%d/%Y %H:%M:%S", utc=True, errors="coerce")
-        t, stamp = t[stamp.notna()], stamp[stamp.notna()]
-        t = (
-            t.assign(us=stamp.astype("datetime64[us, UTC]").astype(np.int64))
-            .drop_duplicates("us")
-            .sort_values("us")
-        )
-        x, y = frame.to_local(t.LAT.to_numpy(), t.LON.to_numpy())
-        fresh = (
-            np.concatenate([[True], (np.diff(x) != 0) | (np.diff(y) != 0)])
-            & (np.abs(x) < 60_000)
-            & (np.abs(y) < 60_000)
-        )
-        seconds = t.us.to_numpy() * 1e-6
-        x, y = (np.interp(seconds, seconds[fresh], v[fresh]) for v in (x, y))
-        columns = _columns(x, y, t.Speed.to_numpy() / 3.6) | {
-            "soc": t.Soc.to_numpy(float) / 100.0, "ambient_temperature": t.Temperature.to_numpy(float),
-        }  # fmt: skip
-        altitude = t.ALT.where(t.ALT > -100).interpolate(limit_direction="both").to_numpy()
-        out.append((Trajectory(f"run-{number:02d}", t.us.to_numpy(), columns), altitude))
-    return out, frame, TWIZY
+        t = t.assign(us=stamp.astype("datetime64[us, UTC]").astype(np.int64))[stamp.notna()]
+        out.append(t.drop_duplicates("us"))
+    t = pd.concat(out).sort_values("us").drop_duplicates("us")
+    here = (t.LAT.sub(33.98).abs() < 0.5) & (t.LON.add(6.75).abs() < 0.5)
+    x, y = frame.to_local(t.LAT.where(here).to_numpy(), t.LON.where(here).to_numpy())
+    columns = _columns(x, y, t.Speed.to_numpy() / 3.6) | {
+        "soc": t.Soc.to_numpy(float) / 100.0, "ambient_temperature": t.Temperature.to_numpy(float),
+    }  # fmt: skip
+    altitude = t.ALT.where(t.ALT > -100).to_numpy()
+    return [(Trajectory("twizy", t.us.to_numpy(), columns), altitude)], frame, TWIZY
 
 
 def borealtc(data: Path) -> tuple[list[tuple[Trajectory, np.ndarray]], Frame | None, Truck]:
-    """A robot on five surfaces, every run a vehicle of its own; no positions, so none are given."""
+    """A robot on several surfaces, straight driving, every run a trip; in an order that says nothing of the surface."""
     t = pd.read_csv(data / "borealtc" / "borealtc_husky_6hz.csv.gz")
-    out = []
-    for number, ((terrain, run), g) in enumerate(t.groupby(["terrain", "run"], sort=True)):
+    names = sorted({f"{terrain}-{run}" for terrain, run in zip(t.terrain, t.run, strict=True)})
+    order = np.random.default_rng(0).permutation(len(names))
+    rows = []
+    for (terrain, run), g in t.groupby(["terrain", "run"], sort=True):
+        number = int(order[names.index(f"{terrain}-{run}")])
         g = g.sort_values("t_s").drop_duplicates("t_s")
-        time = ((1_650_000_000 + 86_400 * number + g.t_s.to_numpy()) * 1e6).astype(np.int64)
-        speed = np.abs(g.velL_mps + g.velR_mps).to_numpy() / 2.0
-        power = 24.0 * (g.curL_A.abs() + g.curR_A.abs()).to_numpy()
-        columns = {"speed": speed, "battery_power": power, "trip_id": np.zeros(len(g), np.int64)}
-        out.append((Trajectory(f"{terrain.lower()}-{run}", time, columns), np.full(len(g), np.nan)))
-    return out, None, HUSKY
+        straight = (g.velL_mps - g.velR_mps).abs() < 0.05
+        g = g[straight & ((g.velL_mps + g.velR_mps).abs() > 0.2)]
+        rows.append(
+            g.assign(trip=number, us=((1_650_000_000 + 3600 * number + g.t_s) * 1e6).astype(np.int64))
+        )
+    g = pd.concat(rows).sort_values("us")
+    speed = ((g.velL_mps + g.velR_mps).abs() / 2.0).to_numpy()
+    # Electromagnetic power of both motors: current times the voltage that a speed induces, 24 V at 1 m/s.
+    power = 24.0 * speed * (g.curL_A.abs() + g.curR_A.abs()).to_numpy()
+    columns = {"speed": speed, "battery_power": power, "trip_id": g.trip.to_numpy(np.int64)}
+    label = pd.factorize(g.terrain, sort=True)[0].astype(float)
+    weight = 9.81 * HUSKY["chassis"]["mass"]
+    husky = truck_from_dict({**HUSKY, "resistance": {"rolling": float(np.median(power / speed) / weight)}})
+    return [(Trajectory("husky", g.us.to_numpy(), columns), label)], None, husky
 
 
 def _columns(x: np.ndarray, y: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
@@ -110,7 +109,7 @@ def run(name: str, data: Path, out: Path) -> None:
                 if trajectory.has("trip_id")
                 else trajectory.with_columns(trip_id=trip_ids(trajectory))
             )
-    d = diagnose(Dataset(out / f"{name}_data"), truck)
+    d = diagnose(Dataset(out / f"{name}_data"), truck, holdout="days" if name == "twizy" else "trips")
     folder = out / f"{name}_diagnosis"
     folder.mkdir(exist_ok=True)
     write_diagnosis(d, folder)
