@@ -43,7 +43,7 @@ class _Scored:
     raw: float
     columns: Ints
     tau: float
-    scores: Floats
+    scores: Rows
     statistic: Callable[[Floats], Floats]
 
 
@@ -143,7 +143,14 @@ def _score_best_column(
         return np.asarray(np.maximum(np.logaddexp.reduce(_one(z), axis=-1) - np.log(len(g)), 0.0))
 
     raw = float(np.maximum(np.logaddexp.reduce(_one(z2)) - np.log(len(g)), 0.0))
-    return _Scored(float(statistic(u)), raw, g[j : j + 1], max(float(beta**2), 1e-12), scores, statistic)
+    return _Scored(
+        float(statistic(u)),
+        raw,
+        g[j : j + 1],
+        max(float(beta**2), 1e-12),
+        scores.astype(np.float32),
+        statistic,
+    )
 
 
 def _score_group(
@@ -180,7 +187,7 @@ def _score_group(
         e = 0.5 * (np.atleast_2d(q2) @ (grid[:, None] / (1.0 + t)).T - np.log1p(t).sum(axis=1))
         return np.asarray(np.maximum(e.max(axis=1), 0.0))
 
-    return _Scored(deflated, raw, g, max(tau, 1e-12), scores, statistic)
+    return _Scored(deflated, raw, g, max(tau, 1e-12), scores.astype(np.float32), statistic)
 
 
 def _design_effect(p: Problem, product: Floats, norm: float) -> float:

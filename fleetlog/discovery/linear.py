@@ -16,7 +16,7 @@ from fleetlog.discovery.windows import Windows
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Sums = tuple[Floats, Floats, float, int]
+Sums = tuple[NDArray[np.float32], Floats, float, int]
 """X'X, X'y, y'y and number of some windows: all that a fit needs of them, and they add up over folds, trips and days."""
 
 Hold = tuple[str, Callable[[Floats], Floats]]
@@ -63,7 +63,10 @@ class Problem:
     @cached_property
     def gram(self) -> Floats:
         """(P, P) X'X, the sum over the folds of trips."""
-        return np.asarray(np.sum([f[0] for f in self.folds("trip")], axis=0))
+        total = np.zeros((self.x.shape[1], self.x.shape[1]))
+        for gram, *_ in self.folds("trip"):
+            total += gram
+        return total
 
     @cached_property
     def moment(self) -> Floats:
@@ -85,11 +88,11 @@ class Problem:
         x, y = self.x[rows], self.y[rows]
         begin = 0 if before is None else len(before[1])
         new = x[:, begin:]
-        border = (x.T @ new).astype(float) if begin else (x.T @ x).astype(float)
+        border = x.T @ new if begin else x.T @ x
         moment = (new.T @ y.astype(np.float32)).astype(float)
         if before is None:
             return border, moment, float(y @ y), len(y)
-        gram = np.empty((x.shape[1], x.shape[1]))
+        gram = np.empty((x.shape[1], x.shape[1]), np.float32)
         gram[:begin, :begin] = before[0]
         gram[:, begin:], gram[begin:] = border, border.T
         return gram, np.concatenate([before[1], moment]), before[2], before[3]

@@ -129,7 +129,7 @@ def _block(
         fork_height=np.nan_to_num(height)[load], x=np.interp(fine, time, piece.floats("x")),
         y=np.interp(fine, time, piece.floats("y")), edge=edge, edge_offset=offset,
         ambient_temperature=piece.floats("ambient_temperature")[own], soc=piece.floats("soc")[own],
-        vehicle=np.full(len(fine), vehicle), trip=piece.trip_ids()[row], power=piece.floats("battery_power")[own],
+        vehicle=np.broadcast_to(np.int64(vehicle), len(fine)), trip=piece.trip_ids()[row], power=piece.floats("battery_power")[own],
     )  # fmt: skip
     day = int(piece.time[0] // 86_400_000_000)
     trip = piece.trip_ids() + 1_000_000 * vehicle

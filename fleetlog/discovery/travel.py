@@ -40,6 +40,8 @@ PLACE = 0.05
 """Share of the time at a place that counts there: less is the profile's own roughness."""
 CRUDE = 0.05
 """Share of a window's time that a profile of constant accelerations may be off by."""
+MOST_NODES = 1_000_000
+"""Of longer recordings every other leg, every third and so on is looked at."""
 ZONE = 1.05
 """A zone slows down; a factor above this is no zone."""
 LEAST_WAIT = 2.0
@@ -321,7 +323,7 @@ def gather(fleet: Fleet) -> Journeys:
     """All legs of a fleet."""
     assert fleet.network is not None
     floor = make_stretches(fleet.network)
-    parts = list(_all_legs(fleet))
+    parts = _spaced(list(_all_legs(fleet)))
     if len(parts) < 10:
         raise DataError(
             "too few drives lie on the map",
@@ -372,6 +374,12 @@ def lateral_acceleration(j: Journeys) -> tuple[float, float] | None:
     values = np.array(seen)
     middle = float(np.median(values))
     return middle, float(1.4826 * np.median(np.abs(values - middle)) / np.sqrt(len(values)))
+
+
+def _spaced(parts: list[tuple[int, Trajectory, Leg]]) -> list[tuple[int, Trajectory, Leg]]:
+    """Every k-th leg where there are so many that memory would run out: a sample of drives over all vehicles and days."""
+    nodes = sum(len(leg.edge) for _, _, leg in parts)
+    return parts[:: max(1, round(nodes / MOST_NODES))]
 
 
 def _all_legs(fleet: Fleet) -> Iterator[tuple[int, Trajectory, Leg]]:

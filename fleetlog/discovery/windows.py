@@ -19,7 +19,7 @@ Ints = NDArray[np.int64]
 
 WIDTH = 10.0
 """Of a window [s]."""
-MOST = 40_000
+MOST = 32_000
 """More windows than this are made longer instead: memory stays bounded for any length of recording."""
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "blind"))
 
-SIZES = {"43k": (4, 1), "200k": (6, 4), "1M": (12, 10)}
+SIZES = {"43k": (4, 1), "200k": (6, 4), "1M": (14, 8)}
 """Vehicles and days."""
 
 
