@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -159,17 +160,30 @@ class Errors:
 
 def held_out(task: Task, state: State) -> Errors:
     """Before: the nominal model as it is given.  After: with what was found.  Floor: what the freest model still misses."""
-    test = ~task.train & task.recording.whole
-    recorded = task.recording.recorded
-    scale = float(np.sqrt(np.mean(recorded[test] ** 2))) or 1.0
+    error = _error_of(task)
     bare = State(task.base, weight=state.weight)
     before = posed(task, bare, chosen_only=True)[0].y
     after, floor = _residual(task, state), _freest(task, state)
-
-    def error(r: Floats) -> float:
-        return float(np.sqrt(np.mean(r[test] ** 2))) / scale
-
     return Errors(error(before), error(after), min(error(floor), error(after), error(before)))
+
+
+def by_term(task: Task, state: State) -> dict[str, float]:
+    """How much each term found, by itself, lowers the error of the kept-back windows beside the others."""
+    error = _error_of(task)
+    bare = State(task.base, weight=state.weight)
+    rest = posed(task, bare, chosen_only=True)[0].y - task.recording.effect(task.base, state.found)
+    out = {}
+    for name in (c.candidate.name for c in state.chosen if c.candidate.named):
+        own = task.recording.effect(state.found.without(name), state.found)
+        out[name] = error(rest + own) - error(rest)
+    return out
+
+
+def _error_of(task: Task) -> Callable[[Floats], float]:
+    """Root mean square of a (W,) residual over the kept-back windows, over that of what was recorded there."""
+    test = ~task.train & task.recording.whole
+    scale = float(np.sqrt(np.mean(task.recording.recorded[test] ** 2))) or 1.0
+    return lambda r: float(np.sqrt(np.mean(r[test] ** 2))) / scale
 
 
 def _residual(task: Task, state: State) -> Floats:

@@ -21,7 +21,6 @@ from fleetlog.discovery.select import Choice
 from fleetlog.discovery.squares import make_squares
 from fleetlog.discovery.stretches import Cells, make_stretches
 from fleetlog.discovery.windows import MOST, WIDTH
-from fleetlog.physics.power import all_terms
 
 Floats = NDArray[np.float64]
 
@@ -147,17 +146,23 @@ def explained(
     ``direct`` holds numbers that are better read off the rows than fitted.
     """
     state = search(task, State(task.base))
-    errors = estimate.held_out(task, state)
     result = estimate.estimates(task, state, direct or {})
-    fit = ChannelFit(channel, metric, errors.before, errors.after, errors.floor)
-    findings = []
+    told = [c for c in state.chosen if not c.candidate.named or _counts(task, c, result)]
     for choice in state.chosen:
-        finding = _finding(task, channel, choice, result, fit)
-        if _says_something(finding) and _matters(task, choice, result):
-            findings.append(finding)
-        elif choice.candidate.named:
+        if choice not in told:
             result.drop(choice.candidate.name)
+            state = replace(state, found=state.found.without(choice.candidate.name))
+    state = replace(state, chosen=told)
+    errors, gains = estimate.held_out(task, state), estimate.by_term(task, state)
+    fit = ChannelFit(channel, metric, errors.before, errors.after, errors.floor)
+    findings = [_finding(task, channel, c, result, fit, gains.get(c.candidate.name)) for c in told]
     return Explained(fit, findings, task, state, result)
+
+
+def _counts(task: Task, choice: Choice, result: estimate.Estimates) -> bool:
+    """Whether a term chosen is sure and material with the numbers of all trips."""
+    where, parameters = _numbers(task, choice, result)
+    return _says_something(choice.candidate, where, parameters) and _matters(task, choice, result)
 
 
 def _matters(task: Task, choice: Choice, result: estimate.Estimates) -> bool:
@@ -175,20 +180,20 @@ def _matters(task: Task, choice: Choice, result: estimate.Estimates) -> bool:
     return bool(share >= least)
 
 
-def _says_something(f: Finding) -> bool:
+def _says_something(c: Candidate, where: dict[str, Any] | None, parameters: list[Parameter]) -> bool:
     """Whether what stands out of a field is sure as a whole: places that contradict one another are noise."""
-    if f.where is None or not f.parameters or f.term == "unknown":
+    if where is None or not parameters or c.term is None:
         return True
-    first, neutral = f.parameters[0], all_terms()[f.term].parameters[0].neutral
+    first, neutral = parameters[0], c.term.parameters[0].neutral
     error = (first.high - first.low) / (2.0 * estimate.SURE)
     return abs(first.value - neutral) > PLAIN * error
 
 
 def _finding(
-    task: Task, channel: str, choice: Choice, result: estimate.Estimates, fit: ChannelFit
+    task: Task, channel: str, choice: Choice, result: estimate.Estimates, fit: ChannelFit, gain: float | None
 ) -> Finding:
     c = choice.candidate
-    evidence = _evidence(choice, fit)
+    evidence = _evidence(choice, fit, gain)
     fitted = {"metric": fit.metric, "before": fit.before, "after": fit.after}
     strength = choice.gain.trip
     tied = list(choice.tied)
@@ -231,18 +236,23 @@ def _finding(
     )
 
 
-def _evidence(choice: Choice, fit: ChannelFit) -> dict[str, Any]:
-    """Gains in the units of the channel's metric."""
+def _evidence(choice: Choice, fit: ChannelFit, own: float | None) -> dict[str, Any]:
+    """Gains in the units of the channel's metric; ``own`` the measured one of a term.
+
+    Alternatives were compared beside the small honest errors of truck and logger; their gains are scaled as the chosen one's.
+    """
 
     def gain(share: float) -> float:
         return fit.before * (1.0 - float(np.sqrt(min(max(1.0 - share, 0.0), 4.0))))
 
+    mine = gain(choice.gain.trip)
+    scale = 1.0 if own is None else max(own, 0.0) / max(mine, 1e-12)
     rivals = sorted(choice.rivals.items(), key=lambda kv: -kv[1].trip)[:6]
     return {
         "p_value": choice.evidence.p_value,
         "log_evidence": choice.evidence.log_evidence,
-        "held_out_gain": gain(choice.gain.trip),
-        "alternatives": [{"term": n, "held_out_gain": gain(g.trip)} for n, g in rivals],
+        "held_out_gain": scale * mine,
+        "alternatives": [{"term": n, "held_out_gain": scale * gain(g.trip)} for n, g in rivals],
     }
 
 
