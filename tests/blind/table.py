@@ -4,7 +4,7 @@ python table.py RESULTS.jsonl FIRST LAST [TERM ...]     record, import, diagnose
 python table.py RESULTS.jsonl                           the table of what is there
 
 Recordings are kept in a folder beside RESULTS.jsonl, so that the same ones can be diagnosed again.  A term may be several
-joined by ``+``.  The floor of a recording is the error of its clean twin: the same drives without the effect.
+joined by ``+``, and ``@0.4`` at its end makes the effects weaker.  The floor of a recording is the error of its clean twin: the same drives without the effect.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ def one(name: str, seed: int, recordings: Path) -> dict[str, object]:
     """Record and import (unless that was done before), diagnose and judge one case."""
     folder = recordings / f"{name}_{seed}"
     if not (folder / "data" / "dataset.json").exists():
-        record(name, seed, folder)
+        terms, _, strength = name.partition("@")
+        record(terms, seed, folder, float(strength or 1.0))
         log, site = str(folder / "recorded.csv.gz"), str(folder / "site.toml")
         call = [
             "import",
@@ -73,7 +74,7 @@ CHANNEL = dict.fromkeys(
 
 def noticeable(row: dict, floors: dict[int, dict[str, float]]) -> bool:
     """Whether the true term would lower the held-out error of its channel by ``NOTICED``."""
-    if row["name"] == "none" or row["name"] in ("clock_offset", "speed_scale"):
+    if row["name"].partition("@")[0] in ("none", "clock_offset", "speed_scale"):
         return True
     for channel in row.get("channels", []):
         floor = floors.get(row["seed"], {}).get(channel["name"])
@@ -111,7 +112,7 @@ def _row(name: str, group: list[dict], floors: dict[int, dict[str, float]]) -> l
     error = [abs(p["value"] - p["truth"]) / max(abs(p["truth"]), 1e-9) for p in numbers]
     inside = [p["low"] <= p["truth"] <= p["high"] for p in numbers]
     places = [r["overlap"] for r in group if r.get("overlap") is not None and r["word"] in ("right", "extra")]
-    wanted = CHANNEL.get(name.split("+")[0], "battery_power")
+    wanted = CHANNEL.get(name.partition("@")[0].split("+")[0], "battery_power")
     fits = [
         (c["before"], c["after"], floors[r["seed"]][wanted])
         for r in group
@@ -129,7 +130,8 @@ def _row(name: str, group: list[dict], floors: dict[int, dict[str, float]]) -> l
 
 def _order(name: str) -> int:
     names = ["none", *TERMS, *OUTSIDE]
-    return names.index(name) if name in names else len(names)
+    whole = name.partition("@")[0]
+    return (names.index(whole) if whole in names else len(names)) + len(names) * ("@" in name)
 
 
 def _bars(rows: list[dict], floors: dict[int, dict[str, float]], inside: list[bool]) -> None:
@@ -150,7 +152,7 @@ def _bars(rows: list[dict], floors: dict[int, dict[str, float]], inside: list[bo
 
 def _certain_and_wrong(row: dict) -> bool:
     """Whether any term is named that is not true and nothing beside it is left possible."""
-    truth = set(row["name"].split("+"))
+    truth = set(row["name"].partition("@")[0].split("+"))
     named = zip(row.get("named", []), row.get("not_excluded", []), strict=True)
     return any(
         not n.startswith("unknown") and n not in truth and not truth & set(others) for n, others in named
