@@ -152,6 +152,9 @@ def explained(
         if choice not in told:
             result.drop(choice.candidate.name)
             state = replace(state, found=state.found.without(choice.candidate.name))
+    # What was found beside another explanation is no alternative to it.
+    names = {c.candidate.name for c in told}
+    told = [replace(c, tied=tuple(n for n in c.tied if n not in names)) for c in told]
     state = replace(state, chosen=told)
     errors, gains = estimate.held_out(task, state), estimate.by_term(task, state)
     fit = ChannelFit(channel, metric, errors.before, errors.after, errors.floor)

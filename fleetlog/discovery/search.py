@@ -355,25 +355,41 @@ def backward(task: Task, state: State) -> State:
     nothing = nominal_loss(task, state)
     for choice in list(state.chosen):
         name = choice.candidate.name
+        alone = _companions_of(task, state, choice)
         if choice.candidate.named:
-            worse = _loss_without(task, state, p, s, choice)
+            worse = _loss_without(task, state, p, s, choice, alone)
         else:
             worse = select.cross_validate(p, s.remove(name), "trip").mean()
         if (worse - full) / nothing < 0.5 * select.LEAST_GAIN:
             state.log.append(f"dropped {name}: costs {(worse - full) / nothing:.4f}")
             kept = [c for c in state.chosen if c is not choice]
-            curves = {k: v for k, v in state.curves.items() if k != name}
+            curves = {k: v for k, v in state.curves.items() if k not in {name, *alone}}
             state = settle(task, State(state.found.without(name), kept, curves, state.weight, state.log))
             return backward(task, state)
     return state
 
 
-def _loss_without(task: Task, state: State, p: Problem, s: Selection, choice: Choice) -> float:
+def _companions_of(task: Task, state: State, choice: Choice) -> set[str]:
+    """Free curves that are there for one chosen term only; left behind they would do its work."""
+
+    def over(name: str, c: Candidate) -> bool:
+        return set(task.candidates[name].depends_on) <= set(c.depends_on)
+
+    others = [c.candidate for c in state.chosen if c is not choice and c.candidate.named]
+    free = set(state.curves) - set(state.names())
+    return {n for n in free if over(n, choice.candidate) and not any(over(n, o) for o in others)}
+
+
+def _loss_without(
+    task: Task, state: State, p: Problem, s: Selection, choice: Choice, companions: set[str]
+) -> float:
     name = choice.candidate.name
     added = task.recording.effect(state.found.without(name), state.found)
     y = p.y + (added * np.sqrt(p.weight))[task.use]
     other = replace(p, y=y, inner=None, _by_fold={})
-    return float(select.cross_validate(other, s.remove(name), "trip").mean())
+    for n in (name, *companions):
+        s = s.remove(n)
+    return float(select.cross_validate(other, s, "trip").mean())
 
 
 def nominal_loss(task: Task, state: State) -> float:
