@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.discovery import estimate, fields, generic, residual, splits, words
+from fleetlog.discovery import estimate, fields, generic, polish, residual, splits, words
 from fleetlog.discovery.candidates import Candidate, named_candidates
 from fleetlog.discovery.classes import own_values
 from fleetlog.discovery.finding import ChannelFit, Finding, Parameter
@@ -267,7 +267,11 @@ def _numbers(
     if c.kind == "field":
         return field_numbers(task.cells(c.term), result.fields[c.name], c)
     out = []
+    shapes = {name for k in choice.knobs for name, _ in k.shape}
     for parameter in c.term.parameters:
+        if parameter.name not in result.numbers[c.name] and parameter.name not in shapes:
+            # The other side of a term with two, as cooling beside heating: nothing was said of it.
+            continue
         value, error = result.numbers[c.name].get(
             parameter.name,
             (result.state.found.value(c.term, parameter.name), _grid_error(choice, parameter.name)),
@@ -286,13 +290,10 @@ def _numbers(
 
 
 def _grid_error(choice: Choice, parameter: str) -> float:
-    """Standard error of a shape that was only tried on a grid: the interval reaches to its neighbours' middles and a little on."""
-    term = choice.candidate.term
-    assert term is not None
-    tried = sorted({dict(k.shape)[parameter] for k in choice.candidate.knobs if parameter in dict(k.shape)})
-    if len(tried) < 2 or not any(parameter in dict(k.shape) for k in choice.knobs):
+    """Standard error of a shape that was only tried at some values: the interval reaches half way to the next on the grid."""
+    if not any(parameter in dict(k.shape) for k in choice.knobs):
         return 0.0
-    return 0.7 * (tried[1] - tried[0]) / estimate.SURE
+    return 0.5 * polish.spacing(choice.candidate, choice.knobs) / estimate.SURE
 
 
 def field_numbers(
@@ -319,6 +320,9 @@ def field_numbers(
                 first.unit,
             )
         ]
+    if fields.amount(c.term) and edges:
+        most = edges[0]
+        return where, [Parameter(first.name, most["value"], most["low"], most["high"], first.unit)]
     weight = np.maximum(values.samples[mask], 1).astype(float)
     value = first.neutral + float(np.average(deviation, weights=weight))
     # Neighbours share their errors through the prior, so averaging does not shrink them.

@@ -52,6 +52,11 @@ def large(v: Values) -> NDArray[np.bool_]:
     return sure & (size >= LARGE * top)
 
 
+def amount(term: Term) -> bool:
+    """Whether a field is an amount for each passage, which adds up over neighbouring pieces, and not a property of the floor."""
+    return term.parameters[0].unit == "s"
+
+
 def places(cells: Cells, v: Values, term: Term) -> tuple[list[dict[str, Any]], list[float] | None]:
     """``where.edges`` and ``where.extent`` of the contract; squares have no edges."""
     mask = large(v)
@@ -82,6 +87,8 @@ def _merged(cells: Stretches, v: Values, mask: NDArray[np.bool_], term: Term) ->
             weight = np.maximum(v.samples[c], 1).astype(float)
             value = float(np.average(v.deviation[c], weights=weight)) + neutral
             error = float(np.sqrt(np.average(v.error[c] ** 2, weights=weight)))
+            if amount(term):
+                value, error = float(v.deviation[c].sum()), float(np.sqrt((v.error[c] ** 2).sum()))
             out.append({
                 "edge_id": cells.network.edge_ids[edge], "from": float(cells.start[c[0]]), "to": float(cells.end[c[-1]]),
                 "value": value, "low": value - SURE * error, "high": value + SURE * error,

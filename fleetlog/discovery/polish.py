@@ -18,6 +18,8 @@ ROUNDS = 8
 HALVINGS = 4
 FURTHEST = 2.5
 """Largest factor by which one step changes a number that is positive by nature."""
+FINER = (0.5, 0.25)
+"""Steps of a shape about the best one of its grid, in spacings of the grid."""
 CONVERGED = 1e-4
 """Smaller steps than this share of the plausible range end the iteration."""
 
@@ -48,8 +50,8 @@ def polish(
     found: Found,
     candidate: Candidate,
     knobs: tuple[Knob, ...],
-) -> tuple[Found, Floats]:
-    """The best setting of a scalar explanation beside what is selected, and the (W,) kJ that it adds."""
+) -> tuple[Found, Floats, float]:
+    """The best setting of a scalar explanation beside what is selected, the (W,) kJ that it adds, and the loss then."""
     f = fit(p, s, inverse=False)
     z = p.x[:, f.columns].astype(float)
     root = np.sqrt(p.weight[rows])
@@ -76,7 +78,40 @@ def polish(
         best, added, rest = new, more, left(after)
         if moved < CONVERGED:
             break
-    return best, added
+    return best, added, float((p.y - added[rows] * root) @ rest)
+
+
+def shaped(
+    recording: Bench,
+    p: Problem,
+    s: Selection,
+    rows: NDArray[np.bool_],
+    found: Found,
+    candidate: Candidate,
+    knobs: tuple[Knob, ...],
+) -> tuple[Found, Floats, tuple[Knob, ...]]:
+    """As :func:`polish`, with a shape that was scanned on a grid brought to its best value between the grid's."""
+    best = (*polish(recording, p, s, rows, found, candidate, knobs), knobs)
+    width = spacing(candidate, knobs)
+    for part in FINER if width else ():
+        for side in (-part, part):
+            knob = best[3][0]
+            ((name, value),) = knob.shape
+            assert candidate.term is not None
+            parameter = candidate.term.by_name[name]
+            moved = float(np.clip(value + side * width, parameter.low, parameter.high))
+            other = (Knob(knob.parameter, ((name, moved),)),)
+            tried = (*polish(recording, p, s, rows, found, candidate, other), other)
+            best = tried if tried[2] < best[2] else best
+    return best[0], best[1], best[3]
+
+
+def spacing(candidate: Candidate, knobs: tuple[Knob, ...]) -> float:
+    """Between the grid values of the one shape of a knob; 0 where there is none."""
+    if len(knobs) != 1 or len(knobs[0].shape) != 1:
+        return 0.0
+    tried = sorted({k.shape[0][1] for k in candidate.knobs if k.shape})
+    return tried[1] - tried[0] if len(tried) > 1 else 0.0
 
 
 def _distance(a: Found, b: Found, candidate: Candidate, knob: Knob) -> float:

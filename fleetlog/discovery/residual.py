@@ -326,7 +326,7 @@ def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Fl
         spread = MECHANISM.get(name, fixed.get(name, 0.05))
         if name in MECHANISM:
             effect = float(np.abs(x).sum(dtype=float)) / total
-            spread = min(spread, 0.25 * MATERIAL / max(effect, 1e-12))
+            spread = min(spread, 0.12 * MATERIAL / max(effect, 1e-12))
         if name in ("vehicle load", "vehicle-day load"):
             # A machine of forty watts has no twenty-five to spare.
             spread = min(spread, 1e3 * MATERIAL * total / float(recording.windows.duration.sum()))

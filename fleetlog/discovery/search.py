@@ -230,7 +230,9 @@ def _polished(
         at = list(p.at[name])
         knobs = tuple(candidate.knobs[at.index(j)] for j in found[name].columns)
         without = Selection(s.columns, s.tau, s.drop | replaced(p, name))
-        model, added = polish.polish(task.recording, p, without, task.use, state.found, candidate, knobs)
+        model, added, knobs = polish.shaped(
+            task.recording, p, without, task.use, state.found, candidate, knobs
+        )
         if not np.any(added):
             continue
         models[name] = (model, knobs)
@@ -257,7 +259,8 @@ def _accept(task: Task, state: State, choice: Choice, model: Found, rng: np.rand
             choice, gain=replace(choice.gain, tau=LOOSE * max(float(np.square(moved).max()), 1e-12))
         )
     else:
-        model = state.found.with_field(name, np.zeros(_size(task, choice)))
+        assert choice.candidate.term is not None
+        model = state.found.with_field(name, np.zeros(len(task.root(choice.candidate.term))))
     state = State(model, [*state.chosen, choice], state.curves, state.weight, state.log)
     state = settle(task, state)
     # Noise is judged anew now that the effect is gone from the residual.
@@ -274,12 +277,6 @@ def _pulled(task: Task, state: State, p: Problem) -> Floats:
             assert term is not None
             out += p.gram[:, p.at[name]] @ np.linalg.lstsq(task.root(term), deviation, rcond=None)[0]
     return out
-
-
-def _size(task: Task, choice: Choice) -> int:
-    term = choice.candidate.term
-    assert term is not None
-    return len(task.root(term))
 
 
 def plausible(task: Task, name: str) -> Hold | None:
