@@ -7,6 +7,7 @@ import datetime as dt
 import numpy as np
 
 from fleetlog.discovery import generic
+from fleetlog.discovery.estimate import sandwich
 from fleetlog.discovery.linear import fit
 from fleetlog.discovery.residual import Recording
 from fleetlog.discovery.search import State, Task, posed, selection
@@ -28,14 +29,17 @@ def own_values(task: Task, state: State, choice: Choice) -> dict[str, dict[str, 
         return None
     _, p = posed(task, state, bench.whole)
     s = selection(state, p)
-    beta, inverse = fit(p, s).of(s, choice.candidate.name)
+    f = fit(p, s)
+    part = f.part(s, choice.candidate.name)
+    beta, covariance = f.beta[part], sandwich(p, f)[part, part]
     unit = generic.FORCE if choice.candidate.name.startswith("force") else generic.POWER
     names = _names(bench, depends[0])
     shared = len(beta) - len(names)
-    mean = beta[:shared].sum()
-    error = np.sqrt(np.maximum(np.diag(inverse)[shared:], 0.0))
+    # A class has its own part and what all have in common.
+    add = np.concatenate([np.ones((len(names), shared)), np.eye(len(names))], axis=1)
+    error = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", add, covariance, add), 0.0))
     seen = p.gram[p.at[choice.candidate.name], p.at[choice.candidate.name]][shared:] > 0.0
-    rows = zip(names, (beta[shared:] + mean) * unit, 1.96 * error * unit, seen, strict=True)
+    rows = zip(names, add @ beta * unit, 1.96 * error * unit, seen, strict=True)
     return {OWN[depends[0]]: {n: [float(v), float(v - e), float(v + e)] for n, v, e, known in rows if known}}
 
 

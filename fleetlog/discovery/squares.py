@@ -21,6 +21,8 @@ MOST = 350
 """More squares than this are made larger instead."""
 REACH = 3.0
 """Distance over which neighbours resemble each other, in sides of a square."""
+COARSE = 0.95
+"""Share of the prior's variance that is kept: half the columns at no loss, measured on roads with hills."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +60,12 @@ class Squares:
         return keep
 
     def root(self, odd: bool) -> Floats:
-        """L with L L' the prior covariance: an own part, and one shared with neighbours."""
+        """(values, modes) L with L L' the prior covariance, neighbours resembling each other, but for its finest modes."""
         apart = np.hypot(*(self.middle[:, None, :] - self.middle[None, :, :]).transpose(2, 0, 1))
-        covariance = 0.15 * np.eye(len(self)) + 0.85 * np.exp(-apart / (REACH * self.side))
-        one = np.linalg.cholesky(covariance)
+        size, mode = np.linalg.eigh(np.exp(-apart / (REACH * self.side)))
+        size, mode = size[::-1], mode[:, ::-1]
+        count = int(np.searchsorted(np.cumsum(size), COARSE * size.sum())) + 1
+        one = mode[:, :count] * np.sqrt(np.maximum(size[:count], 0.0))
         return np.asarray(np.kron(one, np.eye(2)) if odd else one)
 
 

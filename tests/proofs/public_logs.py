@@ -1,0 +1,124 @@
+"""Public logs as fleetlog reads them, each with the column that is withheld from it and the nominal vehicle.
+
+What a vehicle weighs and how it is built comes from its maker's data sheet; what no sheet gives (rolling, efficiency, share of
+braking that comes back, constant load) is a textbook figure.  Neither is fitted to the log but for the robot's one rolling
+coefficient, which is the median of all its driving.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fleetlog.core.site import Frame
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.truck import Truck, truck_from_dict
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Log:
+    """``withheld`` (N,) the column that the diagnosis never sees: altitude [m], NaN where unknown, or a code of ``labels``."""
+
+    track: Trajectory
+    withheld: Floats
+    truck: Truck
+    frame: Frame | None = None
+    labels: tuple[str, ...] = ()
+    holdout: str = "trips"
+
+
+# Nissan Leaf of 40 kWh: kerb mass 1580 kg and a driver, c_d 0.28 on 2.28 m2, 350 V, 39 kWh usable.  Of the two batteries that the
+# maker sold it is the smaller: the log spends 20 kWh on 53 % of charge.
+LEAF = truck_from_dict({
+    "name": "electric hatchback", "chassis": {"mass": 1655.0}, "drive": {"efficiency": 0.85, "regeneration": 0.65, "max_speed": 40.0},
+    "resistance": {"rolling": 0.010, "drag_area": 0.64}, "auxiliary": {"power": 600.0}, "battery": {"voltage": 350.0, "capacity_wh": 39000.0},
+})  # fmt: skip
+# Renault Twizy 80: kerb mass 474 kg and a driver, c_d A 0.64 m2, 58 V, 6.1 kWh.
+TWIZY = truck_from_dict({
+    "name": "quadricycle", "chassis": {"mass": 549.0}, "drive": {"efficiency": 0.78, "regeneration": 0.35, "max_speed": 23.0},
+    "resistance": {"rolling": 0.014, "drag_area": 0.64}, "auxiliary": {"power": 150.0}, "battery": {"voltage": 58.0, "capacity_wh": 6100.0},
+})  # fmt: skip
+# Clearpath Husky: 50 kg and some 25 kg of sensors, 24 V, 1 m/s.
+HUSKY = {
+    "name": "skid-steer robot", "chassis": {"mass": 75.0}, "drive": {"efficiency": 1.0, "regeneration": 0.0, "max_speed": 1.0},
+    "auxiliary": {"power": 0.0}, "battery": {"voltage": 24.0, "capacity_wh": 480.0},
+}  # fmt: skip
+STRAIGHT = 0.05
+"""Difference of the wheels' speeds at which a robot that steers by it drives straight [m/s]."""
+SLOWEST = 0.1
+"""Below this wheel speeds are too coarse [m/s]."""
+
+
+def tripviewer(data: Path) -> Log:
+    """One motorway run of 140 km at 5 s; withheld is the log's elevation [ft]."""
+    t = pd.read_csv(data / "tripviewer" / "tripviewer_hesperia_la.csv").drop_duplicates("epoch")
+    frame = Frame(float(t.lat.mean()), float(t.lon.mean()))
+    x, y = frame.to_local(t.lat.to_numpy(), t.lon.to_numpy())
+    columns = _moving(x, y, t.speed_mph.to_numpy() * 0.44704) | {
+        "battery_power": (t.volts * t.amps).to_numpy(float), "soc": t.soc.to_numpy(float) / 100.0,
+        "ambient_temperature": (t.amb_f.to_numpy(float) - 32.0) / 1.8,
+    }  # fmt: skip
+    time = (t.epoch.to_numpy() * 1e6).astype(np.int64)
+    return Log(Trajectory("leaf", time, columns), t.elev_ft.to_numpy() * 0.3048, LEAF, frame)
+
+
+def twizy(data: Path) -> Log:
+    """Eleven runs on three routes at 1 Hz, energy from the state of charge; positions as logged, held from one update to the next.
+
+    Withheld is the receiver's altitude, a whole number of metres that is 0 or -111 where it is unknown.
+    """
+    frame, runs = Frame(33.98, -6.75), []
+    for file in sorted((data / "twizy").glob("T*/*.csv")):
+        run = pd.read_csv(file)
+        stamp = pd.to_datetime(
+            run.Date + " " + run.Time, format="%m/%d/%Y %H:%M:%S", utc=True, errors="coerce"
+        )
+        runs.append(run.assign(us=stamp.astype("datetime64[us, UTC]").astype(np.int64))[stamp.notna()])
+    t = pd.concat(runs).sort_values("us").drop_duplicates("us")
+    near = (t.LAT.sub(33.98).abs() < 0.5) & (t.LON.add(6.75).abs() < 0.5)
+    x, y = frame.to_local(t.LAT.where(near).to_numpy(), t.LON.where(near).to_numpy())
+    columns = _moving(x, y, t.Speed.to_numpy() / 3.6) | {
+        "soc": t.Soc.to_numpy(float) / 100.0, "ambient_temperature": t.Temperature.to_numpy(float),
+    }  # fmt: skip
+    known = (t.ALT > -50) & (t.ALT != 0)
+    track = Trajectory("twizy", t.us.to_numpy(), columns)
+    return Log(track, t.ALT.where(known).to_numpy(float), TWIZY, frame, holdout="days")
+
+
+def borealtc(data: Path) -> Log:
+    """A robot on several surfaces where it drives straight, every run a trip; withheld is the surface.
+
+    The log has no clock that all runs share: each is given an hour of its own, in an order that says nothing of the surface.
+    """
+    t = pd.read_csv(data / "borealtc" / "borealtc_husky_6hz.csv.gz")
+    key = t.terrain + t.run.astype(str)
+    names = np.unique(key)
+    hour = dict(zip(names, np.random.default_rng(0).permutation(len(names)).tolist(), strict=True))
+    t = t.assign(trip=key.map(hour), speed=(t.velL_mps + t.velR_mps).abs() / 2.0)
+    t["us"] = ((1_650_000_000 + 3600 * t.trip + t.t_s) * 1e6).astype(np.int64)
+    t = t[((t.velL_mps - t.velR_mps).abs() < STRAIGHT) & (t.speed > SLOWEST)]
+    t = t.sort_values("us").drop_duplicates("us")
+    speed = t.speed.to_numpy(float)
+    # Electromagnetic power of both motors: current times the voltage that their speed induces, 24 V at 1 m/s.
+    power = 24.0 * speed * (t.curL_A.abs() + t.curR_A.abs()).to_numpy(float)
+    track = Trajectory("husky", t.us.to_numpy(), {
+        "speed": speed, "battery_power": power, "trip_id": t.trip.to_numpy(np.int64),
+    })  # fmt: skip
+    code, labels = pd.factorize(t.terrain, sort=True)
+    rolling = float(np.median(power / speed)) / (9.81 * HUSKY["chassis"]["mass"])
+    truck = truck_from_dict({**HUSKY, "resistance": {"rolling": rolling}})
+    return Log(track, code.astype(float), truck, labels=tuple(labels))
+
+
+READERS = {"tripviewer": tripviewer, "twizy": twizy, "borealtc": borealtc}
+
+
+def _moving(x: Floats, y: Floats, speed: Floats) -> dict[str, Floats]:
+    a, b = np.maximum(np.arange(len(x)) - 2, 0), np.minimum(np.arange(len(x)) + 2, len(x) - 1)
+    return {"x": x, "y": y, "speed": speed, "heading": np.arctan2(y[b] - y[a], x[b] - x[a])}
