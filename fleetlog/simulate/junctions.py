@@ -26,6 +26,8 @@ STOP = 0.05
 """A truck that waits keeps this far from the end of its lane [m]."""
 BEND = 0.02
 """A connector that bends more than this takes one truck at a time [1/m]."""
+SWING = 1.8
+"""After a turn by more than this a truck may be beside the lane that it came from [rad]."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Junctions:
     capacity : (E,) trucks that can stand on the safe part.
     resource : (S,) of every sample of the track, -1 on safe parts.
     conflict_first, conflicts : CSR over resources: those that exclude it, itself where it takes one truck at a time.
-    bent : (P,) whether a piece takes one truck at a time.
+    swings : (P,) whether a piece turns by more than ``SWING``.
     """
 
     clear: Floats
@@ -48,7 +50,7 @@ class Junctions:
     resource: Index
     conflict_first: NDArray[np.int64]
     conflicts: Index
-    bent: NDArray[np.bool_]
+    swings: NDArray[np.bool_]
 
 
 def half_box(truck: Truck) -> tuple[float, float]:
@@ -89,7 +91,9 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     first, conflicts = conflict_lists(
         np.concatenate([ra[keep], alone]), np.concatenate([rb[keep], alone]), count
     )
-    return Junctions(clear, stop, capacity, resource, first, conflicts, bent)
+    turn = track.heading[track.first[1:] - 1] - track.heading[track.first[:-1]]
+    swings = (np.abs(np.angle(np.exp(1j * turn))) > SWING) & (track.source >= 0)
+    return Junctions(clear, stop, capacity, resource, first, conflicts, swings)
 
 
 def conflict_lists(

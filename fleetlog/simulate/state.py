@@ -29,7 +29,8 @@ class Roads(NamedTuple):
     clear: Floats
     stop: Floats
     capacity: Index
-    bent: NDArray[np.bool_]
+    swings: NDArray[np.bool_]
+    """(P,) whether a truck turns so far on a piece that it comes back beside the lane that it left."""
     conflict_first: NDArray[np.int64]
     conflicts: Index
     door_lane: Index

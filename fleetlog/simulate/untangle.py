@@ -6,12 +6,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fleetlog.simulate.state import DRIVING, EMPTY, PARKED, Fleet
+from fleetlog.simulate.state import AT_BAY, DRIVING, EMPTY, PARKED, WANTS_OUT, Fleet
 from fleetlog.simulate.ways import Way
 from fleetlog.simulate.world import World
 
 STUCK = 30.0
 """After this wait at a junction somebody looks for a deadlock [s]."""
+PASS = 20.0
+"""After this wait a truck that cannot turn into its bay drives on to another door [s]."""
+CHANGE = 40.0
+"""After this wait a truck that cannot back out of its bay tries the other door [s]."""
 DETOUR = 45.0
 """After this wait a truck tries another way [s]."""
 
@@ -55,6 +59,7 @@ class Untangler:
 
     def _untangle(self, now: float) -> None:
         f = self.fleet
+        self._pass_on(now)
         waiting = np.flatnonzero((f.mode == DRIVING) & (f.why > 0) & (now - f.waits > STUCK))
         if not len(waiting):
             return
@@ -71,6 +76,29 @@ class Untangler:
         for v in blocker:
             if v not in released and f.why[v] == 2 and now - f.waits[v] > DETOUR:
                 self._detour(v)
+
+    def _pass_on(self, now: float) -> None:
+        """Who cannot turn into its bay, or back out of it, for too long takes another door; on the road it drives on to it."""
+        f, ways = self.fleet, self.world.ways
+        late = now - f.waits > np.where(f.mode == AT_BAY, PASS, CHANGE)
+        for v in np.flatnonzero(((f.mode == AT_BAY) | (f.mode == WANTS_OUT)) & late & ~f.entry):
+            door, out = self.world.doors[f.door[v]], f.mode[v] == WANTS_OUT
+            if out:
+                others = [d for d in ways.of_bay[door.bay] if d != f.door[v]]
+                way = (
+                    ways.between(door.bay, self.world.doors[f.goal[v]].bay, only=others[0])
+                    if others
+                    else None
+                )
+            else:
+                way = ways.onward(int(f.piece[v]), float(f.s[v]), door.bay, self._closed())
+            if way is None:
+                continue
+            f.asks[f.asks == v] = -1
+            self._take(int(v), way)
+            f.waits[v] = np.inf
+            f.mode[v] = WANTS_OUT if out else DRIVING
+            self.count.detours += 1
 
     def _ring(self, v: int, blocker: dict[int, int]) -> list[int]:
         seen: list[int] = []

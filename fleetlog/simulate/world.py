@@ -221,7 +221,7 @@ def _roads(
 
     return Roads(
         track.first, track.spacing, track.length, track.slope, caps(site, track, physics), j.clear, j.stop, j.capacity,
-        j.bent, first, conflicts, ints("lane"), floats("at"), floats("length"), floats("ahead"), ints("crosses"), floats("low"),
+        j.swings, first, conflicts, ints("lane"), floats("at"), floats("length"), floats("ahead"), ints("crosses"), floats("low"),
         floats("high"),
     )  # fmt: skip
 

@@ -54,3 +54,13 @@ def test_endless_tasks_go_on_where_all_drops_are_taken(simulated, drops):
     last = np.flatnonzero(done.any(axis=0))
     assert last[0] < 600 and np.diff(last).max() < PATIENCE and last[-1] > 3600 - PATIENCE
     assert sim.summary.unfinished <= 8
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_full_site_keeps_moving(simulated, seed):
+    """Sixty trucks on three by three crossings, as many as there are bays for."""
+    sim = simulated(grid(3, 3), 60, 3600.0, seed=seed, interval=1.0)
+    assert longest_stand(sim, np.ones(sim.array("speed").shape, dtype=bool)) < PATIENCE
+    done = np.diff(sim.array("payload"), axis=1) < 0
+    quarters = [q.sum() for q in np.array_split(done.any(axis=0), 4)]
+    assert min(quarters) > 0.5 * max(quarters)

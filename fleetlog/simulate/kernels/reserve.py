@@ -19,6 +19,9 @@ from fleetlog.simulate.state import (
 # Nothing here allocates, so counting references of sixty arrays at every access, which would take most of the time, is
 # switched off: ``_nrt=False``.
 
+SHORT = 0.3
+"""Who stops for another stops this much earlier than it must [m]: a hair too far, and both would wait for ever."""
+
 
 @njit(cache=True, _nrt=False)
 def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
@@ -98,7 +101,8 @@ def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
     if asker >= 0 and asker != v:
         if r.door_lane[f.door[asker]] == lane:
             room -= 1
-        if f.ask_at[lane] < r.clear[lane] + 0.5 and not f.force[v]:
+        # Who could not stop there any more would go first, and after it the next one.
+        if f.ask_at[lane] < max(r.clear[lane] + 0.5, run_in(r, lane, x)) and not f.force[v]:
             return False
     if f.force[v]:
         room += 1
@@ -217,8 +221,8 @@ def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
     if comes_out and is_safe_lane(r, lane) and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
         return False
     if j == f.at[v]:
-        # Its junction is reserved already: it goes first.
-        return f.held_to[v] <= f.at[v]
+        # Its junction or the ground of its bay is reserved already: it goes first.
+        return f.held_to[v] <= f.at[v] and not f.entry[v]
     return f.inbound[lane] == 0 or f.ask_at[lane] >= run_in(r, lane, x)
 
 
@@ -228,11 +232,11 @@ def ask(r: Roads, f: Fleet, v: int, x: Limits) -> None:
     d = f.door[v]
     if f.mode[v] == WANTS_OUT and f.asks[r.door_lane[d]] < 0:
         f.asks[r.door_lane[d]] = v
-        f.ask_at[r.door_lane[d]] = r.door_at[d] - x.length - x.gap
+        f.ask_at[r.door_lane[d]] = r.door_at[d] - x.length - x.gap - SHORT
     c = r.door_crosses[d]
     if c >= 0 and f.asks[c] < 0:
         f.asks[c] = v
-        f.ask_at[c] = r.door_low[d]
+        f.ask_at[c] = r.door_low[d] - SHORT
 
 
 @njit(cache=True, _nrt=False)
@@ -247,13 +251,21 @@ def unask(r: Roads, f: Fleet, v: int) -> None:
 
 
 @njit(cache=True, _nrt=False)
+def comes_in(r: Roads, f: Fleet, lane: int, at: float, stop: float, x: Limits) -> bool:
+    """Whether somebody comes onto a lane who could not stop at ``stop``; behind another one before ``at`` he stops anyway."""
+    if f.inbound[lane] == 0 or stop >= run_in(r, lane, x):
+        return False
+    return f.tail[lane] < 0 or f.s[f.tail[lane]] >= at
+
+
+@njit(cache=True, _nrt=False)
 def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether the lane that the truck's door crosses is clear there, and nobody comes who could not stop before it."""
     d = f.door[v]
     lane, low, high = r.door_crosses[d], r.door_low[d], r.door_high[d]
     if lane < 0:
         return True
-    if f.crossed[lane] >= 0 or (f.inbound[lane] > 0 and low < run_in(r, lane, x)):
+    if f.crossed[lane] >= 0 or comes_in(r, f, lane, low, low, x):
         return False
     u = f.tail[lane]
     while u >= 0:
@@ -281,7 +293,7 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     safe_lane = is_safe_lane(r, lane)
     if safe_lane and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
         return False
-    if f.inbound[lane] > 0 and rear - 0.5 * x.length < run_in(r, lane, x):
+    if comes_in(r, f, lane, at, rear - 0.5 * x.length, x):
         return False
     u = f.tail[lane]
     while u >= 0:

@@ -70,8 +70,9 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
             asker = f.asks[p]
             if asker >= 0 and asker != v and may_ask(r, f, v, j, x):
                 room = off + f.ask_at[p]
-                if room > speed * speed / (2.0 * x.down) + 0.1:
-                    limit = min(limit, safe(speed, room, 0.0, x.plan, dt))
+                # A truck that stands at the mark by a hair stays there; one that cannot stop before it goes on.
+                if room > max(speed * speed / (2.0 * x.down), 0.01) - 0.2:
+                    limit = min(limit, safe(speed, max(room, 0.0), 0.0, x.plan, dt))
             if f.crossed[p] >= 0:
                 d = f.door[f.crossed[p]]
                 if j > f.at[v] or f.s[v] <= r.door_high[d]:
@@ -136,7 +137,7 @@ def cross(r: Roads, f: Fleet, v: int) -> None:
             f.last_out[p] = v
             f.left[v] = p
             f.left_by[v] = f.s[v]
-            f.left_hold[v] = r.length[q] + 1.0 if r.bent[q] else 0.0
+            f.left_hold[v] = r.length[q] + 1.0 if r.swings[q] else 0.0
         if q < len(r.clear):
             f.on[q] += 1
             if is_safe_lane(r, q) and f.held_to[v] == f.at[v]:
@@ -215,21 +216,28 @@ def end_spur(r: Roads, f: Fleet, v: int) -> None:
 
 
 @njit(cache=True, _nrt=False)
-def handling(
-    f: Fleet, log: Log, v: int, column: int, now: float, raise_speed: float, lower_speed: float
-) -> None:
-    """Forks and load of a truck that works at a place: up, take or leave the load, down."""
-    since = now - f.hand_start[v]
+def forks(f: Fleet, v: int, since: float, raise_speed: float, lower_speed: float) -> float:
+    """Height of the forks so long after a truck began to work: up, take or leave the load, down [m]."""
     up, hold, down = f.hand_times[v, 0], f.hand_times[v, 1], f.hand_times[v, 2]
-    height, lift = 0.0, 0.0
-    if 0.0 <= since < up:
-        height, lift = since * raise_speed, raise_speed
-    elif up <= since < up + hold:
-        height = f.hand_height[v]
-    elif up + hold <= since < up + hold + down:
-        height, lift = f.hand_height[v] - (since - up - hold) * lower_speed, -lower_speed
-    f.load[v] = f.hand_before[v] if since < up + 0.5 * hold else f.hand_after[v]
-    log.height[v, column], log.lift[v, column] = height, lift
+    if since < up:
+        return max(since, 0.0) * raise_speed
+    return (
+        max(f.hand_height[v] - max(since - up - hold, 0.0) * lower_speed, 0.0)
+        if since < up + hold + down
+        else 0.0
+    )
+
+
+@njit(cache=True, _nrt=False)
+def handling(
+    f: Fleet, log: Log, v: int, column: int, now: float, dt: float, raise_speed: float, lower_speed: float
+) -> None:
+    """Forks and load of a truck that works at a place; the rate is the mean over the step, so that its energy is exact."""
+    since = now - f.hand_start[v]
+    height = forks(f, v, since, raise_speed, lower_speed)
+    after = forks(f, v, since + dt, raise_speed, lower_speed)
+    f.load[v] = f.hand_before[v] if since < f.hand_times[v, 0] + 0.5 * f.hand_times[v, 1] else f.hand_after[v]
+    log.height[v, column], log.lift[v, column] = height, (after - height) / dt
 
 
 @njit(cache=True, _nrt=False)
@@ -268,7 +276,7 @@ def advance(
             log.height[v, column + k], log.lift[v, column + k] = 0.0, 0.0
             m = f.mode[v]
             if m == HANDLING:
-                handling(f, log, v, column + k, now, raise_speed, lower_speed)
+                handling(f, log, v, column + k, now, dt, raise_speed, lower_speed)
             write(r, f, log, v, column + k)
             if f.v[v] == 0.0 and f.a[v] == 0.0:
                 if m == DRIVING and f.at[v] == f.last[v]:
