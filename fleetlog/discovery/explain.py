@@ -29,6 +29,9 @@ PLAIN = 3.0
 QUANTA = 8.0
 """A window of a stepped state of charge holds at least this many steps on average."""
 
+MOMENT = 0.7
+"""Share of a slope's gain that a floor, which gives nothing back, may have before the slope is in doubt."""
+
 
 @dataclass(frozen=True)
 class Options:
@@ -192,6 +195,17 @@ def _says_something(c: Candidate, where: dict[str, Any] | None, parameters: list
     return abs(first.value - neutral) > PLAIN * error
 
 
+def of_the_moment(task: Task, choice: Choice) -> list[str]:
+    """What else a slope of roads passed once may be: a load that was there for a while, unless the road gave back energy.
+
+    A floor can take energy as a hill can, and give none; where it predicts nearly as well, little came back.
+    """
+    term, floor = choice.candidate.term, choice.rivals.get("surface_resistance")
+    if term is None or not (term.field and term.odd) or not task.recording.windows.pieces or floor is None:
+        return []
+    return ["auxiliary_load"] if floor.trip > MOMENT * choice.gain.trip else []
+
+
 def _finding(
     task: Task, channel: str, choice: Choice, result: estimate.Estimates, fit: ChannelFit, gain: float | None
 ) -> Finding:
@@ -199,7 +213,7 @@ def _finding(
     evidence = _evidence(choice, fit, gain)
     fitted = {"metric": fit.metric, "before": fit.before, "after": fit.after}
     strength = choice.gain.trip
-    tied = list(choice.tied)
+    tied = [*choice.tied, *of_the_moment(task, choice)]
     if c.term is None:
         where, when = _where_of_generic(task, choice), own_values(task, result.state, choice)
         text, needs = words.unknown(c.name, c.depends_on, when)

@@ -68,6 +68,7 @@ NEEDS = {
         {"viscous_drag", "aerodynamic_drag"}
     ): "drive the same road at three speeds, the highest included",
     frozenset({"wind", "grade"}): "record the same roads on another, calm day",
+    frozenset({"auxiliary_load", "grade"}): "record the same roads at another time",
     frozenset({"rotational_inertia", "drivetrain_efficiency"}): "drive at steady speed for some minutes",
     frozenset({"cornering_speed", "speed_zone"}): "look at turns outside these roads",
 }
