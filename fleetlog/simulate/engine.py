@@ -72,6 +72,8 @@ class Summary:
     charged_wh: float
     soc_end: list[float]
     waiting_s: float
+    longest_wait_s: float
+    """Longest time that a truck which wanted to move stood on end."""
     unfinished: int
     notes: list[str]
 
@@ -84,6 +86,7 @@ class Summary:
             "tasks_unfinished": self.unfinished, "distance_m": round(self.distance_m, 1),
             "energy_wh": round(self.energy_wh, 2), "charged_wh": round(self.charged_wh, 2),
             "soc_end": [round(s, 5) for s in self.soc_end], "waiting_s": round(self.waiting_s, 1),
+            "longest_wait_s": round(self.longest_wait_s, 1),
             "charges": c.charges, "deadlocks": c.deadlocks, "deadlocks_released": c.deadlocks_released,
             "detours": c.detours, "made_room": c.made_room, "empty": c.empty, "notes": self.notes,
         }  # fmt: skip
@@ -95,8 +98,8 @@ class Summary:
             f"{self.vehicles} trucks, {self.duration_s / 3600.0:.2f} h, {self.rows} rows, {self.distance_m / 1000.0:.1f} km",
             f"tasks: {c.tasks_done} done of {c.tasks_given}, {self.unfinished} not finished at the end",
             f"energy: {self.energy_wh / 1000.0:.2f} kWh used, {self.charged_wh / 1000.0:.2f} kWh charged in {c.charges} visits",
-            f"traffic: {self.waiting_s / 3600.0:.2f} truck hours of waiting, {c.deadlocks} deadlocks"
-            f" ({c.deadlocks_released} released), {c.detours} detours",
+            f"traffic: {self.waiting_s / 3600.0:.2f} truck hours of waiting, {self.longest_wait_s:.0f} s at most,"
+            f" {c.deadlocks} deadlocks ({c.deadlocks_released} released), {c.detours} detours",
         ]
         if c.empty:
             out.append(f"battery empty: {', '.join(c.empty)}")
@@ -250,7 +253,7 @@ class Run:
         return Summary(
             len(self.names), total * self.settings.step, self.recorder.written, total * len(self.names), d.count,
             float(self.fleet.moved.sum()), self.used, self.charged, [float(s) for s in self.meter.soc], self.waiting,
-            open_tasks, notes,
+            d.watch.longest,             open_tasks, notes,
         )  # fmt: skip
 
 

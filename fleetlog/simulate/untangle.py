@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fleetlog.simulate.state import AT_BAY, DRIVING, EMPTY, PARKED, WANTS_OUT, Fleet
+from fleetlog.simulate.state import AT_BAY, DRIVING, EMPTY, WANTS_OUT, Fleet
+from fleetlog.simulate.watch import Watch, rings
 from fleetlog.simulate.ways import Way
 from fleetlog.simulate.world import World
 
 STUCK = 30.0
-"""After this wait at a junction somebody looks for a deadlock [s]."""
+"""Trucks that want to move and have not for so long are looked at: do they wait for one another? [s]"""
 PASS = 20.0
 """After this wait a truck that cannot turn into its bay drives on to another door [s]."""
 CHANGE = 40.0
@@ -39,6 +40,9 @@ class Untangler:
 
     def __init__(self, world: World, fleet: Fleet) -> None:
         self.world, self.fleet, self.count = world, fleet, Count()
+        self.watch = Watch(world.roads, fleet)
+        self._known: dict[frozenset[int], bool] = {}
+        """Rings that stand at present, and whether they were broken already."""
 
     def _take(self, v: int, way: Way) -> None:
         """Give a truck its way: out of a bay, or onward from the lane it is on."""
@@ -58,88 +62,71 @@ class Untangler:
         return sorted({int(p) for p in stands if p < len(self.world.track.network)})
 
     def _untangle(self, now: float) -> None:
+        """Look for trucks that make no progress: rings of them are broken, others look for another way."""
         f = self.fleet
-        self._pass_on(now)
-        waiting = np.flatnonzero((f.mode == DRIVING) & (f.why > 0) & (now - f.waits > STUCK))
-        if not len(waiting):
+        for v in np.flatnonzero((f.mode == AT_BAY) | (f.mode == WANTS_OUT)):
+            if now - f.waits[v] > (PASS if f.mode[v] == AT_BAY else CHANGE):
+                self._other_door(int(v))
+        still = self.watch.still(now)
+        stuck: list[int] = np.flatnonzero(still > STUCK).tolist()
+        if not stuck:
+            self._known = {}
             return
-        blocker = {int(v): self._blocker(int(v)) for v in waiting}
-        released: set[int] = set()
-        for v in blocker:
-            ring = self._ring(v, blocker)
-            if ring and not released & set(ring):
-                released |= set(ring)
-                self.count.deadlocks += 1
-                if any(f.why[u] == 2 for u in ring):
-                    f.force[np.array(ring)] = True
-                    self.count.deadlocks_released += 1
-        for v in blocker:
-            if v not in released and f.why[v] == 2 and now - f.waits[v] > DETOUR:
+        found = {frozenset(ring) for ring in rings(self.watch.blockers(stuck))}
+        for ring in sorted(found, key=min):
+            released = self._break(sorted(ring))
+            self.count.deadlocks += ring not in self._known
+            self.count.deadlocks_released += released and not self._known.get(ring, False)
+            self._known[ring] = released or self._known.get(ring, False)
+        self._known = {ring: done for ring, done in self._known.items() if ring in found}
+        for v in stuck:
+            if f.mode[v] == DRIVING and f.why[v] == 2 and now - f.waits[v] > DETOUR:
                 self._detour(v)
 
-    def _pass_on(self, now: float) -> None:
-        """Who cannot turn into its bay, or back out of it, for too long takes another door; on the road it drives on to it."""
-        f, ways = self.fleet, self.world.ways
-        late = now - f.waits > np.where(f.mode == AT_BAY, PASS, CHANGE)
-        for v in np.flatnonzero(((f.mode == AT_BAY) | (f.mode == WANTS_OUT)) & late & ~f.entry):
-            door, out = self.world.doors[f.door[v]], f.mode[v] == WANTS_OUT
-            if out:
-                others = [d for d in ways.of_bay[door.bay] if d != f.door[v]]
-                way = (
-                    ways.between(door.bay, self.world.doors[f.goal[v]].bay, only=others[0])
-                    if others
-                    else None
-                )
-            else:
-                way = ways.onward(int(f.piece[v]), float(f.s[v]), door.bay, self._closed())
-            if way is None:
-                continue
-            f.asks[f.asks == v] = -1
-            self._take(int(v), way)
-            f.waits[v] = np.inf
-            f.mode[v] = WANTS_OUT if out else DRIVING
-            self.count.detours += 1
-
-    def _ring(self, v: int, blocker: dict[int, int]) -> list[int]:
-        seen: list[int] = []
-        while v in blocker and v not in seen:
-            seen.append(v)
-            v = blocker[v]
-        return seen[seen.index(v) :] if v in seen else []
-
-    def _blocker(self, v: int) -> int:
-        """The truck that has to move first: the head of the full lane, or who holds the junction."""
+    def _break(self, ring: list[int]) -> bool:
+        """One truck of a ring takes another way; where none can and they wait for room on full lanes, all move up together."""
         f = self.fleet
-        lane = self._next_lane(v)
-        if f.why[v] == 2:
-            on = np.flatnonzero((f.piece == lane) & (f.mode != PARKED))
-            return int(on[np.argmax(f.s[on])]) if len(on) else -1
-        holders = np.flatnonzero(f.held_to >= f.held_from)
-        holders = holders[holders != v]
-        mine = f.s[v], f.piece[v]
-        near = [int(u) for u in holders if int(f.piece[u]) != mine[1]]
-        return near[0] if len(near) == 1 else -1
+        if any(self._other_door(v) if f.mode[v] != DRIVING else self._detour(v) for v in ring):
+            return True
+        full = any(f.why[v] == 2 for v in ring)
+        if full:
+            f.force[np.array(ring)] = True
+        return full
 
-    def _next_lane(self, v: int) -> int:
-        f = self.fleet
-        k = int(f.at[v]) + 1
-        while k < f.last[v] and not (
-            f.route[v, k] < len(self.world.roads.clear) and self.world.roads.capacity[f.route[v, k]] > 0
-        ):
-            k += 1
-        return int(f.route[v, k])
+    def _other_door(self, v: int) -> bool:
+        """Who cannot turn into its bay, or back out of it, takes another door; on the road it drives on to it."""
+        f, ways, door = self.fleet, self.world.ways, self.world.doors[self.fleet.door[v]]
+        if f.entry[v] or f.mode[v] not in (AT_BAY, WANTS_OUT):
+            return False
+        if f.mode[v] == WANTS_OUT:
+            others = [d for d in ways.of_bay[door.bay] if d != f.door[v]]
+            way = ways.between(door.bay, self.world.doors[f.goal[v]].bay, only=others[0]) if others else None
+        else:
+            way = ways.onward(int(f.piece[v]), float(f.s[v]), door.bay, self._closed())
+        if way is None:
+            return False
+        f.asks[f.asks == v] = -1
+        self._take(v, way)
+        f.waits[v] = np.inf
+        f.mode[v] = DRIVING if f.mode[v] == AT_BAY else WANTS_OUT
+        self.count.detours += 1
+        return True
 
-    def _detour(self, v: int) -> None:
+    def _detour(self, v: int) -> bool:
         """Take another way where there is one that is not three times as long."""
         f = self.fleet
+        if f.held_to[v] >= f.held_from[v] or f.ahead[v] >= 0 or f.at[v] == f.last[v]:
+            return False
         lane, goal = int(f.piece[v]), self.world.doors[f.door[v]]
         old = f.route[v, f.at[v] : f.last[v] + 1]
-        closed = sorted({self._next_lane(v), *self._closed()})
+        closed = sorted({self.watch.next_lane(v), *self._closed()})
         if goal.lane in closed or lane == goal.lane:
-            return
+            return False
         way = self.world.ways.onward(lane, float(f.s[v]), goal.bay, closed)
         length = self.world.track.length
-        if way is not None and length[way.pieces].sum() < 3.0 * length[old].sum() + 50.0:
-            self._take(v, way)
-            f.waits[v] = np.inf
-            self.count.detours += 1
+        if way is None or length[way.pieces].sum() > 3.0 * length[old].sum() + 50.0:
+            return False
+        self._take(v, way)
+        f.waits[v] = np.inf
+        self.count.detours += 1
+        return True
