@@ -133,7 +133,10 @@ def unexplained(explained: dict[str, Explained], findings: list[Finding]) -> lis
 def present(fleet: Fleet, wanted: Sequence[str]) -> list[str]:
     """Channels that the recording has; speed needs a map to say how fast one might have driven."""
     have = [c for c in ("battery_power", "soc") if fleet.has(c)]
-    if fleet.network is not None and fleet.has("edge_id"):
+    if fleet.sparse and len(have) == 2 and "battery_power" not in wanted:
+        # A power that is seen now and then adds up to nothing exact; the state of charge has seen it all.
+        have = ["soc"]
+    if fleet.network is not None and fleet.has("edge_id") and (not fleet.sparse or "speed" in wanted):
         have.append("speed")
     return [c for c in have if not wanted or c in wanted]
 

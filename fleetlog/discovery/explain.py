@@ -26,6 +26,13 @@ Floats = NDArray[np.float64]
 
 PLAIN = 3.0
 """Standard errors by which a field must differ from nothing."""
+SPARSE_ROWS = 12.0
+"""Rows in a window where rows are far apart: what falls between them averages out over so many."""
+UNSEEN = frozenset({
+    "rolling_resistance", "cornering_resistance", "viscous_drag", "aerodynamic_drag", "rotational_inertia", "drivetrain_efficiency",
+    "regeneration", "payload", "speed", "acceleration", "curvature",
+})  # fmt: skip
+"""Terms and variables that look like motion between rows, where those are far apart."""
 QUANTA = 8.0
 """A window of a stepped state of charge holds at least this many steps on average."""
 
@@ -63,7 +70,7 @@ def cells_of(fleet: Fleet) -> Cells | None:
 
 def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) -> Explained:
     """Search, judge and word what an energy channel is missing."""
-    measured = channel == "soc" and fleet.has("battery_power")
+    measured = channel == "soc" and fleet.has("battery_power") and not fleet.sparse
     blocks = fleet.blocks
     capacity = 3600.0 * fleet.truck.battery.capacity_wh
     if measured and fleet.lag:
@@ -75,6 +82,8 @@ def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) ->
         *named_candidates(channel, measured, floor is not None, options.terms),
         *(generic.measured_candidates(spans) if measured else generic.generic_candidates(spans, floor is not None)),
     ]  # fmt: skip
+    if fleet.sparse and not measured:
+        candidates = [c for c in candidates if c.name not in UNSEEN and not UNSEEN & set(c.depends_on)]
     free = residual.generic_columns(recording, base)
     task = make_task(recording, candidates, free, floor, base, options)
     unit = f"rms error of energy per {width(fleet, channel):.0f} s window, over rms energy"
@@ -98,7 +107,7 @@ def on_the_clock_of_charge(block: Block, lag: float, capacity: float) -> Block:
 
 def width(fleet: Fleet, channel: str) -> float:
     """Length of a window [s]: ten seconds, longer for many rows and for a coarse state of charge."""
-    wide = max(WIDTH, 3.0 * fleet.step, fleet.rows * fleet.step / MOST)
+    wide = max(WIDTH, (SPARSE_ROWS if fleet.sparse else 3.0) * fleet.step, fleet.rows * fleet.step / MOST)
     if channel == "soc":
         drops = [np.diff(t.floats("soc")) for _, t in fleet.days]
         change = np.concatenate(drops)

@@ -15,7 +15,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.positions import placed, seldom
-from fleetlog.discovery.replay import Block, blocks
+from fleetlog.discovery.replay import SPARSE, Block, blocks
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 
@@ -54,6 +54,11 @@ class Fleet:
     def has(self, column: str) -> bool:
         """Whether any vehicle-day knows the column."""
         return any(t.has(column) for _, t in self.days)
+
+    @property
+    def sparse(self) -> bool:
+        """Whether so much happens between rows that power and travel times cannot be added up from them."""
+        return self.step > SPARSE
 
     @cached_property
     def blocks(self) -> list[Block]:
@@ -135,10 +140,13 @@ def absences(fleet: Fleet) -> list[str]:
         out.append(
             "positions come on few rows: between them places are known in outline, and speed is not held against them"
         )
-    if fleet.step > 2.5:
+    if fleet.sparse:
         out.append(
-            f"a row every {fleet.step:.0f} s: braking and setting off fall between rows and are known in outline only"
+            f"a row every {fleet.step:.0f} s: setting off, turning and braking fall between rows, so nothing is said of travel "
+            "times, and what differs by less than some ten per cent stays unseen"
         )
+        if fleet.has("soc") and fleet.has("battery_power"):
+            out.append("power between the rows is not known: energy is read from the state of charge instead")
     if len({v for v, _ in fleet.days}) == 1:
         out.append("one vehicle: what is wrong with it cannot be told from what is wrong with its kind")
     if fleet.every > 1:

@@ -13,7 +13,7 @@ from fleetlog.discovery import generic, splits, windows
 from fleetlog.discovery.candidates import MECHANISM, Candidate, Knob, tilted
 from fleetlog.discovery.evaluate import Evaluation
 from fleetlog.discovery.model import Found
-from fleetlog.discovery.replay import Block
+from fleetlog.discovery.replay import SPARSE, Block
 from fleetlog.discovery.stretches import Cells
 from fleetlog.discovery.windows import Cut, Windows
 from fleetlog.physics.power import all_terms
@@ -26,6 +26,8 @@ MATERIAL = 0.02
 """A mismatch below this share of the energy (or time) it touches does not count."""
 CLOCKS = 3.0
 """The state of charge keeps its own time [s]."""
+UNSEEN = 0.2
+"""Share of the energy that each way of moving between rows that are far apart may have taken."""
 CRUDE = 0.01
 """Share of a window's energy that sampling keeps any model from explaining."""
 
@@ -287,10 +289,26 @@ def _nuisance(recording: Recording, e: Evaluation, c: Cut, jumps: Floats) -> dic
     speed, acceleration = block.kinked
     kinked = replace(block, motion=m.replaced(speed=speed, acceleration=acceleration))
     out["kinks"] = c.energy(block, replace(e, block=kinked).power - e.power)[:, None]
+    if block.step > SPARSE:
+        for name, power in _between_rows(e).items():
+            out[name] = c.energy(block, power)[:, None]
     if recording.channel == "battery_power":
         wobble = jumps[c.of_sample] * e.truck.drive.efficiency
         out["ripple"] = c.energy(block, _rectified(e, wobble))[:, None]
     return out
+
+
+def _between_rows(e: Evaluation) -> dict[str, Floats]:
+    """Each (N,) W: where a truck may have slowed down and gathered speed again between two rows, unseen."""
+    m = e.motion
+    weight = e.mass * 9.81 * m.speed
+    moving = m.speed > 0.0
+    return {
+        "unseen turns": weight * np.abs(m.curvature),
+        "unseen stops": e.mass * m.speed * np.abs(m.acceleration),
+        "unseen moves": weight * e.truck.resistance.rolling,
+        "unseen pace": e.mass * m.speed**2 * moving / (10.0 * SPARSE),
+    }
 
 
 def _own(values: Floats, which: int, count: int) -> Floats:
@@ -324,6 +342,8 @@ def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Fl
     out = {}
     for name, x in nuisance.items():
         spread = MECHANISM.get(name, fixed.get(name, 0.05))
+        if name.startswith("unseen"):
+            spread = UNSEEN / max(float(np.abs(x).sum(dtype=float)) / total, 1e-12)
         if name in MECHANISM:
             effect = float(np.abs(x).sum(dtype=float)) / total
             spread = min(spread, 0.12 * MATERIAL / max(effect, 1e-12))

@@ -1,0 +1,68 @@
+"""Poorer versions of a recording: what a fleet may lack.
+
+    python degrade.py FOLDER [LACK ...]       FOLDER holds recorded.csv.gz, site.toml, truck.toml; prints what is diagnosed
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+LACKS = ("nothing", "network", "load", "power", "rows", "vehicles")
+"""No road network; no payload and fork height; no battery power; four of five rows; all vehicles but one."""
+
+
+def degrade(recorded: Path, lack: str, out: Path) -> None:
+    """Write ``recorded`` (csv.gz) without what it lacks to ``out`` (csv.gz); a missing network is a matter of the import."""
+    with gzip.open(recorded, "rt", encoding="utf-8") as source, gzip.open(out, "wt", encoding="utf-8") as sink:
+        header = source.readline().strip().split(",")
+        gone = {"load": {"payload", "fork_height"}, "power": {"battery_power"}}.get(lack, set())
+        keep = [i for i, name in enumerate(header) if name not in gone]
+        sink.write(",".join(header[i] for i in keep) + "\n")
+        seen: dict[str, int] = {}
+        for line in source:
+            values = line.rstrip("\n").split(",")
+            vehicle = values[header.index("vehicle_id")]
+            seen[vehicle] = seen.get(vehicle, -1) + 1
+            if (lack == "rows" and seen[vehicle] % 5) or (lack == "vehicles" and vehicle != next(iter(seen))):
+                continue
+            sink.write(",".join(values[i] for i in keep) + "\n")
+
+
+def diagnosed(folder: Path, lack: str, *options: str) -> dict[str, Any]:
+    """The diagnosis of a recording without what it lacks."""
+    tool = [sys.executable, "-m", "fleetlog"]
+    with tempfile.TemporaryDirectory() as scratch:
+        log, data, out = (str(Path(scratch) / n) for n in ("poor.csv.gz", "data", "out"))
+        degrade(folder / "recorded.csv.gz", lack, Path(log))
+        site = [] if lack == "network" else ["--site", str(folder / "site.toml")]
+        subprocess.run([*tool, "import", log, *site, "-o", data, "-q"], check=True, capture_output=True)
+        call = [*tool, "diagnose", data, "--truck", str(folder / "truck.toml"), "-o", out, "--json", "-q", *options]
+        done = subprocess.run(call, capture_output=True, text=True)
+        if done.returncode:
+            raise RuntimeError(done.stderr)
+        return dict(json.loads(done.stdout))
+
+
+def line(found: dict[str, Any]) -> str:
+    """Terms with what is not excluded, numbers, and the held-out errors."""
+    says = []
+    for f in found["findings"]:
+        name = f["term"] if f["term"] != "unknown" else f"unknown({','.join(f['depends_on'])})"
+        number = "".join(f" {p['value']:.3g} [{p['low']:.3g}, {p['high']:.3g}]" for p in f["parameters"][:1])
+        says.append(name + number + (f" or {'/'.join(f['not_excluded'])}" if f["not_excluded"] else ""))
+    errors = ", ".join(f"{c['name']} {c['before']:.3f}>{c['after']:.3f}" for c in found["channels"])
+    return f"{'; '.join(says) or 'none'} | {errors}"
+
+
+if __name__ == "__main__":
+    for lack in sys.argv[2:] or LACKS:
+        try:
+            print(f"| {Path(sys.argv[1]).name} | {lack} | {line(diagnosed(Path(sys.argv[1]), lack))} |", flush=True)
+        except RuntimeError as error:
+            print(f"| {Path(sys.argv[1]).name} | {lack} | {error} |", flush=True)
