@@ -87,6 +87,7 @@ def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float,
                 MODEL_SPEED * value
                 if c.term.acts == "speed"
                 else np.hypot(MODEL * value * (parameter.truck_key is not None), MODEL_CHANGE * moved)
+                + task.rough * abs(value)
             )
             error = np.sqrt(max(spread[i, i], 0.0) + (0.5 * other[i]) ** 2 + model**2)
             if knob.parameter in direct.get(c.name, {}):

@@ -28,9 +28,11 @@ PLAIN = 3.0
 """Standard errors by which a field must differ from nothing."""
 SPARSE_ROWS = 12.0
 """Rows in a window where rows are far apart: what falls between them averages out over so many."""
+ROUGH = 0.08
+"""What the replay of rows that are far apart misses of a number (one standard deviation)."""
 UNSEEN = frozenset({
     "rolling_resistance", "cornering_resistance", "viscous_drag", "aerodynamic_drag", "rotational_inertia", "drivetrain_efficiency",
-    "regeneration", "payload", "speed", "acceleration", "curvature",
+    "regeneration", "lift_efficiency", "payload", "speed", "acceleration", "curvature",
 })  # fmt: skip
 """Terms and variables that look like motion between rows, where those are far apart."""
 QUANTA = 8.0
@@ -86,6 +88,8 @@ def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) ->
         candidates = [c for c in candidates if c.name not in UNSEEN and not UNSEEN & set(c.depends_on)]
     free = residual.generic_columns(recording, base)
     task = make_task(recording, candidates, free, floor, base, options)
+    if fleet.sparse:
+        task = replace(task, rough=ROUGH, material=(residual.COARSE, 2.0 * residual.COARSE))
     unit = f"rms error of energy per {width(fleet, channel):.0f} s window, over rms energy"
     out = explained(task, channel, unit)
     recording.latest.clear()

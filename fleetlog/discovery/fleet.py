@@ -123,8 +123,9 @@ def read_fleet(dataset: Dataset, truck: Truck, site: Site | None = None, most: i
 
 ABSENCES = {
     "edge_id": "no road network: places are squares of the floor, and nothing is said of speed limits, turns or waiting",
-    "payload": "no payload: a truck that carries more than nothing looks like a heavier one",
-    "fork_height": "no fork height: lifting is not replayed, so its energy shows as an unexplained load at standstill",
+    "payload": "no payload: where masts work, each trip may have had any load, so that nothing is said of what looks like mass",
+    "fork_height": "no fork height: lifting is not replayed; where power jumps at standstill, standstills are left out",
+    "payload and fork_height": "no payload and no fork height: a wait on the way cannot be told from work",
     "ambient_temperature": "no ambient temperature: heating and cooling cannot be told from a load that follows the hour",
     "soc": "no state of charge: losses inside the battery stay unseen",
     "battery_power": "no battery power: energy is read from the state of charge, whose coarse steps hide what is short",
@@ -133,7 +134,7 @@ ABSENCES = {
 
 def absences(fleet: Fleet) -> list[str]:
     """What the recording lacks, and what that costs."""
-    out = [text for column, text in ABSENCES.items() if not fleet.has(column)]
+    out = [text for column, text in ABSENCES.items() if not any(fleet.has(c) for c in column.split(" and "))]
     if fleet.left_out:
         out.append(f"left out, since their logs carry no payload: {', '.join(fleet.left_out)}")
     if fleet.rarely_placed:

@@ -75,7 +75,7 @@ def legs(trajectory: Trajectory, network: Network, radius: float) -> Iterator[Le
         path = _path(network, edge[begin:end], offset[begin:end])
         if path is None:
             continue
-        wait = _wait(time, speed, payload, height, trip, int(end), moving)
+        wait = _wait(time, speed, payload, height, int(end), moving)
         rows = slice(int(begin) - 1, int(end) + 1)
         leg = _leg(
             network,
@@ -97,7 +97,6 @@ def _wait(
     speed: Floats,
     payload: Floats,
     height: Floats,
-    trip: Ints,
     end: int,
     moving: NDArray[np.bool_],
 ) -> float:
@@ -109,9 +108,9 @@ def _wait(
     stood = slice(end, leave + 1)
     worked = np.ptp(payload[stood]) > LOAD or np.ptp(height[stood]) > LIFT
     long = float(time[leave] - time[end])
-    # Without a mast or a scale in the log only a stop too short to end a trip is one on the way.
+    # Without a mast or a scale in the log nobody knows which stop was work.
     blind = not payload.any() and not height.any()
-    if worked or long > PURPOSE or (blind and trip[leave] != trip[end - 1]):
+    if worked or long > PURPOSE or blind:
         return 0.0
     return long
 

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.discovery.unseen import Shared, amount, shared
 from fleetlog.discovery.windows import Windows
 
 Floats = NDArray[np.float64]
@@ -56,6 +57,8 @@ class Problem:
     trip: Ints
     block: Ints
     fold: dict[str, Ints]
+    rows: NDArray[np.bool_]
+    common: Shared | None = None
     inner: Problem | None = None
     """The problem that this one has some more columns than: its sums are not added up again."""
     _by_fold: dict[str, list[Sums]] = field(default_factory=dict)
@@ -97,20 +100,25 @@ class Problem:
         gram[:, begin:], gram[begin:] = border, border.T
         return gram, np.concatenate([before[1], moment]), before[2], before[3]
 
+    def scaled(self, values: Floats) -> Floats:
+        """Values of all windows, (W,) or (W, k), as rows of this problem: picked out, weighted, made independent."""
+        root = np.sqrt(self.weight[self.rows])
+        out = values[self.rows] * (root if values.ndim == 1 else root[:, None])
+        return out if self.common is None else self.common.out_of(out)
+
     def predicted(self, columns: Ints, beta: Floats) -> Floats:
         """(W,) what coefficients of some columns make; one product with all is faster than picking columns out."""
         every = np.zeros(self.x.shape[1], np.float32)
         every[columns] = beta
         return (self.x @ every).astype(float)
 
-    def extended(self, columns: dict[str, NDArray[np.float32]], rows: NDArray[np.bool_]) -> Problem:
-        """With more groups; ``rows`` are the windows of this problem among all."""
-        root = np.sqrt(self.weight[rows]).astype(np.float32)
+    def extended(self, columns: dict[str, NDArray[np.float32]]) -> Problem:
+        """With more groups, (W, k) each."""
         at, begin = dict(self.at), self.x.shape[1]
         for name, c in columns.items():
             at[name] = np.arange(begin, begin + c.shape[1])
             begin += c.shape[1]
-        new = np.concatenate([c[rows] for c in columns.values()], axis=1) * root[:, None]
+        new = self.scaled(np.concatenate([*columns.values()], axis=1)).astype(np.float32)
         return replace(self, x=np.concatenate([self.x, new], axis=1), at=at, inner=self, _by_fold={})
 
 
@@ -266,8 +274,12 @@ def pose(
     jitter: Floats,
     crude: Floats,
     weight: Floats | None = None,
+    load: Floats | None = None,
 ) -> Problem:
-    """The problem of the windows in ``use``, with weights from what the freest model leaves (or given)."""
+    """The problem of the windows in ``use``, with weights from what the freest model leaves (or given).
+
+    ``load`` (W,) is what one standard deviation of an unknown load adds, the same load in all windows of a trip.
+    """
     names = [*nuisance, *groups]
     width = [*(v.shape[1] for v in nuisance.values()), *(v.shape[1] for v in groups.values())]
     ends = np.cumsum(width)
@@ -282,14 +294,18 @@ def pose(
     spreads = np.concatenate([spread[n] for n in nuisance])
     own = np.concatenate([np.full(v.shape[1], n.startswith("vehicle")) for n, v in nuisance.items()])
     if weight is None:
-        weight = _robust_weights(windows, model, y, x, use, jitter, crude)
+        weight = _robust_weights(windows, model, y, x, use, jitter, crude, load)
     root = np.sqrt(weight[use])
     x *= root[:, None].astype(np.float32)
     _, trip = np.unique(windows.trip[use], return_inverse=True)
+    target, common = y[use] * root, None
+    if load is not None:
+        common = shared(load[use] * root, trip)
+        x, target = common.out_of(x).astype(np.float32), common.out_of(target)
     _, slow = np.unique(block[use], return_inverse=True)
     return Problem(
-        x, y[use] * root, weight, at, index, spreads, own,
-        trip, slow, {k: np.unique(v[use], return_inverse=True)[1] for k, v in fold.items()},
+        x, target, weight, at, index, spreads, own,
+        trip, slow, {k: np.unique(v[use], return_inverse=True)[1] for k, v in fold.items()}, use, common,
     )  # fmt: skip
 
 
@@ -301,6 +317,7 @@ def _robust_weights(
     use: NDArray[np.bool_],
     jitter: Floats,
     crude: Floats,
+    load: Floats | None = None,
 ) -> Floats:
     """Weights from what the freest model leaves: an effect that is yet to be found must not pass for noise."""
     weight = noise_weights(windows, model, y, use, jitter, crude)
@@ -310,6 +327,9 @@ def _robust_weights(
         beta = np.linalg.solve(h, b)
         residual = y.copy()
         residual[use] -= x @ beta.astype(np.float32)
+        if load is not None:
+            trip = np.unique(windows.trip, return_inverse=True)[1]
+            residual -= amount(load, residual, weight * use, trip)
         if len(x) < PLENTY * x.shape[1]:
             # What a window would miss had it not been fitted itself: many columns for few windows leave no noise to see.
             lever = _leverage(x, np.sqrt(weight[use]), np.linalg.inv(h).astype(np.float32))

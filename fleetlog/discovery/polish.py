@@ -54,7 +54,6 @@ def polish(
     """The best setting of a scalar explanation beside what is selected, the (W,) kJ that it adds, and the loss then."""
     f = fit(p, s, inverse=False)
     z = p.x[:, f.columns].astype(float)
-    root = np.sqrt(p.weight[rows])
     one = replace(candidate, knobs=knobs)
     gram = z.T @ z + np.diag(_penalty(p, s))
 
@@ -64,13 +63,13 @@ def polish(
     best, added = found, np.zeros(len(rows))
     rest = left(p.y)
     for _ in range(ROUNDS):
-        columns = recording.column(best, one)[rows] * root[:, None]
-        step = _solve(left(columns), columns, p.y - added[rows] * root)
+        columns = p.scaled(recording.column(best, one))
+        step = _solve(left(columns), columns, p.y - p.scaled(added))
         for halving in range(HALVINGS):
             new = turned(best, candidate, knobs, step / 2.0**halving)
             more = recording.effect(found, new)
-            after = p.y - more[rows] * root
-            if after @ left(after) < (p.y - added[rows] * root) @ rest:
+            after = p.y - p.scaled(more)
+            if after @ left(after) < (p.y - p.scaled(added)) @ rest:
                 break
         else:
             break

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.discovery import generic, splits, windows
+from fleetlog.discovery import generic, splits, unseen, windows
 from fleetlog.discovery.candidates import MECHANISM, Candidate, Knob, tilted
 from fleetlog.discovery.evaluate import Evaluation
 from fleetlog.discovery.model import Found
@@ -24,6 +24,8 @@ Columns = NDArray[np.float32]
 
 MATERIAL = 0.02
 """A mismatch below this share of the energy (or time) it touches does not count."""
+COARSE = 0.06
+"""The same where rows are far apart."""
 CLOCKS = 3.0
 """The state of charge keeps its own time [s]."""
 UNSEEN = 0.2
@@ -77,6 +79,8 @@ class Recording:
     measured: bool
     recorded: Floats
     whole: NDArray[np.bool_]
+    unweighed: bool = False
+    """Whether trucks carry loads that are not in the log."""
     latest: list[tuple[Found, list[Candidate], Table]] = field(default_factory=list)
     """The table that was asked for last: the search comes back to the same model again and again."""
 
@@ -129,6 +133,8 @@ class Table:
     jitter: Floats
     crude: Floats
     free: dict[str, Columns] = field(default_factory=dict)
+    load: Floats | None = None
+    """(W,) what a standard deviation of an unknown load adds, where loads are carried and not recorded."""
 
 
 def prepare(
@@ -148,10 +154,14 @@ def prepare(
     pairs = [recorded_energy(b, c, channel, capacity) for b, c in zip(blocks, cuts, strict=True)]
     energy = np.concatenate(pairs)
     whole = np.isfinite(energy)
+    still = None if measured else unseen.quiet(blocks, [c.of_row for c in cuts], frame, energy)
+    if still is not None:
+        whole &= still
     spans = generic.ranges(blocks, starts)
     return Recording(
-        blocks, cuts, frame, starts, spans, floor, channel, measured, np.where(whole, energy, 0.0), whole
-    )
+        blocks, cuts, frame, starts, spans, floor, channel, measured, np.where(whole, energy, 0.0), whole,
+        not measured and unseen.carries(blocks, still is not None),
+    )  # fmt: skip
 
 
 def recorded_energy(block: Block, c: Cut, channel: str, capacity: float) -> Floats:
@@ -185,12 +195,14 @@ def tabulate(recording: Recording, found: Found, named: list[Candidate], free: d
     """The residual under ``found`` and the columns of all named candidates about it."""
     groups: dict[str, list[Columns]] = {}
     nuisance: dict[str, list[Columns]] = {}
-    model, jitter = [], []
+    model, jitter, load = [], [], []
     for block, c in recording.pairs():
         e = recording.evaluation(block, found)
         model.append(c.energy(block, e.power))
         jumps = _jumps(block, c, e) if recording.channel == "battery_power" else np.zeros(c.count)
         jitter.append(jumps)
+        if recording.unweighed:
+            load.append(_load(e, c))
         for candidate in named:
             groups.setdefault(candidate.name, []).append(
                 _named(recording, e, c, candidate).astype(np.float32)
@@ -210,7 +222,18 @@ def tabulate(recording: Recording, found: Found, named: list[Candidate], free: d
         np.concatenate(jitter),
         CRUDE * np.abs(recording.recorded),
         free,
+        np.concatenate(load) if load else None,
     )
+
+
+def _load(e: Evaluation, c: Cut) -> Floats:
+    """(windows,) kJ that one standard deviation of a load that nobody weighed adds."""
+    chassis, more = e.found.truck.chassis, 10.0
+    heavier = replace(
+        e, block=replace(e.block, motion=e.block.motion.replaced(payload=e.block.motion.payload + more))
+    )
+    spread = min(0.5 * chassis.rated_load, unseen.PART * chassis.mass)
+    return c.energy(e.block, heavier.power - e.power) * spread / more
 
 
 def tabulate_one(recording: Recording, found: Found, candidate: Candidate) -> Floats:
@@ -306,6 +329,7 @@ def _between_rows(e: Evaluation) -> dict[str, Floats]:
     return {
         "unseen turns": weight * np.abs(m.curvature),
         "unseen stops": e.mass * m.speed * np.abs(m.acceleration),
+        "unseen lifts": (m.payload + e.truck.lift.carriage_mass) * 9.81 * np.maximum(m.lift_speed, 0.0),
         "unseen moves": weight * e.truck.resistance.rolling,
         "unseen pace": e.mass * m.speed**2 * moving / (10.0 * SPARSE),
     }
@@ -340,6 +364,7 @@ def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Fl
     }  # fmt: skip
     total = float(np.abs(recording.recorded).sum()) or 1.0
     out = {}
+    coarse = recording.blocks[0].step > SPARSE
     for name, x in nuisance.items():
         spread = MECHANISM.get(name, fixed.get(name, 0.05))
         if name.startswith("unseen"):
@@ -350,6 +375,8 @@ def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Fl
         if name in ("vehicle load", "vehicle-day load"):
             # A machine of forty watts has no twenty-five to spare.
             spread = min(spread, 1e3 * MATERIAL * total / float(recording.windows.duration.sum()))
+        if coarse and name in ("auxiliary_load", "vehicle load", "vehicle-day load"):
+            spread *= COARSE / MATERIAL
         if name == "lag" and recording.measured:
             spread = CLOCKS
         out[name] = np.full(x.shape[1], spread)

@@ -48,6 +48,8 @@ class Task:
     train: Mask
     seed: int
     material: tuple[float, float] = (MATERIAL, 2.0 * MATERIAL)
+    rough: float = 0.0
+    """What the replay misses of any number found, as a share of it (one standard deviation)."""
     own_floors: dict[str, Cells] = field(default_factory=dict)
     own_roots: dict[str, Floats] = field(default_factory=dict)
 
@@ -123,7 +125,7 @@ def posed(
     groups.update({k: v for k, v in task.free.items() if everything or k in state.curves})
     p = pose(
         table.windows, table.model, table.y, groups, table.nuisance, table.spread,
-        task.use if use is None else use, task.fold, task.block, table.jitter, table.crude, state.weight,
+        task.use if use is None else use, task.fold, task.block, table.jitter, table.crude, state.weight, table.load,
     )  # fmt: skip
     if state.weight is None:
         state.weight = p.weight
@@ -239,7 +241,7 @@ def _polished(
         columns[f"polished {name}"] = added[:, None].astype(np.float32)
     if not columns:
         return p, found, models
-    p = p.extended(columns, task.use)
+    p = p.extended(columns)
     out = dict(found)
     for name in models:
         out[name] = replace(found[name], columns=p.at[f"polished {name}"], tau=1.0)
@@ -382,7 +384,7 @@ def _loss_without(
 ) -> float:
     name = choice.candidate.name
     added = task.recording.effect(state.found.without(name), state.found)
-    y = p.y + (added * np.sqrt(p.weight))[task.use]
+    y = p.y + p.scaled(added)
     other = replace(p, y=y, inner=None, _by_fold={})
     for n in (name, *companions):
         s = s.remove(n)

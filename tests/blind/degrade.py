@@ -1,6 +1,6 @@
 """Poorer versions of a recording: what a fleet may lack.
 
-    python degrade.py FOLDER [LACK ...]       FOLDER holds recorded.csv.gz, site.toml, truck.toml; prints what is diagnosed
+python degrade.py FOLDER [LACK ...]       FOLDER holds recorded.csv.gz, site.toml, truck.toml; prints what is diagnosed
 """
 
 from __future__ import annotations
@@ -19,7 +19,10 @@ LACKS = ("nothing", "network", "load", "power", "rows", "vehicles")
 
 def degrade(recorded: Path, lack: str, out: Path) -> None:
     """Write ``recorded`` (csv.gz) without what it lacks to ``out`` (csv.gz); a missing network is a matter of the import."""
-    with gzip.open(recorded, "rt", encoding="utf-8") as source, gzip.open(out, "wt", encoding="utf-8") as sink:
+    with (
+        gzip.open(recorded, "rt", encoding="utf-8") as source,
+        gzip.open(out, "wt", encoding="utf-8") as sink,
+    ):
         header = source.readline().strip().split(",")
         gone = {"load": {"payload", "fork_height"}, "power": {"battery_power"}}.get(lack, set())
         keep = [i for i, name in enumerate(header) if name not in gone]
@@ -42,7 +45,18 @@ def diagnosed(folder: Path, lack: str, *options: str) -> dict[str, Any]:
         degrade(folder / "recorded.csv.gz", lack, Path(log))
         site = [] if lack == "network" else ["--site", str(folder / "site.toml")]
         subprocess.run([*tool, "import", log, *site, "-o", data, "-q"], check=True, capture_output=True)
-        call = [*tool, "diagnose", data, "--truck", str(folder / "truck.toml"), "-o", out, "--json", "-q", *options]
+        call = [
+            *tool,
+            "diagnose",
+            data,
+            "--truck",
+            str(folder / "truck.toml"),
+            "-o",
+            out,
+            "--json",
+            "-q",
+            *options,
+        ]
         done = subprocess.run(call, capture_output=True, text=True)
         if done.returncode:
             raise RuntimeError(done.stderr)
@@ -63,6 +77,9 @@ def line(found: dict[str, Any]) -> str:
 if __name__ == "__main__":
     for lack in sys.argv[2:] or LACKS:
         try:
-            print(f"| {Path(sys.argv[1]).name} | {lack} | {line(diagnosed(Path(sys.argv[1]), lack))} |", flush=True)
+            print(
+                f"| {Path(sys.argv[1]).name} | {lack} | {line(diagnosed(Path(sys.argv[1]), lack))} |",
+                flush=True,
+            )
         except RuntimeError as error:
             print(f"| {Path(sys.argv[1]).name} | {lack} | {error} |", flush=True)

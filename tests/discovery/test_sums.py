@@ -51,7 +51,7 @@ def test_two_days_add_up_to_both(data) -> None:
 def test_sums_of_more_columns_are_those_of_all_columns(data) -> None:
     x, y = data
     every = np.ones(W, bool)
-    p = problem(every, x[:, :2], y).extended({"more": x[:, 2:]}, every)
+    p = problem(every, x[:, :2], y).extended({"more": x[:, 2:]})
     whole = problem(every, x, y)
     for (gram, moment, square, count), (g, m, s, c) in zip(p.folds("trip"), whole.folds("trip"), strict=True):
         assert gram == pytest.approx(g, rel=1e-5, abs=1e-2)
