@@ -104,6 +104,13 @@ def diagnose(
     notes += [f"{name}: too little of it to judge" for name, e in explained.items() if e.fit not in judged]
     if any(e.task.recording.windows.pieces for e in explained.values()):
         notes.append(ONCE if fleet.has("x") else APART)
+    if (
+        len({(v if holdout == "vehicles" else t.time[0] // 86_400_000_000) for v, t in fleet.days}) < 2
+        and holdout != "trips"
+    ):
+        notes.append(
+            f"all rows are of one of the {holdout} to keep back: stretches of time were kept back instead"
+        )
     verdict = Verdict(judged, findings, notes)
     return Diagnosis(verdict, together(base, explained), explained, faults, fleet)
 

@@ -89,13 +89,13 @@ def _pieces(w: Windows) -> Ints:
 def test_windows(w: Windows, holdout: str, rng: np.random.Generator) -> NDArray[np.bool_]:
     """(W,) windows of the trips (vehicles, days) that are kept back for the last judgement."""
     unit = {"trips": w.trip, "vehicles": w.vehicle, "days": w.day}[holdout]
-    if holdout != "trips" and len(np.unique(unit)) < 3:
+    if holdout != "trips" and len(np.unique(unit)) < 2:
         unit = slow_blocks(w)
     if w.pieces and holdout == "trips":
         return np.asarray(_interleave(w.trip, round(1.0 / TEST), rng) == 0)
     names = np.unique(unit)
     # A log that never stops is one trip: then stretches of time take the place of trips.
-    if len(names) < 5:
+    if holdout == "trips" and len(names) < 5:
         unit = slow_blocks(w)
         names = np.unique(unit)
     chosen = rng.permutation(names)[: max(1, round(TEST * len(names)))]
