@@ -34,5 +34,5 @@ def test_only_who_wants_to_move_and_does_not_is_still():
         still = watch.still(float(now))
     assert still.tolist() == [0.0, 90.0, 0.0]
     assert watch.longest == 90.0
-    fleet.moved[1] += 1.0
+    fleet.moved[:2] += 1.0
     assert not np.any(watch.still(100.0))
