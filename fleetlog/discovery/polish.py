@@ -77,7 +77,7 @@ def polish(
         best, added, rest = new, more, left(after)
         if moved < CONVERGED:
             break
-    return best, added, float((p.y - added[rows] * root) @ rest)
+    return best, added, float((p.y - p.scaled(added)) @ rest)
 
 
 def shaped(
