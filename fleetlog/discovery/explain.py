@@ -78,7 +78,9 @@ def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) ->
     if measured and fleet.lag:
         blocks = [on_the_clock_of_charge(b, fleet.lag.get(b.vehicle, 0.0), capacity) for b in blocks]
     floor = cells_of(fleet)
-    recording = residual.prepare(blocks, floor, channel, measured, width(fleet, channel), capacity)
+    recording = residual.prepare(
+        blocks, floor, channel, measured, width(fleet, channel), capacity, fleet.sparse
+    )
     spans = recording.ranges
     candidates = [
         *named_candidates(channel, measured, floor is not None, options.terms),

@@ -15,7 +15,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.positions import placed, seldom
-from fleetlog.discovery.replay import SPARSE, Block, blocks
+from fleetlog.discovery.replay import Block, blocks
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 
@@ -24,6 +24,10 @@ COLUMNS = (
     "soc", "ambient_temperature",
 )  # fmt: skip
 
+SPARSE = 2.5
+"""Time between rows from which on a truck may set off or stop between two of them, unseen [s]."""
+ABRUPT = 0.3
+"""Change of speed from row to row, as a share of speed, from which on it does (root mean squares)."""
 MOST_ROWS = 1_200_000
 """Rows that are looked at: some 1.8 GB of memory."""
 
@@ -55,10 +59,15 @@ class Fleet:
         """Whether any vehicle-day knows the column."""
         return any(t.has(column) for _, t in self.days)
 
-    @property
+    @cached_property
     def sparse(self) -> bool:
-        """Whether so much happens between rows that power and travel times cannot be added up from them."""
-        return self.step > SPARSE
+        """Whether so much happens between rows that power and travel times cannot be added up from them.
+
+        A truck that sets off and stops every minute moves unseen between rows five seconds apart, a car on a motorway does not.
+        """
+        speeds = [np.nan_to_num(t.floats("speed")) for _, t in self.days]
+        change = sum(float((np.diff(v) ** 2).sum()) for v in speeds)
+        return self.step > SPARSE and change > ABRUPT**2 * sum(float((v**2).sum()) for v in speeds)
 
     @cached_property
     def blocks(self) -> list[Block]:
@@ -146,8 +155,12 @@ def absences(fleet: Fleet) -> list[str]:
             f"a row every {fleet.step:.0f} s: setting off, turning and braking fall between rows, so nothing is said of travel "
             "times, and what differs by less than some ten per cent stays unseen"
         )
-        if fleet.has("soc") and fleet.has("battery_power"):
-            out.append("power between the rows is not known: energy is read from the state of charge instead")
+    elif fleet.step > SPARSE:
+        out.append(
+            f"a row every {fleet.step:.0f} s: braking and setting off fall between rows and are known in outline only"
+        )
+    if fleet.sparse and fleet.has("soc") and fleet.has("battery_power"):
+        out.append("power between the rows is not known: energy is read from the state of charge instead")
     if len({v for v, _ in fleet.days}) == 1:
         out.append("one vehicle: what is wrong with it cannot be told from what is wrong with its kind")
     if fleet.every > 1:

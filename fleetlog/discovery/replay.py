@@ -28,8 +28,6 @@ FINEST = 0.25
 MAX_STEPS = 20
 KINK = 0.3
 """Change of acceleration from row to row that may hide a kink [m/s2]."""
-SPARSE = 2.5
-"""Time between rows from which on a truck may set off or stop between two of them, unseen [s]."""
 MIN_ROWS = 8
 """A shorter uninterrupted piece of log says nothing [rows]."""
 JOINED = 3.5
@@ -63,11 +61,6 @@ class Block:
 
     def __len__(self) -> int:
         return len(self.time)
-
-    @property
-    def step(self) -> float:
-        """Time between rows [s]."""
-        return float(np.median(np.diff(self.time))) if len(self) > 1 else 0.0
 
     def rows(self, values: Floats) -> Floats:
         """(rows, ...) mean over the sub-samples of each row."""

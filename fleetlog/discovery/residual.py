@@ -13,7 +13,7 @@ from fleetlog.discovery import generic, splits, unseen, windows
 from fleetlog.discovery.candidates import MECHANISM, Candidate, Knob, tilted
 from fleetlog.discovery.evaluate import Evaluation
 from fleetlog.discovery.model import Found
-from fleetlog.discovery.replay import SPARSE, Block
+from fleetlog.discovery.replay import Block
 from fleetlog.discovery.stretches import Cells
 from fleetlog.discovery.windows import Cut, Windows
 from fleetlog.physics.power import all_terms
@@ -79,6 +79,8 @@ class Recording:
     measured: bool
     recorded: Floats
     whole: NDArray[np.bool_]
+    coarse: bool = False
+    """Whether rows are so far apart that much happens between them."""
     unweighed: bool = False
     """Whether trucks carry loads that are not in the log."""
     latest: list[tuple[Found, list[Candidate], Table]] = field(default_factory=list)
@@ -138,7 +140,13 @@ class Table:
 
 
 def prepare(
-    blocks: list[Block], floor: Cells | None, channel: str, measured: bool, width: float, capacity: float
+    blocks: list[Block],
+    floor: Cells | None,
+    channel: str,
+    measured: bool,
+    width: float,
+    capacity: float,
+    coarse: bool = False,
 ) -> Recording:
     """Windows of all blocks, with the recorded energy of the channel in each; ``capacity`` of the battery [J].
 
@@ -160,7 +168,7 @@ def prepare(
     spans = generic.ranges(blocks, starts)
     return Recording(
         blocks, cuts, frame, starts, spans, floor, channel, measured, np.where(whole, energy, 0.0), whole,
-        not measured and unseen.carries(blocks, still is not None),
+        coarse, not measured and unseen.carries(blocks, still is not None),
     )  # fmt: skip
 
 
@@ -312,7 +320,7 @@ def _nuisance(recording: Recording, e: Evaluation, c: Cut, jumps: Floats) -> dic
     speed, acceleration = block.kinked
     kinked = replace(block, motion=m.replaced(speed=speed, acceleration=acceleration))
     out["kinks"] = c.energy(block, replace(e, block=kinked).power - e.power)[:, None]
-    if block.step > SPARSE:
+    if recording.coarse:
         for name, power in _between_rows(e).items():
             out[name] = c.energy(block, power)[:, None]
     if recording.channel == "battery_power":
@@ -331,7 +339,7 @@ def _between_rows(e: Evaluation) -> dict[str, Floats]:
         "unseen stops": e.mass * m.speed * np.abs(m.acceleration),
         "unseen lifts": (m.payload + e.truck.lift.carriage_mass) * 9.81 * np.maximum(m.lift_speed, 0.0),
         "unseen moves": weight * e.truck.resistance.rolling,
-        "unseen pace": e.mass * m.speed**2 * moving / (10.0 * SPARSE),
+        "unseen pace": e.mass * m.speed**2 * moving / 25.0,
     }
 
 
@@ -364,7 +372,6 @@ def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Fl
     }  # fmt: skip
     total = float(np.abs(recording.recorded).sum()) or 1.0
     out = {}
-    coarse = recording.blocks[0].step > SPARSE
     for name, x in nuisance.items():
         spread = MECHANISM.get(name, fixed.get(name, 0.05))
         if name.startswith("unseen"):
@@ -375,7 +382,7 @@ def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Fl
         if name in ("vehicle load", "vehicle-day load"):
             # A machine of forty watts has no twenty-five to spare.
             spread = min(spread, 1e3 * MATERIAL * total / float(recording.windows.duration.sum()))
-        if coarse and name in ("auxiliary_load", "vehicle load", "vehicle-day load"):
+        if recording.coarse and name in ("auxiliary_load", "vehicle load", "vehicle-day load"):
             spread *= COARSE / MATERIAL
         if name == "lag" and recording.measured:
             spread = CLOCKS
