@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.discovery.candidates import is_vector
 from fleetlog.discovery.fields import Values, stands_out
 from fleetlog.discovery.linear import Fit, Problem, Selection, fit
 from fleetlog.discovery.search import State, Task, posed, selection, settle
+from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
 
@@ -82,7 +84,7 @@ def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float,
         for i, knob in enumerate(choice.knobs):
             parameter = c.term.by_name[knob.parameter]
             value = state.found.value(c.term, knob.parameter)
-            moved = value - task.base.value(c.term, knob.parameter)
+            moved = _moved(task, state, c.term, knob.parameter)
             model = (
                 MODEL_SPEED * value
                 if c.term.acts == "speed"
@@ -96,6 +98,12 @@ def estimates(task: Task, state: State, direct: dict[str, dict[str, tuple[float,
                 state.found = state.found.with_value(c.name, knob.parameter, value)
             numbers[c.name][knob.parameter] = (value, float(error))
     return Estimates(state, numbers, found_fields)
+
+
+def _moved(task: Task, state: State, term: Term, parameter: str) -> float:
+    """How far a number was moved; the components of a vector as far as the vector was."""
+    names = [p.name for p in term.parameters] if is_vector(term) else [parameter]
+    return float(np.hypot.reduce([state.found.value(term, n) - task.base.value(term, n) for n in names]))
 
 
 def _only_where_large(task: Task, state: State, use: NDArray[np.bool_]) -> tuple[Task, State]:
