@@ -398,6 +398,8 @@ def proposed(task: Task, choice: Choice) -> str:
     if kind in ("force", "drag"):
         weight = "m g" if kind == "force" else "1 N"
         return f"F = {weight} f({state}), with f dimensionless and piecewise linear"
+    if kind == "drive":
+        return f"P = P_drive f({state}), with f dimensionless and piecewise linear"
     return f"P = P0 f({state}), with P0 = {generic.POWER:.0f} W and f dimensionless and piecewise linear"
 
 

@@ -1,7 +1,8 @@
 """Free dependences: force or power as any smooth function of a recorded variable.
 
 They are what makes "unknown, but it follows X" possible, and they keep the named explanations honest, which must beat them.
-``force`` ones act through the drive (0.01 m g v), ``power`` ones on the battery (300 W); hat functions make the curve.
+``force`` ones act through the drive (0.01 m g v), ``drive`` ones on what the drive draws (a tenth of it), ``power`` ones on the
+battery (300 W); hat functions make the curve.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ FORCE = 0.01
 """Unit of a force dependence, as a share of the weight."""
 POWER = 300.0
 """Unit of a power dependence [W]."""
+DRIVE = 0.1
+"""Unit of a dependence of the drive, as a share of the power it draws."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,8 @@ def generic_candidates(r: Ranges, with_map: bool) -> list[Candidate]:
             out.append(
                 Candidate(f"force by {name}", "generic", None, (name,), slow=slow, internal=name in internal)
             )
+        if slow:
+            out.append(Candidate(f"drive by {name}", "generic", None, (name,), slow=True))
         if name != "acceleration":
             out.append(
                 Candidate(f"power by {name}", "generic", None, (name,), slow=slow, internal=name in internal)
@@ -162,6 +167,7 @@ def columns(
     r: Ranges,
     gain: Floats,
     mass: Floats,
+    drive: Floats,
     start: float,
     cell: NDArray[np.int32],
     cells: int,
@@ -175,6 +181,8 @@ def columns(
         j, w = hats(state[name], knots)
         if name not in ("lift_speed", "fork_height"):
             yield f"force by {name}", _hat_energy(block, c, j, w, len(knots), weight)
+        if name in SLOW:
+            yield f"drive by {name}", _hat_energy(block, c, j, w, len(knots), DRIVE * np.maximum(drive, 0.0))
         if name != "acceleration":
             base = moving if name in ("speed", "payload", "curvature") else np.full(len(m), POWER)
             energy = _hat_energy(block, c, j, w, len(knots), base)

@@ -193,7 +193,15 @@ def generic_columns(recording: Recording, found: Found) -> dict[str, Columns]:
         e = recording.evaluation(block, found)
         start = recording.starts[block.vehicle, block.day]
         for name, x in generic.columns(
-            block, c, recording.ranges, e.gain, e.mass, start, _place(recording, block), recording.cells
+            block,
+            c,
+            recording.ranges,
+            e.gain,
+            e.mass,
+            e.force * e.gain,
+            start,
+            _place(recording, block),
+            recording.cells,
         ):
             pieces.setdefault(name, []).append(x.astype(np.float32))
     return {k: np.concatenate(v) for k, v in pieces.items()}
