@@ -14,6 +14,7 @@ from fleetlog.discovery.classes import own_values
 from fleetlog.discovery.finding import ChannelFit, Finding, Parameter
 from fleetlog.discovery.fleet import Fleet
 from fleetlog.discovery.model import Found
+from fleetlog.discovery.proposal import proposed
 from fleetlog.discovery.replay import Block
 from fleetlog.discovery.residual import Bench, Columns
 from fleetlog.discovery.search import State, Task, search
@@ -232,7 +233,8 @@ def _finding(
     if c.term is None:
         where, when = _where_of_generic(task, choice), own_values(task, result.state, choice)
         text, needs = words.unknown(c.name, c.depends_on, when)
-        proposal = {"proposal": proposed(task, choice)}
+        expression, proposal = proposed(task, result.state, choice)
+        text += expression
         return Finding(
             "unknown",
             channel,
@@ -389,20 +391,3 @@ def _where_of_generic(task: Task, choice: Choice) -> dict[str, Any] | None:
             float(w.y[touched].max()),
         ],
     }
-
-
-def proposed(task: Task, choice: Choice) -> str:
-    """A dimensionally consistent expression for a free dependence, as a proposal and no more."""
-    kind, _, variables = choice.candidate.name.partition(" by ")
-    state = variables.replace(" and ", ", ") or "standing"
-    if kind in ("force", "drag"):
-        weight = "m g" if kind == "force" else "1 N"
-        return f"F = {weight} f({state}), with f dimensionless and piecewise linear"
-    if kind == "drive":
-        return f"P = P_drive f({state}), with f dimensionless and piecewise linear"
-    return f"P = P0 f({state}), with P0 = {generic.POWER:.0f} W and f dimensionless and piecewise linear"
-
-
-def with_fields(result: estimate.Estimates, found: Found) -> Found:
-    """The final model, fields kept only where they are known."""
-    return replace(found, fields={k: v.deviation for k, v in result.fields.items()})
