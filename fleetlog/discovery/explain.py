@@ -335,7 +335,7 @@ def field_numbers(
     first = c.term.parameters[0]
     edges, extent = fields.places(floor, values, c.term)
     where = {"edges": edges, "extent": extent} if extent is not None else None
-    mask = fields.large(values)
+    mask = fields.belonging(floor, values, c.term)
     if not mask.any():
         return where, []
     deviation, error = values.deviation[mask], values.error[mask]

@@ -20,6 +20,8 @@ LARGE = 0.35
 """Pieces with this share of the largest deviation belong to where the effect is."""
 STANDS_OUT = 0.45
 """Values with this share of what is usual where a field is belong to it."""
+FRINGE = 0.8
+"""Share of the largest that a single stretch must have to be a place of its own."""
 SURE = 1.96
 FEW = 3
 """Windows that must touch a piece before it may be named."""
@@ -52,6 +54,26 @@ def large(v: Values) -> NDArray[np.bool_]:
     return sure & (size >= LARGE * top)
 
 
+def belonging(cells: Cells, v: Values, term: Term) -> NDArray[np.bool_]:
+    """Values that stand out, without the fringe of an even field.
+
+    A single stretch at the end of a road that is next to a place of several is where trucks still brake for it, or gather
+    speed again.
+    """
+    mask = large(v)
+    if term.odd or amount(term) or not isinstance(cells, Stretches):
+        return mask
+    same = cells.road_edge[1:] == cells.road_edge[:-1]
+    beside = np.zeros(len(mask), bool)
+    beside[1:] |= mask[:-1] & same
+    beside[:-1] |= mask[1:] & same
+    size = np.abs(v.deviation)
+    wide = mask & beside
+    if not wide.any():
+        return mask
+    return np.asarray(wide | (mask & (size >= FRINGE * np.quantile(size[wide], 0.9))))
+
+
 def amount(term: Term) -> bool:
     """Whether a field is an amount for each passage, which adds up over neighbouring pieces, and not a property of the floor."""
     return term.parameters[0].unit == "s"
@@ -59,7 +81,7 @@ def amount(term: Term) -> bool:
 
 def places(cells: Cells, v: Values, term: Term) -> tuple[list[dict[str, Any]], list[float] | None]:
     """``where.edges`` and ``where.extent`` of the contract; squares have no edges."""
-    mask = large(v)
+    mask = belonging(cells, v, term)
     if isinstance(cells, Stretches):
         rows = _merged(cells, v, mask, term)
         xy = cells.middle()[mask]
