@@ -68,7 +68,10 @@ def profiles(d: Diagnosis, log: Log) -> list[Profile]:
 
 
 def _profile(track: Trajectory, altitude: Floats, cells: Squares, values: object) -> Profile | None:
+    # A receiver that holds its altitude while the road goes on tells it anew when it changes.
     fresh = updates(track) & np.isfinite(altitude)
+    rows = np.flatnonzero(fresh)
+    fresh[rows[1:][np.diff(altitude[rows]) == 0.0]] = False
     if fresh.sum() < 20:
         return None
     track, driven = placed(track), travelled(track)

@@ -57,7 +57,9 @@ SLOWEST = 0.1
 
 def tripviewer(data: Path) -> Log:
     """One motorway run of 140 km at 5 s; withheld is the log's elevation [ft]."""
-    t = pd.read_csv(data / "tripviewer" / "tripviewer_hesperia_la.csv").drop_duplicates("epoch")
+    tidy = data / "tripviewer" / "tripviewer_hesperia_la.csv"
+    t = pd.read_csv(tidy) if tidy.exists() else leafspy(data / "tripviewer" / "Log.csv")
+    t = t.drop_duplicates("epoch")
     frame = Frame(float(t.lat.mean()), float(t.lon.mean()))
     x, y = frame.to_local(t.lat.to_numpy(), t.lon.to_numpy())
     columns = _moving(x, y, t.speed_mph.to_numpy() * 0.44704) | {
@@ -96,7 +98,8 @@ def borealtc(data: Path) -> Log:
 
     The log has no clock that all runs share: each is given an hour of its own, in an order that says nothing of the surface.
     """
-    t = pd.read_csv(data / "borealtc" / "borealtc_husky_6hz.csv.gz")
+    tidy = data / "borealtc" / "borealtc_husky_6hz.csv.gz"
+    t = pd.read_csv(tidy) if tidy.exists() else proprioception(data / "borealtc" / "borealtc-data")
     key = t.terrain + t.run.astype(str)
     names = np.unique(key)
     hour = dict(zip(names, np.random.default_rng(0).permutation(len(names)).tolist(), strict=True))
@@ -117,6 +120,31 @@ def borealtc(data: Path) -> Log:
 
 
 READERS = {"tripviewer": tripviewer, "twizy": twizy, "borealtc": borealtc}
+
+
+def leafspy(path: Path) -> pd.DataFrame:
+    """``examples/Log.csv`` of TripViewer as published: degrees and minutes, state of charge in millionths."""
+    t = pd.read_csv(path, index_col=False)
+
+    def degrees(column: str) -> pd.Series:
+        whole, minutes = t[column].str.split(" ").str[0], t[column].str.split(" ").str[1].astype(float)
+        return whole.astype(float) + np.where(whole.str.startswith("-"), -1.0, 1.0) * minutes / 60.0
+
+    return pd.DataFrame({
+        "epoch": t["epoch time"].astype(float), "lat": degrees("Lat"), "lon": degrees("Long"), "elev_ft": t["Elv"].astype(float),
+        "speed_mph": t["Speed"].astype(float), "soc": t["SOC"].astype(float) * 1e-4, "volts": t["Pack Volts"].astype(float),
+        "amps": t["Pack Amps"].astype(float), "amb_f": t["Ambient"].astype(float),
+    })  # fmt: skip
+
+
+def proprioception(folder: Path) -> pd.DataFrame:
+    """``borealtc-data/SURFACE/pro_NN.csv`` of BorealTC as published, all runs in one table."""
+    runs = [
+        pd.read_csv(path).assign(terrain=path.parent.name, run=int(path.stem.removeprefix("pro_")))
+        for path in sorted(folder.glob("*/pro_*.csv"))
+    ]
+    names = {"time": "t_s", "curL": "curL_A", "curR": "curR_A", "velL": "velL_mps", "velR": "velR_mps"}
+    return pd.concat(runs, ignore_index=True).rename(columns=names)
 
 
 def _moving(x: Floats, y: Floats, speed: Floats) -> dict[str, Floats]:
