@@ -80,8 +80,9 @@ def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) ->
         blocks = [on_the_clock_of_charge(b, fleet.lag.get(b.vehicle, 0.0), capacity) for b in blocks]
     floor = cells_of(fleet)
     recording = residual.prepare(
-        blocks, floor, channel, measured, width(fleet, channel), capacity, fleet.sparse
-    )
+        blocks, floor, channel, measured, width(fleet, channel), capacity, fleet.sparse,
+        fleet.truck.chassis.rated_load > 0.0,
+    )  # fmt: skip
     spans = recording.ranges
     candidates = [
         *named_candidates(channel, measured, floor is not None, options.terms),

@@ -147,9 +147,11 @@ def prepare(
     width: float,
     capacity: float,
     coarse: bool = False,
+    lifts: bool = True,
 ) -> Recording:
     """Windows of all blocks, with the recorded energy of the channel in each; ``capacity`` of the battery [J].
 
+    ``lifts``: the vehicles are made to lift, so that loads and lifting may have gone unrecorded.
     ``whole`` marks windows whose every row has the channel, and in which the battery was not charged.
     """
     starts: dict[tuple[int, int], float] = {}
@@ -162,13 +164,14 @@ def prepare(
     pairs = [recorded_energy(b, c, channel, capacity) for b, c in zip(blocks, cuts, strict=True)]
     energy = np.concatenate(pairs)
     whole = np.isfinite(energy)
-    still = None if measured else unseen.quiet(blocks, [c.of_row for c in cuts], frame, energy)
+    blind = lifts and not measured
+    still = None if not blind else unseen.quiet(blocks, [c.of_row for c in cuts], frame, energy)
     if still is not None:
         whole &= still
     spans = generic.ranges(blocks, starts)
     return Recording(
         blocks, cuts, frame, starts, spans, floor, channel, measured, np.where(whole, energy, 0.0), whole,
-        coarse, not measured and unseen.carries(blocks, still is not None),
+        coarse, blind and unseen.carries(blocks, still is not None),
     )  # fmt: skip
 
 

@@ -36,17 +36,17 @@ class Log:
 # Nissan Leaf of 40 kWh: kerb mass 1580 kg and a driver, c_d 0.28 on 2.28 m2, 350 V, 39 kWh usable.  Of the two batteries that the
 # maker sold it is the smaller: the log spends 20 kWh on 53 % of charge.
 LEAF = truck_from_dict({
-    "name": "electric hatchback", "chassis": {"mass": 1655.0}, "drive": {"efficiency": 0.85, "regeneration": 0.65, "max_speed": 40.0},
+    "name": "electric hatchback", "chassis": {"mass": 1655.0, "rated_load": 0.0}, "drive": {"efficiency": 0.85, "regeneration": 0.65, "max_speed": 40.0},
     "resistance": {"rolling": 0.010, "drag_area": 0.64}, "auxiliary": {"power": 600.0}, "battery": {"voltage": 350.0, "capacity_wh": 39000.0},
 })  # fmt: skip
 # Renault Twizy 80: kerb mass 474 kg and a driver, c_d A 0.64 m2, 58 V, 6.1 kWh.
 TWIZY = truck_from_dict({
-    "name": "quadricycle", "chassis": {"mass": 549.0}, "drive": {"efficiency": 0.78, "regeneration": 0.35, "max_speed": 23.0},
+    "name": "quadricycle", "chassis": {"mass": 549.0, "rated_load": 0.0}, "drive": {"efficiency": 0.78, "regeneration": 0.35, "max_speed": 23.0},
     "resistance": {"rolling": 0.014, "drag_area": 0.64}, "auxiliary": {"power": 150.0}, "battery": {"voltage": 58.0, "capacity_wh": 6100.0},
 })  # fmt: skip
 # Clearpath Husky: 50 kg and some 25 kg of sensors, 24 V, 1 m/s.
 HUSKY = {
-    "name": "skid-steer robot", "chassis": {"mass": 75.0}, "drive": {"efficiency": 1.0, "regeneration": 0.0, "max_speed": 1.0},
+    "name": "skid-steer robot", "chassis": {"mass": 75.0, "rated_load": 0.0}, "drive": {"efficiency": 1.0, "regeneration": 0.0, "max_speed": 1.0},
     "auxiliary": {"power": 0.0}, "battery": {"voltage": 24.0, "capacity_wh": 480.0},
 }  # fmt: skip
 STRAIGHT = 0.05
