@@ -14,6 +14,7 @@ from fleetlog.discovery.classes import own_values
 from fleetlog.discovery.finding import ChannelFit, Finding, Parameter
 from fleetlog.discovery.fleet import Fleet
 from fleetlog.discovery.model import Found
+from fleetlog.discovery.open_ends import left_open
 from fleetlog.discovery.proposal import proposed
 from fleetlog.discovery.replay import Block
 from fleetlog.discovery.residual import Bench, Columns
@@ -38,9 +39,6 @@ UNSEEN = frozenset({
 """Terms and variables that look like motion between rows, where those are far apart."""
 QUANTA = 8.0
 """A window of a stepped state of charge holds at least this many steps on average."""
-
-MOMENT = 0.7
-"""Share of a slope's gain that a floor, which gives nothing back, may have before the slope is in doubt."""
 
 
 @dataclass(frozen=True)
@@ -212,17 +210,6 @@ def _says_something(c: Candidate, where: dict[str, Any] | None, parameters: list
     return abs(first.value - neutral) > PLAIN * error
 
 
-def of_the_moment(task: Task, choice: Choice) -> list[str]:
-    """What else a slope of roads passed once may be: a load that was there for a while, unless the road gave back energy.
-
-    A floor can take energy as a hill can, and give none; where it predicts nearly as well, little came back.
-    """
-    term, floor = choice.candidate.term, choice.rivals.get("surface_resistance")
-    if term is None or not (term.field and term.odd) or not task.recording.windows.pieces or floor is None:
-        return []
-    return ["auxiliary_load"] if floor.trip > MOMENT * choice.gain.trip else []
-
-
 def _finding(
     task: Task, channel: str, choice: Choice, result: estimate.Estimates, fit: ChannelFit, gain: float | None
 ) -> Finding:
@@ -230,7 +217,7 @@ def _finding(
     evidence = _evidence(choice, fit, gain)
     fitted = {"metric": fit.metric, "before": fit.before, "after": fit.after}
     strength = choice.gain.trip
-    tied = [*choice.tied, *of_the_moment(task, choice)]
+    tied = [*choice.tied, *left_open(task, choice)]
     if c.term is None:
         where, when = _where_of_generic(task, choice), own_values(task, result.state, choice)
         text, needs = words.unknown(c.name, c.depends_on, when)
