@@ -137,6 +137,8 @@ def simulate(
     settings, demand = settings or Settings(), demand or Demand()
     names = names or vehicle_names(settings.vehicles)
     _check(settings)
+    # Half the time of a large run is writing, and half of that is packing.
+    writer.compression = "snappy"
     world = build_world(site, truck, settings.vehicles, physics, mined)
     check_vehicles(demand.given, names)
     known = world.by_place
@@ -197,7 +199,14 @@ class Run:
             world.physics, world.ground, charger, dt, soc, settings.temperature, settings.battery
         )
         self.recorder = Recorder(
-            writer, names, world.track.network.edge_ids, settings.start, dt, every, self.steps
+            writer,
+            names,
+            world.track.network.edge_ids,
+            settings.start,
+            dt,
+            every,
+            self.steps,
+            bool(np.any(world.ground.z)),
         )
         self.limits = limits_of(world.physics.actual_truck(), GAP)
         self.used = self.charged = self.waiting = 0.0

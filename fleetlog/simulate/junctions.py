@@ -85,7 +85,7 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     count = len(track) + 2 * lanes
     ra, rb = resource[pairs[:, 0]], resource[pairs[:, 1]]
     keep = (ra >= 0) & (rb >= 0) & (ra != rb)
-    ra, rb = np.unique(np.column_stack([ra, rb])[keep], axis=0).reshape(-1, 2).T
+    ra, rb = unique_pairs(ra[keep], rb[keep]).T
     keep = ~_in_line(track, ra, rb)
     alone = np.flatnonzero(bent)
     first, conflicts = conflict_lists(
@@ -94,6 +94,13 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     turn = track.heading[track.first[1:] - 1] - track.heading[track.first[:-1]]
     swings = (np.abs(np.angle(np.exp(1j * turn))) > SWING) & (track.source >= 0)
     return Junctions(clear, stop, capacity, resource, first, conflicts, swings)
+
+
+def unique_pairs(a: NDArray[np.integer], b: NDArray[np.integer]) -> NDArray[np.int64]:
+    """(N, 2) each pair of numbers once, in order."""
+    size = int(b.max(initial=0)) + 1
+    key = np.unique(a.astype(np.int64) * size + b)
+    return np.column_stack([key // size, key % size])
 
 
 def conflict_lists(

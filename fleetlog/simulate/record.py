@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,21 +38,20 @@ class Recorder:
         dt: float,
         every: int,
         step: int,
+        hilly: bool,
     ) -> None:
-        self.writer, self.names, self.edges, self.start = writer, names, edges, start
+        self.writer, self.names, self.edges, self.start, self.hilly = writer, names, edges, start, hilly
         self.dt, self.every, self.batch = dt, every, step
-        self.capacity = max(ROWS // max(len(names), 1) // (step // every), 1) * (step // every)
-        self._time: list[int] = []
-        self._rows: dict[str, NDArray[np.float64]] = {}
-        self._edge = np.empty((len(names), self.capacity), np.int32)
-        self._trip = np.empty((len(names), self.capacity), np.int32)
+        self.capacity = max(ROWS // max(len(names), 1), step // every)
+        self._time: list[NDArray[np.int64]] = []
+        self._parts: list[dict[str, NDArray[Any]]] = []
         self._n = 0
         self.written = 0
 
     def add(self, log: Log, place: Batch, energy: Energy, step0: int) -> None:
         """One batch."""
-        pick = np.arange(self.every // 2, log.piece.shape[1], self.every)
-        k = len(pick)
+        pick = slice(self.every // 2, None, self.every)
+        k = log.piece.shape[1] // self.every
 
         def mean(values: Floats) -> Floats:
             if self.every == 1:
@@ -62,7 +63,7 @@ class Recorder:
             "edge_offset": place.offset[:, pick], "lateral_offset": place.lateral[:, pick], "payload": log.load[:, pick],
             "fork_height": log.height[:, pick], "battery_power": mean(energy.power), "soc": energy.soc[:, pick],
         }  # fmt: skip
-        if np.any(place.z):
+        if self.hilly:
             columns["z"] = place.z[:, pick]
         if energy.voltage is not None and energy.current is not None:
             columns["battery_voltage"], columns["battery_current"] = (
@@ -71,31 +72,30 @@ class Recorder:
             )
         if self._n + k > self.capacity:
             self.flush()
-        span = slice(self._n, self._n + k)
-        for name, values in columns.items():
-            if name not in self._rows:
-                self._rows[name] = np.zeros((len(self.names), self.capacity))
-            self._rows[name][:, span] = values
-        self._edge[:, span], self._trip[:, span] = place.edge[:, pick], log.trip[:, pick]
-        step = round(self.dt * 1e6)
-        self._time += (self.start + (step0 + pick) * step).tolist()
+        # Rounding copies, so nothing of the batch itself is kept.
+        part: dict[str, NDArray[Any]] = {c: np.round(values, DIGITS[c]) for c, values in columns.items()}
+        part["edge_id"], part["trip_id"] = place.edge[:, pick].copy(), log.trip[:, pick].astype(np.int64)
+        self._parts.append(part)
+        steps = step0 + np.arange(self.every // 2, log.piece.shape[1], self.every)
+        self._time.append(self.start + steps * round(self.dt * 1e6))
         self._n += k
 
     def flush(self) -> None:
         """Write what is kept, truck by truck."""
-        n = self._n
-        if not n:
+        if not self._n:
             return
-        time = np.array(self._time, dtype=np.int64)
+        time = np.concatenate(self._time)
+        names = [c for c in self._parts[0] if c != "edge_id"]
         for v, name in enumerate(self.names):
-            columns: dict[str, Values] = {c: np.round(a[v, :n], DIGITS[c]) for c, a in self._rows.items()}
-            columns["edge_id"] = self._labels(self._edge[v, :n])
-            columns["trip_id"] = self._trip[v, :n].astype(np.int64)
+            columns: dict[str, Values] = {c: np.concatenate([p[c][v] for p in self._parts]) for c in names}
+            columns["edge_id"] = self._labels(np.concatenate([p["edge_id"][v] for p in self._parts]))
             self.writer.write(Trajectory(name, time, columns))
-        self.written += n * len(self.names)
-        self._n, self._time = 0, []
+        self.written += self._n * len(self.names)
+        self._n, self._time, self._parts = 0, [], []
 
     def _labels(self, edge: NDArray[np.int32]) -> Labels:
         """Only the names that occur: a part's dictionary stays small."""
-        used, codes = np.unique(edge, return_inverse=True)
-        return Labels(codes.astype(np.int32), tuple(self.edges[i] for i in used))
+        count = np.bincount(edge, minlength=len(self.edges))
+        used = np.flatnonzero(count)
+        codes = np.cumsum(count > 0, dtype=np.int32) - 1
+        return Labels(codes[edge], tuple(self.edges[i] for i in used))

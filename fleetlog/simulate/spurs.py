@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,8 +89,17 @@ def opposite_spur(track: Track, j: Junctions, bay: Bay, radius: float, half_widt
     if along[i] > radius + 2.0 * SPACING or aside[i] < radius or not low <= at <= high:
         return None
     k = track.first[lane] + i
-    way = joined(
-        np.array([track.x[k], track.y[k]]), float(track.heading[k]), np.array([x, y]), float(heading)
-    )
-    path, length = even(way, 0.5 * SPACING)
-    return Door(-1, lane, at, path, length, float(along[i]) + half_width)
+    turn = float(np.angle(np.exp(1j * (heading - track.heading[k]))))
+    ahead, left = float(along[i]), float((dy * c - dx * s)[i])
+    shape, length = _bow(round(ahead, 3), round(left, 3), round(turn, 4))
+    path = shape.copy()
+    path[:, 0] = track.x[k] + c[i] * shape[:, 0] - s[i] * shape[:, 1]
+    path[:, 1] = track.y[k] + s[i] * shape[:, 0] + c[i] * shape[:, 1]
+    path[:, 2] += track.heading[k]
+    return Door(-1, lane, at, path, length, ahead + half_width)
+
+
+@lru_cache(maxsize=4096)
+def _bow(ahead: float, left: float, turn: float) -> tuple[Floats, float]:
+    """The way from the origin along x to a point ``ahead`` and ``left`` of it [m], turned by ``turn`` [rad]; often the same."""
+    return even(joined(np.zeros(2), 0.0, np.array([ahead, left]), turn), 0.5 * SPACING)

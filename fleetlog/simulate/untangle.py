@@ -64,9 +64,9 @@ class Untangler:
     def _untangle(self, now: float) -> None:
         """Look for trucks that make no progress: rings of them are broken, others look for another way."""
         f = self.fleet
-        for v in np.flatnonzero((f.mode == AT_BAY) | (f.mode == WANTS_OUT)):
+        for v in np.flatnonzero((f.mode == AT_BAY) | (f.mode == WANTS_OUT)).tolist():
             if now - f.waits[v] > (PASS if f.mode[v] == AT_BAY else CHANGE):
-                self._other_door(int(v))
+                self._other_door(v)
         still = self.watch.still(now)
         stuck: list[int] = np.flatnonzero(still > STUCK).tolist()
         if not stuck:

@@ -15,7 +15,7 @@ from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
 from fleetlog.simulate.bays import OFF_ROADS, BayMaker, side_of
 from fleetlog.simulate.doors import all_doors
-from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box
+from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box, unique_pairs
 from fleetlog.simulate.spots import auto_places
 from fleetlog.simulate.spurs import Bay, Door
 from fleetlog.simulate.state import Roads
@@ -240,9 +240,7 @@ def _spur_conflicts(
     # b > a always, and spurs come last: b is the spur.
     a, b = resource[pairs[:, 0]], resource[pairs[:, 1]]
     keep = a >= 0
-    found = (
-        np.unique(np.column_stack([a[keep], b[keep]]), axis=0) if keep.any() else np.zeros((0, 2), np.int64)
-    )
+    found = unique_pairs(a[keep], b[keep])
     lane = np.array([d.lane for d in doors], dtype=np.int64)[found[:, 1] - pieces - 2 * lanes]
     other = found[:, 0]
     target = np.where(other < pieces, track.target[np.minimum(other, pieces - 1)], -1)

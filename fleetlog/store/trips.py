@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,14 +63,30 @@ def _load_changes(t: Trajectory, start: int, stop: int) -> bool:
     return bool(abs(load[stop] - load[max(start - 1, 0)]) > MIN_LOAD_CHANGE)
 
 
-def trip_table(trajectory: Trajectory) -> pd.DataFrame:
+def trip_table(*trajectories: Trajectory) -> pd.DataFrame:
     """One row a trip: vehicle_id, trip_id, start, end, duration [s], distance [m], from/to [m], payload, energy [J], SOC."""
+    return table_of([trip_columns(t) for t in trajectories])
+
+
+def table_of(trips: list[dict[str, NDArray[Any]]]) -> pd.DataFrame:
+    """The table of all trips that :func:`trip_columns` gave: one table for many vehicles, since making one is slow."""
     import pandas as pd
 
+    trips = [t for t in trips if t]
+    if not trips:
+        return pd.DataFrame()
+    out = pd.DataFrame({name: np.concatenate([t[name] for t in trips]) for name in trips[0]})
+    for name in ("start", "end"):
+        out[name] = pd.to_datetime(out[name], unit="us", utc=True)
+    return out
+
+
+def trip_columns(trajectory: Trajectory) -> dict[str, NDArray[Any]]:
+    """The columns of :func:`trip_table`, times in microseconds; empty where there are no rows."""
     ids = trajectory.trip_ids()
     begin = np.flatnonzero(np.diff(ids, prepend=ids[:1] - 1)) if len(ids) else np.zeros(0, int)
     if not len(begin):
-        return pd.DataFrame()
+        return {}
     end = np.append(begin[1:], len(ids)) - 1
     t = trajectory.seconds()
     dt = np.clip(np.diff(t, append=t[-1:]), 0.0, MAX_GAP)
@@ -83,17 +99,16 @@ def trip_table(trajectory: Trajectory) -> pd.DataFrame:
 
     driven = add(np.where(speed > STANDING_SPEED, dt, 0.0))
     matched = (trajectory.labels("edge_id").codes >= 0).astype(float)
-    return pd.DataFrame({
-        "vehicle_id": trajectory.vehicle_id, "trip_id": ids[begin],
-        "start": pd.to_datetime(trajectory.time[begin], unit="us", utc=True),
-        "end": pd.to_datetime(trajectory.time[end], unit="us", utc=True),
+    return {
+        "vehicle_id": np.full(len(begin), trajectory.vehicle_id, object), "trip_id": ids[begin],
+        "start": trajectory.time[begin], "end": trajectory.time[end],
         "rows": end - begin + 1, "duration": t[end] - t[begin], "driving_time": driven,
         "distance": add(speed * dt), "max_speed": np.maximum.reduceat(speed, begin),
         "x_start": x[begin], "y_start": y[begin], "x_end": x[end], "y_end": y[end],
         "payload": add(np.where(speed > STANDING_SPEED, payload * dt, 0.0)) / np.where(driven > 0, driven, np.nan),
         "energy": add(power * dt), "soc_start": soc[begin], "soc_end": soc[end],
         "matched": add(matched) / (end - begin + 1),
-    })  # fmt: skip
+    }  # fmt: skip
 
 
 def merge_split_trips(trips: pd.DataFrame) -> pd.DataFrame:

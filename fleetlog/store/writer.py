@@ -7,23 +7,23 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 from urllib.parse import quote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog import FORMAT_VERSION
 from fleetlog.core.site import Site, site_to_dict
 from fleetlog.core.trajectory import Trajectory, to_arrow
 from fleetlog.errors import DataError
 from fleetlog.store.atomic import atomic_output
-from fleetlog.store.trips import trip_table
-
-if TYPE_CHECKING:
-    import pandas as pd
+from fleetlog.store.trips import table_of, trip_columns
 
 DAY = 86_400_000_000
 ROW_GROUP = 1 << 17
+REPEATED = {"payload", "fork_height", "ambient_temperature"}
+"""Numbers that stay the same for many rows."""
 
 
 class DatasetWriter:
@@ -34,13 +34,14 @@ class DatasetWriter:
 
     def __init__(self, path: Path, kind: Literal["recorded", "simulated"], site: Site) -> None:
         self.path, self.kind, self.site = path, kind, site
+        self.compression: Literal["zstd", "snappy"] = "zstd"
         self.provenance: dict[str, Any] = {}
         self.summary: dict[str, Any] = {}
         self._rows: dict[str, int] = {}
         self._span: list[int] = []
         self._last: dict[str, int] = {}
         self._columns: dict[str, str] = {}
-        self._trips: list[pd.DataFrame] = []
+        self._trips: list[dict[str, NDArray[Any]]] = []
         self._parts: dict[tuple[str, str], int] = {}
 
     @classmethod
@@ -77,7 +78,7 @@ class DatasetWriter:
             max([*self._span[1:], int(trajectory.time[-1])]),
         ]
         if trajectory.has("trip_id"):
-            self._trips.append(trip_table(trajectory))
+            self._trips.append(trip_columns(trajectory))
 
     def _write_part(self, piece: Trajectory, day: int) -> None:
         import pyarrow.parquet as pq
@@ -92,9 +93,17 @@ class DatasetWriter:
         table = to_arrow(piece).drop_columns(["vehicle_id"])
         for f in table.schema:
             self._columns.setdefault(f.name, (f.metadata or {}).get(b"unit", b"").decode())
+        # A dictionary of measured numbers, all different, costs more than it saves.
+        repeated = [
+            f.name
+            for f in table.schema
+            if f.name in REPEATED or str(f.type) not in ("double", "timestamp[us, tz=UTC]")
+        ]
+        file = folder / f"part-{number:05d}.parquet"
         pq.write_table(
-            table, folder / f"part-{number:05d}.parquet", compression="zstd", row_group_size=ROW_GROUP
-        )
+            table, file, compression=self.compression, row_group_size=ROW_GROUP, use_dictionary=repeated,
+            column_encoding={"timestamp": "DELTA_BINARY_PACKED"},
+        )  # fmt: skip
 
     def finish(self) -> None:
         """Write trips, site and description; :meth:`create` calls it."""
@@ -128,12 +137,8 @@ class DatasetWriter:
 
         from fleetlog.store.trips import merge_split_trips
 
-        tables = [t for t in self._trips if len(t)]
-        trips = (
-            merge_split_trips(pd.concat(tables, ignore_index=True))
-            if tables
-            else pd.DataFrame({"vehicle_id": [], "trip_id": []})
-        )
+        table = table_of(self._trips)
+        trips = merge_split_trips(table) if len(table) else pd.DataFrame({"vehicle_id": [], "trip_id": []})
         trips.to_parquet(self.path / "trips.parquet", index=False)
 
 
