@@ -91,7 +91,7 @@ def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) ->
     free = residual.generic_columns(recording, base)
     task = make_task(recording, candidates, free, floor, base, options)
     if fleet.sparse:
-        task = replace(task, rough=ROUGH, material=(residual.COARSE, 2.0 * residual.COARSE))
+        task = replace(task, rough=ROUGH, material=(residual.COARSE, residual.COARSE))
     unit = f"rms error of energy per {width(fleet, channel):.0f} s window, over rms energy"
     out = explained(task, channel, unit)
     recording.latest.clear()
