@@ -44,7 +44,7 @@ class Watch:
                 return self._first_on(self.next_lane(v))
             if f.why[v] == 1:
                 return self._holder(self._wanted(v), v, holders)
-            return int(f.asks[f.piece[v]])
+            return self._in_front(v)
         door = int(f.door[v])
         found = self._holder([len(r.length) + 2 * len(r.clear) + door], v, holders)
         if found < 0 and r.door_crosses[door] >= 0:
@@ -52,6 +52,19 @@ class Watch:
         if found < 0:
             found = self._between(int(r.door_lane[door]), r.door_at[door] - NEAR, r.door_at[door] + NEAR, v)
         return found
+
+    def _in_front(self, v: int) -> int:
+        """Who stands on, crosses, or is let out onto the next pieces of a truck's way."""
+        f = self.fleet
+        for k in range(int(f.at[v]), self._end(v) + 1):
+            piece = int(f.route[v, k])
+            found = [int(f.tail[piece])] if k > f.at[v] else []
+            if piece < len(self.roads.clear):
+                found += [int(f.crossed[piece]), int(f.asks[piece])]
+            for u in found:
+                if u not in (-1, v):
+                    return u
+        return -1
 
     def _holders(self) -> dict[int, int]:
         """The truck that holds each reserved resource."""
