@@ -41,6 +41,8 @@ class Untangler:
     def __init__(self, world: World, fleet: Fleet) -> None:
         self.world, self.fleet, self.count = world, fleet, Count()
         self.watch = Watch(world.roads, fleet)
+        self._changed: dict[int, float] = {}
+        """When a truck last tried another door [s]."""
         self._known: dict[frozenset[int], bool] = {}
         """Rings that stand at present, and whether they were broken already."""
 
@@ -65,7 +67,9 @@ class Untangler:
         """Look for trucks that make no progress: rings of them are broken, others look for another way."""
         f = self.fleet
         for v in np.flatnonzero((f.mode == AT_BAY) | (f.mode == WANTS_OUT)).tolist():
-            if now - f.waits[v] > (PASS if f.mode[v] == AT_BAY else CHANGE):
+            since = max(float(f.waits[v]), self._changed.get(v, 0.0))
+            if now - since > (PASS if f.mode[v] == AT_BAY else CHANGE):
+                self._changed[v] = now
                 self._other_door(v)
         still = self.watch.still(now)
         stuck: list[int] = np.flatnonzero(still > STUCK).tolist()
@@ -107,8 +111,9 @@ class Untangler:
             return False
         f.asks[f.asks == v] = -1
         self._take(v, way)
-        f.waits[v] = np.inf
-        f.mode[v] = DRIVING if f.mode[v] == AT_BAY else WANTS_OUT
+        if f.mode[v] == AT_BAY:
+            # In a bay it has not begun to wait anew: who waits longest asks first.
+            f.mode[v], f.waits[v] = DRIVING, np.inf
         self.count.detours += 1
         return True
 

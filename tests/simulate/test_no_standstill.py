@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sites import grid, place
+from sites import aisle, grid, place
 
 from fleetlog.simulate.tasks import Demand, Task
 
@@ -64,3 +64,11 @@ def test_a_full_site_keeps_moving(simulated, seed):
     done = np.diff(sim.array("payload"), axis=1) < 0
     quarters = [q.sum() for q in np.array_split(done.any(axis=0), 4)]
     assert min(quarters) > 0.5 * max(quarters)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_single_lane_aisle_keeps_moving(simulated, seed):
+    """Ten trucks, and all that lies apart is reached through one lane that is driven in both directions."""
+    sim = simulated(aisle(), 10, 3600.0, seed=seed, interval=1.0)
+    assert longest_stand(sim, np.ones(sim.array("speed").shape, dtype=bool)) < PATIENCE
+    assert sim.summary.count.tasks_done > 50

@@ -217,8 +217,11 @@ def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
     Not where that one could not come even so (see ``may_leave``): the two would wait for each other for ever.
     """
     lane = f.route[v, j]
+    if not is_safe_lane(r, lane):
+        # Who is in a single-lane aisle, or comes to it, has all of it reserved.
+        return False
     comes_out = r.door_lane[f.door[f.asks[lane]]] == lane
-    if comes_out and is_safe_lane(r, lane) and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
+    if comes_out and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
         return False
     if j == f.at[v]:
         # Its junction or the ground of its bay is reserved already: it goes first.
