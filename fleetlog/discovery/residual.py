@@ -332,26 +332,12 @@ def _nuisance(recording: Recording, e: Evaluation, c: Cut, jumps: Floats) -> dic
     kinked = replace(block, motion=m.replaced(speed=speed, acceleration=acceleration))
     out["kinks"] = c.energy(block, replace(e, block=kinked).power - e.power)[:, None]
     if recording.coarse:
-        for name, power in _between_rows(e).items():
+        for name, power in unseen.between_rows(e).items():
             out[name] = c.energy(block, power)[:, None]
     if recording.channel == "battery_power":
         wobble = jumps[c.of_sample] * e.truck.drive.efficiency
         out["ripple"] = c.energy(block, _rectified(e, wobble))[:, None]
     return out
-
-
-def _between_rows(e: Evaluation) -> dict[str, Floats]:
-    """Each (N,) W: where a truck may have slowed down and gathered speed again between two rows, unseen."""
-    m = e.motion
-    weight = e.mass * 9.81 * m.speed
-    moving = m.speed > 0.0
-    return {
-        "unseen turns": weight * np.abs(m.curvature),
-        "unseen stops": e.mass * m.speed * np.abs(m.acceleration),
-        "unseen lifts": (m.payload + e.truck.lift.carriage_mass) * 9.81 * np.maximum(m.lift_speed, 0.0),
-        "unseen moves": weight * e.truck.resistance.rolling,
-        "unseen pace": e.mass * m.speed**2 * moving / 25.0,
-    }
 
 
 def _own(values: Floats, which: int, count: int) -> Floats:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.discovery.evaluate import Evaluation
 from fleetlog.discovery.replay import Block
 from fleetlog.discovery.windows import Windows
 
@@ -100,3 +101,17 @@ def amount(z: Floats, residual: Floats, weight: Floats, trip: Ints) -> Floats:
     """(W,) the best guess of what the shared amount of each trip adds to its windows."""
     top, square = np.bincount(trip, z * residual * weight), np.bincount(trip, z**2 * weight)
     return np.asarray(z * (top / (1.0 + square))[trip])
+
+
+def between_rows(e: Evaluation) -> dict[str, Floats]:
+    """Each (N,) W: where a truck may have slowed down and gathered speed again between two rows, unseen."""
+    m = e.motion
+    weight = e.mass * 9.81 * m.speed
+    moving = m.speed > 0.0
+    return {
+        "unseen turns": weight * np.abs(m.curvature),
+        "unseen stops": e.mass * m.speed * np.abs(m.acceleration),
+        "unseen lifts": (m.payload + e.truck.lift.carriage_mass) * 9.81 * np.maximum(m.lift_speed, 0.0),
+        "unseen moves": weight * e.truck.resistance.rolling,
+        "unseen pace": e.mass * m.speed**2 * moving / 25.0,
+    }
