@@ -83,6 +83,16 @@ class Plant:
         side = np.array([-along[1], along[0]])
         return a + u * (b - a) + side * np.sin(np.pi * u) ** 2 * self.curve[road]
 
+    def steepest(self, hill: dict[str, float]) -> float:
+        """Largest slope along any road over a Gaussian hill; its flank may be steeper where no road is."""
+        most = 0.0
+        for road in range(len(self.ends)):
+            line = self.line(road, 160)
+            apart = ((line - [hill["x"], hill["y"]]) ** 2).sum(axis=1)
+            height = hill["height"] * np.exp(-apart / hill["width"] ** 2)
+            most = max(most, float(np.abs(np.diff(height) / np.hypot(*np.diff(line, axis=0).T)).max()))
+        return most
+
     def _measure(self, road: int) -> float:
         return float(np.hypot(*np.diff(self.line(road), axis=0).T).sum())
 

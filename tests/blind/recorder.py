@@ -89,6 +89,8 @@ def record(
     # Drawn apart, so that the clean recording of a seed has the same drives.
     drawn = np.random.default_rng([seed, 1])
     effects = {n: draw(n, plant, nominal, strength, drawn) for n in names} | (given or {})
+    if "grade" in effects:
+        effects["grade"]["max_grade"] = plant.steepest(effects["grade"])
     if "wind" in effects:
         nominal["drag_area"] = 6.0
     folder.mkdir(parents=True, exist_ok=True)

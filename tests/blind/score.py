@@ -54,8 +54,6 @@ def parameters(key: dict[str, Any], found: dict[str, Any]) -> list[dict[str, Any
                     "wind_east": truth["speed"] * np.cos(truth["angle"]),
                     "wind_north": truth["speed"] * np.sin(truth["angle"]),
                 }
-            if term == "grade":
-                true = {"max_grade": truth["height"] / truth["width"] * np.sqrt(2.0) * np.exp(-0.5)}
             for name, value in true.items():
                 if name in given and isinstance(value, float):
                     p = given[name]
