@@ -80,4 +80,9 @@ def entry() -> None:
             err=True,
         )
         status = EXIT_INPUT
+    if status == EXIT_INTERRUPTED:
+        # An interrupt inside an import's exec() makes the interpreter die by the signal whatever status is asked for.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
     sys.exit(status if isinstance(status, int) else 0)
