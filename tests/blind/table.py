@@ -69,7 +69,7 @@ def one(name: str, seed: int, recordings: Path) -> dict[str, object]:
 WORDS = ("right", "undecided", "extra", "partly", "missed", "wrong", "false alarm", "crashed")
 CHANNEL = dict.fromkeys(
     ("speed_zone", "cornering_speed", "laden_speed", "acceleration_limit", "waiting"), "speed"
-)
+) | {"battery_resistance": "soc"}
 
 
 def noticeable(row: dict, floors: dict[int, dict[str, float]]) -> bool:
