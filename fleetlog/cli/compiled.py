@@ -6,16 +6,16 @@ import os
 from pathlib import Path
 
 
-def find_place() -> None:
+def find_place() -> str | None:
     """Set ``NUMBA_CACHE_DIR`` to a folder of this run's own where numba's own choices cannot be written; it ends with the run.
 
-    The folder has a name that nobody can foresee: numba loads what lies in it.
+    The folder, where one was made, has a name that nobody can foresee: numba loads what lies in it.
     """
     if "NUMBA_CACHE_DIR" in os.environ or _writable(Path(__file__).parent):
-        return
+        return None
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - Path raises without a home
     if _writable(Path(home)):
-        return
+        return None
     import atexit
     import shutil
     import tempfile
@@ -23,6 +23,7 @@ def find_place() -> None:
     folder = tempfile.mkdtemp(prefix="fleetlog-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     os.environ["NUMBA_CACHE_DIR"] = folder
+    return folder
 
 
 def _writable(folder: Path) -> bool:

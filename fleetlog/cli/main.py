@@ -46,7 +46,7 @@ def entry() -> None:
     # BLAS threads that spin on a busy machine cost more than they give; must be set before numpy loads.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
-    find_place()
+    own = find_place()
     try:
         status = cli.main(standalone_mode=False)
     except FleetlogError as error:
@@ -82,6 +82,10 @@ def entry() -> None:
         status = EXIT_INPUT
     if status == EXIT_INTERRUPTED:
         # An interrupt inside an import's exec() makes the interpreter die by the signal whatever status is asked for.
+        if own is not None:
+            import shutil
+
+            shutil.rmtree(own, ignore_errors=True)
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(status)
