@@ -14,7 +14,9 @@ def test_the_dock_is_area_one(dock, tmp_path):
     first, *others = result.summary["areas"]
     roads = set(first["roads"].split(", "))
     assert dock_roads(site, dock) <= roads
-    assert first["delay"] > 0.5 * result.summary["delay_s"] and all(first["delay"] > 3 * a["delay"] for a in others)
+    assert first["delay"] > 0.5 * result.summary["delay_s"] and all(
+        first["delay"] > 3 * a["delay"] for a in others
+    )
     spread, _ = run(dock, tmp_path / "spread", spread=True)
     there = density(spread)
     shares = [
