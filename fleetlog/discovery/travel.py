@@ -116,7 +116,8 @@ def lateral_acceleration(j: Journeys) -> tuple[float, float] | None:
     change = np.flatnonzero(np.diff(np.concatenate([[0], tight.astype(int), [0]])))
     seen = []
     for a, b in zip(change[::2], change[1::2], strict=True):
-        if b - a < 4 or not j.inside[a - 3 : b + 3].all() or seconds[a:b].max() > 5.0:
+        # A bend at the very begin of the first leg has no way into it.
+        if b - a < 4 or a < 3 or not j.inside[a - 3 : b + 3].all() or seconds[a:b].max() > 5.0:
             continue
         # Mean over three steps: the slowest single one is the noisiest.
         pace = np.convolve(seconds[a - 1 : b + 1], np.ones(3) / 3.0, "valid")
