@@ -268,7 +268,8 @@ def _evidence(choice: Choice, fit: ChannelFit, own: float | None) -> dict[str, A
         return fit.before * (1.0 - float(np.sqrt(min(max(1.0 - share, 0.0), 4.0))))
 
     mine = gain(choice.gain.trip)
-    scale = 1.0 if own is None else max(own, 0.0) / max(mine, 1e-12)
+    # By itself a term may gain nothing where only drivers' and truck's small errors beside it make it fit.
+    scale = 1.0 if own is None or own <= 0.0 else own / max(mine, 1e-12)
     rivals = sorted(choice.rivals.items(), key=lambda kv: -kv[1].trip)[:6]
     return {
         "p_value": choice.evidence.p_value,
