@@ -36,11 +36,15 @@ class Values:
     samples: NDArray[np.int64]
 
 
+def usual(values: Floats) -> float:
+    """How large values are where they are, however few those places: their root mean square, weighted by the squares."""
+    square = values**2
+    return float(np.sqrt((square**2).sum() / max(float(square.sum()), 1e-300)))
+
+
 def stands_out(deviation: Floats) -> NDArray[np.bool_]:
-    """(C,) values that are not small beside what is usual where the field is: a mean weighted by the squares."""
-    square = deviation**2
-    usual = np.sqrt((square**2).sum() / max(float(square.sum()), 1e-300))
-    return np.asarray((np.abs(deviation) >= STANDS_OUT * usual) & (square > 0.0))
+    """(C,) values that are not small beside what is usual where the field is."""
+    return np.asarray((np.abs(deviation) >= STANDS_OUT * usual(deviation)) & (deviation**2 > 0.0))
 
 
 def large(v: Values) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fleetlog.discovery.candidates import Candidate, Knob
 from fleetlog.discovery.evidence import Evidence
+from fleetlog.discovery.fields import usual
 from fleetlog.discovery.linear import Hold, Problem, Selection, fit, loss, refit_tau
 
 Floats = NDArray[np.float64]
@@ -35,6 +36,8 @@ CLOSE = 0.65
 """Share of the gain at which the other of such a pair stays possible."""
 DOUBT = 2.5
 """Standard errors by which held-out trips must prefer one explanation to another."""
+TOUCHED = 0.25
+"""Windows with this share of what is usual where an effect is are touched by it."""
 SHORT = 9
 COST = {"scalar": 1.0, "field": 3.0, "generic": 4.0}
 
@@ -153,13 +156,8 @@ def gain_of(
 def material_share(effect: Floats, energy: Floats, place: bool) -> float:
     """Share of the energy that an effect makes up, where it is tied to places over those it touches."""
     size = np.abs(effect)
-    total = np.abs(energy)
-    if place and size.max() > 0:
-        # How large it is where it is, however few those windows are.
-        usual = np.sqrt((size**4).sum() / (size**2).sum())
-        touched = size > 0.25 * usual
-        return float(size[touched].sum() / max(total[touched].sum(), 1e-12))
-    return float(size.sum() / max(total.sum(), 1e-12))
+    touched = size > TOUCHED * usual(size) if place else np.ones(len(size), bool)
+    return float(size[touched].sum() / max(np.abs(energy[touched]).sum(), 1e-12))
 
 
 def choose(
