@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -160,39 +159,33 @@ def sandwich(p: Problem, f: Fit) -> Floats:
 
 @dataclass(frozen=True)
 class Errors:
-    """Root mean square error of the kept-back windows over the root mean square of what was recorded there."""
+    """Root mean square error of the kept-back windows over the root mean square of what was recorded there.
+
+    ``before`` of the nominal model as it is given, ``after`` with what was found, ``floor`` what the freest model still
+    misses; ``gains`` how much each term found, by itself, lowers the error beside the others.
+    """
 
     before: float
     after: float
     floor: float
+    gains: dict[str, float]
 
 
 def held_out(task: Task, state: State) -> Errors:
-    """Before: the nominal model as it is given.  After: with what was found.  Floor: what the freest model still misses."""
-    error = _error_of(task)
-    bare = State(task.base, weight=state.weight)
-    before = posed(task, bare, chosen_only=True)[0].y
-    after, floor = _residual(task, state), _freest(task, state)
-    return Errors(error(before), error(after), min(error(floor), error(after), error(before)))
-
-
-def by_term(task: Task, state: State) -> dict[str, float]:
-    """How much each term found, by itself, lowers the error of the kept-back windows beside the others."""
-    error = _error_of(task)
-    bare = State(task.base, weight=state.weight)
-    rest = posed(task, bare, chosen_only=True)[0].y - task.recording.effect(task.base, state.found)
-    out = {}
-    for name in (c.candidate.name for c in state.chosen if c.candidate.named):
-        own = task.recording.effect(state.found.without(name), state.found)
-        out[name] = error(rest + own) - error(rest)
-    return out
-
-
-def _error_of(task: Task) -> Callable[[Floats], float]:
-    """Root mean square of a (W,) residual over the kept-back windows, over that of what was recorded there."""
+    """The errors on the windows that neither the search nor its fits have seen."""
     test = ~task.train & task.recording.whole
     scale = float(np.sqrt(np.mean(task.recording.recorded[test] ** 2))) or 1.0
-    return lambda r: float(np.sqrt(np.mean(r[test] ** 2))) / scale
+
+    def error(residual: Floats) -> float:
+        return float(np.sqrt(np.mean(residual[test] ** 2))) / scale
+
+    nominal = posed(task, State(task.base, weight=state.weight), chosen_only=True)[0].y
+    before, after, freest = error(nominal), error(_residual(task, state)), error(_freest(task, state))
+    rest, gains = nominal - task.recording.effect(task.base, state.found), {}
+    for name in (c.candidate.name for c in state.chosen if c.candidate.named):
+        own = task.recording.effect(state.found.without(name), state.found)
+        gains[name] = error(rest + own) - error(rest)
+    return Errors(before, after, min(freest, after, before), gains)
 
 
 def _residual(task: Task, state: State) -> Floats:

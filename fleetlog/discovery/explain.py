@@ -166,17 +166,16 @@ def explained(
     state = search(task, State(task.base))
     result = estimate.estimates(task, state, direct or {})
     told = [c for c in state.chosen if not c.candidate.named or _counts(task, c, result)]
-    for choice in state.chosen:
-        if choice not in told:
-            result.drop(choice.candidate.name)
-            state = replace(state, found=state.found.without(choice.candidate.name))
-    # What was found beside another explanation is no alternative to it.
     names = {c.candidate.name for c in told}
+    for name in [n for n in state.names() if n not in names]:
+        result.drop(name)
+        state = replace(state, found=state.found.without(name))
+    # What was found beside another explanation is no alternative to it.
     told = [replace(c, tied=tuple(n for n in c.tied if n not in names)) for c in told]
     state = replace(state, chosen=told)
-    errors, gains = estimate.held_out(task, state), estimate.by_term(task, state)
+    errors = estimate.held_out(task, state)
     fit = ChannelFit(channel, metric, errors.before, errors.after, errors.floor)
-    findings = [_finding(task, channel, c, result, fit, gains.get(c.candidate.name)) for c in told]
+    findings = [_finding(task, channel, c, result, fit, errors.gains.get(c.candidate.name)) for c in told]
     return Explained(fit, findings, task, state, result)
 
 
