@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +91,8 @@ def shaped(
     knobs: tuple[Knob, ...],
 ) -> tuple[Found, Floats, tuple[Knob, ...]]:
     """As :func:`polish`, with a shape that was scanned on a grid brought to its best value between the grid's."""
-    best = (*polish(recording, p, s, rows, found, candidate, knobs), knobs)
+    polished = partial(polish, recording, p, s, rows, found, candidate)
+    best = (*polished(knobs), knobs)
     width = spacing(candidate, knobs)
     for part in FINER if width else ():
         for side in (-part, part):
@@ -100,7 +102,7 @@ def shaped(
             parameter = candidate.term.by_name[name]
             moved = float(np.clip(value + side * width, parameter.low, parameter.high))
             other = (Knob(knob.parameter, ((name, moved),)),)
-            tried = (*polish(recording, p, s, rows, found, candidate, other), other)
+            tried = (*polished(other), other)
             best = tried if tried[2] < best[2] else best
     return best[0], best[1], best[3]
 
