@@ -30,6 +30,8 @@ CLOCKS = 3.0
 """The state of charge keeps its own time [s]."""
 UNSEEN = 0.2
 """Share of the energy that each way of moving between rows that are far apart may have taken."""
+HONEST = 0.12
+"""What a coefficient of the truck file may honestly be off by, as a share of what is material (one standard deviation)."""
 CRUDE = 0.01
 """Share of a window's energy that sampling keeps any model from explaining."""
 
@@ -362,7 +364,10 @@ def _rectified(e: Evaluation, wobble: Floats) -> Floats:
 
 
 def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Floats]:
-    """Standard deviation of every nuisance: honest tolerance, but never so much that twice of it would be material."""
+    """Standard deviation of every nuisance: honest tolerance.
+
+    The box is twice as wide; all that a coefficient of the truck file can explain in it is a quarter of what is material.
+    """
     fixed = {
         "vehicle rolling": 0.03, "vehicle load": 25.0, "vehicle-day load": 30.0, "lag": 0.15,
         "ripple": 0.5, "capacity": 0.02, "kinks": 0.7,
@@ -375,7 +380,7 @@ def _spreads(nuisance: dict[str, Columns], recording: Recording) -> dict[str, Fl
             spread = UNSEEN / max(float(np.abs(x).sum(dtype=float)) / total, 1e-12)
         if name in MECHANISM:
             effect = float(np.abs(x).sum(dtype=float)) / total
-            spread = min(spread, 0.12 * MATERIAL / max(effect, 1e-12))
+            spread = min(spread, HONEST * MATERIAL / max(effect, 1e-12))
         if name in ("vehicle load", "vehicle-day load"):
             # A machine of forty watts has no twenty-five to spare.
             spread = min(spread, 1e3 * MATERIAL * total / float(recording.windows.duration.sum()))
