@@ -5,17 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from fleetlog.simulate.kernels.reserve import (
-    cap_at,
-    drop,
-    is_safe_lane,
-    may_ask,
-    past_door,
-    push,
-    release,
-    reservations,
-    safe,
-)
+from fleetlog.simulate.kernels.gates import may_ask, past_door
+from fleetlog.simulate.kernels.lanes import cap_at, drop, is_safe_lane, push, safe
+from fleetlog.simulate.kernels.reserve import release
+from fleetlog.simulate.kernels.rounds import reservations
 from fleetlog.simulate.state import (
     AT_BAY,
     CHARGING,
@@ -32,7 +25,7 @@ from fleetlog.simulate.state import (
     Roads,
 )
 
-# As in reserve: nothing allocates, references need no counting.
+# As in lanes: nothing allocates, references need no counting.
 GRAVITY = 9.81
 ROUND = 5
 """Steps between two rounds of reservations."""

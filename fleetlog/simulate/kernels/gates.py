@@ -1,0 +1,174 @@
+"""In and out of bays: asking others to stop, crossing a lane, backing out, turning in."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from fleetlog.simulate.kernels.lanes import front, insert, is_safe_lane, run_in
+from fleetlog.simulate.kernels.reserve import acquire, is_free
+from fleetlog.simulate.state import AT_BAY, ENTERING, LEAVING, WANTS_OUT, Fleet, Limits, Roads
+
+# As in lanes: nothing allocates, references need no counting.
+
+SHORT = 0.3
+"""Who stops for another stops this much earlier than it must [m]: a hair too far, and both would wait for ever."""
+
+
+@njit(cache=True, _nrt=False)
+def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
+    """Whether truck ``v`` may stop for the one that asks to come out onto, or to cross, route position ``j``.
+
+    Not where that one could not come even so (see ``may_leave``): the two would wait for each other for ever.
+    """
+    lane = f.route[v, j]
+    if not is_safe_lane(r, lane):
+        # Who is in a single-lane aisle, or comes to it, has all of it reserved.
+        return False
+    comes_out = r.door_lane[f.door[f.asks[lane]]] == lane
+    if comes_out and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
+        return False
+    if j == f.at[v]:
+        # Its junction or the ground of its bay is reserved already: it goes first.
+        return f.held_to[v] <= f.at[v] and not f.entry[v]
+    return f.inbound[lane] == 0 or f.ask_at[lane] >= run_in(r, lane, x)
+
+
+@njit(cache=True, _nrt=False)
+def ask(r: Roads, f: Fleet, v: int, x: Limits) -> None:
+    """Ask those on the lane that ``v`` comes out onto, and on the one that it crosses, to stop."""
+    d = f.door[v]
+    if f.mode[v] == WANTS_OUT and f.asks[r.door_lane[d]] < 0:
+        f.asks[r.door_lane[d]] = v
+        f.ask_at[r.door_lane[d]] = r.door_at[d] - x.length - x.gap - SHORT
+    c = r.door_crosses[d]
+    if c >= 0 and f.asks[c] < 0:
+        f.asks[c] = v
+        f.ask_at[c] = r.door_low[d] - SHORT
+
+
+@njit(cache=True, _nrt=False)
+def unask(r: Roads, f: Fleet, v: int) -> None:
+    """Ask no longer."""
+    d = f.door[v]
+    if f.asks[r.door_lane[d]] == v:
+        f.asks[r.door_lane[d]] = -1
+    c = r.door_crosses[d]
+    if c >= 0 and f.asks[c] == v:
+        f.asks[c] = -1
+
+
+@njit(cache=True, _nrt=False)
+def comes_in(r: Roads, f: Fleet, lane: int, at: float, stop: float, x: Limits) -> bool:
+    """Whether somebody comes onto a lane who could not stop at ``stop``; behind another one before ``at`` he stops anyway."""
+    if f.inbound[lane] == 0 or stop >= run_in(r, lane, x):
+        return False
+    return f.tail[lane] < 0 or f.s[f.tail[lane]] >= at
+
+
+@njit(cache=True, _nrt=False)
+def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
+    """Whether the lane that the truck's door crosses is clear there, and nobody comes who could not stop before it."""
+    d = f.door[v]
+    lane, low, high = r.door_crosses[d], r.door_low[d], r.door_high[d]
+    if lane < 0:
+        return True
+    if f.crossed[lane] >= 0 or comes_in(r, f, lane, low, low, x):
+        return False
+    u = f.tail[lane]
+    while u >= 0:
+        if f.s[u] <= high:
+            need = f.v[u] * f.v[u] / (2.0 * x.plan) + 0.6 * f.v[u]
+            if f.s[u] + need > low or f.held_to[u] > f.at[u]:
+                return False
+        u = f.ahead[u]
+    return True
+
+
+@njit(cache=True, _nrt=False)
+def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
+    """Whether the stretch of lane that a truck backs out onto is clear, ahead and of trucks that could not stop behind."""
+    d = f.door[v]
+    lane, at = r.door_lane[d], r.door_at[d]
+    rear = at - 0.5 * x.length - x.gap
+    safe_lane = is_safe_lane(r, lane)
+    if safe_lane and f.on[lane] + f.inbound[lane] >= r.capacity[lane]:
+        return False
+    if comes_in(r, f, lane, at, rear - 0.5 * x.length, x):
+        return False
+    u = f.tail[lane]
+    while u >= 0:
+        if f.s[u] >= at:
+            if f.s[u] - 0.5 * x.length < at + r.door_ahead[d] + 0.3:
+                return False
+        else:
+            need = f.v[u] * f.v[u] / (2.0 * x.plan) + 0.6 * f.v[u]
+            if front(r, f, u, x) + need > rear or f.held_to[u] > f.at[u]:
+                return False
+        u = f.ahead[u]
+    out = f.last_out[lane]
+    if out >= 0 and f.left[out] == lane and f.left_by[out] < x.length + f.left_hold[out] and f.s[v] > 0.0:
+        if r.length[lane] - 0.5 * x.length + f.left_by[out] < at + r.door_ahead[d] + 0.3:
+            return False
+    return True
+
+
+@njit(cache=True, _nrt=False)
+def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
+    """Back out of a bay if the road is clear: 0 done, 1 not yet."""
+    d = f.door[v]
+    lane = r.door_lane[d]
+    spur = len(r.length) + 2 * len(r.clear) + d
+    late = now - f.waits[v] > x.patience
+    if late:
+        ask(r, f, v, x)
+    if not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur, True):
+        return 1
+    if not is_safe_lane(r, lane) and acquire(r, f, v, 0, x, late) != 0:
+        return 1
+    unask(r, f, v)
+    f.s[v] = r.door_at[d]
+    f.piece[v] = lane
+    insert(f, v, lane)
+    f.on[lane] += 1
+    f.held[spur] += 1
+    if r.door_crosses[d] >= 0:
+        f.crossed[r.door_crosses[d]] = v
+    f.mode[v] = LEAVING
+    f.trip[v] += 1
+    return 0
+
+
+@njit(cache=True, _nrt=False)
+def past_door(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
+    """Whether nobody stands or drives just past the door that the truck comes to."""
+    d, a = f.door[v], f.ahead[v]
+    return a < 0 or f.s[a] - 0.5 * x.length >= r.door_at[d] + r.door_ahead[d] + 0.3
+
+
+@njit(cache=True, _nrt=False)
+def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
+    """Turn into the bay if its ground, the road just ahead and the lane to cross are clear: 0 done, 1 not yet.
+
+    A truck that still rolls towards its door has the ground reserved from then on, and need not stop.
+    """
+    d = f.door[v]
+    spur = len(r.length) + 2 * len(r.clear) + d
+    if not past_door(r, f, v, x):
+        return 1
+    if not f.entry[v]:
+        # It is on the road already: whoever has claimed the junction waits for it to be gone.
+        if not is_free(r, f, v, spur, False):
+            return 1
+        if now - f.waits[v] > x.patience:
+            ask(r, f, v, x)
+        if not may_cross(r, f, v, x):
+            return 1
+        unask(r, f, v)
+        if r.door_crosses[d] >= 0:
+            f.crossed[r.door_crosses[d]] = v
+        f.held[spur] += 1
+        f.entry[v] = True
+    if f.mode[v] == AT_BAY:
+        f.mode[v] = ENTERING
+        f.spur[v] = 0.0
+    return 0

@@ -1,0 +1,92 @@
+"""Lanes and pieces of road: how fast on them, who is in line there, how far ahead one must know."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from fleetlog.simulate.state import ENTERING, LEAVING, Fleet, Limits, Roads
+
+# Nothing in these kernels allocates, so counting references of sixty arrays at every access, which would take most of the
+# time, is switched off: ``_nrt=False``.
+
+
+@njit(cache=True, _nrt=False)
+def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
+    """Highest speed after the next step that still stops ``brake``-ing behind one that does so from ``u``, ``room`` m ahead.
+
+    Krauss 1998, written for a speed that is linear over the step.
+    """
+    q = 0.25 * brake * brake * dt * dt + 2.0 * brake * (room - 0.5 * v * dt) + u * u
+    return -0.5 * brake * dt + np.sqrt(q) if q > 0.0 else 0.0
+
+
+@njit(cache=True, _nrt=False)
+def cap_at(r: Roads, piece: int, s: float, laden: int) -> float:
+    """Speed cap on a piece; its square is linear between samples."""
+    x = min(max(s, 0.0), r.length[piece]) / r.spacing[piece]
+    low = r.first[piece]
+    i = min(int(x), r.first[piece + 1] - low - 2)
+    a, b = r.cap[laden, low + i], r.cap[laden, low + i + 1]
+    return np.sqrt(a * a + (x - i) * (b * b - a * a))
+
+
+@njit(cache=True, _nrt=False)
+def is_safe_lane(r: Roads, piece: int) -> bool:
+    """Whether a truck may wait on this piece."""
+    return piece < len(r.clear) and r.capacity[piece] > 0
+
+
+@njit(cache=True, _nrt=False)
+def run_in(r: Roads, lane: int, x: Limits) -> float:
+    """Metres in which a truck that comes onto a lane can stop."""
+    enter = min(cap_at(r, lane, 0.0, 0), cap_at(r, lane, 0.0, 1))
+    return enter * enter / (2.0 * x.plan) + 0.6 * enter
+
+
+@njit(cache=True, _nrt=False)
+def push(f: Fleet, v: int, piece: int) -> None:
+    """Join the end of a piece's queue."""
+    f.ahead[v] = f.tail[piece]
+    f.behind[v] = -1
+    if f.tail[piece] >= 0:
+        f.behind[f.tail[piece]] = v
+    f.tail[piece] = v
+
+
+@njit(cache=True, _nrt=False)
+def drop(f: Fleet, v: int, piece: int) -> None:
+    """Leave a piece's queue."""
+    a, b = f.ahead[v], f.behind[v]
+    if a >= 0:
+        f.behind[a] = b
+    if b >= 0:
+        f.ahead[b] = a
+    if f.tail[piece] == v:
+        f.tail[piece] = a
+    f.ahead[v] = -1
+    f.behind[v] = -1
+
+
+@njit(cache=True, _nrt=False)
+def insert(f: Fleet, v: int, piece: int) -> None:
+    """Join a piece's queue at one's own offset."""
+    b, a = -1, f.tail[piece]
+    while a >= 0 and f.s[a] < f.s[v]:
+        b, a = a, f.ahead[a]
+    f.ahead[v], f.behind[v] = a, b
+    if a >= 0:
+        f.behind[a] = v
+    if b >= 0:
+        f.ahead[b] = v
+    else:
+        f.tail[piece] = v
+
+
+@njit(cache=True, _nrt=False)
+def front(r: Roads, f: Fleet, v: int, x: Limits) -> float:
+    """How far along its lane a truck reaches [m]."""
+    reach = 0.5 * x.length
+    if f.mode[v] == LEAVING or f.mode[v] == ENTERING:
+        reach = max(reach, r.door_ahead[f.door[v]])
+    return f.s[v] + reach
