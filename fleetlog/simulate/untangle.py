@@ -8,7 +8,7 @@ import numpy as np
 
 from fleetlog.simulate.state import AT_BAY, DRIVING, EMPTY, WANTS_OUT, Fleet
 from fleetlog.simulate.watch import Watch, rings
-from fleetlog.simulate.ways import Way
+from fleetlog.simulate.ways import Itinerary
 from fleetlog.simulate.world import World
 
 STUCK = 30.0
@@ -46,7 +46,7 @@ class Untangler:
         self._known: dict[frozenset[int], bool] = {}
         """Rings that stand at present, and whether they were broken already."""
 
-    def _take(self, v: int, way: Way) -> None:
+    def _take(self, v: int, way: Itinerary) -> None:
         """Give a truck its way: out of a bay, or onward from the lane it is on."""
         f = self.fleet
         f.route[v, : len(way.pieces)] = way.pieces

@@ -19,7 +19,7 @@ AHEAD = 0.5
 """A door this much farther along the lane can be reached without a way round [m]."""
 
 
-class Way(NamedTuple):
+class Itinerary(NamedTuple):
     """Out of door ``out`` (-1: on the road already) along ``pieces`` and in by ``door``; ``cost`` [s]."""
 
     out: int
@@ -39,7 +39,7 @@ class Ways:
         self.pace = router.time / np.maximum(router.network.length, 1e-9)
         self._known: dict[tuple[int, int, bool], tuple[Index, float] | None] = {}
 
-    def between(self, start: int, end: int, closed: Iterable[int] = (), only: int = -1) -> Way | None:
+    def between(self, start: int, end: int, closed: Iterable[int] = (), only: int = -1) -> Itinerary | None:
         """The quickest way from bay ``start`` to bay ``end``; with ``only`` out of that door."""
         shut, found = tuple(closed), []
         for a in self.of_bay[start] if only < 0 else [only]:
@@ -49,7 +49,7 @@ class Ways:
                 found.append(way._replace(out=a, cost=way.cost + self._extra(a)))
         return min(found, key=lambda w: w.cost, default=None)
 
-    def onward(self, lane: int, at: float, end: int, closed: Iterable[int] = ()) -> Way | None:
+    def onward(self, lane: int, at: float, end: int, closed: Iterable[int] = ()) -> Itinerary | None:
         """The quickest way from offset ``at`` [m] of a lane to bay ``end``."""
         shut, found = tuple(closed), []
         for b in self.of_bay[end]:
@@ -58,7 +58,7 @@ class Ways:
             if way is not None:
                 rest = float(self.track.length[door.lane]) - door.at
                 cost = way[1] - at * self.pace[lane] - rest * self.pace[door.lane] + self._extra(b)
-                found.append(Way(-1, b, way[0], cost))
+                found.append(Itinerary(-1, b, way[0], cost))
         return min(found, key=lambda w: w.cost, default=None)
 
     def joins(self, start: int, end: int) -> bool:
