@@ -23,6 +23,13 @@ def output_option(what: str) -> Callable[[F], F]:
     return click.option("-o", "--output", type=anywhere, required=True, help=what)
 
 
+def answer_options(command: F) -> F:
+    """Where the answer to a question goes and how it is said; :func:`fleetlog.cli.output.answer` takes their values."""
+    for option in (quiet_option, overwrite_option, json_option, output_option("Folder for the answer.")):
+        command = option(command)
+    return command
+
+
 def notice(text: str, quiet: bool = False) -> None:
     """A line for a person, on standard error."""
     if not quiet:

@@ -4,8 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from fleetlog.cli.options import say
 from fleetlog.core.result import Result
 from fleetlog.core.site import Site
+
+
+def answer(result: Result, site: Site, output: Path, overwrite: bool, as_json: bool, quiet: bool) -> None:
+    """Write a result and say its lines, or its summary as JSON."""
+    write_analysis(result, site, output, overwrite)
+    say(result.lines, result.summary, as_json=as_json, quiet=quiet)
 
 
 def write_analysis(result: Result, site: Site, out: str | Path, overwrite: bool = False) -> Path:

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from fleetlog.cli.options import existing, json_option, output_option, overwrite_option, quiet_option, say
+from fleetlog.cli.options import answer_options, existing
 from fleetlog.cli.simulate import Duration
 
 
@@ -83,10 +83,7 @@ from fleetlog.cli.simulate import Duration
 @click.option(
     "--soc", default=0.6, show_default=True, type=click.FloatRange(0.05, 1.0), help="Charge at its start."
 )
-@output_option("Folder for the answer.")
-@json_option
-@overwrite_option
-@quiet_option
+@answer_options
 def command(
     dataset: Path, output: Path, as_json: bool, overwrite: bool, quiet: bool, truck: str | None, check: bool,
     vehicles: int | None, duration: float, seed: int, soc: float, **options: Any,
@@ -94,7 +91,7 @@ def command(
     """Choose where chargers belong, and say how good the choice is."""
     from fleetlog.analysis.chargers import chargers
     from fleetlog.analysis.placement.check import Trial
-    from fleetlog.cli.output import write_analysis
+    from fleetlog.cli.output import answer
     from fleetlog.core.truck import load_truck
     from fleetlog.store import Dataset
     from fleetlog.store.atomic import check_free
@@ -110,5 +107,4 @@ def command(
         else None
     )
     result = chargers(data, truck=model, trial=trial, **options)
-    write_analysis(result, data.site, output, overwrite)
-    say(result.lines, result.summary, as_json=as_json, quiet=quiet)
+    answer(result, data.site, output, overwrite, as_json, quiet)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from fleetlog.cli.options import existing, json_option, output_option, overwrite_option, quiet_option, say
+from fleetlog.cli.options import answer_options, existing
 
 
 @click.command()
@@ -26,17 +27,13 @@ from fleetlog.cli.options import existing, json_option, output_option, overwrite
 @click.option("--step", default=1.0, show_default=True, help="Time step [s].")
 @click.option("--min-duration", default=5.0, show_default=True, help="Pass over shorter episodes [s].")
 @click.option("--include-standing", is_flag=True, help="Count parked, charging and handling trucks too.")
-@output_option("Folder for the answer.")
-@json_option
-@overwrite_option
-@quiet_option
+@answer_options
 def command(
-    dataset: Path, threshold: float, speed: float, step: float, min_duration: float, include_standing: bool,
-    output: Path, as_json: bool, overwrite: bool, quiet: bool,
+    dataset: Path, threshold: float, speed: float, step: float, min_duration: float, include_standing: bool, **told: Any
 ) -> None:  # fmt: skip
     """Find where trucks crowd: clusters along the roads, episodes, critical areas."""
     from fleetlog.analysis.density import density
-    from fleetlog.cli.output import write_analysis
+    from fleetlog.cli.output import answer
     from fleetlog.store import Dataset
 
     if min(threshold, speed, step) <= 0:
@@ -50,5 +47,4 @@ def command(
         min_duration=min_duration,
         include_standing=include_standing,
     )
-    write_analysis(result, data.site, output, overwrite)
-    say(result.lines, result.summary, as_json=as_json, quiet=quiet)
+    answer(result, data.site, **told)

@@ -3,18 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from fleetlog.cli.options import (
-    anywhere,
-    existing,
-    json_option,
-    output_option,
-    overwrite_option,
-    quiet_option,
-    say,
-)
+from fleetlog.cli.options import answer_options, anywhere, existing
 
 
 def _hours(_: click.Context, __: click.Parameter, value: str) -> tuple[int, ...]:
@@ -46,17 +39,14 @@ def _hours(_: click.Context, __: click.Parameter, value: str) -> tuple[int, ...]
     show_default=True,
     help="Shape of the battery's voltage over its charge.",
 )
-@output_option("Folder for the answer.")
-@json_option
-@overwrite_option
-@quiet_option
+@answer_options
 def command(
-    dataset: Path, truck: str, physics: Path | None, shifts: tuple[int, ...], chemistry: str, output: Path, as_json: bool,
-    overwrite: bool, quiet: bool,
+    dataset: Path, truck: str, physics: Path | None, shifts: tuple[int, ...], chemistry: str, output: Path,
+    overwrite: bool, **told: Any,
 ) -> None:  # fmt: skip
     """Say what every trip costs, by physical cause, beside what was measured."""
     from fleetlog.analysis.energy import energy
-    from fleetlog.cli.output import write_analysis
+    from fleetlog.cli.output import answer
     from fleetlog.core.truck import load_truck
     from fleetlog.physics.model import load_physics
     from fleetlog.store.atomic import check_free
@@ -66,5 +56,4 @@ def command(
     data, model = Dataset(dataset), load_truck(truck)
     known = None if physics is None else load_physics(physics, model, data.site.network)
     result = energy(data, model, known, shifts=shifts, chemistry=chemistry)
-    write_analysis(result, data.site, output, overwrite)
-    say(result.lines, result.summary, as_json=as_json, quiet=quiet)
+    answer(result, data.site, output, overwrite, **told)

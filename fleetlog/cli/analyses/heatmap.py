@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from fleetlog.cli.options import existing, json_option, output_option, overwrite_option, quiet_option, say
+from fleetlog.cli.options import answer_options, existing
 
 if TYPE_CHECKING:
     from fleetlog.analysis.occupancy.maps import Grouping, Quantity
@@ -54,17 +54,14 @@ def _hours(_: click.Context, __: click.Parameter, value: str | None) -> tuple[in
     type=click.Choice(["hour", "vehicle", "load"]),
     help="One map for each hour (UTC), vehicle or load state.",
 )
-@output_option("Folder for the answer.")
-@json_option
-@overwrite_option
-@quiet_option
+@answer_options
 def command(
     dataset: Path, cell: float, quantity: Quantity, smooth: float, hours: tuple[int, int] | None, vehicles: tuple[str, ...],
-    state: str, compare: Path | None, by: Grouping | None, output: Path, as_json: bool, overwrite: bool, quiet: bool,
+    state: str, compare: Path | None, by: Grouping | None, **told: Any,
 ) -> None:  # fmt: skip
     """Draw how much time trucks spend where, on the floor and on the roads."""
     from fleetlog.analysis.heatmap import heatmap
-    from fleetlog.cli.output import write_analysis
+    from fleetlog.cli.output import answer
     from fleetlog.store import Dataset
 
     if cell <= 0 or smooth < 0:
@@ -84,5 +81,4 @@ def command(
         compare=other,
         by=by,
     )
-    write_analysis(result, data.site, output, overwrite)
-    say(result.lines, result.summary, as_json=as_json, quiet=quiet)
+    answer(result, data.site, **told)
