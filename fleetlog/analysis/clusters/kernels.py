@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fleetlog.roads.matchkernels.kernels.heap import pop, push
+from fleetlog.roads.matchkernels.kernels.distances import forget, search
+from fleetlog.roads.matchkernels.kernels.growing import longer
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
@@ -28,48 +29,23 @@ def reachable(
     first = np.zeros(n + 1, np.int64)
     size, used = 16 * n + 16, 0
     edges, distances, skip = np.empty(size, np.int32), np.empty(size), np.empty(size, np.int32)
-    best, via = np.full(n, np.inf), np.empty(n, np.int32)
-    touched = np.empty(n, np.int32)
-    tree_e, tree_d, parent = np.empty(n, np.int32), np.empty(n), np.empty(n, np.int32)
-    heap_d, heap_e = np.empty(4 * n + 16), np.empty(4 * n + 16, np.int32)
-    done = np.zeros(n, np.bool_)
+    best, before, place = np.full(n, np.inf), np.empty(n, np.int32), np.empty(n, np.int32)
+    room = len(next_edges) + n + 8
+    heap_d, heap_e = np.empty(room), np.empty(room, np.int32)
+    found, away, parent = np.empty(n, np.int32), np.empty(n), np.empty(n, np.int32)
     for source in range(n):
-        count, filled, grown = 0, 0, 0
-        for k in range(next_first[source], next_first[source + 1]):
-            f = next_edges[k]
-            best[f], via[f] = 0.0, -1
-            touched[count] = f
-            count += 1
-            filled = push(heap_d, heap_e, filled, 0.0, f)
-        while filled > 0:
-            d, e = heap_d[0], heap_e[0]
-            filled = pop(heap_d, heap_e, filled)
-            if done[e]:
-                continue
-            done[e] = True
-            tree_e[grown], tree_d[grown], parent[grown] = e, d, via[e]
-            grown += 1
-            onward = d + length[e]
-            if onward > limit:
-                continue
-            for k in range(next_first[e], next_first[e + 1]):
-                f = next_edges[k]
-                if onward < best[f]:
-                    if best[f] == np.inf:
-                        touched[count] = f
-                        count += 1
-                    best[f], via[f] = onward, grown - 1
-                    if filled == len(heap_d):
-                        heap_d, heap_e = _grow_float(heap_d, 2 * filled), _grow_int(heap_e, 2 * filled)
-                    filled = push(heap_d, heap_e, filled, onward, f)
-        for k in range(count):
-            best[touched[k]], done[touched[k]] = np.inf, False
-        if used + grown > size:
-            size = 2 * (used + grown)
-            edges, skip = _grow_int(edges, size), _grow_int(skip, size)
-            distances = _grow_float(distances, size)
-        _preorder(tree_e, tree_d, parent, grown, edges, distances, skip, used)
-        used += grown
+        count = search(source, limit, next_first, next_edges, length, best, before, heap_d, heap_e, found)
+        for i in range(count):
+            e = found[i]
+            # A way back through the source never is the shorter one: after it come only the edges that the search began with.
+            away[i], place[e] = best[e], i
+            parent[i] = -1 if before[e] == source else place[before[e]]
+        forget(source, count, next_first, next_edges, best, found)
+        if used + count > size:
+            size = 2 * (used + count)
+            edges, distances, skip = longer(edges, size), longer(distances, size), longer(skip, size)
+        _preorder(found, away, parent, count, edges, distances, skip, used)
+        used += count
         first[source + 1] = used
     return first, edges[:used].copy(), distances[:used].copy(), skip[:used].copy()
 
@@ -100,20 +76,6 @@ def _preorder(
             here, top = top, top + below[i]
         cursor[i] = here + 1
         edges[here], distances[here], skip[here] = tree_e[i], tree_d[i], below[i]
-
-
-@njit(cache=True)
-def _grow_int(a: Index, size: int) -> Index:
-    out = np.empty(size, np.int32)
-    out[: len(a)] = a
-    return out
-
-
-@njit(cache=True)
-def _grow_float(a: Floats, size: int) -> Floats:
-    out = np.empty(size)
-    out[: len(a)] = a
-    return out
 
 
 @njit(cache=True)

@@ -31,7 +31,7 @@ def search(
 ) -> Any:
     """Dijkstra over edges from the end of ``source``: edges whose start is within ``bound``, nearest first.
 
-    ``best`` (E,) is infinite on entry and on return for all but the edges in ``found`` (the caller resets them);
+    ``best`` (E,) is infinite on entry; :func:`forget` makes it so again.
     ``before`` holds the previous edge of the path.  Turns are those of the network.  Returns how many were found.
     """
     size = 0
@@ -59,6 +59,15 @@ def search(
                 before[f] = e
                 size = push(heap_d, heap_e, size, through, f)
     return count
+
+
+@njit(cache=True)
+def forget(source: int, count: int, next_first: Index, next_edges: Index, best: Floats, found: Index) -> None:
+    """Make ``best`` infinite again after a search, beyond its bound too: for all that an edge found could have touched."""
+    for i in range(-1, count):
+        e = source if i < 0 else found[i]
+        for q in range(next_first[e], next_first[e + 1]):
+            best[next_edges[q]] = np.inf
 
 
 @njit(cache=True)
@@ -99,11 +108,7 @@ def ensure(
     for i in range(m):
         f = found[i]
         target[start + i], previous[start + i], away[start + i] = f, before[f], best[f]
-    # edges that were reached but lie beyond the bound are reset too: walk what every found edge could have touched
-    for i in range(-1, m):
-        e = source if i < 0 else found[i]
-        for q in range(next_first[e], next_first[e + 1]):
-            best[next_edges[q]] = np.inf
+    forget(source, m, next_first, next_edges, best, found)
     known[source], begin[source], count[source] = bound, start, m
     used[0] = start + m
     return known, begin, count, target, previous, away, used, best, before, heap_d, heap_e, found
