@@ -1,4 +1,4 @@
-"""Write the reference pages that are made from code: columns, commands, physics terms, truck keys.
+"""Write the reference pages that are made from code: columns, tables, commands, physics terms, truck keys.
 
 python docs/generate.py            write them
 python docs/generate.py --check    exit 1 when one is not fresh
@@ -16,6 +16,7 @@ from fleetlog.cli.main import cli
 from fleetlog.core.columns import COLUMNS
 from fleetlog.core.truck import SECTIONS
 from fleetlog.physics.power import all_terms
+from fleetlog.store.events import ACTIVITIES, TABLES, WAYS
 
 HERE = Path(__file__).parent / "reference"
 MADE = "<!-- made by docs/generate.py -->\n\n"
@@ -33,6 +34,22 @@ def columns() -> str:
         + "\n".join(rows)
         + "\n"
     )
+
+
+def tables() -> str:
+    """The tables beside the trajectories of a simulated dataset."""
+    kinds = {"time": "timestamp[us, UTC]", "label": "string", "line": "list of double"}
+    out = [
+        MADE
+        + "# The tables beside a simulation\n\nParquet files in the folder of a simulated dataset, named with their rows under"
+        " `tables` in `dataset.json`. An imported dataset has none. Unknown is null.\n"
+    ]
+    for name, columns in TABLES.items():
+        out.append(f"\n## {name}.parquet\n\n| column | type | unit | meaning |\n| --- | --- | --- | --- |")
+        out += [f"| `{c.name}` | {kinds.get(c.kind, c.kind)} | {c.unit} | {c.meaning} |" for c in columns]
+    for title, words in (("The activities", ACTIVITIES), ("The kinds of ways", WAYS)):
+        out += [f"\n## {title}\n", *(f"- `{word}`: {meaning}" for word, meaning in words.items())]
+    return "\n".join(out) + "\n"
 
 
 def truck() -> str:
@@ -87,7 +104,7 @@ def main() -> None:
     """Write or check."""
     stale = []
     HERE.mkdir(exist_ok=True)
-    for make in (columns, truck, terms, commands):
+    for make in (columns, tables, truck, terms, commands):
         page, text = HERE / f"{make.__name__}.md", make()
         if "--check" in sys.argv:
             if not page.is_file() or page.read_text(encoding="utf-8") != text:

@@ -14,6 +14,7 @@ from fleetlog.errors import FleetlogError, FormatError, InputError
 
 if TYPE_CHECKING:
     from fleetlog.core.site import Site
+    from fleetlog.store import Dataset
 
 Described = tuple[dict[str, Any], list[str]]
 MAPS = (".xodr", ".graphml", ".osm")
@@ -65,6 +66,8 @@ def _dataset(path: Path) -> Described:
         "format_version", "site", "vehicles", "start", "end", "rows", "columns", "provenance")}, "recorded": d.kind,
         "trips": len(d.trips), "days": len(d.dates), "replay": (path / "recording.rrd").is_file()}  # fmt: skip
     where = meta["site"]
+    events, happened = _events(d)
+    summary |= events
     lines = [
         f"{path}: a {d.kind} dataset (format {meta['format_version']})",
         f"  rows      {d.rows:,} of {_some(d.vehicles, 'vehicle')}, {_count(len(d.trips), 'trip')}",
@@ -72,7 +75,34 @@ def _dataset(path: Path) -> Described:
         f"  site      {where['name']}, {where['edges']} directed edges, " + _place(where.get("frame")),
         f"  columns   {', '.join(n + (f' [{u}]' if u else '') for n, u in meta['columns'].items())}",
         f"  replay    {'recording.rrd' if summary['replay'] else 'none'}",
+        *happened,
         f"  made by   {meta['provenance'].get('command', 'unknown')} (fleetlog {meta['provenance'].get('version', '?')})",
+    ]
+    return summary, lines
+
+
+def _events(dataset: Dataset) -> Described:
+    """What the tables beside the trajectories say; nothing where there are none."""
+    from fleetlog.store.events import read_table
+
+    tasks, stretches = read_table(dataset, "tasks"), read_table(dataset, "activities")
+    if tasks is None or stretches is None:
+        return {}, []
+    status = {str(k): int(n) for k, n in tasks["status"].value_counts().items()}
+    charging = stretches[stretches["activity"] == "charge"]
+    hours = (stretches["end"] - stretches["start"]).dt.total_seconds().groupby(
+        stretches["activity"]
+    ).sum() / 3600.0
+    reserved = int(dataset.meta["tables"]["reservations"]["rows"])
+    summary = {
+        "tasks": {"all": len(tasks), **status}, "charging_visits": len(charging), "reservations": reserved,
+        "activity_hours": {str(k): round(float(h), 4) for k, h in hours.items()},
+    }  # fmt: skip
+    open_ = ", ".join(f"{n} {s}" for s, n in sorted(status.items()) if s != "done")
+    lines = [
+        f"  tasks     {status.get('done', 0):,} done of {len(tasks):,}" + (f" ({open_})" if open_ else ""),
+        f"  charging  {_count(len(charging), 'visit')} of {_count(charging['vehicle_id'].nunique(), 'truck')}",
+        f"  reserved  {_count(reserved, 'reservation')} of pieces of road",
     ]
     return summary, lines
 

@@ -20,6 +20,7 @@ from fleetlog.simulate.state import (
     Fleet,
     creep_speed,
 )
+from fleetlog.simulate.taskbook import TaskBook
 from fleetlog.simulate.tasks import ENGAGE, Demand, Task, random_dwell, random_height, random_load
 from fleetlog.simulate.untangle import Count, Untangler
 from fleetlog.simulate.world import World
@@ -67,11 +68,12 @@ class Dispatcher(Untangler):
         self.names, self.demand, self.policy, self.rng = names, demand, policy, rng
         self.truck: Truck = world.truck
         self.jobs = [Job() for _ in names]
+        self.book = TaskBook(names)
         self.home = np.full(len(names), -1, np.int64)
         self.owner = np.full(len(world.bays), -1, np.int64)
         self.queue: deque[int] = deque()
         self.pending: list[Task] = list(demand.given)
-        self._next = 0
+        self.given = 0
         self._due: list[Task] = []
         self._wanted: list[tuple[int, list[int]]] = []
         self._wanted_now: list[tuple[int, list[int]]] = []
@@ -122,9 +124,10 @@ class Dispatcher(Untangler):
                 self.owner[self.home[v]] = -1
             elif f.mode[v] == PARKED:
                 self._parked(int(v), now)
-        while self._next < len(self.pending) and self.pending[self._next].earliest <= now:
-            self._due.append(self.pending[self._next])
-            self._next += 1
+        while self.given < len(self.pending) and self.pending[self.given].earliest <= now:
+            self._due.append(self.pending[self.given])
+            self.book.give(self.pending[self.given])
+            self.given += 1
             self.count.tasks_given += 1
         self._charging(now)
         self._wanted, self._wanted_now = self._wanted_now, []
@@ -150,8 +153,10 @@ class Dispatcher(Untangler):
             job.stage = "dropping"
         elif job.stage == "picking":
             job.stage = "loaded"
+            self.book.picked(v, now)
         elif job.stage == "dropping":
             self.count.tasks_done += 1
+            self.book.dropped(v, now)
             job.task, job.stage = None, "idle"
             job.since = now + float(self.rng.exponential(self.demand.pause)) if self.demand.endless else now
         elif job.stage == "charge":
@@ -195,6 +200,7 @@ class Dispatcher(Untangler):
         if task is not None:
             self._due.remove(task)
             job.task, job.stage = task, "assigned"
+            self.book.assign(v, task, now)
             return True
         if not self.demand.endless:
             return False
@@ -210,6 +216,8 @@ class Dispatcher(Untangler):
         )  # fmt: skip
         job.stage = "assigned"
         self.count.tasks_given += 1
+        self.book.give(job.task)
+        self.book.assign(v, job.task, now)
         return True
 
     def _due_task(self, v: int, now: float) -> Task | None:
@@ -269,6 +277,7 @@ class Dispatcher(Untangler):
         target = job.task.target or self._free_place(v, {"drop"})
         if target is not None:
             self._to_place(v, target, "bring", now)
+            self.book.heads_for(v, target)
             return
         drops = np.flatnonzero(self.work & (self.kind == "drop"))
         self._wait_for(v, (drops if len(drops) else np.flatnonzero(self.work)).tolist(), now)
@@ -303,6 +312,7 @@ class Dispatcher(Untangler):
                 if self.fleet.load[v] <= 0.0 and job.task is not None and job.task.target:
                     # Not begun: somebody else may do it from where it is nearer.
                     self._due.insert(0, job.task)
+                    self.book.give_back(v, job.task)
                     job.task = None
                 self.count.made_room += 1
                 self._go(v, b, "park")

@@ -15,6 +15,7 @@ from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.dispatch import Count, Dispatcher, Policy
 from fleetlog.simulate.energy import Meter, locate
+from fleetlog.simulate.events import EventLog
 from fleetlog.simulate.junctions import GAP
 from fleetlog.simulate.record import Recorder
 from fleetlog.simulate.state import (
@@ -147,7 +148,8 @@ def simulate(
         world.notes.append(
             f"{len(demand.given) - len(doable)} tasks between places that were left out are dropped"
         )
-        demand = Demand(doable, demand.endless, demand.pause)
+        left_out = [t for t in demand.given if not {t.source, t.target} <= set(known)]
+        demand = Demand(doable, demand.endless, demand.pause, left_out)
     run = Run(world, settings, demand, names, writer)
     return run.all(progress)
 
@@ -192,6 +194,7 @@ class Run:
         rng = np.random.Generator(np.random.PCG64(settings.seed))
         self.dispatcher = Dispatcher(world, self.fleet, names, demand, settings.policy, rng)
         self.dispatcher.settle()
+        self.events = EventLog(self.dispatcher, writer, settings.start)
         charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])
         self.bay_of = np.array([d.bay for d in world.doors], dtype=np.int32)
         soc = np.full(n, settings.soc)
@@ -219,6 +222,7 @@ class Run:
             if progress is not None:
                 progress((step0 + self.steps) * self.settings.step, total * self.settings.step)
         self.recorder.flush()
+        self.events.close(total * self.settings.step)
         return self._summary(total)
 
     def batch(self, step0: int) -> None:
@@ -230,6 +234,7 @@ class Run:
         bay = self.bay_of[self.fleet.door]
         for k in range(0, self.steps, self.second):
             self.dispatcher.tick((step0 + k) * dt)
+            self.events.tick((step0 + k) * dt)
             advance(
                 self.world.roads, self.fleet, self.limits, self.log, k, self.second, step0 + k, dt, lift.raise_speed,
                 lift.lower_speed,

@@ -47,6 +47,8 @@ class Demand:
     endless: bool = True
     pause: float = 20.0
     """Mean time between two endless tasks of a truck [s]."""
+    left_out: list[Task] = field(default_factory=list)
+    """Given ones that cannot be done: there is no room at one of their places."""
 
 
 def random_load(rng: np.random.Generator, truck: Truck) -> float:

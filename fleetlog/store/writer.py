@@ -18,6 +18,7 @@ from fleetlog.core.site import Site, site_to_dict
 from fleetlog.core.trajectory import Trajectory, to_arrow
 from fleetlog.errors import DataError
 from fleetlog.store.atomic import atomic_output
+from fleetlog.store.events import Tables
 from fleetlog.store.trips import table_of, trip_columns
 
 DAY = 86_400_000_000
@@ -37,6 +38,7 @@ class DatasetWriter:
         self.compression: Literal["zstd", "snappy"] = "zstd"
         self.provenance: dict[str, Any] = {}
         self.summary: dict[str, Any] = {}
+        self.tables = Tables(path)
         self._rows: dict[str, int] = {}
         self._span: list[int] = []
         self._last: dict[str, int] = {}
@@ -129,6 +131,8 @@ class DatasetWriter:
             "provenance": self.provenance,
             "summary": self.summary,
         }
+        if tables := self.tables.close():
+            description["tables"] = tables
         # Written last: a folder without it is no dataset.
         (self.path / "dataset.json").write_text(json.dumps(description, indent=1) + "\n", encoding="utf-8")
 

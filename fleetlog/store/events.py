@@ -1,0 +1,182 @@
+"""What happened in a simulation beside the motion: tasks, activities, reservations, as tables beside the trajectories.
+
+``dataset.json`` names those that a dataset has under ``tables``; a dataset without them (every import) has no such key.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.columns import Column
+from fleetlog.core.trajectory import Labels
+from fleetlog.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
+
+    from fleetlog.store.dataset import Dataset
+
+Name = Literal["tasks", "activities", "reservations", "ways"]
+
+
+class Lines(NamedTuple):
+    """One coordinate of polylines: all points one behind the other [m], and (N,) points of each line."""
+
+    values: NDArray[np.float64]
+    lengths: NDArray[np.int64]
+
+
+Columns = Mapping[str, NDArray[Any] | Labels | Lines]
+"""Of some rows: numbers, times [us] and -1 for null, labels, or polylines."""
+KEPT = 1 << 17
+"""Rows of a table that are kept before they are written."""
+
+TABLES: dict[Name, tuple[Column, ...]] = {
+    "tasks": (
+        Column("task", "int64", "", "number, in the order in which tasks were given"),
+        Column("vehicle_id", "label", "", "truck that does it or did it; null while nobody does"),
+        Column("from_place", "label", "", "where the load is fetched"),
+        Column("to_place", "label", "", "where it is set down; null where that was not decided yet"),
+        Column("payload", "double", "kg", "the load"),
+        Column("earliest", "time", "", "from when on it may be done"),
+        Column("assigned", "time", "", "when the truck took it; null: not yet"),
+        Column("picked", "time", "", "when the load was on the forks and these were down again; null: not yet"),
+        Column("dropped", "time", "", "when it was set down and the forks were down again; null: not yet"),
+        Column("status", "label", "", "at the end: waiting, assigned, loaded, done, later or left out"),
+    ),
+    "activities": (
+        Column("vehicle_id", "label", "", "the truck"),
+        Column("start", "time", "", "of a stretch in which it does one thing"),
+        Column("end", "time", "", "the start of its next stretch, or the end of the simulation"),
+        Column("activity", "label", "", "see below"),
+        Column("place", "label", "", "where it stands in a bay; on the road, where it drives to"),
+        Column("task", "int64", "", "number of the task that it has; null: none"),
+    ),
+    "reservations": (
+        Column("vehicle_id", "label", "", "who alone may be on a piece of the road"),
+        Column("start", "time", "", "first second in which it was reserved"),
+        Column("end", "time", "", "first second in which it was not any more, or the end of the simulation"),
+        Column("way", "int64", "", "the piece: a row of ways"),
+    ),
+    "ways": (
+        Column("way", "int64", "", "number of a piece of the road that was ever reserved"),
+        Column("kind", "label", "", "see below"),
+        Column("edge_id", "label", "", "directed road edge that it lies on; of a turn, the one that it comes from"),
+        Column("to_edge", "label", "", "of a turn, the edge that it leads to"),
+        Column("place", "label", "", "of the way into a bay, the place"),
+        Column("x", "line", "m", "its middle line, east, in the site frame"),
+        Column("y", "line", "m", "north"),
+        Column("z", "line", "m", "up"),
+    ),
+}  # fmt: skip
+
+ACTIVITIES: dict[str, str] = {
+    "drive_empty": "is on its way without a load",
+    "drive_laden": "is on its way with a load",
+    "wait": "stands although it wants to go on: others are in its way, on the road or before its bay",
+    "wait_place": "has a task and stands in a bay until the place it has to go to is free",
+    "pick": "takes a load up",
+    "drop": "sets a load down",
+    "charge": "charges",
+    "wait_charger": "is in the queue for a charger",
+    "park": "has nothing to do",
+    "battery_empty": "stands with an empty battery",
+}
+WAYS: dict[str, str] = {
+    "aisle": "a lane on which nobody can be passed: a single-lane aisle, or one too short to wait on",
+    "turn": "across a junction, from one lane to another",
+    "exit": "the last metres of a lane, before a junction",
+    "entry": "the first metres of a lane, behind a junction",
+    "bay": "between the road and a bay",
+}
+
+
+class Tables:
+    """The tables of one dataset, being written in its folder; a table is a file from its first rows on."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.rows: dict[Name, int] = {}
+        self._kept: dict[Name, list[pa.Table]] = {}
+        self._writers: dict[Name, Any] = {}
+
+    def add(self, name: Name, columns: Columns) -> None:
+        """Append rows; they are written when enough have come together."""
+        import pyarrow as pa
+
+        arrays = [_array(columns[c.name], c.kind) for c in TABLES[name]]
+        table = pa.Table.from_arrays(arrays, schema=schema(name))
+        self.rows[name] = self.rows.get(name, 0) + len(table)
+        kept = self._kept.setdefault(name, [])
+        kept.append(table)
+        if sum(len(t) for t in kept) >= KEPT:
+            self._write(name)
+
+    def _write(self, name: Name) -> None:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        table = pa.concat_tables(self._kept.pop(name))
+        if name not in self._writers:
+            self._writers[name] = pq.ParquetWriter(
+                self.folder / f"{name}.parquet", table.schema, compression="zstd"
+            )
+        self._writers[name].write_table(table.combine_chunks())
+
+    def close(self) -> dict[str, dict[str, Any]]:
+        """Write what is kept; file and rows of every table, for the description of the dataset."""
+        for name in TABLES:
+            if name in self.rows:
+                if name in self._kept:
+                    self._write(name)
+                self._writers[name].close()
+        return {name: {"file": f"{name}.parquet", "rows": n} for name, n in self.rows.items()}
+
+
+def schema(name: Name) -> pa.Schema:
+    """Of a table; the fields carry ``unit`` and ``meaning``."""
+    import pyarrow as pa
+
+    kinds = {
+        "label": pa.string(), "time": pa.timestamp("us", tz="UTC"), "double": pa.float64(), "int64": pa.int64(),
+        "line": pa.list_(pa.float64()),
+    }  # fmt: skip
+    return pa.schema(
+        pa.field(c.name, kinds[c.kind], metadata={"unit": c.unit, "meaning": c.meaning}) for c in TABLES[name]
+    )
+
+
+def _array(values: NDArray[Any] | Labels | Lines, kind: str) -> pa.Array:
+    import pyarrow as pa
+
+    if isinstance(values, Labels):
+        names = pa.array([*values.names, None], pa.string())
+        return names.take(pa.array(np.where(values.codes < 0, len(values.names), values.codes)))
+    if isinstance(values, Lines):
+        ends = np.concatenate([[0], np.cumsum(values.lengths)]).astype(np.int32)
+        return pa.ListArray.from_arrays(ends, values.values)
+    if kind == "double":
+        return pa.array(values, pa.float64())
+    whole = pa.array(values, pa.int64(), mask=values < 0)
+    return whole.cast(pa.timestamp("us", tz="UTC")) if kind == "time" else whole
+
+
+def read_table(dataset: Dataset, name: Name) -> pd.DataFrame | None:
+    """A table of a dataset, None where it has none; :class:`InputError` where it is damaged."""
+    import pandas as pd
+    import pyarrow as pa
+
+    entry = (dataset.meta.get("tables") or {}).get(name)
+    if entry is None:
+        return None
+    path = dataset.path / str(entry["file"])
+    try:
+        return pd.read_parquet(path)
+    except (OSError, pa.ArrowInvalid) as error:
+        raise InputError(f"damaged: {error}", where=path, do="simulate again") from None
