@@ -18,7 +18,7 @@ from fleetlog.discovery.open_ends import left_open
 from fleetlog.discovery.proposal import proposed
 from fleetlog.discovery.replay import Block
 from fleetlog.discovery.residual import Bench, Columns
-from fleetlog.discovery.search import State, Task, search
+from fleetlog.discovery.search import State, Task, search, without
 from fleetlog.discovery.select import Choice
 from fleetlog.discovery.squares import make_squares
 from fleetlog.discovery.stretches import Cells, make_stretches
@@ -167,9 +167,9 @@ def explained(
     result = estimate.estimates(task, state, direct or {})
     told = [c for c in state.chosen if not c.candidate.named or _counts(task, c, result)]
     names = {c.candidate.name for c in told}
-    for name in [n for n in state.names() if n not in names]:
-        result.drop(name)
-        state = replace(state, found=state.found.without(name))
+    for choice in [c for c in state.chosen if c.candidate.name not in names]:
+        result.drop(choice.candidate.name)
+        state = without(task, state, choice)
     # What was found beside another explanation is no alternative to it.
     told = [replace(c, tied=tuple(n for n in c.tied if n not in names)) for c in told]
     state = replace(state, chosen=told)

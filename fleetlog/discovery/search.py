@@ -354,18 +354,25 @@ def backward(task: Task, state: State) -> State:
     nothing = nominal_loss(task, state)
     for choice in list(state.chosen):
         name = choice.candidate.name
-        alone = _companions_of(task, state, choice)
         if choice.candidate.named:
-            worse = _loss_without(task, state, p, s, choice, alone)
+            worse = _loss_without(task, state, p, s, choice)
         else:
             worse = select.cross_validate(p, s.remove(name), "trip").mean()
         if (worse - full) / nothing < 0.5 * select.LEAST_GAIN:
             state.log.append(f"dropped {name}: costs {(worse - full) / nothing:.4f}")
-            kept = [c for c in state.chosen if c is not choice]
-            curves = {k: v for k, v in state.curves.items() if k not in {name, *alone}}
-            state = settle(task, State(state.found.without(name), kept, curves, state.weight, state.log))
-            return backward(task, state)
+            return backward(task, settle(task, without(task, state, choice)))
     return state
+
+
+def without(task: Task, state: State, choice: Choice) -> State:
+    """The state with one explanation less, and without the free curves that were let in beside it alone."""
+    gone = {choice.candidate.name, *_companions_of(task, state, choice)}
+    return replace(
+        state,
+        found=state.found.without(choice.candidate.name),
+        chosen=[c for c in state.chosen if c is not choice],
+        curves={k: v for k, v in state.curves.items() if k not in gone},
+    )
 
 
 def _companions_of(task: Task, state: State, choice: Choice) -> set[str]:
@@ -379,14 +386,12 @@ def _companions_of(task: Task, state: State, choice: Choice) -> set[str]:
     return {n for n in free if over(n, choice.candidate) and not any(over(n, o) for o in others)}
 
 
-def _loss_without(
-    task: Task, state: State, p: Problem, s: Selection, choice: Choice, companions: set[str]
-) -> float:
+def _loss_without(task: Task, state: State, p: Problem, s: Selection, choice: Choice) -> float:
     name = choice.candidate.name
     added = task.recording.effect(state.found.without(name), state.found)
     y = p.y + p.scaled(added)
     other = replace(p, y=y, inner=None, _by_fold={})
-    for n in (name, *companions):
+    for n in (name, *_companions_of(task, state, choice)):
         s = s.remove(n)
     return float(select.cross_validate(other, s, "trip").mean())
 
