@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ NAMES: tuple[str, ...] = tuple(BY_NAME)
 FLOATS: tuple[str, ...] = tuple(c.name for c in COLUMNS if c.kind == "double")
 
 
+@cache
 def arrow_field(column: Column) -> pa.Field:
     """The Arrow field of ``column``, with ``unit`` and ``meaning`` as metadata."""
     import pyarrow as pa
@@ -72,8 +74,15 @@ def arrow_field(column: Column) -> pa.Field:
     )
 
 
+@cache
 def arrow_schema() -> pa.Schema:
     """The Arrow schema of the columns that every dataset has, in the order of the contract."""
     import pyarrow as pa
 
     return pa.schema([arrow_field(c) for c in COLUMNS])
+
+
+@cache
+def part_schema() -> pa.Schema:
+    """The same of a Parquet part, whose folder names the vehicle."""
+    return arrow_schema().remove(0)

@@ -131,20 +131,22 @@ class Trajectory:
             raise DataError(f"vehicle {self.vehicle_id}: time does not increase at row {row}")
 
 
-def to_arrow(trajectory: Trajectory) -> pa.Table:
-    """The trajectory as an Arrow table: the contract's columns in order, then the log's own ones by name."""
+def to_arrow(trajectory: Trajectory, *, part: bool = False) -> pa.Table:
+    """The trajectory as an Arrow table: the contract's columns in order, then the log's own ones by name.
+
+    With ``part`` the column ``vehicle_id`` is left out, as in a part of a dataset.
+    """
     import pyarrow as pa
 
-    known = {c.name for c in cols.COLUMNS}
-    fields, arrays = [], []
-    for column in cols.COLUMNS:
-        fields.append(cols.arrow_field(column))
-        arrays.append(_arrow_array(trajectory, column, fields[-1].type))
-    for name in sorted(set(trajectory.columns) - known):
+    schema = cols.part_schema() if part else cols.arrow_schema()
+    arrays = [_arrow_array(trajectory, cols.BY_NAME[f.name], f.type) for f in schema]
+    for name in sorted(set(trajectory.columns) - set(cols.NAMES)):
         array = _extra_array(trajectory.columns[name])
         arrays.append(array)
-        fields.append(pa.field(name, array.type, metadata={"unit": "", "meaning": "kept from the log"}))
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+        schema = schema.append(
+            pa.field(name, array.type, metadata={"unit": "", "meaning": "kept from the log"})
+        )
+    return pa.Table.from_arrays(arrays, schema=schema)
 
 
 def _arrow_array(t: Trajectory, column: cols.Column, kind: pa.DataType) -> pa.Array:
@@ -153,23 +155,28 @@ def _arrow_array(t: Trajectory, column: cols.Column, kind: pa.DataType) -> pa.Ar
     if column.name == "vehicle_id":
         return pa.repeat(pa.scalar(t.vehicle_id, kind), len(t)) if len(t) else pa.array([], kind)
     if column.name == "timestamp":
-        return pa.array(t.time, pa.int64()).cast(kind)
+        return pa.array(t.time, pa.int64()).view(kind)
     values = t.columns.get(column.name)
     if values is None:
         return pa.nulls(len(t), kind)
     if isinstance(values, Labels):
         return _label_array(values)
     if column.kind == "int64":
-        ints = np.asarray(values, dtype=np.int64)
-        return pa.array(ints, kind, mask=ints < 0)
-    floats = np.asarray(values, dtype=np.float64)
-    return pa.array(floats, kind, mask=np.isnan(floats))
+        return _with_nulls(ints := np.asarray(values, dtype=np.int64), ints < 0)
+    return _with_nulls(floats := np.asarray(values, dtype=np.float64), np.isnan(floats))
+
+
+def _with_nulls(values: NDArray[Any], unknown: NDArray[np.bool_]) -> pa.Array:
+    import pyarrow as pa
+
+    # Without a mask nothing is copied.
+    return pa.array(values, mask=unknown) if unknown.any() else pa.array(values)
 
 
 def _label_array(labels: Labels) -> pa.Array:
     import pyarrow as pa
 
-    indices = pa.array(labels.codes, pa.int32(), mask=labels.codes < 0)
+    indices = _with_nulls(labels.codes, labels.codes < 0)
     return pa.DictionaryArray.from_arrays(indices, pa.array(list(labels.names), pa.string()))
 
 
@@ -179,7 +186,7 @@ def _extra_array(values: Values) -> pa.Array:
     if isinstance(values, Labels):
         return _label_array(values)
     if values.dtype.kind == "f":
-        return pa.array(values, mask=np.isnan(values))
+        return _with_nulls(values, np.isnan(values))
     return pa.array(values)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,8 @@ from fleetlog.errors import DataError
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
+BOUNDS = 256
+"""Targets whose lower bounds are kept."""
 
 
 class Distances(NamedTuple):
@@ -91,6 +94,7 @@ class Router:
         self._jump = _widest_gap(network)
         self._turn = _turn_costs(network, turn_time)
         self._open = np.zeros(len(network), dtype=bool)
+        self._bound = lru_cache(maxsize=BOUNDS)(self._bound_of)
 
     def route(self, source: int, target: int, closed: Iterable[int] = ()) -> Route | None:
         """The quickest chain from all of edge ``source`` to all of edge ``target``, or None.
@@ -103,8 +107,10 @@ class Router:
         for edge in (source, target):
             if not 0 <= edge < len(n):
                 raise DataError(f"no edge with the number {edge}; the network has {len(n)}")
-        shut = self._open.copy()
-        shut[np.fromiter(closed, dtype=np.int64)] = True
+        shut = self._open
+        if numbers := list(closed):
+            shut = shut.copy()
+            shut[numbers] = True
         chain, entered = kernels.astar(
             n.next_first,
             n.next_edges,
@@ -119,7 +125,7 @@ class Router:
             return None
         return Route(chain, float(entered[-1] + self.time[target]), float(n.length[chain].sum()))
 
-    def _bound(self, target: int) -> Floats:
+    def _bound_of(self, target: int) -> Floats:
         """(E,) time that the way from each edge's start to the target's takes at least [s]."""
         if self._jump > 1e-6:
             # Where ends do not meet exactly, a straight line can be longer than the way; then search without a bound.

@@ -80,7 +80,8 @@ class Dispatcher(Untangler):
         self.bays_of = world.by_place
         kinds = [b.place.kind for b in world.bays]
         self.kind = np.array(kinds)
-        self.work = np.array([k in ("pick", "drop") for k in kinds])
+        self.of_kind = {k: self.kind == k for k in ("pick", "drop")}
+        self.work = self.of_kind["pick"] | self.of_kind["drop"]
         if not self.work.any():
             self.work = self.kind != "charge"
         self.where = np.array([b.path[-1, :2] for b in world.bays])
@@ -204,7 +205,7 @@ class Dispatcher(Untangler):
             return True
         if not self.demand.endless:
             return False
-        source = self._free_place(v, {"pick"})
+        source = self._free_place("pick")
         if source is None and self.kind[self.home[v]] == "pick":
             source = self.world.bays[int(self.home[v])].place.id
         if source is None:
@@ -257,13 +258,12 @@ class Dispatcher(Untangler):
                     return False
         return True
 
-    def _free_place(self, v: int, kinds: set[str]) -> str | None:
-        """An unoccupied place of one of the kinds, at random; any working place where there is none of that kind."""
-        free = (self.owner < 0) & self.work
-        chosen = free & np.isin(self.kind, list(kinds))
-        if not (self.work & np.isin(self.kind, list(kinds))).any():
-            chosen = free
-        spots = np.flatnonzero(chosen)
+    def _free_place(self, kind: str) -> str | None:
+        """An unoccupied place of that kind, at random; any working place where there is none of that kind."""
+        able = self.of_kind[kind] & self.work
+        if not able.any():
+            able = self.work
+        spots = np.flatnonzero((self.owner < 0) & able)
         return self.world.bays[int(spots[self.rng.integers(len(spots))])].place.id if len(spots) else None
 
     def _fetch(self, v: int, now: float) -> None:
@@ -274,7 +274,7 @@ class Dispatcher(Untangler):
     def _bring(self, v: int, now: float) -> None:
         job = self.jobs[v]
         assert job.task is not None
-        target = job.task.target or self._free_place(v, {"drop"})
+        target = job.task.target or self._free_place("drop")
         if target is not None:
             self._to_place(v, target, "bring", now)
             self.book.heads_for(v, target)

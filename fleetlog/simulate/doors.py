@@ -55,18 +55,19 @@ def _checked(
         [owners(track), pieces + np.arange(len(bays)), pieces + len(bays) + number]
     ).astype(np.int32)
     start = samples + len(bays)
-    pairs = meetings(x, y, z, heading, owner, np.arange(len(x)) >= start, *half)
+    skip = np.full(len(x), -1, np.int32)
+    skip[start:] = np.array([d.lane for d in doors])[number]
+    pairs = meetings(x, y, z, heading, owner, skip >= 0, *half, skip)
     a, door = pairs[:, 0], number[np.maximum(pairs[:, 1] - start, 0)]
-    lane = np.array([d.lane for d in doors])[door]
     near = np.array([bays[d.bay].lane for d in doors])[door]
     on_track = a < samples
     piece = owner[a]
     free = np.where(on_track, j.resource[np.minimum(a, samples - 1)] < 0, False)
     parked = (a >= samples) & (a < start) & (piece - pieces != np.array([d.bay for d in doors])[door])
-    bad = parked | (free & (piece != lane) & (piece != near))
+    bad = parked | (free & (piece != near))
     good = np.ones(len(doors), dtype=bool)
     good[door[bad]] = False
-    crossed = on_track & (piece == near) & (near != lane)
+    crossed = on_track & (piece == near)
     offset = (a - track.first[np.minimum(near, pieces - 1)]) * track.spacing[near]
     low, high = np.full(len(doors), np.inf), np.full(len(doors), -np.inf)
     np.minimum.at(low, door[crossed], offset[crossed])

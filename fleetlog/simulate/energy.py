@@ -74,52 +74,52 @@ class Meter:
     temperature: float = 20.0
     battery: BatteryModel | None = None
 
-    def batch(self, log: Log, place: Batch, bay: NDArray[np.int32], step0: int) -> Energy:
-        """Power and charge over a batch that began at step ``step0``; ``bay`` (V,) where each truck stands."""
+    def batch(self, log: Log, place: Batch, bay: NDArray[np.int32], step0: int, first: int = 0) -> Energy:
+        """Power and charge of trucks ``first`` ... over a batch that began at step ``step0``; ``bay`` (V,) where each stands."""
         trucks, steps = log.piece.shape
-        n = trucks * steps
-        speed = np.maximum(log.v + 0.5 * log.a * self.dt, 0.0)
-        none = np.zeros(n)
-        time = np.broadcast_to((step0 + np.arange(steps)) * self.dt, (trucks, steps))
+        n, which = trucks * steps, slice(first, first + trucks)
         motion = Motion(
-            time=time.ravel(), dt=np.full(n, self.dt), speed=speed.ravel(), acceleration=log.a.ravel(),
+            time=np.tile((step0 + np.arange(steps)) * self.dt, trucks), dt=np.full(n, self.dt),
+            speed=np.maximum(log.v + 0.5 * log.a * self.dt, 0.0).ravel(), acceleration=log.a.ravel(),
             slope=place.slope.ravel(), curvature=place.curvature.ravel(), heading=place.heading.ravel(),
             payload=log.load.ravel(), lift_speed=log.lift.ravel(), fork_height=log.height.ravel(), x=place.x.ravel(),
             y=place.y.ravel(), edge=place.edge.ravel(), edge_offset=place.offset.ravel(),
-            ambient_temperature=np.full(n, self.temperature), soc=np.repeat(self.soc, steps),
-            vehicle=np.repeat(np.arange(trucks), steps), trip=log.trip.ravel().astype(np.int64), power=none,
+            ambient_temperature=np.full(n, self.temperature), soc=np.repeat(self.soc[which], steps),
+            vehicle=np.repeat(np.arange(first, first + trucks), steps), trip=log.trip.ravel().astype(np.int64),
+            power=np.zeros(n),
         )  # fmt: skip
         power = battery_power(motion, self.physics).reshape(trucks, steps)
         charging = log.mode == CHARGING
         if charging.any():
-            power = power - np.where(charging, self._charge_power(bay)[:, None], 0.0)
+            power = power - np.where(charging, self._charge_power(bay, which)[:, None], 0.0)
         power = np.where(log.mode == EMPTY, 0.0, power)
-        return self._follow(power)
+        return self._follow(power, which)
 
-    def _charge_power(self, bay: NDArray[np.int32]) -> Floats:
+    def _charge_power(self, bay: NDArray[np.int32], which: slice) -> Floats:
         truck = self.physics.truck
         rate = self.charger[bay]
         rate = np.where(np.isfinite(rate), rate, CHARGE_RATE * truck.battery.capacity_wh)
-        taper = 1.0 - 0.9 * np.clip((self.soc - TAPER_FROM) / (1.0 - TAPER_FROM), 0.0, 1.0)
+        taper = 1.0 - 0.9 * np.clip((self.soc[which] - TAPER_FROM) / (1.0 - TAPER_FROM), 0.0, 1.0)
         return np.asarray(rate * taper)
 
-    def _follow(self, power: Floats) -> Energy:
+    def _follow(self, power: Floats, which: slice) -> Energy:
         truck: Truck = self.physics.actual_truck()
         if self.battery is not None:
-            return self._chemistry(power)
+            return self._chemistry(power, which)
         used = np.cumsum(cell_power(power, truck), axis=1) * self.dt / (3600.0 * truck.battery.capacity_wh)
-        soc = np.column_stack([self.soc, self.soc[:, None] - used])
-        self.soc = np.clip(soc[:, -1], 0.0, 1.0)
+        soc = np.column_stack([self.soc[which], self.soc[which, None] - used])
+        self.soc[which] = np.clip(soc[:, -1], 0.0, 1.0)
         return Energy(power, np.clip(soc[:, :-1], 0.0, 1.0), None, None)
 
-    def _chemistry(self, power: Floats) -> Energy:
+    def _chemistry(self, power: Floats, which: slice) -> Energy:
         assert self.battery is not None
         soc, volts, amps = np.empty_like(power), np.empty_like(power), np.empty_like(power)
         dt = np.full(power.shape[1], self.dt)
+        charge = self.soc[which]
         for v in range(len(power)):
-            d = discharge(power[v], dt, self.battery, float(self.soc[v]), self.temperature)
-            soc[v, 0], soc[v, 1:] = self.soc[v], d.soc[:-1]
-            volts[v], amps[v], self.soc[v] = d.voltage, d.current, d.soc[-1]
+            d = discharge(power[v], dt, self.battery, float(charge[v]), self.temperature)
+            soc[v, 0], soc[v, 1:] = charge[v], d.soc[:-1]
+            volts[v], amps[v], charge[v] = d.voltage, d.current, d.soc[-1]
         return Energy(power, soc, volts, amps)
 
 

@@ -69,7 +69,8 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
 
     lanes, owner = len(track.network), owners(track)
     every = np.ones(len(owner), dtype=np.bool_)
-    pairs = meetings(track.x, track.y, track.z, track.heading, owner, every, *half_box(truck))
+    skip = np.full(len(owner), -1, np.int32)
+    pairs = meetings(track.x, track.y, track.z, track.heading, owner, every, *half_box(truck), skip)
     a, b = owner[pairs[:, 0]], owner[pairs[:, 1]]
     own = _follow_each_other(track, a, b)
     touched = np.zeros(len(owner), dtype=bool)

@@ -1,8 +1,12 @@
-"""From steps to rows of the dataset, in bounded memory."""
+"""From steps to rows of the dataset, in bounded memory; written by other threads while the fleet drives on."""
 
 from __future__ import annotations
 
-from typing import Any
+import os
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from mmap import mmap
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,20 +17,31 @@ from fleetlog.simulate.state import Log
 from fleetlog.store.writer import DatasetWriter
 
 Floats = NDArray[np.float64]
-ROWS = 4_000_000
-"""Rows that are kept before they are written; 80 bytes each."""
+Index = NDArray[np.int32]
+Rows = dict[str, Index]
+ROWS = 8_000_000
+"""Rows that are kept at most before they are written; some 50 bytes each."""
 DIGITS = {
     "x": 3, "y": 3, "z": 3, "heading": 4, "speed": 4, "edge_offset": 3, "lateral_offset": 3, "payload": 1,
     "fork_height": 3, "battery_power": 2, "battery_voltage": 3, "battery_current": 3, "soc": 8,
 }  # fmt: skip
-"""Decimals that are written: millimetres and the like, so that files are small."""
+"""Decimals that are written: millimetres and the like, so that files are small; rows wait as whole numbers of them."""
+MEANS = ("battery_power", "battery_voltage", "battery_current")
+"""Columns of which a row has the mean over the time around it."""
+CODES = ("edge_id", "trip_id")
+NULL = int(np.iinfo(np.int32).min)
+TOGETHER = 16
+"""Trucks that are handed over to be written at once."""
+BEHIND = 8
+"""Such groups that may wait to be written; the fleet waits when there are more."""
 
 
 class Recorder:
-    """Takes batches of steps, keeps every ``every``-th one as a row, and writes rows when enough have come together.
+    """Takes batches of steps, keeps every ``every``-th one as a row, and writes a truck's rows when enough have come together.
 
     Power of a row is the mean over the ``every`` steps around it, so that power times the time between rows adds up to
-    the energy.
+    the energy.  Trucks are written in turn, and each file depends on its truck alone: the same bytes whatever the number
+    of threads.  Leaving the block without :meth:`flush` gives up what is not written.
     """
 
     def __init__(
@@ -38,64 +53,130 @@ class Recorder:
         dt: float,
         every: int,
         step: int,
-        hilly: bool,
+        total: int,
+        columns: tuple[str, ...],
     ) -> None:
-        self.writer, self.names, self.edges, self.start, self.hilly = writer, names, edges, start, hilly
-        self.dt, self.every, self.batch = dt, every, step
-        self.capacity = max(ROWS // max(len(names), 1), step // every)
-        self._time: list[NDArray[np.int64]] = []
-        self._parts: list[dict[str, NDArray[Any]]] = []
-        self._n = 0
-        self.written = 0
+        self.writer, self.names, self.edges = writer, names, edges
+        self.every, self.rows = every, step // every
+        self.interval = every * round(dt * 1e6)
+        self.start = start + every // 2 * round(dt * 1e6)
+        trucks = len(names)
+        groups = -(-trucks // TOGETHER)
+        total //= every
+        capacity = min(max(ROWS // trucks // self.rows, 1) * self.rows, total)
+        blocks = groups + min(groups, BEHIND)
+        self._kept: Rows = {c: _untouched(blocks * TOGETHER, capacity) for c in (*columns, *CODES)}
+        self._free = deque(range(groups, blocks))
+        self._row = np.arange(trucks, dtype=np.int32)
+        # Trucks become due one after the other, the first when its rows are half of the most that are kept; where all rows
+        # can be kept, all trucks at the end.
+        share = (np.arange(trucks) // TOGETHER * TOGETHER + TOGETHER) / (trucks + TOGETHER)
+        early = 1.0 if capacity == total else 0.5 + 0.5 * share
+        self._due = np.full(trucks, np.maximum(early * capacity - self.rows, 0.0))
+        self._filled = np.zeros(trucks, np.int32)
+        self._written = np.zeros(trucks, np.int64)
+        self._pool = ThreadPoolExecutor(min(os.cpu_count() or 1, 4))
+        self._jobs: deque[tuple[Future[None], int]] = deque()
+        self._last: dict[int, Future[None]] = {}
 
-    def add(self, log: Log, place: Batch, energy: Energy, step0: int) -> None:
-        """One batch."""
-        pick = slice(self.every // 2, None, self.every)
-        k = log.piece.shape[1] // self.every
+    def __enter__(self) -> Self:
+        return self
 
-        def mean(values: Floats) -> Floats:
-            if self.every == 1:
-                return values
-            return np.asarray(values.reshape(len(self.names), k, self.every).mean(axis=2))
+    def __exit__(self, *error: object) -> None:
+        self._pool.shutdown(wait=True, cancel_futures=True)
 
-        columns = {
-            "x": place.x[:, pick], "y": place.y[:, pick], "heading": place.heading[:, pick], "speed": log.v[:, pick],
-            "edge_offset": place.offset[:, pick], "lateral_offset": place.lateral[:, pick], "payload": log.load[:, pick],
-            "fork_height": log.height[:, pick], "battery_power": mean(energy.power), "soc": energy.soc[:, pick],
+    @property
+    def written(self) -> int:
+        """Rows so far."""
+        return int(self._written.sum())
+
+    def add(self, first: int, log: Log, place: Batch, energy: Energy) -> None:
+        """One batch of trucks ``first`` ...; :meth:`next` when it was added for all of them."""
+        from fleetlog.simulate.kernels.pack import pack_codes, pack_mean, pack_picked
+
+        values = {
+            "x": place.x, "y": place.y, "z": place.z, "heading": place.heading, "speed": log.v, "edge_offset": place.offset,
+            "lateral_offset": place.lateral, "payload": log.load, "fork_height": log.height, "battery_power": energy.power,
+            "battery_voltage": energy.voltage, "battery_current": energy.current, "soc": energy.soc,
         }  # fmt: skip
-        if self.hilly:
-            columns["z"] = place.z[:, pick]
-        if energy.voltage is not None and energy.current is not None:
-            columns["battery_voltage"], columns["battery_current"] = (
-                mean(energy.voltage),
-                mean(energy.current),
-            )
-        if self._n + k > self.capacity:
-            self.flush()
-        # Rounding copies, so nothing of the batch itself is kept.
-        part: dict[str, NDArray[Any]] = {c: np.round(values, DIGITS[c]) for c, values in columns.items()}
-        part["edge_id"], part["trip_id"] = place.edge[:, pick].copy(), log.trip[:, pick].astype(np.int64)
-        self._parts.append(part)
-        steps = step0 + np.arange(self.every // 2, log.piece.shape[1], self.every)
-        self._time.append(self.start + steps * round(self.dt * 1e6))
-        self._n += k
+        trucks = slice(first, first + len(log.v))
+        row, at, pick = self._row[trucks], self._filled[trucks], self.every // 2
+        for name, kept in self._kept.items():
+            if name in CODES:
+                codes = place.edge if name == "edge_id" else log.trip
+                pack_codes(codes, pick, self.every, kept, row, at)
+            elif name in MEANS:
+                pack_mean(values[name], self.every, 10.0 ** DIGITS[name], NULL, kept, row, at)
+            else:
+                pack_picked(values[name], pick, self.every, 10.0 ** DIGITS[name], NULL, kept, row, at)
+
+    def next(self) -> None:
+        """All trucks have had their batch: those that are due are written."""
+        self._filled += self.rows
+        self._hand_over(self._filled > self._due)
+        self._due[self._filled == 0] = self._kept["x"].shape[1] - self.rows
 
     def flush(self) -> None:
-        """Write what is kept, truck by truck."""
-        if not self._n:
-            return
-        time = np.concatenate(self._time)
-        names = [c for c in self._parts[0] if c != "edge_id"]
-        for v, name in enumerate(self.names):
-            columns: dict[str, Values] = {c: np.concatenate([p[c][v] for p in self._parts]) for c in names}
-            columns["edge_id"] = self._labels(np.concatenate([p["edge_id"][v] for p in self._parts]))
-            self.writer.write(Trajectory(name, time, columns))
-        self.written += self._n * len(self.names)
-        self._n, self._time, self._parts = 0, [], []
+        """Write all that is left, and wait for it."""
+        self._hand_over(self._filled > 0)
+        while self._jobs:
+            self._wait()
 
-    def _labels(self, edge: NDArray[np.int32]) -> Labels:
+    def _wait(self) -> None:
+        """Until what was handed over first is written: its rows can be filled again."""
+        job, block = self._jobs.popleft()
+        job.result()
+        self._free.append(block)
+
+    def _hand_over(self, due: NDArray[np.bool_]) -> None:
+        """Let groups of trucks be written, and give them other rows to fill."""
+        for group in np.flatnonzero(due[::TOGETHER]).tolist():
+            if not self._free:
+                self._wait()
+            trucks = slice(group * TOGETHER, (group + 1) * TOGETHER)
+            rows = self._row[trucks]
+            kept = {c: k[rows[0] : rows[-1] + 1, : self._filled[trucks.start]] for c, k in self._kept.items()}
+            # What was handed over earlier of this group has begun already: waiting for it cannot block.
+            job = self._pool.submit(self._write, trucks.start, kept, self._last.get(group))
+            self._last[group] = job
+            self._jobs.append((job, int(rows[0]) // TOGETHER))
+            self._row[trucks] = self._free.popleft() * TOGETHER + np.arange(len(rows))
+            self._filled[trucks] = 0
+
+    def _write(self, first: int, group: Rows, before: Future[None] | None) -> None:
+        if before is not None:
+            before.result()
+        values = {c: _decimal(kept, DIGITS[c]) for c, kept in group.items() if c not in CODES}
+        steps = np.arange(group["edge_id"].shape[1])
+        for k in range(len(group["edge_id"])):
+            columns: dict[str, Values] = {c: rows[k] for c, rows in values.items()}
+            columns["edge_id"] = self._labels(group["edge_id"][k])
+            columns["trip_id"] = group["trip_id"][k].astype(np.int64)
+            time = self.start + (self._written[first + k] + steps) * self.interval
+            self.writer.write(Trajectory(self.names[first + k], time, columns))
+            self._written[first + k] += len(steps)
+
+    def _labels(self, edge: Index) -> Labels:
         """Only the names that occur: a part's dictionary stays small."""
         count = np.bincount(edge, minlength=len(self.edges))
         used = np.flatnonzero(count)
         codes = np.cumsum(count > 0, dtype=np.int32) - 1
         return Labels(codes[edge], tuple(self.edges[i] for i in used))
+
+
+def _untouched(trucks: int, rows: int) -> Index:
+    """An array that takes memory where it is filled only; NumPy's own would take it in huge pages, most of them at once."""
+    return np.frombuffer(mmap(-1, 4 * trucks * rows), np.int32).reshape(trucks, rows)
+
+
+def _decimal(kept: Index, digits: int) -> Floats:
+    out = kept / 10.0**digits
+    if (kept == NULL).any():
+        out[kept == NULL] = np.nan
+    return np.asarray(out)
+
+
+def columns_of(hilly: bool, chemistry: bool) -> tuple[str, ...]:
+    """Columns that a simulation knows: height where the site has one, voltage and current where the battery has a chemistry."""
+    unknown = (() if hilly else ("z",)) + (() if chemistry else ("battery_voltage", "battery_current"))
+    return tuple(c for c in DIGITS if c not in unknown)

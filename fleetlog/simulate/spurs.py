@@ -75,27 +75,26 @@ def opposite_spur(track: Track, j: Junctions, bay: Bay, radius: float, half_widt
     lane = int(track.network.reverse[bay.lane])
     if lane < 0:
         return None
+    from fleetlog.simulate.kernels.geometry import first_before
+
     x, y, heading, _ = bay.path[-1]
-    rows = slice(track.first[lane], track.first[lane + 1])
-    dx, dy = x - track.x[rows], y - track.y[rows]
-    c, s = np.cos(track.heading[rows]), np.sin(track.heading[rows])
-    along, aside = dx * c + dy * s, np.abs(dy * c - dx * s)
-    fit = np.flatnonzero((along >= radius) & (aside < DEEPEST))
-    if not len(fit):
+    k, ahead, left = first_before(
+        track.x, track.y, track.heading, track.first[lane], track.first[lane + 1], x, y, radius, DEEPEST
+    )
+    if k < 0:
         return None
-    i = int(fit[np.argmin(along[fit])])
-    at = i * float(track.spacing[lane])
+    at = (k - int(track.first[lane])) * float(track.spacing[lane])
     low, high = span(track, j, lane)
-    if along[i] > radius + 2.0 * SPACING or aside[i] < radius or not low <= at <= high:
+    if ahead > radius + 2.0 * SPACING or abs(left) < radius or not low <= at <= high:
         return None
-    k = track.first[lane] + i
-    turn = float(np.angle(np.exp(1j * (heading - track.heading[k]))))
-    ahead, left = float(along[i]), float((dy * c - dx * s)[i])
+    toward = float(track.heading[k])
+    turn = float(np.angle(np.exp(1j * (heading - toward))))
     shape, length = _bow(round(ahead, 3), round(left, 3), round(turn, 4))
     path = shape.copy()
-    path[:, 0] = track.x[k] + c[i] * shape[:, 0] - s[i] * shape[:, 1]
-    path[:, 1] = track.y[k] + s[i] * shape[:, 0] + c[i] * shape[:, 1]
-    path[:, 2] += track.heading[k]
+    c, s = np.cos(toward), np.sin(toward)
+    path[:, 0] = track.x[k] + c * shape[:, 0] - s * shape[:, 1]
+    path[:, 1] = track.y[k] + s * shape[:, 0] + c * shape[:, 1]
+    path[:, 2] += toward
     return Door(-1, lane, at, path, length, ahead + half_width)
 
 

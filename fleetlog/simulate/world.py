@@ -235,7 +235,8 @@ def _spur_conflicts(
     pieces, lanes, samples = len(track), len(track.network), len(track.x)
     owner = np.repeat(np.arange(len(ground), dtype=np.int32), np.diff(ground.first))
     ask = np.arange(len(owner)) >= samples
-    pairs = meetings(ground.x, ground.y, ground.z, ground.heading, owner, ask, *half_box(truck))
+    skip = np.full(len(owner), -1, np.int32)
+    pairs = meetings(ground.x, ground.y, ground.z, ground.heading, owner, ask, *half_box(truck), skip)
     resource = np.concatenate([j.resource, 2 * lanes + owner[samples:]]).astype(np.int64)
     # b > a always, and spurs come last: b is the spur.
     a, b = resource[pairs[:, 0]], resource[pairs[:, 1]]

@@ -89,25 +89,23 @@ def trip_columns(trajectory: Trajectory) -> dict[str, NDArray[Any]]:
         return {}
     end = np.append(begin[1:], len(ids)) - 1
     t = trajectory.seconds()
-    dt = np.clip(np.diff(t, append=t[-1:]), 0.0, MAX_GAP)
+    dt = np.empty_like(t)
+    np.minimum(np.diff(t), MAX_GAP, out=dt[:-1])
     dt[end] = 0.0
     x, y, speed = trajectory.floats("x"), trajectory.floats("y"), np.nan_to_num(trajectory.floats("speed"))
     power, soc, payload = (trajectory.floats(c) for c in ("battery_power", "soc", "payload"))
-
-    def add(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(np.add.reduceat(values, begin), dtype=np.float64)
-
-    driven = add(np.where(speed > STANDING_SPEED, dt, 0.0))
+    moves = speed > STANDING_SPEED
     matched = (trajectory.labels("edge_id").codes >= 0).astype(float)
+    sums = np.stack([moves * dt, speed * dt, np.where(moves, payload * dt, 0.0), power * dt, matched])
+    driven, distance, load, energy, fit = np.add.reduceat(sums, begin, axis=1)
     return {
         "vehicle_id": np.full(len(begin), trajectory.vehicle_id, object), "trip_id": ids[begin],
         "start": trajectory.time[begin], "end": trajectory.time[end],
         "rows": end - begin + 1, "duration": t[end] - t[begin], "driving_time": driven,
-        "distance": add(speed * dt), "max_speed": np.maximum.reduceat(speed, begin),
+        "distance": distance, "max_speed": np.maximum.reduceat(speed, begin),
         "x_start": x[begin], "y_start": y[begin], "x_end": x[end], "y_end": y[end],
-        "payload": add(np.where(speed > STANDING_SPEED, payload * dt, 0.0)) / np.where(driven > 0, driven, np.nan),
-        "energy": add(power * dt), "soc_start": soc[begin], "soc_end": soc[end],
-        "matched": add(matched) / (end - begin + 1),
+        "payload": load / np.where(driven > 0, driven, np.nan),
+        "energy": energy, "soc_start": soc[begin], "soc_end": soc[end], "matched": fit / (end - begin + 1),
     }  # fmt: skip
 
 

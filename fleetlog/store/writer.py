@@ -6,8 +6,9 @@ import itertools
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import quote
 
 import numpy as np
@@ -21,16 +22,24 @@ from fleetlog.store.atomic import atomic_output
 from fleetlog.store.events import Tables
 from fleetlog.store.trips import table_of, trip_columns
 
+if TYPE_CHECKING:
+    import pyarrow as pa
+
 DAY = 86_400_000_000
 ROW_GROUP = 1 << 17
 REPEATED = {"payload", "fork_height", "ambient_temperature"}
 """Numbers that stay the same for many rows."""
 
 
+SELECTED = ["timestamp", "x", "y", "edge_id", "trip_id"]
+"""Columns by which rows are selected: only their least and greatest values are kept, all of them cost a fifth of writing."""
+
+
 class DatasetWriter:
     """A dataset being written in the scratch folder ``path``; made by :meth:`create`.
 
-    ``write`` takes trajectories in order of time for each vehicle, any number of pieces; vehicles in any order.
+    ``write`` takes trajectories in order of time for each vehicle, any number of pieces; vehicles in any order, and in
+    several threads as long as each vehicle is written by one at a time: files and tables come out the same.
     """
 
     def __init__(self, path: Path, kind: Literal["recorded", "simulated"], site: Site) -> None:
@@ -40,7 +49,7 @@ class DatasetWriter:
         self.summary: dict[str, Any] = {}
         self.tables = Tables(path)
         self._rows: dict[str, int] = {}
-        self._span: list[int] = []
+        self._first: dict[str, int] = {}
         self._last: dict[str, int] = {}
         self._columns: dict[str, str] = {}
         self._trips: list[dict[str, NDArray[Any]]] = []
@@ -70,48 +79,43 @@ class DatasetWriter:
         vehicle = trajectory.vehicle_id
         if trajectory.time[0] <= self._last.get(vehicle, -(1 << 62)):
             raise DataError(f"vehicle {vehicle}: rows are not later than those already written")
+        self._first.setdefault(vehicle, int(trajectory.time[0]))
         self._last[vehicle] = int(trajectory.time[-1])
-        day = trajectory.time // DAY
-        for begin, end in _day_ranges(day):
-            self._write_part(trajectory[begin:end], int(day[begin]))
+        for begin, end in _day_ranges(trajectory.time):
+            self._write_part(trajectory[begin:end], int(trajectory.time[begin]) // DAY)
         self._rows[vehicle] = self._rows.get(vehicle, 0) + len(trajectory)
-        self._span = [
-            min([*self._span[:1], int(trajectory.time[0])]),
-            max([*self._span[1:], int(trajectory.time[-1])]),
-        ]
         if trajectory.has("trip_id"):
             self._trips.append(trip_columns(trajectory))
 
     def _write_part(self, piece: Trajectory, day: int) -> None:
+        import pyarrow as pa
         import pyarrow.parquet as pq
 
         date = str(np.datetime64(day, "D"))
         folder = (
             self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(piece.vehicle_id, safe='')}"
         )
-        folder.mkdir(parents=True, exist_ok=True)
         number = self._parts.get((piece.vehicle_id, date), 0)
         self._parts[piece.vehicle_id, date] = number + 1
-        table = to_arrow(piece).drop_columns(["vehicle_id"])
-        for f in table.schema:
-            self._columns.setdefault(f.name, (f.metadata or {}).get(b"unit", b"").decode())
-        # A dictionary of measured numbers, all different, costs more than it saves.
-        repeated = [
-            f.name
-            for f in table.schema
-            if f.name in REPEATED or str(f.type) not in ("double", "timestamp[us, tz=UTC]")
-        ]
-        file = folder / f"part-{number:05d}.parquet"
-        pq.write_table(
-            table, file, compression=self.compression, row_group_size=ROW_GROUP, use_dictionary=repeated,
-            column_encoding={"timestamp": "DELTA_BINARY_PACKED"},
-        )  # fmt: skip
+        if not number:
+            folder.mkdir(parents=True, exist_ok=True)
+        table = to_arrow(piece, part=True)
+        for name in table.column_names:
+            if name not in self._columns:
+                self._columns[name] = (table.schema.field(name).metadata or {}).get(b"unit", b"").decode()
+        with pa.OSFile(str(folder / f"part-{number:05d}.parquet"), "wb") as file:
+            pq.write_table(
+                table, file, compression=self.compression, row_group_size=ROW_GROUP,
+                use_dictionary=_repeated(table.schema), column_encoding={"timestamp": "DELTA_BINARY_PACKED"},
+                write_statistics=SELECTED,
+            )  # fmt: skip
 
     def finish(self) -> None:
         """Write trips, site and description; :meth:`create` calls it."""
         self._write_trips()
         (self.path / "site.json").write_text(json.dumps(site_to_dict(self.site)), encoding="utf-8")
-        start, end = (_iso(t) for t in self._span) if self._span else (None, None)
+        span = (min(self._first.values()), max(self._last.values())) if self._rows else ()
+        start, end = (_iso(t) for t in span) if span else (None, None)
         frame = self.site.frame
         description = {
             "format_version": FORMAT_VERSION,
@@ -146,8 +150,17 @@ class DatasetWriter:
         trips.to_parquet(self.path / "trips.parquet", index=False)
 
 
-def _day_ranges(day: Any) -> list[tuple[int, int]]:
-    cuts = [0, *(np.flatnonzero(np.diff(day)) + 1).tolist(), len(day)]
+@lru_cache(maxsize=64)
+def _repeated(schema: pa.Schema) -> list[str]:
+    """Columns worth a dictionary: one of measured numbers, all different, costs more than it saves."""
+    measured = ("double", "timestamp[us, tz=UTC]")
+    return [f.name for f in schema if f.name in REPEATED or str(f.type) not in measured]
+
+
+def _day_ranges(time: NDArray[np.int64]) -> list[tuple[int, int]]:
+    if time[0] // DAY == time[-1] // DAY:
+        return [(0, len(time))]
+    cuts = [0, *(np.flatnonzero(np.diff(time // DAY)) + 1).tolist(), len(time)]
     return list(itertools.pairwise(cuts))
 
 

@@ -44,12 +44,37 @@ def boxes_meet(
     dx, dy = xb - xa, yb - ya
     if dx * dx + dy * dy > 4.0 * (half_l * half_l + half_w * half_w):
         return False
-    ca, sa, cb, sb = np.cos(ha), np.sin(ha), np.cos(hb), np.sin(hb)
+    return turned_boxes_meet(dx, dy, np.cos(ha), np.sin(ha), np.cos(hb), np.sin(hb), half_l, half_w)
+
+
+@njit(cache=True)
+def turned_boxes_meet(
+    dx: float, dy: float, ca: float, sa: float, cb: float, sb: float, half_l: float, half_w: float
+) -> bool:
+    """The same of boxes ``dx`` and ``dy`` apart, by the cosines and sines of their headings."""
     c, s = abs(ca * cb + sa * sb), abs(ca * sb - sa * cb)
     along, across = half_l + half_l * c + half_w * s, half_w + half_l * s + half_w * c
     if abs(dx * ca + dy * sa) > along or abs(-dx * sa + dy * ca) > across:
         return False
     return not (abs(dx * cb + dy * sb) > along or abs(-dx * sb + dy * cb) > across)
+
+
+@njit(cache=True)
+def first_before(
+    x: Floats, y: Floats, heading: Floats, low: int, high: int, px: float, py: float, least: float, widest: float
+) -> Any:  # fmt: skip
+    """Which of samples ``low`` to ``high`` - 1 has a point least far ahead of it, and how far that is ahead and to the left [m].
+
+    It is at least ``least`` ahead and less than ``widest`` aside; the number is -1 where there is none.
+    """
+    best, ahead, left = -1, np.inf, 0.0
+    for k in range(low, high):
+        dx, dy = px - x[k], py - y[k]
+        c, s = np.cos(heading[k]), np.sin(heading[k])
+        along, aside = dx * c + dy * s, dy * c - dx * s
+        if along >= least and abs(aside) < widest and along < ahead:
+            best, ahead, left = k, along, aside
+    return best, ahead, left
 
 
 @njit(cache=True)
@@ -73,29 +98,39 @@ def grid_of(x: Floats, y: Floats, cell: float) -> Any:
 
 @njit(cache=True)
 def meetings(
-    x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: NDArray[np.bool_], half_l: float, half_w: float
+    x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: NDArray[np.bool_], half_l: float, half_w: float,
+    skip: Index,
 ) -> Any:  # fmt: skip
-    """Pairs (a, b), a < b, of samples of different owners whose boxes meet; at least one of them in ``ask``."""
-    order, start, x0, y0, columns, rows = grid_of(x, y, 2.0 * np.sqrt(half_l * half_l + half_w * half_w))
+    """Pairs (a, b), a < b, of samples of different owners whose boxes meet; at least one of them in ``ask``.
+
+    Those in ``ask`` pass over the owner ``skip`` (N,), -1 where they pass over none.
+    """
     cell = 2.0 * np.sqrt(half_l * half_l + half_w * half_w)
+    order, start, x0, y0, columns, rows = grid_of(x, y, cell)
+    cos, sin = np.cos(heading), np.sin(heading)
     size = 1024
     out = np.empty((size, 2), np.int32)
     n = 0
-    for a in range(len(x)):
+    for a in np.flatnonzero(ask):
         column, row = int((x[a] - x0) / cell), int((y[a] - y0) / cell)
+        left, right = max(column - 1, 0), min(column + 1, columns - 1)
         for r in range(max(row - 1, 0), min(row + 2, rows)):
-            for c in range(max(column - 1, 0), min(column + 2, columns)):
-                for k in range(start[r * columns + c], start[r * columns + c + 1]):
-                    b = order[k]
-                    if b <= a or owner[a] == owner[b] or not (ask[a] or ask[b]) or abs(z[a] - z[b]) > 2.5:
-                        continue
-                    if boxes_meet(x[a], y[a], heading[a], x[b], y[b], heading[b], half_l, half_w):
-                        if n == size:
-                            bigger = np.empty((2 * size, 2), np.int32)
-                            bigger[:size] = out
-                            out, size = bigger, 2 * size
-                        out[n, 0], out[n, 1] = a, b
-                        n += 1
+            # Cells of a row lie one after the other.
+            for k in range(start[r * columns + left], start[r * columns + right + 1]):
+                b = order[k]
+                if (ask[b] and b <= a) or owner[a] == owner[b] or owner[b] == skip[a]:
+                    continue
+                dx, dy = x[b] - x[a], y[b] - y[a]
+                if dx * dx + dy * dy > cell * cell or abs(z[a] - z[b]) > 2.5:
+                    continue
+                if not turned_boxes_meet(dx, dy, cos[a], sin[a], cos[b], sin[b], half_l, half_w):
+                    continue
+                if n == size:
+                    bigger = np.empty((2 * size, 2), np.int32)
+                    bigger[:size] = out
+                    out, size = bigger, 2 * size
+                out[n, 0], out[n, 1] = min(a, b), max(a, b)
+                n += 1
     return out[:n]
 
 

@@ -67,7 +67,7 @@ def brake_ahead(cap: Floats, first: NDArray[np.int64], spacing: Floats, down: fl
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def expand(
     piece: NDArray[np.int32], s: Floats, back: NDArray[np.bool_], first: NDArray[np.int64], spacing: Floats, x: Floats,
     y: Floats, z: Floats, heading: Floats, curvature: Floats, slope: Floats, edge: NDArray[np.int32], offset: Floats,

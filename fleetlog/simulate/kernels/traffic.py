@@ -245,7 +245,7 @@ def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
     log.trip[v, column], log.mode[v, column] = f.trip[v], m
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, _nrt=False, nogil=True)
 def advance(
     r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, step0: int, dt: float,
     raise_speed: float, lower_speed: float,
