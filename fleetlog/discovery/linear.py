@@ -167,18 +167,17 @@ class Fit:
 def fit(
     p: Problem,
     s: Selection,
-    gram: Floats | None = None,
-    moment: Floats | None = None,
+    without: Sums | None = None,
     *,
+    moment: Floats | None = None,
     inverse: bool = True,
     hold: Hold | None = None,
 ) -> Fit:
     """Ridge fit of nuisances and selected groups; nuisances at the wall of their box stay there.
 
-    Coefficients under ``hold`` are replaced, and the others follow.
+    ``without`` are the sums of windows to leave out; ``moment`` (P,) takes the place of X'y.  Coefficients under ``hold``
+    are replaced, and the others follow.
     """
-    gram = p.gram if gram is None else gram
-    moment = p.moment if moment is None else moment
     keep = np.array([j not in s.drop for j in p.nuisance], dtype=bool)
     spread = p.spread[keep]
     c = np.concatenate([p.nuisance[keep], *s.columns.values()]).astype(int)
@@ -186,8 +185,10 @@ def fit(
     penalty = np.concatenate(
         [1.0 / spread**2, *(np.full(len(v), 1.0 / s.tau[k]) for k, v in s.columns.items())]
     )
-    h = gram[np.ix_(c, c)] + np.diag(penalty)
-    b = moment[c]
+    h, b = p.gram[np.ix_(c, c)], (p.moment if moment is None else moment)[c]
+    if without is not None:
+        h, b = h - without[0][np.ix_(c, c)], b - without[1][c]
+    h = h + np.diag(penalty)
     beta = np.linalg.solve(h, b)
     wall = np.concatenate([BOX * spread, np.full(len(c) - n, np.inf)])
     stuck, fixed = np.zeros(len(c), bool), np.zeros(len(c))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fleetlog.discovery.candidates import Candidate, Knob
 from fleetlog.discovery.evidence import Evidence
 from fleetlog.discovery.fields import usual
-from fleetlog.discovery.linear import Hold, Problem, Selection, fit, loss, refit_tau
+from fleetlog.discovery.linear import Fit, Hold, Problem, Selection, fit, loss, refit_tau
 
 Floats = NDArray[np.float64]
 
@@ -80,18 +80,22 @@ class Choice:
 
 def cross_validate(p: Problem, s: Selection, kind: str, hold: Hold | None = None) -> Floats:
     """(folds,) held-out mean squared weighted residual."""
-    out = []
-    for fold in p.folds(kind):
-        f = fit(p, s, p.gram - fold[0], p.moment - fold[1], inverse=False, hold=hold)
-        out.append(loss(f, fold))
-    return np.array(out)
+    return _losses(p, _fits(p, s, kind, hold), kind)
 
 
-def held_out_trips(p: Problem, s: Selection, hold: Hold | None = None) -> Floats:
+def _fits(p: Problem, s: Selection, kind: str, hold: Hold | None = None) -> list[Fit]:
+    """One fit for each fold, made without it."""
+    return [fit(p, s, fold, inverse=False, hold=hold) for fold in p.folds(kind)]
+
+
+def _losses(p: Problem, fits: list[Fit], kind: str) -> Floats:
+    return np.array([loss(f, fold) for f, fold in zip(fits, p.folds(kind), strict=True)])
+
+
+def _by_trip(p: Problem, fits: list[Fit]) -> Floats:
     """(trips,) sum of squared weighted residuals of every trip when its fold was held out."""
     total = np.zeros(int(p.trip.max()) + 1)
-    for k, fold in enumerate(p.folds("trip")):
-        f = fit(p, s, p.gram - fold[0], p.moment - fold[1], inverse=False, hold=hold)
+    for k, f in enumerate(fits):
         rows = p.fold["trip"] == k
         residual = (p.y - p.predicted(f.columns, f.beta))[rows]
         total += np.bincount(p.trip[rows], residual**2, len(total))
@@ -131,16 +135,18 @@ def gain_of(
         with_it = refit_tau(p, with_it, 3)
     by_split: dict[str, float] = {}
     error: dict[str, float] = {}
+    on_trips = _fits(p, with_it, "trip", hold)
     for kind in splits_for(p, c):
         if kind not in base:
             base[kind] = cross_validate(p, s, kind)
-        difference = base[kind] - cross_validate(p, with_it, kind, hold)
+        fits = on_trips if kind == "trip" else _fits(p, with_it, kind, hold)
+        difference = base[kind] - _losses(p, fits, kind)
         scale = base["trip"].mean() if "trip" in base else base[kind].mean()
         by_split[kind] = float(difference.mean() / scale)
         error[kind] = float(difference.std(ddof=1) / np.sqrt(len(difference)) / scale)
     if "every trip" not in base:
-        base["every trip"] = held_out_trips(p, s)
-    trips = (base["every trip"] - held_out_trips(p, with_it, hold)) / base["every trip"].sum()
+        base["every trip"] = _by_trip(p, _fits(p, s, "trip"))
+    trips = (base["every trip"] - _by_trip(p, on_trips)) / base["every trip"].sum()
     error["trip"] = float(trips.std(ddof=1) * np.sqrt(len(trips)))
     f = fit(p, with_it, inverse=False, hold=hold)
     if c.kind == "scalar":
