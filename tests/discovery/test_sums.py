@@ -44,7 +44,11 @@ def test_two_days_add_up_to_both(data) -> None:
     assert a.gram + b.gram == pytest.approx(both.gram, rel=1e-5, abs=1e-2)
     assert a.moment + b.moment == pytest.approx(both.moment, rel=1e-5, abs=1e-2)
     s = linear.Selection().add("g", both.at["g"], 10.0)
-    of_sums = linear.fit(both, s, a.gram + b.gram, a.moment + b.moment)
+    yy, n = float(b.y @ b.y), len(b.y)
+    # Of both without the second day the first is left; with its sums the first is both.
+    left = linear.fit(both, s, (b.gram, b.moment, yy, n))
+    assert left.beta == pytest.approx(linear.fit(a, s).beta, rel=1e-4, abs=1e-5)
+    of_sums = linear.fit(a, s, (-b.gram, -b.moment, -yy, -n))
     assert of_sums.beta == pytest.approx(linear.fit(both, s).beta, rel=1e-4, abs=1e-5)
 
 
