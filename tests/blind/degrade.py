@@ -6,23 +6,24 @@ python degrade.py FOLDER [LACK ...]       FOLDER holds recorded.csv.gz, site.tom
 from __future__ import annotations
 
 import gzip
-import json
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
+
+from fleetlog.cli.main import cli as fleetlog
+from fleetlog.core.truck import load_truck
+from fleetlog.discovery.diagnose import diagnose
+from fleetlog.errors import FleetlogError
+from fleetlog.store import Dataset
 
 LACKS = ("nothing", "network", "load", "power", "rows", "vehicles")
 """No road network; no payload and fork height; no battery power; four of five rows; all vehicles but one."""
 
 
 def degrade(recorded: Path, lack: str, out: Path) -> None:
-    """Write ``recorded`` (csv.gz) without what it lacks to ``out`` (csv.gz); a missing network is a matter of the import."""
-    with (
-        gzip.open(recorded, "rt", encoding="utf-8") as source,
-        gzip.open(out, "wt", encoding="utf-8") as sink,
-    ):
+    """Write ``recorded`` (csv.gz) without what it lacks to ``out`` (csv); a missing network is a matter of the import."""
+    with gzip.open(recorded, "rt", encoding="utf-8") as source, out.open("w", encoding="utf-8") as sink:
         header = source.readline().strip().split(",")
         gone = {"load": {"payload", "fork_height"}, "power": {"battery_power"}}.get(lack, set())
         keep = [i for i, name in enumerate(header) if name not in gone]
@@ -37,30 +38,14 @@ def degrade(recorded: Path, lack: str, out: Path) -> None:
             sink.write(",".join(values[i] for i in keep) + "\n")
 
 
-def diagnosed(folder: Path, lack: str, *options: str) -> dict[str, Any]:
-    """The diagnosis of a recording without what it lacks."""
-    tool = [sys.executable, "-m", "fleetlog"]
+def diagnosed(folder: Path, lack: str) -> dict[str, Any]:
+    """The diagnosis of a recording without what it lacks, imported as the command does."""
     with tempfile.TemporaryDirectory() as scratch:
-        log, data, out = (str(Path(scratch) / n) for n in ("poor.csv.gz", "data", "out"))
-        degrade(folder / "recorded.csv.gz", lack, Path(log))
+        log, data = Path(scratch) / "poor.csv", Path(scratch) / "data"
+        degrade(folder / "recorded.csv.gz", lack, log)
         site = [] if lack == "network" else ["--site", str(folder / "site.toml")]
-        subprocess.run([*tool, "import", log, *site, "-o", data, "-q"], check=True, capture_output=True)
-        call = [
-            *tool,
-            "diagnose",
-            data,
-            "--truck",
-            str(folder / "truck.toml"),
-            "-o",
-            out,
-            "--json",
-            "-q",
-            *options,
-        ]
-        done = subprocess.run(call, capture_output=True, text=True)
-        if done.returncode:
-            raise RuntimeError(done.stderr)
-        return dict(json.loads(done.stdout))
+        fleetlog(["import", str(log), *site, "-o", str(data), "-q", "--no-recording"], standalone_mode=False)
+        return diagnose(Dataset(data), load_truck(str(folder / "truck.toml"))).verdict.document()
 
 
 def line(found: dict[str, Any]) -> str:
@@ -81,5 +66,5 @@ if __name__ == "__main__":
                 f"| {Path(sys.argv[1]).name} | {lack} | {line(diagnosed(Path(sys.argv[1]), lack))} |",
                 flush=True,
             )
-        except RuntimeError as error:
+        except FleetlogError as error:
             print(f"| {Path(sys.argv[1]).name} | {lack} | {error} |", flush=True)

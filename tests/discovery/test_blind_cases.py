@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import pytest
 
-FLEETLOG = [sys.executable, "-m", "fleetlog"]
+from fleetlog.cli.main import cli as fleetlog
+
 CASES = {
     "none": None, "aux": "auxiliary_load", "clock": "clock_offset", "cornering": "cornering_speed", "grade": "grade",
     "surface": "surface_resistance",
@@ -29,22 +30,14 @@ def diagnosed(shared_data: Path, tmp_path_factory: pytest.TempPathFactory):
     def run(case: str) -> dict:
         folder, out = shared_data / "blind" / case, tmp_path_factory.mktemp(case)
         log, site, truck = (str(folder / f) for f in ("recorded.csv.gz", "site.toml", "truck.toml"))
-        subprocess.run([*FLEETLOG, "import", log, "--site", site, "-o", str(out / "data"), "-q"], check=True)
-        call = [
-            *FLEETLOG,
-            "diagnose",
-            str(out / "data"),
-            "--truck",
-            truck,
-            "-o",
-            str(out / "d"),
-            "--json",
-            "-q",
-        ]
-        text = subprocess.run(call, check=True, capture_output=True, text=True).stdout
+        data = str(out / "data")
+        fleetlog(["import", log, "--site", site, "-o", data, "-q", "--no-recording"], standalone_mode=False)
+        call = ["diagnose", data, "--truck", truck, "-o", str(out / "d"), "--json", "-q"]
+        with redirect_stdout(StringIO()) as text:
+            fleetlog(call, standalone_mode=False)
         for name in ("diagnosis.json", "model.toml", "report.html", "recording.rrd", "fields"):
             assert (out / "d" / name).exists()
-        return json.loads(text)
+        return json.loads(text.getvalue())
 
     return run
 
