@@ -8,7 +8,6 @@ road is split, as ``r:0``, ``r:1`` ..., at an inner vertex where another road ha
 from __future__ import annotations
 
 import difflib
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ import numpy as np
 from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._joints import Line, join_lines
+from fleetlog.roads.formats._json import read_json
 from fleetlog.roads.formats.base import Floats, MapOptions, Reader, RoadMap, Tally, number, without_repeats
 
 KNOWN = ("id", "from", "to", "oneway", "speed_limit", "width")
@@ -61,14 +61,7 @@ def read(path: Path, options: MapOptions) -> RoadMap:
 
 
 def _document(path: Path) -> list[Any]:
-    try:
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
-    except json.JSONDecodeError as error:
-        raise SiteError(
-            f"not valid JSON: {error.msg}", where=path, place=f"line {error.lineno}", do="correct the file"
-        ) from None
-    except (UnicodeDecodeError, RecursionError) as error:
-        raise SiteError(f"not readable as JSON: {type(error).__name__}", where=path) from None
+    data = read_json(path)
     kind = data.get("type") if isinstance(data, dict) else None
     if kind == "Feature":
         return [data]

@@ -8,7 +8,6 @@ the draft of 2.0.0 (January 2026), section 8.3.
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import numpy as np
 from fleetlog.core.network import Edge
 from fleetlog.core.site import Place, PlaceKind
 from fleetlog.errors import SiteError
+from fleetlog.roads.formats._json import read_json
 from fleetlog.roads.formats._nurbs import nurbs
 from fleetlog.roads.formats.base import Floats, MapOptions, Reader, RoadMap, Tally, number, without_repeats
 
@@ -63,14 +63,7 @@ def read(path: Path, options: MapOptions) -> RoadMap:
 
 
 def _layouts(path: Path) -> list[dict[str, Any]]:
-    try:
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
-    except json.JSONDecodeError as error:
-        raise SiteError(
-            f"not valid JSON: {error.msg}", where=path, place=f"line {error.lineno}", do="correct the file"
-        ) from None
-    except (UnicodeDecodeError, RecursionError) as error:
-        raise SiteError(f"not readable as JSON: {type(error).__name__}", where=path) from None
+    data = read_json(path)
     if not isinstance(data, dict) or not isinstance(data.get("layouts"), list):
         raise SiteError("has no layouts", where=path, do="give a LIF file")
     return _objects(data["layouts"], path, "layouts")
