@@ -63,17 +63,15 @@ def scan(
     """
     f = fit(p, s)
     residual = p.y - p.predicted(f.columns, f.beta)
-    fitted = p.x[:, f.columns]
-    trips = _Sums(p.trip)
-    through = p.gram[:, f.columns] @ f.inverse
+    rest = _Rest(p, f, residual, p.x[:, f.columns], p.gram[:, f.columns] @ f.inverse, _Sums(p.trip))
     scored = {}
     for name in names:
         if name in s.columns or not len(p.at.get(name, ())):
             continue
-        one = _score(p, f, fitted, through, residual, trips, p.at[name], name in variants)
+        one = _score(rest, p.at[name], name in variants)
         if one is not None:
             scored[name] = one
-    return _with_p_values(p, trips, scored, slow, rng)
+    return _with_p_values(p, rest.trips, scored, slow, rng)
 
 
 class _Sums:
@@ -88,55 +86,52 @@ class _Sums:
         return np.add.reduceat(values[self.order], self.begin, axis=0).astype(float)
 
 
-def _score(
-    p: Problem, f: Fit, fitted: Rows, through: Floats, residual: Floats, trips: _Sums, g: Ints, variant: bool
-) -> _Scored | None:
-    c = f.columns
-    left = p.gram[np.ix_(g, g)] - through[g] @ p.gram[np.ix_(c, g)]
-    u = p.moment[g] - p.gram[np.ix_(g, c)] @ f.beta
+@dataclass
+class _Rest:
+    """What a model leaves: (W,) its ``residual``; ``through`` (P, c) takes its columns ``fitted`` (W, c) out of others."""
+
+    problem: Problem
+    fit: Fit
+    residual: Floats
+    fitted: Rows
+    through: Floats
+    trips: _Sums
+
+    def own(self, g: Ints) -> Rows:
+        """(W, g) what of each column is its own, once what is in the model already is allowed for."""
+        return self.problem.x[:, g] - self.fitted @ self.through[g].T.astype(np.float32)
+
+    def scores(self, own: Rows, after: Floats) -> Floats:
+        """(trips, g) what every trip says of each column, of the residual that is left once the group is allowed for.
+
+        What flips under the null must not hold the effect itself (ter Braak 1992): an effect on few trips would hide behind
+        its own size.
+        """
+        return self.trips.sum(own * after[:, None].astype(np.float32))
+
+
+def _score(rest: _Rest, g: Ints, variant: bool) -> _Scored | None:
+    p, c = rest.problem, rest.fit.columns
+    left = p.gram[np.ix_(g, g)] - rest.through[g] @ p.gram[np.ix_(c, g)]
+    u = p.moment[g] - p.gram[np.ix_(g, c)] @ rest.fit.beta
     own = np.diag(p.gram)[g]
     if not (own > 0).any():
         return None
-    if variant or len(g) == 1:
-        return _score_best_column(p, fitted, through, residual, trips, g, left, u)
-    return _score_group(p, fitted, through, residual, trips, g, left, u)
+    return (_score_best_column if variant or len(g) == 1 else _score_group)(rest, g, left, u)
 
 
-def _own(p: Problem, fitted: Rows, through: Floats, g: Ints) -> Rows:
-    """(W, g) what of each column is its own, once what is in the model already is allowed for."""
-    return p.x[:, g] - fitted @ through[g].T.astype(np.float32)
-
-
-def _scores(own: Rows, after: Floats, trips: _Sums) -> Floats:
-    """(trips, g) what every trip says of each column, of the residual that is left once the group is allowed for.
-
-    What flips under the null must not hold the effect itself (ter Braak 1992): an effect on few trips would hide behind
-    its own size.
-    """
-    return trips.sum(own * after[:, None].astype(np.float32))
-
-
-def _score_best_column(
-    p: Problem,
-    fitted: Rows,
-    through: Floats,
-    residual: Floats,
-    trips: _Sums,
-    g: Ints,
-    left: Floats,
-    u: Floats,
-) -> _Scored | None:
-    d = np.diag(left)
+def _score_best_column(rest: _Rest, g: Ints, left: Floats, u: Floats) -> _Scored | None:
+    p, d = rest.problem, np.diag(left)
     usable = d > 1e-6 * np.diag(p.gram)[g] + 1e-12
     if not usable.any():
         return None
     z2 = np.where(usable, u**2 / np.where(usable, d, 1.0), 0.0)
     j = int(np.argmax(z2))
     beta = u[j] / d[j]
-    own = _own(p, fitted, through, g)
-    after = residual - own[:, j] * beta
+    own = rest.own(g)
+    after = rest.residual - own[:, j] * beta
     design = _design_effect(p, own[:, j] * after, d[j])
-    scores = _scores(own, after, trips)
+    scores = rest.scores(own, after)
 
     def statistic(v: Floats) -> Floats:
         z = np.where(usable, v**2 / np.where(usable, d, 1.0), 0.0) / design
@@ -153,16 +148,7 @@ def _score_best_column(
     )
 
 
-def _score_group(
-    p: Problem,
-    fitted: Rows,
-    through: Floats,
-    residual: Floats,
-    trips: _Sums,
-    g: Ints,
-    left: Floats,
-    u: Floats,
-) -> _Scored | None:
+def _score_group(rest: _Rest, g: Ints, left: Floats, u: Floats) -> _Scored | None:
     values, vectors = _eigen((left + left.T) / 2.0)
     keep = values > max(values.max() * 1e-7, 1e-9)
     if not keep.any():
@@ -172,9 +158,9 @@ def _score_group(
     raw, tau = _evidence(values, q**2)
     share = tau * values / (1.0 + tau * values)
     beta = vectors @ (q * tau / (1.0 + tau * values))
-    own = _own(p, fitted, through, g)
-    after = residual - own @ beta.astype(np.float32)
-    scores = _scores(own, after, trips)
+    own = rest.own(g)
+    after = rest.residual - own @ beta.astype(np.float32)
+    scores = rest.scores(own, after)
     per_trip = scores @ (vectors / np.sqrt(values))
     share = share / share.sum() if share.sum() > 1e-6 else np.full(len(values), 1.0 / len(values))
     design = max(float((per_trip**2).sum(axis=0) @ share), 0.7)
