@@ -54,8 +54,8 @@ class EventLog:
         places = {bay.place.id: None for bay in world.bays}
         self.places = tuple(places)
         code = {place: k for k, place in enumerate(places)}
-        of_bay = np.array([code[b.place.id] for b in world.bays], dtype=np.int64)
-        self.place_of_door = of_bay[[d.bay for d in world.doors]]
+        self.place_of_bay = np.array([code[b.place.id] for b in world.bays], dtype=np.int64)
+        self.place_of_door = self.place_of_bay[[d.bay for d in world.doors]]
         self._key = np.full(len(fleet.mode), -1, np.int64)
         self._since = np.zeros(len(fleet.mode), np.int64)
         self._done = [NONE]
@@ -84,6 +84,18 @@ class EventLog:
         book.never(d.demand.left_out, LEFT_OUT)
         self.tables.add("tasks", book.columns(self.start))
         self.tables.add("ways", self.holdings.ways())
+        self.tables.add("bays", self._bays())
+
+    def _bays(self) -> Columns:
+        world = self.dispatcher.world
+        ends = world.ground.first[len(world.track) + 1 : len(world.track) + 1 + len(world.bays)] - 1
+        shape = np.round([b.path[-1, :3] for b in world.bays], 3).T
+        kinds = ("pick", "drop", "park", "charge")
+        codes = np.array([kinds.index(b.place.kind) for b in world.bays])
+        return {
+            "place": _labels(self.place_of_bay, self.places), "kind": _labels(codes, kinds), "x": shape[0], "y": shape[1],
+            "z": np.round(world.ground.z[ends], 3), "heading": np.round(np.angle(np.exp(1j * shape[2])), 4),
+        }  # fmt: skip
 
     def activities(self) -> Ints:
         """(V,) what each truck does."""
@@ -95,9 +107,11 @@ class EventLog:
         out[(out == EMPTY_RUN) & (f.load > 0.0)] = LADEN_RUN
         out[(out == PICK) & (f.hand_after <= 0.0)] = DROP
         out[(out == PARK) & (task >= 0)] = WAIT_PLACE
-        if self.dispatcher.queue:
-            queue = np.array(self.dispatcher.queue)
-            out[queue[out[queue] == PARK]] = WAIT_CHARGER
+        d = self.dispatcher
+        if d.queue:
+            queue = np.array(d.queue)
+            # Who could go on does the next task; only who must charge waits for it.
+            out[queue[(out[queue] == PARK) & (d.soc[queue] < d.policy.low)]] = WAIT_CHARGER
         return out
 
     def _keys(self) -> Ints:

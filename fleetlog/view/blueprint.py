@@ -33,6 +33,8 @@ class Screen:
     trails: list[str] = field(default_factory=list)
     on_earth: bool = False
     legend: bool = True
+    lanes: int = 0
+    """Trucks that have a lane of their states."""
     summary: str = "/summary"
     trail_seconds: float = 40.0
     start: int | None = None
@@ -109,6 +111,10 @@ def trailing(paths: Iterable[str], seconds: float) -> dict[str, Any]:
     return dict.fromkeys(paths, span)
 
 
+NO_LEGEND = "Open tasks (dark: being fetched, light: on the forks)"
+"""Title where there is no room for a legend in the plot."""
+ON_FLOOR = ("trucks", "trail", "tasks", "reserved", "charging")
+"""What a fleet has on the floor."""
 FLAT = tuple(f"- /site/buildings/{part}/**" for part in ("roofs", "walls", "frames"))
 """What a plan leaves out: all of a building but its outline."""
 
@@ -117,7 +123,7 @@ def floor_view(
     screen: Screen, name: str, eye: rrb.EyeControls3D, contents: Sequence[str] = ()
 ) -> rrb.Spatial3DView:
     """A view of the site's floor with its trucks; ``contents`` are further filters."""
-    fleet = [f"{p}/{kind}/**" for p in screen.prefixes for kind in ("trucks", "trail")]
+    fleet = [f"{p}/{kind}/**" for p in screen.prefixes for kind in ON_FLOOR]
     return rrb.Spatial3DView(
         origin="/",
         name=name,
@@ -171,6 +177,39 @@ def curve_view(screen: Screen, signal: str) -> rrb.TimeSeriesView:
     )
 
 
+def state_view(screen: Screen) -> rrb.StateTimelineView:
+    """A lane of states for every truck."""
+    options: dict[str, Any] = time_of(screen, slow=False)
+    options["time_view"] = options.pop("axis_x")
+    return rrb.StateTimelineView(
+        origin="/", name="Activities", contents=[f"{p}/state/**" for p in screen.prefixes], **options
+    )
+
+
+def count_view(screen: Screen, signal: str, name: str, legend: bool) -> rrb.TimeSeriesView:
+    """Trucks by activity, or tasks by stage: a curve each, named in the ``legend`` where there is room."""
+    return rrb.TimeSeriesView(
+        origin="/",
+        name=name,
+        contents=[f"{p}/{signal}/**" for p in screen.prefixes],
+        **time_of(screen, slow=True),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
+    )
+
+
+def activity_views(screen: Screen, roomy: bool = False) -> list[Any]:
+    """What trucks do and what there is to do; nothing for a recording that does not say."""
+    out: list[Any] = []
+    legend = roomy or not screen.lanes
+    if "state" in screen.signals:
+        out.append(state_view(screen))
+    elif "activity" in screen.signals:
+        out.append(count_view(screen, "activity", "Trucks by activity", legend))
+    if "open" in screen.signals:
+        out.append(count_view(screen, "open", "Open tasks" if legend else NO_LEGEND, legend))
+    return out
+
+
 def map_view(screen: Screen, latitude: float) -> rrb.MapView:
     """The trucks on the map, zoomed to the site."""
     x0, y0, x1, y1 = around(screen.outline)
@@ -202,11 +241,25 @@ def replay(screen: Screen, latitude: float | None) -> rrb.Blueprint:
     ]
     if screen.on_earth and latitude is not None:
         below.append(map_view(screen, latitude))
+    doing = activity_views(screen)
+    right: list[Any] = [*doing, *(curve_view(screen, s) for s in CURVE_NAMES if s in screen.signals)]
+    shares = [
+        min(screen.lanes / 2.6, 4.0) if screen.lanes else 1.7 if doing else 1.0,
+        *[1.0] * (len(right) - 1),
+    ]
+    summary = rrb.TextDocumentView(origin=screen.summary, name="Summary")
+    if doing and len(below) > 1:
+        # Activities take the summary's place, and it shares that of the map.
+        below[1] = rrb.Tabs(below[1], summary)
+    else:
+        right, shares = [*right, summary], [*shares, 1.0]
     left.append(rrb.Horizontal(*below, column_shares=[3, 2][: len(below)]))
-    right: list[Any] = [curve_view(screen, s) for s in CURVE_NAMES if s in screen.signals]
-    right.append(rrb.TextDocumentView(origin=screen.summary, name="Summary"))
     return rrb.Blueprint(
-        rrb.Horizontal(rrb.Vertical(*left, row_shares=[3, 2]), rrb.Vertical(*right), column_shares=[5, 3]),
+        rrb.Horizontal(
+            rrb.Vertical(*left, row_shares=[3, 2]),
+            rrb.Vertical(*right, row_shares=shares),
+            column_shares=[5, 3],
+        ),
         *panels(screen),
         auto_views=False,
         auto_layout=False,

@@ -153,7 +153,9 @@ def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
         blueprint.floor_view(screen, "Plan", blueprint.top_down(screen.outline, 1.5), blueprint.FLAT),
     ]
     both: list[Any] = [blueprint.curve_view(screen, s) for s in blueprint.CURVE_NAMES if s in screen.signals]
-    both.append(rrb.TextDocumentView(origin="/summary", name="Summary"))
+    summary = rrb.TextDocumentView(origin="/summary", name="Summary")
+    doing = blueprint.activity_views(screen, roomy=True)
+    both.append(rrb.Tabs(summary, *doing) if doing else summary)
     apart: list[Any] = [
         rrb.TimeSeriesView(
             origin="/", contents=[f"/difference/{kind}/**"], name=title, **blueprint.time_of(screen, slow=kind in SLOW),

@@ -22,6 +22,17 @@ COVERED, LIMITED = (120, 130, 190), (220, 170, 70)
 PLACES: dict[str, Colour] = {
     "pick": (86, 180, 233), "drop": (204, 121, 167), "park": (165, 172, 182), "charge": (64, 196, 99),
 }  # fmt: skip
+CHARGING, RESERVED, WAITING = (110, 245, 140), (255, 176, 66), (132, 138, 150)
+ACTIVITIES: dict[str, Colour] = {
+    "drive_empty": (62, 116, 158), "drive_laden": (86, 180, 233), "wait": (232, 65, 60), "wait_place": (165, 70, 60),
+    "pick": (240, 228, 66), "drop": (230, 159, 0), "charge": (64, 196, 99), "wait_charger": (204, 121, 167),
+    "park": (74, 80, 92), "battery_empty": (140, 20, 30),
+}  # fmt: skip
+STAGES: dict[str, Colour] = {
+    "waiting": WAITING,
+    "being fetched": (62, 116, 158),
+    "on the forks": (86, 180, 233),
+}
 CRITICAL = (232, 65, 60)
 CALM = (130, 190, 220)
 RECORDED, SIMULATED = (230, 159, 0), (86, 180, 233)
@@ -46,3 +57,9 @@ def shade(colour: Colour, number: int) -> Colour:
 def soc_colour(soc: float) -> Colour:
     """Green, yellow or red of a state of charge (share)."""
     return next(colour for above, colour in SOC_CLASSES if soc > above or above < 0)
+
+
+def faded(colour: Colour, share: float, ground: Colour = (18, 20, 24)) -> Colour:
+    """A colour mixed with the ground: all of it where ``share`` is 1."""
+    r, g, b = (int(share * c + (1.0 - share) * d) for c, d in zip(colour, ground, strict=True))
+    return r, g, b

@@ -14,8 +14,9 @@ import rerun as rr
 from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.store import Dataset
 from fleetlog.store.atomic import atomic_output
-from fleetlog.view import blueprint, fleet, palette, thin
+from fleetlog.view import blueprint, events, fleet, palette, thin
 from fleetlog.view.extent import dataset_outline
+from fleetlog.view.happenings import happenings_of
 from fleetlog.view.palette import Colour
 from fleetlog.view.scene import log_site
 from fleetlog.view.stream import Stream, entity, open_stream
@@ -100,6 +101,11 @@ class Fleet:
             log_ways(stream, self.prefix, vehicle, lane.colour, ways, self.dataset.site)
             screen.signals |= signals
             screen.trails.append(lane.path("trail"))
+        if (known := happenings_of(self.dataset, self.shift)) is not None:
+            names = self.dataset.vehicles
+            colours = [self._colour(number) for number in range(len(names))]
+            screen.signals |= events.log_events(stream, known, names, colours, self.prefix, self.name)
+            screen.lanes = len(names) if "state" in screen.signals else 0
 
     def days(self, vehicle: str) -> Iterator[Trajectory]:
         """The thinned days of a vehicle on the recording's clock."""
@@ -120,6 +126,8 @@ class Fleet:
             colour=self.colour or (205, 210, 218), shift=self.shift, name=self.name,
         )  # fmt: skip
         screen.trails.append(entity(self.prefix, "trail", "fleet"))
+        if (known := happenings_of(self.dataset, self.shift)) is not None:
+            screen.signals |= events.log_many(stream, known, self.prefix, self.name)
 
 
 def log_summary(stream: Stream, dataset: Dataset, summary: str | Mapping[str, Any] | None) -> None:

@@ -139,6 +139,16 @@ def test_trucks_charge_at_chargers_and_their_charge_rises(charging):
     assert (charging.activities.activity == "wait_charger").any()
 
 
+def test_trucks_stand_in_the_bays_of_their_places(sim):
+    spots = {place: rows[["x", "y"]].to_numpy() for place, rows in sim.bays.groupby("place")}
+    assert {p.id for p in sim.site.places} <= set(spots)
+    for a in sim.activities[sim.activities.activity.isin(["pick", "drop", "charge", "park"])].itertuples():
+        rows = rows_within(sim, a.vehicle_id, a.start, a.end)
+        if len(rows):
+            gap = np.hypot(*(spots[a.place] - [rows.floats("x")[0], rows.floats("y")[0]]).T)
+            assert gap.min() < 0.05
+
+
 def at_the_same_time(reservations):
     """Pairs of rows of different trucks that share a moment."""
     r = reservations.sort_values("start", kind="stable").reset_index(drop=True)

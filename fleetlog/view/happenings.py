@@ -1,0 +1,129 @@
+"""Tasks, activities and reservations of a simulated dataset as arrays, on the recording's clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.store import Dataset
+from fleetlog.store.events import ACTIVITIES, TABLES, read_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+NEVER = np.iinfo(np.int64).max
+"""A time that has not come [us]."""
+
+
+@dataclass(frozen=True)
+class Tasks:
+    """N tasks; times in us, ``NEVER`` where not reached; ``source``, ``target`` (N, 3) m, NaN where not decided."""
+
+    vehicle: NDArray[np.object_]
+    earliest: Ints
+    assigned: Ints
+    picked: Ints
+    dropped: Ints
+    source: Floats
+    target: Floats
+
+
+@dataclass(frozen=True)
+class Happenings:
+    """What a simulated dataset says beside its rows.
+
+    ``doing`` (N,) activity, ``who`` (N,) vehicle, ``start``, ``end`` [us] and ``where`` (N, 3) m of stretches; ``held_by``,
+    ``held_from``, ``held_to`` [us], ``way`` (M,) of reservations, and the ``lines`` (n, 3) m of the ways.
+    """
+
+    tasks: Tasks
+    doing: NDArray[np.object_]
+    who: NDArray[np.object_]
+    start: Ints
+    end: Ints
+    where: Floats
+    held_by: NDArray[np.object_]
+    held_from: Ints
+    held_to: Ints
+    way: Ints
+    lines: dict[int, Floats]
+
+
+def happenings_of(dataset: Dataset, shift: int) -> Happenings | None:
+    """None for a dataset without them; times are moved by ``shift`` [us]."""
+    tasks, doing, held, ways, bays = (read_table(dataset, name, compact=True) for name in TABLES)
+    if tasks is None or doing is None or held is None or ways is None or bays is None:
+        return None
+    middles = bays.groupby("place", observed=True)[["x", "y", "z"]].mean()
+    spots = dict(zip(middles.index.astype(str), middles.to_numpy(np.float64), strict=True))
+    clock = partial(_times, shift=shift)
+    given = tasks[tasks["status"] != "left out"]
+    book = Tasks(
+        given["vehicle_id"].to_numpy(object), clock(given["earliest"]), clock(given["assigned"]), clock(given["picked"]),
+        clock(given["dropped"]), _places(given["from_place"], spots), _places(given["to_place"], spots),
+    )  # fmt: skip
+    return Happenings(
+        book, doing["activity"].to_numpy(object), doing["vehicle_id"].to_numpy(object), clock(doing["start"]),
+        clock(doing["end"]), _places(doing["place"], spots), held["vehicle_id"].to_numpy(object), clock(held["start"]),
+        clock(held["end"]), held["way"].to_numpy(np.int64), _lines(ways),
+    )  # fmt: skip
+
+
+def _times(column: pd.Series[Any], shift: int) -> Ints:
+    values = column.dt.tz_localize(None).to_numpy("datetime64[us]")
+    return np.where(np.isnat(values), NEVER, values.astype(np.int64) + shift)
+
+
+def _places(names: pd.Series[Any], spots: dict[str, Floats]) -> Floats:
+    """(N, 3) m, NaN where no place is named."""
+    nowhere = np.full(3, np.nan)
+    return np.array([spots.get(str(name), nowhere) for name in names], dtype=np.float64).reshape(-1, 3)
+
+
+def _lines(ways: pd.DataFrame) -> dict[int, Floats]:
+    shapes = zip(*(ways[c] for c in "xyz"), strict=True)
+    return {
+        int(number): np.column_stack([np.asarray(c, dtype=np.float64) for c in shape])
+        for number, shape in zip(ways["way"].to_numpy(), shapes, strict=True)
+    }
+
+
+def rows_while(times: Ints, start: Ints, end: Ints) -> tuple[Ints, Ints]:
+    """Row and stretch wherever one of the sorted ``times`` lies in a stretch from ``start`` to (not with) ``end``, row by row."""
+    first, last = np.searchsorted(times, start), np.searchsorted(times, end)
+    count = np.maximum(last - first, 0)
+    stretch = np.repeat(np.arange(len(start)), count)
+    row = np.arange(len(stretch)) + np.repeat(first - (np.cumsum(count) - count), count)
+    order = np.argsort(row, kind="stable")
+    return row[order], stretch[order]
+
+
+def number_at(times: Ints, start: Ints, end: Ints) -> Ints:
+    """(T,) how many stretches there are at each of the ``times``."""
+    begun = np.searchsorted(np.sort(start), times, side="right")
+    return np.asarray(begun - np.searchsorted(np.sort(end), times, side="right"))
+
+
+def counts(h: Happenings, times: Ints) -> dict[str, Ints]:
+    """(T,) trucks by activity, for those that occur."""
+    found = {a: h.doing == a for a in ACTIVITIES}
+    return {a: number_at(times, h.start[mine], h.end[mine]) for a, mine in found.items() if mine.any()}
+
+
+def open_tasks(t: Tasks, times: Ints) -> dict[str, Ints]:
+    """(T,) tasks that wait for a truck, are being fetched, are on the forks; only stages that occur."""
+    last = int(times[-1]) + 1
+    stages = {
+        "waiting": (t.earliest, t.assigned),
+        "being fetched": (t.assigned, t.picked),
+        "on the forks": (t.picked, t.dropped),
+    }
+    numbers = {
+        name: number_at(times, np.minimum(a, last), np.minimum(b, last)) for name, (a, b) in stages.items()
+    }
+    return {name: n for name, n in numbers.items() if n.any()}
