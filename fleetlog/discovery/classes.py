@@ -10,8 +10,8 @@ from fleetlog.discovery import generic
 from fleetlog.discovery.estimate import sandwich
 from fleetlog.discovery.linear import fit
 from fleetlog.discovery.residual import Recording
-from fleetlog.discovery.search import State, Task, posed, selection
 from fleetlog.discovery.select import Choice
+from fleetlog.discovery.task import State, Task, posed, selection
 
 OWN = {"trip_id": "trips", "day": "days"}
 """Variables with a value of their own in every class, and what ``when`` calls the classes."""

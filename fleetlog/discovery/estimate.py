@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from fleetlog.discovery.candidates import is_vector
 from fleetlog.discovery.fields import Values, stands_out
 from fleetlog.discovery.linear import Fit, Problem, Selection, fit
-from fleetlog.discovery.search import State, Task, posed, selection, settle
+from fleetlog.discovery.settle import settle
+from fleetlog.discovery.task import State, Task, posed, selection
 from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]

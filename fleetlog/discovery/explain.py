@@ -9,19 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.discovery import estimate, fields, generic, polish, residual, splits, words
+from fleetlog.discovery.bench import COARSE, Bench, Columns
 from fleetlog.discovery.candidates import Candidate, named_candidates
 from fleetlog.discovery.classes import own_values
+from fleetlog.discovery.dropping import without
 from fleetlog.discovery.finding import ChannelFit, Finding, Parameter
 from fleetlog.discovery.fleet import Fleet
 from fleetlog.discovery.model import Found
 from fleetlog.discovery.open_ends import left_open
 from fleetlog.discovery.proposal import proposed
 from fleetlog.discovery.replay import Block
-from fleetlog.discovery.residual import Bench, Columns
-from fleetlog.discovery.search import State, Task, search, without
+from fleetlog.discovery.search import search
 from fleetlog.discovery.select import Choice
 from fleetlog.discovery.squares import make_squares
 from fleetlog.discovery.stretches import Cells, make_stretches
+from fleetlog.discovery.task import State, Task
 from fleetlog.discovery.windows import MOST, WIDTH
 
 Floats = NDArray[np.float64]
@@ -91,7 +93,7 @@ def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) ->
     free = residual.generic_columns(recording, base)
     task = make_task(recording, candidates, free, floor, base, options)
     if fleet.sparse:
-        task = replace(task, rough=ROUGH, material=(residual.COARSE, residual.COARSE))
+        task = replace(task, rough=ROUGH, material=(COARSE, COARSE))
     unit = f"rms error of energy per {width(fleet, channel):.0f} s window, over rms energy"
     out = explained(task, channel, unit)
     recording.latest.clear()

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.discovery import generic
+from fleetlog.discovery.bench import MATERIAL, Columns, Table
 from fleetlog.discovery.bends import STEP
 from fleetlog.discovery.candidates import Candidate, moved, tilted
 from fleetlog.discovery.model import Found
-from fleetlog.discovery.residual import MATERIAL, Columns, Table
 from fleetlog.discovery.stretches import Stretches
 from fleetlog.discovery.windows import Windows
 from fleetlog.physics.power import Physics, all_terms, allowed_speed

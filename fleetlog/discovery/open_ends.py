@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from fleetlog.discovery.search import Task
 from fleetlog.discovery.select import Choice
 from fleetlog.discovery.squares import Squares
+from fleetlog.discovery.task import Task
 
 DRIVING = {
     "acceleration": "regeneration",

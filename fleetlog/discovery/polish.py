@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.discovery.bench import Bench
 from fleetlog.discovery.candidates import Candidate, Knob
 from fleetlog.discovery.linear import Problem, Selection, fit
 from fleetlog.discovery.model import Found
-from fleetlog.discovery.residual import Bench
 
 Floats = NDArray[np.float64]
 

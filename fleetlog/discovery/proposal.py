@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from fleetlog.discovery import generic
 from fleetlog.discovery.linear import fit
 from fleetlog.discovery.residual import Recording
-from fleetlog.discovery.search import State, Task, posed, selection
 from fleetlog.discovery.select import Choice
+from fleetlog.discovery.task import State, Task, posed, selection
 
 Floats = NDArray[np.float64]
 Shape = Callable[[Floats, Floats], Floats]

@@ -2,92 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.discovery import evidence as ev
 from fleetlog.discovery import polish, select
+from fleetlog.discovery.bench import Columns
 from fleetlog.discovery.candidates import Candidate, Knob
+from fleetlog.discovery.dropping import backward
 from fleetlog.discovery.evidence import Evidence
-from fleetlog.discovery.fields import stands_out
-from fleetlog.discovery.linear import Hold, Problem, Selection, fit, pose
+from fleetlog.discovery.linear import Problem, Selection
 from fleetlog.discovery.model import Found
-from fleetlog.discovery.residual import MATERIAL, Bench, Columns, Table
 from fleetlog.discovery.select import Choice
-from fleetlog.discovery.stretches import Cells
-from fleetlog.physics.term import Term
+from fleetlog.discovery.settle import plausible, settle
+from fleetlog.discovery.task import State, Task, posed, replaced, selection
 
 Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MOST_TERMS = 5
-SETTLE = 2
-"""Gauss-Newton rounds over everything chosen together."""
 LOOSE = 100.0
 """A number already chosen is free: its prior spread is ten times what was first found."""
 LEAK = 0.01
 """Share of what was explained that may reappear as something else."""
 COMPANION = 6.0
 """Evidence with which a free curve over a chosen term's own variable is let in beside it."""
-
-
-@dataclass(frozen=True)
-class Task:
-    """What is searched, over what."""
-
-    recording: Bench
-    candidates: dict[str, Candidate]
-    free: dict[str, Columns]
-    fold: dict[str, NDArray[np.int64]]
-    block: NDArray[np.int64]
-    roots: dict[bool, Floats]
-    floor: Cells | None
-    base: Found
-    train: Mask
-    seed: int
-    material: tuple[float, float] = (MATERIAL, 2.0 * MATERIAL)
-    rough: float = 0.0
-    """What the replay misses of any number found, as a share of it (one standard deviation)."""
-    own_floors: dict[str, Cells] = field(default_factory=dict)
-    own_roots: dict[str, Floats] = field(default_factory=dict)
-
-    def cells(self, term: Term) -> Cells:
-        """Pieces of the floor that a field term has values on."""
-        floor = self.own_floors.get(term.name, self.floor)
-        assert floor is not None
-        return floor
-
-    def root(self, term: Term) -> Floats:
-        """L with L L' the prior covariance of a field term's values."""
-        own = self.own_roots.get(term.name)
-        return self.roots[term.odd] if own is None else own
-
-    @property
-    def named(self) -> list[Candidate]:
-        """Candidates that are terms."""
-        return [c for c in self.candidates.values() if c.named]
-
-    @property
-    def use(self) -> Mask:
-        """(W,) windows that the search may see."""
-        return self.train & self.recording.whole
-
-
-@dataclass
-class State:
-    """Where the search stands: the model, the choices that led to it, and the free curves beside it."""
-
-    found: Found
-    chosen: list[Choice] = field(default_factory=list)
-    curves: dict[str, float] = field(default_factory=dict)
-    weight: Floats | None = None
-    log: list[str] = field(default_factory=list)
-
-    def names(self) -> list[str]:
-        """What was chosen, in order."""
-        return [c.candidate.name for c in self.chosen]
 
 
 def search(task: Task, state: State) -> State:
@@ -104,57 +44,6 @@ def search(task: Task, state: State) -> State:
         got = 1.0 - (1.0 - got) * (1.0 - min(choice.gain.trip, 0.999))
         state = _accept(task, state, choice, model, rng)
     return backward(task, state)
-
-
-def posed(
-    task: Task, state: State, use: Mask | None = None, *, chosen_only: bool = False
-) -> tuple[Table, Problem]:
-    """Residual and columns about the model so far; weights stay until something is added.
-
-    ``chosen_only`` leaves the columns of everything else out, where weights are known already.
-    """
-    chosen = {c.candidate.name: c for c in state.chosen}
-    everything = state.weight is None or not chosen_only
-    named = [
-        replace(c, knobs=chosen[c.name].knobs) if c.name in chosen and c.kind == "scalar" else c
-        for c in task.named
-        if everything or c.name in chosen
-    ]
-    table = task.recording.tabulate(state.found, named, task.free)
-    groups = {c.name: rotated(task, c.name, table.groups[c.name]) for c in named}
-    groups.update({k: v for k, v in task.free.items() if everything or k in state.curves})
-    p = pose(
-        table.windows, table.model, table.y, groups, table.nuisance, table.spread,
-        task.use if use is None else use, task.fold, task.block, table.jitter, table.crude, state.weight, table.load,
-    )  # fmt: skip
-    if state.weight is None:
-        state.weight = p.weight
-    return table, p
-
-
-def rotated(task: Task, name: str, x: Columns) -> Columns:
-    """Columns of a field in the basis in which its prior is round."""
-    candidate = task.candidates[name]
-    if candidate.kind != "field" or candidate.term is None:
-        return x
-    return x @ task.root(candidate.term).astype(np.float32)
-
-
-def selection(state: State, p: Problem) -> Selection:
-    """The groups of everything chosen so far: corrections about the present model."""
-    s = Selection()
-    for choice in state.chosen:
-        name = choice.candidate.name
-        if choice.candidate.named:
-            s = s.add(name, p.at[name], choice.gain.tau, replaced(p, name))
-    for name, tau in state.curves.items():
-        s = s.add(name, p.at[name], tau)
-    return s
-
-
-def replaced(p: Problem, name: str) -> frozenset[int]:
-    """Nuisance columns that a term makes needless, being the same."""
-    return frozenset(int(j) for j in p.at.get(f"nuisance {name}", ()))
 
 
 def _step(
@@ -270,63 +159,6 @@ def _accept(task: Task, state: State, choice: Choice, model: Found, rng: np.rand
     return _with_companions(task, state, choice, rng)
 
 
-def _pulled(task: Task, state: State, p: Problem) -> Floats:
-    """What the fields already in the model add to X'y, so that a fit gives them whole and their prior pulls to zero."""
-    out = np.zeros(len(p.moment))
-    for name, deviation in state.found.fields.items():
-        if name in task.candidates and name in p.at and name not in task.base.fields:
-            term = task.candidates[name].term
-            assert term is not None
-            out += p.gram[:, p.at[name]] @ np.linalg.lstsq(task.root(term), deviation, rcond=None)[0]
-    return out
-
-
-def plausible(task: Task, name: str) -> Hold | None:
-    """Holds a field to what is plausible: no floor rolls easier than the smoothest; even ones to where they stand out."""
-    candidate = task.candidates[name]
-    if candidate.kind != "field" or candidate.term is None:
-        return None
-    term, root = candidate.term, task.root(candidate.term)
-    low, high = _span(term)
-
-    def within(beta: Floats) -> Floats:
-        value = np.clip(root @ beta, low, high)
-        if not term.odd:
-            # The prior spreads over all of the floor what belongs to a part of it.
-            value = np.where(stands_out(value), value, 0.0)
-        return np.asarray(np.linalg.lstsq(root, value, rcond=None)[0], dtype=np.float64)
-
-    return name, within
-
-
-def _span(term: Term) -> tuple[float, float]:
-    """How far a field may deviate from neutral."""
-    first = term.parameters[0]
-    # A cap can only slow down; where it does not bind, nothing is known of it.
-    caps = term.acts == "speed" and first.neutral == 1.0
-    return first.low - first.neutral, 0.0 if caps else first.high - first.neutral
-
-
-def settle(task: Task, state: State, use: Mask | None = None) -> State:
-    """Everything chosen, fitted together."""
-    for _ in range(SETTLE):
-        _, p = posed(task, state, use, chosen_only=True)
-        s = selection(state, p)
-        f = fit(p, s, moment=p.moment + _pulled(task, state, p), inverse=False)
-        found = state.found
-        for choice in state.chosen:
-            c = choice.candidate
-            if c.term is None:
-                continue
-            beta = f.beta[f.part(s, c.name)]
-            if c.kind == "field":
-                found = found.with_field(c.name, np.clip(task.root(c.term) @ beta, *_span(c.term)))
-            else:
-                found = polish.turned(found, c, choice.knobs, beta)
-        state = State(found, state.chosen, state.curves, state.weight, state.log)
-    return state
-
-
 def _with_companions(task: Task, state: State, choice: Choice, rng: np.random.Generator) -> State:
     """Free curves over the chosen term's own variables: a wrong shape must not call in a second, false mechanism."""
     own = set(choice.candidate.depends_on)
@@ -342,62 +174,3 @@ def _with_companions(task: Task, state: State, choice: Choice, rng: np.random.Ge
     found = ev.scan(p, s, names, variants=frozenset(), slow=slow, rng=rng)
     curves = {**state.curves, **{n: e.tau for n, e in found.items() if e.log_evidence > COMPANION}}
     return State(state.found, state.chosen, curves, state.weight, state.log)
-
-
-def backward(task: Task, state: State) -> State:
-    """Without each explanation that hardly helps on held-out trips once the others are there."""
-    if len(state.chosen) < 2:
-        return state
-    _, p = posed(task, state, chosen_only=True)
-    s = selection(state, p)
-    full = select.cross_validate(p, s, "trip").mean()
-    nothing = nominal_loss(task, state)
-    for choice in list(state.chosen):
-        name = choice.candidate.name
-        if choice.candidate.named:
-            worse = _loss_without(task, state, p, s, choice)
-        else:
-            worse = select.cross_validate(p, s.remove(name), "trip").mean()
-        if (worse - full) / nothing < 0.5 * select.LEAST_GAIN:
-            state.log.append(f"dropped {name}: costs {(worse - full) / nothing:.4f}")
-            return backward(task, settle(task, without(task, state, choice)))
-    return state
-
-
-def without(task: Task, state: State, choice: Choice) -> State:
-    """The state with one explanation less, and without the free curves that were let in beside it alone."""
-    gone = {choice.candidate.name, *_companions_of(task, state, choice)}
-    return replace(
-        state,
-        found=state.found.without(choice.candidate.name),
-        chosen=[c for c in state.chosen if c is not choice],
-        curves={k: v for k, v in state.curves.items() if k not in gone},
-    )
-
-
-def _companions_of(task: Task, state: State, choice: Choice) -> set[str]:
-    """Free curves that are there for one chosen term only; left behind they would do its work."""
-
-    def over(name: str, c: Candidate) -> bool:
-        return set(task.candidates[name].depends_on) <= set(c.depends_on)
-
-    others = [c.candidate for c in state.chosen if c is not choice and c.candidate.named]
-    free = set(state.curves) - set(state.names())
-    return {n for n in free if over(n, choice.candidate) and not any(over(n, o) for o in others)}
-
-
-def _loss_without(task: Task, state: State, p: Problem, s: Selection, choice: Choice) -> float:
-    name = choice.candidate.name
-    added = task.recording.effect(state.found.without(name), state.found)
-    y = p.y + p.scaled(added)
-    other = replace(p, y=y, inner=None, _by_fold={})
-    for n in (name, *_companions_of(task, state, choice)):
-        s = s.remove(n)
-    return float(select.cross_validate(other, s, "trip").mean())
-
-
-def nominal_loss(task: Task, state: State) -> float:
-    """Cross-validated loss of the nominal model with its honest errors."""
-    bare = State(task.base, weight=state.weight)
-    _, p = posed(task, bare, chosen_only=True)
-    return float(select.cross_validate(p, Selection(), "trip").mean())

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.discovery.bench import MATERIAL
 from fleetlog.discovery.bends import STEP
 from fleetlog.discovery.candidates import Candidate, knobs
 from fleetlog.discovery.explain import Explained, Options, explained, make_task
@@ -18,7 +19,6 @@ from fleetlog.discovery.fleet import Fleet
 from fleetlog.discovery.journeys import Journeys
 from fleetlog.discovery.legs import Leg, legs
 from fleetlog.discovery.model import Found
-from fleetlog.discovery.residual import MATERIAL
 from fleetlog.discovery.stretches import make_stretches
 from fleetlog.discovery.windows import Windows
 from fleetlog.errors import DataError
