@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,7 +19,6 @@ from fleetlog.store.writer import DatasetWriter
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
-Rows = dict[str, Index]
 ROWS = 8_000_000
 """Rows that are kept at most before they are written; some 50 bytes each."""
 DIGITS = {
@@ -60,19 +60,21 @@ class Recorder:
         self.every, self.rows = every, step // every
         self.interval = every * round(dt * 1e6)
         self.start = start + every // 2 * round(dt * 1e6)
-        trucks = len(names)
+        self.columns = columns
+        self._scale = np.array([10.0 ** DIGITS[c] for c in columns])
+        self._mean = np.array([c in MEANS for c in columns])
+        trucks, total = len(names), total // step
         groups = -(-trucks // TOGETHER)
-        total //= every
-        capacity = min(max(ROWS // trucks // self.rows, 1) * self.rows, total)
+        capacity = min(max(ROWS // trucks // self.rows, 1), total)
         blocks = groups + min(groups, BEHIND)
-        self._kept: Rows = {c: _untouched(blocks * TOGETHER, capacity) for c in (*columns, *CODES)}
+        self._kept = _untouched(blocks * TOGETHER, capacity, len(columns) + len(CODES), self.rows)
         self._free = deque(range(groups, blocks))
         self._row = np.arange(trucks, dtype=np.int32)
         # Trucks become due one after the other, the first when its rows are half of the most that are kept; where all rows
         # can be kept, all trucks at the end.
         share = (np.arange(trucks) // TOGETHER * TOGETHER + TOGETHER) / (trucks + TOGETHER)
         early = 1.0 if capacity == total else 0.5 + 0.5 * share
-        self._due = np.full(trucks, np.maximum(early * capacity - self.rows, 0.0))
+        self._due = np.full(trucks, np.maximum(early * capacity, 1.0))
         self._filled = np.zeros(trucks, np.int32)
         self._written = np.zeros(trucks, np.int64)
         self._pool = ThreadPoolExecutor(min(os.cpu_count() or 1, 4))
@@ -92,29 +94,23 @@ class Recorder:
 
     def add(self, first: int, log: Log, place: Batch, energy: Energy) -> None:
         """One batch of trucks ``first`` ...; :meth:`next` when it was added for all of them."""
-        from fleetlog.simulate.kernels.pack import pack_codes, pack_mean, pack_picked
+        from fleetlog.simulate.kernels.pack import pack, pack_codes
 
-        values = {
+        known = {
             "x": place.x, "y": place.y, "z": place.z, "heading": place.heading, "speed": log.v, "edge_offset": place.offset,
             "lateral_offset": place.lateral, "payload": log.load, "fork_height": log.height, "battery_power": energy.power,
             "battery_voltage": energy.voltage, "battery_current": energy.current, "soc": energy.soc,
         }  # fmt: skip
         trucks = slice(first, first + len(log.v))
-        row, at, pick = self._row[trucks], self._filled[trucks], self.every // 2
-        for name, kept in self._kept.items():
-            if name in CODES:
-                codes = place.edge if name == "edge_id" else log.trip
-                pack_codes(codes, pick, self.every, kept, row, at)
-            elif name in MEANS:
-                pack_mean(values[name], self.every, 10.0 ** DIGITS[name], NULL, kept, row, at)
-            else:
-                pack_picked(values[name], pick, self.every, 10.0 ** DIGITS[name], NULL, kept, row, at)
+        row, at, values = self._row[trucks], self._filled[trucks], tuple(known[c] for c in self.columns)
+        pack(values, self._mean, self._scale, self.every, NULL, self._kept, row, at)
+        pack_codes((place.edge, log.trip), len(values), self.every, self._kept, row, at)
 
     def next(self) -> None:
         """All trucks have had their batch: those that are due are written."""
-        self._filled += self.rows
-        self._hand_over(self._filled > self._due)
-        self._due[self._filled == 0] = self._kept["x"].shape[1] - self.rows
+        self._filled += 1
+        self._hand_over(self._filled >= np.floor(self._due))
+        self._due[self._filled == 0] = self._kept.shape[1]
 
     def flush(self) -> None:
         """Write all that is left, and wait for it."""
@@ -135,7 +131,7 @@ class Recorder:
                 self._wait()
             trucks = slice(group * TOGETHER, (group + 1) * TOGETHER)
             rows = self._row[trucks]
-            kept = {c: k[rows[0] : rows[-1] + 1, : self._filled[trucks.start]] for c, k in self._kept.items()}
+            kept = self._kept[rows[0] : rows[-1] + 1, : self._filled[trucks.start]]
             # What was handed over earlier of this group has begun already: waiting for it cannot block.
             job = self._pool.submit(self._write, trucks.start, kept, self._last.get(group))
             self._last[group] = job
@@ -143,30 +139,33 @@ class Recorder:
             self._row[trucks] = self._free.popleft() * TOGETHER + np.arange(len(rows))
             self._filled[trucks] = 0
 
-    def _write(self, first: int, group: Rows, before: Future[None] | None) -> None:
+    def _write(self, first: int, group: Index, before: Future[None] | None) -> None:
+        """(trucks, batches, columns, rows of a batch) of trucks ``first`` ..., after what was handed over ``before``."""
         if before is not None:
             before.result()
-        values = {c: _decimal(kept, DIGITS[c]) for c, kept in group.items() if c not in CODES}
-        steps = np.arange(group["edge_id"].shape[1])
-        for k in range(len(group["edge_id"])):
-            columns: dict[str, Values] = {c: rows[k] for c, rows in values.items()}
-            columns["edge_id"] = self._labels(group["edge_id"][k])
-            columns["trip_id"] = group["trip_id"][k].astype(np.int64)
-            time = self.start + (self._written[first + k] + steps) * self.interval
-            self.writer.write(Trajectory(self.names[first + k], time, columns))
-            self._written[first + k] += len(steps)
+        trucks, batches, _, rows = group.shape
+        *kept, edge, trip = np.moveaxis(group, 2, 0).reshape(-1, group.size // group.shape[2])
+        columns: dict[str, Values] = {
+            c: _decimal(k, DIGITS[c]) for c, k in zip(self.columns, kept, strict=True)
+        }
+        columns["edge_id"], columns["trip_id"] = self._labels(edge), trip.astype(np.int64)
+        steps = self._written[first] + np.arange(batches * rows)
+        time = np.tile(self.start + steps * self.interval, trucks)
+        names = self.names[first : first + trucks]
+        self.writer.write_together(names, Trajectory(names[0], time, columns))
+        self._written[first : first + trucks] += batches * rows
 
     def _labels(self, edge: Index) -> Labels:
-        """Only the names that occur: a part's dictionary stays small."""
+        """Only the names that occur: dictionaries stay small."""
         count = np.bincount(edge, minlength=len(self.edges))
         used = np.flatnonzero(count)
         codes = np.cumsum(count > 0, dtype=np.int32) - 1
         return Labels(codes[edge], tuple(self.edges[i] for i in used))
 
 
-def _untouched(trucks: int, rows: int) -> Index:
+def _untouched(*shape: int) -> Index:
     """An array that takes memory where it is filled only; NumPy's own would take it in huge pages, most of them at once."""
-    return np.frombuffer(mmap(-1, 4 * trucks * rows), np.int32).reshape(trucks, rows)
+    return np.frombuffer(mmap(-1, 4 * math.prod(shape)), np.int32).reshape(shape)
 
 
 def _decimal(kept: Index, digits: int) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -81,10 +82,16 @@ def table_of(trips: list[dict[str, NDArray[Any]]]) -> pd.DataFrame:
     return out
 
 
-def trip_columns(trajectory: Trajectory) -> dict[str, NDArray[Any]]:
-    """The columns of :func:`trip_table`, times in microseconds; empty where there are no rows."""
+def trip_columns(trajectory: Trajectory, vehicles: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
+    """The columns of :func:`trip_table`, times in microseconds; empty where there are no rows.
+
+    With ``vehicles`` the rows are those of several, one after the other and as many of each.
+    """
+    vehicles = vehicles or (trajectory.vehicle_id,)
     ids = trajectory.trip_ids()
-    begin = np.flatnonzero(np.diff(ids, prepend=ids[:1] - 1)) if len(ids) else np.zeros(0, int)
+    new = np.diff(ids, prepend=ids[:1] - 1) != 0
+    new[:: max(len(ids) // len(vehicles), 1)] = True
+    begin = np.flatnonzero(new)
     if not len(begin):
         return {}
     end = np.append(begin[1:], len(ids)) - 1
@@ -99,7 +106,7 @@ def trip_columns(trajectory: Trajectory) -> dict[str, NDArray[Any]]:
     sums = np.stack([moves * dt, speed * dt, np.where(moves, payload * dt, 0.0), power * dt, matched])
     driven, distance, load, energy, fit = np.add.reduceat(sums, begin, axis=1)
     return {
-        "vehicle_id": np.full(len(begin), trajectory.vehicle_id, object), "trip_id": ids[begin],
+        "vehicle_id": np.array(vehicles, object)[begin * len(vehicles) // len(ids)], "trip_id": ids[begin],
         "start": trajectory.time[begin], "end": trajectory.time[end],
         "rows": end - begin + 1, "duration": t[end] - t[begin], "driving_time": driven,
         "distance": distance, "max_speed": np.maximum.reduceat(speed, begin),

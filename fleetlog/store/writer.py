@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -73,36 +74,50 @@ class DatasetWriter:
 
     def write(self, trajectory: Trajectory) -> None:
         """Append the rows of one vehicle; they must be later than those already written for it."""
-        if not len(trajectory):
-            return
-        trajectory.check()
-        vehicle = trajectory.vehicle_id
-        if trajectory.time[0] <= self._last.get(vehicle, -(1 << 62)):
-            raise DataError(f"vehicle {vehicle}: rows are not later than those already written")
-        self._first.setdefault(vehicle, int(trajectory.time[0]))
-        self._last[vehicle] = int(trajectory.time[-1])
-        for begin, end in _day_ranges(trajectory.time):
-            self._write_part(trajectory[begin:end], int(trajectory.time[begin]) // DAY)
-        self._rows[vehicle] = self._rows.get(vehicle, 0) + len(trajectory)
-        if trajectory.has("trip_id"):
-            self._trips.append(trip_columns(trajectory))
+        self.write_together((trajectory.vehicle_id,), trajectory)
 
-    def _write_part(self, piece: Trajectory, day: int) -> None:
+    def write_together(self, vehicles: Sequence[str], rows: Trajectory) -> None:
+        """Append rows of several vehicles: as many of each, one vehicle after the other; a table is made but once of them."""
+        each = len(rows) // len(vehicles)
+        if not each:
+            return
+        pieces = [slice(k * each, (k + 1) * each) for k in range(len(vehicles))]
+        for vehicle, piece in zip(vehicles, pieces, strict=True):
+            self._check(replace(rows, vehicle_id=vehicle)[piece])
+        table = to_arrow(rows, part=True)
+        self._name_columns(table.schema)
+        for vehicle, piece in zip(vehicles, pieces, strict=True):
+            time = rows.time[piece]
+            for begin, end in _day_ranges(time):
+                self._write_part(
+                    vehicle, int(time[begin]) // DAY, table[piece.start + begin : piece.start + end]
+                )
+            self._first.setdefault(vehicle, int(time[0]))
+            self._last[vehicle] = int(time[-1])
+            self._rows[vehicle] = self._rows.get(vehicle, 0) + each
+        if rows.has("trip_id"):
+            self._trips.append(trip_columns(rows, vehicles))
+
+    def _check(self, piece: Trajectory) -> None:
+        piece.check()
+        if piece.time[0] <= self._last.get(piece.vehicle_id, -(1 << 62)):
+            raise DataError(f"vehicle {piece.vehicle_id}: rows are not later than those already written")
+
+    def _name_columns(self, schema: pa.Schema) -> None:
+        for name in schema.names:
+            if name not in self._columns:
+                self._columns[name] = (schema.field(name).metadata or {}).get(b"unit", b"").decode()
+
+    def _write_part(self, vehicle: str, day: int, table: pa.Table) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
         date = str(np.datetime64(day, "D"))
-        folder = (
-            self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(piece.vehicle_id, safe='')}"
-        )
-        number = self._parts.get((piece.vehicle_id, date), 0)
-        self._parts[piece.vehicle_id, date] = number + 1
+        folder = self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(vehicle, safe='')}"
+        number = self._parts.get((vehicle, date), 0)
+        self._parts[vehicle, date] = number + 1
         if not number:
             folder.mkdir(parents=True, exist_ok=True)
-        table = to_arrow(piece, part=True)
-        for name in table.column_names:
-            if name not in self._columns:
-                self._columns[name] = (table.schema.field(name).metadata or {}).get(b"unit", b"").decode()
         with pa.OSFile(str(folder / f"part-{number:05d}.parquet"), "wb") as file:
             pq.write_table(
                 table, file, compression=self.compression, row_group_size=ROW_GROUP,

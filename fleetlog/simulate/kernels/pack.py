@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -11,37 +13,27 @@ Index = NDArray[np.int32]
 
 
 @njit(cache=True, nogil=True)
-def pack_picked(
-    values: Floats, first: int, every: int, scale: float, null: int, out: Index, row: Index, at: Index
-) -> None:
-    """Every ``every``-th of (V, K) values from ``first`` on, times ``scale`` and rounded, to ``out[row[v], at[v]:]``.
+def pack(
+    values: tuple[Floats, ...], mean: NDArray[np.bool_], scale: Floats, every: int, null: int, out: Index, row: Index, at: Index
+) -> None:  # fmt: skip
+    """Each column's (V, K) values, times its ``scale`` and rounded, to ``out[row[v], at[v], column]``; NaN is ``null``.
 
-    NaN is ``null``.
+    One value of ``every`` is taken, the middle one or, where ``mean``, the mean of all.
     """
-    for v in range(len(values)):
-        to = at[v]
-        for k in range(first, values.shape[1], every):
-            x = values[v, k]
-            out[row[v], to] = null if np.isnan(x) else np.int32(np.rint(x * scale))
-            to += 1
+    for v in range(len(row)):
+        for c in range(len(values)):
+            to, x = out[row[v], at[v], c], values[c][v]
+            for j in range(len(to)):
+                k = j * every
+                y = (x[k : k + every].mean() if mean[c] and every > 1 else x[k + every // 2]) * scale[c]
+                to[j] = null if np.isnan(y) else np.int32(np.rint(y))
 
 
 @njit(cache=True, nogil=True)
-def pack_mean(values: Floats, every: int, scale: float, null: int, out: Index, row: Index, at: Index) -> None:
-    """The mean of each ``every`` of (V, K) values, otherwise the same."""
-    for v in range(len(values)):
-        to = at[v]
-        for k in range(0, values.shape[1], every):
-            x = values[v, k : k + every].mean()
-            out[row[v], to] = null if np.isnan(x) else np.int32(np.rint(x * scale))
-            to += 1
-
-
-@njit(cache=True, nogil=True)
-def pack_codes(values: Index, first: int, every: int, out: Index, row: Index, at: Index) -> None:
-    """Every ``every``-th of (V, K) whole numbers from ``first`` on, as they are."""
-    for v in range(len(values)):
-        to = at[v]
-        for k in range(first, values.shape[1], every):
-            out[row[v], to] = values[v, k]
-            to += 1
+def pack_codes(values: tuple[Index, ...], column: int, every: int, out: Index, row: Index, at: Index) -> Any:
+    """Whole numbers as they are, the middle one of ``every``, to columns ``column`` and following."""
+    for v in range(len(row)):
+        for c in range(len(values)):
+            to, x = out[row[v], at[v], column + c], values[c][v]
+            for j in range(len(to)):
+                to[j] = x[j * every + every // 2]
