@@ -129,6 +129,8 @@ def allowed_speed(motion: Motion, physics: Physics) -> Floats:
 
 def cell_power(terminal: Floats, truck: Truck) -> Floats:
     """(N,) power that the state of charge pays [W]: P + R (P / V)^2."""
+    if not truck.battery.internal_resistance:
+        return terminal
     return terminal + truck.battery.internal_resistance * (terminal / truck.battery.voltage) ** 2
 
 

@@ -92,7 +92,7 @@ class Meter:
         charging = log.mode == CHARGING
         if charging.any():
             power = power - np.where(charging, self._charge_power(bay, which)[:, None], 0.0)
-        power = np.where(log.mode == EMPTY, 0.0, power)
+        power[log.mode == EMPTY] = 0.0
         return self._follow(power, which)
 
     def _charge_power(self, bay: NDArray[np.int32], which: slice) -> Floats:
@@ -106,10 +106,13 @@ class Meter:
         truck: Truck = self.physics.actual_truck()
         if self.battery is not None:
             return self._chemistry(power, which)
-        used = np.cumsum(cell_power(power, truck), axis=1) * self.dt / (3600.0 * truck.battery.capacity_wh)
-        soc = np.column_stack([self.soc[which], self.soc[which, None] - used])
-        self.soc[which] = np.clip(soc[:, -1], 0.0, 1.0)
-        return Energy(power, np.clip(soc[:, :-1], 0.0, 1.0), None, None)
+        soc = np.zeros((len(power), power.shape[1] + 1))
+        np.cumsum(cell_power(power, truck), axis=1, out=soc[:, 1:])
+        soc *= -self.dt / (3600.0 * truck.battery.capacity_wh)
+        soc += self.soc[which, None]
+        np.clip(soc, 0.0, 1.0, out=soc)
+        self.soc[which] = soc[:, -1]
+        return Energy(power, np.ascontiguousarray(soc[:, :-1]), None, None)
 
     def _chemistry(self, power: Floats, which: slice) -> Energy:
         assert self.battery is not None

@@ -28,7 +28,7 @@ def grid(
             node[i, j] = np.array([i * pitch + shake[0], j * pitch + shake[1]])
     if mirror:
         node = {k: p * [1.0, -1.0] for k, p in node.items()}
-    edges = []
+    edges, mark = [], "" if max(columns, rows) <= 10 else "_"
     for i in range(columns):
         for j in range(rows):
             for di, dj in ((1, 0), (0, 1)):
@@ -44,7 +44,7 @@ def grid(
                     else width
                 )
                 edges += road(
-                    f"e{i}{j}{'h' if di else 'v'}", f"n{i}{j}", f"n{i + di}{j + dj}",
+                    f"e{i}{mark}{j}{'h' if di else 'v'}", f"n{i}{mark}{j}", f"n{i + di}{mark}{j + dj}",
                     np.array([node[i, j], node[i + di, j + dj]]), oneway, limit, wide,
                 )  # fmt: skip
     return Site("grid", network=build_network(edges), traffic=traffic, places=tuple(places))

@@ -81,6 +81,10 @@ def expand(
     out = np.empty((8, n))
     where = np.empty(n, np.int32)
     for k in range(n):
+        if k and piece[k] == piece[k - 1] and s[k] == s[k - 1] and back[k] == back[k - 1]:
+            # Half of a fleet stands.
+            out[:, k], where[k] = out[:, k - 1], where[k - 1]
+            continue
         p = piece[k]
         at = max(s[k], 0.0) / spacing[p]
         i = first[p] + min(int(at), first[p + 1] - first[p] - 2)
