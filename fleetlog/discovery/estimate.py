@@ -228,4 +228,4 @@ def _freest(task: Task, state: State) -> Floats:
         if not c.named and not c.place and name in p.at and name not in curves:
             size = float(np.mean(np.diag(p.gram)[p.at[name]]))
             curves[name] = 100.0 / max(size, 1e-9)
-    return _residual(task, State(state.found, state.chosen, curves, state.weight))
+    return _residual(task, replace(state, curves=curves))

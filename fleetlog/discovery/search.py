@@ -142,7 +142,7 @@ def _accept(task: Task, state: State, choice: Choice, model: Found, rng: np.rand
     name = choice.candidate.name
     if not choice.candidate.named:
         curves = {**state.curves, name: choice.gain.tau}
-        return State(state.found, [*state.chosen, choice], curves, None, state.log)
+        return replace(state, chosen=[*state.chosen, choice], curves=curves, weight=None)
     if choice.candidate.kind == "scalar":
         moved = [model.value(choice.candidate.term, k.parameter) - state.found.value(choice.candidate.term, k.parameter)
                  for k in choice.knobs] if choice.candidate.term else [1.0]  # fmt: skip
@@ -152,11 +152,9 @@ def _accept(task: Task, state: State, choice: Choice, model: Found, rng: np.rand
     else:
         assert choice.candidate.term is not None
         model = state.found.with_field(name, np.zeros(len(task.root(choice.candidate.term))))
-    state = State(model, [*state.chosen, choice], state.curves, state.weight, state.log)
-    state = settle(task, state)
+    state = settle(task, replace(state, found=model, chosen=[*state.chosen, choice]))
     # Noise is judged anew now that the effect is gone from the residual.
-    state.weight = None
-    return _with_companions(task, state, choice, rng)
+    return _with_companions(task, replace(state, weight=None), choice, rng)
 
 
 def _with_companions(task: Task, state: State, choice: Choice, rng: np.random.Generator) -> State:
@@ -173,4 +171,4 @@ def _with_companions(task: Task, state: State, choice: Choice, rng: np.random.Ge
     slow = frozenset(n for n in names if task.candidates[n].slow)
     found = ev.scan(p, s, names, variants=frozenset(), slow=slow, rng=rng)
     curves = {**state.curves, **{n: e.tau for n, e in found.items() if e.log_evidence > COMPANION}}
-    return State(state.found, state.chosen, curves, state.weight, state.log)
+    return replace(state, curves=curves)

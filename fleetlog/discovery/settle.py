@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +35,7 @@ def settle(task: Task, state: State, use: Mask | None = None) -> State:
                 found = found.with_field(c.name, np.clip(task.root(c.term) @ beta, *_span(c.term)))
             else:
                 found = polish.turned(found, c, choice.knobs, beta)
-        state = State(found, state.chosen, state.curves, state.weight, state.log)
+        state = replace(state, found=found)
     return state
 
 
