@@ -244,7 +244,7 @@ def replay(screen: Screen, latitude: float | None) -> rrb.Blueprint:
     doing = activity_views(screen)
     right: list[Any] = [*doing, *(curve_view(screen, s) for s in CURVE_NAMES if s in screen.signals)]
     shares = [
-        min(screen.lanes / 2.6, 4.0) if screen.lanes else 1.7 if doing else 1.0,
+        min(screen.lanes / 2.4, 4.0) if screen.lanes else 1.7 if doing else 1.0,
         *[1.0] * (len(right) - 1),
     ]
     summary = rrb.TextDocumentView(origin=screen.summary, name="Summary")

@@ -148,9 +148,11 @@ def differences(recorded: Trajectory, simulated: Trajectory) -> dict[str, Floats
 
 
 def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
+    # From above, arcs would hide where the two fleets part.
+    flat = [*blueprint.FLAT, *(f"- {p}/tasks/**" for p in screen.prefixes)]
     left = [
         blueprint.floor_view(screen, "Site", blueprint.oblique(screen.outline, 1.5)),
-        blueprint.floor_view(screen, "Plan", blueprint.top_down(screen.outline, 1.5), blueprint.FLAT),
+        blueprint.floor_view(screen, "Plan", blueprint.top_down(screen.outline, 1.5), flat),
     ]
     both: list[Any] = [blueprint.curve_view(screen, s) for s in blueprint.CURVE_NAMES if s in screen.signals]
     summary = rrb.TextDocumentView(origin="/summary", name="Summary")

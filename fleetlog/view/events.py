@@ -28,6 +28,7 @@ from fleetlog.view import marks, palette, thin
 from fleetlog.view.fleet import log_curve
 from fleetlog.view.happenings import NEVER, Happenings, Tasks, counts, open_tasks, rows_while
 from fleetlog.view.palette import Colour
+from fleetlog.view.scene import log_places
 from fleetlog.view.stream import Stream, entity
 
 TRUE, CORNERS = 0.08, 4
@@ -50,6 +51,7 @@ def log_events(
     stream: Stream, h: Happenings, vehicles: Sequence[str], colours: Sequence[Colour], prefix: str, name: str
 ) -> set[str]:
     """Those of a small fleet; the kinds that were drawn."""
+    log_places(stream, h.spots, "drawn", labels=False)
     _log_waiting(stream, h.tasks, prefix)
     lines = {way: marks.reduced(line, TRUE) + FLOOR for way, line in h.lines.items()}
     for vehicle, colour in zip(vehicles, colours, strict=True):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.store import Dataset
 from fleetlog.store.events import ACTIVITIES, TABLES, read_table
@@ -38,7 +39,8 @@ class Happenings:
     """What a simulated dataset says beside its rows.
 
     ``doing`` (N,) activity, ``who`` (N,) vehicle, ``start``, ``end`` [us] and ``where`` (N, 3) m of stretches; ``held_by``,
-    ``held_from``, ``held_to`` [us], ``way`` (M,) of reservations, and the ``lines`` (n, 3) m of the ways.
+    ``held_from``, ``held_to`` [us], ``way`` (M,) of reservations, and the ``lines`` (n, 3) m of the ways; ``spots`` are
+    places that the simulation drew along the roads.
     """
 
     tasks: Tasks
@@ -52,6 +54,7 @@ class Happenings:
     held_to: Ints
     way: Ints
     lines: dict[int, Floats]
+    spots: tuple[Place, ...]
 
 
 def happenings_of(dataset: Dataset, shift: int) -> Happenings | None:
@@ -70,7 +73,7 @@ def happenings_of(dataset: Dataset, shift: int) -> Happenings | None:
     return Happenings(
         book, doing["activity"].to_numpy(object), doing["vehicle_id"].to_numpy(object), clock(doing["start"]),
         clock(doing["end"]), _places(doing["place"], spots), held["vehicle_id"].to_numpy(object), clock(held["start"]),
-        clock(held["end"]), held["way"].to_numpy(np.int64), _lines(ways),
+        clock(held["end"]), held["way"].to_numpy(np.int64), _lines(ways), _drawn(bays, dataset.site),
     )  # fmt: skip
 
 
@@ -83,6 +86,18 @@ def _places(names: pd.Series[Any], spots: dict[str, Floats]) -> Floats:
     """(N, 3) m, NaN where no place is named."""
     nowhere = np.full(3, np.nan)
     return np.array([spots.get(str(name), nowhere) for name in names], dtype=np.float64).reshape(-1, 3)
+
+
+def _drawn(bays: pd.DataFrame, site: Site) -> tuple[Place, ...]:
+    """Places of the simulation that the site does not have."""
+    known = {p.id for p in site.places}
+    names, kinds, where = (
+        bays["place"].astype(str),
+        bays["kind"].astype(str),
+        bays[["x", "y"]].to_numpy(np.float64),
+    )
+    rows = zip(names, kinds, where.tolist(), strict=True)
+    return tuple(Place(name, cast(PlaceKind, kind), x, y) for name, kind, (x, y) in rows if name not in known)
 
 
 def _lines(ways: pd.DataFrame) -> dict[int, Floats]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
-from fleetlog.core.site import Site
+from fleetlog.core.site import Place, Site
 from fleetlog.view import palette, ribbons
 from fleetlog.view.meshes import Mesh, join, mesh_of
 from fleetlog.view.stream import Stream, entity
@@ -148,15 +149,20 @@ def _log_zones(stream: Stream, site: Site) -> None:
 
 
 def _log_places(stream: Stream, site: Site) -> None:
-    for kind, group in itertools.groupby(sorted(site.places, key=lambda p: p.kind), key=lambda p: p.kind):
-        places, colour = list(group), palette.PLACES[kind]
-        pads = [mesh_of(ribbons.disc(p.x, p.y, 1.2, 0.09, inner=0.75), colour) for p in places]
-        stream.static(entity("site", "places", kind, "pads"), mesh3d(join(pads)))
+    log_places(stream, site.places, "", len(site.places) <= MANY_PLACES)
+
+
+def log_places(stream: Stream, places: Sequence[Place], part: str, labels: bool) -> None:
+    """Rings on the floor, coloured by kind; ``part`` names a group of its own beside the places of the site."""
+    for kind, group in itertools.groupby(sorted(places, key=lambda p: p.kind), key=lambda p: p.kind):
+        alike, colour = list(group), palette.PLACES[kind]
+        pads = [mesh_of(ribbons.disc(p.x, p.y, 1.2, 0.09, inner=0.75), colour) for p in alike]
+        stream.static(entity("site", "places", kind, part, "pads"), mesh3d(join(pads)))
         points = rr.Points3D(
-            [[p.x, p.y, 0.1] for p in places],
+            [[p.x, p.y, 0.1] for p in alike],
             radii=rr.Radius.ui_points(2.5),
             colors=[colour],
-            labels=[p.id for p in places],
-            show_labels=len(site.places) <= MANY_PLACES,
+            labels=[p.id for p in alike],
+            show_labels=labels,
         )
-        stream.static(entity("site", "places", kind, "points"), points)
+        stream.static(entity("site", "places", kind, part, "points"), points)

@@ -164,3 +164,10 @@ def test_a_line_is_reduced_to_what_its_tolerance_needs() -> None:
         assert (kept[[0, -1]] == bend[[0, -1]]).all()
     straight = np.column_stack([np.linspace(0, 30, 61), np.zeros(61), np.zeros(61)])
     assert len(marks.reduced(straight, 0.01)) == 2
+
+
+def test_spots_drawn_along_the_roads_are_shown(sim: SimpleNamespace) -> None:
+    known = {p.id for p in Dataset(sim.path).site.places}
+    drawn = sim.bays[~sim.bays.place.isin(known)]
+    found = {e for e in rrd.entities(sim.out) if e.endswith("/drawn/points")}
+    assert found == {f"/site/places/{kind}/drawn/points" for kind in drawn.kind.unique()}
