@@ -217,46 +217,23 @@ def _finding(
     c = choice.candidate
     evidence = _evidence(choice, fit, gain)
     fitted = {"metric": fit.metric, "before": fit.before, "after": fit.after}
-    strength = choice.gain.trip
     tied = [*choice.tied, *left_open(task, choice)]
+    parameters: list[Parameter] = []
+    needs: str | None
     if c.term is None:
-        where, when = _where_of_generic(task, choice), own_values(task, result.state, choice)
+        name, where, when = "unknown", _where_of_generic(task, choice), own_values(task, result.state, choice)
         text, needs = words.unknown(c.name, c.depends_on, when)
         expression, proposal = proposed(task, result.state, choice)
-        text += expression
-        return Finding(
-            "unknown",
-            channel,
-            text,
-            tied,
-            needs,
-            list(c.depends_on),
-            where,
-            when,
-            [],
-            {**evidence, **proposal},
-            fitted,
-            strength,
-        )
-    where, parameters = _numbers(task, choice, result)
-    first = c.term.parameters[0]
-    nominal = first.nominal(task.base.truck) if first.truck_key else None
-    text = words.statement(c.name, parameters, where, nominal)
-    when = _when(c.name, parameters)
+        text, evidence = text + expression, {**evidence, **proposal}
+    else:
+        where, parameters = _numbers(task, choice, result)
+        name, when = c.name, _when(c.name, parameters)
+        first = c.term.parameters[0]
+        nominal = first.nominal(task.base.truck) if first.truck_key else None
+        text, needs = words.statement(c.name, parameters, where, nominal), words.needs(c.name, tied)
     return Finding(
-        c.name,
-        channel,
-        text,
-        tied,
-        words.needs(c.name, tied),
-        list(c.depends_on),
-        where,
-        when,
-        parameters,
-        evidence,
-        fitted,
-        strength,
-    )
+        name, channel, text, tied, needs, list(c.depends_on), where, when, parameters, evidence, fitted, choice.gain.trip
+    )  # fmt: skip
 
 
 def _evidence(choice: Choice, fit: ChannelFit, own: float | None) -> dict[str, Any]:
@@ -297,12 +274,8 @@ def _numbers(
             parameter.name,
             (result.state.found.value(c.term, parameter.name), _grid_error(choice, parameter.name)),
         )
-        low, high = value - estimate.SURE * error, value + estimate.SURE * error
-        out.append(
-            Parameter(
-                parameter.name, value, max(low, parameter.low), min(high, parameter.high), parameter.unit
-            )
-        )
+        told = _with_interval(parameter.name, value, error, parameter.unit)
+        out.append(replace(told, low=max(told.low, parameter.low), high=min(told.high, parameter.high)))
     extra = [
         Parameter(f"added_{p.name}", p.value - n, p.low - n, p.high - n, p.unit)
         for p, n in ((out[0], c.term.parameters[0].nominal(task.base.truck)),) if c.term.parameters[0].unit == "W"
@@ -332,15 +305,7 @@ def field_numbers(
     if c.term.odd:
         k = int(np.argmax(np.abs(deviation)))
         value, spread = abs(float(deviation[k])), float(error[k])
-        return where, [
-            Parameter(
-                f"max_{c.name}",
-                value,
-                value - estimate.SURE * spread,
-                value + estimate.SURE * spread,
-                first.unit,
-            )
-        ]
+        return where, [_with_interval(f"max_{c.name}", value, spread, first.unit)]
     if fields.amount(c.term) and edges:
         most = edges[0]
         return where, [Parameter(first.name, most["value"], most["low"], most["high"], first.unit)]
@@ -348,11 +313,12 @@ def field_numbers(
     value = first.neutral + float(np.average(deviation, weights=weight))
     # Neighbours share their errors through the prior, so averaging does not shrink them.
     spread = float(np.sqrt(np.average(error**2, weights=weight)) / max(1.0, np.sqrt(len(error) / 4.0)))
-    return where, [
-        Parameter(
-            first.name, value, value - estimate.SURE * spread, value + estimate.SURE * spread, first.unit
-        )
-    ]
+    return where, [_with_interval(first.name, value, spread, first.unit)]
+
+
+def _with_interval(name: str, value: float, error: float, unit: str) -> Parameter:
+    """A number with its 95 per cent interval; ``error`` is the standard one."""
+    return Parameter(name, value, value - estimate.SURE * error, value + estimate.SURE * error, unit)
 
 
 def _when(term: str, parameters: list[Parameter]) -> dict[str, Any] | None:
