@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -72,3 +73,21 @@ class Table:
     free: dict[str, Columns] = field(default_factory=dict)
     load: Floats | None = None
     """(W,) what a standard deviation of an unknown load adds, where loads are carried and not recorded."""
+
+
+class Latest:
+    """The table that was asked for last: the search comes back to the same model again and again."""
+
+    def __init__(self) -> None:
+        self._kept: tuple[Found, list[Candidate], Table] | None = None
+
+    def table(self, found: Found, named: list[Candidate], make: Callable[[], Table]) -> Table:
+        """The kept table where it is that of ``found`` and has all of ``named``, else a new one."""
+        if self._kept is None or self._kept[0] is not found or any(c not in self._kept[1] for c in named):
+            self.forget()
+            self._kept = found, named, make()
+        return self._kept[2]
+
+    def forget(self) -> None:
+        """Give its memory back."""
+        self._kept = None

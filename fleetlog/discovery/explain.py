@@ -96,7 +96,7 @@ def energy_channel(fleet: Fleet, channel: str, base: Found, options: Options) ->
         task = replace(task, rough=ROUGH, material=(COARSE, COARSE))
     unit = f"rms error of energy per {width(fleet, channel):.0f} s window, over rms energy"
     out = explained(task, channel, unit)
-    recording.latest.clear()
+    recording.latest.forget()
     return out
 
 

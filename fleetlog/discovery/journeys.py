@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.discovery import generic
-from fleetlog.discovery.bench import MATERIAL, Columns, Table
+from fleetlog.discovery.bench import MATERIAL, Columns, Latest, Table
 from fleetlog.discovery.bends import STEP
 from fleetlog.discovery.candidates import Candidate, moved, tilted
 from fleetlog.discovery.model import Found
@@ -58,7 +58,7 @@ class Journeys:
     floor: Stretches
     lanes: Stretches
     vehicles: int
-    latest: list[tuple[Found, list[Candidate], Table]] = field(default_factory=list)
+    latest: Latest = field(default_factory=Latest)
 
     def times(self, found: Found) -> tuple[Floats, NDArray[np.bool_]]:
         """(G,) seconds for the step to each node, and whether the speed there is held down by a cap, not by gathering speed."""
@@ -101,12 +101,7 @@ class Journeys:
 
     def tabulate(self, found: Found, named: list[Candidate], free: dict[str, Columns]) -> Table:
         """Recorded minus modelled seconds, and the columns of all candidates about the model; the last table is kept."""
-        for model, candidates, table in self.latest:
-            if model is found and all(c in candidates for c in named):
-                return table
-        self.latest.clear()
-        self.latest.append((found, named, self._table(found, named, free)))
-        return self.latest[0][2]
+        return self.latest.table(found, named, lambda: self._table(found, named, free))
 
     def _table(self, found: Found, named: list[Candidate], free: dict[str, Columns]) -> Table:
         seconds, capped = self.times(found)

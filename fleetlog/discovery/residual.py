@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.discovery import generic, splits, unseen, windows
-from fleetlog.discovery.bench import COARSE, MATERIAL, Columns, Table
+from fleetlog.discovery.bench import COARSE, MATERIAL, Columns, Latest, Table
 from fleetlog.discovery.candidates import MECHANISM, Candidate, Knob, tilted
 from fleetlog.discovery.evaluate import Evaluation
 from fleetlog.discovery.model import Found
@@ -49,8 +49,7 @@ class Recording:
     """Whether rows are so far apart that much happens between them."""
     unweighed: bool = False
     """Whether trucks carry loads that are not in the log."""
-    latest: list[tuple[Found, list[Candidate], Table]] = field(default_factory=list)
-    """The table that was asked for last: the search comes back to the same model again and again."""
+    latest: Latest = field(default_factory=Latest)
 
     @property
     def cells(self) -> int:
@@ -67,12 +66,7 @@ class Recording:
 
     def tabulate(self, found: Found, named: list[Candidate], free: dict[str, Columns]) -> Table:
         """The residual under ``found`` and the columns of all named candidates about it."""
-        for model, candidates, table in self.latest:
-            if model is found and all(c in candidates for c in named):
-                return table
-        self.latest.clear()
-        self.latest.append((found, named, tabulate(self, found, named, free)))
-        return self.latest[0][2]
+        return self.latest.table(found, named, lambda: tabulate(self, found, named, free))
 
     def column(self, found: Found, candidate: Candidate) -> Floats:
         """(W, p) kJ of one named candidate about a model."""

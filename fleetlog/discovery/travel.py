@@ -69,7 +69,7 @@ def speed_channel(fleet: Fleet, channel: str, base: Found, options: Options) -> 
     )
     direct = {} if turns is None else {"cornering_speed": {"lateral_acceleration": turns}}
     out = explained(task, channel, f"rms error of the time for {WINDOW:.0f} m, over rms time", direct)
-    journeys.latest.clear()
+    journeys.latest.forget()
     return out
 
 
