@@ -11,74 +11,62 @@ from numpy.typing import NDArray
 from fleetlog.core.trajectory import Labels
 from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.holdings import Holdings
-from fleetlog.simulate.state import (
-    AT_BAY,
-    CHARGING,
-    DRIVING,
-    EMPTY,
-    ENTERING,
-    HANDLING,
-    LEAVING,
-    PARKED,
-    WANTS_OUT,
-)
 from fleetlog.simulate.taskbook import LATER, LEFT_OUT
 from fleetlog.store.events import ACTIVITIES, Columns
 from fleetlog.store.writer import DatasetWriter
 
 Ints = NDArray[np.int64]
-STANDS = 0.05
-"""Slower than this a truck on the road waits [m/s]: as in the summary's time of waiting."""
 NAMES = tuple(ACTIVITIES)
-EMPTY_RUN, LADEN_RUN, WAIT, WAIT_PLACE, PICK, DROP, CHARGE, WAIT_CHARGER, PARK, DEAD = range(len(NAMES))
-OF_MODE = np.zeros(9, np.int64)
-for _mode, _activity in {
-    PARKED: PARK, HANDLING: PICK, WANTS_OUT: WAIT, LEAVING: EMPTY_RUN, DRIVING: EMPTY_RUN, AT_BAY: WAIT,
-    ENTERING: EMPTY_RUN, CHARGING: CHARGE, EMPTY: DEAD,
-}.items():  # fmt: skip
-    OF_MODE[_mode] = _activity
 KEPT = 1 << 16
-"""Rows that are kept as they come before columns are made of them."""
-NONE: tuple[Ints, ...] = (np.zeros(0, np.int64),) * 4
+"""Changes of each kind that are kept before they are written; at least as many as a route has pieces."""
 
 
 class EventLog:
     """Writes the tables of a run; times inside are milliseconds after its start, at ``start`` microseconds since 1970."""
 
     def __init__(self, dispatcher: Dispatcher, writer: DatasetWriter, start: int) -> None:
+        from fleetlog.simulate.kernels.look import Ground, Pages, Seen, Trucks
+
         self.dispatcher, self.start = dispatcher, start
         self.tables = writer.tables
         world, fleet = dispatcher.world, dispatcher.fleet
-        self.fleet, self.vehicles = fleet, tuple(dispatcher.names)
-        self.holdings = Holdings(world, fleet)
+        self.vehicles = tuple(dispatcher.names)
+        self.holdings = h = Holdings(world)
         places = {bay.place.id: None for bay in world.bays}
         self.places = tuple(places)
         code = {place: k for k, place in enumerate(places)}
         self.place_of_bay = np.array([code[b.place.id] for b in world.bays], dtype=np.int64)
-        self.place_of_door = self.place_of_bay[[d.bay for d in world.doors]]
-        self._key = np.full(len(fleet.mode), -1, np.int64)
-        self._since = np.zeros(len(fleet.mode), np.int64)
-        self._done = [NONE]
-        self._rows = 0
+        at_door = self.place_of_bay[[d.bay for d in world.doors]]
+        n = len(self.vehicles)
+        own = {name: getattr(fleet, name) for name in Trucks._fields if name in fleet._fields}
+        self.trucks = Trucks(**own, task=dispatcher.book.of, must_charge=np.zeros(n, dtype=np.bool_))
+        self.ground = Ground(at_door, h.safe, h.matters, len(places), h.lanes)
+        none = np.full(n, -1, np.int32)
+        self.seen = Seen(
+            np.full(n, -1, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int32), none, none.copy()
+        )
+        stretches, looks, held = (np.zeros((KEPT, k), np.int64) for k in (4, 2, 3))
+        self.pages = Pages(stretches, looks, held, np.zeros(3, np.int64))
 
     def tick(self, now: float) -> None:
         """After the decisions of a second; ``now`` [s]."""
-        ms = round(now * 1000.0)
-        self.holdings.tick(ms)
-        key = self._keys()
-        changed = np.flatnonzero(key != self._key)
-        if len(changed):
-            if ms > 0:
-                self._end(changed, ms)
-            self._key[changed], self._since[changed] = key[changed], ms
-        if self._rows + self.holdings.rows > KEPT:
+        from fleetlog.simulate.kernels.look import look
+
+        d, must = self.dispatcher, self.trucks.must_charge
+        must[:] = False
+        if d.queue:
+            # Who could go on does the next task; only who must charge waits for it.
+            queue = np.array(d.queue)
+            must[queue[d.soc[queue] < d.policy.low]] = True
+        ms, v = round(now * 1000.0), 0
+        while (v := look(self.trucks, self.ground, self.seen, self.pages, v, ms)) < len(self.vehicles):
             self._write()
 
     def close(self, now: float) -> None:
         """The end, at ``now`` [s]."""
-        ms = round(now * 1000.0)
-        self._end(np.arange(len(self._key)), ms)
+        ms, n = round(now * 1000.0), len(self.vehicles)
         self._write(ms)
+        self._stretches(np.column_stack([np.arange(n), self.seen.key, self.seen.since, np.full(n, ms)]))
         d, book = self.dispatcher, self.dispatcher.book
         book.never(d.pending[d.given :], LATER)
         book.never(d.demand.left_out, LEFT_OUT)
@@ -97,47 +85,23 @@ class EventLog:
             "z": np.round(world.ground.z[ends], 3), "heading": np.round(np.angle(np.exp(1j * shape[2])), 4),
         }  # fmt: skip
 
-    def activities(self) -> Ints:
-        """(V,) what each truck does."""
-        f, task = self.fleet, self.dispatcher.book.of
-        out = OF_MODE[f.mode]
-        # Who has just been sent off has not been kept waiting yet.
-        out[(f.mode == WANTS_OUT) & (f.waits == np.inf)] = EMPTY_RUN
-        out[(f.mode == DRIVING) & (f.v < STANDS)] = WAIT
-        out[(out == EMPTY_RUN) & (f.load > 0.0)] = LADEN_RUN
-        out[(out == PICK) & (f.hand_after <= 0.0)] = DROP
-        out[(out == PARK) & (task >= 0)] = WAIT_PLACE
-        d = self.dispatcher
-        if d.queue:
-            queue = np.array(d.queue)
-            # Who could go on does the next task; only who must charge waits for it.
-            out[queue[(out[queue] == PARK) & (d.soc[queue] < d.policy.low)]] = WAIT_CHARGER
-        return out
-
-    def _keys(self) -> Ints:
-        """(V,) one number for activity, place and task."""
-        f, doing = self.fleet, self.activities()
-        on_the_way = (doing <= LADEN_RUN) & (f.goal >= 0)
-        place = self.place_of_door[np.where(on_the_way, f.goal, f.door)]
-        task = self.dispatcher.book.of + 1
-        return np.asarray((task * len(self.places) + place) * len(NAMES) + doing)
-
-    def _end(self, trucks: NDArray[np.intp], now: int) -> None:
-        self._done.append((trucks, self._key[trucks], self._since[trucks], np.full(len(trucks), now)))
-        self._rows += len(trucks)
-
     def _write(self, end: int | None = None) -> None:
-        truck, key, since, until = (np.concatenate(c) for c in zip(*self._done, strict=True))
+        """Empty the pages; with the ``end`` [ms] also what is still held."""
+        p = self.pages
+        self._stretches(p.stretches[: p.filled[0]])
+        held = self.holdings.ended(p.looks[: p.filled[1]].T, p.held[: p.filled[2]].T, end)
+        self.tables.add(
+            "reservations", {**self._stretch(held.truck, held.since, held.until), "way": held.way}
+        )
+        p.filled[:] = 0
+
+    def _stretches(self, rows: Ints) -> None:
+        truck, key, since, until = rows.T
         rest = key // len(NAMES)
         self.tables.add("activities", {
             **self._stretch(truck, since, until), "activity": _labels(key % len(NAMES), NAMES),
             "place": _labels(rest % len(self.places), self.places), "task": rest // len(self.places) - 1,
         })  # fmt: skip
-        held = self.holdings.ended(end)
-        self.tables.add(
-            "reservations", {**self._stretch(held.truck, held.since, held.until), "way": held.way}
-        )
-        self._done, self._rows = [NONE], 0
 
     def _stretch(self, truck: Ints, since: Ints, until: Ints) -> Columns:
         return {

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Labels
-from fleetlog.simulate.state import ENTERING, LEAVING, Fleet
 from fleetlog.simulate.world import World
 from fleetlog.store.events import WAYS, Columns, Lines
 
@@ -38,61 +37,50 @@ NOBODY = Looks(*(np.zeros(0, np.int64) for _ in Looks._fields))
 
 
 class Holdings:
-    """Looks at the reservations once a second; only trucks whose own have changed are written down.
+    """Makes stretches of time of what :mod:`fleetlog.simulate.kernels.look` saw of the reservations.
 
     A *way* is a resource of :mod:`fleetlog.simulate.junctions`.  Those that exclude nothing, such as a bend of a lone
     road, are left out.
     """
 
-    def __init__(self, world: World, fleet: Fleet) -> None:
+    def __init__(self, world: World) -> None:
         r = world.roads
-        self.world, self.fleet = world, fleet
+        self.world = world
         self.pieces, self.lanes = len(r.length), len(r.clear)
         self.matters = np.diff(r.conflict_first) > 0
         self.safe = np.zeros(self.pieces, dtype=bool)
         self.safe[: self.lanes] = r.capacity > 0
-        self.seen = np.zeros(len(self.matters), dtype=bool)
-        trucks = len(fleet.mode)
-        self._low, self._high = np.zeros(trucks, np.int32), np.full(trucks, -1, np.int32)
-        self._spur = np.full(trucks, -1, np.int32)
-        self._written: list[tuple[NDArray[np.generic], ...]] = []
+        self.used = np.zeros(len(self.matters), dtype=bool)
         self._open, self._last = NOTHING, NOBODY
-        self.rows = 0
-        """Written down since the last :meth:`ended`."""
 
-    def tick(self, now: int) -> None:
-        """Look; ``now`` [ms]."""
-        f = self.fleet
-        on_spur = (f.mode == LEAVING) | (f.mode == ENTERING) | f.entry
-        spur = np.where(on_spur, f.door, -1)
-        changed = (f.held_from != self._low) | (f.held_to != self._high) | (spur != self._spur)
-        trucks = np.flatnonzero(changed)
-        if not len(trucks):
-            return
-        self._low[:], self._high[:], self._spur[:] = f.held_from, f.held_to, spur
-        low, high = f.held_from[trucks], f.held_to[trucks]
-        row, at = _each(low, high)
-        pieces = f.route[trucks[row], at]
-        self._written.append((trucks, np.full(len(trucks), now), low, high, spur[trucks], pieces))
-        self.rows += len(trucks) + len(row)
+    def ended(self, looks: Ints, held: Ints, end: int | None = None) -> Held:
+        """What was given back, in order of time.
 
-    def ended(self, end: int | None = None) -> Held:
-        """What was given back since the last call, in order of time; with the ``end`` [ms] also what is still held."""
-        held, looks = self._read()
+        Parameters
+        ----------
+        looks : (2, M) trucks whose reservations had changed, and when [ms], since the last call.
+        held : (3, N) truck, way and time of every way that was held then.
+        end : of the simulation [ms]: also what is still held.
+        """
+        join = np.concatenate
+        found = Held(*(join(c) for c in zip(self._open, (*held, held[2]), strict=True)))
+        who, when = (join(c) for c in zip(self._last, looks, strict=True))
         # Looks at one truck that follow on each other have numbers that do.
-        order = np.lexsort((looks.time, looks.truck))
-        who, when = looks.truck[order], looks.time[order]
+        order = np.lexsort((when, who))
+        who, when = who[order], when[order]
         size = int(when.max(initial=0)) + 1
-        number = np.searchsorted(who * size + when, held.truck * size + held.until)
-        order = np.lexsort((number, held.way, held.truck))
-        truck, way, since, number = held.truck[order], held.way[order], held.since[order], number[order]
-        breaks = np.flatnonzero((np.diff(truck) != 0) | (np.diff(way) != 0) | (np.diff(number) != 1))
-        last = np.append(breaks, len(truck) - 1) if len(truck) else breaks
-        first = np.insert(last[:-1] + 1, 0, 0) if len(truck) else breaks
+        number = np.searchsorted(who * size + when, found.truck * size + found.until)
+        pair = found.truck * len(self.matters) + found.way
+        order = np.argsort(pair * (len(who) + 1) + number)
+        pair, since, number = pair[order], found.since[order], number[order]
+        breaks = np.flatnonzero((np.diff(pair) != 0) | (np.diff(number) != 1))
+        last = np.append(breaks, len(pair) - 1) if len(pair) else breaks
+        first = np.insert(last[:-1] + 1, 0, 0) if len(pair) else breaks
+        truck, way = np.divmod(pair[last], len(self.matters))
         after = np.minimum(number[last] + 1, max(len(who) - 1, 0))
-        over = (after > number[last]) & (who[after] == truck[last])
+        over = (after > number[last]) & (who[after] == truck)
         until = when[np.where(over, after, number[last])]
-        every = Held(truck[last], way[last], since[first], until)
+        every = Held(truck, way, since[first], until)
         self._open = Held(*(c[~over] for c in every))
         newest = np.flatnonzero(np.diff(who, append=-1) != 0)
         self._last = Looks(who[newest], when[newest])
@@ -100,33 +88,12 @@ class Holdings:
             over, every = np.ones(len(last), dtype=bool), every._replace(until=np.where(over, until, end))
         done = np.flatnonzero(over)
         out = Held(*(c[done[np.argsort(every.until[done], kind="stable")]] for c in every))
-        self.seen[out.way] = True
+        self.used[out.way] = True
         return out
-
-    def _read(self) -> tuple[Held, Looks]:
-        """What every look found, and all looks; with what was open at the last call."""
-        if not self._written:
-            return self._open, self._last
-        truck, now, low, high, spur, piece = (np.concatenate(c) for c in zip(*self._written, strict=True))
-        self._written, self.rows = [], 0
-        row, at = _each(low, high)
-        # As in kernels.reserve.resource: only the ends of a passage lie on lanes where a truck can stand.
-        end = np.where(at == high[row], self.pieces + self.lanes, np.where(at == low[row], self.pieces, 0))
-        inside = np.flatnonzero(spur >= 0)
-        way = np.concatenate([piece + self.safe[piece] * end, self.pieces + 2 * self.lanes + spur[inside]])
-        row = np.concatenate([row, inside])
-        keep = self.matters[way]
-        way, row = way[keep], row[keep]
-        found = Held(truck[row], way, now[row], now[row])
-        looks = Looks(truck, now)
-        return (
-            Held(*(np.concatenate(c) for c in zip(self._open, found, strict=True))),
-            Looks(*(np.concatenate(c) for c in zip(self._last, looks, strict=True))),
-        )
 
     def ways(self) -> Columns:
         """The table of the ways that were ever reserved."""
-        way = np.flatnonzero(self.seen)
+        way = np.flatnonzero(self.used)
         track, doors = self.world.track, self.world.doors
         kind, piece = self._kinds(way)
         turn, bay = kind == KINDS.index("turn"), kind == KINDS.index("bay")

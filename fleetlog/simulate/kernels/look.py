@@ -1,0 +1,156 @@
+"""What every truck does at a moment, and what it has reserved: only changes are written down."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fleetlog.simulate.state import (
+    AT_BAY,
+    CHARGING,
+    DRIVING,
+    EMPTY,
+    ENTERING,
+    HANDLING,
+    LEAVING,
+    PARKED,
+    WANTS_OUT,
+)
+
+Ints = NDArray[np.int64]
+Index = NDArray[np.int32]
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+DRIVES, LADEN, WAITS, WAITS_FOR_PLACE, PICKS, DROPS, CHARGES, WAITS_FOR_CHARGER, PARKS, DEAD, NAMES = range(
+    11
+)
+"""Activities in the order of :data:`fleetlog.store.events.ACTIVITIES`, and how many there are."""
+STANDS = 0.05
+"""Slower than this a truck on the road waits [m/s]: as in the summary's time of waiting."""
+
+
+class Trucks(NamedTuple):
+    """(V,) of the fleet, and (V, n) routes; see :class:`fleetlog.simulate.state.Fleet`.  ``task`` is -1 for none."""
+
+    mode: NDArray[np.int8]
+    v: Floats
+    waits: Floats
+    load: Floats
+    hand_after: Floats
+    door: Index
+    goal: Index
+    entry: Flags
+    held_from: Index
+    held_to: Index
+    route: Index
+    task: Ints
+    must_charge: Flags
+
+
+class Ground(NamedTuple):
+    """(D,) place of every door, (P,) lanes on which trucks can stand, (R,) ways that exclude others."""
+
+    place: Ints
+    safe: Flags
+    matters: Flags
+    places: int
+    lanes: int
+
+
+class Seen(NamedTuple):
+    """(V,) what was seen last: key of the activity and since when [ms], ends of the passage, door of the spur."""
+
+    key: Ints
+    since: Ints
+    low: Index
+    high: Index
+    spur: Index
+
+
+class Pages(NamedTuple):
+    """Changes in order of time, and (3,) how many there are of each kind."""
+
+    stretches: Ints
+    """(n, 4) truck, key, since, until."""
+    looks: Ints
+    """(n, 2) truck whose reservations have changed, when."""
+    held: Ints
+    """(n, 3) truck, way that it has, when."""
+    filled: Ints
+
+
+@njit(cache=True, _nrt=False)
+def activity(t: Trucks, v: int) -> int:
+    """What truck ``v`` does."""
+    m = t.mode[v]
+    if m == PARKED:
+        if t.task[v] >= 0:
+            return WAITS_FOR_PLACE
+        return WAITS_FOR_CHARGER if t.must_charge[v] else PARKS
+    if m == HANDLING:
+        return PICKS if t.hand_after[v] > 0.0 else DROPS
+    if m == CHARGING:
+        return CHARGES
+    if m == EMPTY:
+        return DEAD
+    # Who has just been sent off has not been kept waiting yet.
+    if m == AT_BAY or (m == WANTS_OUT and t.waits[v] != np.inf) or (m == DRIVING and t.v[v] < STANDS):
+        return WAITS
+    return LADEN if t.load[v] > 0.0 else DRIVES
+
+
+@njit(cache=True, _nrt=False)
+def way_of(t: Trucks, g: Ground, v: int, k: int) -> int:
+    """The way that position ``k`` of a truck's passage stands for; see ``kernels.rounds`` and ``simulate.junctions``."""
+    piece = t.route[v, k]
+    if g.safe[piece]:
+        if k == t.held_to[v]:
+            return len(g.safe) + g.lanes + piece
+        if k == t.held_from[v]:
+            return len(g.safe) + piece
+    return piece
+
+
+@njit(cache=True, _nrt=False)
+def hold(g: Ground, p: Pages, v: int, way: int, now: int) -> None:
+    """Write down one way, unless it excludes nobody."""
+    if g.matters[way]:
+        n = p.filled[2]
+        p.held[n, 0], p.held[n, 1], p.held[n, 2] = v, way, now
+        p.filled[2] += 1
+
+
+@njit(cache=True, _nrt=False)
+def look(t: Trucks, g: Ground, s: Seen, p: Pages, first: int, now: int) -> int:
+    """Look at the trucks from ``first`` on at ``now`` [ms]; the first one that there was no room for, or how many there are."""
+    for v in range(first, len(t.mode)):
+        low, high = t.held_from[v], t.held_to[v]
+        room = p.filled[2] + max(high - low, -1) + 2 <= len(p.held)
+        if not room or p.filled[0] == len(p.stretches) or p.filled[1] == len(p.looks):
+            return v
+        doing = activity(t, v)
+        door = t.goal[v] if doing <= LADEN and t.goal[v] >= 0 else t.door[v]
+        key = ((t.task[v] + 1) * g.places + g.place[door]) * NAMES + doing
+        if key != s.key[v]:
+            if s.key[v] >= 0:
+                n = p.filled[0]
+                p.stretches[n, 0], p.stretches[n, 1], p.stretches[n, 2], p.stretches[n, 3] = (
+                    v, s.key[v], s.since[v], now,
+                )  # fmt: skip
+                p.filled[0] += 1
+            s.key[v], s.since[v] = key, now
+        on_spur = t.mode[v] == LEAVING or t.mode[v] == ENTERING or t.entry[v]
+        spur = t.door[v] if on_spur else -1
+        if low == s.low[v] and high == s.high[v] and spur == s.spur[v]:
+            continue
+        s.low[v], s.high[v], s.spur[v] = low, high, spur
+        p.looks[p.filled[1], 0], p.looks[p.filled[1], 1] = v, now
+        p.filled[1] += 1
+        for k in range(low, high + 1):
+            hold(g, p, v, way_of(t, g, v, k), now)
+        if spur >= 0:
+            hold(g, p, v, len(g.safe) + 2 * g.lanes + spur, now)
+    return len(t.mode)
