@@ -10,6 +10,7 @@ from sites import TRUCK, aisle, grid, place
 from fleetlog.simulate import engine
 from fleetlog.simulate.dispatch import Policy
 from fleetlog.simulate.engine import DEFAULT_START, Settings, simulate
+from fleetlog.simulate.taskbook import LEFT_OUT, TaskBook
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.simulate.world import build_world
 from fleetlog.store import Dataset, DatasetWriter
@@ -248,3 +249,23 @@ def test_given_tasks_that_were_not_done_are_reported(tmp_path):
     assert sim.tasks.vehicle_id[sim.tasks.payload == 700.0].item() == "T2"
     done = sim.tasks[sim.tasks.status == "done"]
     assert not done.duplicated(["vehicle_id", "dropped"]).any()
+
+
+def test_a_task_that_is_given_back_keeps_its_number():
+    book = TaskBook(["a", "b"])
+    same = Task(None, "pick0", "drop0", 500.0, 3.0)
+    for _ in range(2):
+        book.give(same)
+    book.assign(0, same, 4.0)
+    book.give_back(0, same)
+    book.assign(1, same, 9.0)
+    book.assign(0, same, 10.0)
+    book.picked(1, 20.0)
+    book.dropped(1, 30.0)
+    book.never([Task(None, "gone", "drop0", 1.0, 0.0)], LEFT_OUT)
+    columns = book.columns(0)
+    assert columns["vehicle_id"].strings() == ["b", "a", None]
+    assert columns["status"].strings() == ["done", "assigned", "left out"]
+    assert columns["assigned"].tolist() == [9_000_000, 10_000_000, -1]
+    assert columns["dropped"].tolist() == [30_000_000, -1, -1]
+    assert columns["earliest"].tolist() == [3_000_000, 3_000_000, 0]
