@@ -102,6 +102,9 @@ class Untangler:
         f, ways, door = self.fleet, self.world.ways, self.world.doors[self.fleet.door[v]]
         if f.entry[v] or f.mode[v] not in (AT_BAY, WANTS_OUT):
             return False
+        if f.held_to[v] >= f.held_from[v]:
+            # What it has reserved is counted along its old way.
+            return False
         if f.mode[v] == WANTS_OUT:
             others = [d for d in ways.of_bay[door.bay] if d != f.door[v]]
             way = ways.between(door.bay, self.world.doors[f.goal[v]].bay, only=others[0]) if others else None

@@ -10,6 +10,7 @@ from sites import TRUCK, aisle, grid, place
 from fleetlog.simulate import engine
 from fleetlog.simulate.dispatch import Policy
 from fleetlog.simulate.engine import DEFAULT_START, Settings, simulate
+from fleetlog.simulate.state import ENTERING, LEAVING
 from fleetlog.simulate.taskbook import LEFT_OUT, TaskBook
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.simulate.world import build_world
@@ -269,3 +270,26 @@ def test_a_task_that_is_given_back_keeps_its_number():
     assert columns["assigned"].tolist() == [9_000_000, 10_000_000, -1]
     assert columns["dropped"].tolist() == [30_000_000, -1, -1]
     assert columns["earliest"].tolist() == [3_000_000, 3_000_000, 0]
+
+
+def test_what_counts_as_reserved_is_what_trucks_hold(tmp_path):
+    """Narrow two-way roads and many trucks: they look for other doors while they still hold what is behind them."""
+    site = grid(4, 4, 34.0, seed=2, width=2.2)
+    with DatasetWriter.create(tmp_path / "sim", "simulated", site) as writer:
+        settings = Settings(vehicles=45, duration=800.0, seed=1, interval=1.0)
+        world = build_world(site, TRUCK, 45)
+        run_ = engine.Run(world, settings, Demand(), engine.vehicle_names(45), writer)
+        f, pieces, lanes = run_.fleet, len(world.roads.length), len(world.roads.clear)
+        for step0 in range(0, 8000, run_.steps):
+            run_.batch(step0)
+            held = np.zeros(len(f.held), int)
+            for v in range(45):
+                for k in range(f.held_from[v], f.held_to[v] + 1):
+                    piece = f.route[v, k]
+                    end = k == f.held_to[v], k == f.held_from[v]
+                    if piece < lanes and world.roads.capacity[piece] > 0 and any(end):
+                        piece += pieces + (lanes if end[0] else 0)
+                    held[piece] += 1
+                if f.entry[v] or f.mode[v] in (ENTERING, LEAVING):
+                    held[pieces + 2 * lanes + f.door[v]] += 1
+            assert (held == f.held).all(), f"after {step0 / 10:.0f} s"
