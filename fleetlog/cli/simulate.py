@@ -6,7 +6,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,6 +57,7 @@ class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in newer r
 )
 @click.option("--tasks", type=existing, help="CSV: vehicle (or any), from, to, payload [kg], earliest [s].")
 @click.option("--cycle", help="A test cycle on a strip of its own: vdi2198.")
+@click.option("--close", multiple=True, metavar="ROAD", help="Let nobody drive on a road; may be repeated.")
 @click.option("--physics", type=existing, help="model.toml with terms found elsewhere.")
 @click.option(
     "--without", multiple=True, metavar="TERM", help="Leave a term of the physics out; may be repeated."
@@ -89,7 +90,11 @@ def command(output: Path, as_json: bool, overwrite: bool, quiet: bool, **options
     like = Dataset(options["like"]) if options["like"] else None
     if options["same_mission"] and like is None:
         raise click.UsageError("--same-mission needs the recording: name it with --like")
+    if options["close"] and (options["same_mission"] or options["cycle"]):
+        raise click.UsageError("--close is for a fleet: not with --same-mission or --cycle")
     site = _site(options, like, quiet)
+    if options["close"]:
+        site = replace(site, network=site.roads().without(options["close"]))
     physics = _physics(options, truck, site)
     with (
         _progress(quiet) as progress,
@@ -127,8 +132,6 @@ def _site(options: dict[str, Any], like: Dataset | None, quiet: bool) -> Site:
 
 
 def _physics(options: dict[str, Any], truck: Truck, site: Site) -> Physics:
-    from dataclasses import replace
-
     from fleetlog.errors import InputError, nearest
     from fleetlog.physics.model import load_physics
     from fleetlog.physics.power import Physics, all_terms

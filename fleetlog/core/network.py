@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -147,6 +147,30 @@ class Network:
         k, _ = self.segment(edge, offset)
         d = self.points[k + 1] - self.points[k]
         return np.asarray(np.arctan2(d[:, 2], np.maximum(np.hypot(d[:, 0], d[:, 1]), 1e-9)), dtype=np.float64)
+
+    def without(self, closed: Collection[str]) -> Network:
+        """The network without some roads, named as a road (both directions) or as an edge; :class:`SiteError` for an unknown name.
+
+        Turns stay as they are; where none is left a truck may turn round, as at any dead end.
+        """
+        for name in set(closed) - set(self.roads):
+            self.edge(name)
+        kept = [i for i, e in enumerate(self.edge_ids) if e not in closed and self.roads[i] not in closed]
+        edges = [
+            Edge(
+                self.edge_ids[i], self.node_ids[self.start[i]], self.node_ids[self.end[i]], self.polyline(i), self.roads[i],
+                float(self.speed_limit[i]), float(self.width[i]),
+            )
+            for i in kept
+        ]  # fmt: skip
+        open_ways = set(kept)
+        turns = []
+        for i in kept:
+            follow = [int(j) for j in self.successors(i) if int(j) in open_ways]
+            if not follow and self.reverse[i] in open_ways:
+                follow = [int(self.reverse[i])]
+            turns += [(self.edge_ids[i], self.edge_ids[j]) for j in follow]
+        return build_network(edges, turns, has_elevation=self.has_elevation)
 
     def to_networkx(self) -> nx.DiGraph[int]:
         """The line graph, edge to edge; ``length`` [m] of an arc is that of the edge it leaves."""

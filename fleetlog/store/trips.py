@@ -22,6 +22,10 @@ MAX_GAP = 60.0
 MIN_LOAD_CHANGE = 25.0
 """A change of payload at a standstill ends a trip, however short the stop [kg]."""
 
+LAST = ("last_speed", "last_power", "last_payload")
+"""Of a piece of a trip, beside its columns: the time to the next piece is driven with them."""
+
+Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
@@ -66,7 +70,7 @@ def _load_changes(t: Trajectory, start: int, stop: int) -> bool:
 
 def trip_table(*trajectories: Trajectory) -> pd.DataFrame:
     """One row a trip: vehicle_id, trip_id, start, end, duration [s], distance [m], from/to [m], payload, energy [J], SOC."""
-    return table_of([trip_columns(t) for t in trajectories])
+    return table_of([trip_columns(t) for t in trajectories]).drop(columns=list(LAST), errors="ignore")
 
 
 def table_of(trips: list[dict[str, NDArray[Any]]]) -> pd.DataFrame:
@@ -83,7 +87,7 @@ def table_of(trips: list[dict[str, NDArray[Any]]]) -> pd.DataFrame:
 
 
 def trip_columns(trajectory: Trajectory, vehicles: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
-    """The columns of :func:`trip_table`, times in microseconds; empty where there are no rows.
+    """The columns of :func:`trip_table`, times in microseconds, and ``LAST``; empty where there are no rows.
 
     With ``vehicles`` the rows are those of several, one after the other and as many of each.
     """
@@ -113,25 +117,45 @@ def trip_columns(trajectory: Trajectory, vehicles: Sequence[str] | None = None) 
         "x_start": x[begin], "y_start": y[begin], "x_end": x[end], "y_end": y[end],
         "payload": load / np.where(driven > 0, driven, np.nan),
         "energy": energy, "soc_start": soc[begin], "soc_end": soc[end], "matched": fit / (end - begin + 1),
+        **dict(zip(LAST, (speed[end], power[end], payload[end]), strict=True)),
     }  # fmt: skip
 
 
-def merge_split_trips(trips: pd.DataFrame) -> pd.DataFrame:
+def merge_split_trips(pieces: pd.DataFrame) -> pd.DataFrame:
     """One row a trip where a trip was written in several pieces (at a chunk's edge), in order of vehicle and trip."""
-    if not trips.duplicated(["vehicle_id", "trip_id"]).any():
-        return trips.sort_values(["vehicle_id", "trip_id"], ignore_index=True)
-    trips = trips.assign(_load=trips.payload * trips.driving_time, _fit=trips.matched * trips.rows)
-    first, last, total = "first", "last", "sum"
-    how = dict(
-        start=first, end=last, rows=total, driving_time=total, distance=total, max_speed="max", x_start=first, y_start=first,
-        x_end=last, y_end=last, energy=total, soc_start=first, soc_end=last, _load=total, _fit=total,
-    )  # fmt: skip
-    out = (
-        trips.sort_values(["vehicle_id", "trip_id", "start"])
-        .groupby(["vehicle_id", "trip_id"], as_index=False)
-        .agg(how)
-    )
+    trip = ["vehicle_id", "trip_id"]
+    trips = pieces.sort_values([*trip, "start"], ignore_index=True)
+    begin = np.flatnonzero(~trips.duplicated(trip))
+    if len(begin) < len(trips):
+        trips = _merged(trips, begin)
+    return trips[[c for c in pieces.columns if c not in LAST]]
+
+
+def _merged(pieces: pd.DataFrame, begin: NDArray[np.intp]) -> pd.DataFrame:
+    """Sorted pieces as trips, which begin at the rows ``begin``; what is unknown of a piece is unknown of its trip."""
+    end = np.append(begin[1:], len(pieces)) - 1
+    column = {name: pieces[name].to_numpy() for name in pieces}
+    gap = np.append((pieces.start.shift(-1) - pieces.end).dt.total_seconds().to_numpy()[:-1], 0.0)
+    gap[end] = 0.0
+    gap = np.minimum(gap, MAX_GAP)
+    moves = np.where(column["last_speed"] > STANDING_SPEED, gap, 0.0)
+
+    def add(values: Floats, last: str | None = None, time: Floats = gap) -> Floats:
+        """Sums over the pieces, and over the time from the last row of each to the next."""
+        between = 0.0 if last is None else np.where(time > 0.0, column[last] * time, 0.0)
+        return np.asarray(np.add.reduceat(values + between, begin))
+
+    driven = column["driving_time"]
+    load = np.where(driven > 0.0, column["payload"] * driven, 0.0)
+    out = pieces.iloc[begin].reset_index(drop=True)
+    for name in ("end", "x_end", "y_end", "soc_end"):
+        out[name] = pieces[name].iloc[end].array
+    out["rows"] = np.add.reduceat(column["rows"], begin)
     out["duration"] = (out.end - out.start).dt.total_seconds()
-    out["payload"] = out._load / out.driving_time.where(out.driving_time > 0)
-    out["matched"] = out._fit / out.rows
-    return out[[c for c in trips.columns if not c.startswith("_")]]
+    out["driving_time"] = add(driven + moves)
+    out["distance"] = add(column["distance"], "last_speed")
+    out["max_speed"] = np.maximum.reduceat(column["max_speed"], begin)
+    out["payload"] = add(load, "last_payload", moves) / out.driving_time.where(out.driving_time > 0.0)
+    out["energy"] = add(column["energy"], "last_power")
+    out["matched"] = add(column["matched"] * column["rows"]) / out.rows
+    return out

@@ -91,3 +91,24 @@ def test_errors_name_the_nearest():
     a = edge("a", "x", "y", (0, 0), (1, 0))
     with pytest.raises(SiteError, match="share the id 'a'"):
         build_network([a, a])
+
+
+def test_a_closed_road_is_one_that_was_never_drawn():
+    def arms(numbers):
+        ends = [(10 * math.cos(a), 10 * math.sin(a)) for a in (0, 1.57, 3.14, 4.71)]
+        drawn = [edge(f"r{i}", "c", f"n{i}", (0, 0), ends[i]) for i in numbers]
+        return build_network([e for a in drawn for e in (a, reversed_edge(a))])
+
+    whole, three = arms(range(4)).without(["r2"]), arms([0, 1, 3])
+    assert whole.edge_ids == three.edge_ids and whole.roads == three.roads
+    for name in ("points", "distance", "reverse", "next_first", "next_edges"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(three, name))
+
+
+def test_one_direction_can_be_closed_and_who_is_left_without_a_way_turns_round():
+    n = cross().without(["-r0", "r1", "r2", "r3"])
+    assert set(n.edge_ids) == {"r0"}
+    n = cross().without(["r1", "r2", "r3"])
+    assert n.successors(n.edge("-r0")).tolist() == [n.edge("r0")]
+    with pytest.raises(SiteError, match="no edge 'r9'"):
+        cross().without(["r9"])

@@ -1,5 +1,7 @@
 """Laws of every simulation, over seeds and small random sites."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sites import TRUCK, aisle, crossing, grid, place
@@ -154,6 +156,16 @@ def given_site():
         place(2, "park", 45, 3),
     ]
     return grid(3, 3, places=[*places, place(1, "charge", 33, 45, power=60000.0)])
+
+
+def test_nobody_drives_on_a_closed_road(simulated):
+    free, site = simulated(grid(3, 3), 6, 600.0, seed=2, interval=1.0), grid(3, 3)
+    driven = {e for t in free.tracks for e in t.labels("edge_id").strings()}
+    assert driven & {"e01h", "-e01h"}
+    site = replace(site, network=site.network.without(["e01h"]))
+    outcome = simulated(site, 6, 600.0, seed=2, interval=1.0)
+    assert not {e for t in outcome.tracks for e in t.labels("edge_id").strings()} & {"e01h", "-e01h"}
+    assert outcome.summary.count.tasks_done > 0
 
 
 def test_given_tasks_are_done_with_their_loads(simulated):

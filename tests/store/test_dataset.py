@@ -146,3 +146,29 @@ def test_trips_cover_all_rows_and_energy():
     assert len(trips) > 3 and trips.rows.sum() == len(t)
     between = (np.diff(t.trip_ids()) != 0).sum()
     assert trips.energy.sum() == pytest.approx(1000.0 * (len(t) - 1 - between))
+
+
+@given(
+    st.lists(st.integers(1, 59), max_size=4, unique=True), st.sampled_from(["", "battery_power", "payload"])
+)
+@settings(max_examples=20, deadline=None)
+def test_trips_do_not_depend_on_the_pieces_they_are_written_in(cuts, unknown):
+    from fleetlog.store.trips import merge_split_trips, table_of, trip_columns, trip_table
+
+    rng = np.random.default_rng(5)
+    n = 60
+    columns = {
+        name: rng.uniform(0.0, 3.0, n) for name in ("x", "y", "speed", "battery_power", "payload", "soc")
+    }
+    columns.pop(unknown, None)
+    columns["trip_id"] = np.repeat([0, 1, 2], 20)
+    rows = Trajectory("T1", np.cumsum(rng.integers(1, 90, n)) * 1_000_000, columns)
+    ends = [0, *sorted(cuts), n]
+    pieces = [trip_columns(rows[a:b]) for a, b in pairwise(ends)]
+    whole, merged = trip_table(rows), merge_split_trips(table_of(pieces))
+    assert list(whole) == list(merged)
+    for name in whole:
+        if whole[name].dtype.kind == "f":
+            np.testing.assert_allclose(merged[name], whole[name], rtol=1e-9, err_msg=name)
+        else:
+            assert (merged[name] == whole[name]).all(), name
