@@ -10,6 +10,8 @@ Rows of a vehicle each would cost more than twice the file and two hundred curve
 
 from __future__ import annotations
 
+import math
+import mmap
 import tempfile
 import warnings
 from collections.abc import Sequence
@@ -36,6 +38,7 @@ DAY = 86_400_000_000
 FIELDS = ("x", "y", "z", "heading", "speed", "battery_power", "soc", "payload", "fork_height")
 BLOCK = 400_000
 """Positions held in memory at once."""
+UNMAP_EVERY = 50
 MOVING = 0.2
 TRAIL_EVERY, MAP_EVERY = 2, 4
 
@@ -78,21 +81,37 @@ def log_fleet(
     signals: set[str] = set()
     for date in dataset.dates:
         ticks = _ticks(dataset, date, step)
+        vehicles, rows = dataset.vehicles, min(max(1, BLOCK // len(dataset.vehicles)), len(ticks))
+        shape = (-(-len(ticks) // rows), len(FIELDS), len(vehicles), rows)
+        padded = np.full(shape[0] * rows, np.nan, np.float32)
         with tempfile.TemporaryFile() as scratch:
-            table: Any = np.memmap(
-                scratch, np.float32, "w+", shape=(len(FIELDS), len(ticks), len(dataset.vehicles))
-            )
-            for k, vehicle in enumerate(dataset.vehicles):
+            scratch.truncate(4 * math.prod(shape))
+            pages = mmap.mmap(scratch.fileno(), 0)
+            # What is drawn together lies together.
+            table = np.frombuffer(pages, np.float32).reshape(shape)
+            for k, vehicle in enumerate(vehicles):
                 day = at_steps(dataset.read(vehicle, date, columns), ticks, site)
                 for f, values in enumerate(day.values()):
-                    table[f, :, k] = values
-            rows_a_block = max(1, BLOCK // len(dataset.vehicles))
-            for begin in range(0, len(ticks), rows_a_block):
-                rows = slice(begin, begin + rows_a_block)
-                block = {name_: np.asarray(table[f, rows]) for f, name_ in enumerate(FIELDS)}
-                signals |= _log_block(stream, Steps(ticks[rows] + shift, block), site, prefix, name)
+                    padded[: len(ticks)] = values
+                    table[:, f, k] = padded.reshape(-1, rows)
+                if k % UNMAP_EVERY == 0:
+                    _unmap(pages)
+            for b, begin in enumerate(range(0, len(ticks), rows)):
+                time = ticks[begin : begin + rows]
+                block = {
+                    name_: np.ascontiguousarray(table[b, f, :, : len(time)].T)
+                    for f, name_ in enumerate(FIELDS)
+                }
+                _unmap(pages)
+                signals |= _log_block(stream, Steps(time + shift, block), site, prefix, name)
     _style_curves(stream, prefix, signals, name, colour)
     return signals
+
+
+def _unmap(pages: mmap.mmap) -> None:
+    """Leave a file's pages to the system, which keeps them while it has memory to spare; they come back when they are touched."""
+    if hasattr(mmap, "MADV_DONTNEED"):
+        pages.madvise(mmap.MADV_DONTNEED)
 
 
 def _ticks(dataset: Dataset, date: str, step: int) -> Ints:
