@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from numba import njit
-
+from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.kernels.lanes import front, insert, is_safe_lane, run_in
 from fleetlog.simulate.kernels.reserve import acquire, is_free
 from fleetlog.simulate.state import AT_BAY, ENTERING, LEAVING, WANTS_OUT, Fleet, Limits, Roads
-
-# As in lanes: nothing allocates, references need no counting.
 
 SHORT = 0.3
 """Who stops for another stops this much earlier than it must [m]: a hair too far, and both would wait for ever."""
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
     """Whether truck ``v`` may stop for the one that asks to come out onto, or to cross, route position ``j``.
 
@@ -33,7 +30,7 @@ def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
     return f.inbound[lane] == 0 or f.ask_at[lane] >= run_in(r, lane, x)
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def ask(r: Roads, f: Fleet, v: int, x: Limits) -> None:
     """Ask those on the lane that ``v`` comes out onto, and on the one that it crosses, to stop."""
     d = f.door[v]
@@ -46,7 +43,7 @@ def ask(r: Roads, f: Fleet, v: int, x: Limits) -> None:
         f.ask_at[c] = r.door_low[d] - SHORT
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def unask(r: Roads, f: Fleet, v: int) -> None:
     """Ask no longer."""
     d = f.door[v]
@@ -57,7 +54,7 @@ def unask(r: Roads, f: Fleet, v: int) -> None:
         f.asks[c] = -1
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def comes_in(r: Roads, f: Fleet, lane: int, at: float, stop: float, x: Limits) -> bool:
     """Whether somebody comes onto a lane who could not stop at ``stop``; behind another one before ``at`` he stops anyway."""
     if f.inbound[lane] == 0 or stop >= run_in(r, lane, x):
@@ -65,7 +62,7 @@ def comes_in(r: Roads, f: Fleet, lane: int, at: float, stop: float, x: Limits) -
     return f.tail[lane] < 0 or f.s[f.tail[lane]] >= at
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether the lane that the truck's door crosses is clear there, and nobody comes who could not stop before it."""
     d = f.door[v]
@@ -84,7 +81,7 @@ def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     return True
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether the stretch of lane that a truck backs out onto is clear, ahead and of trucks that could not stop behind."""
     d = f.door[v]
@@ -112,7 +109,7 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     return True
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     """Back out of a bay if the road is clear: 0 done, 1 not yet."""
     d = f.door[v]
@@ -138,14 +135,14 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     return 0
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def past_door(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether nobody stands or drives just past the door that the truck comes to."""
     d, a = f.door[v], f.ahead[v]
     return a < 0 or f.s[a] - 0.5 * x.length >= r.door_at[d] + r.door_ahead[d] + 0.3
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     """Turn into the bay if its ground, the road just ahead and the lane to cross are clear: 0 done, 1 not yet.
 

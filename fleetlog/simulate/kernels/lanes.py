@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.state import ENTERING, LEAVING, Fleet, Limits, Roads
 
-# Nothing in these kernels allocates, so counting references of sixty arrays at every access, which would take most of the
-# time, is switched off: ``_nrt=False``.
 
-
-@njit(cache=True, _nrt=False)
+@inner
 def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
     """Highest speed after the next step that still stops ``brake``-ing behind one that does so from ``u``, ``room`` m ahead.
 
@@ -21,7 +18,7 @@ def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
     return -0.5 * brake * dt + np.sqrt(q) if q > 0.0 else 0.0
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def cap_at(r: Roads, piece: int, s: float, laden: int) -> float:
     """Speed cap on a piece; its square is linear between samples."""
     x = min(max(s, 0.0), r.length[piece]) / r.spacing[piece]
@@ -31,20 +28,20 @@ def cap_at(r: Roads, piece: int, s: float, laden: int) -> float:
     return np.sqrt(a * a + (x - i) * (b * b - a * a))
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def is_safe_lane(r: Roads, piece: int) -> bool:
     """Whether a truck may wait on this piece."""
     return piece < len(r.clear) and r.capacity[piece] > 0
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def run_in(r: Roads, lane: int, x: Limits) -> float:
     """Metres in which a truck that comes onto a lane can stop."""
     enter = min(cap_at(r, lane, 0.0, 0), cap_at(r, lane, 0.0, 1))
     return enter * enter / (2.0 * x.plan) + 0.6 * enter
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def push(f: Fleet, v: int, piece: int) -> None:
     """Join the end of a piece's queue."""
     f.ahead[v] = f.tail[piece]
@@ -54,7 +51,7 @@ def push(f: Fleet, v: int, piece: int) -> None:
     f.tail[piece] = v
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def drop(f: Fleet, v: int, piece: int) -> None:
     """Leave a piece's queue."""
     a, b = f.ahead[v], f.behind[v]
@@ -68,7 +65,7 @@ def drop(f: Fleet, v: int, piece: int) -> None:
     f.behind[v] = -1
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def insert(f: Fleet, v: int, piece: int) -> None:
     """Join a piece's queue at one's own offset."""
     b, a = -1, f.tail[piece]
@@ -83,7 +80,7 @@ def insert(f: Fleet, v: int, piece: int) -> None:
         f.tail[piece] = v
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def front(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     """How far along its lane a truck reaches [m]."""
     reach = 0.5 * x.length

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from numba import njit
-
+from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.kernels.lanes import is_safe_lane, run_in
 from fleetlog.simulate.state import WANTS_OUT, Fleet, Limits, Roads
 
-# As in lanes: nothing allocates, references need no counting.
 
-
-@njit(cache=True, _nrt=False)
+@inner
 def resource(r: Roads, f: Fleet, v: int, k: int, low: int, high: int) -> int:
     """Resource that position ``k`` of a truck's route stands for in the passage ``low`` to ``high``."""
     p = f.route[v, k]
@@ -23,7 +20,7 @@ def resource(r: Roads, f: Fleet, v: int, k: int, low: int, high: int) -> int:
     return p
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def holds(r: Roads, f: Fleet, v: int, what: int) -> bool:
     """Whether truck ``v`` itself holds a resource."""
     for k in range(f.held_from[v], f.held_to[v] + 1):
@@ -32,7 +29,7 @@ def holds(r: Roads, f: Fleet, v: int, what: int) -> bool:
     return False
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def is_free(r: Roads, f: Fleet, v: int, what: int, claims: bool) -> bool:
     """Whether nobody else holds, or with ``claims`` has claimed, what excludes resource ``what``."""
     for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
@@ -45,7 +42,7 @@ def is_free(r: Roads, f: Fleet, v: int, what: int, claims: bool) -> bool:
     return True
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def passage_end(r: Roads, f: Fleet, v: int, low: int) -> int:
     """Route position of the next lane with a safe part after ``low``, or of the last piece."""
     k = low + 1
@@ -54,7 +51,7 @@ def passage_end(r: Roads, f: Fleet, v: int, low: int) -> int:
     return min(k, f.last[v])
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
     """Whether one more truck can stand on a lane, a place being kept for one that has asked to come out of a bay."""
     room = r.capacity[lane]
@@ -70,7 +67,7 @@ def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
     return f.on[lane] + f.inbound[lane] < room
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def ends_here(r: Roads, f: Fleet, piece: int) -> bool:
     """Whether somebody on a piece goes into a bay there: who followed with a reservation beyond it could be in his way."""
     u = f.tail[piece]
@@ -81,7 +78,7 @@ def ends_here(r: Roads, f: Fleet, piece: int) -> bool:
     return False
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int:
     """Reserve the way to the next safe lane whole or not at all: 0 done, 1 others are in the way, 2 no room there."""
     high = passage_end(r, f, v, low)
@@ -111,7 +108,7 @@ def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int
     return 0
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def release(r: Roads, f: Fleet, v: int, upto: int) -> None:
     """Give back the passage up to (not with) route position ``upto``."""
     low, high = f.held_from[v], f.held_to[v]

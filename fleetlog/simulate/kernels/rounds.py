@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from fleetlog.simulate.kernels.gates import try_enter, try_leave
+from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.kernels.lanes import is_safe_lane
 from fleetlog.simulate.kernels.reserve import acquire
 from fleetlog.simulate.state import AT_BAY, DRIVING, WANTS_OUT, Fleet, Limits, Roads
 
-# As in lanes: nothing allocates, references need no counting.
 
-
-@njit(cache=True, _nrt=False)
+@inner
 def wants_entry(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether a truck comes near its door without a reservation of the ground there."""
     if f.at[v] < f.last[v] or f.entry[v]:
@@ -21,7 +19,7 @@ def wants_entry(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     return r.door_at[f.door[v]] - f.s[v] < f.v[v] * f.v[v] / (2.0 * x.plan) + 1.2 * f.v[v] + 1.0
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def wants_passage(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether a truck comes near the end of its lane without a reservation, and is the first to."""
     if f.held_to[v] >= f.at[v] or f.at[v] >= f.last[v]:
@@ -34,7 +32,7 @@ def wants_passage(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     return r.stop[p] - f.s[v] < f.v[v] * f.v[v] / (2.0 * x.plan) + 1.2 * f.v[v] + 3.0
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
     """One round: those who wait longest ask first."""
     f.round[0] += 1

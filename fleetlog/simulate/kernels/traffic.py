@@ -25,7 +25,7 @@ from fleetlog.simulate.state import (
     Roads,
 )
 
-# As in lanes: nothing allocates, references need no counting.
+# As in inner: nothing allocates, references need no counting.
 GRAVITY = 9.81
 ROUND = 5
 """Steps between two rounds of reservations."""
