@@ -41,7 +41,8 @@ BLOCK = 200_000
 """Lines held in memory at once."""
 MOST_WAITING = 60
 """Arcs of waiting tasks that are drawn at most."""
-CURVE_POINTS = 4000
+CURVE_POINTS = 120
+"""Of a curve, each a mean over the time to the next: trucks of a long shift would else make a band of it."""
 FLOOR, UP = np.array([0.0, 0.0, 0.14]), np.array([0.0, 0.0, 0.6])
 """Reservations lie, and arcs end, so much over the ground [m]."""
 Strips = list[Floats]
@@ -209,19 +210,17 @@ def _log_state(stream: Stream, h: Happenings, vehicle: str, prefix: str) -> None
 def _log_curves(stream: Stream, h: Happenings, prefix: str, name: str, *, activity: bool) -> set[str]:
     """Open tasks by stage, and with ``activity`` the trucks by what they do."""
     first, last = int(h.start.min()), int(h.end.max())
-    step = max(1_000_000, -(-(last - first) // (CURVE_POINTS * 1_000_000)) * 1_000_000)
-    times = np.arange(first, last, step)
-    curves: list[tuple[str, str, Ints, Colour]] = [
-        ("open", stage, n, palette.STAGES[stage]) for stage, n in open_tasks(h.tasks, times).items()
+    edges = np.linspace(first, last, min(CURVE_POINTS, (last - first) // 1_000_000) + 1).astype(np.int64)
+    curves: list[tuple[str, str, Floats, Colour]] = [
+        ("open", stage, n, palette.STAGES[stage]) for stage, n in open_tasks(h.tasks, edges).items()
     ]
     if activity:
-        curves += [("activity", a, n, palette.ACTIVITIES[a]) for a, n in counts(h, times).items()]
+        curves += [("activity", a, n, palette.ACTIVITIES[a]) for a, n in counts(h, edges).items()]
     for signal, curve, n, colour in curves:
         path = entity(prefix, signal, curve)
         stream.static(path, _steps(f"{name} {curve.replace('_', ' ')}".strip(), colour))
-        values = n.astype(np.float64)
-        keep = thin.runs_collapsed(values)
-        log_curve(stream, path, times[keep], values[keep])
+        keep = thin.runs_collapsed(n)
+        log_curve(stream, path, edges[:-1][keep], n[keep])
     return {"open", "activity"} if activity else {"open"}
 
 

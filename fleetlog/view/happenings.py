@@ -118,27 +118,31 @@ def rows_while(times: Ints, start: Ints, end: Ints) -> tuple[Ints, Ints]:
     return row[order], stretch[order]
 
 
-def number_at(times: Ints, start: Ints, end: Ints) -> Ints:
-    """(T,) how many stretches there are at each of the ``times``."""
-    begun = np.searchsorted(np.sort(start), times, side="right")
-    return np.asarray(begun - np.searchsorted(np.sort(end), times, side="right"))
+def mean_number(edges: Ints, start: Ints, end: Ints) -> Floats:
+    """(T - 1,) how many stretches there are on average between each two of the (T,) ``edges``."""
+    return np.asarray(np.diff(_behind(edges, start) - _behind(edges, end)) / np.diff(edges))
 
 
-def counts(h: Happenings, times: Ints) -> dict[str, Ints]:
-    """(T,) trucks by activity, for those that occur."""
+def _behind(edges: Ints, moments: Ints) -> Ints:
+    """(T,) sum of the time from each of the ``moments`` to each of the ``edges`` that is later [us]."""
+    moments = np.sort(np.clip(moments, edges[0], edges[-1])) - edges[0]
+    passed = np.searchsorted(moments, edges - edges[0])
+    sums = np.concatenate([[0], np.cumsum(moments)])
+    return np.asarray(passed * (edges - edges[0]) - sums[passed], dtype=np.int64)
+
+
+def counts(h: Happenings, edges: Ints) -> dict[str, Floats]:
+    """(T - 1,) mean number of trucks by activity, for those that occur."""
     found = {a: h.doing == a for a in ACTIVITIES}
-    return {a: number_at(times, h.start[mine], h.end[mine]) for a, mine in found.items() if mine.any()}
+    return {a: mean_number(edges, h.start[mine], h.end[mine]) for a, mine in found.items() if mine.any()}
 
 
-def open_tasks(t: Tasks, times: Ints) -> dict[str, Ints]:
-    """(T,) tasks that wait for a truck, are being fetched, are on the forks; only stages that occur."""
-    last = int(times[-1]) + 1
+def open_tasks(t: Tasks, edges: Ints) -> dict[str, Floats]:
+    """(T - 1,) mean number of tasks that wait for a truck, are being fetched, are on the forks; only stages that occur."""
     stages = {
         "waiting": (t.earliest, t.assigned),
         "being fetched": (t.assigned, t.picked),
         "on the forks": (t.picked, t.dropped),
     }
-    numbers = {
-        name: number_at(times, np.minimum(a, last), np.minimum(b, last)) for name, (a, b) in stages.items()
-    }
+    numbers = {name: mean_number(edges, a, b) for name, (a, b) in stages.items()}
     return {name: n for name, n in numbers.items() if n.any()}
