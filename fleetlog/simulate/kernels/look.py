@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.state import (
     AT_BAY,
     CHARGING,
@@ -82,7 +83,7 @@ class Pages(NamedTuple):
     filled: Ints
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def activity(t: Trucks, v: int) -> int:
     """What truck ``v`` does."""
     m = t.mode[v]
@@ -102,9 +103,9 @@ def activity(t: Trucks, v: int) -> int:
     return LADEN if t.load[v] > 0.0 else DRIVES
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def way_of(t: Trucks, g: Ground, v: int, k: int) -> int:
-    """The way that position ``k`` of a truck's passage stands for; see ``kernels.rounds`` and ``simulate.junctions``."""
+    """The way that position ``k`` of a truck's passage stands for; see ``kernels.reserve.resource``."""
     piece = t.route[v, k]
     if g.safe[piece]:
         if k == t.held_to[v]:
@@ -114,7 +115,7 @@ def way_of(t: Trucks, g: Ground, v: int, k: int) -> int:
     return piece
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def hold(g: Ground, p: Pages, v: int, way: int, now: int) -> None:
     """Write down one way, unless it excludes nobody."""
     if g.matters[way]:
@@ -123,6 +124,7 @@ def hold(g: Ground, p: Pages, v: int, way: int, now: int) -> None:
         p.filled[2] += 1
 
 
+# Nothing is allocated here: see kernels.inner.
 @njit(cache=True, _nrt=False)
 def look(t: Trucks, g: Ground, s: Seen, p: Pages, first: int, now: int) -> int:
     """Look at the trucks from ``first`` on at ``now`` [ms]; the first one that there was no room for, or how many there are."""
