@@ -78,11 +78,13 @@ class EventLog:
         world = self.dispatcher.world
         ends = world.ground.first[len(world.track) + 1 : len(world.track) + 1 + len(world.bays)] - 1
         shape = np.round([b.path[-1, :3] for b in world.bays], 3).T
+        # Four decimals of a half turn are more than a half turn.
+        heading = np.clip(np.round(np.angle(np.exp(1j * shape[2])), 4), -3.1415, 3.1415)
         kinds = ("pick", "drop", "park", "charge")
         codes = np.array([kinds.index(b.place.kind) for b in world.bays])
         return {
             "place": _labels(self.place_of_bay, self.places), "kind": _labels(codes, kinds), "x": shape[0], "y": shape[1],
-            "z": np.round(world.ground.z[ends], 3), "heading": np.round(np.angle(np.exp(1j * shape[2])), 4),
+            "z": np.round(world.ground.z[ends], 3), "heading": heading,
         }  # fmt: skip
 
     def _write(self, end: int | None = None) -> None:

@@ -149,6 +149,7 @@ def test_trucks_stand_in_the_bays_of_their_places(sim):
         if len(rows):
             gap = np.hypot(*(spots[a.place] - [rows.floats("x")[0], rows.floats("y")[0]]).T)
             assert gap.min() < 0.05
+    assert (sim.bays.heading.abs() <= np.pi).all()
 
 
 def at_the_same_time(reservations):
