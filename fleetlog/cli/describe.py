@@ -99,7 +99,9 @@ def _events(dataset: Dataset) -> Described:
         "activity_hours": {str(k): round(float(h), 4) for k, h in hours.items()},
     }  # fmt: skip
     open_ = ", ".join(f"{n} {s}" for s, n in sorted(status.items()) if s != "done")
+    shares = (hours / hours.sum()).sort_values(ascending=False, kind="stable")
     lines = [
+        f"  time      {', '.join(f'{name} {100.0 * share:.0f} %' for name, share in shares.items())}",
         f"  tasks     {status.get('done', 0):,} done of {len(tasks):,}" + (f" ({open_})" if open_ else ""),
         f"  charging  {_count(len(charging), 'visit')} of {_count(charging['vehicle_id'].nunique(), 'truck')}",
         f"  reserved  {_count(reserved, 'reservation')} of pieces of road",
