@@ -73,9 +73,9 @@ def atomic_output(target: str | Path, *, overwrite: bool = False, folder: bool =
     check_free(target, overwrite, folder)
     _clear_leftovers(target)
     scratch = target.parent / f".{target.name}{MARK}{os.getpid()}-{secrets.token_hex(3)}"
-    if folder:
-        scratch.mkdir()
     try:
+        if folder:
+            scratch.mkdir()
         yield scratch
         _swap_in(scratch, target)
     finally:
