@@ -97,6 +97,15 @@ def grid_of(x: Floats, y: Floats, cell: float) -> Any:
 
 
 @njit(cache=True)
+def twice(pairs: Index) -> Index:
+    """The same pairs, with room for as many more."""
+    out = np.empty((2 * len(pairs), 2), np.int32)
+    for k in range(len(pairs)):
+        out[k, 0], out[k, 1] = pairs[k, 0], pairs[k, 1]
+    return out
+
+
+@njit(cache=True)
 def meetings(
     x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: NDArray[np.bool_], half_l: float, half_w: float,
     skip: Index,
@@ -108,10 +117,10 @@ def meetings(
     cell = 2.0 * np.sqrt(half_l * half_l + half_w * half_w)
     order, start, x0, y0, columns, rows = grid_of(x, y, cell)
     cos, sin = np.cos(heading), np.sin(heading)
-    size = 1024
-    out = np.empty((size, 2), np.int32)
-    n = 0
-    for a in np.flatnonzero(ask):
+    out, n = np.empty((1024, 2), np.int32), 0
+    for a in range(len(x)):
+        if not ask[a]:
+            continue
         column, row = int((x[a] - x0) / cell), int((y[a] - y0) / cell)
         left, right = max(column - 1, 0), min(column + 1, columns - 1)
         for r in range(max(row - 1, 0), min(row + 2, rows)):
@@ -125,10 +134,8 @@ def meetings(
                     continue
                 if not turned_boxes_meet(dx, dy, cos[a], sin[a], cos[b], sin[b], half_l, half_w):
                     continue
-                if n == size:
-                    bigger = np.empty((2 * size, 2), np.int32)
-                    bigger[:size] = out
-                    out, size = bigger, 2 * size
+                if n == len(out):
+                    out = twice(out)
                 out[n, 0], out[n, 1] = min(a, b), max(a, b)
                 n += 1
     return out[:n]

@@ -83,7 +83,9 @@ def expand(
     for k in range(n):
         if k and piece[k] == piece[k - 1] and s[k] == s[k - 1] and back[k] == back[k - 1]:
             # Half of a fleet stands.
-            out[:, k], where[k] = out[:, k - 1], where[k - 1]
+            where[k] = where[k - 1]
+            for c in range(8):
+                out[c, k] = out[c, k - 1]
             continue
         p = piece[k]
         at = max(s[k], 0.0) / spacing[p]

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from fleetlog.simulate.kernels.gates import may_ask, past_door
+from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.kernels.lanes import cap_at, drop, is_safe_lane, push, safe
 from fleetlog.simulate.kernels.reserve import release
 from fleetlog.simulate.kernels.rounds import reservations
@@ -35,7 +36,7 @@ REST = 0.01
 """Slower than this it is at rest [m/s]."""
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     """The highest speed at the end of the step that keeps all limits, distances and stops ahead."""
     laden = 1 if f.load[v] > 25.0 else 0
@@ -84,7 +85,7 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     return limit
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def pull(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     """Greatest acceleration [m/s2]: the driver's, or what max_power leaves after rolling and slope."""
     p = f.piece[v]
@@ -97,7 +98,7 @@ def pull(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     return min(x.up, (x.power / f.v[v] - resist) / mass)
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def next_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     """Speed at the end of the step."""
     m, speed = f.mode[v], f.v[v]
@@ -112,7 +113,7 @@ def next_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     return new if new > 1e-3 else 0.0
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def cross(r: Roads, f: Fleet, v: int) -> None:
     """Go over to the next pieces of the route where the end of one is passed."""
     while f.s[v] > r.length[f.piece[v]] and f.at[v] < f.last[v]:
@@ -139,7 +140,7 @@ def cross(r: Roads, f: Fleet, v: int) -> None:
         f.piece[v] = q
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
     """Give back what is behind the truck."""
     if f.held_to[v] < f.held_from[v]:
@@ -151,7 +152,7 @@ def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
         release(r, f, v, min(f.at[v], f.held_to[v]))
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def arrive(r: Roads, f: Fleet, v: int) -> None:
     """Wait before the bay when its mark is reached."""
     if f.at[v] == f.last[v] and f.v[v] < REST and abs(f.s[v] - r.door_at[f.door[v]]) < NEAR:
@@ -161,7 +162,7 @@ def arrive(r: Roads, f: Fleet, v: int) -> None:
         f.waits[v] = np.inf
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def roll_in(r: Roads, f: Fleet, v: int) -> None:
     """Turn onto the spur where its door is passed."""
     past = f.s[v] - r.door_at[f.door[v]]
@@ -171,14 +172,14 @@ def roll_in(r: Roads, f: Fleet, v: int) -> None:
         f.waits[v] = np.inf
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def clear_lane(r: Roads, f: Fleet, d: int) -> None:
     """The lane that door ``d`` crosses is free again."""
     if r.door_crosses[d] >= 0:
         f.crossed[r.door_crosses[d]] = -1
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def end_spur(r: Roads, f: Fleet, v: int) -> None:
     """Stand in the bay, or on the lane, at the end of a spur."""
     d = f.door[v]
@@ -208,7 +209,7 @@ def end_spur(r: Roads, f: Fleet, v: int) -> None:
         f.attention[v] = True
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def forks(f: Fleet, v: int, since: float, raise_speed: float, lower_speed: float) -> float:
     """Height of the forks so long after a truck began to work: up, take or leave the load, down [m]."""
     up, hold, down = f.hand_times[v, 0], f.hand_times[v, 1], f.hand_times[v, 2]
@@ -221,7 +222,7 @@ def forks(f: Fleet, v: int, since: float, raise_speed: float, lower_speed: float
     )
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def handling(
     f: Fleet, log: Log, v: int, column: int, now: float, dt: float, raise_speed: float, lower_speed: float
 ) -> None:
@@ -233,7 +234,7 @@ def handling(
     log.height[v, column], log.lift[v, column] = height, (after - height) / dt
 
 
-@njit(cache=True, _nrt=False)
+@inner
 def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
     """The state at the start of a step."""
     m = f.mode[v]
