@@ -68,11 +68,12 @@ class BayMaker:
         t, reverse = self.track, int(self.track.network.reverse[lane])
         if reverse < 0:
             return True
-        here = slice(t.first[lane], t.first[lane + 1])
-        there = slice(t.first[reverse], t.first[reverse + 1])
-        on_road = np.interp(centre, np.arange(len(t.offset[here])) * t.spacing[lane], t.offset[here])
-        back = float(t.network.length[lane]) - on_road
-        at = np.interp(back, t.offset[there], np.arange(len(t.offset[there])) * t.spacing[reverse]) - radius
+        from fleetlog.simulate.kernels.curves import abreast
+
+        at = abreast(
+            centre, t.offset, t.first[lane], t.first[lane + 1], t.spacing[lane], t.network.length[lane], t.first[reverse],
+            t.first[reverse + 1], t.spacing[reverse],
+        ) - radius  # fmt: skip
         low, high = span(t, self.junctions, reverse)
         return bool(low + SPACING <= at <= high)
 

@@ -68,7 +68,7 @@ def run_cycle(
         Trajectory(
             "T1", start + np.rint(at * 1e6).astype(np.int64),
             {
-                "x": np.round(x, 3), "y": np.zeros(len(at)), "heading": np.where(back, np.pi, 0.0).round(4),
+                "x": np.round(x, 3), "y": np.zeros(len(at)), "heading": np.where(back, np.pi, 0.0).round(5),
                 "speed": one.speed[k].round(4), "edge_id": Labels(back.astype(np.int32), ("strip", "-strip")),
                 "edge_offset": np.where(back, 30.0 - x, x).round(3), "lateral_offset": np.zeros(len(at)),
                 "trip_id": np.floor(at / period + 1e-12).astype(np.int64), "payload": one.payload[k],

@@ -259,7 +259,7 @@ class VehicleReplay:
 
     def _emit(self, trip: Trip, rows: Floats, at: Motion, power: Floats, soc: Floats) -> None:
         columns: dict[str, Values] = {
-            "x": np.round(at.x, 3), "y": np.round(at.y, 3), "heading": np.round(at.heading, 4),
+            "x": np.round(at.x, 3), "y": np.round(at.y, 3), "heading": np.round(at.heading, 5),
             "speed": np.round(at.speed, 4), "payload": np.round(at.payload, 1),
             "fork_height": np.round(at.fork_height, 3), "battery_power": np.round(power, 2), "soc": np.round(soc, 8),
             "trip_id": np.full(len(rows), trip.number, np.int64),

@@ -28,8 +28,12 @@ def shifted(points: Floats, left: float) -> Floats:
 
 def simplified(points: Floats) -> Floats:
     """Without vertices that repeat the one before."""
-    keep = np.concatenate([[True], np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6])
-    return points[keep] if keep.sum() >= 2 else points[[0, -1]]
+    x, y = points[:, 0], points[:, 1]
+    repeats = np.flatnonzero(np.hypot(x[1:] - x[:-1], y[1:] - y[:-1]) <= 1e-6) + 1
+    if not len(repeats):
+        return points
+    kept = np.delete(points, repeats, axis=0)
+    return kept if len(kept) >= 2 else points[[0, -1]]
 
 
 def rounded(points: Floats, radius: float) -> Floats:
@@ -93,16 +97,7 @@ def _cubic(start: Floats, a: Floats, end: Floats, b: Floats) -> Floats:
 
 def even(points: Floats, spacing: float) -> tuple[Floats, float]:
     """Samples of a polyline at even distances of at most ``spacing`` [m]: (n, 4) x, y, heading, curvature; and its length."""
-    points = simplified(points)
-    leg = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(leg)])
-    length = max(float(along[-1]), 1e-3)
-    n = max(2, int(np.ceil(length / spacing)) + 1)
-    s = np.linspace(0.0, length, n)
-    x, y = np.interp(s, along, points[:, 0]), np.interp(s, along, points[:, 1])
-    chord = np.unwrap(np.arctan2(np.diff(points[:, 1]), np.diff(points[:, 0])))
-    # A chord's direction is that of the curve at its middle.
-    middle = 0.5 * (along[1:] + along[:-1])
-    heading = np.interp(s, middle, chord) if len(chord) > 1 else np.full(n, chord[0])
-    curvature = np.gradient(heading, s) if n > 2 else np.full(n, (heading[-1] - heading[0]) / length)
-    return np.column_stack([x, y, heading, curvature]), length
+    from fleetlog.simulate.kernels.curves import even_samples
+
+    shape, length = even_samples(np.ascontiguousarray(simplified(points)), spacing)
+    return shape, float(length)

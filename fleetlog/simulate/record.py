@@ -22,7 +22,7 @@ Index = NDArray[np.int32]
 ROWS = 8_000_000
 """Rows that are kept at most before they are written; some 50 bytes each."""
 DIGITS = {
-    "x": 3, "y": 3, "z": 3, "heading": 4, "speed": 4, "edge_offset": 3, "lateral_offset": 3, "payload": 1,
+    "x": 3, "y": 3, "z": 3, "heading": 5, "speed": 4, "edge_offset": 3, "lateral_offset": 3, "payload": 1,
     "fork_height": 3, "battery_power": 2, "battery_voltage": 3, "battery_current": 3, "soc": 8,
 }  # fmt: skip
 """Decimals that are written: millimetres and the like, so that files are small; rows wait as whole numbers of them."""
