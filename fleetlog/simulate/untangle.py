@@ -68,7 +68,9 @@ class Untangler:
         f = self.fleet
         for v in np.flatnonzero((f.mode == AT_BAY) | (f.mode == WANTS_OUT)).tolist():
             since = max(float(f.waits[v]), self._changed.get(v, 0.0))
-            if now - since > (PASS if f.mode[v] == AT_BAY else CHANGE):
+            # Twice as long at each door: on a full lane others need time to make room.
+            patience = PASS if f.mode[v] == AT_BAY else max(CHANGE, 0.5 * (now - float(f.waits[v])))
+            if now - since > patience:
                 self._changed[v] = now
                 self._other_door(v)
         still = self.watch.still(now)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.kernels.lanes import front, insert, is_safe_lane, run_in
-from fleetlog.simulate.kernels.reserve import acquire, is_free
+from fleetlog.simulate.kernels.reserve import acquire, is_free, is_free_ahead
 from fleetlog.simulate.state import AT_BAY, ENTERING, LEAVING, WANTS_OUT, Fleet, Limits, Roads
 
 SHORT = 0.3
@@ -154,7 +154,7 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
         return 1
     if not f.entry[v]:
         # It is on the road already: whoever has claimed the junction waits for it to be gone.
-        if not is_free(r, f, v, spur, False):
+        if not is_free_ahead(r, f, v, spur):
             return 1
         if now - f.waits[v] > x.patience:
             ask(r, f, v, x)

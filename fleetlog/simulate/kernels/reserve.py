@@ -43,6 +43,24 @@ def is_free(r: Roads, f: Fleet, v: int, what: int, claims: bool) -> bool:
 
 
 @inner
+def is_free_ahead(r: Roads, f: Fleet, v: int, what: int) -> bool:
+    """Whether nobody else holds what excludes resource ``what`` but those behind truck ``v`` on its piece: they stay there."""
+    for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
+        q = r.conflicts[i]
+        others = f.held[q]
+        if others > 0 and holds(r, f, v, q):
+            others -= 1
+        u = f.behind[v]
+        while others > 0 and u >= 0:
+            if holds(r, f, u, q):
+                others -= 1
+            u = f.behind[u]
+        if others > 0:
+            return False
+    return True
+
+
+@inner
 def passage_end(r: Roads, f: Fleet, v: int, low: int) -> int:
     """Route position of the next lane with a safe part after ``low``, or of the last piece."""
     k = low + 1
