@@ -72,3 +72,12 @@ def test_a_single_lane_aisle_keeps_moving(simulated, seed):
     sim = simulated(aisle(), 10, 3600.0, seed=seed, interval=1.0)
     assert longest_stand(sim, np.ones(sim.array("speed").shape, dtype=bool)) < PATIENCE
     assert sim.summary.count.tasks_done > 50
+
+
+@pytest.mark.parametrize("site, seed", [(1, 1), (2, 0), (2, 1)])
+def test_narrow_roads_with_too_many_trucks_keep_moving(simulated, site, seed):
+    """Forty-five trucks where most roads have room for one direction at a time: slow, but nobody stands for ever."""
+    sim = simulated(grid(4, 4, 34.0, seed=site, width=2.2), 45, 3600.0, seed=seed, interval=1.0)
+    assert sim.summary.longest_wait_s < 720.0
+    done = np.diff(sim.array("payload"), axis=1) < 0
+    assert min(q.sum() for q in np.array_split(done.any(axis=0), 4)) >= 10
