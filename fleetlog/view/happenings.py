@@ -84,8 +84,12 @@ def _times(column: pd.Series[Any], shift: int) -> Ints:
 
 def _places(names: pd.Series[Any], spots: dict[str, Floats]) -> Floats:
     """(N, 3) m, NaN where no place is named."""
-    nowhere = np.full(3, np.nan)
-    return np.array([spots.get(str(name), nowhere) for name in names], dtype=np.float64).reshape(-1, 3)
+    known, nowhere = names.astype("category").cat, np.full(3, np.nan)
+    of_name = np.array(
+        [*(spots.get(str(name), nowhere) for name in known.categories), nowhere], dtype=np.float64
+    )
+    # The code of no name is -1: the last row.
+    return np.asarray(of_name[known.codes.to_numpy()])
 
 
 def _drawn(bays: pd.DataFrame, site: Site) -> tuple[Place, ...]:
