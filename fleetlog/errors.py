@@ -68,8 +68,15 @@ class OutputError(FleetlogError):
     """The result cannot be written where it was asked for."""
 
 
+MOST_NAMED = 40
+"""Known words that an error lists: all terms and kinds, not all roads of a town."""
+
+
 def nearest(word: str, known: Iterable[str]) -> str:
-    """``'did you mean X?'`` for the known word closest to ``word``, else the list of the known ones."""
+    """``'did you mean X?'`` for the known word closest to ``word``, else the known ones, or the first of very many."""
     names = sorted(known)
     close = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
-    return f"did you mean {close[0]!r}?" if close else f"known are {', '.join(names)}"
+    if close:
+        return f"did you mean {close[0]!r}?"
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return f"known are {', '.join(names[:MOST_NAMED])}{more}"

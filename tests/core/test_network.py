@@ -112,3 +112,12 @@ def test_one_direction_can_be_closed_and_who_is_left_without_a_way_turns_round()
     assert n.successors(n.edge("-r0")).tolist() == [n.edge("r0")]
     with pytest.raises(SiteError, match="no edge 'r9'"):
         cross().without(["r9"])
+
+
+def test_an_error_names_no_more_than_a_line_holds():
+    from fleetlog.errors import nearest
+
+    few, many = [f"road{i:03d}" for i in range(7)], [f"road{i:03d}" for i in range(700)]
+    assert all(name in nearest("xyz", few) for name in few)
+    assert "road039" in nearest("xyz", many) and nearest("xyz", many).endswith("and 660 more")
+    assert nearest("raod012", many) == "did you mean 'road012'?"
