@@ -163,7 +163,16 @@ def _arrow_array(t: Trajectory, column: cols.Column, kind: pa.DataType) -> pa.Ar
         return _label_array(values)
     if column.kind == "int64":
         return _with_nulls(ints := np.asarray(values, dtype=np.int64), ints < 0)
-    return _with_nulls(floats := np.asarray(values, dtype=np.float64), np.isnan(floats))
+    return _floats_array(np.asarray(values, dtype=np.float64))
+
+
+def _floats_array(values: NDArray[Any]) -> pa.Array:
+    import pyarrow as pa
+
+    with np.errstate(invalid="ignore", over="ignore"):
+        # Where the sum is a number, all values are.
+        known = np.isfinite(values.sum())
+    return pa.array(values) if known else _with_nulls(values, np.isnan(values))
 
 
 def _with_nulls(values: NDArray[Any], unknown: NDArray[np.bool_]) -> pa.Array:
@@ -186,7 +195,7 @@ def _extra_array(values: Values) -> pa.Array:
     if isinstance(values, Labels):
         return _label_array(values)
     if values.dtype.kind == "f":
-        return _with_nulls(values, np.isnan(values))
+        return _floats_array(values)
     return pa.array(values)
 
 

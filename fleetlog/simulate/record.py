@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from mmap import mmap
@@ -78,6 +79,7 @@ class Recorder:
         self._filled = np.zeros(trucks, np.int32)
         self._written = np.zeros(trucks, np.int64)
         self._pool = ThreadPoolExecutor(min(os.cpu_count() or 1, 4))
+        self._space = threading.local()
         self._jobs: deque[tuple[Future[None], int]] = deque()
         self._last: dict[int, Future[None]] = {}
 
@@ -141,13 +143,18 @@ class Recorder:
 
     def _write(self, first: int, group: Index, before: Future[None] | None) -> None:
         """(trucks, batches, columns, rows of a batch) of trucks ``first`` ..., after what was handed over ``before``."""
+        from fleetlog.simulate.kernels.pack import unpack
+
         if before is not None:
             before.result()
         trucks, batches, _, rows = group.shape
-        *kept, edge, trip = np.moveaxis(group, 2, 0).reshape(-1, group.size // group.shape[2])
-        columns: dict[str, Values] = {
-            c: _decimal(k, DIGITS[c]) for c, k in zip(self.columns, kept, strict=True)
-        }
+        if not hasattr(self._space, "values"):
+            # Each thread uses its memory again: fresh pages cost as much as what is done with them.
+            self._space.values = np.empty((len(self.columns), TOGETHER * self._kept.shape[1] * rows))
+        values = self._space.values[:, : trucks * batches * rows]
+        unpack(group, self._scale, NULL, values)
+        edge, trip = np.moveaxis(group[:, :, len(self.columns) :], 2, 0).reshape(2, -1)
+        columns: dict[str, Values] = dict(zip(self.columns, values, strict=True))
         columns["edge_id"], columns["trip_id"] = self._labels(edge), trip.astype(np.int64)
         steps = self._written[first] + np.arange(batches * rows)
         time = np.tile(self.start + steps * self.interval, trucks)
@@ -166,13 +173,6 @@ class Recorder:
 def _untouched(*shape: int) -> Index:
     """An array that takes memory where it is filled only; NumPy's own would take it in huge pages, most of them at once."""
     return np.frombuffer(mmap(-1, 4 * math.prod(shape)), np.int32).reshape(shape)
-
-
-def _decimal(kept: Index, digits: int) -> Floats:
-    out = kept / 10.0**digits
-    if (kept == NULL).any():
-        out[kept == NULL] = np.nan
-    return np.asarray(out)
 
 
 def columns_of(hilly: bool, chemistry: bool) -> tuple[str, ...]:

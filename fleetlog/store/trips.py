@@ -99,20 +99,33 @@ def trip_columns(trajectory: Trajectory, vehicles: Sequence[str] | None = None) 
     if not len(begin):
         return {}
     end = np.append(begin[1:], len(ids)) - 1
-    t = trajectory.seconds()
-    dt = np.empty_like(t)
-    np.minimum(np.diff(t), MAX_GAP, out=dt[:-1])
-    dt[end] = 0.0
-    x, y, speed = trajectory.floats("x"), trajectory.floats("y"), np.nan_to_num(trajectory.floats("speed"))
+    time, x, y = trajectory.time, trajectory.floats("x"), trajectory.floats("y")
+    speed = trajectory.floats("speed")
+    if np.isnan(speed).any():
+        speed = np.nan_to_num(speed)
     power, soc, payload = (trajectory.floats(c) for c in ("battery_power", "soc", "payload"))
-    moves = speed > STANDING_SPEED
-    matched = (trajectory.labels("edge_id").codes >= 0).astype(float)
-    sums = np.stack([moves * dt, speed * dt, np.where(moves, payload * dt, 0.0), power * dt, matched])
-    driven, distance, load, energy, fit = np.add.reduceat(sums, begin, axis=1)
+    # One array is filled again and again: fresh memory would take as long as the sums.
+    dt, product = np.zeros(len(ids)), np.empty(len(ids))
+    np.subtract(time[1:], time[:-1], out=dt[:-1], casting="unsafe")
+    dt *= 1e-6
+    np.minimum(dt, MAX_GAP, out=dt)
+    dt[end] = 0.0
+
+    def add(values: Floats, weight: Floats) -> Floats:
+        return np.asarray(np.add.reduceat(np.multiply(values, weight, out=product), begin))
+
+    distance, energy = add(speed, dt), add(power, dt)
+    dt[speed <= STANDING_SPEED] = 0.0
+    driven, load = np.add.reduceat(dt, begin), add(payload, dt)
+    if np.isnan(load).any():
+        # Only loads that were driven count.
+        load = add(np.where(dt > 0.0, payload, 0.0), dt)
+    codes = trajectory.labels("edge_id").codes
+    fit = np.add.reduceat((codes >= 0).view(np.int8), begin, dtype=np.int64)
     return {
         "vehicle_id": np.array(vehicles, object)[begin * len(vehicles) // len(ids)], "trip_id": ids[begin],
         "start": trajectory.time[begin], "end": trajectory.time[end],
-        "rows": end - begin + 1, "duration": t[end] - t[begin], "driving_time": driven,
+        "rows": end - begin + 1, "duration": (time[end] - time[begin]) * 1e-6, "driving_time": driven,
         "distance": distance, "max_speed": np.maximum.reduceat(speed, begin),
         "x_start": x[begin], "y_start": y[begin], "x_end": x[end], "y_end": y[end],
         "payload": load / np.where(driven > 0, driven, np.nan),

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 DAY = 86_400_000_000
-ROW_GROUP = 1 << 17
+ROW_GROUP, BATCH = 1 << 17, 1 << 13
 REPEATED = {"payload", "fork_height", "ambient_temperature"}
 """Numbers that stay the same for many rows."""
 
@@ -122,7 +122,7 @@ class DatasetWriter:
             pq.write_table(
                 table, file, compression=self.compression, row_group_size=ROW_GROUP,
                 use_dictionary=_repeated(table.schema), column_encoding={"timestamp": "DELTA_BINARY_PACKED"},
-                write_statistics=SELECTED,
+                write_statistics=SELECTED, write_batch_size=BATCH,
             )  # fmt: skip
 
     def finish(self) -> None:

@@ -37,3 +37,16 @@ def pack_codes(values: tuple[Index, ...], column: int, every: int, out: Index, r
             to, x = out[row[v], at[v], column + c], values[c][v]
             for j in range(len(to)):
                 to[j] = x[j * every + every // 2]
+
+
+@njit(cache=True, nogil=True)
+def unpack(kept: Index, scale: Floats, null: int, out: Floats) -> None:
+    """Rows of (trucks, batches, columns, rows) whole numbers, the first ``len(scale)`` columns, to (columns, all rows) numbers."""
+    at = 0
+    for v in range(kept.shape[0]):
+        for b in range(kept.shape[1]):
+            for c in range(len(scale)):
+                for j in range(kept.shape[3]):
+                    k = kept[v, b, c, j]
+                    out[c, at + j] = np.nan if k == null else k / scale[c]
+            at += kept.shape[3]
