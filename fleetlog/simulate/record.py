@@ -32,7 +32,7 @@ MEANS = ("battery_power", "battery_voltage", "battery_current")
 CODES = ("edge_id", "trip_id")
 NULL = int(np.iinfo(np.int32).min)
 TOGETHER = 16
-"""Trucks that are handed over to be written at once."""
+"""Trucks that are handed over to be written at once, where there are as many."""
 BEHIND = 8
 """Such groups that may wait to be written; the fleet waits when there are more."""
 
@@ -41,8 +41,8 @@ class Recorder:
     """Takes batches of steps, keeps every ``every``-th one as a row, and writes a truck's rows when enough have come together.
 
     Power of a row is the mean over the ``every`` steps around it, so that power times the time between rows adds up to
-    the energy.  Trucks are written in turn, and each file depends on its truck alone: the same bytes whatever the number
-    of threads.  Leaving the block without :meth:`flush` gives up what is not written.
+    the energy.  Groups of trucks are written in turn, each by one thread at a time: the same bytes whatever the number of
+    threads.  Leaving the block without :meth:`flush` gives up what is not written.
     """
 
     def __init__(
@@ -65,15 +65,16 @@ class Recorder:
         self._scale = np.array([10.0 ** DIGITS[c] for c in columns])
         self._mean = np.array([c in MEANS for c in columns])
         trucks, total = len(names), total // step
-        groups = -(-trucks // TOGETHER)
+        self.together = min(TOGETHER, trucks)
+        groups = -(-trucks // self.together)
         capacity = min(max(ROWS // trucks // self.rows, 1), total)
         blocks = groups + min(groups, BEHIND)
-        self._kept = _untouched(blocks * TOGETHER, capacity, len(columns) + len(CODES), self.rows)
+        self._kept = _untouched(blocks * self.together, capacity, len(columns) + len(CODES), self.rows)
         self._free = deque(range(groups, blocks))
         self._row = np.arange(trucks, dtype=np.int32)
         # Trucks become due one after the other, the first when its rows are half of the most that are kept; where all rows
         # can be kept, all trucks at the end.
-        share = (np.arange(trucks) // TOGETHER * TOGETHER + TOGETHER) / (trucks + TOGETHER)
+        share = (np.arange(trucks) // self.together + 1) / (groups + 1)
         early = 1.0 if capacity == total else 0.5 + 0.5 * share
         self._due = np.full(trucks, np.maximum(early * capacity, 1.0))
         self._filled = np.zeros(trucks, np.int32)
@@ -128,17 +129,17 @@ class Recorder:
 
     def _hand_over(self, due: NDArray[np.bool_]) -> None:
         """Let groups of trucks be written, and give them other rows to fill."""
-        for group in np.flatnonzero(due[::TOGETHER]).tolist():
+        for group in np.flatnonzero(due[:: self.together]).tolist():
             if not self._free:
                 self._wait()
-            trucks = slice(group * TOGETHER, (group + 1) * TOGETHER)
+            trucks = slice(group * self.together, (group + 1) * self.together)
             rows = self._row[trucks]
             kept = self._kept[rows[0] : rows[-1] + 1, : self._filled[trucks.start]]
             # What was handed over earlier of this group has begun already: waiting for it cannot block.
             job = self._pool.submit(self._write, trucks.start, kept, self._last.get(group))
             self._last[group] = job
-            self._jobs.append((job, int(rows[0]) // TOGETHER))
-            self._row[trucks] = self._free.popleft() * TOGETHER + np.arange(len(rows))
+            self._jobs.append((job, int(rows[0]) // self.together))
+            self._row[trucks] = self._free.popleft() * self.together + np.arange(len(rows))
             self._filled[trucks] = 0
 
     def _write(self, first: int, group: Index, before: Future[None] | None) -> None:
@@ -150,7 +151,7 @@ class Recorder:
         trucks, batches, _, rows = group.shape
         if not hasattr(self._space, "values"):
             # Each thread uses its memory again: fresh pages cost as much as what is done with them.
-            self._space.values = np.empty((len(self.columns), TOGETHER * self._kept.shape[1] * rows))
+            self._space.values = np.empty((len(self.columns), self.together * self._kept.shape[1] * rows))
         values = self._space.values[:, : trucks * batches * rows]
         unpack(group, self._scale, NULL, values)
         edge, trip = np.moveaxis(group[:, :, len(self.columns) :], 2, 0).reshape(2, -1)
