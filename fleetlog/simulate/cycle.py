@@ -11,6 +11,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
 from fleetlog.physics.cycles import CYCLES, VDI_LEGS
 from fleetlog.physics.power import Physics, battery_power, soc_change
+from fleetlog.simulate.record import rounded
 from fleetlog.store.writer import DatasetWriter
 
 STRIP = max(VDI_LEGS)
@@ -68,11 +69,14 @@ def run_cycle(
         Trajectory(
             "T1", start + np.rint(at * 1e6).astype(np.int64),
             {
-                "x": np.round(x, 3), "y": np.zeros(len(at)), "heading": np.where(back, np.pi, 0.0).round(5),
-                "speed": one.speed[k].round(4), "edge_id": Labels(back.astype(np.int32), ("strip", "-strip")),
-                "edge_offset": np.where(back, 30.0 - x, x).round(3), "lateral_offset": np.zeros(len(at)),
-                "trip_id": np.floor(at / period + 1e-12).astype(np.int64), "payload": one.payload[k],
-                "fork_height": height.round(3), "battery_power": mean.round(2), "soc": np.clip(charge, 0.0, 1.0).round(8),
+                **rounded({
+                    "x": x, "heading": np.where(back, np.pi, 0.0), "speed": one.speed[k],
+                    "edge_offset": np.where(back, 30.0 - x, x), "fork_height": height, "battery_power": mean,
+                    "soc": np.clip(charge, 0.0, 1.0),
+                }),
+                "y": np.zeros(len(at)), "lateral_offset": np.zeros(len(at)), "payload": one.payload[k],
+                "edge_id": Labels(back.astype(np.int32), ("strip", "-strip")),
+                "trip_id": np.floor(at / period + 1e-12).astype(np.int64),
             },
         )
     )  # fmt: skip

@@ -279,7 +279,7 @@ class Dispatcher(Untangler):
             self._to_place(v, target, "bring", now)
             self.book.heads_for(v, target)
             return
-        drops = np.flatnonzero(self.work & (self.kind == "drop"))
+        drops = np.flatnonzero(self.work & self.of_kind["drop"])
         self._wait_for(v, (drops if len(drops) else np.flatnonzero(self.work)).tolist(), now)
 
     def _to_place(self, v: int, place: str, stage: str, now: float) -> None:

@@ -26,6 +26,7 @@ from fleetlog.simulate.state import (
     EMPTY,
     HANDLING,
     PARKED,
+    STANDS,
     WANTS_OUT,
     limits_of,
     log_of,
@@ -262,7 +263,7 @@ class Run:
         self.used += float(np.maximum(energy.power, 0.0).sum()) * dt / 3600.0
         charging = np.where(log.mode == CHARGING, energy.power, 0.0)
         self.charged -= float(np.minimum(charging, 0.0).sum()) * dt / 3600.0
-        slow = (log.v < 0.05) & IN_TRAFFIC[log.mode]
+        slow = (log.v < STANDS) & IN_TRAFFIC[log.mode]
         self.waiting += float(slow.sum()) * dt
         self.recorder.add(first, log, place, energy)
 

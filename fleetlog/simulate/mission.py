@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Labels, Trajectory, Values
+from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 from fleetlog.physics.power import Physics, battery_power, cell_power
 from fleetlog.simulate.drive import SpeedProfile
 from fleetlog.simulate.legs import Pathfinder, drive_along
+from fleetlog.simulate.record import rounded
 from fleetlog.simulate.track import build_track
 from fleetlog.simulate.way import Way
 from fleetlog.store.dataset import Dataset
@@ -258,12 +259,11 @@ class VehicleReplay:
         )  # fmt: skip
 
     def _emit(self, trip: Trip, rows: Floats, at: Motion, power: Floats, soc: Floats) -> None:
-        columns: dict[str, Values] = {
-            "x": np.round(at.x, 3), "y": np.round(at.y, 3), "heading": np.round(at.heading, 5),
-            "speed": np.round(at.speed, 4), "payload": np.round(at.payload, 1),
-            "fork_height": np.round(at.fork_height, 3), "battery_power": np.round(power, 2), "soc": np.round(soc, 8),
-            "trip_id": np.full(len(rows), trip.number, np.int64),
-        }  # fmt: skip
+        columns = rounded({
+            "x": at.x, "y": at.y, "heading": at.heading, "speed": at.speed, "payload": at.payload,
+            "fork_height": at.fork_height, "battery_power": power, "soc": soc,
+        })  # fmt: skip
+        columns["trip_id"] = np.full(len(rows), trip.number, np.int64)
         if np.isfinite(at.ambient_temperature).any():
             columns["ambient_temperature"] = np.round(at.ambient_temperature, 2)
         if self.site.network is not None and (at.edge >= 0).any():

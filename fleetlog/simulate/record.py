@@ -176,6 +176,11 @@ def _untouched(*shape: int) -> Index:
     return np.frombuffer(mmap(-1, 4 * math.prod(shape)), np.int32).reshape(shape)
 
 
+def rounded(columns: dict[str, Floats]) -> dict[str, Values]:
+    """Columns to the decimals that a simulation writes."""
+    return {name: np.round(values, DIGITS[name]) for name, values in columns.items()}
+
+
 def columns_of(hilly: bool, chemistry: bool) -> tuple[str, ...]:
     """Columns that a simulation knows: height where the site has one, voltage and current where the battery has a chemistry."""
     unknown = (() if hilly else ("z",)) + (() if chemistry else ("battery_voltage", "battery_current"))

@@ -118,7 +118,7 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     late = now - f.waits[v] > x.patience
     if late:
         ask(r, f, v, x)
-    if not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur, True):
+    if not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur):
         return 1
     if not is_safe_lane(r, lane) and acquire(r, f, v, 0, x, late) != 0:
         return 1

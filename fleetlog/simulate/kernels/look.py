@@ -18,6 +18,7 @@ from fleetlog.simulate.state import (
     HANDLING,
     LEAVING,
     PARKED,
+    STANDS,
     WANTS_OUT,
 )
 
@@ -29,8 +30,6 @@ DRIVES, LADEN, WAITS, WAITS_FOR_PLACE, PICKS, DROPS, CHARGES, WAITS_FOR_CHARGER,
     11
 )
 """Activities in the order of :data:`fleetlog.store.events.ACTIVITIES`, and how many there are."""
-STANDS = 0.05
-"""Slower than this a truck on the road waits [m/s]: as in the summary's time of waiting."""
 
 
 class Trucks(NamedTuple):

@@ -30,14 +30,18 @@ def holds(r: Roads, f: Fleet, v: int, what: int) -> bool:
 
 
 @inner
-def is_free(r: Roads, f: Fleet, v: int, what: int, claims: bool) -> bool:
-    """Whether nobody else holds, or with ``claims`` has claimed, what excludes resource ``what``."""
+def held_by_others(r: Roads, f: Fleet, v: int, what: int) -> int:
+    """How often a resource is held, but for truck ``v`` itself."""
+    others = f.held[what]
+    return others - 1 if others > 0 and holds(r, f, v, what) else others
+
+
+@inner
+def is_free(r: Roads, f: Fleet, v: int, what: int) -> bool:
+    """Whether nobody else holds or has claimed what excludes resource ``what``."""
     for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
         q = r.conflicts[i]
-        others = f.held[q]
-        if others > 0 and holds(r, f, v, q):
-            others -= 1
-        if others > 0 or (claims and f.claimed[q] == f.round[0]):
+        if held_by_others(r, f, v, q) > 0 or f.claimed[q] == f.round[0]:
             return False
     return True
 
@@ -47,9 +51,7 @@ def is_free_ahead(r: Roads, f: Fleet, v: int, what: int) -> bool:
     """Whether nobody else holds what excludes resource ``what`` but those behind truck ``v`` on its piece: they stay there."""
     for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
         q = r.conflicts[i]
-        others = f.held[q]
-        if others > 0 and holds(r, f, v, q):
-            others -= 1
+        others = held_by_others(r, f, v, q)
         u = f.behind[v]
         while others > 0 and u >= 0:
             if holds(r, f, u, q):
@@ -112,7 +114,7 @@ def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int
             f.claimed[f.route[v, low]] = f.round[0]
         return 1
     for k in range(low, high + 1):
-        if not is_free(r, f, v, resource(r, f, v, k, low, high), True):
+        if not is_free(r, f, v, resource(r, f, v, k, low, high)):
             if claim:
                 for j in range(low, high + 1):
                     f.claimed[resource(r, f, v, j, low, high)] = f.round[0]
