@@ -10,6 +10,7 @@ from fleetlog.cli.options import (
     anywhere,
     existing,
     json_option,
+    named_files,
     notice,
     output_option,
     overwrite_option,
@@ -54,12 +55,13 @@ def command(
     from fleetlog.discovery.output import as_result, lines, write_diagnosis
     from fleetlog.roads import load_site
     from fleetlog.store import Dataset
-    from fleetlog.store.atomic import atomic_output
+    from fleetlog.store.output import atomic_output
     from fleetlog.view.results import write_result_recording
 
     recording = Dataset(dataset)
     given = None if site is None else load_site(site)[0]
-    with atomic_output(output, overwrite=overwrite) as folder:
+    inputs = named_files(dict(dataset=dataset, truck=truck, site=site, against=against))
+    with atomic_output(output, "diagnosis", overwrite=overwrite, inputs=inputs) as folder:
         result = diagnose(
             recording, load_truck(truck), site=given, channels=_names(channels), terms=_names(terms), holdout=holdout,
             against=None if against is None else Dataset(against), seed=seed, progress=lambda step: notice(f"  {step}", quiet),

@@ -13,8 +13,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fleetlog.cli.options import (
+    SEED,
+    VEHICLES,
+    Between,
     existing,
     json_option,
+    named_files,
     notice,
     output_option,
     overwrite_option,
@@ -29,6 +33,7 @@ if TYPE_CHECKING:
     from fleetlog.store import Dataset, DatasetWriter
 
 UNITS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+LONGEST = 366 * 86400.0
 
 
 class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in newer releases of click only
@@ -43,13 +48,16 @@ class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in newer r
         found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(s|m|min|h|d)?\s*", str(value))
         if not found:
             self.fail(f"{value!r} is no duration; write 8h, 30m or 600s", param, ctx)
-        return float(found[1]) * UNITS[found[2] or "s"]
+        seconds = float(found[1]) * UNITS[found[2] or "s"]
+        if seconds > LONGEST:
+            self.fail(f"{value!r} is longer than {LONGEST / 86400.0:.0f} days", param, ctx)
+        return seconds
 
 
 @click.command()
 @click.option("--site", type=existing, help="Site file, or a road map directly; by default that of --like.")
 @click.option("--truck", required=True, help="Truck file, or name of a preset.")
-@click.option("--vehicles", type=int, help="Trucks; by default as many as in --like, else 8.")
+@click.option("--vehicles", type=VEHICLES, help="Trucks; by default as many as in --like, else 8.")
 @click.option("--duration", type=Duration(), default="1h", show_default=True, help="8h, 30m, 600s.")
 @click.option("--like", type=existing, help="Dataset whose places and demand are taken over.")
 @click.option(
@@ -62,19 +70,31 @@ class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in newer r
 @click.option(
     "--without", multiple=True, metavar="TERM", help="Leave a term of the physics out; may be repeated."
 )
-@click.option("--seed", default=0, show_default=True, help="Same seed, same bytes.")
-@click.option("--rate", default=1.0, show_default=True, help="Rows a second of each truck.")
-@click.option("--step", default=0.1, show_default=True, help="Of the simulation [s].")
-@click.option("--start", help="UTC, ISO 8601; by default 2026-01-05T06:00, or the start of --like.")
-@click.option("--soc", default=0.95, show_default=True, help="State of charge at the start.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Same seed, same bytes.")
 @click.option(
-    "--charge-below", default=0.3, show_default=True, help="State of charge that sends a truck to charge."
+    "--rate", type=Between(0.0, 1000.0), default=1.0, show_default=True, help="Rows a second of each truck."
+)
+@click.option(
+    "--step", type=Between(0.001, 60.0), default=0.1, show_default=True, help="Of the simulation [s]."
+)
+@click.option("--start", help="UTC, ISO 8601; by default 2026-01-05T06:00, or the start of --like.")
+@click.option(
+    "--soc", type=Between(0.0, 1.0), default=0.95, show_default=True, help="State of charge at the start."
+)
+@click.option(
+    "--charge-below",
+    type=Between(0.0, 1.0),
+    default=0.3,
+    show_default=True,
+    help="State of charge that sends a truck to charge.",
 )
 @click.option(
     "--chemistry", type=click.Choice(["nominal", "lfp", "lead"]), default="nominal", show_default=True,
     help="Of the battery; nominal: constant voltage.",
 )  # fmt: skip
-@click.option("--temperature", default=20.0, show_default=True, help="Of the air [degC].")
+@click.option(
+    "--temperature", type=Between(-80.0, 80.0), default=20.0, show_default=True, help="Of the air [degC]."
+)
 @click.option("--no-recording", is_flag=True, help="Leave the replay out (fleetlog view can make it later).")
 @output_option("Folder of the dataset.")
 @json_option
@@ -98,7 +118,9 @@ def command(output: Path, as_json: bool, overwrite: bool, quiet: bool, **options
     physics = _physics(options, truck, site)
     with (
         _progress(quiet) as progress,
-        DatasetWriter.create(output, "simulated", site, overwrite=overwrite) as writer,
+        DatasetWriter.create(
+            output, "simulated", site, overwrite=overwrite, inputs=named_files(options)
+        ) as writer,
     ):
         inputs = [
             Path(options[k])

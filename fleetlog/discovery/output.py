@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +12,12 @@ from fleetlog.discovery.report import html
 from fleetlog.physics.field import Field
 from fleetlog.physics.model import save_physics
 from fleetlog.physics.power import Physics, all_terms
-from fleetlog.store.results import plain
+from fleetlog.store.documents import plain, write_json
 
 
 def write_diagnosis(d: Diagnosis, folder: Path) -> None:
     """Everything but the recording into an existing folder."""
-    document = plain(d.verdict.document())
-    (folder / "diagnosis.json").write_text(
-        json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8"
-    )
+    write_json(folder / "diagnosis.json", d.verdict.document(), indent=1)
     save_physics(folder, physics(d), d.fleet.network)
     (folder / "fields").mkdir(exist_ok=True)
     (folder / "report.html").write_text(html(d, shapes(d)), encoding="utf-8")

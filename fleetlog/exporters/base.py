@@ -19,7 +19,7 @@ from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.errors import DataError, InputError, nearest
 from fleetlog.registry import parts
 from fleetlog.store import Dataset
-from fleetlog.store.atomic import atomic_output, check_free
+from fleetlog.store.output import atomic_output
 
 
 @dataclass(frozen=True)
@@ -115,13 +115,14 @@ def export_dataset(
     if to not in known:
         raise InputError(f"no export format {to!r}", do=nearest(to, known))
     output = Path(output)
-    check_free(output, overwrite, folder=False)
     source = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     for vehicle in vehicles:
         if vehicle not in source.vehicles:
             raise DataError(f"no vehicle {vehicle!r} in {source.path}", do=nearest(vehicle, source.vehicles))
     chosen = tuple(vehicles) or tuple(source.vehicles)
-    with atomic_output(output, overwrite=overwrite, folder=False) as scratch:
+    with atomic_output(
+        output, f"{to} export", overwrite=overwrite, folder=False, inputs=[source.path]
+    ) as scratch:
         more = known[to].write(Selection(source, chosen, output), scratch)
         size = scratch.stat().st_size
     return {"format": to, "file": str(output), "vehicles": len(chosen), "bytes": size, **more}

@@ -11,7 +11,6 @@ import rerun.blueprint as rrb
 
 from fleetlog.core.trajectory import Floats, Trajectory, concatenate
 from fleetlog.store import Dataset
-from fleetlog.store.atomic import atomic_output
 from fleetlog.view import blueprint, palette, thin
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.fleet import curve_style, log_curve
@@ -44,10 +43,7 @@ def write_comparison(
     screen = blueprint.Screen(dataset_outline(recorded), ("/recorded", "/simulated"))
     screen.on_earth = recorded.site.frame is not None
     screen.start, screen.duration = _span(recorded, simulated, shift)
-    with (
-        atomic_output(out_rrd, overwrite=True, folder=False) as scratch,
-        open_stream(scratch, f"{recorded.site.name} (recorded and simulated)", screen.start) as stream,
-    ):
+    with open_stream(Path(out_rrd), f"{recorded.site.name} (recorded and simulated)", screen.start) as stream:
         log_site(stream, recorded.site)
         a.log(stream, screen)
         b.log(stream, screen)

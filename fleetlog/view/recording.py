@@ -13,7 +13,6 @@ import rerun as rr
 
 from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.store import Dataset
-from fleetlog.store.atomic import atomic_output
 from fleetlog.view import blueprint, events, fleet, palette, thin
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.happenings import happenings_of
@@ -59,16 +58,15 @@ def write_recording(
     """
     dataset = Dataset(dataset_path)
     site = dataset.site
-    with atomic_output(out_rrd, overwrite=True, folder=False) as scratch:
-        start, end = (microseconds(dataset.meta.get(k)) for k in ("start", "end"))
-        screen = blueprint.Screen(outline=dataset_outline(dataset), on_earth=site.frame is not None)
-        screen.start, screen.duration = start, 0.0 if start is None or end is None else (end - start) * 1e-6
-        with open_stream(scratch, f"{site.name} ({dataset.kind})", start) as stream:
-            log_site(stream, site)
-            log_summary(stream, dataset, summary)
-            Fleet(dataset, rate_hz).log(stream, screen)
-            latitude = None if site.frame is None else site.frame.latitude
-            blueprint.send(stream, blueprint.replay(screen, latitude))
+    start, end = (microseconds(dataset.meta.get(k)) for k in ("start", "end"))
+    screen = blueprint.Screen(outline=dataset_outline(dataset), on_earth=site.frame is not None)
+    screen.start, screen.duration = start, 0.0 if start is None or end is None else (end - start) * 1e-6
+    with open_stream(Path(out_rrd), f"{site.name} ({dataset.kind})", start) as stream:
+        log_site(stream, site)
+        log_summary(stream, dataset, summary)
+        Fleet(dataset, rate_hz).log(stream, screen)
+        latitude = None if site.frame is None else site.frame.latitude
+        blueprint.send(stream, blueprint.replay(screen, latitude))
     return Path(out_rrd)
 
 

@@ -11,7 +11,6 @@ import rerun.blueprint as rrb
 
 from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
-from fleetlog.store.atomic import atomic_output
 from fleetlog.view import blueprint, palette, ribbons
 from fleetlog.view.extent import Extent, Floats, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve
@@ -38,10 +37,7 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
     """
     outline = shapes_outline(result, site)
     extent = around(outline)
-    with (
-        atomic_output(out_rrd, overwrite=True, folder=False) as scratch,
-        open_stream(scratch, f"{site.name}, {result.name}") as stream,
-    ):
+    with open_stream(Path(out_rrd), f"{site.name}, {result.name}") as stream:
         log_site(stream, site)
         scales = scales_of(result.shapes)
         texts = [_log_shape(stream, site, shape, extent, scales) for shape in result.shapes]

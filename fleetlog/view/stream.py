@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,8 +14,10 @@ import rerun as rr
 
 from fleetlog.core.trajectory import Ints
 from fleetlog.errors import OutputError
+from fleetlog.store.output import remade
 
 APPLICATION, TIMELINE = "fleetlog", "utc"
+_FOOTER = struct.Struct("<QQI8sI")
 CHUNK = 32_768
 """Rows a chunk: 8 to 65 thousand open fast and keep the viewer's memory low."""
 
@@ -58,21 +62,57 @@ class Stream:
 
 @contextmanager
 def open_stream(path: Path, name: str, start: Ints | int | None = None) -> Iterator[Stream]:
-    """A stream that writes the .rrd file ``path``; errors of the data raise, nothing is dropped in silence."""
+    """A stream that writes the .rrd file ``path``; the file appears when it is whole, and replaces an older one.
+
+    Errors of the data and of writing raise, nothing is dropped in silence.
+    """
     rr.set_strict_mode(True)
     # No recording id of our own: the viewer would take two files of one id, such as two imports, for one recording.
-    try:
-        with rr.RecordingStream(APPLICATION, send_properties=True) as recording:
-            rr.set_log_time_enabled(False, recording=recording)
-            if not rr.is_enabled(recording=recording):
-                raise OutputError("Rerun is switched off (RERUN=off)", where=path, do="unset RERUN")
-            recording.save(str(path))
-            recording.send_recording_name(name)
-            if start is not None:
-                recording.send_recording_start_time_nanos(int(start) * 1000)
-            recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-            yield Stream(recording)
-    except RuntimeError as error:
-        raise OutputError(
-            f"recording not written: {error}", where=path, do="check space and permissions"
-        ) from None
+    with remade(path) as scratch:
+        try:
+            with rr.RecordingStream(APPLICATION, send_properties=True) as recording:
+                rr.set_log_time_enabled(False, recording=recording)
+                if not rr.is_enabled(recording=recording):
+                    raise OutputError("Rerun is switched off (RERUN=off)", where=path, do="unset RERUN")
+                recording.save(str(scratch))
+                recording.send_recording_name(name)
+                if start is not None:
+                    recording.send_recording_start_time_nanos(int(start) * 1000)
+                recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+                yield Stream(recording)
+                _flush(recording)
+            check_whole(scratch)
+        except RuntimeError as error:
+            raise _unwritten(path, str(error)) from None
+
+
+def _unwritten(path: Path, why: str) -> OutputError:
+    return OutputError(f"recording not written: {why}", where=path, do="check space and permissions")
+
+
+def _flush(recording: rr.RecordingStream) -> None:
+    """Wait until all is written.  Asked again and again: a writer that dies never answers what was asked before."""
+    while True:
+        try:
+            recording.flush(timeout_sec=5.0)
+            return
+        except RuntimeError as error:
+            if "timed out" not in str(error):
+                raise
+
+
+def check_whole(path: Path) -> None:
+    """Raise :class:`OutputError` unless an .rrd file ends as a closed one does, at the length that its end states.
+
+    The last bytes of Rerun's format: per manifest its start, its length (64 bits each) and a checksum, then ``RRF2FOOT``
+    and the number of manifests.
+    """
+    with path.open("rb") as stream:
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(max(size - _FOOTER.size, 0))
+        end = stream.read()
+    if len(end) == _FOOTER.size:
+        start, length, _, magic, count = _FOOTER.unpack(end)
+        if magic == b"RRF2FOOT" and start + length == size - 12 - 20 * count:
+            return
+    raise _unwritten(path, "its end is missing")
