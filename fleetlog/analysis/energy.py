@@ -148,19 +148,23 @@ def _lines(
     whole: pd.Series, terms: Sequence[str], sources: dict[str, int], tables: dict[str, pd.DataFrame]
 ) -> list[str]:
     total = whole["energy_kwh"]
+    per_km = f", {whole['kwh_per_km']:.3f} kWh/km" if np.isfinite(whole["kwh_per_km"]) else ""
+    of_it = (
+        f"auxiliary share {whole['auxiliary_share']:.0%}; " if np.isfinite(whole["auxiliary_share"]) else ""
+    )
     out = [
         f"{len(tables['trips'])} trips of {len(tables['vehicles'])} vehicles: {total:.2f} kWh"
         f" (+-{1.96 * whole['deviation_kwh']:.2f}) for {whole['distance_km']:.1f} km"
-        f" in {whole['duration_h']:.1f} h, {whole['kwh_per_km']:.3f} kWh/km"
+        f" in {whole['duration_h']:.1f} h{per_km}"
     ]
     shares = ", ".join(f"{t.replace('_', ' ')} {whole[f'{t}_kwh']:.2f}" for t in terms if whole[f"{t}_kwh"])
     out.append(f"ledger in kWh: {shares}")
     out.append(
-        f"{whole['regenerated_kwh']:.2f} kWh flowed back; auxiliary share {whole['auxiliary_share']:.0%};"
-        f" highest power {whole['peak_power_kw']:.1f} kW"
+        f"{whole['regenerated_kwh'] + 0.0:.2f} kWh flowed back; {of_it}"
+        f"highest power {whole['peak_power_kw']:.1f} kW"
     )
-    if np.isfinite(whole["measured_kwh"]):
-        share = whole["difference_kwh"] / whole["measured_kwh"] if whole["measured_kwh"] else np.nan
+    if np.isfinite(whole["measured_kwh"]) and whole["measured_kwh"]:
+        share = whole["difference_kwh"] / whole["measured_kwh"]
         out.append(
             f"measured {whole['measured_kwh']:.2f} kWh, model there {whole['model_beside_measured_kwh']:.2f} kWh:"
             f" {share:+.1%}"

@@ -50,7 +50,7 @@ def stops(dataset: Dataset, *, min_visits: int = 3) -> Result:
         + ", ".join(f"{n} {k}" for k, n in kinds.items()),
         f"{len(tasks)} loads carried between {len(flows)} pairs of places",
     ]
-    for row in table.nlargest(5, "dwell_total").itertuples():
+    for row in table.sort_values("dwell_total", ascending=False, kind="stable").head(5).itertuples():
         lines.append(
             f"{row.place}: {row.visits} visits of {row.vehicles} trucks, "
             f"median {row.dwell_median:.0f} s, at ({row.x:.1f}, {row.y:.1f})"

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection, Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from fleetlog.cli.options import (
+    SEED,
     anywhere,
     existing,
     json_option,
@@ -17,6 +21,14 @@ from fleetlog.cli.options import (
     quiet_option,
     say,
 )
+
+from fleetlog.errors import nearest
+
+if TYPE_CHECKING:
+    from fleetlog.core.site import Site
+    from fleetlog.store import Dataset
+
+CHANNELS = ("battery_power", "soc", "speed")
 
 
 @click.command()
@@ -35,8 +47,10 @@ from fleetlog.cli.options import (
     show_default=True,
     help="What is kept from the search to judge it by.",
 )
-@click.option("--gate", is_flag=True, help="Exit with 1 when something material is missing.")
-@click.option("--seed", default=0, show_default=True, help="Of the splits.")
+@click.option(
+    "--gate", is_flag=True, help="Exit with 0 only if all channels were judged and nothing is missing."
+)
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the splits.")
 @output_option("Folder to write.")
 @overwrite_option
 @json_option
@@ -53,6 +67,7 @@ def command(
     from fleetlog.core.truck import load_truck
     from fleetlog.discovery.diagnose import diagnose
     from fleetlog.discovery.output import as_result, lines, write_diagnosis
+    from fleetlog.physics.power import all_terms
     from fleetlog.roads import load_site
     from fleetlog.store import Dataset
     from fleetlog.store.output import atomic_output
@@ -63,15 +78,43 @@ def command(
     inputs = named_files(dict(dataset=dataset, truck=truck, site=site, against=against))
     with atomic_output(output, "diagnosis", overwrite=overwrite, inputs=inputs) as folder:
         result = diagnose(
-            recording, load_truck(truck), site=given, channels=_names(channels), terms=_names(terms), holdout=holdout,
+            recording, load_truck(truck), site=given, channels=_names(channels, CHANNELS), terms=_names(terms, all_terms()), holdout=holdout,
             against=None if against is None else Dataset(against), seed=seed, progress=lambda step: notice(f"  {step}", quiet),
         )  # fmt: skip
         write_diagnosis(result, folder)
         write_result_recording(as_result(result), given or recording.site, folder / "recording.rrd")
-    say(lines(result), {**result.verdict.document(), "output": str(output)}, as_json=as_json, quiet=quiet)
-    if gate and result.verdict.findings:
+    document = result.verdict.document()
+    say(lines(result), {**document, "output": str(output)}, as_json=as_json, quiet=quiet)
+    if gate and document["verdict"] != "none":
+        context.exit(1)
+    if gate and (missing := _unjudged(document, _names(channels) or _recorded(recording, given))):
+        notice(f"fleetlog: the gate stays shut: {', '.join(missing)} could not be judged")
         context.exit(1)
 
 
-def _names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",") if name.strip()]
+def _names(text: str, known: Collection[str] = ()) -> list[str]:
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for name in names:
+        if known and name not in known:
+            raise click.UsageError(f"unknown {name!r}; {nearest(name, known)}")
+    return names
+
+
+def _recorded(recording: Dataset, site: Site | None) -> list[str]:
+    """The channels that the recording has a value of, and could be judged by; speed needs a road map."""
+    roads = (site or recording.site).network is not None
+    return [c for c in CHANNELS if (c != "speed" or roads) and _has(recording, c)]
+
+
+def _has(recording: Dataset, channel: str) -> bool:
+    return any(bool((day.floats(channel) == day.floats(channel)).any()) for day in recording.days((channel,)))
+
+
+def _unjudged(document: dict[str, Any], channels: Iterable[str]) -> list[str]:
+    """Those of the channels that the diagnosis has no full set of figures of."""
+    judged = {
+        c["name"]
+        for c in document["channels"]
+        if all(c[k] is not None and math.isfinite(c[k]) for k in ("before", "after", "floor"))
+    }
+    return [c for c in channels if c not in judged]

@@ -154,14 +154,14 @@ def _site(options: dict[str, Any], like: Dataset | None, quiet: bool) -> Site:
 
 
 def _physics(options: dict[str, Any], truck: Truck, site: Site) -> Physics:
-    from fleetlog.errors import InputError, nearest
+    from fleetlog.errors import nearest
     from fleetlog.physics.model import load_physics
     from fleetlog.physics.power import Physics, all_terms
 
     physics = load_physics(options["physics"], truck, site.network) if options["physics"] else Physics(truck)
     for name in options["without"]:
         if name not in all_terms():
-            raise InputError(f"unknown term {name!r}", where="--without", do=nearest(name, all_terms()))
+            raise click.UsageError(f"--without: unknown term {name!r}; {nearest(name, all_terms())}")
     return replace(physics, off=physics.off | frozenset(options["without"]))
 
 
@@ -250,9 +250,12 @@ def _start(text: str | None, like: Dataset | None) -> int:
     if given is None:
         return DEFAULT_START
     try:
-        return int(np.datetime64(str(given).removesuffix("Z"), "us").astype(np.int64))
+        start = np.datetime64(str(given).removesuffix("Z"), "us")
     except ValueError:
         raise click.UsageError(f"--start {given!r} is no time; write 2026-01-05T06:00") from None
+    if not np.datetime64("1970-01-01") <= start < np.datetime64("2200-01-01"):  # NaT is not either
+        raise click.UsageError(f"--start {given!r} is not between the years 1970 and 2200")
+    return int(start.astype(np.int64))
 
 
 def _replay(writer: DatasetWriter, recorded: Dataset | None) -> None:

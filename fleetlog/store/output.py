@@ -106,7 +106,7 @@ def check_free(
         raise OutputError("is already there", where=given, do="choose another name or add --overwrite")
     if (why := _foreign(target, kind)) is not None:
         raise OutputError(
-            f"{why}, and is not replaced", where=given, do="choose another name or remove it yourself"
+            f"{why}; it is not replaced", where=given, do="choose another name or remove it yourself"
         )
 
 
@@ -143,7 +143,7 @@ def _foreign(target: Path, kind: str) -> str | None:
     if names is None:
         return None if _digest(target) in known else "was changed since fleetlog wrote it"
     more = sorted(names - known - REMADE)
-    return f"holds {more[0]!r}, which fleetlog did not write," if more else None
+    return f"holds {more[0]!r}, which fleetlog did not write" if more else None
 
 
 def _names(folder: Path) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,9 +31,14 @@ def write_result(result: Result, folder: Path, frame: Frame | None = None) -> No
         else:
             table.to_parquet(folder / f"{name}.parquet", index=False)
     for grid in (s for s in result.shapes if isinstance(s, Grid)):
-        write_geotiff(grid, folder / f"{grid.name}.tif", frame)
+        write_geotiff(grid, folder / f"{file_name(grid.name)}.tif", frame)
     for name, table in result.places.items():
         write_json(folder / f"{name}.geojson", points_geojson(table, frame))
+
+
+def file_name(text: str) -> str:
+    """``text`` as the name of a file on any system; characters that no name holds are percent-encoded."""
+    return re.sub(r'[/\\:*?"<>|%\x00-\x1f\x7f]|^\.', lambda c: f"%{ord(c[0]):02X}", text)
 
 
 def points_geojson(table: pd.DataFrame, frame: Frame | None) -> dict[str, Any]:

@@ -26,7 +26,7 @@ STYLE: Any = {
     "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 10.5, "axes.titlelocation": "left",
     "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#5a5f66", "axes.labelcolor": "#33373d",
     "xtick.color": "#5a5f66", "ytick.color": "#5a5f66", "legend.frameon": False, "legend.fontsize": 8.0,
-    "axes.grid": False,
+    "axes.grid": False, "text.parse_math": False,
 }  # fmt: skip
 
 

@@ -95,6 +95,9 @@ def test_overwrite_replaces_an_older_output_and_nothing_else(run: Run, tmp_path:
     log(tmp_path / "out" / "inside.csv", drive())
     done = run("import", "out/inside.csv", "-o", "out", "--overwrite")
     assert done.status == 1 and (tmp_path / "out" / "inside.csv").exists()
+    stranger = run("import", "log.csv", "-o", "out", "--overwrite")
+    assert stranger.status == 1 and "inside.csv" in stranger.err and (tmp_path / "out" / "inside.csv").exists()
+    (tmp_path / "out" / "inside.csv").unlink()
     assert run("export", "out", "--to", "csv", "-o", "mine", "--overwrite").status == 1 and mine.is_dir()
     log(tmp_path / "log.csv", drive(rows=7))
     assert run("import", "log.csv", "-o", "out", "--overwrite", "--no-recording").status == 0

@@ -151,7 +151,11 @@ def test_refusals_are_one_line_and_leave_nothing(make_dataset, tmp_path: Path) -
     out.write_text("mine")
     with pytest.raises(OutputError):
         export_dataset(many, "csv", out)
+    with pytest.raises(OutputError):
+        export_dataset(many, "csv", out, overwrite=True)
     assert out.read_text() == "mine"
+    out.unlink()
+    export_dataset(many, "csv", out)
     export_dataset(many, "csv", out, overwrite=True)
     assert out.read_text().startswith("vehicle_id")
 

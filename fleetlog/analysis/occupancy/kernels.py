@@ -57,9 +57,10 @@ def accumulate(
     max_gap: float,
     out: Floats,
 ) -> None:
-    """Everything that a heat map shows, added to ``out`` (5, rows, columns).
+    """Everything that a heat map shows, added to ``out`` (6, rows, columns).
 
-    Layers: time [s], distance [m], energy [J], standing time [s], passages (times a truck came into the cell).  Each
+    Layers: time [s], distance [m], energy [J], standing time [s], passages (times a truck came into the cell), and the
+    part of the time in which the power was known [s].  Each
     interval between two rows is spread along the straight line between them in pieces no longer than half a cell, so
     that sparse sampling leaves no holes; energy takes the mean of both powers where both are known.
     """
@@ -93,6 +94,7 @@ def accumulate(
                     out[3, ri, ci] += share
             if w == w:
                 out[2, ri, ci] += w * share
+                out[5, ri, ci] += share
             here = ri * columns + ci
             if here != last:
                 out[4, ri, ci] += 1.0
@@ -113,7 +115,7 @@ def along_edges(
     max_gap: float,
     out: Floats,
 ) -> None:
-    """The same five layers per stretch of directed edge, added to ``out`` (5, bins); a row stands for the time after it."""
+    """The same layers per stretch of directed edge, added to ``out`` (6, bins); a row stands for the time after it."""
     last = -1
     for i in range(len(edge) - 1):
         dt = (time[i + 1] - time[i]) * 1e-6
@@ -131,6 +133,7 @@ def along_edges(
                 out[3, b] += dt
         if w == w:
             out[2, b] += w * dt
+            out[5, b] += dt
         if b != last:
             out[4, b] += 1.0
             last = b

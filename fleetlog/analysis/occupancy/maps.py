@@ -18,7 +18,7 @@ from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 
-LAYERS = ("time", "distance", "energy", "standing", "passages")
+LAYERS = ("time", "distance", "energy", "standing", "passages", "energy_time")
 Quantity = Literal["occupancy", "passages", "speed", "energy", "standing"]
 Grouping = Literal["hour", "vehicle", "load"]
 LABELS = {
@@ -46,7 +46,7 @@ class Cells:
 
 @dataclass
 class HeatMap:
-    """Sums per cell (5, rows, columns) and per stretch of directed edge (5, bins), and per unit (vehicle-day) time for tests."""
+    """Sums per cell (6, rows, columns) and per stretch of directed edge (6, bins), and per unit (vehicle-day) time for tests."""
 
     cells: Cells
     grid: Floats
@@ -67,10 +67,15 @@ def values(layers: Floats, quantity: Quantity, area: float) -> Floats:
         "occupancy": lambda: time / area,
         "passages": lambda: layers[4],
         "speed": lambda: layers[1] / np.where(time > 0, time, np.nan),
-        "energy": lambda: layers[2] / area / 1000.0,
+        "energy": lambda: known_energy(layers) / area / 1000.0,
         "standing": lambda: layers[3] / area,
     }[quantity]()
     return np.asarray(np.where(time > 0, per, np.nan), dtype=np.float64)
+
+
+def known_energy(layers: Floats) -> Floats:
+    """The energy layer [J]; NaN where no power was known."""
+    return np.where(layers[5] > 0, layers[2], np.nan)
 
 
 def cells_of(extents: list[tuple[float, float, float, float]], cell: float) -> Cells:
@@ -150,7 +155,7 @@ def compute_by(
 
 def _empty(dataset: Dataset, cells: Cells) -> HeatMap:
     bins = int(stretches(dataset.site.network)[-1])
-    return HeatMap(cells, np.zeros((5, cells.rows, cells.columns)), np.zeros((5, bins)), [])
+    return HeatMap(cells, np.zeros((6, cells.rows, cells.columns)), np.zeros((6, bins)), [])
 
 
 def _add(to: HeatMap, t: Trajectory, use: NDArray[np.bool_], network: Network | None) -> None:
