@@ -21,7 +21,6 @@ from fleetlog.cli.options import (
     quiet_option,
     say,
 )
-
 from fleetlog.errors import nearest
 
 if TYPE_CHECKING:
@@ -75,11 +74,14 @@ def command(
 
     recording = Dataset(dataset)
     given = None if site is None else load_site(site)[0]
+    options: dict[str, Any] = dict(
+        channels=_names(channels, CHANNELS), terms=_names(terms, all_terms()), holdout=holdout, seed=seed
+    )
     inputs = named_files(dict(dataset=dataset, truck=truck, site=site, against=against))
     with atomic_output(output, "diagnosis", overwrite=overwrite, inputs=inputs) as folder:
         result = diagnose(
-            recording, load_truck(truck), site=given, channels=_names(channels, CHANNELS), terms=_names(terms, all_terms()), holdout=holdout,
-            against=None if against is None else Dataset(against), seed=seed, progress=lambda step: notice(f"  {step}", quiet),
+            recording, load_truck(truck), site=given, against=None if against is None else Dataset(against),
+            progress=lambda step: notice(f"  {step}", quiet), **options,
         )  # fmt: skip
         write_diagnosis(result, folder)
         write_result_recording(as_result(result), given or recording.site, folder / "recording.rrd")

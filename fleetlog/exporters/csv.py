@@ -12,7 +12,7 @@ from fleetlog.exporters.base import Exporter, Selection
 if TYPE_CHECKING:
     import pyarrow as pa
 
-FORMULA = r"^([=@\t\r]|[+-][\w.:-]*[^\w.:-])"
+FORMULA = r"^([=@\t\r]|[+-][\pL\pN_.:-]*[^\pL\pN_.:-])"
 _PACKING = {".gz": "gzip", ".zst": "zstd"}
 
 

@@ -69,7 +69,7 @@ def load_physics(path: str | Path, truck: Truck, network: Network | None = None)
         numbers = {k: v for k, v in entries.items() if k != "field"}
         values[name] = {k: _number(term, k, v, file) for k, v in numbers.items()}
         if place is not None:
-            found[name] = _field(term, file.parent / str(place), network, file)
+            found[name] = _field(term, _beside(file, str(place), name), network, file)
     off = frozenset(_term(name, file).name for name in data.get("off", ()))
     intervals = {
         _term(n, file).name: {k: (float(v[0]), float(v[1])) for k, v in p.items()}
@@ -78,6 +78,18 @@ def load_physics(path: str | Path, truck: Truck, network: Network | None = None)
     # A field needs no entry of numbers of its own.
     numbers_of = {n: v for n, v in values.items() if v or n not in found}
     return Physics(truck, dict(numbers_of), off, found, intervals)
+
+
+def _beside(file: Path, place: str, term: str) -> Path:
+    """A field's file; it lies in the folder of the model, or below it."""
+    if not (file.parent / place).resolve().is_relative_to(file.parent.resolve()):
+        raise InputError(
+            f"{place!r} lies outside the model's folder",
+            where=file,
+            place=f"term.{term}.field",
+            do="move it there",
+        )
+    return file.parent / place
 
 
 def _read(file: Path) -> dict[str, Any]:

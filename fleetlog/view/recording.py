@@ -18,7 +18,7 @@ from fleetlog.view.extent import dataset_outline
 from fleetlog.view.happenings import happenings_of
 from fleetlog.view.palette import Colour
 from fleetlog.view.scene import log_site
-from fleetlog.view.stream import Stream, entity, open_stream
+from fleetlog.view.stream import Stream, entity, open_stream, verbatim
 from fleetlog.view.ways import log_ways, ways_of
 
 RATE = 2.0
@@ -144,14 +144,16 @@ def summary_markdown(dataset: Dataset, figures: Mapping[str, Any] | None = None)
         f"{edges} directed road edges" if edges else "no road map",
     ]
     more = summary_lines(meta.get("summary") or {} if figures is None else figures)
-    return f"**{meta['site']['name']}**\n\n" + "\n".join(f"- {line}" for line in [*head, *more]) + "\n"
+    return (
+        f"**{verbatim(meta['site']['name'])}**\n\n" + "\n".join(f"- {line}" for line in [*head, *more]) + "\n"
+    )
 
 
 def summary_lines(figures: Mapping[str, Any]) -> list[str]:
     """The figures of an import or a simulation that say something beside the dataset's own, one a line."""
     lines = []
     for key, value in figures.items():
-        name = str(key).replace("_", " ")
+        name = verbatim(str(key).replace("_", " "))
         if key in SAID or value in (None, "", 0, [], {}):
             continue
         if key == "files" and isinstance(value, list):
@@ -160,7 +162,9 @@ def summary_lines(figures: Mapping[str, Any]) -> list[str]:
         elif isinstance(value, str | int | float):
             lines.append(f"{name}: {_figure(value)}")
         elif isinstance(value, Mapping) and all(isinstance(v, str | int | float) for v in value.values()):
-            lines.append(f"{name}: " + ", ".join(f"{k} {_figure(v)}" for k, v in value.items()))
+            lines.append(
+                f"{name}: " + ", ".join(f"{verbatim(str(k))} {_figure(v)}" for k, v in value.items())
+            )
     return lines
 
 
@@ -170,7 +174,7 @@ def _clock(iso: str | None) -> str:
 
 def _figure(value: Any) -> str:
     if isinstance(value, bool | str):
-        return str(value)
+        return verbatim(str(value))
     if isinstance(value, float) and 0.0 < value <= 1.0:
         return f"{100.0 * value:.4g} %"
     return f"{value:,}" if isinstance(value, int) else f"{value:,.4g}"

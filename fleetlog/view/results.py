@@ -17,7 +17,7 @@ from fleetlog.view.fleet import curve_style, log_curve
 from fleetlog.view.meshes import join, mesh_of
 from fleetlog.view.scales import Scale, scales_of, screen_colours
 from fleetlog.view.scene import drawn_width, lane, log_site, mesh3d
-from fleetlog.view.stream import Stream, entity, open_stream
+from fleetlog.view.stream import Stream, entity, open_stream, verbatim
 
 MARK_COLOURS = {
     "place": palette.PLACES["pick"], "charger": palette.PLACES["charge"], "critical": palette.CRITICAL,
@@ -198,7 +198,7 @@ def _bars_text(bars: Bars) -> str:
 
 
 def _log_answer(stream: Stream, result: Result, legends: list[str]) -> None:
-    answer = "\n".join(f"- {line}" for line in result.lines)
+    answer = "\n".join(f"- {verbatim(line)}" for line in result.lines)
     text = f"### {_title(result.name)}\n\n{answer}\n\n" + "\n\n".join(legends)
     stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -30,6 +31,11 @@ def nanoseconds(time: Ints) -> Any:
 def entity(*names: str) -> str:
     """An entity path; names are escaped where a log's own ids need it."""
     return str(rr.new_entity_path([n for n in names if n]))
+
+
+def verbatim(text: str) -> str:
+    """``text`` on one line of Markdown, nothing in it read as markup: a name is no link and no picture."""
+    return re.sub(r"([\\`*_\[\]<>!#|~&])", r"\\\1", " ".join(text.split()))
 
 
 class Stream:

@@ -75,7 +75,7 @@ def values(layers: Floats, quantity: Quantity, area: float) -> Floats:
 
 def known_energy(layers: Floats) -> Floats:
     """The energy layer [J]; NaN where no power was known."""
-    return np.where(layers[5] > 0, layers[2], np.nan)
+    return np.asarray(np.where(layers[5] > 0, layers[2], np.nan), dtype=np.float64)
 
 
 def cells_of(extents: list[tuple[float, float, float, float]], cell: float) -> Cells:
