@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import sys
 import warnings
 from contextlib import suppress
@@ -102,7 +103,8 @@ def _finished(status: int) -> int:
 
 
 def _complain(text: str) -> None:
-    notice(f"fleetlog: {text}")
+    """One line; a scratch file is called by the name that it would have had."""
+    notice("fleetlog: " + re.sub(r"\.([^/]+)\.partial/new", r"\1", text))
 
 
 def _status() -> int:

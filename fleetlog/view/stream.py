@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import struct
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -74,37 +76,60 @@ def open_stream(path: Path, name: str, start: Ints | int | None = None) -> Itera
     """
     rr.set_strict_mode(True)
     # No recording id of our own: the viewer would take two files of one id, such as two imports, for one recording.
+    recording = rr.RecordingStream(APPLICATION, send_properties=True)
+    rr.set_log_time_enabled(False, recording=recording)
+    if not rr.is_enabled(recording=recording):
+        raise OutputError("Rerun is switched off (RERUN=off)", where=path, do="unset RERUN")
     with remade(path) as scratch:
         try:
-            with rr.RecordingStream(APPLICATION, send_properties=True) as recording:
-                rr.set_log_time_enabled(False, recording=recording)
-                if not rr.is_enabled(recording=recording):
-                    raise OutputError("Rerun is switched off (RERUN=off)", where=path, do="unset RERUN")
-                recording.save(str(scratch))
-                recording.send_recording_name(name)
-                if start is not None:
-                    recording.send_recording_start_time_nanos(int(start) * 1000)
-                recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-                yield Stream(recording)
-                _flush(recording)
-            check_whole(scratch)
+            with _pipe_into(scratch) as pipe:
+                recording.save(pipe)
+                try:
+                    recording.send_recording_name(name)
+                    if start is not None:
+                        recording.send_recording_start_time_nanos(int(start) * 1000)
+                    recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+                    yield Stream(recording)
+                finally:
+                    recording.disconnect()
         except RuntimeError as error:
             raise _unwritten(path, str(error)) from None
+        check_whole(scratch)
+
+
+@contextmanager
+def _pipe_into(path: Path) -> Iterator[str]:
+    """The name of a pipe: what is written into it goes to the file ``path``.
+
+    Rerun's own writer of files ends at the first error of the disk, unheard, and whoever waits for it then may wait
+    forever; a pipe takes everything, and the error is raised here.
+    """
+    receive, send = os.pipe()
+    failed: list[OSError] = []
+
+    def copy() -> None:
+        with os.fdopen(receive, "rb", buffering=0) as source:
+            try:
+                with path.open("wb") as sink:
+                    shutil.copyfileobj(source, sink)
+            except OSError as error:
+                failed.append(error)
+            while source.read(1 << 16):
+                pass
+
+    thread = threading.Thread(target=copy, daemon=True)
+    thread.start()
+    try:
+        yield f"/dev/fd/{send}"
+    finally:
+        os.close(send)
+        thread.join()
+    if failed:
+        raise _unwritten(path, failed[0].strerror or str(failed[0]))
 
 
 def _unwritten(path: Path, why: str) -> OutputError:
     return OutputError(f"recording not written: {why}", where=path, do="check space and permissions")
-
-
-def _flush(recording: rr.RecordingStream) -> None:
-    """Wait until all is written.  Asked again and again: a writer that dies never answers what was asked before."""
-    while True:
-        try:
-            recording.flush(timeout_sec=5.0)
-            return
-        except RuntimeError as error:
-            if "timed out" not in str(error):
-                raise
 
 
 def check_whole(path: Path) -> None:
