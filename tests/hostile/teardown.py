@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import os
 import random
 import resource
@@ -139,8 +140,17 @@ def contents(path: Path) -> dict[str, str]:
             check_whole(file)
             found[str(file.relative_to(path))] = "a whole recording"
         elif file.is_file():
-            found[str(file.relative_to(path))] = hashlib.sha256(file.read_bytes()).hexdigest()
+            found[str(file.relative_to(path))] = hashlib.sha256(_without_command(file)).hexdigest()
     return found
+
+
+def _without_command(file: Path) -> bytes:
+    """The bytes of a file; of a dataset's description all but the command line."""
+    if file.name != "dataset.json":
+        return file.read_bytes()
+    description = json.loads(file.read_bytes())
+    description["provenance"].pop("command", None)
+    return json.dumps(description, sort_keys=True).encode()
 
 
 def prepare(folder: Path) -> None:
@@ -191,8 +201,8 @@ def kill(case: Case, rng: random.Random) -> str | None:
 
 def term(case: Case, rng: random.Random) -> str | None:
     """SIGTERM or SIGINT at a random moment: 130 and nothing new, or done."""
-    moment, which = rng.uniform(0.3, 1.0) * case.seconds, rng.choice([signal.SIGTERM, signal.SIGINT])
-    done = case.run(out="new", after=lambda p: _later(p, moment, which))
+    moment, which = rng.uniform(0.0, 0.9) * case.seconds, rng.choice([signal.SIGTERM, signal.SIGINT])
+    done = case.run(out="new", after=lambda p: _later(p, moment, which, ready=True))
     state = case.state("new")
     remove(case.target("new"))
     good = (done.status == 130 and state == "nothing") or (done.status in (0, 3) and state == "whole")
@@ -201,7 +211,14 @@ def term(case: Case, rng: random.Random) -> str | None:
     return None
 
 
-def _later(process: subprocess.Popen[bytes], moment: float, which: signal.Signals) -> None:
+def _later(
+    process: subprocess.Popen[bytes], moment: float, which: signal.Signals, ready: bool = False
+) -> None:
+    """Send a signal at a moment; ``ready``: counted from when the run has its handlers."""
+    status = Path(f"/proc/{process.pid}/status")
+    while ready and process.poll() is None and status.exists():
+        caught = next(line for line in status.read_text().splitlines() if line.startswith("SigCgt"))
+        ready = not int(caught.split()[1], 16) >> (signal.SIGTERM - 1) & 1
     try:
         process.wait(moment)
     except subprocess.TimeoutExpired:
@@ -358,7 +375,8 @@ def main() -> int:
             row, breaches = tear(verb, inputs, Path(scratch) / verb, given.rounds, trials, given.seed)
             print(f"| {verb} | " + " | ".join(row[t] for t in trials) + " |", flush=True)
             every += breaches
-    print(f"\n{len(every)} breaches", *every, sep="\n")
+            print(*(f"    {b}" for b in breaches), sep="\n", end="", flush=True)
+    print(f"\n{len(every)} breaches")
     return 1 if every else 0
 
 
