@@ -1,4 +1,4 @@
-"""Interrupts that are never lost: Ctrl-C, SIGTERM and SIGHUP end a run in one way, and never in the middle of a swap."""
+"""Interrupts that are never lost: Ctrl-C, SIGTERM and SIGHUP end a run in one way, never in the middle of a swap."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _state = {"installed": False, "came": False, "held": False}
 
 
 def install() -> None:
-    """Turn the signals into :class:`KeyboardInterrupt`; called once by the command line, from the main thread.
+    """Turn the signals into :class:`KeyboardInterrupt`; the command line calls it once, in its main thread.
 
     A signal that the caller has set to be ignored (``nohup``, a background job) stays ignored.
     """
@@ -34,7 +34,7 @@ def came() -> bool:
 
 
 def check() -> None:
-    """Raise again an interrupt that a library swallowed: extension modules drop one that reaches them while they load."""
+    """Raise an interrupt that a library swallowed: extension modules drop one that comes while they load."""
     if _state["came"]:
         raise KeyboardInterrupt
 

@@ -127,7 +127,7 @@ def _site(path: Path | None, quiet: bool) -> Site:
 
 @contextmanager
 def _progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """A bar on a terminal, nothing elsewhere; an interrupt that a library swallowed is raised with every step."""
+    """A bar on a terminal, nothing elsewhere; every step raises an interrupt that a library swallowed."""
     if quiet or not sys.stderr.isatty():
         yield lambda _text, _share: interrupt.check()
         return

@@ -1,4 +1,4 @@
-"""``fleetlog``: the verbs, loaded when called, and the one place that turns errors into a line and an exit status."""
+"""``fleetlog``: the verbs, loaded when called; the one place that turns errors into a line and an exit status."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def entry() -> None:
     own = find_place()
     status = _finished(_status())
     if status == EXIT_INTERRUPTED:
-        # An interrupt inside an import's exec() makes the interpreter die by the signal whatever status is asked for.
+        # An interrupt inside an import's exec() makes the interpreter die by the signal, whatever the status.
         if own is not None:
             import shutil
 
@@ -68,7 +68,7 @@ def entry() -> None:
 
 
 def _open_streams() -> None:
-    """Give closed standard streams a place: the next file that is opened would take their number and their texts."""
+    """Give closed standard streams a place: the next file to be opened would take their number and texts."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
@@ -82,7 +82,7 @@ def _open_streams() -> None:
 
 
 def _quiet_libraries() -> None:
-    """Keep the warnings and logs of libraries from users: they name source files; FLEETLOG_DEBUG=1 shows them."""
+    """Keep the warnings of libraries from users: they name source files; FLEETLOG_DEBUG=1 shows them."""
     if not os.environ.get("FLEETLOG_DEBUG"):
         os.environ.setdefault("RUST_LOG", "off")
         warnings.simplefilter("ignore")

@@ -40,19 +40,19 @@ def output_option(what: str) -> Callable[[F], F]:
 
 
 def answer_options(command: F) -> F:
-    """Where the answer to a question goes and how it is said; :func:`fleetlog.cli.output.answers` takes their values."""
+    """Where an answer goes and how it is said; :func:`fleetlog.cli.output.answers` takes their values."""
     for option in (quiet_option, overwrite_option, json_option, output_option("Folder for the answer.")):
         command = option(command)
     return command
 
 
 def printable(text: str) -> str:
-    """``text`` with everything that a terminal might obey as an escape: control and formatting characters, line ends."""
+    """``text`` with control and formatting characters and line ends as escapes: no terminal obeys it."""
     return "".join(c if c.isprintable() or c in "\N{NO-BREAK SPACE}" else ascii(c)[1:-1] for c in text)
 
 
 def named_files(options: dict[str, Any]) -> list[Path]:
-    """The files and folders that a command line names beside its output: every path, and the truck where it is one."""
+    """The files and folders that a command line reads: every path but the output, the truck where it is one."""
     values = [v for value in options.values() for v in (value if isinstance(value, tuple) else (value,))]
     truck = options.get("truck")
     return [v for v in [*values, truck and Path(truck)] if isinstance(v, Path)]

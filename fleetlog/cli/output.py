@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def answers(command: Callable[..., tuple[Result, Site]]) -> Callable[..., None]:
-    """Give an analysis its options ``-o``, ``--overwrite``, ``--json`` and ``-q``, and write and say what it returns.
+    """Give an analysis the options ``-o``, ``--overwrite``, ``--json``, ``-q``; write and say what it returns.
 
     Its place is checked and held before the work begins.
     """
@@ -37,7 +37,7 @@ def write_analysis(
 ) -> Path:
     """Write everything that a result gives into the folder ``out``.
 
-    ``NAME.json`` (the summary), every table as Parquet, places as GeoJSON, ``NAME.png`` and ``recording.rrd``.
+    ``NAME.json`` (the summary), tables as Parquet, places as GeoJSON, ``NAME.png`` and ``recording.rrd``.
     An older folder is only replaced with ``overwrite``, and then only when all of this has been written.
     """
     from fleetlog.store.output import atomic_output

@@ -1,4 +1,4 @@
-"""CSV with the contract's column names, so that it is read back without a profile; packed where the name ends in .gz or .zst."""
+"""CSV with the contract's column names, read back without a profile; packed where the name ends in .gz or .zst."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ def _with_iso_time(table: pa.Table, schema: pa.Schema) -> pa.Table:
 def defused(texts: pa.ChunkedArray) -> pa.ChunkedArray:
     """An apostrophe before every text that a spreadsheet would run as a formula.
 
-    Names such as ``-e012``, a road driven against its digitised direction, stay as they are: a sign before letters, digits
-    and ``_ . : -`` calls nothing.
+    Names such as ``-e012``, a road driven against its digitised direction, stay as they are: a sign before letters,
+    digits and ``_ . : -`` calls nothing.
     """
     import pyarrow.compute as pc
 

@@ -1,8 +1,8 @@
 """Where results go: whole or not at all, and never over anything but an older output of the same kind.
 
-A run works in the hidden folder ``.NAME.partial`` beside its target and holds a lock in it, which the kernel releases
-however the run ends; whoever finds the folder unlocked knows that its run is dead.  Every folder of output carries a
-:data:`MARK` that says what was written into it; a single file has its mark beside it.
+A run works in the hidden folder ``.NAME.partial`` beside its target and holds a lock in it, which the kernel
+releases however the run ends; whoever finds the folder unlocked knows that its run is dead.  Every folder of output
+carries a :data:`MARK` that says what was written into it; a single file has its mark beside it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from fleetlog import interrupt
 from fleetlog.errors import OutputError
 
 MARK = ".fleetlog"
-"""In a folder: its kind and the names that were written into it.  ``.NAME.fleetlog`` beside a file: its kind and digest."""
+"""In a folder: its kind and the names written into it.  ``.NAME.fleetlog`` beside a file: its kind and digest."""
 REMADE = frozenset({MARK, "recording.rrd", ".recording.rrd.partial"})
 """Names in an output that fleetlog may add later."""
 NOREPLACE, EXCHANGE = 1, 2
@@ -43,7 +43,7 @@ def atomic_output(
 
     Parameters
     ----------
-    target : a folder or a file; missing folders above it are made, and a symlink stays one: what it names is written.
+    target : a folder or a file; missing folders above it are made; of a symlink, what it names is written.
     kind : what is written, a noun; an older output is replaced by one of the same kind only.
     overwrite : whether an older output may be replaced; it is, at once, when the new one is whole.
     inputs : files and folders that the run reads.
@@ -72,7 +72,7 @@ def atomic_output(
 
 @contextmanager
 def remade(part: Path) -> Iterator[Path]:
-    """The name of a scratch file that replaces ``part``, a file of fleetlog's own in a dataset, when the block ends well."""
+    """The name of a scratch file that replaces ``part``, a file of fleetlog's own, when the block ends well."""
     with _claimed(part) as scratch:
         yield scratch / "new"
         _sync(scratch / "new")
@@ -84,8 +84,8 @@ def check_free(
 ) -> None:
     """Raise :class:`OutputError` if ``target`` is read by the run, or is there and must not be replaced.
 
-    ``overwrite`` replaces a folder or a regular file that carries the mark of an older output of this ``kind``, holds
-    nothing else (a folder) and was not changed since (a file); an empty folder too.
+    ``overwrite`` replaces a folder or a regular file that carries the mark of an older output of this ``kind``,
+    holds nothing else (a folder) and was not changed since (a file); an empty folder too.
     """
     given, target = target, Path(os.path.realpath(target))
     for source in inputs:
@@ -111,7 +111,7 @@ def check_free(
 
 
 def _at_input(target: Path, given: Path) -> str | None:
-    """How an output and what is read are in each other: an output is never at or above it, never inside a dataset."""
+    """Why an output is not apart from what is read: it is at or above it, or inside a dataset; None where it is."""
     source = Path(os.path.realpath(given))
     if target.exists() and _same(target, source):
         return "is what this run reads"
@@ -155,8 +155,10 @@ def _mark_of(target: Path) -> Path:
 
 
 def _mark(new: Path, kind: str, target: Path) -> Path | None:
-    """Mark the new output.  A file's mark, returned, still has to be put beside it: it names the older file too, so that
-    both are known at every instant."""
+    """Mark the new output.
+
+    A file's mark is returned, to be put beside it: it names the older file too, so that both are known at every instant.
+    """
     if new.is_dir():
         (new / MARK).write_text(
             json.dumps({"kind": kind, "names": sorted(_names(new))}) + "\n", encoding="utf-8"
@@ -245,7 +247,7 @@ def _hold(lock: int, target: Path) -> None:
 
 
 def _clear(scratch: Path, target: Path) -> None:
-    """Empty a scratch folder but for its lock; an older output that was set aside in it goes back to its place."""
+    """Empty a scratch folder but for its lock; an older output that was set aside in it goes back."""
     if (old := scratch / "old").exists() and not target.exists():
         old.rename(target)
     for path in scratch.iterdir():
@@ -260,8 +262,8 @@ def _clear(scratch: Path, target: Path) -> None:
 def _swap(new: Path, target: Path) -> None:
     """Put ``new`` in the place of ``target``: the older or the newer one is there at every instant.
 
-    Where the system cannot exchange two folders, the older one is set aside in the scratch folder for a moment; a run
-    that dies in it leaves it there, and the next one to this target puts it back.
+    Where the system cannot exchange two folders, the older one is set aside in the scratch folder for a moment; a
+    run that dies in it leaves it there, and the next one to this target puts it back.
     """
     if not os.path.lexists(target):
         if not _renameat2(new, target, NOREPLACE):

@@ -69,7 +69,7 @@ class DatasetWriter:
         overwrite: bool = False,
         inputs: Iterable[Path] = (),
     ) -> Iterator[DatasetWriter]:
-        """A writer whose dataset appears as ``target`` when the block ends without an error; ``inputs`` are what is read."""
+        """A writer whose dataset appears as ``target`` when the block ends well; ``inputs`` are what is read."""
         with atomic_output(target, f"{kind} dataset", overwrite=overwrite, inputs=inputs) as scratch:
             writer = cls(scratch, kind, site)
             yield writer

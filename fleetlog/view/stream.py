@@ -59,7 +59,7 @@ class Stream:
             self.recording.send_columns(path, [index], columns(rows))
 
     def parts(self, path: str, time: Ints, lengths: Ints, columns: Callable[[slice], Any]) -> None:
-        """Like :meth:`columns` for rows of ``lengths`` instances; ``columns`` gets the slice of the instances."""
+        """Like :meth:`columns` for rows of ``lengths`` instances; ``columns`` gets the slice of instances."""
         ends = np.concatenate([[0], np.cumsum(lengths)])
         for begin in range(0, len(time), CHUNK):
             stop = min(begin + CHUNK, len(time))
@@ -70,12 +70,12 @@ class Stream:
 
 @contextmanager
 def open_stream(path: Path, name: str, start: Ints | int | None = None) -> Iterator[Stream]:
-    """A stream that writes the .rrd file ``path``; the file appears when it is whole, and replaces an older one.
+    """A stream that writes the .rrd file ``path``, which appears when it is whole, and replaces an older one.
 
     Errors of the data and of writing raise, nothing is dropped in silence.
     """
     rr.set_strict_mode(True)
-    # No recording id of our own: the viewer would take two files of one id, such as two imports, for one recording.
+    # No recording id of our own: the viewer would take two files of one id for one recording.
     recording = rr.RecordingStream(APPLICATION, send_properties=True)
     rr.set_log_time_enabled(False, recording=recording)
     if not rr.is_enabled(recording=recording):
@@ -101,8 +101,8 @@ def open_stream(path: Path, name: str, start: Ints | int | None = None) -> Itera
 def _pipe_into(path: Path) -> Iterator[str]:
     """The name of a pipe: what is written into it goes to the file ``path``.
 
-    Rerun's own writer of files ends at the first error of the disk, unheard, and whoever waits for it then may wait
-    forever; a pipe takes everything, and the error is raised here.
+    Rerun's own writer of files ends at the first error of the disk, unheard, and whoever waits for it then may
+    wait forever; a pipe takes everything, and the error is raised here.
     """
     receive, send = os.pipe()
     failed: list[OSError] = []
@@ -133,10 +133,10 @@ def _unwritten(path: Path, why: str) -> OutputError:
 
 
 def check_whole(path: Path) -> None:
-    """Raise :class:`OutputError` unless an .rrd file ends as a closed one does, at the length that its end states.
+    """Raise :class:`OutputError` unless an .rrd file ends as a closed one does, at the length that it states.
 
-    The last bytes of Rerun's format: per manifest its start, its length (64 bits each) and a checksum, then ``RRF2FOOT``
-    and the number of manifests.
+    The last bytes of Rerun's format: per manifest its start, its length (64 bits each) and a checksum, then
+    ``RRF2FOOT`` and the number of manifests.
     """
     with path.open("rb") as stream:
         size = stream.seek(0, os.SEEK_END)

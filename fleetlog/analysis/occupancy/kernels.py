@@ -59,10 +59,10 @@ def accumulate(
 ) -> None:
     """Everything that a heat map shows, added to ``out`` (6, rows, columns).
 
-    Layers: time [s], distance [m], energy [J], standing time [s], passages (times a truck came into the cell), and the
-    part of the time in which the power was known [s].  Each
-    interval between two rows is spread along the straight line between them in pieces no longer than half a cell, so
-    that sparse sampling leaves no holes; energy takes the mean of both powers where both are known.
+    Layers: time [s], distance [m], energy [J], standing time [s], passages (times a truck came into the cell), and
+    the part of the time in which the power was known [s].  Each interval between two rows is spread along the straight
+    line between them in pieces no longer than half a cell, so that sparse sampling leaves no holes; energy takes the
+    mean of both powers where both are known.
     """
     _, rows, columns = out.shape
     last = -1

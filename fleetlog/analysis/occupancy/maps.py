@@ -46,7 +46,7 @@ class Cells:
 
 @dataclass
 class HeatMap:
-    """Sums per cell (6, rows, columns) and per stretch of directed edge (6, bins), and per unit (vehicle-day) time for tests."""
+    """Sums per cell (6, rows, columns) and stretch of directed edge (6, bins); time per unit (vehicle-day) for tests."""
 
     cells: Cells
     grid: Floats
@@ -61,13 +61,13 @@ class HeatMap:
 
 
 def values(layers: Floats, quantity: Quantity, area: float) -> Floats:
-    """One quantity from summed layers; NaN where nothing was.  Times and energies are per square metre (``area``) or stretch."""
-    time = layers[0]
+    """One quantity from summed layers, NaN where nothing was; times and energies per square metre or stretch."""
+    time, energy = layers[0], known_energy(layers)
     per = {
         "occupancy": lambda: time / area,
         "passages": lambda: layers[4],
         "speed": lambda: layers[1] / np.where(time > 0, time, np.nan),
-        "energy": lambda: known_energy(layers) / area / 1000.0,
+        "energy": lambda: energy / area / 1000.0,
         "standing": lambda: layers[3] / area,
     }[quantity]()
     return np.asarray(np.where(time > 0, per, np.nan), dtype=np.float64)
