@@ -25,7 +25,7 @@ class Between(click.FloatRange):
 
 
 SEED = click.IntRange(0, 2**63 - 1)
-VEHICLES = click.IntRange(0, 100_000)
+VEHICLES = click.IntRange(1, 100_000)
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace an older output.")

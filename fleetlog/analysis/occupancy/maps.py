@@ -63,14 +63,14 @@ class HeatMap:
 def values(layers: Floats, quantity: Quantity, area: float) -> Floats:
     """One quantity from summed layers, NaN where nothing was; times and energies per square metre or stretch."""
     time, energy = layers[0], known_energy(layers)
-    per = {
+    per: dict[Quantity, Callable[[], Floats]] = {
         "occupancy": lambda: time / area,
         "passages": lambda: layers[4],
         "speed": lambda: layers[1] / np.where(time > 0, time, np.nan),
         "energy": lambda: energy / area / 1000.0,
         "standing": lambda: layers[3] / area,
-    }[quantity]()
-    return np.asarray(np.where(time > 0, per, np.nan), dtype=np.float64)
+    }
+    return np.asarray(np.where(time > 0, per[quantity](), np.nan), dtype=np.float64)
 
 
 def known_energy(layers: Floats) -> Floats:
