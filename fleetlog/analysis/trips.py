@@ -33,6 +33,7 @@ def trips(dataset: Dataset, *, min_distance: float = 5.0) -> Result:
     real = table[table.distance >= min_distance]
     energy = real.energy.to_numpy(float) / JOULES
     known = np.isfinite(energy) & (energy != 0.0)
+    payload = real.payload.dropna()
     km = float(real.distance[known].sum()) / 1000.0
     summary: dict[str, Any] = {
         "vehicles": len(dataset.vehicles), "trips": len(table), "trips_driven": len(real),
@@ -42,7 +43,7 @@ def trips(dataset: Dataset, *, min_distance: float = 5.0) -> Result:
         "mean_speed_m_s": float(real.distance.sum() / max(float(real.driving_time.sum()), 1e-9)),
         "energy_wh": float(energy[known].sum()) if known.any() else None,
         "energy_wh_per_km": float(energy[known].sum() / km) if km > 0.0 else None,
-        "laden_share": float(np.mean(real.payload.fillna(0.0) > 25.0)) if len(real) else None,
+        "laden_share": float(np.mean(payload > 25.0)) if len(payload) else None,
     }  # fmt: skip
     pairs = real.groupby(["from_place", "to_place"], as_index=False).agg(
         trips=("distance", "size"), distance_mean=("distance", "mean"), duration_mean=("duration", "mean"),
