@@ -1,9 +1,10 @@
-"""Tear down every verb: what is left of an output when a run is killed, interrupted, out of disk, raced or cut off.
+"""Tear down every verb: what is left of an output when a run is killed, interrupted, raced, or out of disk.
 
     python tests/hostile/teardown.py [--rounds 10] [--verbs import,export] [--trials kill,term]
 
-prints a table: a row a verb, a column a trial, ``held/tried`` in each cell, and every breach below it.  The law is one:
-whatever happens, the place of an output holds nothing, the older output or the newer one, whole, and the status says which.
+prints a table: a row a verb, a column a trial, ``held/tried`` in each cell, and every breach below it.  The law is
+one: whatever happens, the place of an output holds nothing, the older output or the newer one, whole, and the status
+says which.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "sample_data"
 TRUCK, SITE = "plant/truck.toml", "plant/site.toml"
+POWER = ["--channels", "battery_power"]
 ENV = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "FLEETLOG_DEBUG": ""}
 LIMIT = 300.0
 """Longest a run may take [s]; one that takes longer hangs."""
@@ -44,8 +46,8 @@ VERBS: dict[str, list[str]] = {
     "heatmap": ["analyze", "heatmap", "recorded", "-o", "OUT"],
     "chargers": ["analyze", "chargers", "recorded", "-k", "2", "-o", "OUT"],
     "calibrate": ["calibrate", "recorded", "--truck", TRUCK, "-o", "OUT.toml"],
-    "diagnose": ["diagnose", "recorded", "--truck", TRUCK, "-o", "OUT"],
-    "against": ["diagnose", "recorded", "--truck", TRUCK, "--against", "simulated", "-o", "OUT"],
+    "diagnose": ["diagnose", "recorded", "--truck", TRUCK, *POWER, "-o", "OUT"],
+    "against": ["diagnose", "recorded", "--truck", TRUCK, "--against", "simulated", *POWER, "-o", "OUT"],
     "export-csv": ["export", "recorded", "--to", "csv", "-o", "OUT.csv"],
     "export-mcap": ["export", "recorded", "--to", "mcap", "-o", "OUT.mcap"],
     "export-parquet": ["export", "recorded", "--to", "parquet", "-o", "OUT.parquet"],
@@ -131,7 +133,7 @@ def run(
 
 
 def contents(path: Path) -> dict[str, str]:
-    """The digest of every file of an output; of a recording, whose bytes differ from run to run, whether it ends well."""
+    """The digest of every file of an output; of a recording, whose bytes differ, whether it ends well."""
     from fleetlog.view.stream import check_whole
 
     found = {}
@@ -167,7 +169,7 @@ def prepare(folder: Path) -> None:
 
 
 def case_of(verb: str, inputs: Path, folder: Path) -> Case:
-    """A verb's case with a first output in its place; run twice, so that nothing that differs by itself counts as broken."""
+    """A verb's case with a first output in its place; run twice: what differs by itself would count as broken."""
     shutil.copytree(inputs, folder, dirs_exist_ok=True)
     case = Case(verb, folder)
     first = case.run()
@@ -188,7 +190,7 @@ Trial = Callable[[Case, random.Random], str | None]
 
 
 def kill(case: Case, rng: random.Random) -> str | None:
-    """Kill -9 at a random moment; then the older or the newer output is there, and the next run works and cleans up."""
+    """Kill -9 at a random moment: the older or the newer output is there, the next run works and cleans up."""
     moment = rng.uniform(0.3, 1.05) * case.seconds
     case.run("--overwrite", after=lambda p: _later(p, moment, signal.SIGKILL))
     if (state := case.state()) != "whole":
@@ -276,7 +278,7 @@ def race(case: Case, rng: random.Random) -> str | None:
 
 
 def streams(case: Case, rng: random.Random) -> str | None:
-    """Closed standard streams change nothing; an answer that cannot be said is status 1, the output is there."""
+    """Closed standard streams, and a standard error that takes nothing, change nothing."""
     closed = rng.choice([(0,), (1,), (2,), (1, 2), (0, 1, 2)])
     done = case.run("--overwrite", closed=closed)
     if done.status not in (0, 3) or case.state() != "whole" or case.left():

@@ -1,4 +1,4 @@
-"""A short version of the tear-down script: some verbs, one round of each trial; the whole of it takes an hour."""
+"""A short version of the tear-down script: two verbs, one round of each trial."""
 
 from __future__ import annotations
 

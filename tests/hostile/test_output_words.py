@@ -1,4 +1,4 @@
-"""What is said and written: no escape reaches a terminal, no formula a spreadsheet, no NaN a JSON, no unknown becomes zero."""
+"""What is said and written: no escapes, no formulas, no NaN in JSON, no unknown that becomes zero."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fleetlog.analysis.heatmap import heatmap
+from fleetlog.analysis.stops import stops
+from fleetlog.analysis.trips import trips
 from fleetlog.cli.diagnose import _unjudged
 from fleetlog.cli.main import cli
 from fleetlog.cli.options import printable
@@ -71,6 +73,7 @@ def test_nothing_that_is_said_moves_a_terminal(text: str) -> None:
     assert printable(plain) == plain
 
 
+@pytest.mark.filterwarnings("ignore:Glyph")
 def test_names_of_vehicles_reach_neither_terminal_nor_other_folders(tmp_path: Path) -> None:
     path = dataset(tmp_path / "d", NAMES, power=1000.0).path
     (tmp_path / "inner").mkdir()
@@ -114,7 +117,14 @@ def test_a_name_is_no_markup() -> None:
     assert verbatim("![p](http://h)<b>*x*</b>\n# T `c`") == r"\!\[p\](http://h)\<b\>\*x\*\</b\> \# T \`c\`"
 
 
-@given(st.recursive(st.floats() | st.none() | st.text(max_size=5), lambda s: st.lists(s, max_size=4) | st.dictionaries(st.text(max_size=3), s, max_size=3)))  # fmt: skip
+LEAVES = st.floats() | st.none() | st.text(max_size=5)
+
+
+@given(
+    st.recursive(
+        LEAVES, lambda s: st.lists(s, max_size=4) | st.dictionaries(st.text(max_size=3), s, max_size=3)
+    )
+)
 def test_json_has_no_nan_and_no_infinity(value: object) -> None:
     def refuse(name: str) -> None:
         raise AssertionError(name)
@@ -183,6 +193,12 @@ def test_analyses_of_nearly_nothing_answer(tmp_path: Path) -> None:
         assert "NaN" not in (tmp_path / words[0] / f"{words[0]}.json").read_text()
 
 
+def test_an_unknown_payload_is_not_an_empty_one(tmp_path: Path) -> None:
+    data = dataset(tmp_path / "d", ["T1"])
+    assert trips(data).summary["laden_share"] is None
+    assert stops(data).summary["loads_carried"] is None and "unknown" in stops(data).lines[1]
+
+
 def test_fields_of_a_model_stay_in_its_folder(tmp_path: Path) -> None:
     from fleetlog.core.truck import load_truck
     from fleetlog.physics.model import load_physics
@@ -203,7 +219,7 @@ def test_a_recording_is_whole_or_an_error(tmp_path: Path) -> None:
         stream.columns(
             "/a",
             np.arange(70_000),
-            lambda rows: rr.Scalars.columns(scalars=np.random.rand(rows.stop - rows.start)),
+            lambda rows: rr.Scalars.columns(scalars=np.sin(np.arange(rows.start, rows.stop))),
         )
     whole = out.read_bytes()
     check_whole(out)
