@@ -10,6 +10,7 @@ says which.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import hashlib
 import json
 import os
@@ -244,9 +245,13 @@ def _refused(case: Case, done: Done, what: str, out: str = "out") -> str | None:
 def full_disk(case: Case, rng: random.Random) -> str | None:
     """A file system too small for the output: one line, status 1, nothing there."""
     size = sum(p.stat().st_size for p in case.target().rglob("*") if p.is_file()) or case.largest
-    with mounted(case.folder / "small", f"size={max(int(size * rng.uniform(0.1, 0.8)), 8192)}"):
+    small = case.folder / "small"
+    with mounted(small, f"size={max(int(size * rng.uniform(0.1, 0.8)), 8192)}"):
+        if size < 20_000:  # less than the pages that a file system has at least
+            with contextlib.suppress(OSError):
+                (small / "filler").write_bytes(bytes(8192))
         done = case.run(out="small/new")
-        found = [p for p in (case.folder / "small").rglob("*") if not p.is_dir()]
+        found = [p for p in small.rglob("*") if not p.is_dir() and p.name != "filler"]
         broken = _refused(case, done, "full disk", "small/new")
         return broken or (f"full disk: {found} is left" if found else None)
 
