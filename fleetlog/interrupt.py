@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 _state = {"installed": False, "came": False, "held": False}
 
 
@@ -15,11 +16,16 @@ def install() -> None:
 
     A signal that the caller has set to be ignored (``nohup``, a background job) stays ignored.
     """
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) != signal.SIG_IGN:
+    for number in SIGNALS:
+        if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _remember)
     _state["installed"] = True
+
+
+def ignore() -> None:
+    """Let no signal change the status of a run that is over: the interpreter takes its handlers away before its end."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _remember(_signal: int, _frame: FrameType | None) -> None:

@@ -57,6 +57,7 @@ def entry() -> None:
     _quiet_libraries()
     own = find_place()
     status = _finished(_status())
+    interrupt.ignore()
     if status == EXIT_INTERRUPTED:
         # An interrupt inside an import's exec() makes the interpreter die by the signal, whatever the status.
         if own is not None:
