@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
@@ -123,6 +122,7 @@ def _some(names: list[str], noun: str) -> str:
 
 
 def _log(path: Path) -> Described:
+    from fleetlog.importers._guard import read_guarded
     from fleetlog.importers.base import GEOGRAPHIC, LOCAL, ReadOptions, ReadReport, detect
 
     importer = detect(path)
@@ -132,7 +132,7 @@ def _log(path: Path) -> Described:
     columns: dict[str, None] = {}
     span: list[int] = []
     extent: dict[str, list[float]] = {}
-    for batch in importer.read(path, ReadOptions(report)):
+    for batch in read_guarded(importer, path, ReadOptions(report)):
         rejects.update(r.reason for r in batch.rejects)
         if not len(batch):
             continue
@@ -211,10 +211,9 @@ def _network(site: Site, summary: dict[str, Any]) -> list[str]:
 
 
 def _toml(path: Path) -> Described:
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"not readable as TOML: {error}", where=path, do="correct it") from None
+    from fleetlog.core.schema import load_toml
+
+    data = load_toml(path)
     if "chassis" in data:
         return _truck(path)
     if {"network", "frame", "place", "zone", "building"} & data.keys():

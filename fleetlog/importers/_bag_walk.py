@@ -13,7 +13,7 @@ from typing import BinaryIO
 from fleetlog.importers._bounded import LIMIT, Damaged, unpack
 from fleetlog.importers._mcap_walk import Channel
 from fleetlog.importers._open import plural
-from fleetlog.importers.base import ReadReport
+from fleetlog.importers._report import ReadReport
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, HEADER, CHUNK, CONNECTION = 2, 3, 5, 7

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from fleetlog.importers._names import EPOCH_UNITS, recognise
 from fleetlog.importers._profile import Profile
-from fleetlog.importers._rows import iso_time
+from fleetlog.importers._times import iso_time
 from fleetlog.importers._units import Unit
-from fleetlog.importers.base import ReadReport
+from fleetlog.importers._report import ReadReport
 
 _PER = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 

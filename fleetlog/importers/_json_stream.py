@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from io import BufferedReader
 from typing import Any
 
-from fleetlog.importers.base import ReadReport
+from fleetlog.importers._report import ReadReport
 
 BLOCK = 1 << 18
 FEATURE_LIMIT = 1 << 27

@@ -15,7 +15,7 @@ from typing import BinaryIO, NamedTuple
 
 from fleetlog.importers._bounded import LIMIT, Damaged, unpack
 from fleetlog.importers._open import plural
-from fleetlog.importers.base import ReadReport
+from fleetlog.importers._report import ReadReport
 
 MAGIC = b"\x89MCAP0\r\n"
 DAMAGE_LINES = 10

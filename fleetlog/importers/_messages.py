@@ -12,7 +12,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from fleetlog.importers._protobuf import fields
-from fleetlog.importers._rows import NAN, finite, heading_of_quaternion, iso_time
+from fleetlog.importers._rows import NAN, finite, heading_of_quaternion
+from fleetlog.importers._times import iso_time
 from fleetlog.importers._wire import Wire
 
 

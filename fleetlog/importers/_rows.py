@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -17,8 +16,6 @@ BATCH = 1 << 16
 REJECT_TEXT = 400
 """Characters of a rejected record that are kept."""
 NAN = float("nan")
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_MICROSECOND = timedelta(microseconds=1)
 
 
 class Rows:
@@ -97,18 +94,6 @@ def _column(values: list[Any], n: int) -> Values:
         return np.array(values, dtype=np.float64)  # None becomes NaN
     except (TypeError, ValueError):
         return Labels.of([None if v is None else str(v) for v in values])
-
-
-def microseconds(moment: datetime) -> int:
-    """Microseconds since 1970 UTC; a time without a zone is taken for UTC."""
-    if moment.tzinfo is None:
-        moment = moment.replace(tzinfo=UTC)
-    return (moment - _EPOCH) // _MICROSECOND
-
-
-def iso_time(text: str) -> int:
-    """Microseconds since 1970 UTC of an ISO 8601 time; :class:`ValueError` where it is none."""
-    return microseconds(datetime.fromisoformat(text.strip()))
 
 
 def finite(value: Any) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes, plural
-from fleetlog.importers.base import ReadReport
+from fleetlog.importers._report import ReadReport
 
 LIMIT = 1 << 24
 """Bytes between two elements of interest; beyond it the file is no log but an attack or a mistake."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from fleetlog.core.trajectory import Ints, Labels, Values
 from fleetlog.errors import FormatError, InputError, nearest
 from fleetlog.importers._open import compression, head_of, plain_suffix, plural
+from fleetlog.importers._profile import Profile
+from fleetlog.importers._report import ReadReport
 from fleetlog.registry import parts
-
-if TYPE_CHECKING:
-    from fleetlog.importers._profile import Profile
 
 GEOGRAPHIC = ("latitude", "longitude")
 LOCAL = ("x", "y")
@@ -89,30 +88,6 @@ class RawBatch:
         return cls(labels, np.asarray(time, np.int64), columns, numbers, list(rejects), progress)
 
 
-@dataclass
-class ReadReport:
-    """What a file turned out to hold; an importer fills it while it reads, the summary says it aloud."""
-
-    path: Path
-    format: str = ""
-    recognised: dict[str, str] = field(default_factory=dict)
-    """Column or field of the log -> what it was taken for, as ``"speed, from km/h"``."""
-    notes: list[str] = field(default_factory=list)
-    """Anything else that was decided and not asked for."""
-    damage: list[str] = field(default_factory=list)
-    """What is broken or cut off, where, and how much is whole; any entry makes the exit status 3."""
-
-    def note(self, text: str) -> None:
-        """Say something once."""
-        if text not in self.notes:
-            self.notes.append(text)
-
-    def damaged(self, text: str) -> None:
-        """Report damage once."""
-        if text not in self.damage:
-            self.damage.append(text)
-
-
 @dataclass(frozen=True)
 class ReadOptions:
     """How to read: the user's profile, if any, and the report to fill."""
@@ -122,8 +97,13 @@ class ReadOptions:
 
     @property
     def vehicle(self) -> str | None:
-        """The constant vehicle id of the profile."""
-        return self.profile.vehicle if self.profile else None
+        """The constant vehicle id that the profile gives this file."""
+        return self.profile.vehicle_of(self.report.path) if self.profile else None
+
+    @property
+    def origin(self) -> int:
+        """Microseconds since 1970 from which a time counts: the profile's word, or 0."""
+        return self.profile.origin if self.profile else 0
 
 
 @dataclass(frozen=True)
@@ -164,7 +144,14 @@ def find(path: Path) -> Importer | None:
     head = head_of(path)
     suffix = plain_suffix(path)
     order = sorted(importers().values(), key=lambda i: (suffix not in i.suffixes, i.rank, i.name))
-    return next((i for i in order if i.sniff(path, head)), None)
+    return next((i for i in order if _fits(i, path, head)), None)
+
+
+def _fits(importer: Importer, path: Path, head: bytes) -> bool:
+    try:
+        return importer.sniff(path, head)
+    except Exception:  # bytes that its sniffing cannot take are none of its format
+        return False
 
 
 def detect(path: Path) -> Importer:

@@ -13,7 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from fleetlog.importers._rows import Rows, finite, heading_of_course, iso_time
+from fleetlog.importers._rows import Rows, finite, heading_of_course
+from fleetlog.importers._times import iso_time
 from fleetlog.importers._xml import Elements, nothing_usable
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 

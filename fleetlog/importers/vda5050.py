@@ -16,7 +16,8 @@ from typing import Any
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes, plural
-from fleetlog.importers._rows import NAN, Rows, finite, iso_time
+from fleetlog.importers._rows import NAN, Rows, finite
+from fleetlog.importers._times import iso_time
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
 
 LINE_LIMIT = 1 << 22

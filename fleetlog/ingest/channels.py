@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Labels, Trajectory
-from fleetlog.ingest.rows import FILE, RECORD
+from fleetlog.ingest.rows import CHANNEL, FILE, RECORD
 
-CHANNEL = "_channel"
-"""1 for rows of a batch without positions."""
 REACH = 3.0
 """A value reaches this many of its usual steps, and no farther than ``MAX_REACH`` [s]."""
 MAX_REACH = 30.0

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fleetlog.core.columns import COLUMNS
 from fleetlog.core.trajectory import Floats, Labels, Trajectory
 from fleetlog.ingest.rejects import Rejects
-from fleetlog.ingest.rows import FILE, RECORD, set_unknown
+from fleetlog.ingest.rows import FILE, RECORD, STUCK, set_unknown
 
 MAX_SPEED = 60.0
 """A position that implies more is impossible [m/s]; the bound of the speed column."""
@@ -23,9 +23,6 @@ SHORT_JUMP = 10
 """Rows; a place that is left sooner by another impossible jump was never visited."""
 STUCK_TIME, STUCK_ROWS = 60.0, 30
 """A speed that stays the same to the last digit so long [s, rows] while the truck stands is a stuck sensor."""
-
-STUCK = "_stuck"
-"""Column that marks the rows of a stuck sensor; dropped before writing."""
 
 Mask = NDArray[np.bool_]
 

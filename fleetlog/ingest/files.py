@@ -77,7 +77,11 @@ def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
         return [Log(folder, whole)]
     found = []
     for path in sorted(p for p in folder.rglob("*") if p.is_file() and not p.name.startswith(".")):
-        one = find(path) if path.stat().st_size else None
+        try:
+            one = find(path) if path.stat().st_size else None
+        except FleetlogError as error:
+            found.append(Log(path, None, error))
+            continue
         if one is not None and importer in (None, one):
             found.append(Log(path, one))
     return found

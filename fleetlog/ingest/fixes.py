@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Trajectory
-from fleetlog.ingest.rows import set_unknown
+from fleetlog.ingest.rows import HELD, set_unknown
 
 MOVED = 0.3
 """A step that the speed claims and the position denies [m]."""
@@ -18,8 +18,6 @@ HELD_SHARE = 0.2
 """Fewer repeats among the moving rows are chance, not a slow receiver."""
 FILL_DRIVEN, FILL_BLIND = 60.0, 5.0
 """Longest stretch between two fixes that is filled [s]: where the speed tells the way, and where it does not."""
-HELD = "_held"
-"""Column that marks rows whose position was a repeated one; dropped before writing."""
 
 
 def release_held(rows: Trajectory) -> Trajectory:

@@ -11,6 +11,7 @@ import numpy as np
 
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, FleetlogError, InputError
+from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._profile import Profile, load_profile
 from fleetlog.importers.base import RawBatch, ReadOptions, ReadReport
 from fleetlog.ingest.files import Log, find_logs, names_of
@@ -81,7 +82,7 @@ def _first(out: Preview, log: Log, name: str, profile: Profile | None) -> FileSu
         raise log.error or InputError("no log format fits", where=log.path, do="name it with --format")
     report = ReadReport(log.path, log.importer.name)
     rows, rejected = out.rows[name], out.rejected[name]
-    for batch in log.importer.read(log.path, ReadOptions(report, profile)):
+    for batch in read_guarded(log.importer, log.path, ReadOptions(report, profile)):
         rows += _rows(batch, ROWS - len(rows))
         rejected += [r._asdict() for r in batch.rejects[: ROWS - len(rejected)]]
         if len(rows) >= ROWS:

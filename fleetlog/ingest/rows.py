@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Labels, Trajectory, Values
 
-FILE, RECORD = "_file", "_record"
-"""Columns with the number of the file and the line or record in it; dropped before writing."""
+FILE, RECORD, CHANNEL, STUCK, HELD = INTERNAL = ("_file", "_record", "_channel", "_stuck", "_held")
+"""Columns of the import itself, dropped before writing: number of the file, line or record in it, 1 for rows of a batch without
+positions, 1 for rows of a stuck sensor, 1 for rows whose position repeats an older one."""
 
 
 def join(pieces: Sequence[Trajectory]) -> Trajectory:

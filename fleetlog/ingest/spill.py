@@ -14,7 +14,7 @@ import numpy as np
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.trajectory import Ints, Labels, Trajectory, Values
-from fleetlog.ingest.rows import join
+from fleetlog.ingest.rows import INTERNAL, join
 
 DAY = 86_400_000_000
 BUDGET = 96 << 20
@@ -48,7 +48,7 @@ class Spill:
     def add(self, rows: Trajectory) -> None:
         """Set rows of one vehicle aside."""
         for name, values in rows.columns.items():
-            if name not in BY_NAME and not name.startswith("_"):
+            if name not in BY_NAME and name not in INTERNAL:
                 self.own[name] = self.own.get(name, False) or isinstance(values, Labels)
         day = rows.time // DAY
         if len(rows) and day.min() == day.max():

@@ -10,13 +10,13 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Ints, Trajectory
 from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean
-from fleetlog.ingest.channels import CHANNEL, join_channels
+from fleetlog.ingest.channels import join_channels
 from fleetlog.ingest.derive import derive_motion, derive_power, pace_ratio, suspect_unit
 from fleetlog.ingest.edges import Edges
-from fleetlog.ingest.fixes import HELD, fill_positions, release_held
+from fleetlog.ingest.fixes import fill_positions, release_held
 from fleetlog.ingest.place import check_place, place
 from fleetlog.ingest.rejects import Rejects
-from fleetlog.ingest.rows import FILE, RECORD, join, with_own_columns, without
+from fleetlog.ingest.rows import CHANNEL, HELD, INTERNAL, STUCK, join, with_own_columns, without
 from fleetlog.ingest.spill import WINDOW_ROWS
 from fleetlog.ingest.summary import ImportSummary
 from fleetlog.store.trips import trip_ids
@@ -131,7 +131,7 @@ class VehicleImport:
         if self.edges is not None:
             rows = self.edges.match(rows)
         self._count(rows)
-        rows = without(rows, FILE, RECORD, clean.STUCK, HELD)
+        rows = without(rows, *INTERNAL)
         self.writer.write(with_own_columns(rows, self.own))
         s = self.summary
         s.rows += len(rows)
@@ -142,7 +142,7 @@ class VehicleImport:
 
     def _count(self, rows: Trajectory) -> None:
         """What the rows tell about the sensors."""
-        self._stuck += int(np.nansum(rows.floats(clean.STUCK))) if clean.STUCK in rows else 0
+        self._stuck += int(np.nansum(rows.floats(STUCK))) if STUCK in rows else 0
         self._held += int(np.nansum(rows.floats(HELD))) if HELD in rows else 0
         if "speed" not in self._derived and len(self._paces) < 50 and (pace := pace_ratio(rows)) is not None:
             self._paces.append(pace)

@@ -13,13 +13,13 @@ power = [640.0, 690.0]
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fleetlog.core.network import Network
+from fleetlog.core.schema import Wrong, anything, list_of, load_toml, real, shown, table, tables, text
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
 from fleetlog.physics.field import COLUMNS, Field, field_table, mirrored
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FILE = "model.toml"
-KEYS = ("format_version", "truck", "off", "term", "interval")
+KEYS = {"format_version": anything, "truck": text, "off": list_of(text), "term": tables, "interval": tables}
+_number_check = real(-1e12, 1e12)
 
 
 def save_physics(path: str | Path, physics: Physics, network: Network | None = None) -> None:
@@ -60,41 +61,25 @@ def load_physics(path: str | Path, truck: Truck, network: Network | None = None)
     """
     path = Path(path)
     file = path / FILE if path.is_dir() else path
-    data = _read(file)
+    do = "give the output of fleetlog diagnose, or its model.toml"
+    data = table(load_toml(file, do=do), KEYS, file, "")
+    if data.get("format_version", 1) != 1:
+        raise InputError(f"format version {shown(data['format_version'])}, this fleetlog reads 1", where=file)
     values: dict[str, dict[str, float]] = {}
     found: dict[str, Field] = {}
     for name, entries in data.get("term", {}).items():
         term = _term(name, file)
-        place = entries.get("field")
-        numbers = {k: v for k, v in entries.items() if k != "field"}
-        values[name] = {k: _number(term, k, v, file) for k, v in numbers.items()}
-        if place is not None:
-            found[name] = _field(term, file.parent / str(place), network, file)
+        values[name] = {k: _number(term, k, v, file) for k, v in entries.items() if k != "field"}
+        if "field" in entries:
+            found[name] = _field(term, file.parent / str(entries["field"]), network, file)
     off = frozenset(_term(name, file).name for name in data.get("off", ()))
     intervals = {
-        _term(n, file).name: {k: (float(v[0]), float(v[1])) for k, v in p.items()}
+        _term(n, file).name: table(p, dict.fromkeys(p, list_of(_number_check, 2, 2)), file, f"interval.{n}")
         for n, p in data.get("interval", {}).items()
     }
     # A field needs no entry of numbers of its own.
     numbers_of = {n: v for n, v in values.items() if v or n not in found}
     return Physics(truck, dict(numbers_of), off, found, intervals)
-
-
-def _read(file: Path) -> dict[str, Any]:
-    try:
-        data = tomllib.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(
-            "no such model", where=file, do="give the output of fleetlog diagnose, or its model.toml"
-        ) from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"not readable as TOML: {error}", where=file) from None
-    for key in data:
-        if key not in KEYS:
-            raise InputError("unknown key", where=file, place=key, do=nearest(key, KEYS))
-    if data.get("format_version", 1) != 1:
-        raise InputError(f"format version {data['format_version']}, this fleetlog reads 1", where=file)
-    return data
 
 
 def _term(name: str, file: Path) -> Term:
@@ -109,9 +94,10 @@ def _number(term: Term, name: str, value: Any, file: Path) -> float:
     if name not in term.by_name:
         do = nearest(name, [*term.by_name, *(["field"] if term.field else [])])
         raise InputError("unknown parameter", where=file, place=place, do=do)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise InputError(f"{value!r} is not a number", where=file, place=place)
-    return float(value)
+    try:
+        return float(_number_check(value))
+    except Wrong as wrong:
+        raise InputError(f"{shown(value)} {wrong}", where=file, place=place) from None
 
 
 def _field(term: Term, parquet: Path, network: Network | None, file: Path) -> Field:

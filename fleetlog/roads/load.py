@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fleetlog.core.files import open_regular
 from fleetlog.core.network import LoadReport, build_network
+from fleetlog.core.schema import Keys, anything, load_toml, table, text
 from fleetlog.core.site import Place, Site
-from fleetlog.errors import SiteError, nearest
+from fleetlog.errors import SiteError
 from fleetlog.registry import parts
 from fleetlog.roads import _tables
 from fleetlog.roads._placing import distance_to_roads, place_map
@@ -22,7 +23,7 @@ HEAD = 4096
 """Bytes that a format is recognised by."""
 OFF_ROADS = 10.0
 """A place farther than this [m] from every road gets a warning."""
-TOP = ("name", "frame", "network", "place", "zone", "building")
+TOP: Keys = {"name": text, **dict.fromkeys(("frame", "network", "place", "zone", "building"), anything)}
 
 
 def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
@@ -49,7 +50,7 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
     path = Path(path)
     if path.is_dir():
         path = path / "site.toml"
-    if not path.is_file():
+    if not path.exists():
         raise SiteError("no such file", where=path, do="give a site file (.toml) or a map")
     try:
         return _load_toml(path) if path.suffix.lower() == ".toml" else _load_map(path)
@@ -68,7 +69,7 @@ def readers() -> dict[str, Reader]:
 
 def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
     """The roads of a map file in its own coordinates; the format is recognised by content, then by suffix."""
-    with path.open("rb") as stream:
+    with open_regular(path, SiteError) as stream:
         head = stream.read(HEAD)
     if not head.strip():
         raise SiteError("the file is empty", where=path, do="give a map")
@@ -95,16 +96,9 @@ def _load_map(path: Path) -> tuple[Site, list[LoadReport]]:
 
 
 def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise SiteError(f"not readable as TOML: {error}", where=path, do="correct the line") from None
-    for key in data:
-        if key not in TOP:
-            raise SiteError("unknown key", where=path, place=key, do=nearest(key, TOP))
-    name = _tables.table({k: data[k] for k in ("name",) if k in data}, _tables.SITE, path, "")
+    data = table(load_toml(path, SiteError), TOP, path, "", error=SiteError)
     site = Site(
-        name.get("name", path.parent.resolve().name),
+        data.get("name", path.parent.resolve().name),
         _tables.frame(data, path),
         places=_tables.places(data, path),
         zones=_tables.zones(data, path),
@@ -113,14 +107,13 @@ def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
     )
     if "network" not in data:
         return site, []
-    return _with_network(
-        site, _tables.table(data["network"], _tables.NETWORK, path, "network", ("file",)), path
-    )
+    return _with_network(site, _tables.network(data, path), path)
 
 
 def _with_network(site: Site, settings: dict[str, Any], path: Path) -> tuple[Site, list[LoadReport]]:
     file = _map_file(settings["file"], path)
-    options = MapOptions(settings.get("traffic"), settings.get("lane_types"), settings.get("road_classes"))
+    chosen = (frozenset(settings[k]) if k in settings else None for k in ("lane_types", "road_classes"))
+    options = MapOptions(settings.get("traffic"), *chosen)
     road_map = read_map(file, options)
     edges, frame, notes = place_map(road_map, site.frame)
     try:

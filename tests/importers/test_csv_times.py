@@ -138,7 +138,7 @@ PROFILES = {
     "[columns]\nspeed = { column = 'v', units = 'km/h' }": "unit",
     "[columns]\ntimestamp = 'T'": "[time]",
     "encoding = 'latin-99'": "latin-1",
-    "skip_lines = 'two'": "wrong kind",
+    "skip_lines = 'two'": "not a whole number",
     "a = ": "TOML",
 }
 
