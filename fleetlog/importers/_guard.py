@@ -12,11 +12,10 @@ from fleetlog.core.columns import BY_NAME
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers._profile import TARGETS
-from fleetlog.importers._times import EARLIEST, LATEST
+from fleetlog.importers._rows import REPORT
+from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, Reject
 
-REPORT = "please report it, with the file if you may"
-OFF_TIME = "the time is outside 1678 to 2262"
 
 
 def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterator[RawBatch]:

@@ -50,7 +50,7 @@ class _Window:
 
     def __init__(self, stream: BufferedReader) -> None:
         self._stream = stream
-        self._decoder = json.JSONDecoder()
+        self._decoder = json.JSONDecoder(parse_int=_whole)
         self._text_of = codecs.getincrementaldecoder("utf-8-sig")("replace")
         self.text, self.at, self.ended = "", 0, False
 
@@ -86,3 +86,8 @@ class _Window:
                 size *= 2
             else:
                 return item if isinstance(item, dict) else None
+
+
+def _whole(text: str) -> int | float:
+    """An integer; one of hundreds of digits is beyond any number of a log, and infinite."""
+    return int(text) if len(text) < 300 else float(text)

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.trajectory import Labels, Values
+from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
 from fleetlog.importers.base import RawBatch, Reject
 
 BATCH = 1 << 16
 """Rows in a batch: large enough for columns to pay, small enough for bounded memory."""
 REJECT_TEXT = 400
 """Characters of a rejected record that are kept."""
+REPORT = "please report it, with the file if you may"
 NAN = float("nan")
 
 
@@ -42,6 +44,9 @@ class Rows:
 
     def add(self, vehicle: str, time: int, record: int, values: dict[str, Any]) -> None:
         """One row; ``time`` in microseconds.  A value is a float, or a string for a label; a column missing here is null."""
+        if not EARLIEST <= time <= LATEST:
+            self.reject(record, OFF_TIME, values)
+            return
         n = len(self._time)
         columns = self._columns
         for name, value in values.items():
@@ -60,6 +65,13 @@ class Rows:
         """A row that cannot be used."""
         self.rejected += 1
         self._rejects.append(Reject(record, reason, str(text)[:REJECT_TEXT]))
+
+    def attempt(self, record: int, take: Callable[..., None], *args: Any) -> None:
+        """Call ``take(*args)``; whatever goes wrong in it is one rejected record."""
+        try:
+            take(*args)
+        except Exception as error:
+            self.reject(record, f"a fault in the reader ({type(error).__name__}); {REPORT}", args[0])
 
     @property
     def full(self) -> bool:

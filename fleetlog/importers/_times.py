@@ -21,6 +21,7 @@ NONE = np.iinfo(np.int64).min
 """A time that could not be read."""
 MISSING = "the time is missing"
 UNREADABLE = "the time cannot be read"
+OFF_TIME = "the time is outside 1678 to 2262"
 SKIPPED = "a local time that does not exist (the clocks went forward over it)"
 _EARLIEST, _LATEST = 157_766_400_000_000, 4_102_444_800_000_000  # 1975 and 2100 [us]
 

@@ -44,7 +44,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         if track:
             names.add(track)
         ours = options.vehicle is None and track and _ours(element)
-        _add_point(rows, element, str(track) if ours else unnamed, seen["trkpt"])
+        rows.attempt(seen["trkpt"], _add_point, rows, element, str(track) if ours else unnamed, seen["trkpt"])
         if rows.full:
             yield rows.take()
     if not rows.total:

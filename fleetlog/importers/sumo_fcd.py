@@ -32,7 +32,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     from fleetlog.importers._open import head_of
 
     epoch = _EPOCH.search(head_of(path, 4096))
-    origin = _origin(epoch)
+    origin = options.origin or _origin(epoch)
     elements = Elements(path, options.report, ("vehicle", "person", "timestep"))
     positions: dict[bool, Rows] = {}
     record = 0
@@ -45,7 +45,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             names = ("latitude", "longitude") if geographic else ("x", "y")
             positions[geographic] = Rows(*names, share=elements.share)
         rows = positions[geographic]
-        _add(rows, element, record, origin, geographic)
+        rows.attempt(record, _add, rows, element, record, origin, geographic)
         if rows.full:
             yield rows.take()
     if not any(r.total for r in positions.values()):
@@ -59,8 +59,8 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             "time": "timestamp, from s",
         }
     )
-    if epoch is None:
-        options.report.note("simulation time placed at 1970-01-01: the file does not say when it began")
+    if not origin:
+        options.report.note("simulation time placed at 1970-01-01: the file does not say when it began (a profile does: [time] origin = ...)")
     for rows in positions.values():
         yield from rows.drain()
 

@@ -40,6 +40,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     stream, raw = open_bytes(path, options.report)
     vehicle = options.vehicle or plain_stem(path)
     rows = Rows("x", "y", share=lambda: raw.share)
+    origin = options.origin
     number = 0
     with stream:
         while line := stream.readline(LINE_LIMIT):
@@ -52,7 +53,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
                     number, "not eight numbers ending in a unit quaternion", line.decode("latin-1").strip()
                 )
             else:
-                _add(rows, vehicle, pose, line, number)
+                rows.attempt(number, _add, rows, vehicle, pose, line, number, origin)
             if rows.full:
                 yield rows.take()
     if not rows.total:
@@ -64,9 +65,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     yield from rows.drain()
 
 
-def _add(rows: Rows, vehicle: str, pose: list[float], line: bytes, number: int) -> None:
+def _add(rows: Rows, vehicle: str, pose: list[float], line: bytes, number: int, origin: int) -> None:
     values = {"x": pose[1], "y": pose[2], "z": pose[3], "heading": heading_of_quaternion(*pose[4:])}
-    rows.add(vehicle, _microseconds(line.replace(b",", b" ").split()[0]), number, values)
+    rows.add(vehicle, origin + _microseconds(line.replace(b",", b" ").split()[0]), number, values)
 
 
 def _microseconds(cell: bytes) -> int:

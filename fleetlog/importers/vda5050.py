@@ -21,6 +21,8 @@ from fleetlog.importers._times import iso_time
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
 
 LINE_LIMIT = 1 << 22
+MOST = 1e300
+"""A sum of weights beyond what a float holds is far beyond any load, and refused as that."""
 # without quotation marks: a wrapped payload may be a string, with its marks escaped
 _MARKS = (b"serialNumber", b"agvPosition", b"mobileRobotPosition", b"batteryState", b"powerSupply")
 
@@ -41,7 +43,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     with stream:
         while line := stream.readline(LINE_LIMIT):
             number += 1
-            reader.line(line, number)
+            reader.positions.attempt(number, reader.line, line, number)
             for rows in (reader.positions, reader.batteries):
                 if rows.full:
                     yield rows.take()
@@ -164,7 +166,8 @@ def _labels(message: dict[str, Any], position: dict[str, Any]) -> dict[str, str]
 
 def _payload(loads: list[Any]) -> float:
     """Sum of the weights [kg]; an empty list says that nothing is carried, a load without a weight that nobody knows."""
-    return math.fsum(finite(load.get("weight")) if isinstance(load, dict) else NAN for load in loads)
+    total = sum(finite(load.get("weight")) if isinstance(load, dict) else NAN for load in loads)
+    return max(min(float(total), MOST), -MOST) if total == total else NAN
 
 
 def _battery(battery: dict[str, Any]) -> dict[str, Any]:

@@ -49,7 +49,9 @@ def interpolated(at: Floats, t: Floats, values: Floats) -> Floats:
     near = np.where(inside, t[after] - t[before] <= reach, np.minimum(gap_before, gap_after) <= reach)
     nearest = np.where(gap_before <= gap_after, values[before], values[after])
     close = np.minimum(gap_before, gap_after) <= reach / 2
-    return np.where(near, np.interp(at, t, values), np.where(close, nearest, np.nan))
+    with np.errstate(over="ignore", invalid="ignore"):  # a column of the log's own may hold anything
+        line = np.interp(at, t, values)
+    return np.where(near, line, np.where(close, nearest, np.nan))
 
 
 def _held(own: Labels, given: Labels, at: Floats, t: Floats) -> Labels:

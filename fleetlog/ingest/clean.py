@@ -17,6 +17,8 @@ from fleetlog.ingest.rows import FILE, RECORD, STUCK, set_unknown
 
 MAX_SPEED = 60.0
 """A position that implies more is impossible [m/s]; the bound of the speed column."""
+FARTHEST, HIGHEST = 1e8, 1e6
+"""Local coordinates and heights beyond these are none of a vehicle [m]; grids of whole countries count up to 1e7."""
 JUMP_MARGIN = 20.0
 """Error of two positions that no jump is made of [m]."""
 SHORT_JUMP = 10
@@ -56,7 +58,8 @@ def _equal(values: Floats, first: NDArray[np.intp]) -> Mask:
 
 
 def drop_impossible(rows: Trajectory, rejects: Rejects) -> Trajectory:
-    """Latitudes and longitudes off the globe are refused with their row; 0, 0 is a receiver without a fix: unknown."""
+    """Positions off the globe are refused with their row; 0, 0 degrees is a receiver without a fix: unknown."""
+    rows = _drop_far(rows, rejects)
     if "latitude" not in rows:
         return rows
     latitude, longitude = rows.floats("latitude"), rows.floats("longitude")
@@ -67,6 +70,19 @@ def drop_impossible(rows: Trajectory, rejects: Rejects) -> Trajectory:
     unknown = ((latitude == 0.0) & (longitude == 0.0)) | (np.isnan(latitude) != np.isnan(longitude))
     if unknown.any():
         rows = set_unknown(set_unknown(rows, "latitude", unknown), "longitude", unknown)
+    return rows
+
+
+def _drop_far(rows: Trajectory, rejects: Rejects) -> Trajectory:
+    """Local positions that no frame on earth has are refused with their row; such heights are unknown."""
+    far = (np.abs(rows.floats("x")) > FARTHEST) | (np.abs(rows.floats("y")) > FARTHEST)
+    if far.any():
+        rejects.refuse(rows, far, "the position is off the globe")
+        rows = rows[~far]
+    high = np.abs(rows.floats("z")) > HIGHEST
+    if high.any():
+        rejects.refuse(rows, high, "the height is off the globe", whole=False)
+        rows = set_unknown(rows, "z", high)
     return rows
 
 

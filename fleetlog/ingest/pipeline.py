@@ -98,7 +98,7 @@ def _check_read(reading: Reading, logs: list[Log]) -> None:
 
 
 def _write(reading: Reading, site: Site, writer: DatasetWriter, progress: Progress | None) -> ImportSummary:
-    from fleetlog.ingest.place import with_frame
+    from fleetlog.ingest.place import check_matched, with_frame
 
     summary = reading.summary
     vehicles = reading.spill.vehicles
@@ -122,6 +122,7 @@ def _write(reading: Reading, site: Site, writer: DatasetWriter, progress: Progre
     reading.rejects.close()
     if work is not None:
         work.end()
+        check_matched(summary.matched, summary.rows, site)
     summary.rejected, summary.rejected_values = dict(reading.rejects.rows), dict(reading.rejects.values)
     summary.rejected_file = "rejected.parquet" if reading.rejects.any else None
     if not summary.rows:

@@ -14,7 +14,7 @@ from fleetlog.ingest.channels import join_channels
 from fleetlog.ingest.derive import derive_motion, derive_power, pace_ratio, suspect_unit
 from fleetlog.ingest.edges import Edges
 from fleetlog.ingest.fixes import fill_positions, release_held
-from fleetlog.ingest.place import check_place, place
+from fleetlog.ingest.place import check_place, looks_like_degrees, place
 from fleetlog.ingest.rejects import Rejects
 from fleetlog.ingest.rows import CHANNEL, HELD, INTERNAL, STUCK, join, with_own_columns, without
 from fleetlog.ingest.spill import WINDOW_ROWS
@@ -101,6 +101,10 @@ class VehicleImport:
         rows = place(rows, self.site)
         if not self._checked and len(rows):
             check_place(rows.floats("x"), rows.floats("y"), self.site, sample)
+            if looks_like_degrees(sample):
+                self.summary.notes.append(
+                    "x and y look like degrees: if they are, map them in a profile to longitude and latitude"
+                )
             self._checked = True
         if CHANNEL in rows:
             before = len(rows)
