@@ -68,6 +68,8 @@ class OutputError(FleetlogError):
     """The result cannot be written where it was asked for."""
 
 
+REPORT = "please report it, with the file if you may"
+"""What to do about a fault of fleetlog's own."""
 MOST_NAMED = 40
 """Known words that an error lists: all terms and kinds, not all roads of a town."""
 
@@ -80,3 +82,9 @@ def nearest(word: str, known: Iterable[str]) -> str:
         return f"did you mean {close[0]!r}?"
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     return f"known are {', '.join(names[:MOST_NAMED])}{more}"
+
+
+def fault(part: str, error: Exception) -> str:
+    """What an error says of an exception that nobody thought of: the part it came from, its kind and its text."""
+    why = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+    return f"a fault in {part} ({why})"

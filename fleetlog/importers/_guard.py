@@ -10,9 +10,8 @@ import numpy as np
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.trajectory import Labels, Values
-from fleetlog.errors import FleetlogError, FormatError
+from fleetlog.errors import REPORT, FleetlogError, FormatError, fault
 from fleetlog.importers._profile import TARGETS
-from fleetlog.importers._rows import REPORT
 from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, Reject
 
@@ -33,7 +32,7 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
             options.report.damaged(f"breaks off after record {last:,}: {error.what}")
             return
         except Exception as error:
-            what = "needs more memory than there is" if isinstance(error, MemoryError) else _fault(importer, error)
+            what = "needs more memory than there is" if isinstance(error, MemoryError) else fault(f"the reader of {importer.name}", error)
             if not last:
                 raise FormatError(what, where=path, place="before the first row", do=REPORT) from error
             options.report.damaged(f"breaks off after record {last:,}: {what}; {REPORT}")
@@ -42,11 +41,6 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
             return
         last = max(last, int(batch.record.max(initial=0)))
         yield _sound(batch, options)
-
-
-def _fault(importer: Importer, error: Exception) -> str:
-    why = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-    return f"a fault in the reader of {importer.name} ({why})"
 
 
 def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:

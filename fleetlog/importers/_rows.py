@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.trajectory import Labels, Values
+from fleetlog.errors import REPORT
 from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
 from fleetlog.importers.base import RawBatch, Reject
 
@@ -16,7 +17,6 @@ BATCH = 1 << 16
 """Rows in a batch: large enough for columns to pay, small enough for bounded memory."""
 REJECT_TEXT = 400
 """Characters of a rejected record that are kept."""
-REPORT = "please report it, with the file if you may"
 NAN = float("nan")
 
 

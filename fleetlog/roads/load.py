@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.files import open_regular
-from fleetlog.core.network import LoadReport, build_network
+from fleetlog.core.network import Edge, LoadReport, Network, build_network
 from fleetlog.core.schema import Keys, anything, load_toml, table, text
 from fleetlog.core.site import Place, Site
-from fleetlog.errors import SiteError
+from fleetlog.errors import REPORT, SiteError, fault
 from fleetlog.registry import parts
 from fleetlog.roads import _tables
 from fleetlog.roads._placing import distance_to_roads, place_map
@@ -21,6 +21,8 @@ from fleetlog.store.provenance import sha256
 
 HEAD = 4096
 """Bytes that a format is recognised by."""
+MOST_EDGES, MOST_VERTICES, LONGEST = 2_000_000, 20_000_000, 200_000.0
+"""A map with more edges, more vertices, or an edge longer than this [m] is not that of a site."""
 OFF_ROADS = 10.0
 """A place farther than this [m] from every road gets a warning."""
 TOP: Keys = {"name": text, **dict.fromkeys(("frame", "network", "place", "zone", "building"), anything)}
@@ -60,6 +62,8 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
         if error.where is None:
             raise SiteError(error.what, where=path, place=error.place, do=error.do) from None
         raise
+    except Exception as error:
+        raise SiteError(fault("the reader of maps", error), where=path, do=REPORT) from error
 
 
 def readers() -> dict[str, Reader]:
@@ -88,7 +92,7 @@ def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
 def _load_map(path: Path) -> tuple[Site, list[LoadReport]]:
     road_map = read_map(path)
     edges, frame, notes = place_map(road_map, None)
-    network = build_network(edges, road_map.turns, road_map.forbidden, road_map.has_elevation)
+    network = _network(edges, road_map)
     source = {"network": {"file": path.name, "sha256": sha256(path)}}
     traffic = road_map.traffic or "right"
     site = Site(path.stem, frame, network, traffic, road_map.places, source=source)
@@ -117,7 +121,7 @@ def _with_network(site: Site, settings: dict[str, Any], path: Path) -> tuple[Sit
     road_map = read_map(file, options)
     edges, frame, notes = place_map(road_map, site.frame)
     try:
-        network = build_network(edges, road_map.turns, road_map.forbidden, road_map.has_elevation)
+        network = _network(edges, road_map)
     except SiteError as error:
         raise SiteError(error.what, where=file, do=error.do) from None
     known = {p.id for p in site.places}
@@ -130,6 +134,19 @@ def _with_network(site: Site, settings: dict[str, Any], path: Path) -> tuple[Sit
         source={**site.source, "network": {"file": file.name, "sha256": sha256(file)}},
     )
     return _checked(site, road_map.report, notes)
+
+
+def _network(edges: list[Edge], road_map: RoadMap) -> Network:
+    """The network of placed edges; :class:`SiteError` where they are more, or longer, than those of any site."""
+    vertices = sum(len(e.points) for e in edges)
+    if len(edges) > MOST_EDGES or vertices > MOST_VERTICES:
+        raise SiteError(f"holds {len(edges):,} edges of {vertices:,} vertices", do="cut the map to the site")
+    network = build_network(edges, road_map.turns, road_map.forbidden, road_map.has_elevation)
+    longest = int(np.argmax(network.length))
+    if not network.length[longest] <= LONGEST:
+        what = f"edge {network.edge_ids[longest]!r} is {network.length[longest] / 1000.0:,.0f} km long"
+        raise SiteError(what, do="cut the map to the site or correct its coordinates")
+    return network
 
 
 def _map_file(name: str, path: Path) -> Path:

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
+from fleetlog.errors import SiteError
 from fleetlog.roads.formats.base import Floats
 
 Curve = Callable[[Floats], tuple[Floats, Floats, Floats]]
@@ -17,6 +18,8 @@ Curve = Callable[[Floats], tuple[Floats, Floats, Floats]]
 
 _NODES, _WEIGHTS = leggauss(12)
 _TABLE = 513
+MOST = 200_000
+"""Vertices of one line."""
 
 
 def line(ds: Floats) -> tuple[Floats, Floats, Floats]:
@@ -160,7 +163,7 @@ def sample(points: Callable[[Floats], Floats], stations: Floats, tolerance: floa
     """Stations s [m] dense enough that chords stay within ``tolerance`` [m] of the curve ``points`` ((N,) to (N, 3)).
 
     Between the given stations the curve is smooth.  Every chord is compared with the curve at a quarter, a half and three
-    quarters of its way and halved until all three agree, at most 14 times.
+    quarters of its way and halved until all three agree, at most 14 times.  :class:`SiteError` beyond ``MOST`` stations.
     """
     s = stations
     for _ in range(14):
@@ -172,6 +175,8 @@ def sample(points: Callable[[Floats], Floats], stations: Floats, tolerance: floa
         coarse = worst > tolerance
         if not coarse.any():
             break
+        if len(s) > MOST:
+            raise SiteError(f"one line of it needs more than {MOST:,} vertices", do="correct the map")
         s = np.sort(np.concatenate([s, (low + step / 2.0)[coarse]]))
     return s
 

@@ -114,7 +114,9 @@ def _edge(raw: dict[str, Any], spots: dict[str, Floats], path: Path, tally: Tall
     if len(points) < 2:
         tally.drop("without length")
         return None
-    speeds = [number(k["maxSpeed"], path, place) for k in kinds if k.get("maxSpeed") is not None]
+    # Version 2 spells the word out.
+    given = (k.get(name) for k in kinds for name in ("maxSpeed", "maximumSpeed"))
+    speeds = [number(v, path, place) for v in given if v is not None]
     # Several vehicle types may have several limits; a log does not tell the type, so the highest bounds them all.
     limit = max((v for v in speeds if v > 0.0), default=math.nan)
     return Edge(name, start, end, points, "|".join(sorted((start, end))), limit)
