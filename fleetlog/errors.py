@@ -21,6 +21,10 @@ from pathlib import Path
 EXIT_DONE, EXIT_INPUT, EXIT_USAGE, EXIT_DAMAGED, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
 
 
+LONGEST = 500
+"""Characters of one part of a line: a place, or what is wrong."""
+
+
 class FleetlogError(Exception):
     """Base of everything that fleetlog raises on purpose.
 
@@ -39,9 +43,14 @@ class FleetlogError(Exception):
 
     def line(self) -> str:
         """The whole message on one line: where, place: what; what to do."""
-        head = ", ".join(str(part) for part in (self.where, self.place) if part is not None)
-        text = f"{head}: {self.what}" if head else self.what
+        head = ", ".join(_short(str(part)) for part in (self.where, self.place) if part is not None)
+        text = f"{head}: {_short(self.what)}" if head else _short(self.what)
         return " ".join((f"{text}; {self.do}" if self.do else text).split())
+
+
+def _short(text: str) -> str:
+    """The text, or the beginning of one that some file made very long."""
+    return text if len(text) <= LONGEST else text[:LONGEST] + " ..."
 
 
 class InputError(FleetlogError):

@@ -26,6 +26,9 @@ class BagWalk(Walk):
     chunk = CHUNK
     kinds = frozenset({MESSAGE, HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION})
 
+    def _cut_off(self) -> bool:
+        return self.summary() is None
+
     def summary(self) -> Summary | None:
         """See the base; from the connections and chunk infos at the end of the bag."""
         found = Summary()

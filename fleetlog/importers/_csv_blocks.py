@@ -17,7 +17,7 @@ from fleetlog.importers._report import ReadReport
 
 SIZE = 8 << 20
 """Bytes in a block."""
-LONGEST = 4 << 20
+LONGEST = 8 << 20
 """Bytes in a line."""
 
 

@@ -93,7 +93,7 @@ class Clock:
         figures = _figures(sample)
         if np.isfinite(figures).mean() > 0.5:
             return self._decide_count(figures, str(sample[0]))
-        if (of_day(sample, "of day") != NONE).any():
+        if (of_day(sample, "of day") != NONE).mean() > 0.5:
             return "of day"
         time, _ = from_iso(sample)
         if (time != NONE).any():

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT, FleetlogError, FormatError, fault
 from fleetlog.importers._profile import TARGETS
 from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, Reject
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
 
 
 
@@ -45,56 +46,83 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
 
 def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
     """The batch with times that can be counted, names that can be written, and every known column of its kind."""
-    rejects = list(batch.rejects)
-    columns = {_text(name): values for name, values in batch.columns.items()}
+    checked = _Checked(batch, options.report)
     withheld = options.profile is not None and not options.profile.keep
-    if withheld:
-        columns = {n: v for n, v in columns.items() if n in TARGETS}
-    for name in [n for n in columns if n in BY_NAME or n in ("latitude", "longitude")]:
-        _typed(name, columns, batch, rejects, options)
-    columns = {n: _writable(v) for n, v in columns.items()}
-    if withheld:
-        rejects = [r._replace(text="") for r in rejects]
-    batch = replace(batch, vehicle=_named(batch.vehicle), columns=columns, rejects=rejects)
-    off = (batch.time < EARLIEST) | (batch.time > LATEST)
-    return _without(batch, off, OFF_TIME) if off.any() else batch
+    columns = dict(checked.column(_text(n), v) for n, v in batch.columns.items() if not withheld or n in TARGETS)
+    rejects = [r._replace(text="") if withheld else r for r in checked.rejects]
+    reason = np.where((batch.time < EARLIEST) | (batch.time > LATEST), OFF_TIME, "").astype("<U64")
+    reason[checked.nowhere] = "the position is not a number"
+    keep = reason == ""
+    rejects += [Reject(int(n), str(why), "") for n, why in zip(batch.record[~keep], reason[~keep], strict=True)]
+    if not keep.all():
+        columns = {n: v[keep] for n, v in columns.items()}
+    return RawBatch(
+        _named(batch.vehicle)[keep], batch.time[keep], columns, batch.record[keep], rejects, batch.progress
+    )
 
 
-def _typed(name: str, columns: dict[str, Values], batch: RawBatch, rejects: list[Reject], options: ReadOptions) -> None:
-    """Bring a column of the dataset to its kind; what is no number becomes unknown and is kept as a refused value."""
-    values, kind = columns[name], BY_NAME[name].kind if name in BY_NAME else "double"
-    if kind == "label" and not isinstance(values, Labels):
-        columns[name] = Labels.of([None if v != v else f"{v:g}" for v in values.tolist()])
-    elif kind == "double" and isinstance(values, Labels):
-        numbers = np.array([*map(_number, values.names), np.nan])
-        for code in np.flatnonzero(np.isnan(numbers[:-1])).tolist():
-            gone = batch.record[values.codes == code].tolist()
-            rejects += [Reject(n, f"{name} is not a number", values.names[code][:400], False) for n in gone]
-        columns[name] = numbers[values.codes]
-    elif kind == "int64" and (isinstance(values, Labels) or values.dtype.kind == "f"):
-        numbers = np.array([*map(_number, values.names), np.nan])[values.codes] if isinstance(values, Labels) else values
-        lost = (values.codes >= 0 if isinstance(values, Labels) else ~np.isnan(numbers)) & ~(np.abs(numbers) < 2**53)
-        if lost.any() or (np.nan_to_num(numbers) % 1.0).any():
-            options.report.note(f"{name!r} holds more than whole numbers: kept as {name + '_log'!r}")
-            columns[f"{name}_log"] = columns.pop(name)
-        else:
-            columns[name] = np.where(np.isnan(numbers), -1, numbers).astype(np.int64)
+class _Checked:
+    """The columns of one batch, each brought to its kind; what has no place there is refused, or unknown."""
+
+    def __init__(self, batch: RawBatch, report: ReadReport) -> None:
+        self.batch, self.report = batch, report
+        self.rejects = list(batch.rejects)
+        self.nowhere = np.zeros(len(batch), bool)
+        """Rows whose position is no number."""
+
+    def column(self, name: str, values: Values) -> tuple[str, Values]:
+        """The name and values of one column."""
+        kind = BY_NAME[name].kind if name in BY_NAME else "double" if name in GEOGRAPHIC else ""
+        if kind == "double":
+            return name, self._numbers(name, values)
+        if kind == "int64":
+            return self._whole(name, values)
+        if isinstance(values, Labels):
+            return name, _named(values)
+        if kind == "label":
+            return name, Labels.of([None if v != v else f"{v:g}" for v in values.tolist()])
+        return name, np.where(np.isinf(values), np.nan, values) if values.dtype.kind == "f" else values
+
+    def _numbers(self, name: str, values: Values) -> Values:
+        figures = _figures(values)
+        wrong = np.isinf(figures)
+        if wrong.any():
+            figures = np.where(wrong, np.nan, figures)
+            if name in (*GEOGRAPHIC, *LOCAL):
+                self.nowhere |= wrong
+            else:
+                said = [_said(values, i) for i in np.flatnonzero(wrong).tolist()]
+                gone = zip(self.batch.record[wrong].tolist(), said, strict=True)
+                self.rejects += [Reject(n, f"{name} is not a number", text, False) for n, text in gone]
+        return figures
+
+    def _whole(self, name: str, values: Values) -> tuple[str, Values]:
+        """A column of whole numbers, -1 for unknown; one that holds anything else is the log's own."""
+        figures = values if not isinstance(values, Labels) and values.dtype.kind == "i" else _figures(values)
+        known = figures[~np.isnan(figures)]
+        if (np.abs(known) < 2**53).all() and not (known % 1).any():
+            return name, np.where(np.isnan(figures), -1, figures).astype(np.int64)
+        self.report.note(f"{name!r} holds more than whole numbers: kept as {name + '_log'!r}")
+        return f"{name}_log", values
+
+
+def _figures(values: Values) -> NDArray[np.float64]:
+    """(N,) numbers, NaN for unknown, infinite for what is none."""
+    if not isinstance(values, Labels):
+        return np.asarray(values, dtype=np.float64)
+    return np.array([*map(_number, values.names), np.nan])[values.codes]
 
 
 def _number(text: str) -> float:
     try:
-        value = float(text)
+        value = float(text.replace("_", "?")) if text.strip() else np.nan
     except ValueError:
-        return np.nan
-    return value if np.isfinite(value) else np.nan
+        return np.nan if text.lower() in ("na", "n/a", "null", "none", "-") else np.inf
+    return value if np.isfinite(value) or np.isnan(value) else np.inf
 
 
-def _writable(values: Values) -> Values:
-    if isinstance(values, Labels):
-        return _named(values)
-    if values.dtype.kind == "f" and np.isinf(values).any():
-        return np.where(np.isinf(values), np.nan, values)
-    return values
+def _said(values: Values, row: int) -> str:
+    return values.names[values.codes[row]][:400] if isinstance(values, Labels) else str(values[row])
 
 
 def _named(labels: Labels) -> Labels:
@@ -110,12 +138,3 @@ def _named(labels: Labels) -> Labels:
 def _text(name: str) -> str:
     """Valid Unicode; half a surrogate pair is shown as a replacement character."""
     return name if name.isascii() else name.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
-
-
-def _without(batch: RawBatch, gone: np.ndarray[tuple[int], np.dtype[np.bool_]], reason: str) -> RawBatch:
-    keep = ~gone
-    refused = [Reject(int(n), reason, "") for n in batch.record[gone]]
-    columns: dict[str, Values] = {n: v[keep] for n, v in batch.columns.items()}
-    return RawBatch(
-        batch.vehicle[keep], batch.time[keep], columns, batch.record[keep], [*batch.rejects, *refused], batch.progress
-    )

@@ -41,7 +41,7 @@ class McapWalk(Walk):
         self.stream.seek(self.size - _FOOTER)
         footer = self.stream.read(_FOOTER)
         head, (start, _, crc) = _HEAD.unpack_from(footer), struct.unpack_from("<QQI", footer, 9)
-        placed = len(MAGIC) <= start < self.size and self.size - start <= LIMIT
+        placed = len(MAGIC) <= start <= self.size - _FOOTER and self.size - start <= LIMIT
         if not footer.endswith(MAGIC) or head != (FOOTER, 20) or not placed:
             return None
         self.stream.seek(start)

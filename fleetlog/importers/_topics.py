@@ -192,6 +192,8 @@ def read_recording(
             for _ in scan.messages(None):
                 pass
             walk.channels |= scan.channels
+            if not scan.channels and scan.report.damage:
+                raise FormatError(f"nothing in it is whole; {scan.report.damage[0]}", where=path, do="record it again")
         topics = [Topic(*c) for c in walk.channels.values()]
         roles = plan(topics, path, name or plain_stem(path), options.vehicle, options.report)
         decoder = Decoder(roles, options.report, walk.share)

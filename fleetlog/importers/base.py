@@ -171,7 +171,7 @@ def _looks(path: Path) -> str:
         return "a folder"
     head = head_of(path)
     if not head:
-        return "the file is empty"
+        return "nothing in it can be unpacked" if compression(path) else "the file is empty"
     packed = compression(path)
     control = sum(b < 9 or 13 < b < 32 for b in head)
     kind = "binary" if control > 0.02 * len(head) else "text"

@@ -215,6 +215,8 @@ def _values(array: pa.Array) -> Values:
         texts = [None if v is None else str(v) for v in names.to_pylist()]
     order = Labels.of(texts)
     codes = np.asarray(array.indices.fill_null(-1).to_numpy(zero_copy_only=False), dtype=np.int64)
+    if codes.max(initial=-1) >= len(order.codes):
+        raise pa.ArrowInvalid("a text that its dictionary does not have")
     return Labels(np.append(order.codes, np.int32(-1))[codes], order.names)
 
 

@@ -15,7 +15,7 @@ from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers._bag_walk import MAGIC, BagWalk
 from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._mcap_walk import McapWalk
-from fleetlog.importers._open import plain_stem
+from fleetlog.importers._open import plain_stem, plain_suffix
 from fleetlog.importers._topics import Decoder, Topic, plan, read_recording
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
@@ -29,10 +29,9 @@ def sniff(path: Path, head: bytes) -> bool:
     """Whether it begins as a bag, is a SQLite file called ``.db3``, or a folder that holds a ROS 2 bag."""
     if path.is_dir():
         return (path / "metadata.yaml").is_file() or any(path.glob("*.db3"))
-    empty = not head and path.suffix.lower() in (".bag", ".db3")
-    return (
-        empty or head.startswith(b"#ROSBAG V") or (head.startswith(_SQLITE) and path.suffix.lower() == ".db3")
-    )
+    suffix = plain_suffix(path)
+    empty = not head and suffix in (".bag", ".db3")
+    return empty or head.startswith(b"#ROSBAG V") or (head.startswith(_SQLITE) and suffix == ".db3")
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:

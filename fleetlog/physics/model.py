@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fleetlog.core.network import Network
-from fleetlog.core.schema import Wrong, anything, list_of, load_toml, real, shown, table, tables, text
+from fleetlog.core.schema import Wrong, list_of, load_toml, real, shown, table, tables, text, whole
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
 from fleetlog.physics.field import COLUMNS, Field, field_table, mirrored
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FILE = "model.toml"
-KEYS = {"format_version": anything, "truck": text, "off": list_of(text), "term": tables, "interval": tables}
+KEYS = {"format_version": whole(), "truck": text, "off": list_of(text), "term": tables, "interval": tables}
 _number_check = real(-1e12, 1e12)
 
 
@@ -64,7 +64,7 @@ def load_physics(path: str | Path, truck: Truck, network: Network | None = None)
     do = "give the output of fleetlog diagnose, or its model.toml"
     data = table(load_toml(file, do=do), KEYS, file, "")
     if data.get("format_version", 1) != 1:
-        raise InputError(f"format version {shown(data['format_version'])}, this fleetlog reads 1", where=file)
+        raise InputError(f"format version {data['format_version']}, this fleetlog reads 1", where=file)
     values: dict[str, dict[str, float]] = {}
     found: dict[str, Field] = {}
     for name, entries in data.get("term", {}).items():

@@ -34,7 +34,8 @@ class Outcome:
 
 
 def _of_error(error: FleetlogError) -> Outcome:
-    assert "\n" not in error.line() and len(error.line()) < 2000, error.line()
+    line = error.line()
+    assert "\n" not in line and len(line) < 3000, line[:300]
     return Outcome(1, [error.line()])
 
 

@@ -17,11 +17,11 @@ ROWS = 40
 
 
 def iso(i: int) -> str:
-    return f"2026-03-02T05:{i // 60:02d}:{i % 60:02d}Z"
+    return f"2026-03-02T{5 + i // 3600:02d}:{i // 60 % 60:02d}:{i % 60:02d}Z"
 
 
 def csv(rows: int = ROWS, end: str = "\n", header: str = "vehicle_id,timestamp,x,y,speed,soc,note") -> bytes:
-    lines = [f"T{i % 2},{iso(i)},{0.5 * i:.2f},{-0.25 * i:.2f},0.56,0.{90 - i // 4},n{i}" for i in range(rows)]
+    lines = [f"T{i % 2},{iso(i)},{0.5 * i:.2f},{-0.25 * i:.2f},0.56,{0.9 - 1e-4 * i:.4f},n{i}" for i in range(rows)]
     return end.join([header, *lines, ""]).encode()
 
 

@@ -21,6 +21,8 @@ def nurbs(raw: Any, tolerance: float, path: Path, place: str) -> Floats:
         raise SiteError("its trajectory has no controlPoints", where=path, place=place, do="export it again")
     if not all(isinstance(p, dict) for p in raw["controlPoints"]):
         raise SiteError("a control point is no object", where=path, place=place, do="export it again")
+    if not isinstance(raw.get("knotVector") or [], list):
+        raise SiteError("its knotVector is no list", where=path, place=place, do="export it again")
     degree = int(number(raw.get("degree", 1), path, f"{place}, degree"))
     knots = np.array([number(k, path, f"{place}, knotVector") for k in raw.get("knotVector") or []])
     weighted = np.array([

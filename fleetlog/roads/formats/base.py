@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Edge, LoadReport
+from fleetlog.core.schema import shown
 from fleetlog.core.site import Place
 from fleetlog.errors import SiteError
 
@@ -105,13 +106,15 @@ def number(text: Any, where: Path, place: str) -> float:
     """A finite number of a map's text; :class:`SiteError` with the place otherwise."""
     try:
         value = float(text)
+    except OverflowError:
+        value = math.inf
     except (TypeError, ValueError):
-        raise SiteError(f"{text!r} is not a number", where=where, place=place, do="correct the map") from None
+        raise SiteError(f"{shown(text)} is not a number", where=where, place=place, do="correct the map") from None
     if not math.isfinite(value):
-        raise SiteError(f"{text!r} is not a finite number", where=where, place=place, do="correct the map")
+        raise SiteError(f"{shown(text)} is not a finite number", where=where, place=place, do="correct the map")
     if abs(value) > HUGE:
         raise SiteError(
-            f"{text!r} is larger than any number of a map", where=where, place=place, do="correct the map"
+            f"{shown(text)} is larger than any number of a map", where=where, place=place, do="correct the map"
         )
     return value
 
