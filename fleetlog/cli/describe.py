@@ -123,7 +123,8 @@ def _some(names: list[str], noun: str) -> str:
 
 def _log(path: Path) -> Described:
     from fleetlog.importers._guard import read_guarded
-    from fleetlog.importers.base import GEOGRAPHIC, LOCAL, ReadOptions, ReadReport, detect
+    from fleetlog.importers._report import ReadReport
+    from fleetlog.importers.base import GEOGRAPHIC, LOCAL, ReadOptions, detect
 
     importer = detect(path)
     report = ReadReport(path, importer.name)

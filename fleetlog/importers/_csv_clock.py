@@ -13,6 +13,7 @@ from fleetlog.core.trajectory import Ints, Labels
 from fleetlog.errors import FormatError, InputError
 from fleetlog.importers._names import EPOCH_UNITS
 from fleetlog.importers._profile import Profile, has_date
+from fleetlog.importers._report import ReadReport
 from fleetlog.importers._times import (
     NONE,
     Days,
@@ -24,7 +25,6 @@ from fleetlog.importers._times import (
     microseconds,
     of_day,
 )
-from fleetlog.importers._report import ReadReport
 
 if TYPE_CHECKING:
     import pyarrow as pa

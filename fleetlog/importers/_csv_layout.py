@@ -11,8 +11,8 @@ from fleetlog.errors import FormatError, InputError, nearest
 from fleetlog.importers._csv_lines import rows_of
 from fleetlog.importers._names import Meaning, normal, recognise
 from fleetlog.importers._profile import Profile, Source
-from fleetlog.importers._units import KINDS, si_unit
 from fleetlog.importers._report import ReadReport
+from fleetlog.importers._units import KINDS, si_unit
 
 DELIMITERS = ",;\t|"
 _COMMA = re.compile(r"[+-]?\d*,\d+")

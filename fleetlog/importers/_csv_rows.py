@@ -16,8 +16,9 @@ from fleetlog.importers._csv_layout import Layout
 from fleetlog.importers._csv_table import TableReader
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers._profile import Profile, Source
+from fleetlog.importers._report import ReadReport
 from fleetlog.importers._times import MISSING, NONE, SKIPPED, UNREADABLE
-from fleetlog.importers.base import RawBatch, ReadReport, Reject
+from fleetlog.importers.base import RawBatch, Reject
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -48,7 +48,7 @@ class Fields:
     epoch: str | None = None
     vehicle: str | None = None
     kept: list[str] = field(default_factory=list)
-    profile: Profile = Profile()
+    profile: Profile = field(default_factory=Profile)
 
     def instant(self, value: Any, epoch: str | None = "") -> int:
         """Microseconds UTC of one time: a text, or a number that counts from 1970 or from the profile's origin.

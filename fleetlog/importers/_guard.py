@@ -12,10 +12,9 @@ from fleetlog.core.columns import BY_NAME
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT, FleetlogError, FormatError, fault
 from fleetlog.importers._profile import TARGETS
-from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
 from fleetlog.importers._report import ReadReport
+from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
-
 
 
 def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -33,7 +32,11 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
             options.report.damaged(f"breaks off after record {last:,}: {error.what}")
             return
         except Exception as error:
-            what = "needs more memory than there is" if isinstance(error, MemoryError) else fault(f"the reader of {importer.name}", error)
+            what = (
+                "needs more memory than there is"
+                if isinstance(error, MemoryError)
+                else fault(f"the reader of {importer.name}", error)
+            )
             if not last:
                 raise FormatError(what, where=path, place="before the first row", do=REPORT) from error
             options.report.damaged(f"breaks off after record {last:,}: {what}; {REPORT}")
@@ -48,12 +51,16 @@ def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
     """The batch with times that can be counted, names that can be written, and every known column of its kind."""
     checked = _Checked(batch, options.report)
     withheld = options.profile is not None and not options.profile.keep
-    columns = dict(checked.column(_text(n), v) for n, v in batch.columns.items() if not withheld or n in TARGETS)
+    columns = dict(
+        checked.column(_text(n), v) for n, v in batch.columns.items() if not withheld or n in TARGETS
+    )
     rejects = [r._replace(text="") if withheld else r for r in checked.rejects]
     reason = np.where((batch.time < EARLIEST) | (batch.time > LATEST), OFF_TIME, "").astype("<U64")
     reason[checked.nowhere] = "the position is not a number"
     keep = reason == ""
-    rejects += [Reject(int(n), str(why), "") for n, why in zip(batch.record[~keep], reason[~keep], strict=True)]
+    rejects += [
+        Reject(int(n), str(why), "") for n, why in zip(batch.record[~keep], reason[~keep], strict=True)
+    ]
     if not keep.all():
         columns = {n: v[keep] for n, v in columns.items()}
     return RawBatch(

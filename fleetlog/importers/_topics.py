@@ -7,8 +7,8 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from fleetlog.errors import FormatError
 from fleetlog.core.files import open_regular
+from fleetlog.errors import FormatError
 from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._messages import KINDS, POSITIONS, Kind, Sample, normal_name, unplaced
 from fleetlog.importers._open import plain_stem, plural
@@ -193,7 +193,9 @@ def read_recording(
                 pass
             walk.channels |= scan.channels
             if not scan.channels and scan.report.damage:
-                raise FormatError(f"nothing in it is whole; {scan.report.damage[0]}", where=path, do="record it again")
+                raise FormatError(
+                    f"nothing in it is whole; {scan.report.damage[0]}", where=path, do="record it again"
+                )
         topics = [Topic(*c) for c in walk.channels.values()]
         roles = plan(topics, path, name or plain_stem(path), options.vehicle, options.report)
         decoder = Decoder(roles, options.report, walk.share)

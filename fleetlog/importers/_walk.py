@@ -134,10 +134,14 @@ class Walk(ABC):
             self.say("the end of the file is cut off")
         if self.count < expected:
             missing = expected - self.count
-            self.say(f"{plural(missing, 'message')} that the file counts {'is' if missing == 1 else 'are'} not in it")
+            self.say(
+                f"{plural(missing, 'message')} that the file counts {'is' if missing == 1 else 'are'} not in it"
+            )
         if self._damages:
             whole = plural(self.count, "message")
-            self.report.damaged(f"{whole} of {expected:,} are whole" if expected else f"{whole} before and between are whole")
+            self.report.damaged(
+                f"{whole} of {expected:,} are whole" if expected else f"{whole} before and between are whole"
+            )
 
     def say(self, text: str) -> None:
         """Report damage; of very much the first."""

@@ -12,12 +12,20 @@ from pathlib import Path
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._csv_blocks import Block, blocks, guess_encoding
-from fleetlog.importers._csv_layout import DELIMITERS, Layout, find_decimal, find_delimiter, fit_header, lay_out
+from fleetlog.importers._csv_layout import (
+    DELIMITERS,
+    Layout,
+    find_decimal,
+    find_delimiter,
+    fit_header,
+    lay_out,
+)
 from fleetlog.importers._csv_lines import cells_of, rows_of
 from fleetlog.importers._csv_rows import RowReader
 from fleetlog.importers._open import head_of
 from fleetlog.importers._profile import Profile
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 SAMPLE = 100
 """Rows that tell how many fields a row has."""

@@ -179,7 +179,9 @@ def _value(field: Field, properties: dict[str, Any]) -> Any:
 def _own(value: Any) -> Any:
     if value is None or isinstance(value, str):
         return value
-    return None if isinstance(value, list | dict) else float(value) if isinstance(value, bool) else finite(value)
+    return (
+        None if isinstance(value, list | dict) else float(value) if isinstance(value, bool) else finite(value)
+    )
 
 
 IMPORTER = Importer("geojson", (".geojson", ".json", ".geojsonl", ".geojsons"), sniff, read, rank=2)

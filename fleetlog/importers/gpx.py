@@ -14,10 +14,11 @@ from typing import Any
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.importers._open import plain_stem, plural
+from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import Rows, finite, heading_of_course
 from fleetlog.importers._times import iso_time
 from fleetlog.importers._xml import Elements, local, nothing_usable
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 _KEPT = {"hdop": "hdop", "sat": "satellites", "speed": "speed", "atemp": "ambient_temperature"}
 _COURSES = ("course", "bearing")

@@ -15,8 +15,9 @@ from fleetlog.errors import FormatError
 from fleetlog.importers._nmea_fix import DAY, Part, decode
 from fleetlog.importers._nmea_frames import Frame, frames
 from fleetlog.importers._open import open_bytes, plain_stem, plural
+from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import Rows
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 WAITING = 1 << 18
 """Fixes that may wait for the first date."""

@@ -94,7 +94,9 @@ class _Reader:
         self.path, self.options, self.done = path, options, 0
         self.total = max(file.metadata.num_rows, 1)
         schema = file.schema_arrow
-        self.names = unique([_text(n.encode("utf-8", "surrogateescape")) for n in schema.names], options.report)
+        self.names = unique(
+            [_text(n.encode("utf-8", "surrogateescape")) for n in schema.names], options.report
+        )
         kinds = dict(zip(self.names, schema.types, strict=True))
         plain = [n for n, t in kinds.items() if not pa.types.is_nested(t) and not pa.types.is_binary(t)]
         self.fields = fields_of(plain, options.profile, options.report)
@@ -135,13 +137,17 @@ class _Reader:
                 reason[mask & (reason == "")] = f"{name} is not a number"
             else:
                 at = np.flatnonzero(mask).tolist()
-                rejects += [Reject(int(record[i]), f"{name} is not a number", str(texts[i])[:400], False) for i in at]
+                rejects += [
+                    Reject(int(record[i]), f"{name} is not a number", str(texts[i])[:400], False) for i in at
+                ]
         good = reason == ""
         rejects += [Reject(int(record[i]), str(reason[i]), "") for i in np.flatnonzero(~good)]
         kept: dict[str, Values] = {k: v[good] for k, v in columns.items()}
         return RawBatch(vehicle[good], time[good], kept, record[good], rejects, self.done / self.total)
 
-    def _quantity(self, array: pa.Array, name: str, field: Field, bad: dict[str, NDArray[np.bool_]]) -> Values:
+    def _quantity(
+        self, array: pa.Array, name: str, field: Field, bad: dict[str, NDArray[np.bool_]]
+    ) -> Values:
         """A known column in SI; numbers may be written as text."""
         import pyarrow as pa
 
@@ -183,7 +189,11 @@ class _Reader:
         if self.options.vehicle is not None or self.fields.vehicle is None:
             return Labels(np.zeros(len(batch), np.int32), (self.options.vehicle or default,))
         values = _values(batch.column(self.fields.vehicle))
-        names = values.strings() if isinstance(values, Labels) else [None if v != v else f"{v:.17g}" for v in values.tolist()]
+        names = (
+            values.strings()
+            if isinstance(values, Labels)
+            else [None if v != v else f"{v:.17g}" for v in values.tolist()]
+        )
         return Labels.of([default if v is None else v for v in names])
 
 
@@ -204,8 +214,15 @@ def _values(array: pa.Array) -> Values:
     kind = array.type
     if pa.types.is_null(kind):
         return np.full(len(array), np.nan)
-    if pa.types.is_boolean(kind) or pa.types.is_decimal(kind) or pa.types.is_floating(kind) or pa.types.is_integer(kind):
-        return np.asarray(array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64)
+    if (
+        pa.types.is_boolean(kind)
+        or pa.types.is_decimal(kind)
+        or pa.types.is_floating(kind)
+        or pa.types.is_integer(kind)
+    ):
+        return np.asarray(
+            array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64
+        )
     if not pa.types.is_dictionary(kind):
         array = array.dictionary_encode()
     names = array.dictionary

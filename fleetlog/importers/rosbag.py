@@ -86,7 +86,9 @@ def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     if len(errors) == len(files):
         raise errors[0]
     if (stated := _COUNT.search(about)) and count < int(stated[1]):
-        options.report.damaged(f"{count:,} of the {int(stated[1]):,} messages that metadata.yaml counts are whole")
+        options.report.damaged(
+            f"{count:,} of the {int(stated[1]):,} messages that metadata.yaml counts are whole"
+        )
 
 
 def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -106,7 +108,9 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             for connection, time, data in bag.messages(connections=wanted):
                 yield from decoder.feed(connection.topic, (time + 500) // 1000, data)
         if decoder.record < (stated := sum(c.msgcount for c in wanted)):
-            options.report.damaged(f"{decoder.record:,} of the {stated:,} messages that the bag counts are in it")
+            options.report.damaged(
+                f"{decoder.record:,} of the {stated:,} messages that the bag counts are in it"
+            )
     except FleetlogError:
         raise
     except Exception as error:

@@ -60,7 +60,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         }
     )
     if not origin:
-        options.report.note("simulation time placed at 1970-01-01: the file does not say when it began (a profile does: [time] origin = ...)")
+        options.report.note(
+            "simulation time placed at 1970-01-01: the file does not say when it began (a profile does: [time] origin = ...)"
+        )
     for rows in positions.values():
         yield from rows.drain()
 

@@ -16,9 +16,10 @@ from typing import Any
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes, plural
+from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import NAN, Rows, finite
 from fleetlog.importers._times import iso_time
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 LINE_LIMIT = 1 << 22
 MOST = 1e300

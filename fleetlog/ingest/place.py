@@ -86,7 +86,9 @@ def looks_like_degrees(rows: Trajectory) -> bool:
     good = np.isfinite(rows.floats("x")) & np.isfinite(rows.floats("y"))
     if "latitude" in rows or good.sum() < 10:
         return False
-    x, y, t, speed = (v[good] for v in (rows.floats("x"), rows.floats("y"), rows.seconds(), rows.floats("speed")))
+    x, y, t, speed = (
+        v[good] for v in (rows.floats("x"), rows.floats("y"), rows.seconds(), rows.floats("speed"))
+    )
     if np.abs(x).max() > 180.0 or np.abs(y).max() > 180.0 or min(np.abs(x).max(), np.abs(y).max()) > 90.0:
         return False
     size = float(max(np.ptp(x), np.ptp(y)))

@@ -13,7 +13,8 @@ from fleetlog.core.trajectory import Labels
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, FleetlogError, InputError
 from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._profile import Profile, load_profile
-from fleetlog.importers.base import RawBatch, ReadOptions, ReadReport
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers.base import RawBatch, ReadOptions
 from fleetlog.ingest.files import Log, find_logs, names_of
 from fleetlog.ingest.summary import FileSummary, ImportSummary
 

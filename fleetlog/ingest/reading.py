@@ -14,7 +14,8 @@ from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.errors import FleetlogError
 from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._profile import Profile
-from fleetlog.importers.base import RawBatch, ReadOptions, ReadReport
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers.base import RawBatch, ReadOptions
 from fleetlog.ingest.files import Log, names_of
 from fleetlog.ingest.order import BACKWARDS, Order
 from fleetlog.ingest.rejects import Rejects

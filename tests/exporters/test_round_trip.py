@@ -10,7 +10,8 @@ import pytest
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import DataError, InputError, OutputError
 from fleetlog.exporters.base import export_dataset, exporters
-from fleetlog.importers.base import ReadOptions, ReadReport, detect
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers.base import ReadOptions, detect
 from fleetlog.store import Dataset
 
 # format: (tolerance of positions [m], of time [us], columns that come back)

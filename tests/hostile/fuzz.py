@@ -174,7 +174,9 @@ def quick_folder() -> str | None:
 
 def main() -> int:
     """Run from the command line; 1 where anything was found."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--mutants", type=int, default=100_000, help="for all readers together")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", choices=sorted(targets()))
@@ -188,7 +190,10 @@ def main() -> int:
             count = given.mutants // len(names)
             found = fuzz(name, count, given.seed, Path(folder), Path("findings"))
             total += len(found)
-            print(f"{name:15} {count:6} mutants {len(found):4} findings {time.perf_counter() - begin:7.1f} s", flush=True)
+            print(
+                f"{name:15} {count:6} mutants {len(found):4} findings {time.perf_counter() - begin:7.1f} s",
+                flush=True,
+            )
             print("".join(f"  {f}\n" for f in found[:5]), end="", flush=True)
     return 1 if total else 0
 

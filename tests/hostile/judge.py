@@ -12,7 +12,8 @@ from fleetlog.core.truck import load_truck
 from fleetlog.errors import FleetlogError
 from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._profile import load_profile
-from fleetlog.importers.base import Importer, ReadOptions, ReadReport, detect
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers.base import Importer, ReadOptions, detect
 from fleetlog.ingest.pipeline import import_logs
 from fleetlog.physics.model import load_physics
 from fleetlog.roads import load_site
@@ -62,7 +63,9 @@ def read(path: Path, profile: Path | None = None, importer: Importer | None = No
     return out
 
 
-def imported(paths: Path | list[Path], folder: Path, site: Path | None = None, profile: Path | None = None) -> Outcome:
+def imported(
+    paths: Path | list[Path], folder: Path, site: Path | None = None, profile: Path | None = None
+) -> Outcome:
     """The whole import, into ``folder``/out."""
     target = folder / "out"
     shutil.rmtree(target, ignore_errors=True)
@@ -71,7 +74,9 @@ def imported(paths: Path | list[Path], folder: Path, site: Path | None = None, p
         try:
             place = load_site(site)[0] if site else Site()
             with DatasetWriter.create(target, "recorded", place) as writer:
-                summary = import_logs(paths if isinstance(paths, list) else [paths], place, writer, profile=profile)
+                summary = import_logs(
+                    paths if isinstance(paths, list) else [paths], place, writer, profile=profile
+                )
         except FleetlogError as error:
             return _of_error(error)
     return Outcome(summary.exit_status, summary.lines(), summary.rows, set())

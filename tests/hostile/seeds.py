@@ -21,7 +21,9 @@ def iso(i: int) -> str:
 
 
 def csv(rows: int = ROWS, end: str = "\n", header: str = "vehicle_id,timestamp,x,y,speed,soc,note") -> bytes:
-    lines = [f"T{i % 2},{iso(i)},{0.5 * i:.2f},{-0.25 * i:.2f},0.56,{0.9 - 1e-4 * i:.4f},n{i}" for i in range(rows)]
+    lines = [
+        f"T{i % 2},{iso(i)},{0.5 * i:.2f},{-0.25 * i:.2f},0.56,{0.9 - 1e-4 * i:.4f},n{i}" for i in range(rows)
+    ]
     return end.join([header, *lines, ""]).encode()
 
 
@@ -69,7 +71,11 @@ def vda() -> bytes:
 
 def feature(i: int, **more: Any) -> dict[str, Any]:
     where = {"type": "Point", "coordinates": [9.151, 49.97 + i * 1e-5, 100.0]}
-    return {"type": "Feature", "geometry": where, "properties": {"timestamp": iso(i), "speed": 1.5, "note": "n", **more}}
+    return {
+        "type": "Feature",
+        "geometry": where,
+        "properties": {"timestamp": iso(i), "speed": 1.5, "note": "n", **more},
+    }
 
 
 def collection(features: list[dict[str, Any]]) -> bytes:
@@ -264,5 +270,3 @@ coefficient = 0.02
 power = [640.0, 690.0]
 """
 SETTINGS = {"truck.toml": TRUCK, "site.toml": SITE, "profile.toml": PROFILE, "model.toml": MODEL}
-
-

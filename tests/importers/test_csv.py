@@ -18,8 +18,9 @@ from fleetlog.importers import _csv_blocks
 from fleetlog.importers._csv_cells import one_angle
 from fleetlog.importers._names import recognise
 from fleetlog.importers._profile import Profile, profile_from_dict
+from fleetlog.importers._report import ReadReport
 from fleetlog.importers._units import UNITS, find_unit, packed_minutes
-from fleetlog.importers.base import RawBatch, ReadOptions, ReadReport, detect
+from fleetlog.importers.base import RawBatch, ReadOptions, detect
 
 HEADER = "vehicle_id,timestamp,x,y,speed\n"
 

@@ -20,4 +20,6 @@ def read_json(path: Path) -> Any:
             f"not valid JSON: {error.msg}", where=path, place=f"line {error.lineno}", do="correct the file"
         ) from None
     except (ValueError, RecursionError) as error:
-        raise SiteError(f"not readable as JSON: {str(error)[:120]}", where=path, do="correct the file") from None
+        raise SiteError(
+            f"not readable as JSON: {str(error)[:120]}", where=path, do="correct the file"
+        ) from None

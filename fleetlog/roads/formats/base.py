@@ -109,12 +109,19 @@ def number(text: Any, where: Path, place: str) -> float:
     except OverflowError:
         value = math.inf
     except (TypeError, ValueError):
-        raise SiteError(f"{shown(text)} is not a number", where=where, place=place, do="correct the map") from None
+        raise SiteError(
+            f"{shown(text)} is not a number", where=where, place=place, do="correct the map"
+        ) from None
     if not math.isfinite(value):
-        raise SiteError(f"{shown(text)} is not a finite number", where=where, place=place, do="correct the map")
+        raise SiteError(
+            f"{shown(text)} is not a finite number", where=where, place=place, do="correct the map"
+        )
     if abs(value) > HUGE:
         raise SiteError(
-            f"{shown(text)} is larger than any number of a map", where=where, place=place, do="correct the map"
+            f"{shown(text)} is larger than any number of a map",
+            where=where,
+            place=place,
+            do="correct the map",
         )
     return value
 
