@@ -41,11 +41,15 @@ class FleetlogError(Exception):
         self.what, self.where, self.place, self.do = what, where, place, do
         super().__init__(self.line())
 
+    @property
+    def advice(self) -> str:
+        """What is wrong and what to do, without the place."""
+        return f"{_short(self.what)}; {self.do}" if self.do else _short(self.what)
+
     def line(self) -> str:
         """The whole message on one line: where, place: what; what to do."""
         head = ", ".join(_short(str(part)) for part in (self.where, self.place) if part is not None)
-        text = f"{head}: {_short(self.what)}" if head else _short(self.what)
-        return " ".join((f"{text}; {self.do}" if self.do else text).split())
+        return " ".join((f"{head}: {self.advice}" if head else self.advice).split())
 
 
 def _short(text: str) -> str:

@@ -15,7 +15,7 @@ from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers._bag_walk import MAGIC, BagWalk
 from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._mcap_walk import McapWalk
-from fleetlog.importers._open import plain_stem, plain_suffix
+from fleetlog.importers._open import plain_stem, plain_suffix, plural
 from fleetlog.importers._topics import Decoder, Topic, plan, read_recording
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
@@ -28,7 +28,7 @@ _COUNT = re.compile(r"^\s*message_count:\s*(\d{1,18})\s*$", re.MULTILINE)
 def sniff(path: Path, head: bytes) -> bool:
     """Whether it begins as a bag, is a SQLite file called ``.db3``, or a folder that holds a ROS 2 bag."""
     if path.is_dir():
-        return (path / "metadata.yaml").is_file() or any(path.glob("*.db3"))
+        return (path / "metadata.yaml").is_file()
     suffix = plain_suffix(path)
     empty = not head and suffix in (".bag", ".db3")
     return empty or head.startswith(b"#ROSBAG V") or (head.startswith(_SQLITE) and suffix == ".db3")
@@ -67,6 +67,9 @@ def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             "the bag's files are packed as a whole", where=path, do=f"unpack them: zstd -d {packed[0].name}"
         )
     about = _about(path)
+    others = sum(p.suffix not in (".mcap", ".db3", ".yaml") for p in path.iterdir())
+    if others:
+        options.report.note(f"{plural(others, 'other file')} in the bag's folder left out")
     if mode := _PACKING.search(about):
         raise FormatError(
             f"the bag is packed {mode[1].lower()} by {mode[1].lower()}", where=path,

@@ -59,7 +59,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     if not rows.total:
         raise FormatError("no line reads 'timestamp x y z qx qy qz qw'", where=path, do="check the format")
     options.report.recognised.update(
-        {"timestamp": "timestamp, from s since 1970", "x y z": "position in the site frame, from m",
+        {"timestamp": "timestamp, from s since " + ("the profile's origin" if origin else "1970"), "x y z": "position in the site frame, from m",
          "qx qy qz qw": "heading, the yaw of the quaternion"}
     )  # fmt: skip
     yield from rows.drain()

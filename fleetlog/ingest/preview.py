@@ -71,7 +71,7 @@ def preview(
         except FleetlogError as error:
             errors.append(error)
             kind = log.importer.name if log.importer else "unknown format"
-            out.files.append(FileSummary(name, kind, damage=[f"nothing is usable: {error.what}"]))
+            out.files.append(FileSummary(name, kind, damage=[f"nothing is usable: {error.advice}"]))
     if len(errors) == len(logs):
         raise errors[0]
     return out

@@ -84,7 +84,7 @@ class Reading:
         self.errors.append(error)
         name = log.importer.name if log.importer else "unknown format"
         self.summary.files.append(
-            FileSummary(log.path.name, name, damage=[f"nothing is usable: {error.what}"])
+            FileSummary(log.path.name, name, damage=[f"nothing is usable: {error.advice}"])
         )
 
 

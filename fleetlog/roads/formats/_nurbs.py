@@ -29,11 +29,16 @@ def nurbs(raw: Any, tolerance: float, path: Path, place: str) -> Floats:
         [number(p.get(key, default), path, f"{place}, controlPoints") for key, default in (("x", None), ("y", None), ("weight", 1.0))]
         for p in raw["controlPoints"]
     ]).reshape(-1, 3)  # fmt: skip
-    if degree < 1 or len(knots) != len(weighted) + degree + 1 or bool((np.diff(knots) < 0).any()):
+    if bool((weighted[:, 2] <= 0.0).any()):
+        raise SiteError("a weight is not above zero", where=path, place=place, do="export it again")
+    short = not 1 <= degree < len(weighted)
+    if short or len(knots) != len(weighted) + degree + 1 or bool((np.diff(knots) < 0).any()):
         raise SiteError(
             f"its trajectory of degree {degree} has {len(knots)} knots for {len(weighted)} control points",
             where=path, place=place, do="there must be points + degree + 1 knots in rising order",
         )  # fmt: skip
+    if knots[degree] == knots[len(weighted)]:
+        raise SiteError("its knots leave no curve", where=path, place=place, do="export it again")
     return _polyline(degree, knots, weighted, tolerance)
 
 
