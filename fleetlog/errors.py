@@ -8,7 +8,8 @@
     ├── DataError                     the files are well formed, the data cannot carry the question
     └── OutputError                   the result cannot be written where it was asked for
 
-``UsageError`` of click (exit status 2) stays with the command line.  ``fleetlog.cli.main`` is the one place that
+``UsageError`` of click (exit status 2) stays with the command line.  ``fleetlog.cli.main`` is the one place
+that
 turns these into a line on standard error.
 """
 
@@ -88,7 +89,9 @@ MOST_NAMED = 40
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """``'did you mean X?'`` for the known word closest to ``word``, else the known ones, or the first of very many."""
+    """``'did you mean X?'`` for the known word closest to ``word``, else the known ones, or the first of
+    very many.
+    """
     names = sorted(known)
     close = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
     if close:
@@ -98,6 +101,8 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 def fault(part: str, error: Exception) -> str:
-    """What an error says of an exception that nobody thought of: the part it came from, its kind and its text."""
+    """What an error says of an exception that nobody thought of: the part it came from, its kind and its
+    text.
+    """
     why = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     return f"a fault in {part} ({why})"

@@ -21,7 +21,9 @@ LISTED = 10
 
 
 def describe(path: Path) -> Described:
-    """A dataset, log, map, site, truck or recording; :class:`InputError` says what was tried where nothing fits."""
+    """A dataset, log, map, site, truck or recording; :class:`InputError` says what was tried where nothing
+    fits.
+    """
     if (path / "dataset.json").is_file():
         return _dataset(path)
     suffix = path.suffix.lower()

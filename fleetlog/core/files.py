@@ -13,12 +13,16 @@ WHOLE = 1 << 28
 """Bytes of a map that is held whole."""
 SETTINGS = 1 << 24
 """Bytes of a file of settings (TOML)."""
-_KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
-          stat.S_IFSOCK: "a socket"}  # fmt: skip
+_KINDS = {
+    stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}  # fmt: skip
 
 
 def open_regular(path: Path, error: type[InputError] = InputError) -> BinaryIO:
-    """Open a regular file for reading; ``error`` for anything else, without waiting for what a pipe may bring."""
+    """Open a regular file for reading; ``error`` for anything else, without waiting for what a pipe may
+    bring.
+    """
     try:
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except (OSError, ValueError) as problem:

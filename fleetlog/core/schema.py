@@ -1,6 +1,8 @@
-"""The one checker of settings (TOML): every key is known, every value of its kind, finite and within its range.
+"""The one checker of settings (TOML): every key is known, every value of its kind, finite and within its
+range.
 
-A schema is a dictionary: key -> check.  A check takes the value as TOML gives it and returns it as it is used, or
+A schema is a dictionary: key -> check.  A check takes the value as TOML gives it and returns it as it is
+used, or
 raises :class:`Wrong` with what was expected.
 """
 
@@ -26,7 +28,9 @@ class Wrong(Exception):
 
 
 def load_toml(path: Path, error: Errors = InputError, do: str | None = None) -> dict[str, Any]:
-    """The tables of a TOML file; ``error`` in one line where it cannot be read, with ``do`` where there is none."""
+    """The tables of a TOML file; ``error`` in one line where it cannot be read, with ``do`` where there is
+    none.
+    """
     if not path.exists():
         raise error("no such file", where=path, do=do)
     data = read_whole(path, SETTINGS, error)
@@ -122,7 +126,8 @@ def list_of(item: Check, least: int = 0, most: int = 1_000_000) -> Check:
 
 
 def table(
-    data: Any, keys: Keys, where: str | Path | None, place: str, required: Iterable[str] = (), error: Errors = InputError
+    data: Any, keys: Keys, where: str | Path | None, place: str, required: Iterable[str] = (),
+    error: Errors = InputError,
 ) -> dict[str, Any]:  # fmt: skip
     """The checked values of one table; ``error`` names the key at fault and the nearest known one."""
     if not isinstance(data, dict):

@@ -1,4 +1,6 @@
-"""A truck: what the nominal model needs to know of a vehicle type, with a documented default for every key but mass."""
+"""A truck: what the nominal model needs to know of a vehicle type, with a documented default for every key
+but mass.
+"""
 
 from __future__ import annotations
 
@@ -114,7 +116,9 @@ def preset_names() -> list[str]:
 
 
 def load_truck(path: str | Path) -> Truck:
-    """Read a truck file (TOML) or a preset by its name; :class:`TruckError` names the key at fault and the nearest known one."""
+    """Read a truck file (TOML) or a preset by its name; :class:`TruckError` names the key at fault and the
+    nearest known one.
+    """
     path = Path(path)
     if not path.exists() and path.name == str(path) and path.name in preset_names():
         path = PRESETS / f"{path.name}.toml"

@@ -23,7 +23,9 @@ LONGEST = 8 << 20
 
 @dataclass(frozen=True)
 class Block:
-    """Whole lines; ``first`` is the number of the first one, from 1; ``cut`` says that the last lacks its line end."""
+    """Whole lines; ``first`` is the number of the first one, from 1; ``cut`` says that the last lacks its
+    line end.
+    """
 
     text: bytes
     first: int
@@ -50,7 +52,9 @@ class Block:
 
 
 def guess_encoding(head: bytes) -> str:
-    """``utf-8-sig``, ``utf-16`` or ``utf-8`` where the bytes say so, else ``cp1252``, which every byte fits."""
+    """``utf-8-sig``, ``utf-16`` or ``utf-8`` where the bytes say so, else ``cp1252``, which every byte
+    fits.
+    """
     if head.startswith(codecs.BOM_UTF8):
         return "utf-8-sig"
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
@@ -83,8 +87,7 @@ def blocks(path: Path, encoding: str, report: ReadReport, size: int = SIZE) -> I
                 first += text.count(b"\n", 0, end)
             rest = text[end:]
             if len(rest) > LONGEST:
-                raise FormatError(
-                    f"the line is longer than {LONGEST >> 20} MB", where=path, place=f"line {first}", do="check the format"
-                )  # fmt: skip
+                what = f"the line is longer than {LONGEST >> 20} MB"
+                raise FormatError(what, where=path, place=f"line {first}", do="check the format")
         if rest:
             yield Block(rest, first, 1.0, cut=True)

@@ -33,7 +33,9 @@ Mask = NDArray[np.bool_]
 
 
 class Clock:
-    """Times of one file, block by block; ``names`` are the columns that hold them, ``epoch`` the unit of a count, if known."""
+    """Times of one file, block by block; ``names`` are the columns that hold them, ``epoch`` the unit of a
+    count, if known.
+    """
 
     def __init__(
         self, names: tuple[str, ...], epoch: str | None, path: Path, profile: Profile, report: ReadReport
@@ -85,7 +87,9 @@ class Clock:
         return pc.binary_join_element_wise(*parts, " ") if len(parts) > 1 else parts[0]
 
     def _decide(self, cells: pa.Array) -> str:
-        """ISO 8601, a count from 1970 or a time of day, from the first cells; an error that says what to write otherwise."""
+        """ISO 8601, a count from 1970 or a time of day, from the first cells; an error that says what to
+        write otherwise.
+        """
         known = cells.drop_null()
         sample = known.slice(0, 1000)
         if not len(sample):

@@ -1,4 +1,6 @@
-"""The text of a block to an Arrow table: fast where every row is whole, line by line where quotes make no sense."""
+"""The text of a block to an Arrow table: fast where every row is whole, line by line where quotes make no
+sense.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ codecs.register_error("fleetlog.cp1252", _as_cp1252)
 
 
 class TableReader:
-    """Blocks of one file to tables with the columns of ``layout``; ``missing`` are cells that mean "unknown"."""
+    """Blocks of one file to tables with the columns of ``layout``; ``missing`` are cells that mean
+    "unknown".
+    """
 
     def __init__(self, layout: Layout, missing: list[str], report: ReadReport) -> None:
         self.layout, self.missing, self.report = layout, missing, report
@@ -47,7 +51,9 @@ class TableReader:
             return self._arrow(self._one_by_one(text), None)[0].schema
 
     def read(self, block: Block, types: dict[str, Any]) -> tuple[pa.Table, Ints, list[Reject]]:
-        """The table of a block, the line of every row in it, and the lines that do not have as many fields as the header."""
+        """The table of a block, the line of every row in it, and the lines that do not have as many fields
+        as the header.
+        """
         text, lines = self._as_utf8(block), block.lines()
         found = self._whole(text, types)
         if found is not None and len(lines) != found[0].num_rows + len(found[1]):
@@ -133,7 +139,9 @@ class TableReader:
         return out.getvalue().encode()
 
     def _mended(self, text: bytes, block: Block, lines: Ints, ragged: list[Any]) -> bytes | None:
-        """The text with the rows whole that are ragged by an empty last field only; None where there is none."""
+        """The text with the rows whole that are ragged by an empty last field only; None where there is
+        none.
+        """
         delimiter, last = self.layout.delimiter, self.layout.names[-1]
         pieces = text.split(b"\n") if ragged else []
         mended = 0
@@ -150,7 +158,9 @@ class TableReader:
 
 
 def _records(block: Block, layout: Layout) -> Ints:
-    """First lines of the records where quoted cells span several; every line its own where quotes swallow whole rows."""
+    """First lines of the records where quoted cells span several; every line its own where quotes swallow
+    whole rows.
+    """
     raw = np.frombuffer(block.text, np.uint8)
     ends = np.flatnonzero(raw == 10)
     quotes = np.searchsorted(np.flatnonzero(raw == 34), ends)

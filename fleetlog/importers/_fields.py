@@ -1,4 +1,6 @@
-"""The fields of a table or of a JSON object that are read by name: what each is, and the way of its values to SI."""
+"""The fields of a table or of a JSON object that are read by name: what each is, and the way of its values
+to SI.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ class Field:
 
 @dataclass
 class Fields:
-    """All fields: ``columns`` by the dataset's names, ``time`` and ``vehicle`` by the log's, ``kept`` as they are."""
+    """All fields: ``columns`` by the dataset's names, ``time`` and ``vehicle`` by the log's, ``kept`` as
+    they are.
+    """
 
     columns: dict[str, Field] = field(default_factory=dict)
     time: str | None = None
@@ -51,9 +55,11 @@ class Fields:
     profile: Profile = field(default_factory=Profile)
 
     def instant(self, value: Any, epoch: str | None = "") -> int:
-        """Microseconds UTC of one time: a text, or a number that counts from 1970 or from the profile's origin.
+        """Microseconds UTC of one time: a text, or a number that counts from 1970 or from the profile's
+        origin.
 
-        :class:`ValueError` where it is none.  ``epoch`` is the unit of a count, None for that which its size tells.
+        :class:`ValueError` where it is none.  ``epoch`` is the unit of a count, None for that which its size
+        tells.
         """
         if isinstance(value, str):
             return self._of_text(value)
@@ -77,7 +83,9 @@ class Fields:
 
 
 def fields_of(names: Iterable[str], profile: Profile | None, report: ReadReport) -> Fields:
-    """What the fields called ``names`` are: the profile's word first, then the spelling; the report says it."""
+    """What the fields called ``names`` are: the profile's word first, then the spelling; the report says
+    it.
+    """
     found, names = Fields(profile=profile or Profile()), list(names)
     if profile is not None:
         found.time = profile.time[0] if profile.time and profile.time[0] in names else None

@@ -1,4 +1,6 @@
-"""The one way in which logs are read: whatever goes wrong within a reader is damage of that file, and rows come out sound."""
+"""The one way in which logs are read: whatever goes wrong within a reader is damage of that file, and rows
+come out sound.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadO
 
 
 def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterator[RawBatch]:
-    """The batches of a file, each checked; :class:`~fleetlog.errors.FleetlogError` where not one row is usable.
+    """The batches of a file, each checked; :class:`~fleetlog.errors.FleetlogError` where not one row is
+    usable.
 
     What comes after the first row and cannot be read, for whatever reason, is damage in ``options.report``.
     """
@@ -48,7 +51,9 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
 
 
 def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
-    """The batch with times that can be counted, names that can be written, and every known column of its kind."""
+    """The batch with times that can be counted, names that can be written, and every known column of its
+    kind.
+    """
     checked = _Checked(batch, options.report)
     withheld = options.profile is not None and not options.profile.keep
     columns = dict(

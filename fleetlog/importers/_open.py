@@ -59,7 +59,8 @@ def compression(path: Path) -> str | None:
 class Unpacked(io.RawIOBase):
     """The bytes of a file, unpacked piece by piece; ``share`` says how far the file itself has been read.
 
-    Where the packing is cut off or broken, the stream ends there, with everything before it, and ``report`` hears of it.
+    Where the packing is cut off or broken, the stream ends there, with everything before it, and ``report``
+    hears of it.
     """
 
     def __init__(self, path: Path, report: ReadReport | None = None) -> None:
@@ -154,7 +155,9 @@ def _step(unpacker: Any, packing: str, packed: bytes, size: int) -> tuple[bytes,
 
 
 def open_bytes(path: Path, report: ReadReport | None = None) -> tuple[io.BufferedReader, Unpacked]:
-    """A buffered stream of the unpacked bytes, and the raw one below it, which knows the share that was read."""
+    """A buffered stream of the unpacked bytes, and the raw one below it, which knows the share that was
+    read.
+    """
     raw = Unpacked(path, report)
     return io.BufferedReader(raw, 1 << 20), raw
 

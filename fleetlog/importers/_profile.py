@@ -1,4 +1,6 @@
-"""A profile: what a log's columns are, where their names do not say it.  ``docs/logs.md`` has a worked one."""
+"""A profile: what a log's columns are, where their names do not say it.  ``docs/logs.md`` has a worked
+one.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +72,9 @@ class Profile:
     """As ``strptime`` takes it, or ``iso``, ``s``, ``ms``, ``us``, ``ns``."""
     time_zone: str | None = None
     time_origin: datetime | None = None
-    """Instant from which a time counts, where that is not 1970, or the first day of times of day; local without a zone."""
+    """Instant from which a time counts, where that is not 1970, or the first day of times of day; local
+    without a zone.
+    """
     columns: dict[str, Source] = field(default_factory=dict)
     keep: bool = True
     """Whether columns that are neither mapped nor recognised are kept under their own names."""
@@ -165,8 +169,10 @@ def _vehicle(value: Any) -> str:
 
 _SENTINELS = list_of(either(real(), text))
 _NAMES = list_of(text, 1)
-_FILE: Keys = {"delimiter": _delimiter, "decimal": one_of(",", "."), "encoding": _encoding, "skip_lines": whole(0), "comment": text,
-               "names": _NAMES, "sentinels": _SENTINELS, "vehicle": _vehicle, "keep": flag}  # fmt: skip
+_FILE: Keys = {
+    "delimiter": _delimiter, "decimal": one_of(",", "."), "encoding": _encoding, "skip_lines": whole(0),
+    "comment": text, "names": _NAMES, "sentinels": _SENTINELS, "vehicle": _vehicle, "keep": flag,
+}  # fmt: skip
 _TIME: Keys = {
     "column": either(text, list_of(text, 1, 2)), "format": _style, "zone": _zone, "origin": _origin,
 }  # fmt: skip

@@ -1,4 +1,6 @@
-"""Times of logs as microseconds since 1970 UTC: ISO 8601, counts, other spellings, local time with daylight saving."""
+"""Times of logs as microseconds since 1970 UTC: ISO 8601, counts, other spellings, local time with daylight
+saving.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,8 @@ Strings = NDArray[np.object_]
 class LocalClock:
     """Local times of one file to UTC; an hour that comes twice is told apart by the order of the rows.
 
-    ``last`` is the latest UTC time seen of each vehicle, so that the second pass over an ambiguous hour is noticed.
+    ``last`` is the latest UTC time seen of each vehicle, so that the second pass over an ambiguous hour is
+    noticed.
     """
 
     zone: ZoneInfo
@@ -88,7 +91,9 @@ def _epoch(stamps: Any) -> Ints:
 
 
 def epoch_unit(values: NDArray[np.float64]) -> str | None:
-    """The unit in which plausible dates (1975 to 2100) would be counted like ``values``; None where none fits."""
+    """The unit in which plausible dates (1975 to 2100) would be counted like ``values``; None where none
+    fits.
+    """
     good = values[np.isfinite(values)]
     if not len(good):
         return None
@@ -102,7 +107,9 @@ def epoch_unit(values: NDArray[np.float64]) -> str | None:
 
 
 def from_counts(values: NDArray[np.float64] | Ints, unit: str, origin: int = 0) -> Ints:
-    """Times counted in ``unit`` from ``origin`` [us]; ``NONE`` where not finite or beyond what can be counted."""
+    """Times counted in ``unit`` from ``origin`` [us]; ``NONE`` where not finite or beyond what can be
+    counted.
+    """
     us = EPOCH_UNITS[unit]
     reach = (LATEST - EARLIEST) // us if us > 0 else (LATEST - EARLIEST) * -us
     if values.dtype.kind == "i":
@@ -116,7 +123,9 @@ def from_counts(values: NDArray[np.float64] | Ints, unit: str, origin: int = 0) 
 
 
 def of_day(cells: pa.Array, style: str) -> Ints:
-    """Microseconds since midnight of times of day, in a ``strptime`` format or as hh:mm:ss; ``NONE`` elsewhere."""
+    """Microseconds since midnight of times of day, in a ``strptime`` format or as hh:mm:ss; ``NONE``
+    elsewhere.
+    """
     import pandas as pd
 
     if style != "of day":
@@ -129,7 +138,9 @@ def of_day(cells: pa.Array, style: str) -> Ints:
 
 @dataclass
 class Days:
-    """Days that times of day fall on: the first one is given, a step back by half a day and more is the next midnight."""
+    """Days that times of day fall on: the first one is given, a step back by half a day and more is the next
+    midnight.
+    """
 
     first: int
     last: int = 0
@@ -147,7 +158,9 @@ class Days:
 
 
 def from_iso(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
-    """Times of ISO 8601 cells, and which of them state no zone; ``NONE`` where a cell is null or not ISO 8601."""
+    """Times of ISO 8601 cells, and which of them state no zone; ``NONE`` where a cell is null or not ISO
+    8601.
+    """
     import pyarrow as pa
 
     for kind, bare in ((pa.timestamp("ns", "UTC"), False), (pa.timestamp("ns"), True)):
@@ -176,7 +189,9 @@ def _iso_one_by_one(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
 
 
 def from_format(cells: pa.Array, style: str) -> tuple[Ints, NDArray[np.bool_]]:
-    """Times of cells in a ``strptime`` format, and which state no zone; ``NONE`` where a cell does not fit it."""
+    """Times of cells in a ``strptime`` format, and which state no zone; ``NONE`` where a cell does not fit
+    it.
+    """
     import pandas as pd
 
     zoned = "%z" in style or "%Z" in style

@@ -1,4 +1,6 @@
-"""From the topics of a recording to vehicles: which topic says where which truck is, and which adds its battery."""
+"""From the topics of a recording to vehicles: which topic says where which truck is, and which adds its
+battery.
+"""
 
 from __future__ import annotations
 
@@ -47,8 +49,10 @@ def plan(
 ) -> dict[str, Role]:
     """The role of every topic that is used.
 
-    A vehicle is told by the part of the names in which topics of one kind differ (``/T00/fix``, ``/T01/fix``), else by a
-    name in front of all of them; ``default`` otherwise and ``one`` always, if given.  Each vehicle takes its position from one
+    A vehicle is told by the part of the names in which topics of one kind differ (``/T00/fix``,
+    ``/T01/fix``), else by a
+    name in front of all of them; ``default`` otherwise and ``one`` always, if given.  Each vehicle takes its
+    position from one
     topic, the most absolute one.
     """
     topics = sorted(set(topics))
@@ -178,7 +182,8 @@ def read_recording(
 ) -> Generator[RawBatch, None, int]:
     """Positions and batteries of a container, in its order; gives the number of whole messages.
 
-    ``name`` is the vehicle's where the topics name none.  Without a summary the file is walked once for its channels.
+    ``name`` is the vehicle's where the topics name none.  Without a summary the file is walked once for its
+    channels.
     """
     refuse_packed(path)
     with open_regular(path) as stream:

@@ -1,6 +1,8 @@
-"""Recordings in binary containers, walked in the order of the file: verify every record, resume behind damage, count.
+"""Recordings in binary containers, walked in the order of the file: verify every record, resume behind
+damage, count.
 
-No index is needed, so a file that was cut off gives all that is whole; an index at its end says where to go on behind damage and
+No index is needed, so a file that was cut off gives all that is whole; an index at its end says where to go
+on behind damage and
 how many messages there must be.
 """
 
@@ -58,7 +60,9 @@ class Walk(ABC):
     called: ClassVar[str]
     magic: ClassVar[bytes]
     kinds: ClassVar[frozenset[int]]
-    """Records that the format has; ``chunk`` is that of chunks, ``ends`` those behind which no message comes."""
+    """Records that the format has; ``chunk`` is that of chunks, ``ends`` those behind which no message
+    comes.
+    """
     chunk: ClassVar[int]
     ends: ClassVar[frozenset[int]] = frozenset()
 
@@ -75,7 +79,9 @@ class Walk(ABC):
 
     @abstractmethod
     def summary(self) -> Summary | None:
-        """Channels, places of chunks and number of messages from the index; None where that is missing or damaged."""
+        """Channels, places of chunks and number of messages from the index; None where that is missing or
+        damaged.
+        """
 
     @abstractmethod
     def _next(self) -> Record:
@@ -94,7 +100,9 @@ class Walk(ABC):
         return min(self.at / max(self.size, 1), 1.0)
 
     def messages(self, summary: Summary | None) -> Iterator[Message]:
-        """Every whole message, in the order of the file; ``report`` hears of all that is damaged or missing."""
+        """Every whole message, in the order of the file; ``report`` hears of all that is damaged or
+        missing.
+        """
         chunks = summary.chunks if summary else set()
         self.at = len(self.magic)
         while self.at < self.size:
@@ -118,7 +126,9 @@ class Walk(ABC):
         self._close(max(summary.messages if summary else 0, self.indexed))
 
     def _checked(self, record: Record, chunks: set[int]) -> Record:
-        """The record as what it must be: the index knows where chunks are, and that messages come after an end."""
+        """The record as what it must be: the index knows where chunks are, and that messages come after an
+        end.
+        """
         if self.at in chunks and record.kind != self.chunk:
             self.say(f"the kind of the chunk at byte {self.at:,} is wrong")
             return record._replace(kind=self.chunk)
@@ -134,9 +144,8 @@ class Walk(ABC):
             self.say("the end of the file is cut off")
         if self.count < expected:
             missing = expected - self.count
-            self.say(
-                f"{plural(missing, 'message')} that the file counts {'is' if missing == 1 else 'are'} not in it"
-            )
+            verb = "is" if missing == 1 else "are"
+            self.say(f"{plural(missing, 'message')} that the file counts {verb} not in it")
         if self._damages:
             whole = plural(self.count, "message")
             self.report.damaged(

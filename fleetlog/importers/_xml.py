@@ -17,7 +17,8 @@ LIMIT = 1 << 24
 class Elements:
     """The end events of chosen elements, each emptied after use, so that memory does not grow with the file.
 
-    Entities are not expanded, nothing is loaded from elsewhere, libxml2's limits on depth and text stay on.  A file that is
+    Entities are not expanded, nothing is loaded from elsewhere, libxml2's limits on depth and text stay on.
+    A file that is
     cut off or broken gives what came before; ``report`` hears of it.
     """
 

@@ -1,7 +1,8 @@
 """What every log format gives: batches of rows in SI units, and a report of what was read.
 
 A format is one module of this package that holds ``IMPORTER``, an :class:`Importer`.  It turns a file into
-:class:`RawBatch` es and does nothing else: cleaning, frames, derived columns and matching are :mod:`fleetlog.ingest`'s.
+:class:`RawBatch` es and does nothing else: cleaning, frames, derived columns and matching are
+:mod:`fleetlog.ingest`'s.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ LOCAL = ("x", "y")
 
 
 class Reject(NamedTuple):
-    """A row that could not be used: its line or record number (from 1), why, and its text (or a picture of its values).
+    """A row that could not be used: its line or record number (from 1), why, and its text (or a picture of
+    its values).
 
     Where ``whole`` is False only one value was refused; the row stays, with that value unknown.
     """
@@ -39,17 +41,21 @@ class Reject(NamedTuple):
 
 @dataclass(frozen=True)
 class RawBatch:
-    """N rows as a log gives them, several vehicles mixed, in any order; nothing cleaned but everything in SI units.
+    """N rows as a log gives them, several vehicles mixed, in any order; nothing cleaned but everything in SI
+    units.
 
     Attributes
     ----------
     vehicle : (N,) labels, no nulls.
     time : (N,) int64, microseconds since 1970-01-01 UTC.
-    columns : (N,) arrays by name.  Positions are ``latitude``, ``longitude`` [degrees, WGS 84] or ``x``, ``y`` [m, site
+    columns : (N,) arrays by name.  Positions are ``latitude``, ``longitude`` [degrees, WGS 84] or ``x``,
+        ``y`` [m, site
         frame], ``z`` [m, up; ellipsoid or sea level as the log has it]; the further columns of
-        :mod:`fleetlog.core.columns` in the contract's units (NaN for unknown); then the log's own columns under their own
+        :mod:`fleetlog.core.columns` in the contract's units (NaN for unknown); then the log's own columns
+        under their own
         names, float64 or :class:`~fleetlog.core.trajectory.Labels`.
-        A batch without position columns is a *channel*: its values are interpolated onto the rows that have positions (a
+        A batch without position columns is a *channel*: its values are interpolated onto the rows that have
+        positions (a
         battery message that comes at its own times).  A row with NaN for its position stays a row of its own.
     record : (N,) int64, line or record number in the file, from 1.
     rejects : rows met on the way that could not be used.
@@ -114,8 +120,10 @@ class Importer:
     ----------
     name : as ``--format`` takes it.
     suffixes : lower case with the dot, as ``(".gpx",)``; those of compression are taken off first.
-    sniff : whether the file looks like this format, from its path and its first 64 KiB, decompressed (``b""`` for a folder).
-    read : the rows, batch by batch, in bounded memory; raises :class:`~fleetlog.errors.FormatError` when nothing is usable.
+    sniff : whether the file looks like this format, from its path and its first 64 KiB, decompressed
+        (``b""`` for a folder).
+    read : the rows, batch by batch, in bounded memory; raises :class:`~fleetlog.errors.FormatError` when
+        nothing is usable.
     rank : formats of a lower rank are asked first; 0 for those with a signature, 9 for a last resort.
     """
 

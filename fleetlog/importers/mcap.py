@@ -1,4 +1,6 @@
-"""MCAP recordings: Foxglove's LocationFix, ROS 2's positions and batteries; see :mod:`fleetlog.importers._messages`."""
+"""MCAP recordings: Foxglove's LocationFix, ROS 2's positions and batteries; see
+:mod:`fleetlog.importers._messages`.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
 """NMEA 0183 logs, also with binary bytes and u-blox UBX messages between the sentences.
 
-All sentences of one moment make one fix, whatever talker they come from.  Dates come from RMC, ZDA and NAV-PVT; a fix before
-the first date gets it in hindsight.  Broken sentences are rejected and counted; other ships' AIS messages are left out.
+All sentences of one moment make one fix, whatever talker they come from.  Dates come from RMC, ZDA and
+NAV-PVT; a fix before
+the first date gets it in hindsight.  Broken sentences are rejected and counted; other ships' AIS messages
+are left out.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ _AIS = (b"VDM", b"VDO")
 
 
 def sniff(path: Path, head: bytes) -> bool:
-    """Whether a sentence or a UBX message with a right checksum is in it, and most of what is framed is right."""
+    """Whether a sentence or a UBX message with a right checksum is in it, and most of what is framed is
+    right.
+    """
     from io import BufferedReader, BytesIO
 
     good = bad = 0

@@ -1,4 +1,6 @@
-"""Parquet tables, read by their column names as a CSV is; GeoParquet's points; parts of a partitioned dataset."""
+"""Parquet tables, read by their column names as a CSV is; GeoParquet's points; parts of a partitioned
+dataset.
+"""
 
 from __future__ import annotations
 
@@ -81,7 +83,7 @@ def _check_size(about: Any, path: Path) -> None:
     cells = about.num_rows * about.num_columns
     widest = max((about.row_group(g).total_byte_size for g in range(about.num_row_groups)), default=0)
     if cells > max(CELLS, CELLS_PER_BYTE * path.stat().st_size) or widest > GROUP_LIMIT:
-        what = f"states {about.num_rows:,} rows of {about.num_columns:,} columns, row groups of up to {widest >> 20:,} MB"
+        what = f"states {about.num_rows:,} rows of {about.num_columns:,} columns in groups of {widest >> 20:,} MB"
         raise FormatError(what, where=path, do="write it again in smaller row groups")
 
 

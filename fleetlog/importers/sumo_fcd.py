@@ -2,7 +2,8 @@
 
 ``angle`` is clockwise from north [degrees]; ``x, y`` are metres of the network, or degrees where
 SUMO was run with ``--fcd-output.geo``.
-``time`` counts seconds from the start of the simulation, so it is placed at the epoch that the file names (fleetlog's
+``time`` counts seconds from the start of the simulation, so it is placed at the epoch that the file names
+(fleetlog's
 exporter writes it) or at 1970.
 """
 
@@ -61,7 +62,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     )
     if not origin:
         options.report.note(
-            "simulation time placed at 1970-01-01: the file does not say when it began (a profile does: [time] origin = ...)"
+            "simulation time placed at 1970-01-01: a profile may say when it began ([time] origin = ...)"
         )
     for rows in positions.values():
         yield from rows.drain()
@@ -75,7 +76,9 @@ def _origin(epoch: re.Match[bytes] | None) -> int:
 
 
 def _degrees(known: dict[bool, Rows], element: Any) -> bool:
-    """Whether x, y are degrees: SUMO then writes six decimals and more; decided by the first vehicle, kept for the file."""
+    """Whether x, y are degrees: SUMO then writes six decimals and more; decided by the first vehicle, kept
+    for the file.
+    """
     if known:
         return next(iter(known))
     x, y = finite(element.get("x")), finite(element.get("y"))

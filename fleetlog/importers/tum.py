@@ -1,4 +1,6 @@
-"""TUM trajectories: ``timestamp x y z qx qy qz qw`` a line, seconds and metres, as evo and SLAM tools write them."""
+"""TUM trajectories: ``timestamp x y z qx qy qz qw`` a line, seconds and metres, as evo and SLAM tools write
+them.
+"""
 
 from __future__ import annotations
 
@@ -58,10 +60,11 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
                 yield rows.take()
     if not rows.total:
         raise FormatError("no line reads 'timestamp x y z qx qy qz qw'", where=path, do="check the format")
-    options.report.recognised.update(
-        {"timestamp": "timestamp, from s since " + ("the profile's origin" if origin else "1970"), "x y z": "position in the site frame, from m",
-         "qx qy qz qw": "heading, the yaw of the quaternion"}
-    )  # fmt: skip
+    since = "the profile's origin" if origin else "1970"
+    options.report.recognised.update({
+        "timestamp": f"timestamp, from s since {since}", "x y z": "position in the site frame, from m",
+        "qx qy qz qw": "heading, the yaw of the quaternion",
+    })  # fmt: skip
     yield from rows.drain()
 
 
@@ -71,7 +74,9 @@ def _add(rows: Rows, vehicle: str, pose: list[float], line: bytes, number: int, 
 
 
 def _microseconds(cell: bytes) -> int:
-    """Exact where the stamp is a plain decimal: a double of seconds since 1970 only holds a quarter of a microsecond."""
+    """Exact where the stamp is a plain decimal: a double of seconds since 1970 only holds a quarter of a
+    microsecond.
+    """
     whole, _, fraction = cell.partition(b".")
     if whole.isdigit() and fraction.isdigit():
         return int(whole) * 1_000_000 + int(fraction[:6].ljust(6, b"0"))

@@ -1,7 +1,8 @@
 """VDA 5050 ``state`` and ``visualization`` messages, one JSON object a line, versions 1.1, 2.x and 3.x.
 
 A line may be the message itself, the message behind its MQTT topic (``mosquitto_sub -v``), or wrapped as
-``{"topic": ..., "payload": ...}``.  3.0 renamed ``agvPosition`` to ``mobileRobotPosition`` (``positionInitialized`` to
+``{"topic": ..., "payload": ...}``.  3.0 renamed ``agvPosition`` to ``mobileRobotPosition``
+(``positionInitialized`` to
 ``localized``) and ``batteryState`` to ``powerSupply`` (``batteryCharge`` to ``stateOfCharge``).
 """
 
@@ -56,7 +57,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 
 
 class _Reader:
-    """Messages to rows; keeps the last load of every vehicle, which a visualization message does not repeat."""
+    """Messages to rows; keeps the last load of every vehicle, which a visualization message does not
+    repeat.
+    """
 
     def __init__(self, vehicle: str | None, share: Any) -> None:
         self.positions = Rows("x", "y", share=share)
@@ -146,7 +149,9 @@ def _kind(message: dict[str, Any]) -> str:
 
 
 def _pose(position: dict[str, Any], velocity: Any) -> dict[str, Any]:
-    """``theta`` is counter-clockwise from the map's x axis, as the contract's heading; speed in the vehicle's own frame."""
+    """``theta`` is counter-clockwise from the map's x axis, as the contract's heading; speed in the
+    vehicle's own frame.
+    """
     values: dict[str, Any] = {"x": finite(position.get("x")), "y": finite(position.get("y"))}
     theta = finite(position.get("theta"))
     values["heading"] = math.remainder(theta, math.tau) if theta == theta else NAN
@@ -166,7 +171,9 @@ def _labels(message: dict[str, Any], position: dict[str, Any]) -> dict[str, str]
 
 
 def _payload(loads: list[Any]) -> float:
-    """Sum of the weights [kg]; an empty list says that nothing is carried, a load without a weight that nobody knows."""
+    """Sum of the weights [kg]; an empty list says that nothing is carried, a load without a weight that
+    nobody knows.
+    """
     total = sum(finite(load.get("weight")) if isinstance(load, dict) else NAN for load in loads)
     return max(min(float(total), MOST), -MOST) if total == total else NAN
 

@@ -1,6 +1,7 @@
 """Cleaning: what cannot be a measurement is refused or unknown, what can is left alone.
 
-Every step takes the sorted rows of one vehicle and gives fewer rows, or rows with values unknown, and tells ``rejects``.
+Every step takes the sorted rows of one vehicle and gives fewer rows, or rows with values unknown, and tells
+``rejects``.
 """
 
 from __future__ import annotations
@@ -18,13 +19,17 @@ from fleetlog.ingest.rows import FILE, RECORD, STUCK, set_unknown
 MAX_SPEED = 60.0
 """A position that implies more is impossible [m/s]; the bound of the speed column."""
 FARTHEST, HIGHEST = 1e8, 1e6
-"""Local coordinates and heights beyond these are none of a vehicle [m]; grids of whole countries count up to 1e7."""
+"""Local coordinates and heights beyond these are none of a vehicle [m]; grids of whole countries count up to
+1e7.
+"""
 JUMP_MARGIN = 20.0
 """Error of two positions that no jump is made of [m]."""
 SHORT_JUMP = 10
 """Rows; a place that is left sooner by another impossible jump was never visited."""
 STUCK_TIME, STUCK_ROWS = 60.0, 30
-"""A speed that stays the same to the last digit so long [s, rows] while the truck stands is a stuck sensor."""
+"""A speed that stays the same to the last digit so long [s, rows] while the truck stands is a stuck
+sensor.
+"""
 
 Mask = NDArray[np.bool_]
 
@@ -37,7 +42,9 @@ def sort_rows(rows: Trajectory) -> Trajectory:
 
 
 def drop_duplicates(rows: Trajectory, rejects: Rejects) -> Trajectory:
-    """One row at a time: the first that the files have; identical rows and contradicting ones are told apart."""
+    """One row at a time: the first that the files have; identical rows and contradicting ones are told
+    apart.
+    """
     again = np.zeros(len(rows), bool)
     again[1:] = np.diff(rows.time) == 0
     if not again.any():
@@ -58,7 +65,9 @@ def _equal(values: Floats, first: NDArray[np.intp]) -> Mask:
 
 
 def drop_impossible(rows: Trajectory, rejects: Rejects) -> Trajectory:
-    """Positions off the globe are refused with their row; 0, 0 degrees is a receiver without a fix: unknown."""
+    """Positions off the globe are refused with their row; 0, 0 degrees is a receiver without a fix:
+    unknown.
+    """
     rows = _drop_far(rows, rejects)
     if "latitude" not in rows:
         return rows
@@ -114,10 +123,13 @@ def bound_values(rows: Trajectory, rejects: Rejects) -> Trajectory:
 
 
 def drop_jumps(rows: Trajectory, rejects: Rejects) -> Trajectory:
-    """Refuse rows whose place cannot be reached and is left again at once; one outlier takes nothing else with it.
+    """Refuse rows whose place cannot be reached and is left again at once; one outlier takes nothing else
+    with it.
 
-    Positions fall into stays between impossible jumps.  A stay of fewer than ``SHORT_JUMP`` rows between two of them, or
-    beside a longer one, was never visited; after a long one the truck is where it says (a log that resumes elsewhere).
+    Positions fall into stays between impossible jumps.  A stay of fewer than ``SHORT_JUMP`` rows between two
+    of them, or
+    beside a longer one, was never visited; after a long one the truck is where it says (a log that resumes
+    elsewhere).
     """
     known = np.flatnonzero(np.isfinite(rows.floats("x")) & np.isfinite(rows.floats("y")))
     x, y, t = rows.floats("x")[known], rows.floats("y")[known], rows.seconds()[known]
@@ -154,9 +166,11 @@ def jump_outliers(x: Floats, y: Floats, t: Floats) -> Mask:
 
 
 def unstick(rows: Trajectory) -> Trajectory:
-    """Values that stay the same to the last digit while the truck shows that they cannot: unknown, and marked.
+    """Values that stay the same to the last digit while the truck shows that they cannot: unknown, and
+    marked.
 
-    A speed, for a minute, while the position stands; a battery power or current, for two minutes, while the truck speeds up and
+    A speed, for a minute, while the position stands; a battery power or current, for two minutes, while the
+    truck speeds up and
     slows down.  A sensor that is merely coarse is left alone.
     """
     t, speed = rows.seconds(), rows.floats("speed")

@@ -118,7 +118,8 @@ def _trimmed(values: Values) -> Values:
 
 
 def _own_name(name: str, names: Set[str], report: ReadReport) -> str:
-    """The name of a column in the dataset: one of the log's own that is taken, in any capitals, gets a suffix.
+    """The name of a column in the dataset: one of the log's own that is taken, in any capitals, gets a
+    suffix.
 
     Databases do not tell capitals apart.
     """

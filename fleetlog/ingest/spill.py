@@ -1,4 +1,6 @@
-"""Rows set down on disk by vehicle and day, so that files of any size, in any order and mixture, fit into bounded memory."""
+"""Rows set down on disk by vehicle and day, so that files of any size, in any order and mixture, fit into
+bounded memory.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +89,9 @@ class Spill:
         return sum(s.rows for s in self._slots.values())
 
     def windows(self, vehicle: str) -> Iterator[tuple[Trajectory, bool]]:
-        """The rows of a vehicle in stretches of about ``WINDOW_ROWS``, in order of time, unsorted within; whether it is the last."""
+        """The rows of a vehicle in stretches of about ``WINDOW_ROWS``, in order of time, unsorted within;
+        whether it is the last.
+        """
         self._set_down()
         before: Trajectory | None = None
         for rows in self._stretches(vehicle):

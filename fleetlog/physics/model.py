@@ -1,4 +1,5 @@
-"""Physics on disk: ``model.toml`` and ``fields/TERM.parquet``, what ``diagnose`` and ``calibrate`` find and others take up.
+"""Physics on disk: ``model.toml`` and ``fields/TERM.parquet``, what ``diagnose`` and ``calibrate`` find and
+others take up.
 
 format_version = 1
 truck = "counterbalance-48V"       # the nominal truck that it was found against, for the reader
@@ -35,7 +36,9 @@ _number_check = real(-1e12, 1e12)
 
 
 def save_physics(path: str | Path, physics: Physics, network: Network | None = None) -> None:
-    """Write ``physics`` (all but its truck) into the folder ``path``: model.toml, and its fields beside it."""
+    """Write ``physics`` (all but its truck) into the folder ``path``: model.toml, and its fields beside
+    it.
+    """
     import tomli_w
 
     folder = Path(path)
@@ -55,7 +58,8 @@ def save_physics(path: str | Path, physics: Physics, network: Network | None = N
 
 
 def load_physics(path: str | Path, truck: Truck, network: Network | None = None) -> Physics:
-    """The physics of a model file, or of the folder with one, for a truck and the network that motions will lie on.
+    """The physics of a model file, or of the folder with one, for a truck and the network that motions will
+    lie on.
 
     :class:`InputError` names the file, the term or parameter at fault and the nearest known one.
     """

@@ -46,7 +46,8 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
 
     Notes
     -----
-    A map in degrees without a site file gets a frame about its centre, rotation 0.  Local metres stay as they are, with the
+    A map in degrees without a site file gets a frame about its centre, rotation 0.  Local metres stay as
+    they are, with the
     frame of the map's geoReference where it has one; without it the site has no frame.
     """
     path = Path(path)
@@ -137,7 +138,9 @@ def _with_network(site: Site, settings: dict[str, Any], path: Path) -> tuple[Sit
 
 
 def _network(edges: list[Edge], road_map: RoadMap) -> Network:
-    """The network of placed edges; :class:`SiteError` where they are more, or longer, than those of any site."""
+    """The network of placed edges; :class:`SiteError` where they are more, or longer, than those of any
+    site.
+    """
     vertices = sum(len(e.points) for e in edges)
     if len(edges) > MOST_EDGES or vertices > MOST_VERTICES:
         raise SiteError(f"holds {len(edges):,} edges of {vertices:,} vertices", do="cut the map to the site")
@@ -150,7 +153,9 @@ def _network(edges: list[Edge], road_map: RoadMap) -> Network:
 
 
 def _map_file(name: str, path: Path) -> Path:
-    """The map that a site file names; a relative name must stay in the site's folder, an absolute one may be anywhere."""
+    """The map that a site file names; a relative name must stay in the site's folder, an absolute one may be
+    anywhere.
+    """
     folder, file = path.parent.resolve(), Path(name)
     if not file.is_absolute():
         file = path.parent / file

@@ -1,4 +1,6 @@
-"""NURBS trajectories of VDA 5050 and LIF as polylines.  Source: Piegl and Tiller, The NURBS Book, 1997, section 4.1."""
+"""NURBS trajectories of VDA 5050 and LIF as polylines.  Source: Piegl and Tiller, The NURBS Book, 1997,
+section 4.1.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from fleetlog.roads.formats.base import Floats, number
 
 
 def nurbs(raw: Any, tolerance: float, path: Path, place: str) -> Floats:
-    """(n, 2) vertices [m] of a trajectory {degree, knotVector, controlPoints}; chords within ``tolerance`` [m].
+    """(n, 2) vertices [m] of a trajectory {degree, knotVector, controlPoints}; chords within ``tolerance``
+    [m].
 
     Without a degree it is 1; a control point without a weight weighs 1.
     """

@@ -19,7 +19,8 @@ _DECLARATION = re.compile(rb"<\?xml[^>]{0,400}\?>")
 def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
     """The root element, namespaces taken off; :class:`SiteError` in one line where it is not well formed.
 
-    Entities are never expanded and files that declare any are refused: a map has no use for them.  An XML declaration
+    Entities are never expanded and files that declare any are refused: a map has no use for them.  An XML
+    declaration
     behind a comment, which some tools write, is passed over and noted.
     """
     from lxml import etree
