@@ -33,7 +33,7 @@ def with_line_feeds(text: bytes, report: ReadReport) -> bytes:
     whole is told by
     the usual number of separators in a line.
     """
-    if not _LONE.search(text):
+    if text.count(b"\r") == text.count(b"\r\n"):
         return text
     if b"\n" not in text:
         return text.replace(b"\r", b"\n")

@@ -60,17 +60,15 @@ def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
         checked.column(_text(n), v) for n, v in batch.columns.items() if not withheld or n in TARGETS
     )
     rejects = [r._replace(text="") if withheld else r for r in checked.rejects]
-    reason = np.where((batch.time < EARLIEST) | (batch.time > LATEST), OFF_TIME, "").astype("<U64")
-    reason[checked.nowhere] = "the position is not a number"
-    keep = reason == ""
-    rejects += [
-        Reject(int(n), str(why), "") for n, why in zip(batch.record[~keep], reason[~keep], strict=True)
-    ]
-    if not keep.all():
-        columns = {n: v[keep] for n, v in columns.items()}
-    return RawBatch(
-        _named(batch.vehicle)[keep], batch.time[keep], columns, batch.record[keep], rejects, batch.progress
-    )
+    off = (batch.time < EARLIEST) | (batch.time > LATEST)
+    keep = ~(off | checked.nowhere)
+    vehicle = _named(batch.vehicle)
+    if keep.all():
+        return RawBatch(vehicle, batch.time, columns, batch.record, rejects, batch.progress)
+    for gone, reason in ((off, OFF_TIME), (checked.nowhere & ~off, "the position is not a number")):
+        rejects += [Reject(n, reason, "") for n in batch.record[gone].tolist()]
+    columns = {n: v[keep] for n, v in columns.items()}
+    return RawBatch(vehicle[keep], batch.time[keep], columns, batch.record[keep], rejects, batch.progress)
 
 
 class _Checked:

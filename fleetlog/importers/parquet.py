@@ -119,7 +119,7 @@ class _Reader:
         """The rows of a batch; those without a time, or with a text for a position, are refused."""
         batch = batch.rename_columns(self.names)
         columns: dict[str, Values] = {}
-        bad: dict[str, NDArray[np.bool_]] = {}
+        bad: dict[str, tuple[NDArray[np.bool_], Labels]] = {}
         for name, field in self.fields.columns.items():
             columns[name] = self._quantity(batch.column(field.source), name, field, bad)
         for name in self.fields.kept:
@@ -130,25 +130,22 @@ class _Reader:
         self.done += len(batch)
         vehicle = self._vehicle(batch)
         time = self._times(batch, vehicle)
-        reason = np.where(time == NONE, "row without a time", "").astype("<U64")
-        rejects = []
-        for name, mask in bad.items():
+        good = time != NONE
+        rejects = [Reject(n, "row without a time", "") for n in record[~good].tolist()]
+        for name, (mask, written) in bad.items():
             whole = name in (*GEOGRAPHIC, *LOCAL)
-            texts = batch.column(self.fields.columns[name].source)
-            if whole:
-                reason[mask & (reason == "")] = f"{name} is not a number"
-            else:
-                at = np.flatnonzero(mask).tolist()
-                rejects += [
-                    Reject(int(record[i]), f"{name} is not a number", str(texts[i])[:400], False) for i in at
-                ]
-        good = reason == ""
-        rejects += [Reject(int(record[i]), str(reason[i]), "") for i in np.flatnonzero(~good)]
+            at = np.flatnonzero(mask & good).tolist()
+            texts = written[at].strings()
+            what = f"{name} is not a number"
+            rejects += [
+                Reject(int(record[i]), what, str(t)[:400], whole) for i, t in zip(at, texts, strict=True)
+            ]
+            good[at if whole else []] = False
         kept: dict[str, Values] = {k: v[good] for k, v in columns.items()}
         return RawBatch(vehicle[good], time[good], kept, record[good], rejects, self.done / self.total)
 
     def _quantity(
-        self, array: pa.Array, name: str, field: Field, bad: dict[str, NDArray[np.bool_]]
+        self, array: pa.Array, name: str, field: Field, bad: dict[str, tuple[NDArray[np.bool_], Labels]]
     ) -> Values:
         """A known column in SI; numbers may be written as text."""
         import pyarrow as pa
@@ -161,7 +158,7 @@ class _Reader:
             figures, wrong = read(pa.array(values.names, pa.string()))
             code = values.codes
             if wrong.any():
-                bad[name] = np.append(wrong, False)[code]
+                bad[name] = np.append(wrong, False)[code], values
             values = np.append(figures, np.nan)[code]
         return field.values(values)
 

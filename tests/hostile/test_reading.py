@@ -23,6 +23,7 @@ from fleetlog.importers.base import importers
 from fleetlog.physics.model import load_physics
 from fleetlog.roads import load_site
 
+
 def put(path: Path, data: bytes) -> Path:
     path.write_bytes(data)
     return path
@@ -43,16 +44,21 @@ def test_only_regular_files_are_opened(what: str, suffix: str, tmp_path: Path) -
         server = socket.socket(socket.AF_UNIX)
         os.chdir(tmp_path)  # the name of a socket must be short
         server.bind(path.name)
-    readers = [load_truck, load_profile, load_site] if suffix == "toml" else [load_site] if suffix == "xodr" else []
+    readers = (
+        [load_truck, load_profile, load_site] if suffix == "toml" else [load_site] if suffix == "xodr" else []
+    )
     for reader in readers:
-        with pytest.raises(InputError, match="a pipe|a device|a socket|No such device"):
+        with pytest.raises(InputError, match=r"a pipe|a device|a socket|No such device"):
             reader(path)
     if suffix == "toml":
         with pytest.raises(InputError):
             load_physics(path, load_truck("counterbalance-2.5t"))
     for importer in importers().values() if suffix in ("csv", "mcap") else ():
         out = judge.read(path, importer=importer)
-        assert out.status == 1 and ("not a regular file" in out.text or "No such device" in out.text), (importer.name, out.text)
+        assert out.status == 1 and ("not a regular file" in out.text or "No such device" in out.text), (
+            importer.name,
+            out.text,
+        )
 
 
 # --------------------------------------------------------------------------- bounds
@@ -115,7 +121,11 @@ NAMES = ["_file", "_record", "_channel", "_stuck", "_held", "_File", "date", "Sp
 
 def test_columns_with_names_of_ours_survive(tmp_path: Path) -> None:
     lines = seeds.csv().decode().split("\n")
-    rows = [f"{line},{','.join(str(k + i) for k in range(len(NAMES)))}" for i, line in enumerate(lines[1:]) if line]
+    rows = [
+        f"{line},{','.join(str(k + i) for k in range(len(NAMES)))}"
+        for i, line in enumerate(lines[1:])
+        if line
+    ]
     path = put(tmp_path / "a.csv", "\n".join([f"{lines[0]},{','.join(NAMES)}", *rows, ""]).encode())
     out = judge.imported(path, tmp_path)
     assert (out.status, out.rows) == (0, seeds.ROWS)
@@ -147,7 +157,7 @@ def test_a_time_of_day_has_no_date_until_it_is_given_one(tmp_path: Path) -> None
 def test_midnight_is_the_next_day(tmp_path: Path) -> None:
     clock = [b"23:59:%02d" % (50 + i) if i < 10 else b"00:00:%02d" % (i - 10) for i in range(20)]
     rows = b"".join(b"A,%s,%d,0\n" % (time, i) for i, time in enumerate(clock))
-    profile = put(tmp_path / "p.toml", b'[time]\norigin = 2026-03-02\n')
+    profile = put(tmp_path / "p.toml", b"[time]\norigin = 2026-03-02\n")
     out = judge.imported(put(tmp_path / "a.csv", b"vehicle_id,time,x,y\n" + rows), tmp_path, profile=profile)
     assert (out.status, out.rows) == (0, 20) and "2026-03-03T00:00:09" in out.text
 
@@ -164,9 +174,15 @@ def test_a_count_begins_at_the_origin(name: str, tmp_path: Path) -> None:
     }[name]()
     profile = put(tmp_path / "p.toml", b'[time]\nformat = "s"\norigin = "2026-03-02T05:00:00Z"\n')
     if name == "csv":
-        profile = put(tmp_path / "p.toml", b'[time]\ncolumn = "time"\nformat = "s"\norigin = "2026-03-02T05:00:00Z"\n')
+        profile = put(
+            tmp_path / "p.toml", b'[time]\ncolumn = "time"\nformat = "s"\norigin = "2026-03-02T05:00:00Z"\n'
+        )
     out = judge.imported(put(tmp_path / f"a.{suffix}", data), tmp_path, profile=profile)
-    assert out.status == 0 and "2026-03-02T05:00:00" in out.text and "1970" not in out.text.replace("from 1970", ""), out.text
+    assert (
+        out.status == 0
+        and "2026-03-02T05:00:00" in out.text
+        and "1970" not in out.text.replace("from 1970", "")
+    ), out.text
 
 
 def test_dates_take_no_origin(tmp_path: Path) -> None:
@@ -182,9 +198,22 @@ def test_a_profile_withholds_what_it_does_not_name(name: str, tmp_path: Path) ->
     kept = judge.read(path).columns
     profile = put(tmp_path / "p.toml", b"keep = false\n")
     withheld = judge.read(path, profile).columns
-    assert withheld <= {"x", "y", "z", "latitude", "longitude", "heading", "speed", "soc", "payload", "battery_voltage"}
+    assert withheld <= {
+        "x",
+        "y",
+        "z",
+        "latitude",
+        "longitude",
+        "heading",
+        "speed",
+        "soc",
+        "payload",
+        "battery_voltage",
+    }
     assert withheld <= kept and (withheld < kept or name == "gpx")
-    out = judge.imported(put(tmp_path / "b.csv", seeds.csv().replace(b"n7\n", b"secret,1\n")), tmp_path, profile=profile)
+    out = judge.imported(
+        put(tmp_path / "b.csv", seeds.csv().replace(b"n7\n", b"secret,1\n")), tmp_path, profile=profile
+    )
     assert out.status == 3
     assert "secret" not in str(pq.read_table(tmp_path / "out" / "rejected.parquet").to_pydict())
 
@@ -240,7 +269,9 @@ def broken(kind: type[Exception], after: int):
 
 @pytest.mark.parametrize("kind", [KeyError, RecursionError, MemoryError, UnicodeError, AssertionError])
 @pytest.mark.parametrize("after", [0, 1])
-def test_a_fault_in_a_reader_is_damage_of_one_file(kind, after: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fault_in_a_reader_is_damage_of_one_file(
+    kind, after: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     logs = tmp_path / "logs"
     logs.mkdir()
     put(logs / "a.csv", seeds.csv())

@@ -13,6 +13,9 @@ from fleetlog.errors import SiteError
 from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats.base import Floats, number
 
+LEAST = 1e-6
+"""Smallest weight of a control point."""
+
 
 def nurbs(raw: Any, tolerance: float, path: Path, place: str) -> Floats:
     """(n, 2) vertices [m] of a trajectory {degree, knotVector, controlPoints}; chords within ``tolerance``
@@ -32,8 +35,8 @@ def nurbs(raw: Any, tolerance: float, path: Path, place: str) -> Floats:
         [number(p.get(key, default), path, f"{place}, controlPoints") for key, default in (("x", None), ("y", None), ("weight", 1.0))]
         for p in raw["controlPoints"]
     ]).reshape(-1, 3)  # fmt: skip
-    if bool((weighted[:, 2] <= 0.0).any()):
-        raise SiteError("a weight is not above zero", where=path, place=place, do="export it again")
+    if bool((weighted[:, 2] < LEAST).any()):
+        raise SiteError(f"a weight is below {LEAST:g}", where=path, place=place, do="export it again")
     short = not 1 <= degree < len(weighted)
     if short or len(knots) != len(weighted) + degree + 1 or bool((np.diff(knots) < 0).any()):
         raise SiteError(
