@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,10 @@ from fleetlog.importers._profile import TARGETS
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
+
+LONGEST_ID = 200
+"""Characters of a vehicle's id as the name of a folder."""
+NO_NAME = f"the vehicle id is missing, or longer than {LONGEST_ID} characters"
 
 
 def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -51,9 +56,7 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
 
 
 def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
-    """The batch with times that can be counted, names that can be written, and every known column of its
-    kind.
-    """
+    """The batch with times that can be counted, names that can be written, and known columns of their kind."""
     checked = _Checked(batch, options.report)
     withheld = options.profile is not None and not options.profile.keep
     columns = dict(
@@ -61,14 +64,26 @@ def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
     )
     rejects = [r._replace(text="") if withheld else r for r in checked.rejects]
     off = (batch.time < EARLIEST) | (batch.time > LATEST)
-    keep = ~(off | checked.nowhere)
     vehicle = _named(batch.vehicle)
+    nameless = np.array(
+        [*(not 0 < len(quote(n.strip(), safe="")) <= LONGEST_ID for n in vehicle.names), True]
+    )[vehicle.codes]
+    keep = ~(off | checked.nowhere | nameless)
     if keep.all():
         return RawBatch(vehicle, batch.time, columns, batch.record, rejects, batch.progress)
-    for gone, reason in ((off, OFF_TIME), (checked.nowhere & ~off, "the position is not a number")):
-        rejects += [Reject(n, reason, "") for n in batch.record[gone].tolist()]
+    for n in np.flatnonzero(~keep).tolist():
+        reason = OFF_TIME if off[n] else NO_NAME if nameless[n] else "the position is not a number"
+        rejects.append(
+            Reject(int(batch.record[n]), reason, _picture(vehicle, int(batch.time[n]), columns, n))
+        )
     columns = {n: v[keep] for n, v in columns.items()}
     return RawBatch(vehicle[keep], batch.time[keep], columns, batch.record[keep], rejects, batch.progress)
+
+
+def _picture(vehicle: Labels, time: int, columns: dict[str, Values], row: int) -> str:
+    """A refused row as text: what was read of it."""
+    cells = [f"vehicle_id={_said(vehicle, row)}", f"timestamp={time} us"]
+    return " ".join([*cells, *(f"{name}={_said(values, row)}" for name, values in columns.items())])[:4000]
 
 
 class _Checked:
@@ -132,7 +147,9 @@ def _number(text: str) -> float:
 
 
 def _said(values: Values, row: int) -> str:
-    return values.names[values.codes[row]][:400] if isinstance(values, Labels) else str(values[row])
+    if not isinstance(values, Labels):
+        return str(values[row])
+    return values.names[values.codes[row]][:400] if values.codes[row] >= 0 else ""
 
 
 def _named(labels: Labels) -> Labels:

@@ -106,7 +106,15 @@ def _csv_cells() -> Iterator[Case]:
         yield Case(f"csv time {k}", "a.csv", _cell(8, 1, value), 3, "the time", ROWS - 1)
     for k, value in enumerate(NAMES):
         for column in (0, 6):
-            yield Case(f"csv name {k} in {column}", "a.csv", _cell(8, column, value), 0, "", ROWS)
+            long = not column and len(value) > 200
+            yield Case(
+                f"csv name {k} in {column}",
+                "a.csv",
+                _cell(8, column, value),
+                3 * long,
+                "longer than" * long,
+                ROWS - long,
+            )
 
 
 def _csv_shape() -> Iterator[Case]:

@@ -122,7 +122,8 @@ def rechecked(data: bytes) -> bytes:
 def targets() -> dict[str, tuple[str, bytes]]:
     """Name of a reader (with a variant): name of the file, and its bytes."""
     logs = {name: (f"log.{suffix}", make()) for name, (suffix, make) in seeds.LOGS.items()}
-    return logs | {name: (name, data) for name, data in (seeds.MAPS | seeds.SETTINGS).items()}
+    whole = {f"import {name}": logs[name] for name in ("csv", "geojson", "parquet", "mcap", "vda5050")}
+    return logs | whole | {name: (name, data) for name, data in (seeds.MAPS | seeds.SETTINGS).items()}
 
 
 def finding(name: str, path: Path) -> str | None:
@@ -138,6 +139,8 @@ def finding(name: str, path: Path) -> str | None:
 
 
 def _lines(name: str, path: Path) -> list[str]:
+    if name.startswith("import "):
+        return judge.imported(path, path.parent).lines
     if name in seeds.LOGS:
         return judge.read(path, importer=by_name(name.split()[0])).lines
     if name in seeds.SETTINGS:

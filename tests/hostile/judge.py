@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import warnings
 from dataclasses import dataclass, field
@@ -79,7 +80,14 @@ def imported(
                 )
         except FleetlogError as error:
             return _of_error(error)
+    json.loads((target / "dataset.json").read_text(), parse_constant=_no_number)
+    kept = summary.rows + summary.rows_rejected + summary.rows_joined
+    assert kept == summary.rows_read, f"{summary.rows_read} rows read, {kept} accounted for"
     return Outcome(summary.exit_status, summary.lines(), summary.rows, set())
+
+
+def _no_number(name: str) -> None:
+    raise AssertionError(f"{name} in dataset.json")
 
 
 def settings(path: Path) -> Outcome:

@@ -294,3 +294,12 @@ def test_a_folder_with_every_kind_of_broken_file(tmp_path: Path) -> None:
     put(logs / "unreadable.csv", b"\xff" * 100)
     out = judge.imported(logs, tmp_path)
     assert out.status == 3 and out.rows > seeds.ROWS and "a fault" not in out.text
+
+
+def test_a_refused_row_is_kept_as_text(tmp_path: Path) -> None:
+    stamps = [*range(seeds.START, seeds.START + 39), 10**10]
+    path = put(tmp_path / "a.parquet", seeds.parquet(timestamp=[float(s) for s in stamps]))
+    out = judge.imported(path, tmp_path)
+    assert (out.status, out.rows) == (3, 39)
+    (text,) = pq.read_table(tmp_path / "out" / "rejected.parquet").to_pydict()["text"]
+    assert "x=19.5" in text and "note=n39" in text
