@@ -844,6 +844,8 @@ def _maps() -> Iterator[Case]:
             None,
             "settings",
         )
+    yield Case("a spiral of 1,600 turns", "map.xodr", seeds.OPENDRIVE.replace('curvStart="0.05"', 'curvStart="1000"').encode(), 1,
+               "curvature", None, "settings")  # fmt: skip
     far = [[-170.0, 10.0], [-20.0, 10.0]]
     yield Case(
         "a road of 15,000 km",

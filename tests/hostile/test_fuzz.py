@@ -10,7 +10,7 @@ import fuzz
 import pytest
 
 MUTANTS, SECONDS = 1000, 40.0
-"""For each reader, in so many seconds at most: a busy machine tries fewer, but never less than a tenth."""
+"""For each reader, in so many seconds of processor time at most."""
 
 
 @pytest.mark.slow
@@ -19,7 +19,7 @@ def test_mutants(name: str) -> None:
     begin = time.process_time()
     with tempfile.TemporaryDirectory(dir=fuzz.quick_folder()) as folder:
         for part in range(10):
-            found = fuzz.fuzz(name, MUTANTS // 10, part, Path(folder))
+            found = fuzz.fuzz(name, fuzz.share(name, MUTANTS // 10), part, Path(folder))
             assert not found, "\n".join(found[:3])
             if time.process_time() - begin > SECONDS:
                 break

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from lxml.etree import _Element as Element
 
 End = Literal["start", "end"]
-LONGEST, TIGHTEST = 1e6, 1e4
+LONGEST, TIGHTEST = 1e6, 100.0
 """A road longer than this [m] or a turn of more than this [rad] in one piece is a wrong number, not a road."""
 
 
