@@ -32,6 +32,8 @@ class BayMaker:
         self.lanes = len(track.network)
         self._lane_tree = cKDTree(np.column_stack([track.x, track.y])[: track.first[self.lanes]])
         self.owner = np.repeat(np.arange(len(track), dtype=np.int32), np.diff(track.first))
+        self.lasting = np.ones(self.lanes, dtype=bool)
+        """(E,) lanes that bays may lie on."""
         self.bays: list[Bay] = []
         self._ground = Ground(track, junctions.resource < 0, self.owner, self.half)
         self._spurs: dict[tuple[float, float, float], tuple[Floats, float]] = {}
@@ -43,7 +45,7 @@ class BayMaker:
         gaps = np.hypot(self.track.x[rows] - x, self.track.y[rows] - y)
         for k in np.argsort(gaps, kind="stable"):
             lane = int(self.owner[rows[k]])
-            if lane not in found:
+            if lane not in found and self.lasting[lane]:
                 at = (rows[k] - self.track.first[lane]) * self.track.spacing[lane]
                 found[lane] = (float(gaps[k]), float(at))
         return sorted((gap, lane, at) for lane, (gap, at) in found.items())

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from fleetlog.core.truck import Truck
-from fleetlog.errors import SiteError
 from fleetlog.simulate.state import (
     AT_BAY,
     CHARGING,
@@ -89,23 +88,6 @@ class Dispatcher(Untangler):
         creep, drive = creep_speed(self.truck), self.truck.drive
         change = 0.5 * creep * (1.0 / drive.max_acceleration + 1.0 / drive.max_deceleration)
         self.spur_time = np.array([d.length for d in world.doors]) / creep + change
-        self._check_reachable()
-
-    def _check_reachable(self) -> None:
-        for task in self.pending:
-            a, b = self.bays_of[task.source][0], self.bays_of[task.target][0]
-            if a != b and not self.world.ways.joins(a, b):
-                raise SiteError(
-                    f"place {task.target!r} cannot be reached from {task.source!r}",
-                    do="check one-way roads and turns of the map",
-                )
-        first = int(np.flatnonzero(self.kind != "charge")[0])
-        for b, bay in enumerate(self.world.bays):
-            if b != first and not (self.world.ways.joins(first, b) and self.world.ways.joins(b, first)):
-                raise SiteError(
-                    f"place {bay.place.id!r} cannot be reached from {self.world.bays[first].place.id!r} and back",
-                    do="check one-way roads and turns of the map, or remove the place",
-                )
 
     def settle(self) -> None:
         """Put every truck into a bay: parking places first, then any but chargers, in the site's order."""

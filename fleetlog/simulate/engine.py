@@ -149,16 +149,28 @@ def simulate(
     writer.compression = "snappy"
     world = build_world(site, truck, settings.vehicles, physics, mined)
     check_vehicles(demand.given, names)
-    known = world.by_place
-    doable = [t for t in demand.given if {t.source, t.target} <= set(known)]
-    if len(doable) < len(demand.given):
-        world.notes.append(
-            f"{len(demand.given) - len(doable)} tasks between places that were left out are dropped"
-        )
-        left_out = [t for t in demand.given if not {t.source, t.target} <= set(known)]
-        demand = Demand(doable, demand.endless, demand.pause, left_out)
+    writer.site = world.site
+    demand, notes = reachable(demand, world)
+    world.notes.extend(notes)
     run = Run(world, settings, demand, names, writer)
     return run.all(progress)
+
+
+def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
+    """The demand without the given tasks from or to places that have no bay; and what to say about it."""
+    known = set(world.by_place)
+    doable = [t for t in demand.given if {t.source, t.target} <= known]
+    left_out = [t for t in demand.given if not {t.source, t.target} <= known]
+    if not left_out:
+        return demand, []
+    if not doable and not demand.endless:
+        first = left_out[0]
+        raise SiteError(
+            f"place {first.target!r} cannot be reached from {first.source!r} and back, nor any place of another task",
+            do="check one-way roads and turns of the map",
+        )
+    note = f"{len(left_out)} tasks from or to places that were left out are dropped"
+    return Demand(doable, demand.endless, demand.pause, left_out), [note]
 
 
 def vehicle_names(n: int) -> list[str]:

@@ -61,11 +61,6 @@ class Ways:
                 found.append(Itinerary(-1, b, way[0], cost))
         return min(found, key=lambda w: w.cost, default=None)
 
-    def joins(self, start: int, end: int) -> bool:
-        """Whether any way leads from bay ``start`` to bay ``end``."""
-        pairs = ((self.doors[a], self.doors[b]) for a in self.of_bay[start] for b in self.of_bay[end])
-        return any(self._lanes(a.lane, b.lane, b.at > a.at + AHEAD, ()) is not None for a, b in pairs)
-
     def _extra(self, door: int) -> float:
         return CROSSING if self.doors[door].crosses >= 0 else 0.0
 
