@@ -211,8 +211,7 @@ class Run:
         self.steps = unit * max(int(np.ceil(BATCH / dt / unit)), 1)
         self.total = int(np.ceil(settings.duration / dt / self.steps)) * self.steps
         self.log = new_log(n, self.steps)
-        rng = np.random.Generator(np.random.PCG64(settings.seed))
-        self.dispatcher = Dispatcher(world, self.fleet, names, demand, settings.policy, rng)
+        self.dispatcher = Dispatcher(world, self.fleet, names, demand, settings.policy, settings.seed)
         self.dispatcher.settle()
         self.events = EventLog(self.dispatcher, writer, settings.start)
         charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])

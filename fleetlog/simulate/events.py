@@ -39,7 +39,7 @@ class EventLog:
         at_door = self.place_of_bay[[d.bay for d in world.doors]]
         n = len(self.vehicles)
         own = {name: getattr(fleet, name) for name in Trucks._fields if name in fleet._fields}
-        self.trucks = Trucks(**own, task=dispatcher.book.of, must_charge=np.zeros(n, dtype=np.bool_))
+        self.trucks = Trucks(**own, task=dispatcher.book.of, lacks=dispatcher.lacks)
         self.ground = Ground(at_door, h.safe, h.matters, len(places), h.lanes)
         none = np.full(n, -1, np.int32)
         self.seen = Seen(
@@ -52,12 +52,6 @@ class EventLog:
         """After the decisions of a second; ``now`` [s]."""
         from fleetlog.simulate.kernels.look import look
 
-        d, must = self.dispatcher, self.trucks.must_charge
-        must[:] = False
-        if d.queue:
-            # Who could go on does the next task; only who must charge waits for it.
-            queue = np.array(d.queue)
-            must[queue[d.soc[queue] < d.policy.low]] = True
         ms, v = round(now * 1000.0), 0
         while (v := look(self.trucks, self.ground, self.seen, self.pages, v, ms)) < len(self.vehicles):
             self._write()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.site import Place
-from fleetlog.simulate.junctions import Junctions
+from fleetlog.simulate.junctions import START, Junctions
 from fleetlog.simulate.paths import even, joined
 from fleetlog.simulate.track import SPACING, Track
 
@@ -18,8 +18,6 @@ SHARES = (1.0, 0.7, 0.5)
 """Of the turn radius that the way into a bay is tried with, in this order; a truck creeps in there."""
 EDGE = 0.25
 """Kept to the ends of a lane without a safe part [m]."""
-START = 0.2
-"""At the very start of a lane a truck would have to stop before it is on it [m]."""
 DEEPEST = 25.0
 """A bay farther than this from the opposite lane has no way from there [m]."""
 

@@ -15,6 +15,8 @@ Index = NDArray[np.int32]
 PARKED, HANDLING, WANTS_OUT, LEAVING, DRIVING, AT_BAY, ENTERING, CHARGING, EMPTY = range(9)
 """What a truck does: stands in a bay, works there, waits to leave it, backs out, drives, waits on the road before its bay,
 goes in, charges, or stands with an empty battery."""
+PICK_PLACE, DROP_PLACE, CHARGER = 1, 2, 3
+"""What a truck that stands in a bay waits for; 0: nothing."""
 STANDS = 0.05
 """Slower than this a truck in traffic stands, and waits [m/s]."""
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
@@ -64,6 +65,31 @@ def random_dwell(rng: np.random.Generator) -> float:
 def random_height(rng: np.random.Generator) -> float:
     """Height of a shelf [m]."""
     return HEIGHTS[int(rng.integers(len(HEIGHTS)))]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """An endless task: its load, what ranks the places that are free for it ((P,) the lowest is taken), the pause after it [s]."""
+
+    task: Task
+    ranks: NDArray[np.float64]
+    pause: float
+
+
+class TaskStream:
+    """Endless tasks: number k of a seed is the same task, whoever does it and however many trucks and plugs there are."""
+
+    def __init__(self, seed: int, truck: Truck, places: int, pause: float) -> None:
+        self.seed, self.truck, self.places, self.pause = seed, truck, places, pause
+        self.drawn = 0
+
+    def draw(self, now: float) -> Drawn:
+        """The next task, its places still open."""
+        rng = np.random.Generator(np.random.PCG64([self.seed, self.drawn]))
+        self.drawn += 1
+        load, pause = random_load(rng, self.truck), float(rng.exponential(self.pause))
+        dwell, height = (random_dwell(rng), random_dwell(rng)), (random_height(rng), random_height(rng))
+        return Drawn(Task(None, "", "", load, now, dwell, height), rng.random(self.places), pause)
 
 
 def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0) -> list[Task]:

@@ -88,7 +88,7 @@ ACTIVITIES: dict[str, str] = {
     "drive_empty": "is on its way without a load",
     "drive_laden": "is on its way with a load",
     "wait": "stands although it wants to go on: others are in its way, on the road or before its bay",
-    "wait_place": "has a task and stands in a bay until the place it has to go to is free",
+    "wait_place": "stands in a bay until the place that it has to go to is free, also where it cannot begin a task for that",
     "pick": "takes a load up",
     "drop": "sets a load down",
     "charge": "charges",

@@ -2,7 +2,7 @@
 
     python tests/benchmarks/any_map.py MAP... [--seeds 20] [--trucks 1 5 20] [--minutes 7] [--truck truck.toml]
 
-A map on which no truck can operate must say so in one line.  Exit status 1 where a law is broken.
+Speeds may exceed a limit by 5 cm/s within a step of where it changes.  A map on which no truck can operate must say so in one line.  Exit status 1 where a law is broken.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def run(site, truck, trucks: int, seed: int, seconds: float) -> tuple[str, int, 
         except FleetlogError as error:
             return str(error), 0, 0.0
         outcome = Outcome(path, summary)
-        laws.keeps_the_laws(outcome, outcome.dataset.site.network, truck)
+        laws.keeps_the_laws(outcome, outcome.dataset.site.network, truck, slack=0.05)
         return "runs", summary.count.tasks_done, summary.longest_wait_s
 
 

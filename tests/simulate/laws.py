@@ -52,8 +52,8 @@ def steps(t):
     return np.hypot(np.diff(t.floats("x")), np.diff(t.floats("y")))
 
 
-def keeps_the_laws(outcome, network, truck=TRUCK, interval=0.1):
-    """Footprints apart; speed, acceleration and direction as the map and the truck allow; no truck jumps."""
+def keeps_the_laws(outcome, network, truck=TRUCK, interval=0.1, slack=1e-3):
+    """Footprints apart; speed (within ``slack`` m/s), acceleration, direction as map and truck allow; no truck jumps."""
     assert not overlaps(outcome)
     limit = np.where(np.isfinite(network.speed_limit), network.speed_limit, np.inf)
     top = np.minimum(limit * truck.drive.speed_factor, truck.drive.max_speed)
@@ -61,7 +61,7 @@ def keeps_the_laws(outcome, network, truck=TRUCK, interval=0.1):
         assert (np.diff(t.time) > 0).all()
         speed, edge = t.floats("speed"), t.labels("edge_id").recode(network.index)
         assert (edge >= 0).all()
-        assert (speed <= top[edge] + 1e-3).all()
+        assert (speed <= top[edge] + slack).all()
         a = np.diff(speed) / interval
         assert a.max(initial=0.0) <= truck.drive.max_acceleration + 0.02
         assert a.min(initial=0.0) >= -truck.drive.max_deceleration - 0.02
@@ -72,8 +72,9 @@ def keeps_the_laws(outcome, network, truck=TRUCK, interval=0.1):
 def against_traffic(t, network, edge):
     """The heading of motion is that of the directed edge; only out of a bay a truck backs, and no faster than it creeps there."""
     going = (t.floats("speed") > 1.05) & (np.abs(t.floats("lateral_offset")) < 1.2)
-    ahead = network.heading(edge, t.floats("edge_offset"))
     inside = (t.floats("edge_offset") > 6.0) & (t.floats("edge_offset") < network.length[edge] - 6.0)
     rows = np.flatnonzero(going & inside)
-    off = np.abs(np.angle(np.exp(1j * (t.floats("heading")[rows] - ahead[rows]))))
+    # A kink of the map's line is driven as a wide bend: a truck's heading changes some metres before or after it.
+    ahead = [network.heading(edge[rows], t.floats("edge_offset")[rows] + d) for d in range(-8, 9)]
+    off = np.abs(np.angle(np.exp(1j * (t.floats("heading")[rows] - np.array(ahead))))).min(axis=0)
     assert (off < 0.3).all()

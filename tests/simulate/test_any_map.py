@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 from laws import keeps_the_laws
-from sites import place, road
+from sites import TRUCK, place, road
 
 from fleetlog.core.network import Edge, build_network
 from fleetlog.core.site import Site
 from fleetlog.errors import SiteError
+from fleetlog.simulate.junctions import find_junctions
 from fleetlog.simulate.reach import main_part, parts
 from fleetlog.simulate.tasks import Demand, Task
+from fleetlog.simulate.track import build_track
 
 
 def line(*points):
@@ -45,7 +47,16 @@ def dead_ends():
     return build_network([*ring(), *road("arm", "r1", "tip", line([0, 30], [0, 110]))])
 
 
-MAPS = [one_way_exit, islands, dead_ends, lanes]
+def sliver():
+    """A loop with a lane of a millimetre between two long ones."""
+    edges = ring()[:3]
+    angle = np.linspace(3, 4, 13) * np.pi / 2
+    points = 30.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    edges += road("last", "r3", "s", points, oneway=True)
+    return build_network([*edges, *road("sliver", "s", "r0", line([30, 0], [30, 0.001]), oneway=True)])
+
+
+MAPS = [sliver, one_way_exit, islands, dead_ends, lanes]
 
 
 @pytest.mark.parametrize("make", MAPS)
@@ -55,6 +66,7 @@ def test_a_fleet_runs_on_any_map_and_keeps_the_laws(make, trucks, simulated):
     outcome = simulated(Site("map", network=network), trucks, 600.0, seed=trucks)
     keeps_the_laws(outcome, network)
     assert outcome.summary.count.tasks_done > 0
+    assert outcome.summary.longest_wait_s < 60.0
 
 
 def test_what_cannot_be_left_again_is_left_out_and_said(simulated):
@@ -77,6 +89,11 @@ def test_a_place_on_an_exit_is_left_out_with_its_tasks(simulated):
     assert any("'drop2' cannot be reached" in n for n in outcome.summary.notes)
     assert any("2 tasks" in n for n in outcome.summary.notes)
     assert outcome.summary.count.tasks_done == 2
+
+
+def test_nobody_is_to_stand_on_a_lane_that_is_too_short_to_be_on():
+    junctions = find_junctions(build_track(sliver(), TRUCK), TRUCK)
+    assert junctions.capacity.tolist() == [*(c for c in junctions.capacity[:4] if c > 0), 0]
 
 
 def test_the_part_with_most_places_counts():

@@ -24,7 +24,7 @@ PLACES = [
 ]  # fmt: skip
 CASES = {
     "charging": (lambda: grid(places=PLACES), 8, {"soc": 0.302, "policy": Policy(0.3, 0.3, 0.31)}),
-    "aisle": (aisle, 8, {}),
+    "aisle": (aisle, 8, {"seed": 7}),
     "one-way": (lambda: grid(4, 4, seed=3), 16, {}),
 }
 FILES = [f"{name}.parquet" for name in TABLES]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.state import (
     AT_BAY,
+    CHARGER,
     CHARGING,
     DRIVING,
     EMPTY,
@@ -47,7 +48,7 @@ class Trucks(NamedTuple):
     held_to: Index
     route: Index
     task: Ints
-    must_charge: Flags
+    lacks: NDArray[np.int8]
 
 
 class Ground(NamedTuple):
@@ -87,9 +88,9 @@ def activity(t: Trucks, v: int) -> int:
     """What truck ``v`` does."""
     m = t.mode[v]
     if m == PARKED:
-        if t.task[v] >= 0:
-            return WAITS_FOR_PLACE
-        return WAITS_FOR_CHARGER if t.must_charge[v] else PARKS
+        if t.lacks[v] == CHARGER:
+            return WAITS_FOR_CHARGER
+        return WAITS_FOR_PLACE if t.lacks[v] > 0 or t.task[v] >= 0 else PARKS
     if m == HANDLING:
         return PICKS if t.hand_after[v] > 0.0 else DROPS
     if m == CHARGING:
