@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fleetlog.cli.experiment import Counts, experiment_options, is_experiment, run_experiment
 from fleetlog.cli.options import (
     existing,
     json_option,
@@ -21,11 +22,13 @@ from fleetlog.cli.options import (
     quiet_option,
     say,
 )
+from fleetlog.cli.output import write_analysis
 
 if TYPE_CHECKING:
     from fleetlog.core.site import Site
     from fleetlog.core.truck import Truck
     from fleetlog.physics.power import Physics
+    from fleetlog.simulate.scenario import Scenario
     from fleetlog.store import Dataset, DatasetWriter
 
 UNITS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
@@ -49,7 +52,9 @@ class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in newer r
 @click.command()
 @click.option("--site", type=existing, help="Site file, or a road map directly; by default that of --like.")
 @click.option("--truck", required=True, help="Truck file, or name of a preset.")
-@click.option("--vehicles", type=int, help="Trucks; by default as many as in --like, else 8.")
+@click.option(
+    "--vehicles", type=Counts(), help="Trucks; by default as many as in --like, else 8. 6..14: an experiment."
+)
 @click.option("--duration", type=Duration(), default="1h", show_default=True, help="8h, 30m, 600s.")
 @click.option("--like", type=existing, help="Dataset whose places and demand are taken over.")
 @click.option(
@@ -70,6 +75,12 @@ class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in newer r
 @click.option(
     "--charge-below", default=0.3, show_default=True, help="State of charge that sends a truck to charge."
 )
+@click.option(
+    "--policy", type=click.Choice(["opportunity", "threshold"]), default="opportunity", show_default=True,
+    help="Charge also when there is nothing else to do, or only when --charge-below is reached.",
+)  # fmt: skip
+@click.option("--no-shadow", is_flag=True, help="Do not simulate what one more of what limits would bring.")
+@experiment_options
 @click.option(
     "--chemistry", type=click.Choice(["nominal", "lfp", "lead"]), default="nominal", show_default=True,
     help="Of the battery; nominal: constant voltage.",
@@ -96,6 +107,14 @@ def command(output: Path, as_json: bool, overwrite: bool, quiet: bool, **options
     if options["close"]:
         site = replace(site, network=site.roads().without(options["close"]))
     physics = _physics(options, truck, site)
+    if is_experiment(options):
+        if options["same_mission"] or options["cycle"]:
+            raise click.UsageError("an experiment is for a fleet: not with --same-mission or --cycle")
+        with _progress(quiet) as progress:
+            result = run_experiment(options, _bases(options, truck, physics, like, site, quiet), progress)
+        write_analysis(result, site, output, overwrite)
+        say([*result.lines, f"experiment: {output}"], result.summary, as_json=as_json, quiet=quiet)
+        return
     with (
         _progress(quiet) as progress,
         DatasetWriter.create(output, "simulated", site, overwrite=overwrite) as writer,
@@ -147,37 +166,62 @@ def _fleet(
     options: dict[str, Any], truck: Truck, physics: Physics, like: Dataset | None, writer: DatasetWriter,
     progress: Callable[[float, float], None], quiet: bool,
 ) -> tuple[dict[str, Any], list[str]]:  # fmt: skip
-    from fleetlog.physics.battery import battery_of
-    from fleetlog.simulate.dispatch import Policy
-    from fleetlog.simulate.engine import Settings, simulate
-    from fleetlog.simulate.places import like as take_over
-    from fleetlog.simulate.tasks import Demand, read_tasks
+    from fleetlog.simulate.scenario import one_more
 
-    vehicles = options["vehicles"] if options["vehicles"] is not None else (len(like.vehicles) if like else 8)
-    start, site, demand = _start(options["start"], like), writer.site, Demand()
-    notes: list[str] = []
-    own = {p.id for p in site.places}
-    if like is not None:
-        site, tasks, notes = take_over(
-            like, site, truck, vehicles, start, options["duration"], options["seed"]
-        )
-        writer.site = site
-        demand = Demand(tasks, endless=not tasks)
-    if options["tasks"]:
-        demand = Demand(read_tasks(options["tasks"], site, truck, options["seed"]), endless=False)
+    scenario, notes = _scenario(options, truck, physics, like, writer.site, options["seed"])
     for note in notes:
         notice(note, quiet)
-    battery = None if options["chemistry"] == "nominal" else battery_of(truck, options["chemistry"])
-    rate = options["rate"] if options["rate"] > 0.0 else 1e-9
-    settings = Settings(
-        vehicles, options["duration"], options["step"], 1.0 / rate, start, options["seed"], options["soc"],
-        options["temperature"], Policy(low=options["charge_below"]), battery,
-    )  # fmt: skip
-    mined = frozenset(p.id for p in site.places) - own
-    summary = simulate(site, truck, writer, settings, demand, physics, progress, mined=mined)
+    summary = scenario.write(writer, progress)
+    if not options["no_shadow"]:
+        summary.one_more = one_more(scenario, summary)
     for note in summary.notes:
         notice(note, quiet)
     return {**summary.to_dict(), "notes": [*notes, *summary.notes]}, summary.lines()
+
+
+def _scenario(
+    options: dict[str, Any], truck: Truck, physics: Physics, like: Dataset | None, site: Site, seed: int
+) -> tuple[Scenario, list[str]]:
+    """What the options ask for, with one seed; and notes to say aloud."""
+    from fleetlog.physics.battery import battery_of
+    from fleetlog.simulate.dispatch import Policy
+    from fleetlog.simulate.engine import Settings
+    from fleetlog.simulate.places import like as take_over
+    from fleetlog.simulate.scenario import Scenario
+    from fleetlog.simulate.tasks import Demand, read_tasks
+
+    # Where the fleet varies the tasks are those of the recorded fleet.
+    fleet = options["vehicles"] if isinstance(options["vehicles"], int) else None
+    vehicles = fleet if fleet is not None else (len(like.vehicles) if like else 8)
+    start, demand, notes = _start(options["start"], like), Demand(), list[str]()
+    own = {p.id for p in site.places}
+    if like is not None:
+        site, tasks, notes = take_over(like, site, truck, vehicles, start, options["duration"], seed)
+        demand = Demand(tasks, endless=not tasks)
+    if options["tasks"]:
+        demand = Demand(read_tasks(options["tasks"], site, truck, seed), endless=False)
+    battery = None if options["chemistry"] == "nominal" else battery_of(truck, options["chemistry"])
+    rate = options["rate"] if options["rate"] > 0.0 else 1e-9
+    settings = Settings(
+        vehicles, options["duration"], options["step"], 1.0 / rate, start, seed, options["soc"],
+        options["temperature"], Policy.named(options["policy"], options["charge_below"]), battery,
+    )  # fmt: skip
+    mined = frozenset(p.id for p in site.places) - own
+    return Scenario(site, truck, settings, demand, physics, mined), notes
+
+
+def _bases(
+    options: dict[str, Any], truck: Truck, physics: Physics, like: Dataset | None, site: Site, quiet: bool
+) -> Callable[[int], Scenario]:
+    """The scenario of a seed; what is to be said of the first is said."""
+
+    def base(seed: int) -> Scenario:
+        scenario, notes = _scenario(options, truck, physics, like, site, seed)
+        for note in notes if seed == options["seed"] else ():
+            notice(note, quiet)
+        return scenario
+
+    return base
 
 
 def _mission(

@@ -93,7 +93,26 @@ class Bars:
     label: str
 
 
-Shape = Grid | EdgeValues | Marks | MovingLines | Series | Bars
+@dataclass(frozen=True)
+class Spread:
+    """Curves with confidence intervals: for each curve, at each of the ``values`` of a setting, the results of some runs."""
+
+    name: str
+    values: tuple[str, ...]
+    curves: dict[str, list[Floats]]
+    x_label: str
+    y_label: str
+
+
+def half_width(values: Floats) -> float:
+    """Half the width of the 95 % confidence interval of the mean of (N,) values (Student's t); NaN for a single value."""
+    from scipy.stats import t
+
+    n = len(values)
+    return float(t.ppf(0.975, n - 1) * values.std(ddof=1) / np.sqrt(n)) if n > 1 else float("nan")
+
+
+Shape = Grid | EdgeValues | Marks | MovingLines | Series | Bars | Spread
 
 
 @dataclass

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.truck import Truck
+from fleetlog.errors import InputError, nearest
 from fleetlog.simulate.state import (
     AT_BAY,
     CHARGER,
@@ -39,11 +40,23 @@ DUE = 50
 
 @dataclass(frozen=True)
 class Policy:
-    """When trucks charge: below ``low`` always, below ``chance`` when there is nothing else to do, up to ``full``."""
+    """When trucks charge: below ``low`` always, below ``chance`` when there is nothing else to do, up to ``full``.
+
+    From ``enough`` on a truck leaves the charger when tasks wait.
+    """
 
     low: float = 0.3
     chance: float = 0.8
     full: float = 0.95
+    enough: float = 0.8
+
+    @classmethod
+    def named(cls, name: str, low: float = 0.3) -> Policy:
+        """``opportunity`` charges also when there is nothing else to do, ``threshold`` only below ``low``."""
+        known = {"opportunity": cls(low), "threshold": cls(low, chance=low, enough=cls.full)}
+        if name not in known:
+            raise InputError(f"unknown charging policy {name!r}", do=nearest(name, known))
+        return known[name]
 
 
 @dataclass
@@ -368,6 +381,8 @@ class Dispatcher(Untangler):
         way = ways.between(home, b, self._closed()) or ways.between(home, b)
         assert way is not None
         self.owner[b] = v
+        self.lacks[v] = 0
+        self.wants.pop(v, None)
         job.stage, job.goal = stage, b
         self._take(v, way)
         f.mode[v] = WANTS_OUT
@@ -386,7 +401,7 @@ class Dispatcher(Untangler):
     def _charging(self, now: float) -> None:
         f = self.fleet
         for v in np.flatnonzero(f.mode == CHARGING):
-            busy = bool(self._due) and self.soc[v] >= max(self.policy.chance, self.policy.low)
+            busy = bool(self._due) and self.soc[v] >= max(self.policy.enough, self.policy.low)
             if self.soc[v] >= self.policy.full or busy:
                 f.mode[v] = PARKED
                 self.jobs[v].stage = "idle"

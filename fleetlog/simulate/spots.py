@@ -14,14 +14,14 @@ from fleetlog.simulate.reach import main_part
 from fleetlog.simulate.spurs import Bay, span
 
 
-def lay_out(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str]) -> list[str]:
-    """Make all bays, on lanes that lead to one another; what to say about it.
+def lay_out(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str], spots: int) -> list[str]:
+    """Make all bays, on lanes that lead to one another, and those along the roads for ``spots`` trucks; what to say about it.
 
     :class:`SiteError` for a place off the roads or without room, unless it is ``mined``, and for more trucks than bays hold.
     """
     notes = _lasting_lanes(site, maker, mined)
     notes += [note for place in site.places if (note := _at_place(maker, place, place.id in mined))]
-    notes += _drawn(site, maker, vehicles)
+    notes += _drawn(site, maker, spots)
     room = sum(b.place.kind != "charge" for b in maker.bays)
     if vehicles > room - 1:
         raise SiteError(

@@ -61,8 +61,9 @@ def build_world(
     vehicles: int,
     physics: Physics | None = None,
     mined: frozenset[str] = frozenset(),
+    room: int = 0,
 ) -> World:
-    """Lay out a site for a number of trucks; :class:`SiteError` where it cannot hold them.
+    """Lay out a site for a number of trucks, spots for ``room`` trucks; :class:`SiteError` where it cannot hold them.
 
     Places in ``mined`` are left out where there is no room beside the road, and any place that trucks cannot reach and leave
     again; ``notes`` say so.
@@ -74,7 +75,7 @@ def build_world(
     track = build_track(network, truck, site.traffic)
     junctions = find_junctions(track, truck)
     maker = BayMaker(track, junctions, truck, side_of(site))
-    notes += lay_out(site, maker, vehicles, mined)
+    notes += lay_out(site, maker, vehicles, mined, max(vehicles, room))
     doors = all_doors(track, junctions, maker.bays, truck)
     ground = with_spurs(track, doors)
     roads = _roads(site, track, junctions, doors, ground, truck, physics)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import colorsys
 
 Colour = tuple[int, int, int]
+Share = tuple[float, float, float]
 
 # Okabe and Ito's colours, told apart by colour-blind people; blue is lightened and black left out for a dark ground.
 _VEHICLES: tuple[Colour, ...] = (
@@ -45,6 +46,13 @@ def vehicle_colour(number: int) -> Colour:
     hue = (number * 0.618034) % 1.0
     r, g, b = colorsys.hls_to_rgb(hue, 0.55 + 0.12 * (number % 3 - 1), 0.7)
     return int(255 * r), int(255 * g), int(255 * b)
+
+
+def dark_colour(number: int) -> Share:
+    """The same, from 0 to 1 and darker, for white paper."""
+    r, g, b = vehicle_colour(number)
+    dark = 0.82
+    return dark * r / 255, dark * g / 255, dark * b / 255
 
 
 def shade(colour: Colour, number: int) -> Colour:
