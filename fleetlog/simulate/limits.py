@@ -100,10 +100,11 @@ class Tally:
             self.caused += np.bincount(causes, minlength=4) / len(causes)
         drives = f.mode == DRIVING
         self.crossed[self.node[f.piece[drives & (f.piece >= len(d.world.roads.clear))]]] += 1.0
-        for u in np.flatnonzero(drives & (f.v < STANDS)).tolist():
-            # Who waits for room on a lane waits for the junction at its end.
-            full = f.why[u] == 2
-            self.before[self.node[d.watch.next_lane(u) if full else f.piece[u]]] += 1.0
+        stands = np.flatnonzero(drives & (f.v < STANDS))
+        # Who waits for room on a lane waits for the junction at its end.
+        full = f.why[stands] == 2
+        ahead = [d.watch.next_lane(v) for v in stands[full].tolist()]
+        np.add.at(self.before, self.node[[*f.piece[stands[~full]].tolist(), *ahead]], 1.0)
 
     def limits(self, traffic: float) -> Limits:
         """What the run came to; ``traffic`` truck seconds of waiting on the road and before bays."""
