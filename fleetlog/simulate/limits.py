@@ -31,7 +31,7 @@ class Resource:
     name: str | None
     """The place or node that is waited for most; None where nobody waits."""
     utilisation: float
-    """Share of the time for which it is taken; of the named junction, for which a truck is on it."""
+    """Share of the time for which it is taken: of the named place, or of all where none is; a junction while trucks cross it."""
     queue: float
     """Trucks (for trucks: tasks) that wait for it on average, or for a place where a truck stands that waits for it."""
 
@@ -61,7 +61,7 @@ class Limits:
         tasks = f"tasks wait {wait['mean']:.0f} s for a truck on average, {wait['longest']:.0f} s at most"
         if b is None:
             return [f"bottleneck: none, the fleet does what is asked of it; {tasks}"]
-        what = f"the {b.count} trucks" if b.kind == "trucks" else f"{b.kind} ({b.count}, above all {b.name})"
+        what = f"the {b.count} trucks" if b.kind == "trucks" else f"{b.kind} ({b.count}), above all {b.name}"
         parts = [f"bottleneck: {what}, busy for {100 * b.utilisation:.0f} % of the time"]
         if b.queue > 0.0:
             parts.append(f"{b.queue:.1f} {'tasks' if b.kind == 'trucks' else 'trucks'} wait on average")
@@ -128,8 +128,8 @@ class Tally:
         places = np.unique(d.place_of[bays])
         most = int(places[np.argmax(self.wanted[places])])
         name = d.places[most] if self.wanted[most] > 0.0 else None
-        taken, queue = self.held[bays].mean() / self.seconds, self.caused[PLACES[kind]] / self.seconds
-        return Resource(kind, len(bays), name, float(taken), float(queue))
+        taken = self.held[bays if name is None else np.flatnonzero(d.place_of == most)].mean() / self.seconds
+        return Resource(kind, len(bays), name, float(taken), float(self.caused[PLACES[kind]] / self.seconds))
 
     def _junctions(self, traffic: float) -> Resource:
         most = int(np.argmax(self.before))
