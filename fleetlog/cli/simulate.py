@@ -197,7 +197,7 @@ def _scenario(
     own = {p.id for p in site.places}
     if like is not None:
         site, tasks, notes = take_over(like, site, truck, vehicles, start, options["duration"], seed)
-        demand = Demand(tasks, endless=not tasks)
+        demand = Demand(tasks, endless=not tasks, stay=True)
     if options["tasks"]:
         demand = Demand(read_tasks(options["tasks"], site, truck, seed), endless=False)
     battery = None if options["chemistry"] == "nominal" else battery_of(truck, options["chemistry"])

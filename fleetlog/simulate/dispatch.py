@@ -34,6 +34,8 @@ YIELD = 5.0
 """A truck that waits this long for a place asks whoever stands idle there to leave [s]."""
 ASIDE = 30.0
 """A truck that waits this long for a place, at a place that another truck waits for, makes room itself [s]."""
+KEPT = 240.0
+"""A task that follows another one is kept so long for the truck that did that [s]."""
 DUE = 50
 """Due tasks that a truck looks at."""
 
@@ -89,6 +91,8 @@ class Dispatcher(Untangler):
         self.jobs = [Job() for _ in names]
         self.book = TaskBook(names)
         self.home = np.full(len(names), -1, np.int64)
+        self.done = np.full(len(names), -1, np.int64)
+        """(V,) number of the last task that each truck has done."""
         self.owner = np.full(len(world.bays), -1, np.int64)
         self.queue: deque[int] = deque()
         self.pending: list[Task] = list(demand.given)
@@ -174,6 +178,7 @@ class Dispatcher(Untangler):
         elif job.stage == "dropping":
             self.count.tasks_done += 1
             self.book.dropped(v, now)
+            self.done[v] = -1 if job.task is None else job.task.number
             job.since = now + (job.drawn.pause if job.drawn is not None else 0.0)
             job.task, job.drawn, job.stage = None, None, "idle"
         elif job.stage == "charge":
@@ -234,12 +239,16 @@ class Dispatcher(Untangler):
         return True
 
     def _due_task(self, v: int, now: float) -> Task | None:
-        """The nearest of the due tasks that this truck can do now, of those that have waited at least half as long as the first."""
+        """The due task that this truck can do now and whose start is nearest, of those that have waited half as long as the first."""
+        mine = next((t for t in self._due if self._follows(t, v) and self._open(t.source, v)), None)
+        if mine is not None:
+            return mine
         best: tuple[float, Task] | None = None
         blocked: Task | None = None
         patience = 0.0
         for task in self._due[:DUE]:
-            if task.vehicle not in (None, self.names[v]):
+            kept = task.after >= 0 and now - task.earliest < KEPT
+            if task.vehicle not in (None, self.names[v]) or kept:
                 continue
             if best is not None and now - task.earliest < patience:
                 break
@@ -250,7 +259,7 @@ class Dispatcher(Untangler):
                     blocked = task
                 continue
             if self._nearest(task, v):
-                cost = min(self._cost(v, b) for b in self.bays_of[task.source] if self.owner[b] in (-1, v))
+                cost = min(self._cost(v, b) for b in self._start(task))
                 patience = patience or 0.5 * (now - task.earliest)
                 if best is None or cost < best[0]:
                     best = (cost, task)
@@ -260,6 +269,10 @@ class Dispatcher(Untangler):
             self._lack(v, PICK_PLACE, self.bays_of[blocked.source])
         return None if best is None else best[1]
 
+    def _follows(self, task: Task, v: int) -> bool:
+        """Whether a truck's last task was the one that this task follows."""
+        return task.after >= 0 and task.after == self.done[v]
+
     def _lack(self, v: int, what: int, bays: Sequence[int]) -> None:
         self.lacks[v], self.wants[v] = what, bays
 
@@ -267,11 +280,15 @@ class Dispatcher(Untangler):
         """Whether a bay of a place is free, or this truck's own."""
         return any(self.owner[b] in (-1, v) for b in self.bays_of[place])
 
+    def _start(self, task: Task) -> list[int]:
+        """Bays of the place near which a truck takes a task: where the recorded truck set off, else the source."""
+        return self.bays_of.get(task.origin or task.source) or self.bays_of[task.source]
+
     def _nearest(self, task: Task, v: int) -> bool:
-        """Whether no other truck with nothing to do stands nearer to the task's source."""
+        """Whether no other truck with nothing to do stands nearer to where the task is begun from."""
         if task.vehicle is not None:
             return True
-        spot = self.where[self.bays_of[task.source][0]]
+        spot = self.where[self._start(task)[0]]
         mine = float(np.hypot(*(self.where[self.home[v]] - spot)))
         for u in np.flatnonzero(self.fleet.mode == PARKED):
             if u != v and self.jobs[u].stage == "idle" and self.soc[u] > self.policy.low:
@@ -361,7 +378,8 @@ class Dispatcher(Untangler):
         if self.soc[v] < self.policy.chance and self._wants_charge(v):
             return
         job = self.jobs[v]
-        if self.kind[self.home[v]] != "park" and not self.demand.endless and now - job.since > ASIDE:
+        stays = self.demand.endless or self.demand.stay or self.kind[self.home[v]] == "park"
+        if not stays and now - job.since > ASIDE:
             b = self._spare_bay(v, only_park=True)
             if b is not None:
                 self._go(v, b, "park")

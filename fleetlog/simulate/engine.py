@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +125,7 @@ def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
             do="check one-way roads and turns of the map",
         )
     note = f"{len(left_out)} tasks from or to places that were left out are dropped"
-    return Demand(doable, demand.endless, demand.pause, left_out), [note]
+    return replace(demand, given=doable, left_out=left_out), [note]
 
 
 def vehicle_names(n: int) -> list[str]:

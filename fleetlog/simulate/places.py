@@ -36,6 +36,9 @@ MAJORITY = 0.3
 JITTER = 120.0
 """A drawn task comes this much earlier or later than the recorded one at most [s]."""
 
+BETWEEN, LONGEST_GAP = 60.0, 900.0
+"""From when one task of a truck begins to when its next one does [s]."""
+
 
 @dataclass(frozen=True)
 class Stands:
@@ -166,21 +169,8 @@ def place_table(stands: Stands, cluster: NDArray[np.int64]) -> pd.DataFrame:
             "dwell_total": float(stands.dwell[mine].sum()), "picks": float(np.mean(change > MIN_LOAD_CHANGE)),
             "drops": float(np.mean(change < -MIN_LOAD_CHANGE)), "charges": float(np.mean(stands.charged[mine] > MIN_CHARGE)),
         })  # fmt: skip
-    names = (
-        "place",
-        "kind",
-        "x",
-        "y",
-        "spread",
-        "visits",
-        "vehicles",
-        "dwell_median",
-        "dwell_total",
-        "picks",
-        "drops",
-        "charges",
-    )
-    return pd.DataFrame(rows, columns=list(names))
+    names = "place kind x y spread visits vehicles dwell_median dwell_total picks drops charges"
+    return pd.DataFrame(rows, columns=names.split())
 
 
 def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:
@@ -239,10 +229,10 @@ def carried(stands: Stands, cluster: NDArray[np.int64], names: list[str]) -> lis
                 continue
             known = k > 0 and stands.vehicle[k - 1] == vehicle
             day = float((stands.end[k - 1] if known else stands.start[k]) % 86_400_000_000) * 1e-6
-            tasks.append(
-                Task(None, names[a], names[b], float(stands.after[k] - stands.before[k]), day,
-                     (float(stands.dwell[k]), float(stands.dwell[i])), (float(stands.height[k]), float(stands.height[i])), True)
-            )  # fmt: skip
+            origin = names[cluster[k - 1]] if known and cluster[k - 1] >= 0 else None
+            load = float(stands.after[k] - stands.before[k])
+            dwell, height = ((float(v[k]), float(v[i])) for v in (stands.dwell, stands.height))
+            tasks.append(Task(None, names[a], names[b], load, day, dwell, height, True, origin))
     return tasks
 
 
@@ -301,7 +291,28 @@ def demand_like(
                 )
             )
         begin = end
-    return sorted(out, key=lambda t: t.earliest)
+    return chained(sorted(out, key=lambda t: t.earliest))
+
+
+def chained(tasks: list[Task]) -> list[Task]:
+    """The tasks in order of time, numbered, each after one that ends where its truck set off in the recording.
+
+    Of those that end there and nobody follows yet, the last one that began at least ``BETWEEN`` earlier; a task after
+    another one may begin ``JITTER`` earlier, as it is known no better than that when it did.
+    """
+    ends: dict[str, list[Task]] = {}
+    out: list[Task] = []
+    for number, task in enumerate(tasks):
+        found = [
+            t for t in ends.get(task.origin or "", ()) if BETWEEN <= task.earliest - t.earliest <= LONGEST_GAP
+        ]
+        after = found[-1].number if found else -1
+        if found:
+            ends[task.origin or ""].remove(found[-1])
+        earliest = max(task.earliest - JITTER, 0.0) if found else task.earliest
+        out.append(replace(task, number=number, after=after, earliest=earliest))
+        ends.setdefault(task.target, []).append(replace(task, number=number))
+    return sorted(out, key=lambda t: (t.earliest, t.number))
 
 
 def _seconds(iso: str) -> float:

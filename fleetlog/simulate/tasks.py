@@ -27,7 +27,8 @@ class Task:
 
     ``vehicle`` is an id or None for any; ``source`` and ``target`` are places; ``payload`` kg; ``earliest`` s after the
     start; ``dwell`` (pick, drop) seconds at the two places, at least what the lift needs; ``height`` (pick, drop) m.  With
-    ``on_road`` the dwell includes the way into the bay and out of it.
+    ``on_road`` the dwell includes the way into the bay and out of it.  ``origin`` is the place from which a truck set off to do
+    it in a recording: a truck near there takes it, or where that is unknown a truck near the source.
     """
 
     vehicle: str | None
@@ -38,6 +39,10 @@ class Task:
     dwell: tuple[float, float] = (20.0, 20.0)
     height: tuple[float, float] = (1.2, 1.2)
     on_road: bool = False
+    origin: str | None = None
+    number: int = -1
+    after: int = -1
+    """Number of the task after which the same truck did this one, -1: none."""
 
 
 @dataclass
@@ -48,6 +53,8 @@ class Demand:
     endless: bool = True
     pause: float = 20.0
     """Mean time between two endless tasks of a truck [s]."""
+    stay: bool = False
+    """Whether a truck with nothing to do stays where it is until another needs the place, instead of going to park."""
     left_out: list[Task] = field(default_factory=list)
     """Given ones that cannot be done: there is no room at one of their places."""
 
