@@ -34,7 +34,7 @@ def passages(trucks: int, minutes: float, seed: int, folder: Path) -> tuple[floa
         t = data.read(vehicle, columns=["x", "y"])
         near = np.hypot(t.floats("x"), t.floats("y")) < 4.0
         count += int((np.diff(near.astype(int)) == 1).sum())
-    waiting = summary.waiting_s / (trucks * 60.0 * minutes)
+    waiting = summary.limits.waiting_s["traffic"] / (trucks * 60.0 * minutes)
     return count / minutes * 60.0, summary.count.deadlocks, waiting
 
 

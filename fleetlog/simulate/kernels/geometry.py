@@ -139,12 +139,3 @@ def meetings(
                 out[n, 0], out[n, 1] = min(a, b), max(a, b)
                 n += 1
     return out[:n]
-
-
-@njit(cache=True)
-def meets_any(x: float, y: float, heading: float, others: Floats, half_l: float, half_w: float) -> bool:
-    """Whether a box meets one of (N, 3) x, y, heading."""
-    for i in range(len(others)):
-        if boxes_meet(x, y, heading, others[i, 0], others[i, 1], others[i, 2], half_l, half_w):
-            return True
-    return False
