@@ -196,8 +196,10 @@ def _scenario(
     start, demand, notes = _start(options["start"], like), Demand(), list[str]()
     own = {p.id for p in site.places}
     if like is not None:
-        site, tasks, notes = take_over(like, site, truck, vehicles, start, options["duration"], seed)
-        demand = Demand(tasks, endless=not tasks, stay=True)
+        # Another fleet than the recorded one has its own way of sharing the tasks out.
+        same = vehicles == len(like.vehicles) and not is_experiment(options)
+        site, tasks, notes = take_over(like, site, truck, vehicles, start, options["duration"], seed, same)
+        demand = Demand(tasks, endless=not tasks, stay=same)
     if options["tasks"]:
         demand = Demand(read_tasks(options["tasks"], site, truck, seed), endless=False)
     battery = None if options["chemistry"] == "nominal" else battery_of(truck, options["chemistry"])

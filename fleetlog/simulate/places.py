@@ -291,7 +291,7 @@ def demand_like(
                 )
             )
         begin = end
-    return chained(sorted(out, key=lambda t: t.earliest))
+    return sorted(out, key=lambda t: t.earliest)
 
 
 def chained(tasks: list[Task]) -> list[Task]:
@@ -332,9 +332,13 @@ def recorded_hours(stands: Stands, dataset: Dataset) -> Floats:
 
 
 def like(
-    dataset: Dataset, site: Site, truck: Truck, vehicles: int, start: int, duration: float, seed: int
-) -> tuple[Site, list[Task], list[str]]:
-    """The site with the places of a recording, tasks drawn like its own, and notes to say aloud."""
+    dataset: Dataset, site: Site, truck: Truck, vehicles: int, start: int, duration: float, seed: int,
+    assigned: bool = False,
+) -> tuple[Site, list[Task], list[str]]:  # fmt: skip
+    """The site with the places of a recording, tasks drawn like its own, and notes to say aloud.
+
+    With ``assigned`` the tasks also say which truck did them, by where it came from and what it had done before.
+    """
     stands = find_stands(dataset)
     cluster = clusters(stands)
     table = place_table(stands, cluster)
@@ -349,5 +353,6 @@ def like(
     day = float(start % 86_400_000_000) * 1e-6
     share = vehicles / max(len(dataset.vehicles), 1)
     tasks = demand_like(known, recorded_hours(stands, dataset), day, duration, share, truck, seed)
+    tasks = chained(tasks) if assigned else [replace(t, origin=None) for t in tasks]
     notes.append(f"{len(tasks)} tasks drawn like the {len(known)} recorded ones")
     return site, tasks, notes

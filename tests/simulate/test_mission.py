@@ -67,7 +67,7 @@ def test_demand_like_a_recording_has_its_volume(recording):
 
 
 def test_tasks_like_a_recording_follow_one_another_as_there(recording):
-    _, tasks, _ = like(recording.dataset, recording.dataset.site, TRUCK, 3, 0, 3600.0, 1)
+    _, tasks, _ = like(recording.dataset, recording.dataset.site, TRUCK, 3, 0, 3600.0, 1, assigned=True)
     by_number = {t.number: t for t in tasks}
     followed = [t for t in tasks if t.after >= 0]
     assert len(by_number) == len(tasks) and len(followed) > 0.6 * len(tasks)
@@ -76,6 +76,9 @@ def test_tasks_like_a_recording_follow_one_another_as_there(recording):
         before = by_number[task.after]
         assert before.target == task.origin and before.number < task.number
     assert [t.earliest for t in tasks] == sorted(t.earliest for t in tasks)
+    _, free, _ = like(recording.dataset, recording.dataset.site, TRUCK, 3, 0, 3600.0, 1)
+    assert {(t.after, t.origin) for t in free} == {(-1, None)}
+    assert sorted(t.payload for t in free) == sorted(t.payload for t in tasks)
 
 
 def test_a_truck_goes_on_with_the_task_that_follows_and_late_ones_are_taken_by_others(simulated):

@@ -45,7 +45,7 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, trial: Trial) -> dict[str, A
     planned = with_chargers(site, sites)
     new = frozenset(p.id for p in planned.places if p.kind == "charge")
     settings = Settings(trial.vehicles, trial.duration, start=start, seed=trial.seed, soc=trial.soc)
-    present = Scenario(site, trial.truck, settings, Demand(tasks, endless=not tasks, stay=True), mined=mined)
+    present = Scenario(site, trial.truck, settings, Demand(tasks, endless=not tasks), mined=mined)
     both = {"before": present, "after": replace(present, site=planned, mined=mined | new)}
     out: dict[str, Any] = {
         "vehicles": trial.vehicles, "hours": trial.duration / 3600.0, "seed": trial.seed, "soc_start": trial.soc,
