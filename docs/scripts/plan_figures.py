@@ -17,7 +17,7 @@ SAMPLE = ROOT / "sample_data"
 SITE, LIKE = "--site site.toml --truck truck.toml", "--like recorded --truck truck.toml"
 QUESTIONS = {
     "trucks": f"{LIKE} --vehicles 4..12..2 --runs 5 --duration 2h",
-    "plugs": f"{SITE} --vehicles 8 --vary plugs=1..4 --vary policy=opportunity,threshold --runs 3 --soc 0.4 --duration 4h",
+    "plugs": f"{SITE} --vehicles 8 --vary plugs=1..5 --runs 3 --soc 0.5 --duration 12h",
     "one_way": f"{SITE} --vehicles 14 --vary close=-b-aisle-10+-b-aisle-11,b-aisle-10+b-aisle-11,"
     "-a-aisle-30+-a-aisle-31,a-aisle-30+a-aisle-31 --runs 5 --duration 1h",
     "closed": f"{LIKE} --vary close=gate-0,gate-1,yard-1,a-cross-10 --runs 5 --duration 1h",

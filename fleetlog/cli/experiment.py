@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -83,18 +83,22 @@ def experiment_options(command: F) -> F:
 
 def is_experiment(options: dict[str, Any]) -> bool:
     """Whether more than one run is asked for."""
-    return bool(options["vary"]) or options["runs"] > 1 or isinstance(options["vehicles"], str)
+    return bool(options["vary"]) or options["runs"] != 1 or isinstance(options["vehicles"], str)
+
+
+def seeds(options: dict[str, Any]) -> range:
+    """Of the runs."""
+    if options["runs"] < 1:
+        raise click.UsageError("--runs needs at least one run")
+    return range(options["seed"], options["seed"] + options["runs"])
 
 
 def run_experiment(
-    options: dict[str, Any], base: Callable[[int], Scenario], progress: Callable[[float, float], None]
+    options: dict[str, Any], bases: Sequence[Scenario], progress: Callable[[float, float], None]
 ) -> Result:
-    """The answer; ``base`` makes the scenario of a seed."""
+    """The answer; ``bases`` has the scenario of each seed."""
     from fleetlog.simulate.experiment import experiment, factor
 
-    if options["runs"] < 1:
-        raise click.UsageError("--runs needs at least one run")
-    bases = [base(options["seed"] + k) for k in range(options["runs"])]
     factors, fleet = [factor(text) for text in options["vary"]], options["vehicles"]
     if isinstance(fleet, str) or not factors:
         factors.insert(0, factor(f"vehicles={fleet or bases[0].settings.vehicles}"))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fleetlog.cli.experiment import Counts, experiment_options, is_experiment, run_experiment
+from fleetlog.cli.experiment import Counts, experiment_options, is_experiment, run_experiment, seeds
 from fleetlog.cli.options import (
     existing,
     json_option,
@@ -111,7 +111,10 @@ def command(output: Path, as_json: bool, overwrite: bool, quiet: bool, **options
         if options["same_mission"] or options["cycle"]:
             raise click.UsageError("an experiment is for a fleet: not with --same-mission or --cycle")
         with _progress(quiet) as progress:
-            result = run_experiment(options, _bases(options, truck, physics, like, site, quiet), progress)
+            made = [_scenario(options, truck, physics, like, site, seed) for seed in seeds(options)]
+            for note in made[0][1]:
+                notice(note, quiet)
+            result = run_experiment(options, [scenario for scenario, _ in made], progress)
         write_analysis(result, site, output, overwrite)
         say([*result.lines, f"experiment: {output}"], result.summary, as_json=as_json, quiet=quiet)
         return
@@ -210,20 +213,6 @@ def _scenario(
     )  # fmt: skip
     mined = frozenset(p.id for p in site.places) - own
     return Scenario(site, truck, settings, demand, physics, mined), notes
-
-
-def _bases(
-    options: dict[str, Any], truck: Truck, physics: Physics, like: Dataset | None, site: Site, quiet: bool
-) -> Callable[[int], Scenario]:
-    """The scenario of a seed; what is to be said of the first is said."""
-
-    def base(seed: int) -> Scenario:
-        scenario, notes = _scenario(options, truck, physics, like, site, seed)
-        for note in notes if seed == options["seed"] else ():
-            notice(note, quiet)
-        return scenario
-
-    return base
 
 
 def _mission(

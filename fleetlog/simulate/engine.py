@@ -173,19 +173,12 @@ class Run:
         charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])
         self.bay_of = np.array([d.bay for d in world.doors], dtype=np.int32)
         soc = np.full(n, settings.soc)
-        self.meter = Meter(
-            world.physics, world.ground, charger, dt, soc, settings.temperature, settings.battery
-        )
+        weather, battery = settings.temperature, settings.battery
+        self.meter = Meter(world.physics, world.ground, charger, dt, soc, weather, battery)
+        columns = columns_of(bool(np.any(world.ground.z)), battery is not None)
+        edges = world.track.network.edge_ids
         self.recorder = Recorder(
-            writer,
-            names,
-            world.track.network.edge_ids,
-            settings.start,
-            dt,
-            every,
-            self.steps,
-            self.total,
-            columns_of(bool(np.any(world.ground.z)), settings.battery is not None),
+            writer, names, edges, settings.start, dt, every, self.steps, self.total, columns
         )
         self.limits = limits_of(world.physics.actual_truck(), GAP)
         self.used = self.charged = self.waiting = 0.0

@@ -157,10 +157,12 @@ def experiment(
     if "tasks_done" not in runs:
         raise DataError(f"no run is possible: {runs.error[0]}", do="change the site or what is varied")
     table = _compared(runs, [f.name for f in factors])
-    return Result(
-        "experiment", _summary(table, runs, factors), {"runs": runs, "variants": table}, {},
-        _shapes(runs, factors), _lines(table, factors),
-    )  # fmt: skip
+    summary = {
+        "factors": {f.name: list(f.values) for f in factors}, "seeds": [b.settings.seed for b in bases],
+        "variants": table.to_dict("records"),
+    }  # fmt: skip
+    tables = {"runs": runs, "variants": table}
+    return Result("experiment", summary, tables, {}, _shapes(runs, factors), _lines(table, factors))
 
 
 def _measured(outcome: Summary | str) -> dict[str, Any]:
@@ -200,16 +202,6 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
         row["bottleneck"] = good.bottleneck.mode().iloc[0] if len(good) else str(group.error.iloc[0])
         out.append(row)
     return pd.DataFrame(out)
-
-
-def _summary(table: pd.DataFrame, runs: pd.DataFrame, factors: Sequence[Factor]) -> dict[str, Any]:
-    return {
-        "factors": {f.name: list(f.values) for f in factors}, "seeds": sorted(set(runs.seed.tolist())),
-        "variants": [
-            {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in row.items()}
-            for row in table.to_dict("records")
-        ],
-    }  # fmt: skip
 
 
 def _lines(table: pd.DataFrame, factors: Sequence[Factor]) -> list[str]:
@@ -252,6 +244,3 @@ def _shapes(runs: pd.DataFrame, factors: Sequence[Factor]) -> list[Any]:
             ]
         out.append(Spread(name, first.values, curves, first.name, label))
     return out
-
-
-__all__ = ["Factor", "experiment", "factor", "variants"]

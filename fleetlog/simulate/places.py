@@ -83,12 +83,8 @@ def _stands(t: Trajectory, vehicle: int) -> Floats:
     still = np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED
     gap = np.diff(t.time, prepend=t.time[:1]) * 1e-6 > MAX_GAP
     edge = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-    load, soc, height = (
-        np.nan_to_num(t.floats("payload")),
-        t.floats("soc"),
-        np.nan_to_num(t.floats("fork_height")),
-    )
-    x, y = t.floats("x"), t.floats("y")
+    load, height = np.nan_to_num(t.floats("payload")), np.nan_to_num(t.floats("fork_height"))
+    x, y, soc = t.floats("x"), t.floats("y"), t.floats("soc")
     out = []
     for a, b in edge.reshape(-1, 2):
         first, last = max(a - 1, 0), min(b, len(t) - 1)
@@ -237,14 +233,8 @@ def carried(stands: Stands, cluster: NDArray[np.int64], names: list[str]) -> lis
 
 
 def demand_like(
-    carried_tasks: list[Task],
-    hours: Floats,
-    start_of_day: float,
-    duration: float,
-    share: float,
-    truck: Truck,
-    seed: int,
-) -> list[Task]:
+    carried_tasks: list[Task], hours: Floats, start_of_day: float, duration: float, share: float, truck: Truck, seed: int
+) -> list[Task]:  # fmt: skip
     """Tasks drawn like the recorded ones.
 
     Parameters
@@ -273,23 +263,14 @@ def demand_like(
         rate = len(here) / hours[now] if hours[now] > 0.1 else mean
         pool = here if len(here) else np.arange(len(carried_tasks))
         covered = len(here) > 0 and 3600.0 * hours[now] >= 0.95 * (end - begin)
-        for like in (
-            carried_tasks[int(i)]
-            for i in rng.choice(pool, rng.poisson(rate * share * (end - begin) / 3600.0))
-        ):
-            at = (
-                like.earliest % 3600.0
-                - (start_of_day + begin) % 3600.0
-                + begin
-                + rng.uniform(-JITTER, JITTER)
-            )
+        drawn = rng.choice(pool, rng.poisson(rate * share * (end - begin) / 3600.0))
+        for like in (carried_tasks[int(i)] for i in drawn):
+            in_hour = like.earliest % 3600.0 - (start_of_day + begin) % 3600.0
+            at = in_hour + begin + rng.uniform(-JITTER, JITTER)
             if not covered or at >= end:
                 at = rng.uniform(begin, end)
-            out.append(
-                replace(
-                    like, payload=min(like.payload, truck.chassis.rated_load), earliest=float(max(at, begin))
-                )
-            )
+            load = min(like.payload, truck.chassis.rated_load)
+            out.append(replace(like, payload=load, earliest=float(max(at, begin))))
         begin = end
     return sorted(out, key=lambda t: t.earliest)
 
