@@ -1,4 +1,4 @@
-"""Experiments: one scenario with some of its settings varied, several seeds each, the same tasks in every variant."""
+"""Experiments: a scenario with some settings varied, several seeds each, the same tasks in every variant."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 MEASURES = {
     "tasks_per_h": "tasks done per hour", "task_wait_s": "mean time that a task waits for a truck [s]",
-    "waiting_share": "share of the trucks' time spent waiting [%]", "energy_per_task_wh": "energy per task done [Wh]",
+    "waiting_share": "share of the trucks' time spent waiting [%]",
+    "energy_per_task_wh": "energy per task done [Wh]",
 }  # fmt: skip
 """What is drawn and compared, and how it is called."""
 NONE = "none"
@@ -103,7 +104,7 @@ FACTORS: dict[str, Callable[[Scenario, str], Scenario]] = {
 
 
 def varied(scenario: Scenario, name: str, value: str) -> Scenario:
-    """The scenario with one setting changed; a place's id as the name changes for how many trucks it has room."""
+    """The scenario with one setting changed; a place's id as the name changes its room for trucks."""
     if name in FACTORS:
         return FACTORS[name](scenario, value)
     places = [p.id for p in scenario.site.places]
@@ -137,8 +138,8 @@ def experiment(
     Returns
     -------
     Result
-        Tables ``runs`` (one row a variant and seed) and ``variants`` (means, and half the width of their 95 % confidence
-        intervals over the seeds); the difference to the first variant is taken seed by seed.
+        Tables ``runs`` (one row a variant and seed) and ``variants`` (means, and half the width of their 95 %
+        confidence intervals over the seeds); the difference to the first variant is taken seed by seed.
 
     Raises
     ------
@@ -176,15 +177,17 @@ def _measured(outcome: Summary | str) -> dict[str, Any]:
         "waiting_share": 100.0 * s.waiting_s / (s.vehicles * s.duration_s),
         **{f"waiting_{k.replace(' ', '_')}_h": v / 3600.0 for k, v in s.limits.waiting_s.items()},
         "busy_share": 100.0 * next(r.utilisation for r in s.limits.resources if r.kind == "trucks"),
-        "distance_km": s.distance_m / 1000.0, "energy_kwh": s.energy_wh / 1000.0, "charged_kwh": s.charged_wh / 1000.0,
-        "energy_per_task_wh": s.energy_wh / max(c.tasks_done, 1), "charges": c.charges, "soc_lowest": s.soc_lowest,
+        "distance_km": s.distance_m / 1000.0, "energy_kwh": s.energy_wh / 1000.0,
+        "charged_kwh": s.charged_wh / 1000.0,
+        "energy_per_task_wh": s.energy_wh / max(c.tasks_done, 1), "charges": c.charges,
+        "soc_lowest": s.soc_lowest,
         "longest_wait_s": s.longest_wait_s, "deadlocks": c.deadlocks, "empty": len(c.empty),
         "bottleneck": "none" if worst is None else worst.kind + (f", {worst.name}" if worst.name else ""),
     }  # fmt: skip
 
 
 def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
-    """One row a variant: means over the seeds, their half widths, and the paired change from the first variant."""
+    """One row a variant: means over the seeds, half widths, and the paired change from the first variant."""
     import pandas as pd
 
     first = runs[runs.variant == 0].set_index("seed")
@@ -224,12 +227,13 @@ def _cells(row: Mapping[Any, Any]) -> list[str]:
 
     return [
         number("tasks_per_h"), "" if row["variant"] == 0 else number("tasks_per_h_change", sign="+"),
-        number("waiting_share", " %"), number("energy_per_task_wh"), number("task_wait_s", " s"), str(row["bottleneck"]),
+        number("waiting_share", " %"), number("energy_per_task_wh"), number("task_wait_s", " s"),
+        str(row["bottleneck"]),
     ]  # fmt: skip
 
 
 def _shapes(runs: pd.DataFrame, factors: Sequence[Factor]) -> list[Any]:
-    """A plot of each measure over the values of the first factor, a curve for each combination of the others."""
+    """A plot of each measure over the first factor's values, a curve for each combination of the others."""
     first, rest = factors[0], [f.name for f in factors[1:]]
     groups = list(runs.groupby(rest, sort=False)) if rest else [((), runs)]
     out = []

@@ -1,4 +1,4 @@
-"""What limits a simulated fleet: how busy trucks, places, chargers and junctions are, and who waits for them."""
+"""What limits a simulated fleet: how busy trucks, places, chargers and junctions are, and their queues."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Resource:
     name: str | None
     """The place or node that is waited for most; None where nobody waits."""
     utilisation: float
-    """Share of the time for which it is taken: of the named place, or of all where none is; a junction while trucks cross it."""
+    """Share of the time for which the named one is taken, or all where none is named."""
     queue: float
-    """Trucks (for trucks: tasks) that wait for it on average, or for a place where a truck stands that waits for it."""
+    """Trucks (for trucks: tasks) that wait on average because of it."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Limits:
     waiting_s: dict[str, float]
     """Truck seconds by cause: traffic, pick places, drop places, chargers."""
     task_wait_s: dict[str, float]
-    """Mean, 95th percentile and longest time from when a task may be done until a truck takes it (or the end) [s]."""
+    """Mean, p95 and longest time from when a task may be done until a truck takes it, or the end [s]."""
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -114,7 +114,8 @@ class Tally:
         found = [self._places(kind) for kind in PLACES if (d.kind == KIND_OF[kind]).any()]
         found += [self._junctions(traffic), self._trucks(tasks)]
         summary = {
-            "mean": float(tasks.mean()), "p95": float(np.quantile(tasks, 0.95)), "longest": float(tasks.max()),
+            "mean": float(tasks.mean()), "p95": float(np.quantile(tasks, 0.95)),
+            "longest": float(tasks.max()),
         } if len(tasks) else dict.fromkeys(("mean", "p95", "longest"), 0.0)  # fmt: skip
         return Limits(tuple(found), self._bottleneck(found), waiting, summary)
 

@@ -19,7 +19,7 @@ TURN_REACH = 30.0
 
 
 def parts(network: Network) -> NDArray[np.int64]:
-    """(E,) number of the strongly connected part of every edge; -1 where an edge leads to no edge that leads back."""
+    """(E,) number of the strongly connected part of every edge; -1 where none of the edges ahead leads back."""
     from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -49,7 +49,7 @@ def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> NDArra
 
 
 def turning_round(network: Network) -> tuple[Network, int]:
-    """The network with turns from every lane that leads nowhere to the opposite lanes that begin there; and how many such lanes."""
+    """The network with turns from lanes that lead nowhere to opposite lanes that begin there; and how many."""
     every = np.arange(len(network), dtype=np.int32)
     leave, enter = network.heading(every, network.length), network.heading(every, np.zeros(len(network)))
     starts, ends = network.points[network.first[:-1]], network.points[network.first[1:] - 1]

@@ -1,4 +1,4 @@
-"""Everything that one simulation is made of; runs of many of them, and what one more of a scarce thing brings."""
+"""What one simulation is made of; runs of many, and what one more of a scarce thing brings."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def with_one_more(scenario: Scenario, scarce: Resource) -> tuple[Scenario, str] 
 
 
 def one_more(scenario: Scenario, before: Summary) -> dict[str, Any]:
-    """What one more of what limits a run brings, simulated with the same tasks; empty where nothing limits it."""
+    """What one more of what limits a run brings, with the same tasks; empty where nothing limits it."""
     scarce = before.limits.bottleneck
     if scarce is None:
         return {}
@@ -123,7 +123,7 @@ def one_more(scenario: Scenario, before: Summary) -> dict[str, Any]:
 
 
 def _without_traffic(before: Summary) -> dict[str, Any]:
-    """Junctions cannot be had one more of: the time that all waiting on the road takes bounds what could be gained."""
+    """An upper bound on the gain where traffic limits: the time that all waiting on the road takes."""
     total, lost = before.vehicles * before.duration_s, before.limits.waiting_s["traffic"]
     gain = lost / max(total - lost, 1.0)
     what = "no waiting on the road"

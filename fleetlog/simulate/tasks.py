@@ -54,7 +54,7 @@ class Demand:
     pause: float = 20.0
     """Mean time between two endless tasks of a truck [s]."""
     stay: bool = False
-    """Whether a truck with nothing to do stays where it is until another needs the place, instead of going to park."""
+    """Whether an idle truck stays until another needs its place, instead of going to park."""
     left_out: list[Task] = field(default_factory=list)
     """Given ones that cannot be done: there is no room at one of their places."""
 
@@ -76,7 +76,7 @@ def random_height(rng: np.random.Generator) -> float:
 
 @dataclass(frozen=True)
 class Drawn:
-    """An endless task: its load, what ranks the places that are free for it ((P,) the lowest is taken), the pause after it [s]."""
+    """An endless task; ``ranks`` (P,): of the free places the lowest is taken; ``pause`` after it [s]."""
 
     task: Task
     ranks: NDArray[np.float64]
@@ -84,7 +84,7 @@ class Drawn:
 
 
 class TaskStream:
-    """Endless tasks: number k of a seed is the same task, whoever does it and however many trucks and plugs there are."""
+    """Endless tasks: number k of a seed is the same task, whichever truck does it and whatever else is varied."""
 
     def __init__(self, seed: int, truck: Truck, places: int, pause: float) -> None:
         self.seed, self.truck, self.places, self.pause = seed, truck, places, pause

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 
 def draw_spread(axes: Axes, spread: Spread) -> None:
-    """Draw all curves: over values that are numbers from zero up; values that are names one below the other, close up."""
+    """Draw all curves: numbers along the axis, from zero up; names one below the other, close up."""
     number = all(v.replace(".", "", 1).isdigit() for v in spread.values)
     at = np.array([float(v) for v in spread.values]) if number else np.arange(len(spread.values), dtype=float)
     for k, (name, runs) in enumerate(spread.curves.items()):
