@@ -98,14 +98,13 @@ def mixtures(seed: int) -> Iterator[Case]:
         ("grade", "waiting"),
     ):
         yield Case(pair, together="road", seed=seed)
-    for pair in (
+    for up_and_down in (
         ("auxiliary_load", "rolling_resistance"),
         ("payload", "mass"),
         ("regeneration", "payload"),
-        ("rolling_resistance", "viscous_drag"),
+        ("viscous_drag", "rolling_resistance"),
     ):
-        down = pair if pair[1] in ("rolling_resistance", "mass", "payload") else pair[::-1]
-        yield Case(tuple(reversed(down)) if down[0] == "viscous_drag" else down, together="opposite", seed=seed)
+        yield Case(up_and_down, together="opposite", seed=seed)
 
 
 def loggers(seed: int) -> Iterator[Case]:
@@ -128,8 +127,20 @@ def sites(seed: int) -> Iterator[Case]:
 SCOPED: dict[str, tuple[str, ...]] = {
     "truck": ("rolling_resistance", "viscous_drag", "auxiliary_load", "regeneration", "acceleration_limit"),
     "type": ("mass", "rolling_resistance", "lift_efficiency", "auxiliary_load", "laden_speed"),
-    "period": ("rolling_resistance", "auxiliary_load", "drivetrain_efficiency", "payload", "acceleration_limit"),
-    "drift": ("rolling_resistance", "drivetrain_efficiency", "auxiliary_load", "lift_efficiency", "battery_resistance"),
+    "period": (
+        "rolling_resistance",
+        "auxiliary_load",
+        "drivetrain_efficiency",
+        "payload",
+        "acceleration_limit",
+    ),
+    "drift": (
+        "rolling_resistance",
+        "drivetrain_efficiency",
+        "auxiliary_load",
+        "lift_efficiency",
+        "battery_resistance",
+    ),
     "place": ("surface_resistance", "grade", "viscous_drag", "speed_zone", "waiting"),
 }
 """Five terms a scope; ``place``: there, and from a time on."""
@@ -166,7 +177,14 @@ def _suited(logger: str) -> list[str]:
     lacks = LOGGERS[logger].without
     out = [t for t in TERMS if not (t == "averaging" and LOGGERS[logger].mean)]
     if "latitude" in lacks:
-        out = ["auxiliary_load", "enabled_load", "thermal_load", "drivetrain_efficiency", "battery_capacity", "rolling_resistance"]
+        out = [
+            "auxiliary_load",
+            "enabled_load",
+            "thermal_load",
+            "drivetrain_efficiency",
+            "battery_capacity",
+            "rolling_resistance",
+        ]
     if "payload" in lacks:
         out = [t for t in out if t not in ("payload", "lift_efficiency", "laden_speed", "mass")]
     if "speed" in lacks:

@@ -46,7 +46,14 @@ class Manner:
 
 
 def manner(
-    site: Site, path: Path, truck: Truck, driver: Driver, effects: Sequence[Effect], vehicle: int, t: float, load: float
+    site: Site,
+    path: Path,
+    truck: Truck,
+    driver: Driver,
+    effects: Sequence[Effect],
+    vehicle: int,
+    t: float,
+    load: float,
 ) -> Manner:
     """What limits and effects at the begin ``t`` of a trip make of a path."""
     limit = site.layout.limit[path.road] * truck.speed_factor * driver.pace
@@ -66,7 +73,9 @@ def manner(
             stop, seconds = _place(path, e), p["seconds"] * float(np.max(weight))
     corner = np.sqrt(lateral * driver.turn / np.maximum(np.abs(path.bend), 1e-4))
     cap = np.maximum(np.minimum(np.minimum(limit, 5.0), corner), 0.4)
-    return Manner(cap, up * driver.up, truck.deceleration * driver.down, stop if seconds > 0.5 else -1, seconds)
+    return Manner(
+        cap, up * driver.up, truck.deceleration * driver.down, stop if seconds > 0.5 else -1, seconds
+    )
 
 
 def hindered(cap: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -125,7 +125,9 @@ def draw(
     parameters = {k: float(v) for k, v in _SIZES[term](d).items()}
     if term == "odd_vehicle":
         scope = Scope(vehicles=(0,))
-    return Effect(term, parameters, roads, 0, Scope(scope.vehicles, scope.begin, scope.end, scope.drift, roads or None))
+    return Effect(
+        term, parameters, roads, 0, Scope(scope.vehicles, scope.begin, scope.end, scope.drift, roads or None)
+    )
 
 
 def _placed(term: str, d: Draw, roads: tuple[int, ...], scope: Scope) -> Effect:

@@ -122,7 +122,9 @@ def stepped(values: np.ndarray, step: float) -> np.ndarray:
     return np.round(values / step) * step if step else values
 
 
-def seen_speed(m: Motion, ticks: np.ndarray, logger: Logger, scale: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def seen_speed(
+    m: Motion, ticks: np.ndarray, logger: Logger, scale: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
     """The speed channel, exactly zero where the truck stands."""
     width = max(int(min(1.0, logger.interval) * HZ), 1)
     mean = uniform_filter1d(m.v, width, mode="nearest")[ticks] * scale[ticks]
@@ -130,7 +132,9 @@ def seen_speed(m: Motion, ticks: np.ndarray, logger: Logger, scale: np.ndarray, 
     return np.where(m.v[ticks] <= 0.0, 0.0, np.maximum(mean + noise, 0.0))
 
 
-def seen_position(m: Motion, ticks: np.ndarray, logger: Logger, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def seen_position(
+    m: Motion, ticks: np.ndarray, logger: Logger, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """Positions whose noise wanders over half a minute, repeated where the logger refreshes them rarely."""
     x, y = m.x[ticks] + _wander(ticks, 0.25, rng), m.y[ticks] + _wander(ticks, 0.25, rng)
     if logger.refresh:

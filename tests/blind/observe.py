@@ -38,7 +38,9 @@ class Seen:
     """(windows, tolerances) change of the model by one tolerance of the truck file each."""
 
 
-def observe(w: World, m: Motion, own: Truck, vehicle: int, rng: np.random.Generator) -> tuple[pl.DataFrame, Seen]:
+def observe(
+    w: World, m: Motion, own: Truck, vehicle: int, rng: np.random.Generator
+) -> tuple[pl.DataFrame, Seen]:
     """Rows of the log, and the windows that tell what the best model could know."""
     logger = w.logger
     ticks = moments(len(m), logger, rng)

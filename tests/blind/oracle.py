@@ -16,8 +16,12 @@ from observe import Seen
 from scipy.optimize import lsq_linear
 from shifts import Legs
 
-
-SHOWS = {"battery_power": ("battery_power", "soc"), "soc": ("soc",), "speed": ("speed",), "distance": ("distance",)}
+SHOWS = {
+    "battery_power": ("battery_power", "soc"),
+    "soc": ("soc",),
+    "speed": ("speed",),
+    "distance": ("distance",),
+}
 """Where an effect on a channel can be seen."""
 
 

@@ -136,7 +136,9 @@ def _heating(e: Effect, m: Motion) -> np.ndarray:
 
 def _warming(c: dict[str, Any], e: Effect, weight: Any, m: Motion) -> None:
     since = (m.t - m.t[0]) / 60.0
-    c["rolling"] = c["rolling"] * (1.0 + weight * e.parameters["share"] * np.exp(-since / e.parameters["minutes"]))
+    c["rolling"] = c["rolling"] * (
+        1.0 + weight * e.parameters["share"] * np.exp(-since / e.parameters["minutes"])
+    )
 
 
 def _draining(c: dict[str, Any], e: Effect, weight: Any, m: Motion) -> None:

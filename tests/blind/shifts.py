@@ -119,6 +119,10 @@ def _in_time(w: World, whole: Piece, begin: float, day: int, rng: np.random.Gene
     since = clock + begin % 86400.0
     temperature = warmer - 1.0 + 2.6 * since / 3600.0 + 0.2 * np.sin(clock / 700.0)
     hill = w.site.hill
-    slope = np.sin(np.arctan(hill.slope(whole["x"], whole["y"], whole["heading"]))) if hill else np.zeros(len(clock))
+    slope = (
+        np.sin(np.arctan(hill.slope(whole["x"], whole["y"], whole["heading"])))
+        if hill
+        else np.zeros(len(clock))
+    )
     kept = {k: v for k, v in whole.items() if k != "sense"}
     return Motion(t=begin + clock, temperature=temperature, slope=slope, **kept)

@@ -146,7 +146,9 @@ class Site:
     def _feature(self, road: int) -> dict[str, Any]:
         a, b = self.layout.ends[road]
         line = self.line(road)
-        points = np.column_stack([LONGITUDE + line[:, 0] * METRE_EAST, LATITUDE + line[:, 1] * METRE]).round(9)
+        points = np.column_stack([LONGITUDE + line[:, 0] * METRE_EAST, LATITUDE + line[:, 1] * METRE]).round(
+            9
+        )
         if self.hill:
             points = np.column_stack([points, self.hill.at(*line.T).round(3)])
         properties = {

@@ -1,188 +1,247 @@
-"""Run the blind benchmark and print its table.
+"""Judge the lines of run.py: one table with the bars, then where the answers come from.
 
-python table.py RESULTS.jsonl FIRST LAST [TERM ...]     record, import, diagnose and judge; one line a recording is appended
-python table.py RESULTS.jsonl                           the table of what is there
-
-Recordings are kept in a folder beside RESULTS.jsonl, so that the same ones can be diagnosed again.  A term may be several
-joined by ``+``, and ``@0.4`` at its end makes the effects weaker.  The floor of a recording is the error of its clean twin: the same drives without the effect.
+python table.py RESULTS.jsonl ...
 """
 
 from __future__ import annotations
 
 import collections
+import itertools
 import json
 import sys
-import time
-import traceback
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from effects import OUTSIDE, TERMS
-from recorder import record
-from score import judge, overlap, parameters
+from score import LATE, Json, by_effect, certain_and_wrong, excess, faults, judge
 
-from fleetlog.cli.main import cli as fleetlog
-from fleetlog.core.truck import load_truck
-from fleetlog.discovery.diagnose import diagnose
-from fleetlog.store import Dataset
-
-NOTICED = 0.1
+NOTICEABLE = 0.1
 """Share of the held-out error that the true term removes where an effect must be named."""
-
-
-def one(name: str, seed: int, recordings: Path) -> dict[str, object]:
-    """Record and import (unless that was done before), diagnose and judge one case."""
-    folder = recordings / f"{name}_{seed}"
-    if not (folder / "data" / "dataset.json").exists():
-        terms, _, strength = name.partition("@")
-        record(terms, seed, folder, float(strength or 1.0))
-        log, site = str(folder / "recorded.csv.gz"), str(folder / "site.toml")
-        call = [
-            "import",
-            log,
-            "--site",
-            site,
-            "-o",
-            str(folder / "data"),
-            "-q",
-            "--no-recording",
-            "--overwrite",
-        ]
-        fleetlog(call, standalone_mode=False)
-    key = json.loads((folder / "key.json").read_text())
-    begin = time.process_time()
-    try:
-        found = diagnose(Dataset(folder / "data"), load_truck(str(folder / "truck.toml"))).verdict.document()
-    except Exception:
-        return {"name": name, "seed": seed, "word": "crashed", "error": traceback.format_exc()[-800:]}
-    terms = [
-        f"{f['term']}({','.join(f['depends_on'])})" if f["term"] == "unknown" else f["term"]
-        for f in found["findings"]
-    ]
-    return {
-        "name": name, "seed": seed, "word": judge(key, found), "named": terms, "not_excluded": [f["not_excluded"] for f in found["findings"]],
-        "parameters": parameters(key, found), "overlap": overlap(key, found), "channels": found["channels"],
-        "seconds": time.process_time() - begin,
-    }  # fmt: skip
-
-
+SHARES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 WORDS = ("right", "undecided", "extra", "partly", "missed", "wrong", "false alarm", "crashed")
-CHANNEL = dict.fromkeys(
-    ("speed_zone", "cornering_speed", "laden_speed", "acceleration_limit", "waiting"), "speed"
-) | {"battery_resistance": "soc"}
 
 
-def noticeable(row: dict, floors: dict[int, dict[str, float]]) -> bool:
-    """Whether the true term would lower the held-out error of its channel by ``NOTICED``."""
-    if row["name"].partition("@")[0] in ("none", "clock_offset", "speed_scale"):
-        return True
-    for channel in row.get("channels", []):
-        floor = floors.get(row["seed"], {}).get(channel["name"])
-        if floor is not None and floor < (1.0 - NOTICED) * channel["before"]:
-            return True
-    return False
+def load(files: Iterable[str]) -> list[Json]:
+    """Judged lines; the last of each case counts."""
+    lines = [json.loads(line) for file in files for line in Path(file).read_text().splitlines()]
+    return [judged(line) for line in {line["case"]: line for line in lines}.values()]
 
 
-def table(path: Path) -> None:
-    """One row a term."""
-    rows = [json.loads(line) for line in path.read_text().splitlines()]
-    rows = list({(r["name"], r["seed"]): r for r in rows}.values())
-    floors = {
-        r["seed"]: {c["name"]: c["before"] for c in r.get("channels", [])}
-        for r in rows
-        if r["name"] == "none"
+def judged(line: Json) -> Json:
+    """A line with its word, its effects and its faults."""
+    found, key = line.get("found"), line.get("key")
+    if not found or not key:
+        return line | {"word": "crashed", "effects": [], "certain": False, "faults": [], "excess": {}}
+    return line | {
+        "word": judge(key, found),
+        "effects": list(by_effect(key, found)),
+        "certain": certain_and_wrong(key, found),
+        "faults": faults(found),
+        "excess": excess(found),
     }
-    by: dict[str, list[dict]] = collections.defaultdict(list)
-    for r in rows:
-        by[r["name"]].append(r)
-    print(
-        "| concealed | n | noticeable | " + " | ".join(WORDS)
-        + " | error of the number, median | in its interval | roads | held-out error before, after, floor | CPU s |"
-    )  # fmt: skip
-    print("|" + " --- |" * (len(WORDS) + 8))
-    inside_all: list[bool] = []
-    for name, group in sorted(by.items(), key=lambda kv: _order(kv[0])):
-        inside_all += _row(name, group, floors)
-    _bars(rows, floors, inside_all)
 
 
-def _row(name: str, group: list[dict], floors: dict[int, dict[str, float]]) -> list[bool]:
-    count = collections.Counter(r["word"] for r in group)
-    numbers = [p for r in group for p in r.get("parameters", [])]
-    error = [abs(p["value"] - p["truth"]) / max(abs(p["truth"]), 1e-9) for p in numbers]
-    inside = [p["low"] <= p["truth"] <= p["high"] for p in numbers]
-    places = [r["overlap"] for r in group if r.get("overlap") is not None and r["word"] in ("right", "extra")]
-    wanted = CHANNEL.get(name.partition("@")[0].split("+")[0], "battery_power")
-    fits = [
-        (c["before"], c["after"], floors[r["seed"]][wanted])
-        for r in group
-        for c in r.get("channels", [])
-        if c["name"] == wanted and wanted in floors.get(r["seed"], {})
-    ]
-    shown = ", ".join(f"{v:.3f}" for v in np.median(np.array(fits), axis=0)) if fits else ""
-    print(
-        f"| {name} | {len(group)} | {sum(noticeable(r, floors) for r in group)} | " + " | ".join(str(count[w] or "") for w in WORDS)
-        + f" | {f'{100 * np.median(error):.1f} %' if error else ''} | {f'{sum(inside)}/{len(inside)}' if inside else ''}"
-        + f" | {f'{np.mean(places):.2f}' if places else ''} | {shown} | {np.median([r.get('seconds', 0.0) for r in group]):.1f} |"
-    )  # fmt: skip
-    return inside
+def crowded(row: Json) -> bool:
+    """Three effects or more, or two on one road."""
+    return len(row["effects"]) > 2 or "together=road" in row["case"]
 
 
-def _order(name: str) -> int:
-    names = ["none", *TERMS, *OUTSIDE]
-    whole = name.partition("@")[0]
-    return (names.index(whole) if whole in names else len(names)) + len(names) * ("@" in name)
+def effects(rows: Iterable[Json]) -> Iterator[tuple[Json, Json]]:
+    """(row, effect) of the vocabulary."""
+    return ((r, e) for r in rows for e in r["effects"] if e["term"] not in OUTSIDE)
 
 
-def _bars(rows: list[dict], floors: dict[int, dict[str, float]], inside: list[bool]) -> None:
-    """The figures that are asked for."""
-    clean = [r for r in rows if r["name"] == "none"]
-    faulty = [r for r in rows if r["name"] != "none" and noticeable(r, floors)]
-    if clean:
-        alarms = sum(r["word"] != "right" for r in clean)
-        print(f"\nfalse alarms: {alarms} of {len(clean)} ({alarms / len(clean):.1%})")
-    if faulty:
-        named = sum(r["word"] in ("right", "extra") for r in faulty)
-        certain = sum(_certain_and_wrong(r) for r in faulty)
-        exact = sum(r["word"] == "right" for r in faulty)
-        print(f"of {len(faulty)} noticeable effects: named {named / len(faulty):.1%}, exactly so {exact / len(faulty):.1%}, "
-              f"certain and wrong {certain / len(faulty):.1%}")  # fmt: skip
-    print(f"intervals hold the truth: {sum(inside)} of {len(inside)}")
-
-
-def _certain_and_wrong(row: dict) -> bool:
-    """Whether any term is named that is not true and nothing beside it is left possible."""
-    truth = set(row["name"].partition("@")[0].split("+"))
-    named = zip(row.get("named", []), row.get("not_excluded", []), strict=True)
-    return any(
-        not n.startswith("unknown") and n not in truth and not truth & set(others) for n, others in named
+def bars(rows: list[Json]) -> None:
+    """What is asked for, beside what was reached."""
+    clean = [r for r in rows if not r.get("key", {}).get("terms", ["?"])]
+    wanted = [(r, e) for r, e in effects(rows) if e["share"] >= NOTICEABLE]
+    plain = [e for r, e in wanted if not crowded(r)]
+    dense = [e for r, e in wanted if crowded(r)]
+    concealing = [r for r in rows if r.get("key", {}).get("terms")]
+    outside = [r for r in concealing if set(r["key"]["terms"]) & set(OUTSIDE)]
+    numbers = [n for _, e in effects(rows) for n in e["numbers"]]
+    over = [v for r in rows if r.get("found", {}).get("verdict") == "found" for v in r["excess"].values()]
+    scoped = [e for r, e in wanted if "scope=" in r["case"] and e["told"] == "named"]
+    late = [e["late"] for e in scoped if e["late"] is not None]
+    unasked = [e for r, e in wanted if "scope=" not in r["case"] and e["told"] == "named"]
+    print("| | bar | reached |\n| --- | --- | --- |")
+    _bar("noticeable effects named", "at least 90 %", plain, lambda e: e["told"] == "named")
+    _bar("... undecided", "", plain, lambda e: e["told"] == "undecided")
+    _bar(
+        "noticeable effects named, three or more or two on a road",
+        "at least 75 %",
+        dense,
+        lambda e: e["told"] == "named",
     )
+    _bar("false alarms on clean recordings", "at most 2 %", clean, lambda r: r["word"] == "false alarm")
+    _bar("certain and wrong", "at most 2 %", concealing, lambda r: r["certain"])
+    _bar(
+        "effects outside the vocabulary: unknown, with what it follows",
+        "",
+        outside,
+        lambda r: r["word"] == "right",
+    )
+    _bar("intervals that hold the truth", "92 to 98 %", numbers, _inside)
+    _bar("after within 1.2 of the floor where found", "all", over, lambda v: v <= 1.2)
+    _bar("scope right, of scoped effects named", "at least 90 %", scoped, lambda e: e["scope"])
+    _bar("no scope claimed, of the others named", "", unasked, lambda e: e["scope"])
+    _bar("time of a change within 5 %", "", late, lambda v: v <= LATE)
+    _bar("no answer", "none", rows, lambda r: r["word"] == "crashed")
+    _bar("not a number, or on a bound", "none", rows, lambda r: bool(r["faults"]))
+    print(f"\nmedian seconds of CPU: record, import, diagnose {_seconds(rows)}")
 
 
-def confusion(path: Path) -> None:
-    """What was named for what was concealed."""
-    rows = [json.loads(line) for line in path.read_text().splitlines()]
-    rows = list({(r["name"], r["seed"]): r for r in rows}.values())
-    for name in sorted({r["name"] for r in rows}, key=_order):
-        said: collections.Counter[str] = collections.Counter()
-        for r in rows:
-            if r["name"] == name:
-                said[", ".join(sorted(r.get("named", [r["word"]]))) or "nothing"] += 1
-        print(f"| {name} | " + "; ".join(f"{k}: {v}" for k, v in said.most_common()) + " |")
+def _bar(name: str, bar: str, of: list[Any], holds: Callable[[Any], bool]) -> None:
+    count = sum(bool(holds(one)) for one in of)
+    print(f"| {name} | {bar} | {f'{count / len(of):.1%} ({count} of {len(of)})' if of else 'none seen'} |")
+
+
+def _seconds(rows: list[Json]) -> str:
+    whole = [r["seconds"] for r in rows if len(r.get("seconds", ())) == 3]
+    return ", ".join(f"{v:.1f}" for v in np.median(whole, axis=0)) if whole else ""
+
+
+def _inside(n: Json) -> bool:
+    return bool(n["low"] <= n["truth"] <= n["high"])
+
+
+def curves(rows: list[Json]) -> None:
+    """Detection of every term by the share of the error that it makes; undecided ones after a plus."""
+    heads = [f"{a:.0%} to {b:.0%}" for a, b in itertools.pairwise(SHARES)]
+    print("\nNamed (+ undecided) of how many, by the share of the error that the true term removes:\n")
+    print("| term | " + " | ".join(heads) + " |\n" + "| --- " * (len(heads) + 1) + "|")
+    by: dict[str, list[Json]] = collections.defaultdict(list)
+    for r in rows:
+        for e in r["effects"]:
+            by[e["term"]].append(e)
+    for term in [t for t in (*TERMS, *OUTSIDE) if t in by]:
+        print(f"| {term} | " + " | ".join(_cells(by[term])) + " |")
+    print("| all of the vocabulary | " + " | ".join(_cells([e for _, e in effects(rows)])) + " |")
+
+
+def _cells(told: list[Json]) -> Iterator[str]:
+    for low, high in itertools.pairwise(SHARES):
+        within = [e["told"] for e in told if low <= e["share"] < high]
+        open_end = within.count("undecided")
+        yield (
+            f"{within.count('named')}{f'+{open_end}' if open_end else ''} of {len(within)}" if within else ""
+        )
+
+
+def intervals(rows: list[Json]) -> None:
+    """Coverage and width by parameter."""
+    print("\n| parameter | n | median error | in its interval | half width over median error | roads |")
+    print("| --- " * 6 + "|")
+    by: dict[str, list[Json]] = collections.defaultdict(list)
+    places: dict[str, list[float]] = collections.defaultdict(list)
+    for _, e in effects(rows):
+        for n in e["numbers"]:
+            by[f"{e['term']}.{n['name']}"].append(n)
+        if e["overlap"] is not None:
+            places[e["term"]].append(e["overlap"])
+    for name in sorted(by):
+        _interval(name, by[name], places.get(name.split(".")[0], []))
+
+
+def _interval(name: str, numbers: list[Json], places: list[float]) -> None:
+    error = np.median([abs(n["value"] - n["truth"]) / n["size"] for n in numbers])
+    half = np.median([(n["high"] - n["low"]) / 2.0 / n["size"] for n in numbers])
+    inside = sum(map(_inside, numbers))
+    width = f"{half / error:.1f}" if error > 0 else ""
+    where = f"{np.mean(places):.2f}" if places else ""
+    print(f"| {name} | {len(numbers)} | {error:.1%} | {inside}/{len(numbers)} | {width} | {where} |")
+
+
+def words(title: str, rows: list[Json], kind: Callable[[Json], str | None]) -> None:
+    """Counts of words by some property of the cases."""
+    by: dict[str, list[Json]] = collections.defaultdict(list)
+    for r in rows:
+        name = kind(r)
+        if name is not None:
+            by[name].append(r)
+    if not by:
+        return
+    print(
+        f"\n| {title} | n | "
+        + " | ".join(WORDS)
+        + " | certain and wrong | after over floor, median, largest |"
+    )
+    print("| --- " * (len(WORDS) + 4) + "|")
+    for name, group in by.items():
+        count = collections.Counter(r["word"] for r in group)
+        cells = " | ".join(str(count[w] or "") for w in WORDS)
+        over = [v for r in group for v in r["excess"].values()]
+        shown = f"{np.median(over):.2f}, {max(over):.2f}" if over else ""
+        print(f"| {name} | {len(group)} | {cells} | {sum(r['certain'] for r in group) or ''} | {shown} |")
+
+
+def scopes(rows: list[Json]) -> None:
+    """Scoped effects by kind of scope and term."""
+    by: dict[str, list[Json]] = collections.defaultdict(list)
+    for r in rows:
+        if "scope=" in r["case"]:
+            kind = r["case"].split("scope=")[1].split(",")[0]
+            for e in r["effects"]:
+                by[f"{kind}: {e['term']}"].append(e)
+    if not by:
+        return
+    print(
+        "\n| scope | n | named | undecided | scope right | time of change within 5 % |\n" + "| --- " * 6 + "|"
+    )
+    for name in sorted(by):
+        told = [e["told"] for e in by[name]]
+        named = [e for e in by[name] if e["told"] == "named"]
+        late = [e["late"] for e in named if e["late"] is not None]
+        print(
+            f"| {name} | {len(told)} | {len(named)} | {told.count('undecided')} | {sum(bool(e['scope']) for e in named)} | "
+            f"{f'{sum(v <= LATE for v in late)} of {len(late)}' if late else ''} |"
+        )
+
+
+def confusion(rows: list[Json]) -> None:
+    """What was said of what was concealed, where that was not right."""
+    print("\nWhat went wrong:\n\n| case | word | said | oracle's shares |\n| --- | --- | --- | --- |")
+    for r in rows:
+        if r["word"] not in ("right", "undecided", "missed") or r["certain"] or r["faults"]:
+            said = "; ".join(_said(f) for f in r.get("found", {}).get("findings", [])) or r.get(
+                "error", "nothing"
+            )
+            shares = ", ".join(f"{e['share']:.2f}" for e in r["effects"])
+            word = r["word"] + (", certain and wrong" if r["certain"] else "")
+            last = said.strip().splitlines()[-1][:300]
+            print(f"| {r['case']} | {word} | {'; '.join([last, *r['faults']])} | {shares} |")
+
+
+def _said(finding: Json) -> str:
+    name: str = finding["term"]
+    if name == "unknown":
+        name = f"unknown({','.join(finding['depends_on'])})"
+    return name + (f" or {'/'.join(finding['not_excluded'])}" if finding["not_excluded"] else "")
+
+
+def _family(row: Json) -> str:
+    return row["family"] or "single"
+
+
+def _of(name: str, families: tuple[str, ...]) -> Callable[[Json], str | None]:
+    return lambda row: row.get("key", {}).get(name) if row["family"] in families else None
 
 
 def main() -> None:
     """See the module's own words."""
-    path = Path(sys.argv[1])
-    if len(sys.argv) > 3:
-        names = sys.argv[4:] or ["none", *TERMS, *OUTSIDE]
-        for seed in range(int(sys.argv[2]), int(sys.argv[3])):
-            for name in names:
-                line = json.dumps(one(name, seed, path.parent / "recordings"))
-                with path.open("a") as out:
-                    out.write(line + "\n")
-    table(path)
-    confusion(path)
+    rows = load(sys.argv[1:])
+    bars(rows)
+    words("family", rows, _family)
+    curves(rows)
+    intervals(rows)
+    scopes(rows)
+    words("clean, logger", rows, _of("logger", ("clean",)))
+    words("clean, site", rows, _of("site", ("clean",)))
+    words("one term, logger", rows, _of("logger", ("loggers",)))
+    words("one term, site", rows, _of("site", ("sites",)))
+    confusion(rows)
 
 
 if __name__ == "__main__":

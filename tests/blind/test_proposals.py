@@ -15,7 +15,7 @@ SEEDS = {"warm_up": 61, "hour": 62, "low_charge": 63, "laden_fast": 64}
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SEEDS)
 def test_an_expression_is_proposed(name: str, tmp_path: Path) -> None:
-    record(name, SEEDS[name], tmp_path)
+    record(f"{name},seed={SEEDS[name]}", tmp_path)
     found = diagnosed(tmp_path, "nothing")
     assert found["verdict"] == "unknown"
     first = found["findings"][0]

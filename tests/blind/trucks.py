@@ -49,7 +49,14 @@ class Truck:
         )
 
 
-TOLERANCE = {"mass": 0.06, "rolling": 0.1, "efficiency": 0.04, "regeneration": 0.15, "power": 0.1, "lift": 0.06}
+TOLERANCE = {
+    "mass": 0.06,
+    "rolling": 0.1,
+    "efficiency": 0.04,
+    "regeneration": 0.15,
+    "power": 0.1,
+    "lift": 0.06,
+}
 """Share by which a truck may differ from its file without that being a finding."""
 
 
