@@ -162,8 +162,17 @@ def wrong_truck(seed: int) -> Iterator[Case]:
             yield Case((str(term),), wrong=wrong, seed=seed)
 
 
+def traffic(seed: int) -> Iterator[Case]:
+    """Fleets of 4 to 20 trucks in one another's way: clean, with every effect on speed, and with two on power."""
+    rng = np.random.default_rng([seed, 11])
+    fleet = Case(site="grid", seed=seed, vehicles=int(rng.integers(4, 21)), hours=1.0)
+    yield fleet
+    for term in (*SPEED, *map(str, rng.choice(POWER, 2, replace=False))):
+        yield replace(fleet, terms=(term,))
+
+
 FAMILIES: dict[str, Callable[[int], Iterator[Case]]] = {
-    f.__name__: f for f in (clean, ladders, mixtures, loggers, sites, scopes, wrong_truck)
+    f.__name__: f for f in (clean, ladders, mixtures, loggers, sites, scopes, wrong_truck, traffic)
 }
 
 

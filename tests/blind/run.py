@@ -2,7 +2,8 @@
 
     python run.py OUT.jsonl FAMILY|CASE ... [--seeds 4000..4004] [--jobs 2] [--keep FOLDER]
 
-FAMILY is ``all`` or one of clean, ladders, mixtures, loggers, sites, scopes, wrong_truck; a CASE is written as in cases.py.
+FAMILY is one of clean, ladders, mixtures, loggers, sites, scopes, wrong_truck and traffic (by SUMO), or ``all`` but traffic;
+a CASE is written as in cases.py.
 Cases that OUT.jsonl holds are not run again.  ``table.py`` judges the lines, so that a change of the rules needs no new run.
 """
 
@@ -25,8 +26,9 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 import itertools
 
+import recorder
+import traffic
 from cases import FAMILIES, Case, family
-from recorder import record
 
 from fleetlog.cli.main import cli as fleetlog
 from fleetlog.errors import FleetlogError
@@ -38,6 +40,7 @@ def run(case: Case, folder: Path) -> dict[str, Any]:
     clock = [time.process_time()]
     try:
         done = folder / "key.json"
+        record = traffic.record if case.site == "grid" else recorder.record
         out["key"] = json.loads(done.read_text()) if done.exists() else record(case, folder)
         clock.append(time.process_time())
         site = [] if case.site == "none" else ["--site", str(folder / "site.toml")]
@@ -76,7 +79,7 @@ def _words(error: BaseException) -> str:
 def chosen(names: list[str], seeds: range) -> list[Case]:
     """Cases by family or by their own names."""
     out: list[Case] = []
-    for name in list(FAMILIES) if names == ["all"] else names:
+    for name in [f for f in FAMILIES if f != "traffic"] if names == ["all"] else names:
         if name in FAMILIES:
             out += family(name, seeds)
         else:

@@ -140,6 +140,15 @@ def lateness(key: Json, effect: Json, finding: Json) -> float | None:
     return max(off) if off else None
 
 
+def congestion(key: Json, found: Json) -> Json | None:
+    """Share of travel time lost to others, true and told; None where the key has none."""
+    if "congestion" not in key:
+        return None
+    told = [f for f in found["findings"] if f["term"] == "congestion"]
+    shares = [p for f in told for p in f["parameters"] if "share" in p["name"] or p["unit"] == "1"]
+    return {"truth": key["congestion"]["share"], "told": shares[0]["value"] if shares else None}
+
+
 def faults(found: Json) -> list[str]:
     """What no diagnosis may hold: numbers that are none, estimates on their bounds, errors that grew."""
     out = [f"not a number: {'.'.join(path)}" for path, value in _leaves(found) if _not_finite(value)]

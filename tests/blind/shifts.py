@@ -95,13 +95,21 @@ def _stand(before: Piece, ticks: int) -> Piece:
 
 
 def _lift(before: Piece, rng: np.random.Generator) -> Piece:
-    """The stop after a trip: up, a pause, down."""
-    height = float(rng.uniform(0.3, 3.4))
-    rest = [np.zeros(int(rng.uniform(4, 15) * HZ)) for _ in range(3)]
-    up, down = np.full(int(height / 0.35 * HZ), 0.35), np.full(int(height / 0.45 * HZ), -0.45)
-    rate = np.concatenate([rest[0], up, rest[1], down, rest[2]])
+    """The stop after a trip."""
+    rate = lifting(0, rng)
     out = _stand(before, len(rate))
     return out | {"lift": rate, "height": np.maximum(np.cumsum(rate) / HZ, 0.0)}
+
+
+def lifting(ticks: int, rng: np.random.Generator) -> np.ndarray:
+    """Vertical speed of the forks: up, a pause, down; within ``ticks`` where that is more than none."""
+    height = float(rng.uniform(0.3, 3.4))
+    rest = [int(rng.uniform(4, 15) * HZ) for _ in range(3)]
+    if ticks:
+        rest = [max(ticks // 8, 1)] * 3
+        height = min(height, 0.18 * (ticks - sum(rest)) / HZ)
+    up, down = np.full(int(height / 0.35 * HZ), 0.35), np.full(int(height / 0.45 * HZ), -0.45)
+    return np.concatenate([np.zeros(rest[0]), up, np.zeros(rest[1]), down, np.zeros(rest[2])])
 
 
 def _charge(before: Piece, how: str) -> Piece:

@@ -116,6 +116,11 @@ class Site:
         first, second = np.nonzero(follows)
         return begin, finish, first, second
 
+    def dead_ends(self) -> bool:
+        """Whether any road leads where no truck gets on without turning back."""
+        begin, _, first, _ = self._turns
+        return bool((begin[np.setdiff1d(np.arange(len(begin)), first)] >= 0).any())
+
     def route(self, start: int, goal: int, rng: np.random.Generator) -> list[tuple[int, int]]:
         """(road, +1 or -1) from junction to junction; drivers do not all take the shortest way.  Empty: no way."""
         begin, finish, first, second = self._turns

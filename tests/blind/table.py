@@ -15,10 +15,12 @@ from typing import Any
 
 import numpy as np
 from effects import OUTSIDE, TERMS
-from score import LATE, Json, by_effect, certain_and_wrong, excess, faults, judge
+from score import LATE, Json, by_effect, certain_and_wrong, congestion, excess, faults, judge
 
 NOTICEABLE = 0.1
 """Share of the held-out error that the true term removes where an effect must be named."""
+MUCH = 0.02
+"""Share of travel time lost to others that must be reported."""
 SHARES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 WORDS = ("right", "undecided", "extra", "partly", "missed", "wrong", "false alarm", "crashed")
 
@@ -38,6 +40,7 @@ def judged(line: Json) -> Json:
         "word": judge(key, found),
         "effects": list(by_effect(key, found)),
         "certain": certain_and_wrong(key, found),
+        "congestion": congestion(key, found),
         "faults": faults(found),
         "excess": excess(found),
     }
@@ -88,6 +91,8 @@ def bars(rows: list[Json]) -> None:
     _bar("scope right, of scoped effects named", "at least 90 %", scoped, lambda e: e["scope"])
     _bar("no scope claimed, of the others named", "", unasked, lambda e: e["scope"])
     _bar("time of a change within 5 %", "", late, lambda v: v <= LATE)
+    shares = [r["congestion"] for r in rows if r.get("congestion") and r["congestion"]["truth"] >= MUCH]
+    _bar("share of congestion within a quarter, where 2 % or more", "all", shares, _share_right)
     _bar("no answer", "none", rows, lambda r: r["word"] == "crashed")
     _bar("not a number, or on a bound", "none", rows, lambda r: bool(r["faults"]))
     print(f"\nmedian seconds of CPU: record, import, diagnose {_seconds(rows)}")
@@ -96,6 +101,10 @@ def bars(rows: list[Json]) -> None:
 def _bar(name: str, bar: str, of: list[Any], holds: Callable[[Any], bool]) -> None:
     count = sum(bool(holds(one)) for one in of)
     print(f"| {name} | {bar} | {f'{count / len(of):.1%} ({count} of {len(of)})' if of else 'none seen'} |")
+
+
+def _share_right(c: Json) -> bool:
+    return c["told"] is not None and abs(c["told"] - c["truth"]) <= 0.25 * c["truth"]
 
 
 def _seconds(rows: list[Json]) -> str:
