@@ -1,6 +1,7 @@
-"""Cases of the benchmark: what is concealed in which recording of which site by which logger; lists of them by family.
+"""Cases of the benchmark: what is concealed, on which site, by which logger; lists of cases by family.
 
-A case is written as ``TERM+TERM@STRENGTH,key=value,...``, for example ``grade+wind@0.5,site=ring,logger=uneven,seed=7``.
+A case is written as ``TERM+TERM@STRENGTH,key=value,...``, for example
+``grade+wind@0.5,site=ring,logger=uneven,seed=7``.
 """
 
 from __future__ import annotations
@@ -163,7 +164,7 @@ def wrong_truck(seed: int) -> Iterator[Case]:
 
 
 def traffic(seed: int) -> Iterator[Case]:
-    """Fleets of 4 to 20 trucks in one another's way: clean, with every effect on speed, and with two on power."""
+    """Fleets of 4 to 20 trucks in traffic: clean, with each effect on speed, and with two on power."""
     rng = np.random.default_rng([seed, 11])
     fleet = Case(site="grid", seed=seed, vehicles=int(rng.integers(4, 21)), hours=1.0)
     yield fleet

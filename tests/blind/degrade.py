@@ -1,6 +1,8 @@
 """Poorer versions of a recording that was not made here: what a fleet may lack.
 
-python degrade.py FOLDER [LACK ...]       FOLDER holds recorded.csv.gz, site.toml, truck.toml; prints what is diagnosed
+    python degrade.py FOLDER [LACK ...]
+
+FOLDER holds recorded.csv.gz, site.toml and truck.toml; what is diagnosed is printed.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ COLUMNS = {"load": ["payload", "fork_height"], "power": ["battery_power"]}
 
 
 def degrade(recorded: Path, lack: str, out: Path) -> None:
-    """Write ``recorded`` (csv.gz) without what it lacks to ``out`` (csv); a missing network is a matter of the import."""
+    """Write ``recorded`` (csv.gz) without what it lacks to ``out`` (csv); the import drops the network."""
     log = pl.read_csv(recorded, infer_schema=False).drop(COLUMNS.get(lack, []))
     if lack == "rows":
         log = log.filter(pl.int_range(pl.len()).over("vehicle_id") % 5 == 0)

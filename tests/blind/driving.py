@@ -1,4 +1,4 @@
-"""Drivers: how fast a path is driven.  They look ahead, steer their acceleration with limited jerk, and differ."""
+"""Drivers: how fast a path is driven.  They look ahead, limit their jerk, and differ."""
 
 from __future__ import annotations
 
@@ -89,7 +89,8 @@ def hindered(cap: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def drive(path: Path, how: Manner) -> tuple[np.ndarray, np.ndarray]:
     """Speed [m/s] and distance along the path [m] at every tick."""
-    return _advance(how.cap, path.step, how.up, how.down, how.stop, how.seconds)  # type: ignore[no-any-return]
+    speed, distance = _advance(how.cap, path.step, how.up, how.down, how.stop, how.seconds)
+    return speed, distance
 
 
 def passed(path: Path, distance: np.ndarray, every: float) -> np.ndarray:

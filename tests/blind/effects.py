@@ -172,11 +172,14 @@ _SIZES: dict[str, Callable[[Draw], dict[str, float]]] = {
     "mass": lambda d: {"mass": d.truck.mass * d.either(d.u(0.14, 0.3), d.u(0.14, 0.25))},
     "drivetrain_efficiency": lambda d: {"efficiency": d.truck.efficiency * (1.0 - d.by(0.08, 0.16))},
     "regeneration": lambda d: {
-        "regeneration": d.truck.regeneration + d.strength * (d.u(0.15, 0.3) if d.sign > 0 else -0.6 * d.truck.regeneration)
+        "regeneration": d.truck.regeneration
+        + d.strength * (d.u(0.15, 0.3) if d.sign > 0 else -0.6 * d.truck.regeneration)
     },
     "copper_loss": lambda d: {"coefficient": d.by(1.2e-4, 3e-4)},
     "lift_efficiency": lambda d: {"efficiency": d.truck.lift * (1.0 - d.by(0.3, 0.5))},
-    "auxiliary_load": lambda d: {"power": d.truck.power + d.strength * (d.u(180, 450) if d.sign > 0 else -0.5 * d.truck.power)},
+    "auxiliary_load": lambda d: {
+        "power": d.truck.power + d.strength * (d.u(180, 450) if d.sign > 0 else -0.5 * d.truck.power)
+    },
     "enabled_load": lambda d: {"power": d.by(200, 450), "seconds": d.u(4, 20)},
     "thermal_load": lambda d: {"heating": d.by(30, 70), "threshold": d.u(8, 16)},
     "battery_resistance": lambda d: {"resistance": d.by(0.012, 0.03)},

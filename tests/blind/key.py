@@ -1,4 +1,4 @@
-"""The key of a recording: what is concealed, where, whom and since when, and what the best model could know of it."""
+"""The key of a recording: what is concealed, where, in whom, since when, and what could be known of it."""
 
 from __future__ import annotations
 

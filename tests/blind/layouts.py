@@ -1,4 +1,4 @@
-"""Layouts of sites, each drawn from a seed: a plant, a corridor, a ring of one-way roads, dense aisles, a yard."""
+"""Layouts of sites, drawn from a seed: a plant, a corridor, a ring of one-way roads, dense aisles, a yard."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 @dataclass
 class Layout:
-    """Junctions ``xy`` (n, 2) [m], roads ``ends`` (m, 2), sideways bow ``curve`` (m,) [m], ``limit`` (m,) [m/s]."""
+    """Junctions ``xy`` (n, 2) [m]; roads ``ends`` (m, 2), their bow ``curve`` [m], ``limit`` [m/s]."""
 
     xy: np.ndarray
     ends: np.ndarray

@@ -96,7 +96,7 @@ def moments(count: int, logger: Logger, rng: np.random.Generator) -> np.ndarray:
 
 
 def reported_power(power: np.ndarray, ticks: np.ndarray, logger: Logger, average: float = 0.0) -> np.ndarray:
-    """Power as the logger puts it beside its rows, before noise and rounding; ``average``: mean of so many seconds."""
+    """Power as the logger puts it beside its rows, before noise; ``average``: mean of so many seconds."""
     width = max(int(min(1.0, logger.interval) * HZ), 1)
     at = ticks - logger.offset * HZ
     if average:

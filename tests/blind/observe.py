@@ -28,7 +28,7 @@ from world import World
 
 @dataclass
 class Seen:
-    """Energy of one truck-day by windows [J]: as logged, and by models; one set of arrays for each channel."""
+    """Energy of one truck-day by windows [J]: as logged, and by models; by channel."""
 
     vehicle: int
     logged: dict[str, np.ndarray] = field(default_factory=dict)

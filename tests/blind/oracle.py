@@ -1,8 +1,9 @@
 """What the best model could know: the share of the error that each true term removes.
 
-The oracle has the generator's own balance, the true motion but for what smoothing leaves of the noise of the speed, the loads as
-weighed, the truck file, and one adjustment within its tolerance for each number of each truck.  Its error with every true term is the noise floor; its error without a term tells what
-that term is worth.  Travel times are those of a nominal driver beside drivers who differ and are held up.
+The oracle has the generator's own balance, the true motion but for what smoothing leaves of the noise of the
+speed, the loads as weighed, the truck file, and one adjustment within its tolerance for each number of each
+truck.  Its error with every true term is the noise floor; its error without a term tells what that term is
+worth.  Travel times are those of a nominal driver beside drivers who differ and are held up.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Driven paths: corners are arcs a little wider than the truck's turning circle, blurred as steering takes time."""
+"""Driven paths: corners are arcs a little wider than the turning circle, blurred as steering takes time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STEP = 0.1
 
 @dataclass
 class Path:
-    """Arrays every ``STEP`` metres: position, way between points, heading, curvature, road and direction along it."""
+    """Arrays every ``STEP`` metres: position, way to the next, heading, curvature, road, direction."""
 
     x: np.ndarray
     y: np.ndarray

@@ -1,4 +1,7 @@
-"""The force balance of the recorded trucks, in which effects shift coefficients.  Nothing of fleetlog is used here."""
+"""The force balance of the recorded trucks, in which effects shift coefficients.
+
+Nothing of fleetlog is used here.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,7 @@ def balance(
     *,
     weighed: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(terminal, cell) power at every tick [W], charging left out; with loads as weighed: what a log can tell.
+    """(terminal, cell) power at every tick [W] without charging; ``weighed``: with the loads that a log has.
 
     A truck keeps its deviation from its ``kind`` (itself by default), from whose numbers effects were drawn.
     """
@@ -146,6 +149,15 @@ def _draining(c: dict[str, Any], e: Effect, weight: Any, m: Motion) -> None:
     c["factor"] = c["factor"] + weight * e.parameters["share"] * since**2
 
 
+def _rushing(e: Effect, m: Motion) -> np.ndarray:
+    return e.parameters["power"] * (m.load > 800) * np.clip(m.v - 2.2, 0, 1.5)
+
+
+def _blowing(c: dict[str, Any], e: Effect, weight: Any, m: Motion) -> None:
+    for name in ("east", "north"):
+        _toward(name, f"wind_{name}")(c, e, weight, m)
+
+
 def _crossing(e: Effect, m: Motion) -> np.ndarray:
     return e.parameters["force"] * np.cos(2.0 * (m.heading - e.parameters["angle"]))
 
@@ -166,11 +178,11 @@ _SHIFTS: dict[str, Shift] = {
     "viscous_drag": _toward("viscous", "coefficient"),
     "surface_resistance": _times("rolling"),
     "grade": _adds("slope", lambda e, m: np.sin(np.arctan(e.hill().slope(m.x, m.y, m.heading)))),
-    "wind": lambda c, e, w, m: (_toward("east", "wind_east")(c, e, w, m), _toward("north", "wind_north")(c, e, w, m))[0],
+    "wind": _blowing,
     "thermal_load": _adds("load", _heating),
     "enabled_load": _adds("load", _enabled),
     "hour": _adds("load", _hour),
-    "laden_fast": _adds("load", lambda e, m: e.parameters["power"] * (m.load > 800) * np.clip(m.v - 2.2, 0, 1.5)),
+    "laden_fast": _adds("load", _rushing),
     "odd_vehicle": _adds("force", lambda e, m: e.parameters["force"]),
     "slow_drag": _adds("force", lambda e, m: e.parameters["force"] * (m.v < e.parameters["below"])),
     "cross_heading": _adds("force", _crossing),

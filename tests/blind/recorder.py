@@ -1,7 +1,8 @@
-"""A recorder for blind tests: trucks and drivers on a site at 20 Hz, seen through a logger, with a key beside the log.
+"""A recorder for blind tests: trucks and drivers on a site at 20 Hz, seen through a logger, and a key.
 
-It shares no code with the model that it tests: another integrator, another rounding of corners, drivers who differ and are
-slowed by others at random, loads that are mis-weighed, trucks that differ, power that is filtered and noisy.
+It shares no code with the model that it tests: another integrator, another rounding of corners, drivers
+who differ and are slowed by others at random, loads that are mis-weighed, trucks that differ, power that is
+filtered and noisy.
 
     python recorder.py CASE FOLDER        for CASE see cases.py
 """

@@ -2,9 +2,9 @@
 
     python run.py OUT.jsonl FAMILY|CASE ... [--seeds 4000..4004] [--jobs 2] [--keep FOLDER]
 
-FAMILY is one of clean, ladders, mixtures, loggers, sites, scopes, wrong_truck and traffic (by SUMO), or ``all`` but traffic;
-a CASE is written as in cases.py.
-Cases that OUT.jsonl holds are not run again.  ``table.py`` judges the lines, so that a change of the rules needs no new run.
+FAMILY is one of clean, ladders, mixtures, loggers, sites, scopes, wrong_truck and traffic (by SUMO), or
+``all`` but traffic; a CASE is written as in cases.py.  Cases that OUT.jsonl holds are not run again.
+``table.py`` judges the lines, so that a change of the rules needs no new run.
 """
 
 from __future__ import annotations

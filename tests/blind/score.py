@@ -1,7 +1,9 @@
 """Judge a diagnosis (format version 1 or 2) against the key of its recording.
 
-right        exactly the terms of the key are named (effects outside the vocabulary: unknown, following the right variable)
-undecided    the true term is among ``not_excluded`` of what was named, or something is ``unknown`` where a term was true
+right        exactly the terms of the key are named (of effects outside the vocabulary: unknown, and it
+             follows the right variable)
+undecided    the true term is among ``not_excluded`` of what was named, or something is ``unknown`` where a
+             term was true
 missed       nothing was found where something is
 extra        the true terms are named, and another one too
 partly       some of the true terms are named, others not
@@ -120,7 +122,7 @@ def overlap(effect: Json, finding: Json) -> float | None:
 
 
 def scope_right(effect: Json, finding: Json) -> bool:
-    """Whether the finding tells of the right trucks, and of a change in time where there is one and nowhere else."""
+    """Whether the finding tells of the right trucks, and of a change in time only where one is."""
     said, true = finding.get("scope") or {}, effect["scope"]
     if _set(said.get("vehicles")) != _set(true["vehicles"]):
         return False

@@ -1,4 +1,4 @@
-"""What one truck does on one day: trips with and without a load, lifting at their ends, charging now and then."""
+"""What one truck does on one day: trips with and without a load, lifting after each, charging at times."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def lifting(ticks: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _charge(before: Piece, how: str) -> Piece:
-    """Twenty minutes at a charger, or two for a fresh battery, which is marked by one value that is not a number."""
+    """Twenty minutes at a charger, or two for a fresh battery, which one value that is no number marks."""
     out = _stand(before, (120 if how == "swap" else 1200) * HZ)
     out["charge"][60 * HZ :] = 0.0 if how == "swap" else CHARGER
     if how == "swap":

@@ -47,7 +47,7 @@ class Hill:
 
 @dataclass
 class Site:
-    """Junctions ``xy`` (n, 2), roads ``ends`` (m, 2), sideways bow ``curve`` [m], ``limit`` [m/s], ``oneway``."""
+    """A layout with its names, ways and map."""
 
     kind: str
     layout: Layout
@@ -106,7 +106,7 @@ class Site:
 
     @cached_property
     def _turns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Directed roads (begin, end junction) and the pairs of them that follow each other without a sharp corner."""
+        """Directed roads (begin, end junction), and the pairs of them that meet without a sharp corner."""
         ends = self.layout.ends
         begin = np.concatenate([ends[:, 0], np.where(self.layout.oneway, -1, ends[:, 1])])
         finish = np.concatenate([ends[:, 1], np.where(self.layout.oneway, -2, ends[:, 0])])
@@ -122,7 +122,7 @@ class Site:
         return bool((begin[np.setdiff1d(np.arange(len(begin)), first)] >= 0).any())
 
     def route(self, start: int, goal: int, rng: np.random.Generator) -> list[tuple[int, int]]:
-        """(road, +1 or -1) from junction to junction; drivers do not all take the shortest way.  Empty: no way."""
+        """(road, +1 or -1) from junction to junction, not always the shortest way.  Empty: no way."""
         begin, finish, first, second = self._turns
         cost = np.tile(self.length * rng.uniform(0.7, 1.6, self.roads), 2)
         graph = csr_matrix((cost[second], (first, second)), shape=(len(begin), len(begin)))

@@ -1,6 +1,7 @@
 """Trucks among each other on a grid of roads: the network, the missions and the runs of SUMO.
 
-Car following, right of way and imperfect drivers are SUMO's; trips end in bays beside the road.  Nothing of fleetlog is used here.
+Car following, right of way and imperfect drivers are SUMO's; trips end in bays beside the road.  Nothing of
+fleetlog is used here.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ IMPERFECT = 0.25
 
 @dataclass
 class Mission:
-    """A truck's day: directed roads in order, and for each stop its place in that order, its seconds and the load after it."""
+    """A truck's day: directed roads in order; of each stop its place there, seconds and load after."""
 
     way: list[tuple[int, int]]
     stops: list[int]
@@ -153,13 +154,15 @@ def write_missions(
     about = f'length="2.6" minGap="1.2" maxSpeed="5" tau="1.2" sigma="{sigma}"'
     kinds, trucks = [], []
     for number, m in missions:
-        pace = f'accel="{up:.4f}" decel="{truck.deceleration}" emergencyDecel="4" speedFactor="{truck.speed_factor * m.pace:.4f}"'
+        pace = f'accel="{up:.4f}" decel="{truck.deceleration}" emergencyDecel="4" '
+        pace += f'speedFactor="{truck.speed_factor * m.pace:.4f}"'
         kinds.append(f'<vType id="k{number}" speedDev="0" {about} {pace}/>')
         names = " ".join(edge(*leg) for leg in m.way)
         stops = "".join(_stops(m, site, effects))
         place = f'departPos="{BAY * site.length[m.way[0][0]]:.1f}" departSpeed="0"'
         trucks.append(
-            f'<vehicle id="T{number + 1}" type="k{number}" depart="{number * 2.0}" {place}><route edges="{names}"/>{stops}</vehicle>'
+            f'<vehicle id="T{number + 1}" type="k{number}" depart="{number * 2.0}" {place}>'
+            f'<route edges="{names}"/>{stops}</vehicle>'
         )
     file.write_text(f"<routes>{''.join(kinds)}{''.join(trucks)}</routes>")
 
@@ -177,13 +180,14 @@ def _stops(m: Mission, site: Site, effects: Sequence[Effect]) -> Iterable[str]:
                 yield f'<stop edge="{edge(road, sense)}" endPos="{at:.1f}" duration="{seconds:.1f}"/>'
         if k in bays:
             at = BAY * site.length[road]
-            yield f'<stop edge="{edge(road, sense)}" endPos="{at:.1f}" duration="{bays[k]:.1f}" parking="true"/>'
+            where = f'edge="{edge(road, sense)}" endPos="{at:.1f}"'
+            yield f'<stop {where} duration="{bays[k]:.1f}" parking="true"/>'
 
 
 def run(
     network: Path, routes: Path, hours: float, seed: int, slow: dict[str, list[float]] | None = None
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Tracks of all trucks and the stops that they made; ``slow``: share of its speed that a truck drives on each trip."""
+    """Tracks and stops of all trucks; ``slow``: share of its speed that a truck drives on each trip."""
     folder = routes.parent
     tracks, stops = folder / "tracks.csv", folder / "stops.csv"
     call = [

@@ -204,7 +204,8 @@ def scopes(rows: list[Json]) -> None:
         named = [e for e in by[name] if e["told"] == "named"]
         late = [e["late"] for e in named if e["late"] is not None]
         print(
-            f"| {name} | {len(told)} | {len(named)} | {told.count('undecided')} | {sum(bool(e['scope']) for e in named)} | "
+            f"| {name} | {len(told)} | {len(named)} | {told.count('undecided')} | "
+            f"{sum(bool(e['scope']) for e in named)} | "
             f"{f'{sum(v <= LATE for v in late)} of {len(late)}' if late else ''} |"
         )
 

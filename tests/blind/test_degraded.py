@@ -1,4 +1,4 @@
-"""Poorer recordings: a clean one stays clean, a strong effect is found or left open, nothing is certain and wrong."""
+"""Poorer recordings: a clean one stays clean, a strong effect is found or left open, nothing is wrong."""
 
 from __future__ import annotations
 

@@ -141,9 +141,9 @@ def motion_of(w: World, track: Track, m: Mission, vehicle: int, rng: np.random.G
     rate *= v == 0
     zero = np.zeros(len(t))
     return Motion(
-        t=t + 5.0 * vehicle / HZ, v=v, x=x, y=y, heading=heading, bend=np.clip(bend, -0.5, 0.5), road=road, slope=zero,
-        load=loads[trip], weighed=(loads * wrong)[trip], lift=rate, height=np.maximum(np.cumsum(rate) / HZ, 0.0),
-        temperature=2.0 + 2.6 * t / 3600.0, charge=zero,
+        t=t + 5.0 * vehicle / HZ, v=v, x=x, y=y, heading=heading, bend=np.clip(bend, -0.5, 0.5), road=road,
+        slope=zero, load=loads[trip], weighed=(loads * wrong)[trip], lift=rate,
+        height=np.maximum(np.cumsum(rate) / HZ, 0.0), temperature=2.0 + 2.6 * t / 3600.0, charge=zero,
     )  # fmt: skip
 
 

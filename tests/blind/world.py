@@ -37,7 +37,7 @@ class World:
 
 
 def world(case: Case, given: list[Effect] | None = None) -> World:
-    """Draw site, truck type and effects from the seed of a case; ``given`` effects take the place of drawn ones."""
+    """Draw site, truck type and effects from the seed of a case; ``given`` effects replace drawn ones."""
     rng = np.random.default_rng(case.seed)
     site = Site.draw(case.site, rng)
     truck = truck_type(rng)
