@@ -53,7 +53,7 @@ def _effect(w: World, e: Effect, errors: dict[str, dict[str, float]]) -> dict[st
         "roads": w.site.names(list(places)) if e.term != "grade" else [],
         "extent": _extent(w, e, places),
         "follows": sorted(FOLLOWS.get(e.term, ())),
-        "accept": list(ACCEPTED.get(e.term, ())),
+        "accept": [*ACCEPTED.get(e.term, ()), *(["surface_resistance"] if s.roads else [])],
         "scope": {
             "vehicles": None if s.vehicles is None else [f"T{k + 1}" for k in s.vehicles],
             "from": None if s.begin is None or s.drift else time(s.begin),

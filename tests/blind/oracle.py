@@ -23,7 +23,7 @@ SHOWS = {
     "speed": ("speed",),
     "distance": ("distance",),
 }
-"""Where an effect on a channel can be seen."""
+"""Where an effect on a channel is seen; the first that the log has counts."""
 
 
 def channels(seen: Sequence[Seen], legs: Sequence[Legs]) -> dict[str, dict[str, float]]:
@@ -38,15 +38,13 @@ def channels(seen: Sequence[Seen], legs: Sequence[Legs]) -> dict[str, dict[str, 
 
 
 def share(effect: Effect, errors: dict[str, dict[str, float]]) -> dict[str, Any]:
-    """Channel that knows most of an effect, its error without and with it, and the share removed."""
-    best: dict[str, Any] = {"channel": None, "before": 0.0, "after": 0.0, "share": 0.0}
-    for name in SHOWS[effect.channel]:
-        by = errors.get(name, {"": 0.0})
-        before, after = by.get(effect.term, by[""]), by[""]
-        gain = 1.0 - after / before if before > 0 else 0.0
-        if gain > best["share"]:
-            best = {"channel": name, "before": before, "after": after, "share": gain}
-    return best
+    """Channel on which an effect is judged, its error without and with the effect, and the share removed."""
+    name = next((c for c in SHOWS[effect.channel] if c in errors), None)
+    if name is None:
+        return {"channel": None, "before": 0.0, "after": 0.0, "share": 0.0}
+    before, after = errors[name].get(effect.term, errors[name][""]), errors[name][""]
+    gain = max(1.0 - after / before, 0.0) if before > 0 else 0.0
+    return {"channel": name, "before": before, "after": after, "share": gain}
 
 
 def _energy_error(seen: Sequence[Seen], name: str, which: str) -> float:

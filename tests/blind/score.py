@@ -151,6 +151,18 @@ def congestion(key: Json, found: Json) -> Json | None:
     return {"truth": key["congestion"]["share"], "told": shares[0]["value"] if shares else None}
 
 
+def adjusted(key: Json, found: Json) -> list[bool]:
+    """Of every number that is wrong in the truck file: whether an adjustment says so, by value or by ratio."""
+    out = []
+    for wrong in key["adjustments"]:
+        mine = [
+            a for a in found.get("adjustments", []) if wrong["name"] in a["name"].replace(".", "_").split("_")
+        ]
+        truths = (wrong["value"], wrong["value"] / wrong["file"], wrong["value"] - wrong["file"])
+        out.append(any(a["low"] <= t <= a["high"] for a in mine for t in truths))
+    return out
+
+
 def faults(found: Json) -> list[str]:
     """What no diagnosis may hold: numbers that are none, estimates on their bounds, errors that grew."""
     out = [f"not a number: {'.'.join(path)}" for path, value in _leaves(found) if _not_finite(value)]
@@ -164,13 +176,14 @@ def faults(found: Json) -> list[str]:
 
 
 def excess(found: Json) -> dict[str, float]:
-    """Error of the written model over the noise floor, of the channels that have findings.
+    """Error of the written model over the noise floor, of the channels that have findings, or of all where none.
 
     The floor of version 1 is no estimate of the noise.
     """
     if found["format_version"] < 2:
         return {}
-    told = {f["channel"] for f in found["findings"]}
+    none = found["verdict"] == "none"
+    told = {c["name"] for c in found["channels"]} if none else {f["channel"] for f in found["findings"]}
     return {
         c["name"]: c["after"] / c["floor"]
         for c in found["channels"]

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from effects import OUTSIDE, TERMS
-from score import LATE, Json, by_effect, certain_and_wrong, congestion, excess, faults, judge
+from score import LATE, Json, adjusted, by_effect, certain_and_wrong, congestion, excess, faults, judge
 
 NOTICEABLE = 0.1
 """Share of the held-out error that the true term removes where an effect must be named."""
@@ -40,6 +40,7 @@ def judged(line: Json) -> Json:
         "word": judge(key, found),
         "effects": list(by_effect(key, found)),
         "certain": certain_and_wrong(key, found),
+        "adjusted": adjusted(key, found),
         "congestion": congestion(key, found),
         "faults": faults(found),
         "excess": excess(found),
@@ -93,6 +94,7 @@ def bars(rows: list[Json]) -> None:
     _bar("time of a change within 5 %", "", late, lambda v: v <= LATE)
     shares = [r["congestion"] for r in rows if r.get("congestion") and r["congestion"]["truth"] >= MUCH]
     _bar("share of congestion within a quarter, where 2 % or more", "all", shares, _share_right)
+    _bar("wrong truck files told as adjustments", "", [a for r in rows for a in r.get("adjusted", ())], bool)
     _bar("no answer", "none", rows, lambda r: r["word"] == "crashed")
     _bar("not a number, or on a bound", "none", rows, lambda r: bool(r["faults"]))
     print(f"\nmedian seconds of CPU: record, import, diagnose {_seconds(rows)}")

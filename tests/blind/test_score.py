@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from score import by_effect, certain_and_wrong, excess, faults, judge
+from score import adjusted, by_effect, certain_and_wrong, excess, faults, judge
 
 NOBODY = {"vehicles": None, "from": None, "until": None, "drift": False}
 
@@ -111,3 +111,17 @@ def test_the_floor_is_that_of_the_channels_with_findings() -> None:
     ]
     assert excess(document(finding("wind"), channels=channels)) == {"battery_power": pytest.approx(1.2)}
     assert excess(document(finding("wind"), channels=channels) | {"format_version": 1}) == {}
+    assert excess(document(channels=channels)) == {
+        "battery_power": pytest.approx(1.2),
+        "soc": pytest.approx(2.0),
+    }
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "right"), [(0.93, 0.97, True), (3700.0, 3900.0, True), (0.99, 1.01, False)]
+)
+def test_a_wrong_truck_file_is_told_as_an_adjustment(low: float, high: float, right: bool) -> None:
+    truth = key() | {"adjustments": [{"name": "mass", "value": 3800.0, "file": 4000.0}]}
+    said = [{"name": "chassis.mass", "vehicle": None, "value": (low + high) / 2.0, "low": low, "high": high}]
+    assert adjusted(truth, document(adjustments=said)) == [right]
+    assert adjusted(truth, document(adjustments=[])) == [False]

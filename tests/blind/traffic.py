@@ -31,7 +31,7 @@ from streets import BAY, IMPERFECT, STEP, Mission, grid, mission, run, write_mis
 from trucks import truck_type
 from world import World, conceal
 
-SIZES = ((4, 3), (4, 4), (5, 4), (6, 5))
+SIZES = ((3, 3), (4, 3), (4, 4), (5, 4), (6, 5))
 
 
 @dataclass
