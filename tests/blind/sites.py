@@ -105,7 +105,7 @@ class Site:
         return most
 
     @cached_property
-    def _turns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def turns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Directed roads (begin, end junction), and the pairs of them that meet without a sharp corner."""
         ends = self.layout.ends
         begin = np.concatenate([ends[:, 0], np.where(self.layout.oneway, -1, ends[:, 1])])
@@ -118,12 +118,12 @@ class Site:
 
     def dead_ends(self) -> bool:
         """Whether any road leads where no truck gets on without turning back."""
-        begin, _, first, _ = self._turns
+        begin, _, first, _ = self.turns
         return bool((begin[np.setdiff1d(np.arange(len(begin)), first)] >= 0).any())
 
     def route(self, start: int, goal: int, rng: np.random.Generator) -> list[tuple[int, int]]:
         """(road, +1 or -1) from junction to junction, not always the shortest way.  Empty: no way."""
-        begin, finish, first, second = self._turns
+        begin, finish, first, second = self.turns
         cost = np.tile(self.length * rng.uniform(0.7, 1.6, self.roads), 2)
         graph = csr_matrix((cost[second], (first, second)), shape=(len(begin), len(begin)))
         starts = np.flatnonzero(begin == start)

@@ -84,7 +84,7 @@ def _road(site: Site, state: int) -> tuple[int, int]:
 
 def _onward(site: Site, start: int, goal: int, rng: np.random.Generator) -> list[int]:
     """Directed roads from one to another, with those; empty where there is no way."""
-    begin, _, first, second = site._turns
+    begin, _, first, second = site.turns
     cost = np.tile(site.length * rng.uniform(0.7, 1.6, site.roads), 2)
     graph = csr_matrix((cost[second], (first, second)), shape=(len(begin), len(begin)))
     apart, came = dijkstra(graph, indices=start, return_predecessors=True)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 from cases import Case
+from judged import judged
 from run import run
-from table import judged
 
 
 @pytest.mark.slow
