@@ -90,7 +90,7 @@ def by_effect(key: Json, found: Json) -> Iterator[Json]:
             "term": effect["term"],
             "share": effect["oracle"]["share"],
             "told": "named" if mine else "undecided" if left_open else "missed",
-            "numbers": [n for f in mine[:1] for n in numbers(effect, f)],
+            "numbers": [n for f in mine[:1] if scope_right(effect, f) for n in numbers(effect, f)],
             "overlap": overlap(effect, mine[0]) if mine else None,
             "scope": scope_right(effect, mine[0]) if mine else None,
             "late": lateness(key, effect, mine[0]) if mine else None,

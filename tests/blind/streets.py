@@ -27,6 +27,8 @@ STEP = 0.2
 """Seconds a step of the simulation."""
 BAY = 0.6
 """Share of a road's length at which its bay is."""
+TIGHTEST = 1.33
+"""Measured: lateral acceleration where SUMO's turns are tightest, over the one that their speed is set by."""
 IMPERFECT = 0.25
 """SUMO's driver imperfection (sigma)."""
 
@@ -133,7 +135,7 @@ def write_network(site: Site, truck: Truck, effects: Sequence[Effect], folder: P
         "--no-turnarounds",
         "--offset.disable-normalization",
         "--junctions.limit-turn-speed",
-        f"{lateral:.4f}",
+        f"{lateral / TIGHTEST:.4f}",
     ]
     _quietly([binary("netconvert"), *map(str, files), *options])
     return out
