@@ -26,7 +26,8 @@ def columns() -> str:
     """The trajectory columns."""
     kinds = {"time": "timestamp[us, UTC]", "label": "string (dictionary)"}
     rows = [f"| `{c.name}` | {kinds.get(c.kind, c.kind)} | {c.unit} | {c.meaning} |" for c in COLUMNS]
-    head = "# The columns of a trajectory\n\nUnknown is null, never zero. Any further column of a log is kept under its own name.\n\n"
+    head = "# The columns of a trajectory\n\nUnknown is null, never zero. "
+    head += "Any further column of a log is kept under its own name.\n\n"
     return (
         MADE
         + head
@@ -40,9 +41,9 @@ def tables() -> str:
     """The tables beside the trajectories of a simulated dataset."""
     kinds = {"time": "timestamp[us, UTC]", "label": "string", "line": "list of double"}
     out = [
-        MADE
-        + "# The tables beside a simulation\n\nParquet files in the folder of a simulated dataset, named with their rows under"
-        " `tables` in `dataset.json`. An imported dataset has none. Unknown is null.\n"
+        MADE + "# The tables beside a simulation\n\nParquet files in the folder of a simulated dataset, "
+        "named with their rows under `tables` in `dataset.json`. "
+        "An imported dataset has none. Unknown is null.\n"
     ]
     for name, columns in TABLES.items():
         out.append(f"\n## {name}.parquet\n\n| column | type | unit | meaning |\n| --- | --- | --- | --- |")
@@ -57,7 +58,8 @@ def truck() -> str:
     out = [MADE + "# The keys of a truck file\n\nAll but `chassis.mass` have a default.\n"]
     for section, kind in SECTIONS.items():
         out.append(
-            f"\n## [{section}]\n\n{(kind.__doc__ or '').strip()}\n\n| key | default | unit | meaning |\n| --- | --- | --- | --- |"
+            f"\n## [{section}]\n\n{(kind.__doc__ or '').strip()}\n\n| key | default | unit | meaning |\n| "
+            "--- | --- | --- | --- |"
         )
         for f in fields(kind):
             default = "" if f.default is f.default_factory else f"{f.default:g}"
@@ -69,8 +71,8 @@ def truck() -> str:
 def terms() -> str:
     """The physics terms."""
     out = [
-        MADE
-        + "# Physics terms\n\nOne file a term in `fleetlog/physics/terms/`; a term of your own is one more file there.\n"
+        MADE + "# Physics terms\n\nOne file a term in `fleetlog/physics/terms/`; "
+        "a term of your own is one more file there.\n"
     ]
     for name, term in sorted(all_terms().items()):
         law = (

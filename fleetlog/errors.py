@@ -8,7 +8,8 @@
     ├── DataError                     the files are well formed, the data cannot carry the question
     └── OutputError                   the result cannot be written where it was asked for
 
-``UsageError`` of click (exit status 2) stays with the command line.  ``fleetlog.cli.main`` is the one place that
+``UsageError`` of click (exit status 2) stays with the command line.  ``fleetlog.cli.main`` is the one place
+that
 turns these into a line on standard error.
 """
 
@@ -19,6 +20,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 EXIT_DONE, EXIT_INPUT, EXIT_USAGE, EXIT_DAMAGED, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
+
+
+LONGEST = 500
+"""Characters of one part of a line: a place, or what is wrong."""
 
 
 class FleetlogError(Exception):
@@ -37,11 +42,20 @@ class FleetlogError(Exception):
         self.what, self.where, self.place, self.do = what, where, place, do
         super().__init__(self.line())
 
+    @property
+    def advice(self) -> str:
+        """What is wrong and what to do, without the place."""
+        return f"{_short(self.what)}; {self.do}" if self.do else _short(self.what)
+
     def line(self) -> str:
         """The whole message on one line: where, place: what; what to do."""
-        head = ", ".join(str(part) for part in (self.where, self.place) if part is not None)
-        text = f"{head}: {self.what}" if head else self.what
-        return " ".join((f"{text}; {self.do}" if self.do else text).split())
+        head = ", ".join(_short(str(part)) for part in (self.where, self.place) if part is not None)
+        return " ".join((f"{head}: {self.advice}" if head else self.advice).split())
+
+
+def _short(text: str) -> str:
+    """The text, or the beginning of one that some file made very long."""
+    return text if len(text) <= LONGEST else text[:LONGEST] + " ..."
 
 
 class InputError(FleetlogError):
@@ -68,15 +82,27 @@ class OutputError(FleetlogError):
     """The result cannot be written where it was asked for."""
 
 
+REPORT = "please report it, with the file if you may"
+"""What to do about a fault of fleetlog's own."""
 MOST_NAMED = 40
 """Known words that an error lists: all terms and kinds, not all roads of a town."""
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """``'did you mean X?'`` for the known word closest to ``word``, else the known ones, or the first of very many."""
+    """``'did you mean X?'`` for the known word closest to ``word``, else the known ones, or the first of
+    very many.
+    """
     names = sorted(known)
     close = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
     if close:
         return f"did you mean {close[0]!r}?"
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     return f"known are {', '.join(names[:MOST_NAMED])}{more}"
+
+
+def fault(part: str, error: Exception) -> str:
+    """What an error says of an exception that nobody thought of: the part it came from, its kind and its
+    text.
+    """
+    why = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+    return f"a fault in {part} ({why})"

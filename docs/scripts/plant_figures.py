@@ -1,6 +1,8 @@
-"""Figures of the pages on density, heat maps and chargers, from the sample plant: a recorded and a simulated fleet.
+"""Figures of the pages on density, heat maps and chargers: the sample plant, recorded and simulated.
 
-python docs/scripts/plant_figures.py        writes docs/figures/plant_*.png and prints the figures that the pages quote
+python docs/scripts/plant_figures.py
+
+writes docs/figures/plant_*.png and prints the figures that the pages quote.
 """
 
 from __future__ import annotations
@@ -28,8 +30,9 @@ def fleets(folder: Path) -> dict[str, Path]:
     logs = sorted(str(p) for p in (SAMPLE / "logs").iterdir())
     cli.main(["import", *logs, "--site", site, "-q", "-o", str(recorded)], standalone_mode=False)
     cli.main(
-        ["simulate", "--site", site, "--truck", str(SAMPLE / "truck.toml"), "--like", str(recorded), "--duration", "30m",
-         "--seed", "1", "--no-recording", "-q", "-o", str(simulated)], standalone_mode=False,
+        ["simulate", "--site", site, "--truck", str(SAMPLE / "truck.toml"), "--like", str(recorded),
+         "--duration", "30m", "--seed", "1", "--no-recording", "-q", "-o", str(simulated)],
+        standalone_mode=False,
     )  # fmt: skip
     return {"recorded": recorded, "simulated": simulated}
 

@@ -1,7 +1,7 @@
 """Where to charge: a ranking of road vertices by traffic, and at most k of them chosen as sites.
 
-The ranking is PageRank-like over observed moves; the choice is a p-median by default.  What is known of the method that
-inspired it, and what is our own, is told in docs/chargers.md.
+The ranking is PageRank-like over observed moves; the choice is a p-median by default.  What is known of the
+method that inspired it, and what is our own, is told in docs/chargers.md.
 """
 
 from __future__ import annotations
@@ -51,12 +51,15 @@ def chargers(
     ----------
     method : how sites are chosen from demand or rank.
     variant : how vertices are ranked.
-    demand : what a vertex weighs: standing time weighted by urgency of the charge, standing time, visits, the rank, or
-        load changes.  Where nothing is urgent it falls back to standing, then to visits, and says so.
-    metric : driving distance [m], driving time at the speed limits [s], or energy of the empty ``truck`` [Wh].
+    demand : what a vertex weighs: standing time weighted by urgency of the charge, standing time, visits, the
+        rank, or load changes.  Where nothing is urgent it falls back to standing, then to visits, and says
+        so.
+    metric : driving distance [m], driving time at the speed limits [s], or energy of the empty ``truck``
+        [Wh].
     shortest : the least standstill in which plugging in is worth it [s].
     spacing : least distance between sites for ``spaced``;  radius : reach of a site for ``cover`` [m].
-    forced, forbidden : vertex names (or ids of charging places of the site) that must, or must not, be chosen.
+    forced, forbidden : vertex names (or ids of charging places of the site) that must, or must not, be
+        chosen.
     keep_existing : the site's charging places are forced too; they count among the ``k``.
     capacity : largest share of the demand that one site may serve.
     trial : try the plan in the simulator, before against after.
@@ -68,8 +71,9 @@ def chargers(
         )
     existing = tuple(p.id for p in dataset.site.places if p.kind == "charge") if keep_existing else ()
     q = Question(
-        network, driving_costs(network, metric, truck), k, method, variant, demand, metric, spacing, radius, alpha,
-        _vertices(dataset, network, (*forced, *existing)), _vertices(dataset, network, forbidden), capacity,
+        network, driving_costs(network, metric, truck), k, method, variant, demand, metric, spacing, radius,
+        alpha, _vertices(dataset, network, (*forced, *existing)), _vertices(dataset, network, forbidden),
+        capacity,
     )  # fmt: skip
     units = read_units(dataset, network, shortest)
     if not any(u.visits for u in units):

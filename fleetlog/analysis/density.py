@@ -46,7 +46,8 @@ def density(
     speed : a cluster whose mean speed is under this is critical [m/s].
     step : of the common time grid [s].
     min_duration : shorter episodes are passed over [s].
-    include_standing : count trucks that are parked, charging or handling too; both ways are reported in any case.
+    include_standing : count trucks that are parked, charging or handling too; both ways are reported in any
+        case.
     """
     network = dataset.site.network
     if network is None:
@@ -98,8 +99,8 @@ def _span(dataset: Dataset) -> tuple[int, int]:
 def free_speeds(dataset: Dataset, network: Network) -> Floats:
     """(E,) speed of an undisturbed truck [m/s].
 
-    The 85th percentile of the speeds driven on the edge, but never far below what the fleet usually makes of a limit: a
-    road that is always jammed must not pass for a slow road.
+    The 85th percentile of the speeds driven on the edge, but never far below what the fleet usually makes of
+    a limit: a road that is always jammed must not pass for a slow road.
     """
     from fleetlog.store.trips import STANDING_SPEED
 
@@ -150,11 +151,14 @@ def _episode_table(fleet: Fleet, network: Network, found: list[Episode], s: Samp
         codes, counts = np.unique(s.edge[mine], return_counts=True)
         where = network.position(s.edge[mine], s.offset[mine])[:, :2].mean(axis=0)
         rows.append({
-            "episode": i + 1, "start": fleet.time[e.first], "end": fleet.time[e.last] + round(fleet.step * 1e6),
-            "duration": len(e.steps) * fleet.step, "max_size": max(len(m) for m in e.members), "min_mean_speed": min(e.speeds),
-            "vehicles": len(np.unique(s.truck[mine])), "members": ", ".join(fleet.vehicles[v] for v in np.unique(s.truck[mine])),
+            "episode": i + 1, "start": fleet.time[e.first],
+            "end": fleet.time[e.last] + round(fleet.step * 1e6), "duration": len(e.steps) * fleet.step,
+            "max_size": max(len(m) for m in e.members), "min_mean_speed": min(e.speeds),
+            "vehicles": len(np.unique(s.truck[mine])),
+            "members": ", ".join(fleet.vehicles[v] for v in np.unique(s.truck[mine])),
             "vehicle_seconds": float(mine.sum()) * fleet.step, "delay": float(s.delay[mine].sum()),
-            "edge_id": network.edge_ids[int(codes[counts.argmax()])], "x": where[0], "y": where[1], "born": e.born, "died": e.died,
+            "edge_id": network.edge_ids[int(codes[counts.argmax()])], "x": where[0], "y": where[1],
+            "born": e.born, "died": e.died,
         })  # fmt: skip
     table = pd.DataFrame(rows)
     for column in ("start", "end"):
@@ -187,10 +191,16 @@ def _task_table(dataset: Dataset, fleet: Fleet, s: Samples) -> pd.DataFrame:
 
 def _step_table(fleet: Fleet, c: Clusters, limit: float) -> pd.DataFrame:
     t, k = np.nonzero(c.size >= 2)
-    return pd.DataFrame({
-        "timestamp": pd.to_datetime(fleet.time[t], unit="us", utc=True), "cluster": k, "size": c.size[t, k],
-        "mean_speed": c.mean_speed[t, k], "slow_share": c.slow_share[t, k], "critical": c.mean_speed[t, k] < limit,
-    })  # fmt: skip
+    return pd.DataFrame(
+        {
+            "timestamp": pd.to_datetime(fleet.time[t], unit="us", utc=True),
+            "cluster": k,
+            "size": c.size[t, k],
+            "mean_speed": c.mean_speed[t, k],
+            "slow_share": c.slow_share[t, k],
+            "critical": c.mean_speed[t, k] < limit,
+        }
+    )
 
 
 def _shapes(
@@ -252,9 +262,11 @@ def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
     used = s["clusters"][s["used"]]
     other = s["clusters"]["all" if s["used"] == "moving_only" else "moving_only"]
     out = [
-        f"{s['vehicles']} trucks, {s['hours']:.2f} h: {s['episodes']} critical episodes, {s['delay_s']:.0f} s of delay",
+        f"{s['vehicles']} trucks, {s['hours']:.2f} h: {s['episodes']} critical episodes, "
+        f"{s['delay_s']:.0f} s of delay",
         f"  in critical clusters: {used['critical_vehicle_seconds']:.0f} truck-seconds "
-        f"({other['critical_vehicle_seconds']:.0f} when standing trucks are {'left out' if s['used'] == 'all' else 'counted too'}), "
+        f"({other['critical_vehicle_seconds']:.0f} when standing trucks are "
+        f"{'left out' if s['used'] == 'all' else 'counted too'}), "
         f"largest {used['largest']} trucks",
     ]
     for row in areas.head(5).itertuples():

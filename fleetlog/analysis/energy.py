@@ -1,4 +1,6 @@
-"""What every trip costs and why: energy by trip, vehicle, shift, hour, stretch of road and zone, with the ledger of terms."""
+"""What every trip costs and why: energy by trip, vehicle, shift, hour, stretch of road and zone,
+with the ledger of terms.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,7 @@ MANY_ROWS = 2_000_000
 MOST_POINTS = 2000
 """Of a curve over time."""
 COLUMNS = (
-    "x", "y", "z", "speed", "edge_id", "edge_offset", "trip_id", "payload", "fork_height",
+    "x", "y", "z", "speed", "edge_id", "edge_offset", "lateral_offset", "trip_id", "payload", "fork_height",
     "battery_power", "battery_voltage", "battery_current", "soc", "ambient_temperature",
 )  # fmt: skip
 
@@ -67,10 +69,14 @@ def energy(
     doubt = parameter_variance(physics)
     tables = {
         "trips": summed(segments, ["vehicle_id", "trip_id"], doubt),
-        "vehicles": summed(segments, ["vehicle_id"], doubt), "shifts": summed(segments, ["shift"], doubt),
-        "hours": summed(segments.assign(hour=pd.to_datetime(segments["hour"], unit="us", utc=True)), ["hour"], doubt),
-        "edges": stretch_table(books, dataset.site.network), "zones": zone_table(books, terms, dataset.site),
-    }  # fmt: skip
+        "vehicles": summed(segments, ["vehicle_id"], doubt),
+        "shifts": summed(segments, ["shift"], doubt),
+        "hours": summed(
+            segments.assign(hour=pd.to_datetime(segments["hour"], unit="us", utc=True)), ["hour"], doubt
+        ),
+        "edges": stretch_table(books, dataset.site.network),
+        "zones": zone_table(books, terms, dataset.site),
+    }
     whole = summed(segments.assign(all="all"), ["all"], doubt).iloc[0]
     sources = {s: int((segments["source"] == s).sum()) for s in sorted(set(segments["source"]))}
     summary = _summary(whole, terms, sources, tables)
@@ -82,7 +88,9 @@ def energy(
 
 def _books(dataset: Dataset, physics: Physics, battery: BatteryModel, processes: int) -> Iterator[Book]:
     """One book a vehicle-day; big datasets in several processes, each reading its own days."""
-    jobs = [(str(dataset.path), v, d, physics, battery) for v in dataset.vehicles for d in dataset.dates]
+    jobs = [
+        (str(dataset.path), v, d, physics.of(v), battery) for v in dataset.vehicles for d in dataset.dates
+    ]
     if processes < 2 or dataset.rows < MANY_ROWS or len(jobs) < 2:
         for job in jobs:
             yield from _vehicle_day(*job, dataset.site)
@@ -98,14 +106,14 @@ def _vehicle_day(
     path: str, vehicle: str, date: str, physics: Physics, battery: BatteryModel, site: Site | None = None
 ) -> list[Book]:
     """The books of one vehicle-day, one a piece of whole trips: bounded memory."""
-    from fleetlog.physics.motion import smooth_motion
+    from fleetlog.physics.motion import measured_channels, reconstruct
 
     dataset, books = Dataset(Path(path)), []
     site = dataset.site if site is None else site
     for piece in dataset.pieces(vehicle, date, COLUMNS):
         if len(piece) > 1:
-            smooth = smooth_motion(piece, site.network)
-            books.append(keep_book(piece, smooth.motion, smooth.speed_sd, physics, site, battery))
+            found = reconstruct(measured_channels(piece, dataset.meta), site.network, physics.truck)
+            books.append(keep_book(piece, found, physics, site, battery))
     return books
 
 
@@ -148,26 +156,32 @@ def _lines(
     whole: pd.Series, terms: Sequence[str], sources: dict[str, int], tables: dict[str, pd.DataFrame]
 ) -> list[str]:
     total = whole["energy_kwh"]
+    per_km = f", {whole['kwh_per_km']:.3f} kWh/km" if np.isfinite(whole["kwh_per_km"]) else ""
+    of_it = (
+        f"auxiliary share {whole['auxiliary_share']:.0%}; " if np.isfinite(whole["auxiliary_share"]) else ""
+    )
     out = [
         f"{len(tables['trips'])} trips of {len(tables['vehicles'])} vehicles: {total:.2f} kWh"
         f" (+-{1.96 * whole['deviation_kwh']:.2f}) for {whole['distance_km']:.1f} km"
-        f" in {whole['duration_h']:.1f} h, {whole['kwh_per_km']:.3f} kWh/km"
+        f" in {whole['duration_h']:.1f} h{per_km}"
     ]
     shares = ", ".join(f"{t.replace('_', ' ')} {whole[f'{t}_kwh']:.2f}" for t in terms if whole[f"{t}_kwh"])
     out.append(f"ledger in kWh: {shares}")
     out.append(
-        f"{whole['regenerated_kwh']:.2f} kWh flowed back; auxiliary share {whole['auxiliary_share']:.0%};"
-        f" highest power {whole['peak_power_kw']:.1f} kW"
+        f"{whole['regenerated_kwh'] + 0.0:.2f} kWh flowed back; {of_it}"
+        f"highest power {whole['peak_power_kw']:.1f} kW"
     )
-    if np.isfinite(whole["measured_kwh"]):
-        share = whole["difference_kwh"] / whole["measured_kwh"] if whole["measured_kwh"] else np.nan
+    if np.isfinite(whole["measured_kwh"]) and whole["measured_kwh"]:
+        share = whole["difference_kwh"] / whole["measured_kwh"]
         out.append(
-            f"measured {whole['measured_kwh']:.2f} kWh, model there {whole['model_beside_measured_kwh']:.2f} kWh:"
+            f"measured {whole['measured_kwh']:.2f} kWh, model there {whole['model_beside_measured_kwh']:.2f} "
+            "kWh:"
             f" {share:+.1%}"
         )
     if whole["collapsed_s"] > 0.0:
         out.append(
-            f"the voltage collapses (to {whole['lowest_voltage_v']:.1f} V) for {whole['collapsed_s']:.0f} s: the model asks for"
+            f"the voltage collapses (to {whole['lowest_voltage_v']:.1f} V) for {whole['collapsed_s']:.0f} s: "
+            "the model asks for"
             " more power than the battery can give"
         )
     known = [f"{SAID[s]} ({n} trips)" for s, n in sources.items() if s != "nothing"]
@@ -193,8 +207,13 @@ def _shapes(
             )
         )  # fmt: skip
     shapes.append(
-        Bars("ledger", tuple(t.replace("_", " ") for t in terms), np.array([whole[f"{t}_kwh"] for t in terms]), "energy [kWh]")
-    )  # fmt: skip
+        Bars(
+            "ledger",
+            tuple(t.replace("_", " ") for t in terms),
+            np.array([whole[f"{t}_kwh"] for t in terms]),
+            "energy [kWh]",
+        )
+    )
     return shapes + _curves(books, terms)
 
 

@@ -1,4 +1,5 @@
-"""Where it is busy: time-weighted occupancy, passages, mean speed, energy and standing time, per cell and stretch of road.
+"""Where it is busy: time-weighted occupancy, passages, mean speed, energy and standing time, per cell and
+stretch of road.
 
 The sums are those of :mod:`fleetlog.analysis.occupancy.maps`; they add over days, vehicles and shifts.
 """
@@ -24,6 +25,7 @@ from fleetlog.analysis.occupancy.maps import (
     compute,
     compute_by,
     extent,
+    known_energy,
     stretches,
     values,
 )
@@ -57,7 +59,8 @@ def heatmap(
     hours : first and last hour of the day (UTC), the last one excluded.
     state : ``all``, ``laden`` or ``empty``.
     compare : another dataset; the map is then the difference of time shares, with a significance mask.
-    by : one map for each hour of the day (UTC), vehicle or load state, all in one colour scale; they add up to the whole.
+    by : one map for each hour of the day (UTC), vehicle or load state, all in one colour scale; they add up
+        to the whole.
     """
     if by is not None and compare is not None:
         raise DataError("a comparison is of whole datasets", do="leave --by or --compare out")
@@ -129,10 +132,16 @@ def _blur(layers: Floats, sigma: float) -> Floats:
 
 def _cell_table(here: HeatMap) -> pd.DataFrame:
     r, c = np.nonzero(here.grid[0] > 0)
+    layers = _layers(here.grid)
     return pd.DataFrame({
         "x": here.cells.x0 + (c + 0.5) * here.cells.cell, "y": here.cells.y0 + (r + 0.5) * here.cells.cell,
-        **{name: here.grid[i, r, c] for i, name in enumerate(LAYERS)},
+        **{name: layer[r, c] for name, layer in layers.items()},
     })  # fmt: skip
+
+
+def _layers(sums: Floats) -> dict[str, Floats]:
+    """The sums by name; energy is NaN where no power was known."""
+    return {**dict(zip(LAYERS, sums, strict=True)), "energy": known_energy(sums)}
 
 
 def _edge_layer(network: Network, here: HeatMap, quantity: Quantity) -> tuple[pd.DataFrame, EdgeValues]:
@@ -142,7 +151,7 @@ def _edge_layer(network: Network, here: HeatMap, quantity: Quantity) -> tuple[pd
     end = np.minimum(start + STRETCH, network.length[edge])
     table = pd.DataFrame({
         "edge_id": np.array(network.edge_ids, dtype=object)[edge], "from": start, "to": end,
-        **{name: here.edges[i] for i, name in enumerate(LAYERS)},
+        **_layers(here.edges),
     })  # fmt: skip
     v = values(here.edges, quantity, 1.0)
     seen = np.isfinite(v)
@@ -157,25 +166,47 @@ def _summary(dataset: Dataset, here: HeatMap, quantity: Quantity, smooth: float)
     r, c = np.unravel_index(int(time.argmax()), time.shape)
     cells = here.cells
     return {
-        "quantity": quantity, "cell_m": cells.cell, "smooth_m": smooth, "rows": cells.rows, "columns": cells.columns,
-        "origin_m": [cells.x0, cells.y0], "vehicle_hours": float(time.sum() / 3600), "distance_km": float(here.grid[1].sum() / 1000),
-        "energy_kwh": float(here.grid[2].sum() / 3.6e6), "standing_hours": float(here.grid[3].sum() / 3600),
-        "visited_cells": int((time > 0).sum()), "on_roads_share": float(here.edges[0].sum() / max(time.sum(), 1e-9)),
-        "busiest": {"x": cells.x0 + (c + 0.5) * cells.cell, "y": cells.y0 + (r + 0.5) * cells.cell, "hours": float(time.max() / 3600)},
+        "quantity": quantity,
+        "cell_m": cells.cell,
+        "smooth_m": smooth,
+        "rows": cells.rows,
+        "columns": cells.columns,
+        "origin_m": [cells.x0, cells.y0],
+        "vehicle_hours": float(time.sum() / 3600),
+        "distance_km": float(here.grid[1].sum() / 1000),
+        "energy_kwh": float(here.grid[2].sum() / 3.6e6) if here.grid[5].any() else None,
+        "energy_known_share": float(here.grid[5].sum() / max(time.sum(), 1e-9)),
+        "standing_hours": float(here.grid[3].sum() / 3600),
+        "visited_cells": int((time > 0).sum()),
+        "on_roads_share": float(here.edges[0].sum() / max(time.sum(), 1e-9)),
+        "busiest": {
+            "x": cells.x0 + (c + 0.5) * cells.cell,
+            "y": cells.y0 + (r + 0.5) * cells.cell,
+            "hours": float(time.max() / 3600),
+        },
         "dataset": str(Path(dataset.path).name),
-    }  # fmt: skip
+    }
+
+
+def _energy(s: dict[str, Any]) -> str:
+    if s["energy_kwh"] is None:
+        return "energy unknown"
+    part = s["energy_known_share"]
+    return f"{s['energy_kwh']:.1f} kWh" + (
+        f" (power known for {part:.0%} of the time)" if part < 0.995 else ""
+    )
 
 
 def _lines(s: dict[str, Any]) -> list[str]:
     b = s["busiest"]
     out = [
         f"{s['vehicle_hours']:.1f} vehicle hours on {s['visited_cells']} cells of {s['cell_m']:g} m, "
-        f"{s['distance_km']:.1f} km, {s['energy_kwh']:.1f} kWh, {s['standing_hours']:.1f} h standing",
+        f"{s['distance_km']:.1f} km, {_energy(s)}, {s['standing_hours']:.1f} h standing",
         f"  busiest cell at ({b['x']:.0f}, {b['y']:.0f}) m: {b['hours']:.2f} h",
     ]
     if "by" in s:
         parts = ", ".join(f"{name} {v['vehicle_hours']:.2f} h" for name, v in list(s["by"].items())[:24])
-        out.append(f"  of these {parts}".replace("_", " "))
+        out.append(f"  of these {parts}")
     if "compare" in s:
         c = s["compare"]
         out.append(

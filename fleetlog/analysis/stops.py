@@ -20,8 +20,9 @@ def stops(dataset: Dataset, *, min_visits: int = 3) -> Result:
     Returns
     -------
     Result
-        Table ``places`` (place, kind, x, y, spread, visits, vehicles, dwell, shares of picks, drops and charges); table
-        ``flows`` with the loads carried from place to place; summary with counts and the ``[[place]]`` text for a site file.
+        Table ``places`` (place, kind, x, y, spread, visits, vehicles, dwell, shares of picks, drops and
+        charges); table ``flows`` with the loads carried from place to place; summary with counts and the
+        ``[[place]]`` text for a site file.
     """
     import pandas as pd
 
@@ -40,17 +41,25 @@ def stops(dataset: Dataset, *, min_visits: int = 3) -> Result:
     flows = flows.groupby(["from", "to"], as_index=False).agg(
         loads=("payload", "size"), payload_mean=("payload", "mean")
     )
+    weighed = bool(dataset.trips.get("payload", pd.Series(dtype=float)).notna().any())
     kinds = {k: int((table.kind == k).sum()) for k in ("pick", "drop", "park", "charge")}
     summary = {
-        "stops": len(stands), "in_places": int((cluster >= 0).sum()), "places": len(table), "kinds": kinds,
-        "standing_s": float(stands.dwell.sum()), "loads_carried": len(tasks), "site_toml": site_text(table),
-    }  # fmt: skip
+        "stops": len(stands),
+        "in_places": int((cluster >= 0).sum()),
+        "places": len(table),
+        "kinds": kinds,
+        "standing_s": float(stands.dwell.sum()),
+        "loads_carried": len(tasks) if weighed else None,
+        "site_toml": site_text(table),
+    }
     lines = [
         f"{len(stands)} stops, {int((cluster >= 0).sum())} of them at {len(table)} places: "
         + ", ".join(f"{n} {k}" for k, n in kinds.items()),
-        f"{len(tasks)} loads carried between {len(flows)} pairs of places",
+        f"{len(tasks)} loads carried between {len(flows)} pairs of places"
+        if weighed
+        else "loads are unknown: the dataset has no payload, so no place is known to be a pick or a drop",
     ]
-    for row in table.nlargest(5, "dwell_total").itertuples():
+    for row in table.sort_values("dwell_total", ascending=False, kind="stable").head(5).itertuples():
         lines.append(
             f"{row.place}: {row.visits} visits of {row.vehicles} trucks, "
             f"median {row.dwell_median:.0f} s, at ({row.x:.1f}, {row.y:.1f})"

@@ -19,7 +19,8 @@ NEAR = 8.0
 
 
 def trips(dataset: Dataset, *, min_distance: float = 5.0) -> Result:
-    """The trips of a dataset: table, distances, durations, energy, and how often which pair of places is driven.
+    """The trips of a dataset: table, distances, durations, energy, and how often which pair of places is
+    driven.
 
     Parameters
     ----------
@@ -33,6 +34,7 @@ def trips(dataset: Dataset, *, min_distance: float = 5.0) -> Result:
     real = table[table.distance >= min_distance]
     energy = real.energy.to_numpy(float) / JOULES
     known = np.isfinite(energy) & (energy != 0.0)
+    payload = real.payload.dropna()
     km = float(real.distance[known].sum()) / 1000.0
     summary: dict[str, Any] = {
         "vehicles": len(dataset.vehicles), "trips": len(table), "trips_driven": len(real),
@@ -42,7 +44,7 @@ def trips(dataset: Dataset, *, min_distance: float = 5.0) -> Result:
         "mean_speed_m_s": float(real.distance.sum() / max(float(real.driving_time.sum()), 1e-9)),
         "energy_wh": float(energy[known].sum()) if known.any() else None,
         "energy_wh_per_km": float(energy[known].sum() / km) if km > 0.0 else None,
-        "laden_share": float(np.mean(real.payload.fillna(0.0) > 25.0)) if len(real) else None,
+        "laden_share": float(np.mean(payload > 25.0)) if len(payload) else None,
     }  # fmt: skip
     pairs = real.groupby(["from_place", "to_place"], as_index=False).agg(
         trips=("distance", "size"), distance_mean=("distance", "mean"), duration_mean=("duration", "mean"),
@@ -71,11 +73,13 @@ def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
     ]
     if s["mean_distance_m"] is not None:
         out.append(
-            f"mean trip {s['mean_distance_m']:.0f} m in {s['mean_duration_s']:.0f} s, {s['mean_speed_m_s']:.2f} m/s while driving"
+            f"mean trip {s['mean_distance_m']:.0f} m in {s['mean_duration_s']:.0f} s, "
+            f"{s['mean_speed_m_s']:.2f} m/s while driving"
         )
     if s["energy_wh"] is not None:
         out.append(
-            f"energy {s['energy_wh'] / 1000.0:.2f} kWh, {s['energy_wh_per_km']:.0f} Wh/km, stops at the ends included"
+            f"energy {s['energy_wh'] / 1000.0:.2f} kWh, {s['energy_wh_per_km']:.0f} Wh/km, "
+            "stops at the ends included"
         )
     for r in pairs.head(5).to_dict("records"):
         if r["from_place"] and r["to_place"]:

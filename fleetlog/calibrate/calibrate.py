@@ -16,7 +16,8 @@ from fleetlog.store.dataset import Dataset
 
 
 def calibrate(measurements: Sequence[str | Path], truck: Truck, physics: Physics | None = None) -> Fit:
-    """Fit ``truck`` to measured runs: each a table (CSV, see :class:`fleetlog.calibrate.runs.Run`) or a dataset.
+    """Fit ``truck`` to measured runs: each a table (CSV, see :class:`fleetlog.calibrate.runs.Run`) or a
+    dataset.
 
     ``physics`` adds terms that are known beforehand (``rotational_inertia``, say); its truck is not used.
     """
@@ -35,12 +36,12 @@ def observations(path: Path, physics: Physics) -> Observations:
 
 def of_dataset(dataset: Dataset, physics: Physics) -> Observations:
     """The energy of every window of a recording; see :func:`fleetlog.calibrate.observe.of_motion`."""
-    from fleetlog.physics.motion import motion_from_trajectory
-    from fleetlog.physics.refine import refined
+    from fleetlog.physics.motion import measured_channels, reconstruct
 
     network = dataset.site.network
     pieces = []
     for number, vehicle in enumerate(dataset.vehicles):
-        motion, _ = refined(motion_from_trajectory(dataset.read(vehicle), network))
+        rows = measured_channels(dataset.read(vehicle), dataset.meta)
+        motion = reconstruct(rows, network, physics.truck).motion
         pieces.append(motion.replaced(vehicle=motion.vehicle * 0 + number))
     return of_motion(join(pieces), physics)

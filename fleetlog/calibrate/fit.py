@@ -1,14 +1,16 @@
 """The fit: most probable truck given the runs and what was known before, and what the runs cannot tell.
 
-In units of the prior's deviation, z = (p - p0) / spread, the fit minimises |(y - f(z)) / sigma|^2 + |z|^2 within the bounds of a
-truck file (Gauss-Newton, trust region).  With J = d(f / sigma) / dz at the optimum the posterior covariance of z is
-(J'J + 1)^-1 (Tarantola, Inverse Problem Theory, 2005, section 3.2; doi 10.1137/1.9780898717921).  Where the motion is
-estimated from a log, each term of the ledger may be wrong in form by a few per cent: the shift that this would make is added.
+In units of the prior's deviation, z = (p - p0) / spread, the fit minimises |(y - f(z)) / sigma|^2 + |z|^2
+within the bounds of a truck file (Gauss-Newton, trust region).  With J = d(f / sigma) / dz at the optimum the
+posterior covariance of z is (J'J + 1)^-1 (Tarantola, Inverse Problem Theory, 2005, section 3.2; doi
+10.1137/1.9780898717921).  Where the motion is estimated from a log, each term of the ledger may be wrong in
+form by a few per cent: the shift that this would make is added.
 
-Which numbers do the runs carry?  Columns of J are taken greedily, the most telling first, each as far as those before do not
-explain it (pivoted QR).  Where less than one prior deviation of information is left, the rest is *held* at its prior.  A free
-number whose posterior is still wide, or wide for the most part because a held one can stand in for it, is *tied*: the runs
-carry a combination of the two.  Only the others are *fitted*.
+Which numbers do the runs carry?  Columns of J are taken greedily, the most telling first, each as far as
+those before do not explain it (pivoted QR).  Where less than one prior deviation of information is left, the
+rest is *held* at its prior.  A free number whose posterior is still wide, or wide for the most part because a
+held one can stand in for it, is *tied*: the runs carry a combination of the two.  Only the others are
+*fitted*.
 """
 
 from __future__ import annotations
@@ -27,7 +29,9 @@ from fleetlog.physics.power import Physics
 Floats = NDArray[np.float64]
 Status = Literal["fitted", "tied", "held"]
 LEAST_INFORMATION = 1.0
-"""Of a free number, in prior deviations, given those more telling: below it the runs say less than was known before."""
+"""Of a free number, in prior deviations, given those more telling:
+below it the runs say less than was known before.
+"""
 CARRIED = 0.25
 """A number is fitted if the runs leave at most this share of its prior variance ..."""
 BORROWED = 0.5
@@ -37,12 +41,15 @@ CONFIDENCE = 0.95
 STEP = 1e-3
 """Of the numerical derivatives, in prior deviations."""
 COMPANION = 0.2
-"""A number stands in for a held one if it moves by this much (in prior deviations) when the held one moves by one."""
+"""A number stands in for a held one if it moves by this much (in prior deviations) when the held one moves
+by one.
+"""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One number after the fit; ``low`` to ``high`` hold at once for all numbers with probability ``CONFIDENCE``.
+    """One number after the fit; ``low`` to ``high`` hold at once for all numbers with probability
+    ``CONFIDENCE``.
 
     ``value`` goes into the truck file: fitted, or tied to the held ones at their prior, or the prior.
     ``remaining`` is the posterior's share of the prior variance.
@@ -59,7 +66,8 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Blind:
-    """A direction that the runs do not see: ``held`` and, by how much, the ``companions`` that can stand in for it.
+    """A direction that the runs do not see: ``held`` and, by how much, the ``companions`` that can stand in
+    for it.
 
     ``weak``: seen, so not held, but too faintly to be fitted, and not because of a held one.
     """
@@ -71,7 +79,9 @@ class Blind:
 
 @dataclass(frozen=True)
 class Combination:
-    """What the runs do carry of a tied number: the product of ``powers`` has ``value``, known to ``deviation`` (a share of it)."""
+    """What the runs do carry of a tied number:
+    the product of ``powers`` has ``value``, known to ``deviation`` (a share of it).
+    """
 
     powers: tuple[tuple[Unknown, float], ...]
     value: float
@@ -163,7 +173,8 @@ class _Problem:
         if not free.any():
             return z
         low, high = np.array(self.low)[free], np.array(self.high)[free]
-        # The trust region wants a start inside the bounds; where the prior stands on one it moves by a little.
+        # The trust region wants a start inside the bounds; where the prior stands on one it moves by a
+        # little.
         start = np.clip(z[free], low + 1e-2, high - 1e-2)
 
         def full(part: Floats) -> Floats:
@@ -200,7 +211,9 @@ class _Problem:
     def estimates(
         self, z: Floats, remaining: Floats, alone: Floats, free: NDArray[np.bool_]
     ) -> tuple[Estimate, ...]:
-        """The numbers; ``remaining`` and ``alone`` are the posterior variances with the held ones unknown and known."""
+        """The numbers; ``remaining`` and ``alone`` are the posterior variances with the held ones unknown
+        and known.
+        """
         from scipy.stats import norm
 
         tails = (1.0 - CONFIDENCE) / len(self.unknowns)
@@ -230,7 +243,9 @@ def _telling(jacobian: Floats) -> NDArray[np.bool_]:
 
 
 def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, ...]) -> list[Blind]:
-    """For each held number those free ones that hide its effect: the least-squares solution of J_free x = -J_held."""
+    """For each held number those free ones that hide its effect:
+    the least-squares solution of J_free x = -J_held.
+    """
     basis, out = np.flatnonzero(free), []
     for k in np.flatnonzero(~free):
         if np.linalg.norm(jacobian[:, k]) < LEAST_INFORMATION or not len(basis):
@@ -252,7 +267,9 @@ def _weak(estimates: tuple[Estimate, ...], blind: tuple[Blind, ...]) -> list[Bli
 def _combinations(
     estimates: tuple[Estimate, ...], blind: tuple[Blind, ...], alone: Floats, problem: _Problem
 ) -> list[Combination]:
-    """For each tied number p the product p * held^-e that the runs do carry, e being its elasticity by the held ones."""
+    """For each tied number p the product p * held^-e that the runs do carry,
+    e being its elasticity by the held ones.
+    """
     value = {e.unknown.key: e.value for e in estimates}
     spread = dict(zip(value, problem.spread, strict=True))
     out = []

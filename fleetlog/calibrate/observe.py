@@ -16,12 +16,17 @@ from fleetlog.physics.power import Physics, battery_power, ledger, term_forces
 
 Floats = NDArray[np.float64]
 WINDOW = 20.0
-"""Length of the pieces that a recording is cut into [s]: long against the noise of one sample, short against a trip."""
+"""Length of the pieces that a recording is cut into [s]:
+long against the noise of one sample, short against a trip.
+"""
 MODEL_DOUBT = 0.02
-"""Share by which each term of the ledger may be wrong in form where the motion was estimated from a log: what sampling hides, loads
-that were weighed badly, what the nominal model leaves out.  Not noise: more rows do not average it away."""
+"""Share by which each term of the ledger may be wrong in form where the motion was estimated from a log: what
+sampling hides, loads that were weighed badly, what the nominal model leaves out.  Not noise: more rows do not
+average it away."""
 BRAKING_DOUBT = 0.03
-"""Share of the braking work that smoothing may hide, in traction and in braking alike: short brakings are rounded off."""
+"""Share of the braking work that smoothing may hide, in traction and in braking alike:
+short brakings are rounded off.
+"""
 BLOCK = 15
 """Windows whose sum tells how much longer than a window the disagreement lasts (5 minutes)."""
 
@@ -66,8 +71,9 @@ def of_runs(runs: list[Run], truck: Truck) -> Observations:
 def of_motion(motion: Motion, physics: Physics) -> Observations:
     """The energy [Wh] of every window of a recording in which power was measured.
 
-    The deviation is that of the windows' residuals about the nominal model (robust, after the best common factor), widened
-    for disagreement that outlasts a window, so that correlated windows do not count as independent.
+    The deviation is that of the windows' residuals about the nominal model (robust, after the best common
+    factor), widened for disagreement that outlasts a window, so that correlated windows do not count as
+    independent.
     """
     known = np.isfinite(motion.power) & (motion.dt > 0.0)
     if not known.any():
@@ -93,7 +99,9 @@ def of_motion(motion: Motion, physics: Physics) -> Observations:
 
 
 def _doubts(motion: Motion, physics: Physics) -> list[Floats]:
-    """Ways in which the power of an estimated motion may be off altogether, (N,) watts each, one standard deviation."""
+    """Ways in which the power of an estimated motion may be off altogether, (N,) watts each,
+    one standard deviation.
+    """
     forces = term_forces(motion, physics)
     rows = [MODEL_DOUBT * watts for watts in ledger(motion, physics, forces).values()]
     work = sum(forces.values(), np.zeros(len(motion))) * motion.speed
@@ -108,7 +116,9 @@ def _doubts(motion: Motion, physics: Physics) -> list[Floats]:
 
 
 def _windows(motion: Motion) -> NDArray[np.int64]:
-    """(N,) number of the window of each sample; a window never crosses from one trip or vehicle to the next."""
+    """(N,) number of the window of each sample;
+    a window never crosses from one trip or vehicle to the next.
+    """
     key = np.stack([motion.vehicle, motion.trip, np.floor(motion.time / WINDOW).astype(np.int64)])
     return np.cumsum(np.any(np.diff(key, axis=1, prepend=key[:, :1]) != 0, axis=0))
 

@@ -44,7 +44,8 @@ def combination_words(combination: Combination) -> str:
 def combination_line(combination: Combination) -> str:
     """What the runs do carry of a tied number."""
     share = 100.0 * 1.96 * combination.deviation
-    return f"what they do carry is {combination_words(combination)} = {number(combination.value)} (+-{share:.1f} %)"
+    words = combination_words(combination)
+    return f"what they do carry is {words} = {number(combination.value)} (+-{share:.1f} %)"
 
 
 def estimate_line(e: Estimate) -> str:
@@ -66,7 +67,8 @@ def lines(fit: Fit) -> list[str]:
     """The answer for the terminal."""
     rms = [float(np.sqrt(np.mean(((p - fit.measured) / fit.sigma) ** 2))) for p in (fit.before, fit.after)]
     out = [
-        f"measured figures: {len(fit.measured)}; misfit {rms[0]:.2f} standard deviations before, {rms[1]:.2f} after",
+        f"measured figures: {len(fit.measured)}; misfit {rms[0]:.2f} standard deviations before, "
+        f"{rms[1]:.2f} after",
         f"fitted, with intervals that hold all at once with {CONFIDENCE:.0%}:",
     ]
     fitted = [e for e in fit.estimates if e.status == "fitted"]
@@ -105,34 +107,46 @@ def summary(fit: Fit) -> dict[str, Any]:
         "confidence": CONFIDENCE,
         "parameters": [
             {
-                "key": e.unknown.key, "unit": e.unknown.unit, "status": e.status, "prior": e.prior,
+                "key": e.unknown.key,
+                "unit": e.unknown.unit,
+                "status": e.status,
+                "prior": e.prior,
                 "value": e.value if e.status == "fitted" else None,
-                "low": e.low if e.status == "fitted" else None, "high": e.high if e.status == "fitted" else None,
-                "in_truck_file": e.value, "share_of_prior_variance": e.remaining,
+                "low": e.low if e.status == "fitted" else None,
+                "high": e.high if e.status == "fitted" else None,
+                "in_truck_file": e.value,
+                "share_of_prior_variance": e.remaining,
             }
             for e in fit.estimates
         ],
         "correlation": {"keys": keys, "matrix": fit.correlation},
         "not_identified": [
             {
-                "parameter": b.held.key, "stands_in": [u.key for u, _ in b.companions], "needs": b.held.run,
+                "parameter": b.held.key,
+                "stands_in": [u.key for u, _ in b.companions],
+                "needs": b.held.run,
                 "statement": blind_line(b),
             }
             for b in fit.blind
         ],
         "carried": [
             {
-                "product": {u.key: power for u, power in c.powers}, "value": c.value,
+                "product": {u.key: power for u, power in c.powers},
+                "value": c.value,
                 "relative_deviation": c.deviation,
             }
             for c in fit.combinations
         ],
         "runs": [
             {"run": name, "measured": m, "sigma": s, "before": b, "after": a}
-            for name, m, s, b, a in zip(fit.labels, fit.measured, fit.sigma, fit.before, fit.after, strict=True)
-        ] if len(fit.labels) <= 500 else len(fit.labels),
+            for name, m, s, b, a in zip(
+                fit.labels, fit.measured, fit.sigma, fit.before, fit.after, strict=True
+            )
+        ]
+        if len(fit.labels) <= 500
+        else len(fit.labels),
         "spread_factor": fit.spread_factor,
-    }  # fmt: skip
+    }
 
 
 def truck_toml(fit: Fit) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
+from fleetlog.core.files import open_regular
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
@@ -108,7 +110,8 @@ POSITIVE = ("sigma", "repeats", "length", "height", "speed", "acceleration", "de
 
 
 def coast_time(r: Run, physics: Physics) -> float:
-    """Seconds in which a truck out of gear slows from ``speed`` to ``end_speed``: integral of m_eff dv / F(v).
+    """Seconds in which a truck out of gear slows from ``speed`` to ``end_speed``: integral of m_eff dv /
+    F(v).
 
     Midpoint rule over 64 steps of speed; exact for a resistance that does not depend on speed.
     """
@@ -126,7 +129,7 @@ def read_runs(path: Path) -> list[Run]:
     """The runs of a CSV table whose header names the fields of :class:`Run`."""
     known = {f.name for f in fields(Run)}
     try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
+        with io.TextIOWrapper(open_regular(path), encoding="utf-8-sig", newline="") as stream:
             reader = csv.DictReader(line for line in stream if not line.startswith("#"))
             for column in reader.fieldnames or ():
                 if column.strip() not in known:

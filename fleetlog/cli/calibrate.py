@@ -10,6 +10,7 @@ from fleetlog.cli.options import (
     anywhere,
     existing,
     json_option,
+    named_files,
     output_option,
     overwrite_option,
     quiet_option,
@@ -37,11 +38,14 @@ def command(
     from fleetlog.calibrate.report import lines, summary, truck_toml
     from fleetlog.core.truck import load_truck
     from fleetlog.physics.model import load_physics
-    from fleetlog.store.atomic import atomic_output
+    from fleetlog.store.output import atomic_output
 
-    nominal = load_truck(truck)
-    known = None if physics is None else load_physics(physics, nominal)
-    with atomic_output(output, overwrite=overwrite, folder=False) as scratch:
+    inputs = named_files(dict(measurements=measurements, truck=truck, physics=physics))
+    with atomic_output(
+        output, "calibrated truck", overwrite=overwrite, folder=False, inputs=inputs
+    ) as scratch:
+        nominal = load_truck(truck)
+        known = None if physics is None else load_physics(physics, nominal)
         fit = calibrate(measurements, nominal, known)
         scratch.write_text(truck_toml(fit), encoding="utf-8")
     say(lines(fit), summary(fit), as_json=as_json, quiet=quiet)

@@ -1,4 +1,6 @@
-"""A place for compiled kernels where the installation and the home folder cannot be written (containers, services)."""
+"""A place for compiled kernels where the installation
+and the home folder cannot be written (containers, services).
+"""
 
 from __future__ import annotations
 
@@ -7,13 +9,15 @@ from pathlib import Path
 
 
 def find_place() -> str | None:
-    """Set ``NUMBA_CACHE_DIR`` to a folder of this run's own where numba's own choices cannot be written; it ends with the run.
+    """Set ``NUMBA_CACHE_DIR`` to a folder of this run's own where numba's own choices cannot be written; it
+    ends with the run.
 
     The folder, where one was made, has a name that nobody can foresee: numba loads what lies in it.
     """
     if "NUMBA_CACHE_DIR" in os.environ or _writable(Path(__file__).parent):
         return None
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - Path raises without a home
+    # Path.expanduser raises where there is no home.
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111
     if _writable(Path(home)):
         return None
     import atexit

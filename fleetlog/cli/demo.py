@@ -83,13 +83,14 @@ def steps(sample: Path, out: Path) -> list[tuple[str, list[str]]]:
 )
 @overwrite_option
 def command(output: Path, overwrite: bool) -> None:
-    """Import, simulate, analyze and diagnose half an hour of a sample plant; needs no network and no screen."""
+    """Import, simulate, analyze and diagnose half an hour of a sample plant;
+    needs no network and no screen.
+    """
     from fleetlog.cli.main import cli
     from fleetlog.errors import EXIT_DAMAGED
-    from fleetlog.store.atomic import atomic_output, check_free
+    from fleetlog.store.output import atomic_output
 
-    check_free(output, overwrite)
-    with atomic_output(output, overwrite=overwrite) as scratch, contextlib.chdir(scratch):
+    with atomic_output(output, "demo", overwrite=overwrite) as scratch, contextlib.chdir(scratch):
         for number, (what, arguments) in enumerate(steps(sample_folder(), Path()), start=1):
             shown = shlex.join(arguments).replace(str(sample_folder()), "SAMPLE")
             click.secho(f"\n{number}. {what}", bold=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
@@ -22,7 +21,9 @@ LISTED = 10
 
 
 def describe(path: Path) -> Described:
-    """A dataset, log, map, site, truck or recording; :class:`InputError` says what was tried where nothing fits."""
+    """A dataset, log, map, site, truck or recording; :class:`InputError` says what was tried where nothing
+    fits.
+    """
     if (path / "dataset.json").is_file():
         return _dataset(path)
     suffix = path.suffix.lower()
@@ -52,9 +53,11 @@ def _log_or_map(path: Path) -> Described:
             raise refusal from None
         raise InputError(
             "is no dataset, log, map, truck or recording that fleetlog knows",
-            where=path, do="name a file in it, or see what an import would read with fleetlog import --dry-run" if path.is_dir()
+            where=path,
+            do="name a file in it, or see what an import would read with fleetlog import --dry-run"
+            if path.is_dir()
             else f"see docs/logs.md and docs/maps.md (taken as a map: {getattr(error, 'what', error)})",
-        ) from None  # fmt: skip
+        ) from None
 
 
 def _dataset(path: Path) -> Described:
@@ -62,9 +65,10 @@ def _dataset(path: Path) -> Described:
 
     d = Dataset(path)
     meta = d.meta
-    summary = {"kind": "dataset", "path": str(path), **{k: meta[k] for k in (
-        "format_version", "site", "vehicles", "start", "end", "rows", "columns", "provenance")}, "recorded": d.kind,
-        "trips": len(d.trips), "days": len(d.dates), "replay": (path / "recording.rrd").is_file()}  # fmt: skip
+    told = ("format_version", "site", "vehicles", "start", "end", "rows", "columns", "provenance")
+    summary = {"kind": "dataset", "path": str(path), **{k: meta[k] for k in told}}
+    summary |= {"recorded": d.kind, "trips": len(d.trips), "days": len(d.dates)}
+    summary["replay"] = (path / "recording.rrd").is_file()
     where = meta["site"]
     events, happened = _events(d)
     summary |= events
@@ -76,7 +80,8 @@ def _dataset(path: Path) -> Described:
         f"  columns   {', '.join(n + (f' [{u}]' if u else '') for n, u in meta['columns'].items())}",
         f"  replay    {'recording.rrd' if summary['replay'] else 'none'}",
         *happened,
-        f"  made by   {meta['provenance'].get('command', 'unknown')} (fleetlog {meta['provenance'].get('version', '?')})",
+        f"  made by   {meta['provenance'].get('command', 'unknown')} (fleetlog "
+        f"{meta['provenance'].get('version', '?')})",
     ]
     return summary, lines
 
@@ -103,7 +108,8 @@ def _events(dataset: Dataset) -> Described:
     lines = [
         f"  time      {', '.join(f'{name} {100.0 * share:.0f} %' for name, share in shares.items())}",
         f"  tasks     {status.get('done', 0):,} done of {len(tasks):,}" + (f" ({open_})" if open_ else ""),
-        f"  charging  {_count(len(charging), 'visit')} of {_count(charging['vehicle_id'].nunique(), 'truck')}",
+        f"  charging  {_count(len(charging), 'visit')} of "
+        f"{_count(charging['vehicle_id'].nunique(), 'truck')}",
         f"  reserved  {_count(reserved, 'reservation')} of pieces of road",
     ]
     return summary, lines
@@ -123,7 +129,9 @@ def _some(names: list[str], noun: str) -> str:
 
 
 def _log(path: Path) -> Described:
-    from fleetlog.importers.base import GEOGRAPHIC, LOCAL, ReadOptions, ReadReport, detect
+    from fleetlog.importers._guard import read_guarded
+    from fleetlog.importers._report import ReadReport
+    from fleetlog.importers.base import GEOGRAPHIC, LOCAL, ReadOptions, detect
 
     importer = detect(path)
     report = ReadReport(path, importer.name)
@@ -132,7 +140,7 @@ def _log(path: Path) -> Described:
     columns: dict[str, None] = {}
     span: list[int] = []
     extent: dict[str, list[float]] = {}
-    for batch in importer.read(path, ReadOptions(report)):
+    for batch in read_guarded(importer, path, ReadOptions(report)):
         rejects.update(r.reason for r in batch.rejects)
         if not len(batch):
             continue
@@ -147,9 +155,10 @@ def _log(path: Path) -> Described:
         raise FormatError("no row with a position in it", where=path, do="see docs/logs.md")
     start, end = (f"{np.datetime64(t, 'us')}Z" for t in span)
     summary = {
-        "kind": "log", "path": str(path), "format": report.format, "rows": sum(rows.values()), "vehicles": dict(sorted(rows.items())),
-        "start": start, "end": end, "extent": extent, "columns": list(columns), "recognised": report.recognised,
-        "notes": report.notes, "damage": report.damage, "rejected": dict(rejects),
+        "kind": "log", "path": str(path), "format": report.format, "rows": sum(rows.values()),
+        "vehicles": dict(sorted(rows.items())), "start": start, "end": end, "extent": extent,
+        "columns": list(columns), "recognised": report.recognised, "notes": report.notes,
+        "damage": report.damage, "rejected": dict(rejects),
     }  # fmt: skip
     lines = [
         f"{path}: a log ({report.format})",
@@ -201,20 +210,20 @@ def _network(site: Site, summary: dict[str, Any]) -> list[str]:
     x0, y0, x1, y1 = n.extent
     heights = [float(n.points[:, 2].min()), float(n.points[:, 2].max())] if n.has_elevation else None
     one_way = int((n.reverse < 0).sum())
-    summary |= {"edges": len(n), "nodes": len(n.node_ids), "length_m": float(n.length.sum()), "one_way": one_way,
-                "extent_m": [x0, y0, x1, y1], "elevation_m": heights}  # fmt: skip
+    summary |= {"edges": len(n), "nodes": len(n.node_ids), "length_m": float(n.length.sum())}
+    summary |= {"one_way": one_way, "extent_m": [x0, y0, x1, y1], "elevation_m": heights}
     return [
-        f"  network   {len(n):,} directed edges ({one_way:,} one-way), {len(n.node_ids):,} nodes, {n.length.sum() / 1000:.2f} km",
+        f"  network   {len(n):,} directed edges ({one_way:,} one-way), {len(n.node_ids):,} nodes, "
+        f"{n.length.sum() / 1000:.2f} km",
         f"  extent    x {x0:.1f} to {x1:.1f} m, y {y0:.1f} to {y1:.1f} m",
         "  elevation " + (f"{heights[0]:.2f} to {heights[1]:.2f} m" if heights else "none in the map"),
     ]
 
 
 def _toml(path: Path) -> Described:
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"not readable as TOML: {error}", where=path, do="correct it") from None
+    from fleetlog.core.schema import load_toml
+
+    data = load_toml(path)
     if "chassis" in data:
         return _truck(path)
     if {"network", "frame", "place", "zone", "building"} & data.keys():
@@ -243,7 +252,8 @@ def _recording(path: Path) -> Described:
     lines = [f"{path}: a Rerun recording, {'with' if found['blueprint'] else 'without'} a blueprint"]
     for r in found["recordings"]:
         lines += [
-            f"  recording {r['recording']} of {r['application']}: {r['rows']:,} rows, timelines {', '.join(r['timelines']) or 'none'}",
+            f"  recording {r['recording']} of {r['application']}: {r['rows']:,} rows, "
+            f"timelines {', '.join(r['timelines']) or 'none'}",
             *(f"  entity    {name}: {rows:,} rows" for name, rows in r["entities"].items()),
         ]
     lines += [f"  damaged   {damage}" for damage in found["damage"]]

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from fleetlog.cli.options import existing, json_option, output_option, overwrite_option, quiet_option, say
+from fleetlog.errors import nearest
 
 FORMATS = ("csv", "geojson", "gpx", "kitti", "mcap", "parquet", "sumo-fcd", "sumo-net", "tum")
 
@@ -29,8 +30,10 @@ def command(
     quiet: bool,
 ) -> None:
     """Write DATASET in another format: tables, tracks, recordings, SUMO."""
-    from fleetlog.exporters.base import export_dataset
+    from fleetlog.exporters.base import export_dataset, exporters
 
+    if to not in exporters():
+        raise click.UsageError(f"no export format {to!r}; {nearest(to, exporters())}")
     summary = export_dataset(dataset, to, output, vehicles=vehicles, overwrite=overwrite)
     left_out = summary.get("rows_without_position")
     what = "edges" if "edges" in summary else "rows"

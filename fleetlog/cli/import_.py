@@ -10,8 +10,18 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fleetlog.cli.interrupt import interruptible
-from fleetlog.cli.options import anywhere, existing, json_option, notice, overwrite_option, quiet_option, say
+from fleetlog import interrupt
+from fleetlog.cli.options import (
+    Between,
+    anywhere,
+    existing,
+    json_option,
+    notice,
+    overwrite_option,
+    printable,
+    quiet_option,
+    say,
+)
 
 if TYPE_CHECKING:
     from fleetlog.core.site import Site
@@ -30,7 +40,7 @@ if TYPE_CHECKING:
 @click.option("--no-recording", is_flag=True, help="Leave the replay out (fleetlog view can make it later).")
 @click.option(
     "--rate",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Between(0.0, 1e6, min_open=True),
     default=2.0,
     show_default=True,
     help="Samples a second of each vehicle in the replay.",
@@ -39,8 +49,8 @@ if TYPE_CHECKING:
 @json_option
 @quiet_option
 def command(
-    logs: tuple[str, ...], site: Path | None, format: str | None, profile: Path | None, output: Path | None, dry_run: bool,
-    no_recording: bool, rate: float, overwrite: bool, as_json: bool, quiet: bool,
+    logs: tuple[str, ...], site: Path | None, format: str | None, profile: Path | None, output: Path | None,
+    dry_run: bool, no_recording: bool, rate: float, overwrite: bool, as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Read LOGs (files, folders, patterns), match them to the roads, write a dataset and its replay."""
     _check_format(format)
@@ -59,7 +69,8 @@ def command(
     say(lines, {**summary.to_dict(), "dataset": str(output)}, as_json=as_json, quiet=quiet)
     if summary.damaged and quiet:
         notice(
-            f"fleetlog: {summary.rows_rejected:,} rows were rejected or damaged; see {summary.rejected_file or output}"
+            f"fleetlog: {summary.rows_rejected:,} rows were rejected or damaged; "
+            f"see {summary.rejected_file or output}"
         )
     return summary.exit_status
 
@@ -74,12 +85,11 @@ def _import(
     from fleetlog.store import DatasetWriter
 
     about = load_profile(profile) if profile else None
-    _check_apart(output, [*map(Path, logs), *filter(None, (site, profile))])
     place = _site(site, quiet)
+    inputs = [*map(Path, logs), *filter(None, (site, profile))]
     with (
-        interruptible() as check,
-        _progress(quiet, check) as progress,
-        DatasetWriter.create(output, "recorded", place, overwrite=overwrite) as writer,
+        _progress(quiet) as progress,
+        DatasetWriter.create(output, "recorded", place, overwrite=overwrite, inputs=inputs) as writer,
     ):
         summary = import_logs(logs, place, writer, format=format, profile=about, progress=progress)
         if rate is not None:
@@ -88,7 +98,6 @@ def _import(
             progress("writing the replay", 1.0)
             writer.finish()
             write_recording(writer.path, writer.path / "recording.rrd", rate_hz=rate)
-        check()
     return summary
 
 
@@ -102,15 +111,6 @@ def _check_format(name: str | None) -> None:
             by_name(name)
     except InputError as error:
         raise click.UsageError(error.line()) from None
-
-
-def _check_apart(output: Path, inputs: list[Path]) -> None:
-    """What is read must not lie in the folder that is replaced."""
-    from fleetlog.errors import OutputError
-
-    for path in inputs:
-        if output.exists() and path.resolve().is_relative_to(output.resolve()):
-            raise OutputError(f"{path}, which is read, lies in it", where=output, do="choose another name")
 
 
 def _site(path: Path | None, quiet: bool) -> Site:
@@ -127,19 +127,20 @@ def _site(path: Path | None, quiet: bool) -> Site:
 
 
 @contextmanager
-def _progress(quiet: bool, check: Callable[[], None]) -> Iterator[Callable[[str, float], None]]:
-    """A bar on a terminal, nothing elsewhere; ``check`` is called with every step."""
+def _progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
+    """A bar on a terminal, nothing elsewhere; every step raises an interrupt that a library swallowed."""
     if quiet or not sys.stderr.isatty():
-        yield lambda _text, _share: check()
+        yield lambda _text, _share: interrupt.check()
         return
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("import", total=1.0)
 
         def tell(text: str, share: float) -> None:
-            check()
-            bar.update(task, description=text, completed=share)
+            interrupt.check()
+            bar.update(task, description=escape(printable(text)), completed=share)
 
         yield tell

@@ -9,7 +9,8 @@ import click
 
 
 class LazyGroup(click.Group):
-    """Commands by name; ``verbs`` maps each to its module and its one line, which stands there so that help imports nothing.
+    """Commands by name; ``verbs`` maps each to its module and its one line, which stands there so that help
+    imports nothing.
 
     The module's ``command`` is the command.
     """

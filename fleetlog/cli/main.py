@@ -1,16 +1,24 @@
-"""``fleetlog``: the verbs, loaded when called, and the one place that turns errors into a line and an exit status."""
+"""``fleetlog``: the verbs, loaded when called;
+the one place that turns errors into a line and an exit status.
+"""
 
 from __future__ import annotations
 
+import logging
 import os
+import re
 import sys
+import warnings
+from contextlib import suppress
+from io import StringIO, TextIOWrapper
 from typing import ClassVar
 
 import click
 
-from fleetlog import __version__
+from fleetlog import __version__, interrupt
 from fleetlog.cli.compiled import find_place
 from fleetlog.cli.lazy import LazyGroup
+from fleetlog.cli.options import notice
 from fleetlog.errors import EXIT_INPUT, EXIT_INTERRUPTED, FleetlogError
 
 # name: (module, one line); the line stands here so that --help imports nothing else.
@@ -46,47 +54,98 @@ def entry() -> None:
     # BLAS threads that spin on a busy machine cost more than they give; must be set before numpy loads.
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
+    _open_streams()
+    interrupt.install()
+    _quiet_libraries()
     own = find_place()
-    try:
-        status = cli.main(standalone_mode=False)
-    except FleetlogError as error:
-        click.echo(f"fleetlog: {error.line()}", err=True)
-        status = EXIT_INPUT
-    except click.exceptions.Abort:
-        click.echo("fleetlog: interrupted; nothing was written", err=True)
-        status = EXIT_INTERRUPTED
-    except click.ClickException as error:
-        error.show()
-        status = error.exit_code
-    except BrokenPipeError:
-        sys.stderr.close()
-        status = EXIT_INPUT
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        click.echo(f"fleetlog: {where}{' '.join((error.strerror or str(error)).split())}", err=True)
-        status = EXIT_INPUT
-    except KeyboardInterrupt:
-        click.echo("fleetlog: interrupted; nothing was written", err=True)
-        status = EXIT_INTERRUPTED
-    except MemoryError:
-        click.echo("fleetlog: out of memory; take fewer vehicles or days at once", err=True)
-        status = EXIT_INPUT
-    except Exception as error:
-        if os.environ.get("FLEETLOG_DEBUG"):
-            raise
-        what = " ".join(f"{type(error).__name__}: {error}".split())
-        click.echo(
-            f"fleetlog: a fault in fleetlog itself, {what}; FLEETLOG_DEBUG=1 shows where, please report it",
-            err=True,
-        )
-        status = EXIT_INPUT
+    status = _finished(_status())
+    interrupt.ignore()
     if status == EXIT_INTERRUPTED:
-        # An interrupt inside an import's exec() makes the interpreter die by the signal whatever status is asked for.
+        # An interrupt inside an import's exec() makes the interpreter die by the signal, whatever the status.
         if own is not None:
             import shutil
 
             shutil.rmtree(own, ignore_errors=True)
-        sys.stdout.flush()
-        sys.stderr.flush()
         os._exit(status)
-    sys.exit(status if isinstance(status, int) else 0)
+    sys.exit(status)
+
+
+def _open_streams() -> None:
+    """Give closed standard streams a place: the next file to be opened would take their number and texts."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _quiet_libraries() -> None:
+    """Keep the warnings of libraries from users: they name source files; FLEETLOG_DEBUG=1 shows them."""
+    if not os.environ.get("FLEETLOG_DEBUG"):
+        os.environ.setdefault("RUST_LOG", "off")
+        warnings.simplefilter("ignore")
+        logging.disable(logging.WARNING)
+
+
+def _finished(status: int) -> int:
+    """The status, after all has been said; an answer that could not be said is an error."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        with suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            _complain(f"standard output: {error.strerror}")
+        return status or EXIT_INPUT
+    return status
+
+
+def _complain(text: str) -> None:
+    """One line; a scratch file is called by the name that it would have had."""
+    notice("fleetlog: " + re.sub(r"\.([^/]+)\.partial/new", r"\1", text))
+
+
+def _status() -> int:
+    """Run the command line; every error becomes one line and a status."""
+    try:
+        status = cli.main(standalone_mode=False)
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        return _interrupted()
+    except click.ClickException as error:
+        usage = StringIO()
+        error.show(usage)
+        for line in usage.getvalue().splitlines():
+            notice(line)
+        return error.exit_code
+    except Exception as error:
+        if interrupt.came():
+            return _interrupted()  # a library that was torn out of its loading fails in its own way
+        if os.environ.get("FLEETLOG_DEBUG") and not isinstance(error, FleetlogError | OSError | MemoryError):
+            raise
+        if not isinstance(error, BrokenPipeError):
+            _complain(_line(error))
+        return EXIT_INPUT
+    return status if isinstance(status, int) else 0
+
+
+def _line(error: Exception) -> str:
+    """What went wrong, for the user."""
+    if isinstance(error, FleetlogError):
+        return error.line()
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        return where + " ".join((error.strerror or str(error)).split())
+    if isinstance(error, MemoryError):
+        return "out of memory; take fewer vehicles or days at once"
+    what = " ".join(f"{type(error).__name__}: {error}".split())
+    return f"a fault in fleetlog itself, {what}; FLEETLOG_DEBUG=1 shows where, please report it"
+
+
+def _interrupted() -> int:
+    _complain("interrupted; nothing was written")
+    return EXIT_INTERRUPTED

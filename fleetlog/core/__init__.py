@@ -1,1 +1,3 @@
-"""What the data is: columns, trajectories, trucks, sites, networks, motion, results.  No file format, no drawing."""
+"""What the data is: columns, trajectories, trucks, sites, networks, motion, results.
+No file format, no drawing.
+"""

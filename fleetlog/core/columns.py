@@ -1,4 +1,6 @@
-"""Every column of a trajectory: name, type, unit, meaning.  Schema, checks and documentation are made from this."""
+"""Every column of a trajectory: name, type, unit, meaning.
+Schema, checks and documentation are made from this.
+"""
 
 from __future__ import annotations
 

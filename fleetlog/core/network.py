@@ -24,8 +24,9 @@ Index = NDArray[np.int32]
 class Edge:
     """One directed edge as a map format describes it; the raw material of :class:`Network`.
 
-    ``points`` is (n, 3), n >= 2, metres in the site frame, along the direction of travel.  ``start`` and ``end`` name
-    nodes.  ``road`` is the id that both directions share.  ``speed_limit`` [m/s] and ``width`` [m] are NaN where unknown.
+    ``points`` is (n, 3), n >= 2, metres in the site frame, along the direction of travel.  ``start`` and
+    ``end`` name nodes.  ``road`` is the id that both directions share.  ``speed_limit`` [m/s] and ``width``
+    [m] are NaN where unknown.
     """
 
     id: str
@@ -46,11 +47,14 @@ class Network:
     edge_ids : E names.  An edge and its reverse share ``roads[i]``.
     node_ids : V names.
     start, end : (E,) node indices.
-    points : (P, 3) vertices of all edges, end to end;  ``first`` (E + 1,): edge i owns points first[i]:first[i + 1].
-    distance : (P,) length along its edge from the edge's start to each vertex [m] (horizontal and vertical: 3-D).
+    points : (P, 3) vertices of all edges, end to end;  ``first`` (E + 1,): edge i owns points
+        first[i]:first[i + 1].
+    distance : (P,) length along its edge from the edge's start to each vertex [m] (horizontal and vertical:
+        3-D).
     length : (E,) [m];  speed_limit : (E,) [m/s], NaN unknown;  width : (E,) [m], NaN unknown.
     reverse : (E,) index of the same road in the other direction, -1 where there is none.
-    next_first, next_edges : CSR of the edges that may follow: of edge i, next_edges[next_first[i]:next_first[i + 1]].
+    next_first, next_edges : CSR of the edges that may follow: of edge i,
+        next_edges[next_first[i]:next_first[i + 1]].
     has_elevation : whether the map gave heights; where not, z is 0 and slope is unknown, not level.
     """
 
@@ -121,7 +125,9 @@ class Network:
         return self.distance + starts[owner], starts
 
     def segment(self, edge: Index, offset: Floats) -> tuple[NDArray[np.intp], Floats]:
-        """Index of the vertex before each place, and the share of that segment passed, for (N,) edges and offsets [m]."""
+        """Index of the vertex before each place, and the share of that segment passed,
+        for (N,) edges and offsets [m].
+        """
         ladder, starts = self._ladder
         offset = np.clip(offset, 0.0, self.length[edge])
         k = np.searchsorted(ladder, starts[edge] + offset, side="right") - 1
@@ -143,13 +149,16 @@ class Network:
         return np.asarray(np.arctan2(d[:, 1], d[:, 0]), dtype=np.float64)
 
     def slope(self, edge: Index, offset: Floats) -> Floats:
-        """(N,) slope angle along the direction of travel [rad], uphill positive; 0 where the map has no elevation."""
+        """(N,) slope angle along the direction of travel [rad], uphill positive;
+        0 where the map has no elevation.
+        """
         k, _ = self.segment(edge, offset)
         d = self.points[k + 1] - self.points[k]
         return np.asarray(np.arctan2(d[:, 2], np.maximum(np.hypot(d[:, 0], d[:, 1]), 1e-9)), dtype=np.float64)
 
     def without(self, closed: Collection[str]) -> Network:
-        """The network without some roads, named as a road (both directions) or as an edge; :class:`SiteError` for an unknown name.
+        """The network without some roads, named as a road (both directions) or as an edge; :class:`SiteError`
+        for an unknown name.
 
         Turns stay as they are; where none is left a truck may turn round, as at any dead end.
         """
@@ -158,11 +167,16 @@ class Network:
         kept = [i for i, e in enumerate(self.edge_ids) if e not in closed and self.roads[i] not in closed]
         edges = [
             Edge(
-                self.edge_ids[i], self.node_ids[self.start[i]], self.node_ids[self.end[i]], self.polyline(i), self.roads[i],
-                float(self.speed_limit[i]), float(self.width[i]),
+                self.edge_ids[i],
+                self.node_ids[self.start[i]],
+                self.node_ids[self.end[i]],
+                self.polyline(i),
+                self.roads[i],
+                float(self.speed_limit[i]),
+                float(self.width[i]),
             )
             for i in kept
-        ]  # fmt: skip
+        ]
         open_ways = set(kept)
         turns = []
         for i in kept:
@@ -212,8 +226,9 @@ def build_network(
     Parameters
     ----------
     edges : in any order; ids must differ.
-    turns : the allowed (edge id, next edge id).  By default every edge that leaves the node where one ends may follow
-        it, but not its own reverse unless nothing else leaves (a dead end lets a truck turn round).
+    turns : the allowed (edge id, next edge id).  By default every edge that leaves the node where one ends
+        may follow it, but not its own reverse unless nothing else leaves (a dead end lets a truck turn
+        round).
     forbidden : (edge id, next edge id) to leave out of the default.
     has_elevation : by default whether any height differs from another.
     """
@@ -286,7 +301,9 @@ def _default_turns(
 
 @dataclass(frozen=True)
 class LoadReport:
-    """What became of the roads of a map file: ``read`` came in, ``kept`` are driven, ``dropped`` counts by reason."""
+    """What became of the roads of a map file:
+    ``read`` came in, ``kept`` are driven, ``dropped`` counts by reason.
+    """
 
     format: str
     read: int

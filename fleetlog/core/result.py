@@ -1,4 +1,6 @@
-"""What an analysis answers: numbers, tables and a few drawable shapes.  ``store`` writes it, ``view`` draws it."""
+"""What an analysis answers: numbers, tables and a few drawable shapes.
+``store`` writes it, ``view`` draws it.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Grid:
-    """A raster over the floor: ``values`` (rows from south to north, columns from west to east), NaN where empty.
+    """A raster over the floor: ``values`` (rows from south to north, columns from west to east), NaN where
+    empty.
 
-    ``x0, y0`` is the south-west corner [m], ``cell`` the cell size [m].  ``diverging`` draws with a symmetric colour map
-    around zero.
+    ``x0, y0`` is the south-west corner [m], ``cell`` the cell size [m].  ``diverging`` draws with a symmetric
+    colour map around zero.
     """
 
     name: str
@@ -34,7 +37,9 @@ class Grid:
 
 @dataclass(frozen=True)
 class EdgeValues:
-    """A value on directed edges, or on stretches of them: ``edge`` (N,) indices, ``start``/``end`` (N,) offsets [m]."""
+    """A value on directed edges, or on stretches of them:
+    ``edge`` (N,) indices, ``start``/``end`` (N,) offsets [m].
+    """
 
     name: str
     edge: NDArray[np.int32]
@@ -49,7 +54,8 @@ class EdgeValues:
 class Marks:
     """Labelled points on the floor ((N, 2) m): stops, chargers, critical areas.  ``size`` (N,) in metres.
 
-    ``on`` names the one map that they belong to, where a result has several; by default they are drawn on all.
+    ``on`` names the one map that they belong to, where a result has several; by default they are drawn on
+    all.
     """
 
     name: str
@@ -62,7 +68,9 @@ class Marks:
 
 @dataclass(frozen=True)
 class MovingLines:
-    """Line segments on the floor that change with time: at ``time[i]`` (int64 us) the strips ``lines[i]`` ((k, 2, 2) m) with flags."""
+    """Line segments on the floor that change with time:
+    at ``time[i]`` (int64 us) the strips ``lines[i]`` ((k, 2, 2) m) with flags.
+    """
 
     name: str
     time: NDArray[np.int64]
@@ -93,17 +101,36 @@ class Bars:
     label: str
 
 
-Shape = Grid | EdgeValues | Marks | MovingLines | Series | Bars
+@dataclass(frozen=True)
+class Spread:
+    """Curves with confidence intervals: for each curve, at each of the ``values`` of a setting, the results of some runs."""
+
+    name: str
+    values: tuple[str, ...]
+    curves: dict[str, list[Floats]]
+    x_label: str
+    y_label: str
+
+
+def half_width(values: Floats) -> float:
+    """Half the width of the 95 % confidence interval of the mean of (N,) values (Student's t); NaN for a single value."""
+    from scipy.stats import t
+
+    n = len(values)
+    return float(t.ppf(0.975, n - 1) * values.std(ddof=1) / np.sqrt(n)) if n > 1 else float("nan")
+
+
+Shape = Grid | EdgeValues | Marks | MovingLines | Series | Bars | Spread
 
 
 @dataclass
 class Result:
     """The answer to one question.
 
-    ``summary`` is JSON-ready; a quantity's key ends in its unit or ``units`` says it.  ``tables`` are written as Parquet,
-    those named in ``places`` (with columns x, y) as GeoJSON too.  ``lines`` is the answer in at most ten sentences for the terminal.
-    ``squares`` names the tables whose rows are square cells about x, y, with the size of a cell [m]: they get an outline.
-    Every :class:`Grid` is written as a GeoTIFF too.
+    ``summary`` is JSON-ready; a quantity's key ends in its unit or ``units`` says it.  ``tables`` are written
+    as Parquet, those named in ``places`` (with columns x, y) as GeoJSON too.  ``lines`` is the answer in at
+    most ten sentences for the terminal.  ``squares`` names the tables whose rows are square cells about x, y,
+    with the size of a cell [m]: they get an outline.  Every :class:`Grid` is written as a GeoTIFF too.
     """
 
     name: str

@@ -20,8 +20,8 @@ PlaceKind = Literal["pick", "drop", "park", "charge"]
 class Frame:
     """Right-handed local metres, x east, y north, z up, about an origin on the WGS 84 ellipsoid.
 
-    Azimuthal equidistant about (``latitude``, ``longitude``) [degrees]; ``rotation`` [rad] turns the local x axis
-    counter-clockwise from east.
+    Azimuthal equidistant about (``latitude``, ``longitude``) [degrees]; ``rotation`` [rad] turns the local x
+    axis counter-clockwise from east.
     """
 
     latitude: float
@@ -74,6 +74,15 @@ class Zone:
     speed_limit: float = float("nan")
     covered: bool = False
 
+    def contains(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
+        """(N,) whether points lie inside: an odd number of the polygon's sides is to their right."""
+        inside = np.zeros(len(x), dtype=bool)
+        corners = self.polygon[:, :2]
+        for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            if ay != by:
+                inside ^= ((ay > y) != (by > y)) & (x < ax + (y - ay) / (by - ay) * (bx - ax))
+        return inside
+
 
 @dataclass(frozen=True)
 class Building:
@@ -86,7 +95,9 @@ class Building:
 
 @dataclass(frozen=True)
 class Site:
-    """The plant.  ``frame`` is None where nothing says where on earth it lies; ``network`` is None without a map."""
+    """The plant.  ``frame`` is None where nothing says where on earth it lies;
+    ``network`` is None without a map.
+    """
 
     name: str = "site"
     frame: Frame | None = None
@@ -106,7 +117,9 @@ class Site:
 
 
 def site_to_dict(site: Site) -> dict[str, Any]:
-    """A JSON-ready picture of the whole site, network included; :func:`site_from_dict` reads it back exactly."""
+    """A JSON-ready picture of the whole site, network included;
+    :func:`site_from_dict` reads it back exactly.
+    """
     out: dict[str, Any] = {"name": site.name, "traffic": site.traffic, "source": site.source}
     if site.frame:
         out["frame"] = {k: getattr(site.frame, k) for k in ("latitude", "longitude", "rotation")}

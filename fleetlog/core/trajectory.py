@@ -38,7 +38,9 @@ class Labels:
         return [self.names[c] if c >= 0 else None for c in self.codes]
 
     def recode(self, order: Mapping[str, int]) -> Codes:
-        """Codes in another numbering, for example a network's edge indices; -1 for null and for unknown names."""
+        """Codes in another numbering, for example a network's edge indices;
+        -1 for null and for unknown names.
+        """
         table = np.array([order.get(n, -1) for n in self.names] + [-1], dtype=np.int32)
         return table[self.codes]
 
@@ -62,9 +64,9 @@ class Trajectory:
     ----------
     vehicle_id : str
     time : (N,) int64, microseconds since 1970-01-01 UTC, strictly increasing.
-    columns : by the names of :mod:`fleetlog.core.columns` (without vehicle_id and timestamp) or a log's own further
-        names.  Floats are float64 with NaN for null; ``trip_id`` is int64 with -1 for null; labels are :class:`Labels`.
-        A column that is wholly unknown is simply absent.
+    columns : by the names of :mod:`fleetlog.core.columns` (without vehicle_id and timestamp) or a log's own
+        further names.  Floats are float64 with NaN for null; ``trip_id`` is int64 with -1 for null; labels
+        are :class:`Labels`.  A column that is wholly unknown is simply absent.
     """
 
     vehicle_id: str

@@ -1,16 +1,18 @@
-"""A truck: what the nominal model needs to know of a vehicle type, with a documented default for every key but mass."""
+"""A truck: what the nominal model needs to know of a vehicle type, with a documented default for every key
+but mass.
+"""
 
 from __future__ import annotations
 
-import tomllib
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from fleetlog.core.schema import anything, load_toml, real, table, text
 from fleetlog.errors import TruckError, nearest
 
 
-def _key(default: float, unit: str, meaning: str, low: float = 0.0, high: float = float("inf")) -> Any:
+def _key(default: float, unit: str, meaning: str, low: float = 0.0, high: float = 1e9) -> Any:
     return field(default=default, metadata={"unit": unit, "meaning": meaning, "low": low, "high": high})
 
 
@@ -100,8 +102,13 @@ class Truck:
 
 
 SECTIONS: dict[str, type] = {
-    "chassis": Chassis, "drive": Drive, "resistance": Resistance, "lift": Lift, "auxiliary": Auxiliary, "battery": Battery,
-}  # fmt: skip
+    "chassis": Chassis,
+    "drive": Drive,
+    "resistance": Resistance,
+    "lift": Lift,
+    "auxiliary": Auxiliary,
+    "battery": Battery,
+}
 
 
 PRESETS = Path(__file__).parents[1] / "physics" / "presets"
@@ -114,49 +121,29 @@ def preset_names() -> list[str]:
 
 
 def load_truck(path: str | Path) -> Truck:
-    """Read a truck file (TOML) or a preset by its name; :class:`TruckError` names the key at fault and the nearest known one."""
+    """Read a truck file (TOML) or a preset by its name; :class:`TruckError` names the key at fault and the
+    nearest known one.
+    """
     path = Path(path)
     if not path.exists() and path.name == str(path) and path.name in preset_names():
         path = PRESETS / f"{path.name}.toml"
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        do = f"give a truck file or a preset: {nearest(path.name, preset_names())}"
-        raise TruckError("no such file", where=path, do=do) from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise TruckError(f"not readable as TOML: {error}", where=path) from None
-    return truck_from_dict(data, path)
+    do = f"give a truck file or a preset: {nearest(path.name, preset_names())}"
+    return truck_from_dict(load_toml(path, TruckError, do), path)
 
 
 def truck_from_dict(data: dict[str, Any], where: str | Path | None = None) -> Truck:
     """A truck of nested sections, checked."""
-    known = {*SECTIONS, "name"}
-    for key in data:
-        if key not in known:
-            raise TruckError("unknown key", where=where, place=key, do=nearest(key, known))
-    if "mass" not in data.get("chassis", {}):
-        raise TruckError(
-            "the mass is missing", where=where, place="chassis.mass", do="state it in kg, with battery"
-        )
-    sections = {name: _section(name, kind, data.get(name, {}), where) for name, kind in SECTIONS.items()}
-    return Truck(name=str(data.get("name", "truck")), **sections)
+    top = table(data, {"name": text, **dict.fromkeys(SECTIONS, anything)}, where, "", error=TruckError)
+    return Truck(
+        name=top.get("name", "truck"),
+        **{name: _section(name, kind, data.get(name, {}), where) for name, kind in SECTIONS.items()},
+    )
 
 
 def _section(name: str, kind: type, values: Any, where: str | Path | None) -> Any:
-    if not isinstance(values, dict):
-        raise TruckError("is not a section", where=where, place=name, do=f"write [{name}] and its keys below")
-    known = {f.name: f for f in fields(kind)}
-    for key, value in values.items():
-        place = f"{name}.{key}"
-        if key not in known:
-            raise TruckError("unknown key", where=where, place=place, do=nearest(key, known))
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise TruckError(f"{value!r} is not a number", where=where, place=place)
-        low, high = known[key].metadata["low"], known[key].metadata["high"]
-        if not low <= value <= high:
-            unit = known[key].metadata["unit"]
-            raise TruckError(f"{value} is outside {low:g} to {high:g} {unit}", where=where, place=place)
-    return kind(**{k: float(v) for k, v in values.items()})
+    keys = {f.name: real(*(f.metadata[k] for k in ("low", "high", "unit"))) for f in fields(kind)}
+    needed = [f.name for f in fields(kind) if f.default is MISSING]
+    return kind(**table(values, keys, where, name, needed, TruckError))
 
 
 def truck_to_dict(truck: Truck) -> dict[str, Any]:

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 
 def union_schema(selection: Selection) -> pa.Schema:
-    """The contract's columns, then every further column of any part; read from the files' descriptions only."""
+    """The contract's columns, then every further column of any part;
+    read from the files' descriptions only.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 

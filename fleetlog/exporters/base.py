@@ -1,7 +1,7 @@
 """What every export format gives, and the one function that runs it.
 
-A format is one module of this package that holds ``EXPORTER``, an :class:`Exporter`.  It writes a scratch file that appears
-under the wanted name when it is whole.
+A format is one module of this package that holds ``EXPORTER``, an :class:`Exporter`.  It writes a scratch
+file that appears under the wanted name when it is whole.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.errors import DataError, InputError, nearest
 from fleetlog.registry import parts
 from fleetlog.store import Dataset
-from fleetlog.store.atomic import atomic_output, check_free
+from fleetlog.store.output import atomic_output
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,8 @@ class Exporter:
     name : as ``--to`` takes it.
     suffix : the usual one of its files.
     meaning : what it is, for the list of formats.
-    write : writes the selection to a path; gives what the summary should say beside the rows (``rows`` itself included).
+    write : writes the selection to a path; gives what the summary should say beside the rows (``rows`` itself
+        included).
     network : whether it writes the road network, not the motion.
     """
 
@@ -115,13 +116,14 @@ def export_dataset(
     if to not in known:
         raise InputError(f"no export format {to!r}", do=nearest(to, known))
     output = Path(output)
-    check_free(output, overwrite, folder=False)
     source = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     for vehicle in vehicles:
         if vehicle not in source.vehicles:
             raise DataError(f"no vehicle {vehicle!r} in {source.path}", do=nearest(vehicle, source.vehicles))
     chosen = tuple(vehicles) or tuple(source.vehicles)
-    with atomic_output(output, overwrite=overwrite, folder=False) as scratch:
+    with atomic_output(
+        output, f"{to} export", overwrite=overwrite, folder=False, inputs=[source.path]
+    ) as scratch:
         more = known[to].write(Selection(source, chosen, output), scratch)
         size = scratch.stat().st_size
     return {"format": to, "file": str(output), "vehicles": len(chosen), "bytes": size, **more}

@@ -1,4 +1,6 @@
-"""CSV with the contract's column names, so that it is read back without a profile; packed where the name ends in .gz or .zst."""
+"""CSV with the contract's column names, read back without a profile;
+packed where the name ends in .gz or .zst.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +14,7 @@ from fleetlog.exporters.base import Exporter, Selection
 if TYPE_CHECKING:
     import pyarrow as pa
 
+FORMULA = r"^([=@\t\r]|[+-][\pL\pN_.:-]*[^\pL\pN_.:-])"
 _PACKING = {".gz": "gzip", ".zst": "zstd"}
 
 
@@ -48,11 +51,28 @@ def _header(names: list[str]) -> bytes:
 
 
 def _with_iso_time(table: pa.Table, schema: pa.Schema) -> pa.Table:
+    import pyarrow as pa
     import pyarrow.compute as pc
 
     at = table.column_names.index("timestamp")
     iso = pc.strftime(table.column("timestamp"), format="%Y-%m-%dT%H:%M:%SZ")
-    return table.set_column(at, "timestamp", iso).cast(schema)
+    table = table.set_column(at, "timestamp", iso).cast(schema)
+    for i, field in enumerate(schema):
+        if pa.types.is_string(field.type):
+            table = table.set_column(i, field, defused(table.column(i)))
+    return table
+
+
+def defused(texts: pa.ChunkedArray) -> pa.ChunkedArray:
+    """An apostrophe before every text that a spreadsheet would run as a formula.
+
+    Names such as ``-e012``, a road driven against its digitised direction, stay as they are: a sign before
+    letters,
+    digits and ``_ . : -`` calls nothing.
+    """
+    import pyarrow.compute as pc
+
+    return pc.replace_substring_regex(texts, pattern=FORMULA, replacement=r"'\1")
 
 
 EXPORTER = Exporter("csv", ".csv", "CSV with the dataset's columns (.gz and .zst too)", write)

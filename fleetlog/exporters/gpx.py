@@ -1,4 +1,6 @@
-"""GPX 1.1: a track per vehicle, a segment per day; what GPX has no element for stands in extensions under its own name."""
+"""GPX 1.1: a track per vehicle, a segment per day;
+what GPX has no element for stands in extensions under its own name.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from fleetlog.exporters.base import Exporter, Selection, cells, iso_times
 
 SPACE = "urn:fleetlog:trajectory:1"
 _HEAD = (
-    '<?xml version="1.0" encoding="UTF-8"?>\n<gpx version="1.1" creator={creator} xmlns="http://www.topografix.com/GPX/1/1" '
+    '<?xml version="1.0" encoding="UTF-8"?>\n<gpx version="1.1" creator={creator} '
+    'xmlns="http://www.topografix.com/GPX/1/1" '
     'xmlns:fl="{space}">\n'
 )
 _PLACED = ("x", "y", "z", "heading")

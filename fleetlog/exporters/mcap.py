@@ -1,5 +1,5 @@
-"""MCAP with JSON channels that Foxglove draws: ``/ID/fix`` (foxglove.LocationFix) or, without a place on earth, ``/ID/pose``
-(foxglove.PoseInFrame), and ``/ID/battery`` where the dataset knows it."""
+"""MCAP with JSON channels that Foxglove draws: ``/ID/fix`` (foxglove.LocationFix) or, without a place on
+earth, ``/ID/pose`` (foxglove.PoseInFrame), and ``/ID/battery`` where the dataset knows it."""
 
 from __future__ import annotations
 

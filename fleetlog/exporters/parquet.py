@@ -1,4 +1,6 @@
-"""One Parquet file; GeoParquet 1.1 (a point in WGS 84 for every row) where the site says where on earth it lies."""
+"""One Parquet file; GeoParquet 1.1 (a point in WGS 84 for every row) where the site says where
+on earth it lies.
+"""
 
 from __future__ import annotations
 

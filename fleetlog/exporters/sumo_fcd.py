@@ -1,8 +1,8 @@
 """SUMO's floating car data: every vehicle at every time step, in order of time.
 
-``x, y`` are the site frame's metres, as in the network that ``sumo-net`` writes; ``angle`` is clockwise from north;
-``lane`` is lane 0 of the matched edge.  ``time`` counts from the dataset's start, which stands in a comment so that an
-import gets the true times back.
+``x, y`` are the site frame's metres, as in the network that ``sumo-net`` writes; ``angle`` is clockwise from
+north; ``lane`` is lane 0 of the matched edge.  ``time`` counts from the dataset's start, which stands in a
+comment so that an import gets the true times back.
 """
 
 from __future__ import annotations

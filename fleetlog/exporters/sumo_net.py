@@ -1,8 +1,9 @@
-"""The site's road network as a SUMO ``.net.xml``, which sumo, netconvert, duarouter and sumolib read as it is.
+"""The site's road network as a SUMO ``.net.xml``, which sumo, netconvert, duarouter and sumolib read as it
+is.
 
-A directed edge is an edge of one lane on the same line; what may follow it is a connection.  There are no lanes inside
-junctions: a vehicle passes from edge to edge at once.  Where two connections cross or merge the earlier one in the file has
-the right of way.  An edge without a speed limit gets ``DEFAULT_SPEED``.
+A directed edge is an edge of one lane on the same line; what may follow it is a connection.  There are no
+lanes inside junctions: a vehicle passes from edge to edge at once.  Where two connections cross or merge the
+earlier one in the file has the right of way.  An edge without a speed limit gets ``DEFAULT_SPEED``.
 https://sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html
 """
 
@@ -85,7 +86,8 @@ def _edge(out: TextIO, n: Network, i: int, name: str, nodes: list[str]) -> None:
     out.write(
         f"  <edge id={quoteattr(name)} from={quoteattr(nodes[n.start[i]])} to={quoteattr(nodes[n.end[i]])} "
         f'priority="-1" spreadType="center">\n'
-        f'    <lane id={quoteattr(name + "_0")} index="0" speed="{speed:.2f}" length="{max(float(n.length[i]), 0.1):.3f}"{wide} '
+        f'    <lane id={quoteattr(name + "_0")} index="0" speed="{speed:.2f}" '
+        f'length="{max(float(n.length[i]), 0.1):.3f}"{wide} '
         f'shape="{_shape(n.polyline(i), n.has_elevation)}"/>\n  </edge>\n'
     )
 
@@ -105,7 +107,8 @@ def _junction(out: TextIO, n: Network, v: int, name: str, names: list[str], link
     kind = "priority" if links else "dead_end"
     out.write(
         f'  <junction id={quoteattr(name)} type="{kind}" x="{x:.3f}" y="{y:.3f}"{height} '
-        f'incLanes={quoteattr(" ".join(incoming))} intLanes="" shape="{_shape(_square(x, y, z), n.has_elevation)}"'
+        f'incLanes={quoteattr(" ".join(incoming))} intLanes="" '
+        f'shape="{_shape(_square(x, y, z), n.has_elevation)}"'
     )
     if not links:
         out.write("/>\n")
@@ -126,7 +129,9 @@ def _square(x: float, y: float, z: float) -> NDArray[np.float64]:
 
 
 def _conflict(n: Network, a: Connection, b: Connection) -> bool:
-    """Whether two connections of one junction from different edges merge, or cross on their straight ways through it."""
+    """Whether two connections of one junction from different edges merge,
+    or cross on their straight ways through it.
+    """
     if a[0] == b[0]:
         return False
     if a[1] == b[1]:
@@ -153,7 +158,8 @@ def _connection(out: TextIO, n: Network, a: int, b: int, names: list[str]) -> No
     turn = float(np.degrees(np.remainder(after - before + np.pi, 2 * np.pi) - np.pi))
     way = "s" if abs(turn) < 45 else "t" if abs(turn) > 135 else "l" if turn > 0 else "r"
     out.write(
-        f'  <connection from={quoteattr(names[a])} to={quoteattr(names[b])} fromLane="0" toLane="0" dir="{way}" state="M"/>\n'
+        f'  <connection from={quoteattr(names[a])} to={quoteattr(names[b])} fromLane="0" toLane="0" '
+        f'dir="{way}" state="M"/>\n'
     )
 
 

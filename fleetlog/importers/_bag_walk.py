@@ -1,81 +1,70 @@
-"""ROS 1 bags, format 2.0, walked in the order of the file: no index is needed, so a bag that was cut off gives what is whole.
+"""Records of ROS 1 bags, format 2.0.  http://wiki.ros.org/Bags/Format/2.0.
 
-http://wiki.ros.org/Bags/Format/2.0.  Readers that go by the index at the end refuse such a bag altogether.
+Readers that go by the index at the end refuse a bag that was cut off altogether.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from pathlib import Path
-from typing import BinaryIO
+from typing import Any
 
 from fleetlog.importers._bounded import LIMIT, Damaged, unpack
-from fleetlog.importers._mcap_walk import Channel
-from fleetlog.importers._open import plural
-from fleetlog.importers.base import ReadReport
+from fleetlog.importers._walk import FAULTS, Channel, Message, Record, Summary, Walk
 
 MAGIC = b"#ROSBAG V2.0\n"
-MESSAGE, HEADER, CHUNK, CONNECTION = 2, 3, 5, 7
-DAMAGE_LINES = 10
+MESSAGE, HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 _LENGTH = struct.Struct("<I")
+Header = dict[bytes, bytes]
 
 
-class BagFile:
-    """An open bag; ``channels`` by connection number grows while :meth:`messages` goes on."""
+class BagWalk(Walk):
+    """An open bag; ``channels`` are its connections."""
 
-    def __init__(self, path: Path, stream: BinaryIO, report: ReadReport) -> None:
-        self.stream, self.report = stream, report
-        self.size = path.stat().st_size
-        self.at = 0
-        self.count = 0
-        self.channels: dict[int, Channel] = {}
-        self._damages = 0
+    called = "a ROS 1 bag"
+    magic = MAGIC
+    chunk = CHUNK
+    kinds = frozenset({MESSAGE, HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION})
 
-    def share(self) -> float:
-        """Share of the file that has been read."""
-        return self.at / max(self.size, 1)
+    def _cut_off(self) -> bool:
+        return self.summary() is None
 
-    def indexed(self) -> bool:
-        """Fill ``channels`` from the index at the end; False where there is none."""
+    def summary(self) -> Summary | None:
+        """See the base; from the connections and chunk infos at the end of the bag."""
+        found = Summary()
         try:
-            header, _, _ = self._record(len(MAGIC))
-            (at,) = struct.unpack("<Q", header[b"index_pos"])
-            (expected,) = _LENGTH.unpack(header[b"conn_count"])
-            if header[b"op"] != bytes([HEADER]) or not 0 < at <= self.size:
-                return False
-            while at < self.size and len(self.channels) < expected:
-                header, data, at = self._record(at)
-                self._connect(header, data)
-        except (Damaged, KeyError, struct.error):
-            return False
-        return len(self.channels) == int(expected)
+            self.at = len(MAGIC)
+            first = self._next()
+            (at,) = struct.unpack("<Q", first.header[b"index_pos"])
+            (connections,), (chunks,) = (
+                _LENGTH.unpack(first.header[k]) for k in (b"conn_count", b"chunk_count")
+            )
+            if first.kind != HEADER or not 0 < at <= self.size:
+                return None
+            self.at = at
+            while self.at < self.size:
+                record = self._next()
+                self._index(found, record)
+                self.at = record.after
+        except FAULTS:
+            return None
+        found.channels = dict(self.channels)
+        return found if (len(self.channels), len(found.chunks)) == (connections, chunks) else None
 
-    def messages(self) -> Iterator[tuple[Channel, int, bytes]]:
-        """(connection, time received [us], data) of every whole message."""
-        self.at = len(MAGIC)
-        while self.at < self.size:
-            try:
-                header, data, after = self._record(self.at)
-                if header.get(b"op") == bytes([CHUNK]):
-                    yield from self._chunk(header, data)
-                else:
-                    yield from self._item(header, data)
-            except Damaged as error:
-                self._say(f"{error} at byte {self.at}")
-                break
-            except (KeyError, struct.error) as error:
-                self._say(f"the record at byte {self.at} lacks a field ({type(error).__name__})")
-            self.at = after
-        if self._damages:
-            self.report.damaged(f"{plural(self.count, 'message')} before and between are whole")
+    def _index(self, found: Summary, record: Record) -> None:
+        if record.kind == CONNECTION:
+            self._connect(record.header, record.data)
+        elif record.kind == CHUNK_INFO:
+            found.chunks.add(struct.unpack("<Q", record.header[b"chunk_pos"])[0])
+            found.messages += sum(count for _, count in struct.iter_unpack("<II", record.data))
+        else:
+            raise Damaged("the index is wrong")
 
-    def _record(self, at: int) -> tuple[dict[bytes, bytes], bytes, int]:
-        """Header, data and the place after the record at ``at``."""
-        self.stream.seek(at)
+    def _next(self) -> Record:
+        self.stream.seek(self.at)
         header = _header(self._block())
         data = self._block()
-        return header, data, self.stream.tell()
+        return Record(_kind(header), header, data, self.stream.tell())
 
     def _block(self) -> bytes:
         head = self.stream.read(4)
@@ -86,44 +75,43 @@ class BagFile:
             raise Damaged("a record runs beyond the end of the bag: it is cut off or damaged")
         return self.stream.read(length)
 
-    def _chunk(self, header: dict[bytes, bytes], packed: bytes) -> Iterator[tuple[Channel, int, bytes]]:
-        try:
-            (size,) = _LENGTH.unpack(header[b"size"])
-            data = unpack(header[b"compression"].decode("ascii", "replace"), packed, size)
+    def _take(self, record: Record) -> Iterator[Message]:
+        if record.kind == INDEX:
+            self.indexed += _LENGTH.unpack(record.header[b"count"])[0]
+        elif record.kind != CHUNK:
+            yield from self._item(record.kind, record.header, record.data)
+        else:
+            (size,) = _LENGTH.unpack(record.header[b"size"])
+            data = unpack(record.header[b"compression"].decode("ascii", "replace"), record.data, size)
             at = 0
             while at < len(data):
                 head, at = _cut(data, at)
                 body, at = _cut(data, at)
-                yield from self._item(_header(head), body)
-        except (Damaged, KeyError, struct.error) as error:
-            self._say(f"the chunk at byte {self.at} is damaged ({error})")
+                header = _header(head)
+                yield from self._item(_kind(header), header, body)
 
-    def _item(self, header: dict[bytes, bytes], data: bytes) -> Iterator[tuple[Channel, int, bytes]]:
-        op = header[b"op"]
-        if op == bytes([CONNECTION]):
+    def _item(self, kind: int, header: Header, data: Any) -> Iterator[Message]:
+        if kind == CONNECTION:
             self._connect(header, data)
-        elif op == bytes([MESSAGE]):
+        elif kind == MESSAGE:
             channel = self.channels.get(_LENGTH.unpack(header[b"conn"])[0])
             seconds, nanoseconds = struct.unpack("<II", header[b"time"])
             if channel is None:
-                self._say("a message of an unknown connection")
+                self.say("a message of an unknown connection")
                 return
             self.count += 1
             yield channel, seconds * 1_000_000 + (nanoseconds + 500) // 1000, data
 
-    def _connect(self, header: dict[bytes, bytes], data: bytes) -> None:
-        if header[b"op"] != bytes([CONNECTION]):
-            raise Damaged("the index is wrong")
+    def _connect(self, header: Header, data: bytes) -> None:
         (number,) = _LENGTH.unpack(header[b"conn"])
         about = _header(data)
         topic = about.get(b"topic") or header[b"topic"]
         schema = about.get(b"type", b"").decode("utf-8", "replace")
         self.channels[number] = Channel(topic.decode("utf-8", "replace"), schema, "ros1")
 
-    def _say(self, text: str) -> None:
-        self._damages += 1
-        if self._damages <= DAMAGE_LINES:
-            self.report.damaged(text)
+
+def _kind(header: Header) -> int:
+    return int.from_bytes(header[b"op"], "little")
 
 
 def _cut(data: bytes, at: int) -> tuple[bytes, int]:
@@ -136,7 +124,7 @@ def _cut(data: bytes, at: int) -> tuple[bytes, int]:
     return data[at + 4 : end], end
 
 
-def _header(data: bytes) -> dict[bytes, bytes]:
+def _header(data: bytes) -> Header:
     """The fields ``name=value`` of a header."""
     fields, at = {}, 0
     while at < len(data):

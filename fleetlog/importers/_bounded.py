@@ -9,7 +9,7 @@ from typing import Any
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import compression
 
-LIMIT = 1 << 29
+LIMIT = 1 << 28
 """Bytes of one packed piece, before or after unpacking, that are believed."""
 
 
@@ -21,14 +21,18 @@ def refuse_packed(path: Path) -> None:
     """Raise where the whole file is packed: formats that are read by seeking must be unpacked first."""
     packing = compression(path)
     if packing is not None:
-        tool = {"gzip": "gunzip", "zstd": "zstd -d"}.get(packing, "the tool that packed it")
+        tool = {"gzip": "gunzip", "zstd": "zstd -d", "bzip2": "bunzip2"}.get(
+            packing, "the tool that packed it"
+        )
         raise FormatError(
             f"the whole file is packed with {packing}", where=path, do=f"unpack it first: {tool} {path.name}"
         )
 
 
 def unpack(packing: str, packed: bytes, size: int) -> bytes:
-    """``size`` bytes; :class:`Damaged` where the packing is unknown or broken, or another length comes out."""
+    """``size`` bytes; :class:`Damaged` where the packing is unknown or broken, or another length comes
+    out.
+    """
     if size > LIMIT:
         raise Damaged(f"it states {size:,} bytes")
     try:

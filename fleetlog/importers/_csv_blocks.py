@@ -10,16 +10,22 @@ from pathlib import Path
 import numpy as np
 
 from fleetlog.core.trajectory import Ints
+from fleetlog.errors import FormatError
+from fleetlog.importers._csv_lines import with_line_feeds
 from fleetlog.importers._open import open_bytes
-from fleetlog.importers.base import ReadReport
+from fleetlog.importers._report import ReadReport
 
 SIZE = 8 << 20
 """Bytes in a block."""
+LONGEST = 8 << 20
+"""Bytes in a line."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Whole lines; ``first`` is the number of the first one, from 1; ``cut`` says that the last lacks its line end."""
+    """Whole lines; ``first`` is the number of the first one, from 1; ``cut`` says that the last lacks its
+    line end.
+    """
 
     text: bytes
     first: int
@@ -46,7 +52,9 @@ class Block:
 
 
 def guess_encoding(head: bytes) -> str:
-    """``utf-8-sig``, ``utf-16`` or ``utf-8`` where the bytes say so, else ``cp1252``, which every byte fits."""
+    """``utf-8-sig``, ``utf-16`` or ``utf-8`` where the bytes say so, else ``cp1252``, which every byte
+    fits.
+    """
     if head.startswith(codecs.BOM_UTF8):
         return "utf-8-sig"
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
@@ -61,20 +69,25 @@ def guess_encoding(head: bytes) -> str:
 
 
 def blocks(path: Path, encoding: str, report: ReadReport, size: int = SIZE) -> Iterator[Block]:
-    """The file, block by block; carriage returns alone count as line ends where the file has no others."""
+    """The file, block by block; carriage returns alone end lines too (:func:`with_line_feeds`)."""
     stream, raw = open_bytes(path, report)
-    decoder = None if encoding == "utf-8" else codecs.getincrementaldecoder(encoding)(errors="replace")
-    rest, first, carriage = b"", 1, False
+    decoder = codecs.getincrementaldecoder(encoding)(errors="replace") if encoding != "utf-8" else None
+    rest, first, ended = b"", 1, False
     with stream:
-        while data := stream.read(size):
-            text = rest + (decoder.decode(data).encode() if decoder else data)
-            carriage = carriage or (first == 1 and b"\n" not in text and b"\r" in text)
-            if carriage:
-                text = text.replace(b"\r", b"\n")
+        while not ended:
+            data = stream.read(size)
+            ended = not data
+            text = rest + (decoder.decode(data, ended).encode("utf-8", "replace") if decoder else data)
+            # A carriage return at the very end may be half of a line end.
+            half = b"\r" if text.endswith(b"\r") and not ended else b""
+            text = with_line_feeds(text.removesuffix(half), report) + half
             end = text.rfind(b"\n") + 1
             if end:
                 yield Block(text[:end], first, raw.share)
                 first += text.count(b"\n", 0, end)
             rest = text[end:]
+            if len(rest) > LONGEST:
+                what = f"the line is longer than {LONGEST >> 20} MB"
+                raise FormatError(what, where=path, place=f"line {first}", do="check the format")
         if rest:
             yield Block(rest, first, 1.0, cut=True)

@@ -18,12 +18,15 @@ _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 _ODD = r"(?i)^[+-]?(nan|inf|infinity)$"
 _DEGREES = re.compile(
     r"^\s*(?P<head>[NSEWnsew])?\s*(?P<sign>[+-])?\s*(?P<d>\d{1,3}(?:\.\d+)?)\s*(?:°|d|deg|:|\s)\s*"
-    r"(?:(?P<m>\d{1,2}(?:\.\d+)?)\s*(?:'|′|m|min|:|\s|$)\s*)?(?:(?P<s>\d{1,2}(?:\.\d+)?)\s*(?:\"|″|''|s|sec)?\s*)?(?P<tail>[NSEWnsew])?\s*$"
+    r"(?:(?P<m>\d{1,2}(?:\.\d+)?)\s*(?:'|′|m|min|:|\s|$)\s*)?"
+    r"(?:(?P<s>\d{1,2}(?:\.\d+)?)\s*(?:\"|″|''|s|sec)?\s*)?(?P<tail>[NSEWnsew])?\s*$"
 )
 
 
 def numbers(cells: pa.Array, decimal: str = ".") -> tuple[Floats, Mask]:
-    """Values of text cells, NaN where empty, and which cells are no numbers; infinity is no number, NaN is an empty cell."""
+    """Values of text cells, NaN where empty, and which cells are no numbers;
+    infinity is no number, NaN is an empty cell.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
 

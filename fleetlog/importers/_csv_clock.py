@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,11 +11,20 @@ from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Ints, Labels
 from fleetlog.errors import FormatError, InputError
-from fleetlog.importers._csv_layout import Layout
 from fleetlog.importers._names import EPOCH_UNITS
-from fleetlog.importers._profile import Profile
-from fleetlog.importers._times import NONE, LocalClock, epoch_unit, from_counts, from_format, from_iso
-from fleetlog.importers.base import ReadReport
+from fleetlog.importers._profile import Profile, has_date
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers._times import (
+    NONE,
+    Days,
+    LocalClock,
+    epoch_unit,
+    from_counts,
+    from_format,
+    from_iso,
+    microseconds,
+    of_day,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -23,27 +33,19 @@ Mask = NDArray[np.bool_]
 
 
 class Clock:
-    """Times of one file, block by block."""
+    """Times of one file, block by block; ``names`` are the columns that hold them, ``epoch`` the unit of a
+    count, if known.
+    """
 
-    def __init__(self, layout: Layout, path: Path, profile: Profile, report: ReadReport) -> None:
-        self.layout, self.path, self.profile, self.report = layout, path, profile, report
-        self.style = profile.time_format or layout.epoch or ""
-        self.origin = self._origin()
+    def __init__(
+        self, names: tuple[str, ...], epoch: str | None, path: Path, profile: Profile, report: ReadReport
+    ) -> None:
+        self.names, self.path, self.profile, self.report = names, path, profile, report
+        self.style = profile.time_format or epoch or ""
         self.local = LocalClock(profile.zone) if profile.zone else None
+        self.days: Days | None = None
         self.missing: Mask = np.zeros(0, bool)
         self.skipped: Mask = np.zeros(0, bool)
-
-    def _origin(self) -> int:
-        text = self.profile.time_origin
-        if text is None:
-            return 0
-        import pyarrow as pa
-
-        time, bare = from_iso(pa.array([text]))
-        if time[0] == NONE or bare[0]:
-            do = 'write it as "2026-03-02T05:00:00Z"'
-            raise InputError(f"{text!r} is no instant", where=self.profile.path, place="time.origin", do=do)
-        return int(time[0])
 
     def times(self, table: pa.Table, vehicle: Labels) -> Ints:
         """(N,) microseconds UTC; ``NONE`` where a cell cannot be read."""
@@ -52,35 +54,61 @@ class Clock:
         self.skipped = np.zeros(len(cells), bool)
         if not self.style:
             self.style = self._decide(cells)
+        if not self.style:
+            return np.full(len(cells), NONE)
         if self.style in EPOCH_UNITS:
             return self._counted(cells)
+        if self.style == "of day" or not has_date(self.style):
+            time = self._dated(of_day(cells, self.style))
+            return self.to_utc(time, time != NONE, vehicle)
+        if self.profile.time_origin is not None:
+            raise self._profile_error("the times have dates of their own", "leave the origin out")
         time, bare = from_iso(cells) if self.style == "iso" else from_format(cells, self.style)
-        return self._to_utc(time, bare & (time != NONE), vehicle)
+        return self.to_utc(time, bare & (time != NONE), vehicle)
+
+    def _dated(self, of_day: Ints) -> Ints:
+        """Times of day on the days from the profile's origin; a date is never made up."""
+        if self.days is None:
+            origin = self.profile.time_origin
+            if origin is None:
+                do = 'name a column of dates too, or state the first day: [time] origin = "2026-03-02"'
+                raise FormatError("the times are times of day without a date", where=self.path, do=do)
+            here = origin.astimezone(self.profile.zone or UTC) if origin.tzinfo else origin
+            self.days = Days(microseconds(datetime(here.year, here.month, here.day)))
+        return self.days.dated(of_day)
+
+    def _profile_error(self, what: str, do: str) -> InputError:
+        return InputError(what, where=self.profile.path, place="time.origin", do=do)
 
     def _cells(self, table: pa.Table) -> pa.Array:
         import pyarrow.compute as pc
 
-        parts = [table.column(n).combine_chunks() for n in self.layout.time]
+        parts = [table.column(n).combine_chunks() for n in self.names]
         return pc.binary_join_element_wise(*parts, " ") if len(parts) > 1 else parts[0]
 
     def _decide(self, cells: pa.Array) -> str:
-        """ISO 8601 or a count from 1970, from the first cells; an error that says what to write where it is neither."""
+        """ISO 8601, a count from 1970 or a time of day, from the first cells; an error that says what to
+        write otherwise.
+        """
         known = cells.drop_null()
         sample = known.slice(0, 1000)
         if not len(sample):
-            return "iso"
+            return ""
         figures = _figures(sample)
         if np.isfinite(figures).mean() > 0.5:
             return self._decide_count(figures, str(sample[0]))
+        if (of_day(sample, "of day") != NONE).mean() > 0.5:
+            return "of day"
         time, _ = from_iso(sample)
         if (time != NONE).any():
             return "iso"
         do = "state its format in a profile: [time] format = '%d.%m.%Y %H:%M:%S'"
-        raise FormatError(f"times as {str(sample[0])!r} can be read in several ways", where=self.path, do=do)
+        shown = str(sample[0])[:60]
+        raise FormatError(f"times as {shown!r} can be read in several ways", where=self.path, do=do)
 
     def _decide_count(self, figures: NDArray[np.float64], first: str) -> str:
         unit = epoch_unit(figures)
-        name = self.layout.time[0]
+        name = self.names[0]
         if unit is None or self.profile.time_origin:
             do = 'state both in a profile: [time] format = "s", origin = "2026-03-02T05:00:00Z"'
             raise FormatError(
@@ -97,11 +125,12 @@ class Clock:
         try:
             whole = cells.cast(pa.int64())
         except pa.ArrowInvalid:
-            return from_counts(_figures(cells), self.style, self.origin)
-        time = from_counts(np.asarray(whole.fill_null(0), dtype=np.int64), self.style, self.origin)
+            return from_counts(_figures(cells), self.style, self.profile.origin)
+        time = from_counts(np.asarray(whole.fill_null(0), dtype=np.int64), self.style, self.profile.origin)
         return np.where(self.missing, NONE, time)
 
-    def _to_utc(self, time: Ints, bare: Mask, vehicle: Labels) -> Ints:
+    def to_utc(self, time: Ints, bare: Mask, vehicle: Labels) -> Ints:
+        """Times of which the ``bare`` ones are local (UTC without a zone in the profile)."""
         if not bare.any():
             return time
         if self.local is None:
@@ -116,13 +145,14 @@ class Clock:
         return out
 
     def close(self) -> None:
-        """Say how the clock changes were handled."""
+        """Report how the clock changes were handled."""
         if self.local is None:
             return
         self.report.note(f"times are local of {self.local.zone.key}")
         if self.local.twice:
             self.report.note(
-                f"{self.local.twice} rows lie in an hour that comes twice (clocks went back); told apart by their order"
+                f"{self.local.twice} rows lie in an hour that comes twice (clocks went back); "
+                "told apart by their order"
             )
 
 

@@ -1,17 +1,20 @@
-"""What the columns of one text log are: names, what each is taken for, and what was decided without being asked."""
+"""What the columns of one text log are: names, what each is taken for, and what was decided without being
+asked.
+"""
 
 from __future__ import annotations
 
-import csv as csv_text
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.errors import FormatError, InputError, nearest
+from fleetlog.importers._csv_lines import rows_of
 from fleetlog.importers._names import Meaning, normal, recognise
 from fleetlog.importers._profile import Profile, Source
+from fleetlog.importers._report import ReadReport
 from fleetlog.importers._units import KINDS, si_unit
-from fleetlog.importers.base import ReadReport
 
 DELIMITERS = ",;\t|"
 _COMMA = re.compile(r"[+-]?\d*,\d+")
@@ -48,7 +51,7 @@ def find_delimiter(lines: list[str]) -> str:
     """The separator that splits the header line, and most of the other lines into as many fields as that."""
 
     def worth(delimiter: str) -> tuple[float, int]:
-        counts = [len(row) for row in csv_text.reader(lines, delimiter=delimiter) if row]
+        counts = [len(row) for row in rows_of(lines, delimiter)]
         fields = counts[0] if counts else 1
         return (counts.count(fields) / len(counts) if fields > 1 else 0.0), fields
 
@@ -56,10 +59,12 @@ def find_delimiter(lines: list[str]) -> str:
 
 
 def find_decimal(lines: list[str], delimiter: str, report: ReadReport) -> str:
-    """The decimal comma where another character separates the cells and none of the figures has a point; said aloud."""
+    """The decimal comma where another character separates the cells and none of the figures has a point;
+    said aloud.
+    """
     if delimiter == ",":
         return "."
-    cells = [cell.strip() for row in csv_text.reader(lines, delimiter=delimiter) for cell in row]
+    cells = [cell.strip() for row in rows_of(lines, delimiter) for cell in row]
     commas = sum(bool(_COMMA.fullmatch(cell)) for cell in cells)
     if commas == 0 or any(_POINT.fullmatch(cell) for cell in cells):
         return "."
@@ -73,15 +78,32 @@ def unique(names: list[str], report: ReadReport) -> list[str]:
     for i, raw in enumerate(names):
         name = raw.strip() or f"column_{i + 1}"
         if name in out:
-            again = f"{name}_{sum(n.split('_')[0] == name for n in out) + 1}"
+            again = next(n for k in range(2, len(names) + 2) if (n := f"{name}_{k}") not in (*out, *names))
             report.note(f"the header has {name!r} more than once; the later one is called {again!r}")
             name = again
         out.append(name)
     return out
 
 
+def fit_header(names: list[str], rows: list[list[str]], report: ReadReport) -> list[str]:
+    """The header with a name more or less at its end, where most rows have one field more, or one less than
+    it promises.
+    """
+    usual = Counter(len(row) for row in rows).most_common(1)
+    fields = usual[0][0] if usual else len(names)
+    if fields == len(names) + 1:
+        report.note(f"the rows have a field more than the header has names: it is called 'column_{fields}'")
+        return [*names, ""]
+    if fields == len(names) - 1 and not names[-1].strip():
+        report.note("the header ends with a separator that the rows do not have")
+        return names[:-1]
+    return names
+
+
 def lay_out(names: list[str], delimiter: str, skip: int, profile: Profile, report: ReadReport) -> Layout:
-    """Decide what every column is: the profile first, then the names; everything decided is said in ``report``."""
+    """Decide what every column is: the profile first, then the names; everything decided is said in
+    ``report``.
+    """
     layout = Layout(unique(names, report), delimiter, skip)
     _from_profile(layout, profile, report)
     meanings = {n: m for n in layout.names if n not in layout.used and (m := recognise(n))}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv as csv_text
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,16 +13,17 @@ from fleetlog.importers._csv_blocks import Block
 from fleetlog.importers._csv_cells import degrees, numbers
 from fleetlog.importers._csv_clock import Clock
 from fleetlog.importers._csv_layout import Layout
+from fleetlog.importers._csv_table import TableReader
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers._profile import Profile, Source
+from fleetlog.importers._report import ReadReport
 from fleetlog.importers._times import MISSING, NONE, SKIPPED, UNREADABLE
-from fleetlog.importers.base import RawBatch, ReadReport, Reject
+from fleetlog.importers.base import RawBatch, Reject
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Floats = NDArray[np.float64]
-NULLS = ["", "NA", "N/A", "NaN", "nan", "null", "NULL", "None", "-", "#N/A"]
 _MUST = ("latitude", "longitude", "x", "y")
 """A row whose position is not a number is refused; of other columns only the value is."""
 
@@ -34,8 +33,10 @@ class RowReader:
 
     def __init__(self, layout: Layout, path: Path, profile: Profile, report: ReadReport) -> None:
         self.layout, self.path, self.profile, self.report = layout, path, profile, report
-        self.clock = Clock(layout, path, profile, report)
+        self.clock = Clock(layout.time, layout.epoch, path, profile, report)
         self.vehicle = self._constant_vehicle()
+        sentinels = [*profile.sentinels, *(s for v in layout.values.values() for s in v.sentinels)]
+        self.reader = TableReader(layout, [s for s in sentinels if isinstance(s, str)], report)
         self._types: dict[str, Any] = {}
         self._percent = False
         self._angles: set[str] = set()
@@ -48,7 +49,7 @@ class RowReader:
         if self.layout.vehicle:
             return ""
         if self.profile.vehicle:
-            return self.profile.vehicle.format(stem=stem, folder=self.path.absolute().parent.name)
+            return str(self.profile.vehicle_of(self.path))
         self.report.note(f"no column of vehicle ids: every row is of vehicle {stem!r}, after the file's name")
         return stem
 
@@ -56,7 +57,7 @@ class RowReader:
         """The rows of a block."""
         if not self._types:
             self._decide(block)
-        table, lines, rejects = self._table(block)
+        table, lines, rejects = self.reader.read(block, self._types)
         bad: dict[str, NDArray[np.bool_]] = {}
         columns = self._columns(table, bad)
         vehicle = self._vehicles(table)
@@ -84,7 +85,7 @@ class RowReader:
         import pyarrow as pa
 
         layout = self.layout
-        inferred = self._arrow(block.text, None, [])[0].schema
+        inferred = self.reader.inferred(block)
         text = {*layout.time, *layout.labels.values(), *([layout.vehicle] if layout.vehicle else [])}
         for name in layout.names:
             kind = inferred.field(name).type
@@ -97,78 +98,6 @@ class RowReader:
                 self._angles.add(source.column)
             else:
                 self._types[source.column] = pa.float64()
-
-    def _table(self, block: Block) -> tuple[pa.Table, Ints, list[Reject]]:
-        """The table of a block, the line of every row in it, and the lines that do not have as many fields as the header."""
-        import pyarrow as pa
-
-        text = self._as_utf8(block)
-        ragged: list[Any] = []
-        try:
-            table, ragged = self._arrow(text, self._types, ragged)
-        except pa.ArrowInvalid:
-            table, ragged = self._arrow(text, dict.fromkeys(self._types, pa.string()), [])
-        lines = block.lines()
-        if len(lines) != table.num_rows + len(ragged):
-            lines = self._lines_of_records(block)[: table.num_rows + len(ragged)]
-        keep = np.ones(len(lines), bool)
-        rejects = []
-        for row in ragged:
-            at = row.number - 1
-            keep[at] = False
-            last = block.cut and at == len(lines) - 1 and row.actual_columns < row.expected_columns
-            if last:
-                self.report.damaged(
-                    f"the last line ({lines[at]}) is cut off; {at} lines before it in its block are whole"
-                )
-            reason = "the line is cut off" if last else "the line has more fields than the header" if (
-                row.actual_columns > row.expected_columns
-            ) else "the line has fewer fields than the header"  # fmt: skip
-            rejects.append(Reject(int(lines[at]), reason, row.text))
-        return table, lines[keep], rejects
-
-    def _as_utf8(self, block: Block) -> bytes:
-        try:
-            block.text.decode("utf-8")
-        except UnicodeDecodeError as error:
-            line = block.first + block.text.count(b"\n", 0, error.start)
-            self.report.note(f"line {line} is not UTF-8; its block is read as cp1252")
-            return block.text.decode("cp1252", "replace").encode()
-        return block.text
-
-    def _arrow(
-        self, text: bytes, types: dict[str, Any] | None, ragged: list[Any]
-    ) -> tuple[pa.Table, list[Any]]:
-        import pyarrow.csv as pv
-
-        def skip(row: Any) -> str:
-            ragged.append(row)
-            return "skip"
-
-        parse = pv.ParseOptions(delimiter=self.layout.delimiter, invalid_row_handler=skip)
-        missing = [str(s) for s in self.profile.sentinels if isinstance(s, str)]
-        missing += [s for v in self.layout.values.values() for s in v.sentinels if isinstance(s, str)]
-        convert = pv.ConvertOptions(
-            column_types=types, null_values=NULLS + missing, strings_can_be_null=True, decimal_point=self.layout.decimal,
-            timestamp_parsers=["-"], check_utf8=False,
-        )  # fmt: skip
-        options = pv.ReadOptions(
-            use_threads=False, column_names=self.layout.names, block_size=len(text) + 1024, skip_rows=0
-        )
-        source = io.BytesIO(text)
-        return pv.read_csv(source, read_options=options, parse_options=parse, convert_options=convert), ragged
-
-    def _lines_of_records(self, block: Block) -> Ints:
-        """First lines of the records, where a quoted cell spans several."""
-        reader = csv_text.reader(
-            io.StringIO(block.text.decode("utf-8", "replace")), delimiter=self.layout.delimiter
-        )
-        out, before = [], 0
-        for row in reader:
-            if row:
-                out.append(block.first + before)
-            before = reader.line_num
-        return np.array(out, dtype=np.int64)
 
     # ----------------------------------------------------------------------- table to columns
 

@@ -1,19 +1,22 @@
-"""The fields of a table or of a JSON object that are read by name: what each is, and the way of its values to SI."""
+"""The fields of a table or of a JSON object that are read by name: what each is, and the way of its values
+to SI.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.importers._names import EPOCH_UNITS, recognise
-from fleetlog.importers._profile import Profile
-from fleetlog.importers._rows import iso_time
+from fleetlog.importers._profile import Profile, has_date
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers._times import microseconds
 from fleetlog.importers._units import Unit
-from fleetlog.importers.base import ReadReport
 
 _PER = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 
@@ -40,18 +43,50 @@ class Field:
 
 @dataclass
 class Fields:
-    """All fields: ``columns`` by the dataset's names, ``time`` and ``vehicle`` by the log's, ``kept`` as they are."""
+    """All fields: ``columns`` by the dataset's names, ``time`` and ``vehicle`` by the log's, ``kept`` as
+    they are.
+    """
 
     columns: dict[str, Field] = field(default_factory=dict)
     time: str | None = None
     epoch: str | None = None
     vehicle: str | None = None
     kept: list[str] = field(default_factory=list)
+    profile: Profile = field(default_factory=Profile)
+
+    def instant(self, value: Any, epoch: str | None = "") -> int:
+        """Microseconds UTC of one time: a text, or a number that counts from 1970 or from the profile's
+        origin.
+
+        :class:`ValueError` where it is none.  ``epoch`` is the unit of a count, None for that which its size
+        tells.
+        """
+        if isinstance(value, str):
+            return self._of_text(value)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError("no time")
+        unit = self.epoch if epoch == "" else epoch
+        if unit is None:
+            unit = next((u for u, top in (("s", 1e11), ("ms", 1e14), ("us", 1e17)) if abs(value) < top), "ns")
+        if not abs(value) < 1e19:
+            raise ValueError("no time")
+        whole = value // 1000 if unit == "ns" and isinstance(value, int) else round(value * _PER[unit])
+        return self.profile.origin + whole
+
+    def _of_text(self, text: str) -> int:
+        style = self.profile.time_format
+        if style is None or "%" not in style or not has_date(style):
+            moment = datetime.fromisoformat(text.strip())
+        else:
+            moment = datetime.strptime(text.strip(), style)
+        return microseconds(moment if moment.tzinfo else moment.replace(tzinfo=self.profile.zone or UTC))
 
 
 def fields_of(names: Iterable[str], profile: Profile | None, report: ReadReport) -> Fields:
-    """What the fields called ``names`` are: the profile's word first, then the spelling; the report says it."""
-    found, names = Fields(), list(names)
+    """What the fields called ``names`` are: the profile's word first, then the spelling; the report says
+    it.
+    """
+    found, names = Fields(profile=profile or Profile()), list(names)
     if profile is not None:
         found.time = profile.time[0] if profile.time and profile.time[0] in names else None
         if profile.time_format in EPOCH_UNITS:
@@ -98,16 +133,3 @@ def epoch_unit(values: NDArray[np.float64], report: ReadReport, name: str) -> st
     unit = next((u for u, top in (("s", 1e11), ("ms", 1e14), ("us", 1e17)) if size < top), "ns")
     report.note(f"{name} counts {unit} from 1970, by the size of its values")
     return unit
-
-
-def scalar_time(value: Any, epoch: str | None) -> int:
-    """Microseconds of an ISO 8601 text or of a number that counts ``epoch`` units from 1970; :class:`ValueError` else."""
-    if isinstance(value, str):
-        return iso_time(value)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError("no time")
-    if epoch is None:
-        epoch = next((u for u, top in (("s", 1e11), ("ms", 1e14), ("us", 1e17)) if abs(value) < top), "ns")
-    if not abs(value) < 1e19:
-        raise ValueError("no time")
-    return value // 1000 if epoch == "ns" and isinstance(value, int) else round(value * _PER[epoch])

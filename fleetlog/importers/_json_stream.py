@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from io import BufferedReader
 from typing import Any
 
-from fleetlog.importers.base import ReadReport
+from fleetlog.importers._report import ReadReport
 
 BLOCK = 1 << 18
 FEATURE_LIMIT = 1 << 27
@@ -19,7 +19,8 @@ _BETWEEN = re.compile(r"[\s,\x1e\ufeff]*")
 
 
 def features(stream: BufferedReader, report: ReadReport) -> Iterator[dict[str, Any]]:
-    """Every object of the ``features`` of a collection, or every object at the top (a single one, or one a line).
+    """Every object of the ``features`` of a collection, or every object at the top (a single one, or one a
+    line).
 
     Where the text is cut off or broken the features end, and ``report`` hears of it.
     """
@@ -50,7 +51,7 @@ class _Window:
 
     def __init__(self, stream: BufferedReader) -> None:
         self._stream = stream
-        self._decoder = json.JSONDecoder()
+        self._decoder = json.JSONDecoder(parse_int=_whole)
         self._text_of = codecs.getincrementaldecoder("utf-8-sig")("replace")
         self.text, self.at, self.ended = "", 0, False
 
@@ -72,7 +73,9 @@ class _Window:
             self.fill(BLOCK)
 
     def object(self) -> dict[str, Any] | None:
-        """The JSON object here, reading on (twice as much each time) until it is whole; None where it never is."""
+        """The JSON object here, reading on (twice as much each time) until it is whole; None where it never
+        is.
+        """
         if self.text[self.at] != "{":
             return None
         size = BLOCK
@@ -86,3 +89,8 @@ class _Window:
                 size *= 2
             else:
                 return item if isinstance(item, dict) else None
+
+
+def _whole(text: str) -> int | float:
+    """An integer; one of hundreds of digits is beyond any number of a log, and infinite."""
+    return int(text) if len(text) < 300 else float(text)

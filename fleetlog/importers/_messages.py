@@ -1,7 +1,8 @@
 """Messages that carry a position or a battery's state, from bytes to values in SI units.
 
 Known by schema name.  ROS: sensor_msgs/NavSatFix, nav_msgs/Odometry, geometry_msgs/PoseStamped and
-PoseWithCovarianceStamped, sensor_msgs/BatteryState.  Foxglove: LocationFix and PoseInFrame, as JSON and protobuf.
+PoseWithCovarianceStamped, sensor_msgs/BatteryState.  Foxglove: LocationFix and PoseInFrame, as JSON and
+protobuf.
 """
 
 from __future__ import annotations
@@ -12,12 +13,15 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from fleetlog.importers._protobuf import fields
-from fleetlog.importers._rows import NAN, finite, heading_of_quaternion, iso_time
+from fleetlog.importers._rows import NAN, finite, heading_of_quaternion
+from fleetlog.importers._times import iso_time
 from fleetlog.importers._wire import Wire
 
 
 class Sample(NamedTuple):
-    """One message: its stamp [us] (0 where it has none) and its values; ``fix`` False where the receiver had none."""
+    """One message: its stamp [us] (0 where it has none) and its values; ``fix`` False where the receiver had
+    none.
+    """
 
     stamp: int
     values: dict[str, float]
@@ -25,7 +29,9 @@ class Sample(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """A kind of message: ``rank`` orders the sources of position (lowest first; 9 for a battery), ``decode`` by encoding."""
+    """A kind of message: ``rank`` orders the sources of position (lowest first; 9 for a battery), ``decode``
+    by encoding.
+    """
 
     rank: int
     decode: dict[str, Callable[[Any], Sample]]

@@ -9,30 +9,39 @@ from fleetlog.core.columns import NAMES
 from fleetlog.importers._units import KINDS, Unit, find_unit, si_unit
 
 _SPELLINGS: dict[str, str] = {
-    "vehicle_id": "vehicle vehicleid id truck truck_id truckid device device_id deviceid agv agv_id asset asset_id unit_id "
+    "vehicle_id": "vehicle vehicleid id truck truck_id truckid device device_id deviceid agv agv_id asset "
+    "asset_id unit_id "
     "forklift forklift_id robot robot_id serial_number serialnumber vehicle_name car_id",
-    "timestamp": "time datetime date_time ts utc epoch time_stamp gps_time gpstime utc_time timestamp_utc time_utc unix_time "
+    "timestamp": "time datetime date_time ts utc epoch time_stamp gps_time gpstime utc_time timestamp_utc "
+    "time_utc unix_time "
     "unixtime recorded_at created_at",
     "latitude": "lat gps_lat gps_latitude position_lat",
     "longitude": "lon lng long gps_lon gps_lng gps_longitude position_lon position_long",
-    "x": "pos_x position_x x_pos", "y": "pos_y position_y y_pos",
+    "x": "pos_x position_x x_pos",
+    "y": "pos_y position_y y_pos",
     "z": "alt altitude elev elevation ele gps_alt gps_altitude pos_z position_z",
     "heading": "yaw theta course cog bearing track course_over_ground",
     "speed": "velocity vehicle_speed gps_speed gpsspeed speed_over_ground sog groundspeed",
-    "payload": "load load_weight load_mass", "fork_height": "lift_height mast_height forkheight",
-    "battery_power": "power pack_power", "battery_voltage": "voltage volts volt pack_voltage",
+    "payload": "load load_weight load_mass",
+    "fork_height": "lift_height mast_height forkheight",
+    "battery_power": "power pack_power",
+    "battery_voltage": "voltage volts volt pack_voltage",
     "battery_current": "current amps amperes pack_current",
     "soc": "state_of_charge battery_soc battery_level battery_charge battery_percentage charge_level",
-    "ambient_temperature": "ambient ambient_temp temperature temp outside_temperature outside_temp air_temperature amb",
-}  # fmt: skip
+    "ambient_temperature": "ambient ambient_temp temperature temp outside_temperature outside_temp "
+    "air_temperature amb",
+}
 _BY_SPELLING = {s: name for name, words in _SPELLINGS.items() for s in [name, *words.split()]}
 _BY_SPELLING.update({n: n for n in NAMES})
 _COMPASS = frozenset(["course", "cog", "bearing", "track", "course_over_ground"])
 EPOCH_UNITS: dict[str, int] = {"s": 1_000_000, "ms": 1_000, "us": 1, "ns": -1_000}
 """Microseconds in one unit; a negative figure divides."""
-_EPOCH_ALIASES = {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "msec": "ms", "millis": "ms", "milliseconds": "ms",
-                  "us": "us", "usec": "us", "micros": "us", "microseconds": "us", "ns": "ns", "nsec": "ns", "nanos": "ns",
-                  "nanoseconds": "ns"}  # fmt: skip
+_EPOCH_ALIASES = {
+    "s": "s", "sec": "s", "seconds": "s",
+    "ms": "ms", "msec": "ms", "millis": "ms", "milliseconds": "ms",
+    "us": "us", "usec": "us", "micros": "us", "microseconds": "us",
+    "ns": "ns", "nsec": "ns", "nanos": "ns", "nanoseconds": "ns",
+}  # fmt: skip
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 
 
@@ -40,8 +49,8 @@ _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 class Meaning:
     """What a column is taken for.
 
-    ``unit`` is None where the name does not say it (then the dataset's unit holds); ``epoch`` is the unit of a time that
-    counts from 1970, where the name says it.
+    ``unit`` is None where the name does not say it (then the dataset's unit holds); ``epoch`` is the unit of
+    a time that counts from 1970, where the name says it.
     """
 
     column: str
@@ -52,7 +61,9 @@ class Meaning:
 
 
 def normal(name: str) -> str:
-    """Lower case, words joined by underscores: ``Battery Power`` and ``batteryPower`` both give ``battery_power``."""
+    """Lower case, words joined by underscores:
+    ``Battery Power`` and ``batteryPower`` both give ``battery_power``.
+    """
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", "_", name.strip())
     return re.sub(r"[^0-9a-z]+", "_", spaced.lower()).strip("_")
 

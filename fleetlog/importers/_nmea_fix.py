@@ -22,8 +22,9 @@ _NO_FIX = frozenset({b"", b"0"})
 class Part:
     """What one sentence says.
 
-    ``tod`` is the time of day [us] or None, ``day`` days since 1970 or None, ``rank`` the trust in the position (0: none is given),
-    ``valid`` False where the receiver says that it has no fix, None where the sentence does not say.
+    ``tod`` is the time of day [us] or None, ``day`` days since 1970 or None, ``rank`` the trust in the
+    position (0: none is given), ``valid`` False where the receiver says that it has no fix, None where the
+    sentence does not say.
     """
 
     tod: int | None = None
@@ -36,7 +37,9 @@ class Part:
 
 
 def decode(kind: bytes, body: bytes) -> Part | None:
-    """The parts of a frame; None for a kind that says nothing about motion; :class:`ValueError` for broken fields."""
+    """The parts of a frame; None for a kind that says nothing about motion;
+    :class:`ValueError` for broken fields.
+    """
     if kind == b"UBX":
         return _nav_pvt(body) if body[:2] == b"\x01\x07" else None
     if kind[:1] == b"P":

@@ -12,16 +12,17 @@ UBX_LIMIT = 8192
 """Longest UBX payload that is believed; a longer one is two bytes of chance."""
 SENTENCE_LIMIT = 1024
 _START = re.compile(
-    rb"\xb5b|[$!]([A-Z][A-Z0-9]{1,11}),([\x20-\x23\x25-\x29\x2b-\x7e]{0,1000})(\*[0-9A-Fa-f]{2})?(?=(\r?\n|\r)?)"
+    rb"\xb5b|[$!]([A-Z][A-Z0-9]{1,11}),([\x20-\x23\x25-\x29\x2b-\x7e]{0,1000})"
+    rb"(\*[0-9A-Fa-f]{2})?(?=(\r?\n|\r)?)"
 )
 
 
 class Frame(NamedTuple):
     """A sentence or a UBX message, or what is wrong with it.
 
-    ``kind`` is the address of a sentence (``b"GPGGA"``) or ``b"UBX"``; ``body`` the comma-separated fields, or class, id and
-    payload; ``fault`` is None, or why the frame cannot be used; ``checked`` whether a checksum was there and right;
-    ``bang`` marks the sentences that start with ``!``.
+    ``kind`` is the address of a sentence (``b"GPGGA"``) or ``b"UBX"``; ``body`` the comma-separated fields,
+    or class, id and payload; ``fault`` is None, or why the frame cannot be used; ``checked`` whether a
+    checksum was there and right; ``bang`` marks the sentences that start with ``!``.
     """
 
     kind: bytes

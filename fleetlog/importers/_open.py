@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import bz2
 import io
 import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
-from fleetlog.errors import InputError
+from fleetlog.core.files import open_regular
+from fleetlog.errors import FormatError
+from fleetlog.importers._report import ReadReport
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
 
-    from fleetlog.importers.base import ReadReport
-
 HEAD = 1 << 16
-_PIECE = 1 << 17
-_MAGIC = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd"}
-_PACKED = {".gz", ".zst"}
+RATIO = 250
+"""A packed file that gives more than this many times its size is a bomb, beyond the first ``FREE`` bytes."""
+FREE = 1 << 26
+LARGEST = 1 << 38
+"""Unpacked bytes of one file."""
+_PIECE, _SIP = 1 << 16, 1 << 10
+_MAGIC = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bzip2"}
+_PACKED = {".gz", ".zst", ".bz2"}
 
 
 def plural(count: int, noun: str) -> str:
@@ -42,36 +48,29 @@ def plain_stem(path: Path) -> str:
 
 
 def compression(path: Path) -> str | None:
-    """``gzip``, ``zstd`` or None, from the first bytes."""
+    """``gzip``, ``zstd``, ``bzip2`` or None, from the first bytes."""
     if path.is_dir():
         return None
-    with _opened(path) as stream:
+    with open_regular(path) as stream:
         magic = stream.read(4)
     return next((name for sign, name in _MAGIC.items() if magic.startswith(sign)), None)
 
 
-def _opened(path: Path) -> BinaryIO:
-    try:
-        return path.open("rb")
-    except OSError as error:
-        raise InputError(
-            error.strerror or str(error), where=path, do="check the name and the rights"
-        ) from None
-
-
 class Unpacked(io.RawIOBase):
-    """The bytes of a file, unpacked; ``share`` says how far the file itself has been read.
+    """The bytes of a file, unpacked piece by piece; ``share`` says how far the file itself has been read.
 
-    Where the packing is cut off or broken, the stream ends there, with everything before it, and ``report`` hears of it.
+    Where the packing is cut off or broken, the stream ends there, with everything before it, and ``report``
+    hears of it.
     """
 
     def __init__(self, path: Path, report: ReadReport | None = None) -> None:
+        self.path = path
         self._packing = compression(path)
-        self._file = _opened(path)
+        self._file = open_regular(path)
         self._size = max(path.stat().st_size, 1)
         self._report = report
         self._given = 0
-        self._ready = b""
+        self._ready = self._waiting = b""
         self._unpacker: Any = None
 
     @property
@@ -86,45 +85,48 @@ class Unpacked(io.RawIOBase):
     def readinto(self, buffer: WriteableBuffer, /) -> int:
         """The next bytes; 0 at the end, and at the first damage."""
         view = memoryview(buffer).cast("B")
-        while not self._ready:
-            packed = self._file.read(_PIECE)
-            if not packed:
-                if self._unpacker is not None:
-                    self._broken("it ends too early")
-                return 0
-            self._ready = self._unpacked(packed) if self._packing else packed
+        if not self._ready:
+            self._ready = self._unpacked(len(view)) if self._packing else self._file.read(len(view))
         data, self._ready = self._ready[: len(view)], self._ready[len(view) :]
         view[: len(data)] = data
         self._given += len(data)
+        if self._packing and self._given > min(max(FREE, RATIO * self._size), LARGEST):
+            raise FormatError(
+                f"unpacks to more than {self._given >> 20} MB, from {self._size:,} bytes", where=self.path,
+                do="if that is meant, unpack it first",
+            )  # fmt: skip
         return len(data)
 
-    def _unpacked(self, packed: bytes) -> bytes:
-        """What a piece of the file gives; packed streams may follow one another."""
-        out = []
-        while packed:
+    def _unpacked(self, size: int) -> bytes:
+        """Some unpacked bytes, empty at the end; packed streams may follow one another."""
+        while True:
+            more = self._waiting or not getattr(self._unpacker, "needs_input", True)
+            packed = self._waiting if more else self._file.read(_PIECE)
             if self._unpacker is None:
-                self._unpacker = _unpacker(self._packing)
+                packed = packed.lstrip(b"\0")
+                if not packed:
+                    return b""
+                self._unpacker = _unpacker(str(self._packing))
             try:
-                out.append(self._unpacker.decompress(packed))
-            except Exception as error:
-                if not isinstance(error, zlib.error) and type(error).__name__ != "ZstdError":
-                    raise
-                self._broken(str(error))
-                self._file.seek(0, io.SEEK_END)
-                self._unpacker = None
-                break
-            packed = b""
+                data, self._waiting = _step(self._unpacker, str(self._packing), packed, size)
+            except Exception as error:  # each library has its own family of errors
+                return self._broken(str(error))
             if self._unpacker.eof:
-                packed, self._unpacker = self._unpacker.unused_data.lstrip(b"\0"), None
-        return b"".join(out)
+                self._unpacker = None
+            elif not data and not packed:
+                return self._broken("it ends too early")
+            if data:
+                return bytes(data)
 
-    def _broken(self, why: str) -> None:
-        self._unpacker = None
+    def _broken(self, why: str) -> bytes:
+        self._unpacker, self._waiting = None, b""
+        self._file.seek(0, io.SEEK_END)
         if self._report is not None:
             at = plural(self._given, "byte")
             self._report.damaged(
                 f"the {self._packing} packing is broken or cut off after about {at} of unpacked log ({why})"
             )
+        return b""
 
     def close(self) -> None:
         """Close the file."""
@@ -132,16 +134,30 @@ class Unpacked(io.RawIOBase):
         super().close()
 
 
-def _unpacker(packing: str | None) -> Any:
+def _unpacker(packing: str) -> Any:
     if packing == "gzip":
         return zlib.decompressobj(wbits=31)
+    if packing == "bzip2":
+        return bz2.BZ2Decompressor()
     import zstandard
 
-    return zstandard.ZstdDecompressor().decompressobj()
+    return zstandard.ZstdDecompressor(max_window_size=1 << 27).decompressobj()
+
+
+def _step(unpacker: Any, packing: str, packed: bytes, size: int) -> tuple[bytes, bytes]:
+    """About ``size`` unpacked bytes, however far the packing swells, and the input that is left."""
+    if packing == "zstd":
+        # The library bounds no output; a piece this small holds blocks of 32 MB in all at most.
+        data = unpacker.decompress(packed[:_SIP])
+        return data, unpacker.unused_data + packed[_SIP:]
+    data = unpacker.decompress(packed, size)
+    return data, unpacker.unused_data or getattr(unpacker, "unconsumed_tail", b"")
 
 
 def open_bytes(path: Path, report: ReadReport | None = None) -> tuple[io.BufferedReader, Unpacked]:
-    """A buffered stream of the unpacked bytes, and the raw one below it, which knows the share that was read."""
+    """A buffered stream of the unpacked bytes, and the raw one below it, which knows the share that was
+    read.
+    """
     raw = Unpacked(path, report)
     return io.BufferedReader(raw, 1 << 20), raw
 

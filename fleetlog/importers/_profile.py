@@ -1,18 +1,39 @@
-"""A profile: what a log's columns are, where their names do not say it.  ``docs/logs.md`` has a worked one."""
+"""A profile: what a log's columns are, where their names do not say it.  ``docs/logs.md`` has a worked
+one.
+"""
 
 from __future__ import annotations
 
-import tomllib
+import codecs
+import re
 from dataclasses import dataclass, field
+from datetime import UTC, date, datetime, time
 from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
 
 from fleetlog.core.columns import NAMES
-from fleetlog.errors import InputError, nearest
+from fleetlog.core.schema import (
+    Keys,
+    Wrong,
+    anything,
+    either,
+    flag,
+    list_of,
+    load_toml,
+    one_of,
+    real,
+    table,
+    text,
+    whole,
+)
+from fleetlog.errors import InputError
 from fleetlog.importers._names import EPOCH_UNITS
+from fleetlog.importers._open import plain_stem
+from fleetlog.importers._times import microseconds
 from fleetlog.importers._units import KINDS, Unit, unit
 
+_PARTS_OF_DATES = "YyGmbBdjUWVuwaA"
 TARGETS = (*NAMES, "latitude", "longitude")
 
 
@@ -50,11 +71,28 @@ class Profile:
     time_format: str | None = None
     """As ``strptime`` takes it, or ``iso``, ``s``, ``ms``, ``us``, ``ns``."""
     time_zone: str | None = None
-    time_origin: str | None = None
-    """ISO 8601 instant from which a time in seconds counts, where that is not 1970."""
+    time_origin: datetime | None = None
+    """Instant from which a time counts, where that is not 1970, or the first day of times of day; local
+    without a zone.
+    """
     columns: dict[str, Source] = field(default_factory=dict)
     keep: bool = True
     """Whether columns that are neither mapped nor recognised are kept under their own names."""
+
+    def vehicle_of(self, path: Path) -> str | None:
+        """The constant vehicle id of one file."""
+        if self.vehicle is None:
+            return None
+        folder = path.absolute().parent.name
+        return self.vehicle.replace("{stem}", plain_stem(path)).replace("{folder}", folder)
+
+    @property
+    def origin(self) -> int:
+        """``time_origin`` in microseconds since 1970 UTC, 0 where there is none."""
+        given = self.time_origin
+        if given is None:
+            return 0
+        return microseconds(given if given.tzinfo else given.replace(tzinfo=self.zone or UTC))
 
     @property
     def zone(self) -> ZoneInfo | None:
@@ -62,96 +100,109 @@ class Profile:
         return ZoneInfo(self.time_zone) if self.time_zone else None
 
 
-_FILE = {"delimiter": str, "decimal": str, "encoding": str, "skip_lines": int, "comment": str, "names": list, "sentinels": list,
-         "vehicle": str, "keep": bool}  # fmt: skip
-_TIME = {"column": (str, list), "format": str, "zone": str, "origin": str}
-_COLUMN = {"column": str, "unit": str, "sentinels": list, "scale": (int, float)}
+def _encoding(value: Any) -> str:
+    try:
+        if codecs.lookup(text(value))._is_text_encoding:
+            return str(value)
+    except (LookupError, ValueError):
+        pass
+    raise Wrong("is no encoding; write it as utf-8 or latin-1")
+
+
+def _zone(value: Any) -> str:
+    try:
+        ZoneInfo(text(value))
+    except (KeyError, ValueError, OSError):
+        raise Wrong("is no time zone; write it as Europe/Berlin") from None
+    return str(value)
+
+
+def has_date(style: str) -> bool:
+    """Whether a time format says year, month and day."""
+    parts = set(re.findall("%(.)", style))
+    day = {"j"} <= parts or bool(parts & {"m", "b", "B"} and "d" in parts) or {"V", "u"} <= parts
+    return "%" not in style or bool(parts & {"c", "x"}) or bool(parts & {"Y", "y", "G"} and day)
+
+
+def _origin(value: Any) -> datetime:
+    """An instant, or a day: its midnight."""
+    try:
+        if isinstance(value, str):
+            value = date.fromisoformat(value) if len(value) == 10 else datetime.fromisoformat(value)
+    except ValueError:
+        pass
+    if isinstance(value, date) and not isinstance(value, datetime):
+        return datetime.combine(value, time())
+    if not isinstance(value, datetime) or value.tzinfo is None:
+        raise Wrong('is no instant; write it as "2026-03-02T05:00:00Z", or "2026-03-02" for a day')
+    return value
+
+
+def _style(value: Any) -> str:
+    """``iso``, a unit of a count, or a format of ``strptime`` whose directives all exist."""
+    style = text(value)
+    if style in ("iso", *EPOCH_UNITS):
+        return style
+    try:
+        datetime.strptime("", style)
+    except (ValueError, re.error) as error:
+        if "%" in style and "does not match format" in str(error):
+            if not has_date(style) and set(re.findall("%(.)", style)) & set(_PARTS_OF_DATES):
+                raise Wrong("leaves part of the date out; a date is never made up") from None
+            return style
+    raise Wrong("is no time format; write iso, s, ms, us, ns or a strptime format as %d.%m.%Y %H:%M:%S")
+
+
+def _delimiter(value: Any) -> str:
+    found = "\t" if value in ("tab", "\\t") else text(value)
+    if len(found) != 1 or found in '\r\n"' or not found.isascii():
+        raise Wrong("is not one character")
+    return found
+
+
+def _vehicle(value: Any) -> str:
+    bare = text(value).replace("{stem}", "").replace("{folder}", "")
+    if "{" in bare or "}" in bare:
+        raise Wrong("has a placeholder other than {stem} and {folder}")
+    return str(value)
+
+
+_SENTINELS = list_of(either(real(), text))
+_NAMES = list_of(text, 1)
+_FILE: Keys = {
+    "delimiter": _delimiter, "decimal": one_of(",", "."), "encoding": _encoding, "skip_lines": whole(0),
+    "comment": text, "names": _NAMES, "sentinels": _SENTINELS, "vehicle": _vehicle, "keep": flag,
+}  # fmt: skip
+_TIME: Keys = {
+    "column": either(text, list_of(text, 1, 2)), "format": _style, "zone": _zone, "origin": _origin,
+}  # fmt: skip
+_COLUMN: Keys = {"column": text, "unit": text, "sentinels": _SENTINELS, "scale": real(-1e12, 1e12)}
 
 
 def load_profile(path: str | Path) -> Profile:
     """Read a profile; :class:`InputError` names the key at fault and the nearest known one."""
-    path = Path(path)
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError("no such file", where=path, do="give a profile with --profile") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"not readable as TOML: {error}", where=path) from None
-    return profile_from_dict(data, str(path))
+    return profile_from_dict(load_toml(Path(path), do="give a profile with --profile"), str(path))
 
 
 def profile_from_dict(data: dict[str, Any], where: str = "profile") -> Profile:
     """A profile of nested sections, checked."""
-    _check(data, {**_FILE, "time": (dict, str), "columns": dict}, where, "")
-    time = data.get("time", {})
-    time = {"column": time} if isinstance(time, str) else time
-    _check(time, _TIME, where, "time.")
-    _check_time(time, where)
-    columns = data.get("columns", {})
-    _known_targets(columns, where)
-    given = {k: v for k, v in data.items() if k in _FILE}
-    for key in ("names", "sentinels"):
-        given[key] = tuple(given.get(key, ()))
-    if given.get("delimiter") in ("tab", "\\t"):
-        given["delimiter"] = "\t"
-    _check_encoding(given.get("encoding"), where)
-    names = time.get("column", ())
+    given = table(data, {**_FILE, "time": anything, "columns": anything}, where, "")
+    stamp, columns = given.pop("time", {}), given.pop("columns", {})
+    stamp = table({"column": stamp} if isinstance(stamp, str | list) else stamp, _TIME, where, "time")
+    columns = table(columns, dict.fromkeys((*TARGETS, "timestamp"), anything), where, "columns")
+    if "timestamp" in columns:
+        do = "write [time] column = ..."
+        raise InputError("the time has a section of its own", where=where, place="columns.timestamp", do=do)
+    names = stamp.get("column", ())
     return Profile(
         path=where,
-        time=(names,) if isinstance(names, str) else tuple(names),
-        time_format=time.get("format"),
-        time_zone=time.get("zone"),
-        time_origin=time.get("origin"),
+        time=(names,) if isinstance(names, str) else names,
+        time_format=stamp.get("format"),
+        time_zone=stamp.get("zone"),
+        time_origin=stamp.get("origin"),
         columns={k: _source(k, v, where) for k, v in columns.items()},
         **given,
     )
-
-
-def _check(section: dict[str, Any], known: dict[str, Any], where: str, prefix: str) -> None:
-    for key, value in section.items():
-        if key not in known:
-            raise InputError("unknown key", where=where, place=prefix + key, do=nearest(key, known))
-        kind = known[key]
-        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            raise InputError(
-                f"{value!r} is of the wrong kind", where=where, place=prefix + key, do="see docs/logs.md"
-            )
-
-
-def _check_time(time: dict[str, Any], where: str) -> None:
-    zone, style = time.get("zone"), time.get("format")
-    if zone is not None:
-        try:
-            ZoneInfo(zone)
-        except (KeyError, ValueError, OSError):
-            raise InputError(
-                f"no time zone {zone!r}", where=where, place="time.zone", do="write it as Europe/Berlin"
-            ) from None
-    if style is not None and "%" not in style and style not in ("iso", *EPOCH_UNITS):
-        do = "write iso, s, ms, us, ns or a strptime format as %d.%m.%Y %H:%M:%S"
-        raise InputError(f"no time format {style!r}", where=where, place="time.format", do=do)
-
-
-def _check_encoding(encoding: str | None, where: str) -> None:
-    try:
-        "".encode(encoding or "utf-8")
-    except LookupError:
-        raise InputError(
-            f"no encoding {encoding!r}", where=where, place="encoding", do="write it as utf-8 or latin-1"
-        ) from None
-
-
-def _known_targets(columns: dict[str, Any], where: str) -> None:
-    for key in columns:
-        if key == "timestamp":
-            raise InputError(
-                "the time has a section of its own",
-                where=where,
-                place="columns.timestamp",
-                do="write [time] column = ...",
-            )
-        if key not in TARGETS:
-            raise InputError("unknown column", where=where, place=f"columns.{key}", do=nearest(key, TARGETS))
 
 
 def _source(target: str, value: Any, where: str) -> Source:
@@ -165,12 +216,12 @@ def _source(target: str, value: Any, where: str) -> Source:
             place=place,
             do='write { column = "...", unit = "..." }',
         )
-    _check(value, _COLUMN, where, place + ".")
+    value = table(value, _COLUMN, where, place)
     if "unit" in value and target not in KINDS:
         raise InputError("has no unit", where=where, place=place, do="leave the unit out")
     return Source(
         value.get("column", target),
         unit(value["unit"], target, where) if "unit" in value else None,
-        tuple(value.get("sentinels", ())),
-        float(value.get("scale", 1.0)),
+        value.get("sentinels", ()),
+        value.get("scale", 1.0),
     )

@@ -1,4 +1,6 @@
-"""The wire format of protocol buffers, as much of it as the messages here need; no schema, no code from the file."""
+"""The wire format of protocol buffers, as much of it as the messages here need;
+no schema, no code from the file.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ _DOUBLE, _FIXED32 = struct.Struct("<d"), struct.Struct("<I")
 def fields(data: Any) -> Iterator[tuple[int, Any]]:
     """(field number, value) of a message: varints as int, 64-bit as double, 32-bit as int, the rest as bytes.
 
-    https://protobuf.dev/programming-guides/encoding/; raises :class:`ValueError` or ``struct.error`` on broken bytes.
+    https://protobuf.dev/programming-guides/encoding/; raises :class:`ValueError` or ``struct.error`` on
+    broken bytes.
     """
     data = bytes(data)
     at, end = 0, len(data)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
 
 from fleetlog.core.trajectory import Labels, Values
+from fleetlog.errors import REPORT
+from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
 from fleetlog.importers.base import RawBatch, Reject
 
 BATCH = 1 << 16
@@ -17,14 +18,13 @@ BATCH = 1 << 16
 REJECT_TEXT = 400
 """Characters of a rejected record that are kept."""
 NAN = float("nan")
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_MICROSECOND = timedelta(microseconds=1)
 
 
 class Rows:
     """Rows of one kind, column by column; :meth:`take` gives them as a :class:`RawBatch`.
 
-    ``always`` names the columns that every batch has (the positions, unless the rows are a channel); ``share`` says how
+    ``always`` names the columns that every batch has (the positions, unless the rows are a channel);
+    ``share`` says how
     much of the file has been read.
     """
 
@@ -44,7 +44,12 @@ class Rows:
         self._rejects: list[Reject] = []
 
     def add(self, vehicle: str, time: int, record: int, values: dict[str, Any]) -> None:
-        """One row; ``time`` in microseconds.  A value is a float, or a string for a label; a column missing here is null."""
+        """One row; ``time`` in microseconds.  A value is a float, or a string for a label; a column missing
+        here is null.
+        """
+        if not EARLIEST <= time <= LATEST:
+            self.reject(record, OFF_TIME, values)
+            return
         n = len(self._time)
         columns = self._columns
         for name, value in values.items():
@@ -63,6 +68,13 @@ class Rows:
         """A row that cannot be used."""
         self.rejected += 1
         self._rejects.append(Reject(record, reason, str(text)[:REJECT_TEXT]))
+
+    def attempt(self, record: int, take: Callable[..., None], *args: Any) -> None:
+        """Call ``take(*args)``; whatever goes wrong in it is one rejected record."""
+        try:
+            take(*args)
+        except Exception as error:
+            self.reject(record, f"a fault in the reader ({type(error).__name__}); {REPORT}", args[0])
 
     @property
     def full(self) -> bool:
@@ -99,18 +111,6 @@ def _column(values: list[Any], n: int) -> Values:
         return Labels.of([None if v is None else str(v) for v in values])
 
 
-def microseconds(moment: datetime) -> int:
-    """Microseconds since 1970 UTC; a time without a zone is taken for UTC."""
-    if moment.tzinfo is None:
-        moment = moment.replace(tzinfo=UTC)
-    return (moment - _EPOCH) // _MICROSECOND
-
-
-def iso_time(text: str) -> int:
-    """Microseconds since 1970 UTC of an ISO 8601 time; :class:`ValueError` where it is none."""
-    return microseconds(datetime.fromisoformat(text.strip()))
-
-
 def finite(value: Any) -> float:
     """A float of anything, NaN where there is none."""
     if value is None or isinstance(value, bool):
@@ -128,7 +128,9 @@ def heading_of_course(degrees: float) -> float:
 
 
 def heading_of_quaternion(x: float, y: float, z: float, w: float) -> float:
-    """Yaw [rad] of a unit quaternion: atan2(2 (w z + x y), 1 - 2 (y^2 + z^2)); NaN for the zero quaternion."""
+    """Yaw [rad] of a unit quaternion: atan2(2 (w z + x y), 1 - 2 (y^2 + z^2)); NaN for the zero
+    quaternion.
+    """
     if not x * x + y * y + z * z + w * w > 1e-6:
         return NAN
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

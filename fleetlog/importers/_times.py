@@ -1,8 +1,11 @@
-"""Times of logs as microseconds since 1970 UTC: ISO 8601, counts, other spellings, local time with daylight saving."""
+"""Times of logs as microseconds since 1970 UTC: ISO 8601, counts, other spellings, local time with daylight
+saving.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,8 +23,16 @@ NONE = np.iinfo(np.int64).min
 """A time that could not be read."""
 MISSING = "the time is missing"
 UNREADABLE = "the time cannot be read"
+OFF_TIME = "the time is outside 1678 to 2262"
 SKIPPED = "a local time that does not exist (the clocks went forward over it)"
 _EARLIEST, _LATEST = 157_766_400_000_000, 4_102_444_800_000_000  # 1975 and 2100 [us]
+
+EARLIEST, LATEST = -9_214_560_000_000_000, 9_223_286_400_000_000
+"""Times that a dataset can hold [us]: 1678-01-01 to 2262-04-11, what nanoseconds in 64 bits can count."""
+DAY = 86_400_000_000
+OF_DAY = r"^\s*\d{1,2}:\d{2}:\d{2}([.,]\d+)?\s*$"
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_MICROSECOND = timedelta(microseconds=1)
 
 Strings = NDArray[np.object_]
 
@@ -30,7 +41,8 @@ Strings = NDArray[np.object_]
 class LocalClock:
     """Local times of one file to UTC; an hour that comes twice is told apart by the order of the rows.
 
-    ``last`` is the latest UTC time seen of each vehicle, so that the second pass over an ambiguous hour is noticed.
+    ``last`` is the latest UTC time seen of each vehicle, so that the second pass over an ambiguous hour is
+    noticed.
     """
 
     zone: ZoneInfo
@@ -79,7 +91,9 @@ def _epoch(stamps: Any) -> Ints:
 
 
 def epoch_unit(values: NDArray[np.float64]) -> str | None:
-    """The unit in which plausible dates (1975 to 2100) would be counted like ``values``; None where none fits."""
+    """The unit in which plausible dates (1975 to 2100) would be counted like ``values``; None where none
+    fits.
+    """
     good = values[np.isfinite(values)]
     if not len(good):
         return None
@@ -93,19 +107,60 @@ def epoch_unit(values: NDArray[np.float64]) -> str | None:
 
 
 def from_counts(values: NDArray[np.float64] | Ints, unit: str, origin: int = 0) -> Ints:
-    """Times counted in ``unit`` from ``origin`` [us]; ``NONE`` where not finite."""
+    """Times counted in ``unit`` from ``origin`` [us]; ``NONE`` where not finite or beyond what can be
+    counted.
+    """
     us = EPOCH_UNITS[unit]
+    reach = (LATEST - EARLIEST) // us if us > 0 else (LATEST - EARLIEST) * -us
     if values.dtype.kind == "i":
-        whole = values.astype(np.int64)
-        return np.asarray(origin + (whole * us if us > 0 else whole // -us), dtype=np.int64)
-    good = np.isfinite(values) & (np.abs(values) < 9e18)
+        good = np.abs(values.astype(np.float64)) < reach
+        whole = np.where(good, values, 0).astype(np.int64)
+        return np.where(good, origin + (whole * us if us > 0 else whole // -us), NONE)
+    good = np.isfinite(values) & (np.abs(values) < reach)
     exact = np.where(good, values, 0.0)
     scaled = exact * us if us > 0 else exact / -us
-    return np.where(good & (np.abs(scaled) < 9e18), origin + np.rint(scaled).astype(np.int64), NONE)
+    return np.where(good, origin + np.rint(scaled).astype(np.int64), NONE)
+
+
+def of_day(cells: pa.Array, style: str) -> Ints:
+    """Microseconds since midnight of times of day, in a ``strptime`` format or as hh:mm:ss; ``NONE``
+    elsewhere.
+    """
+    import pandas as pd
+
+    if style != "of day":
+        return np.where((time := from_format(cells, style)[0]) == NONE, NONE, np.mod(time, DAY))
+    text = pd.Series(cells.to_pandas(), dtype=object)
+    span = pd.to_timedelta(text.where(text.str.match(OF_DAY, na=False)), errors="coerce")
+    time = span.to_numpy().astype("timedelta64[us]").astype(np.int64)
+    return np.where((time >= 0) & (time < DAY), time, NONE)
+
+
+@dataclass
+class Days:
+    """Days that times of day fall on: the first one is given, a step back by half a day and more is the next
+    midnight.
+    """
+
+    first: int
+    last: int = 0
+
+    def dated(self, of_day: Ints) -> Ints:
+        """Times [us] of times of day; ``NONE`` stays."""
+        known = of_day != NONE
+        steps = np.diff(of_day[known], prepend=self.last)
+        turns = np.cumsum(steps < -DAY // 2)
+        out = of_day.copy()
+        out[known] += self.first + turns * DAY
+        if len(turns):
+            self.first, self.last = self.first + int(turns[-1]) * DAY, int(of_day[known][-1])
+        return out
 
 
 def from_iso(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
-    """Times of ISO 8601 cells, and which of them state no zone; ``NONE`` where a cell is null or not ISO 8601."""
+    """Times of ISO 8601 cells, and which of them state no zone; ``NONE`` where a cell is null or not ISO
+    8601.
+    """
     import pyarrow as pa
 
     for kind, bare in ((pa.timestamp("ns", "UTC"), False), (pa.timestamp("ns"), True)):
@@ -134,7 +189,9 @@ def _iso_one_by_one(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
 
 
 def from_format(cells: pa.Array, style: str) -> tuple[Ints, NDArray[np.bool_]]:
-    """Times of cells in a ``strptime`` format, and which state no zone; ``NONE`` where a cell does not fit it."""
+    """Times of cells in a ``strptime`` format, and which state no zone; ``NONE`` where a cell does not fit
+    it.
+    """
     import pandas as pd
 
     zoned = "%z" in style or "%Z" in style
@@ -144,3 +201,15 @@ def from_format(cells: pa.Array, style: str) -> tuple[Ints, NDArray[np.bool_]]:
     naive = stamps.dt.tz_localize(None) if zoned else stamps
     micro = naive.to_numpy().astype("datetime64[us]").astype(np.int64)
     return np.asarray(micro), np.full(len(cells), not zoned)
+
+
+def microseconds(moment: datetime) -> int:
+    """Microseconds since 1970 UTC; a time without a zone is taken for UTC."""
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=UTC)
+    return (moment - _EPOCH) // _MICROSECOND
+
+
+def iso_time(text: str) -> int:
+    """Microseconds since 1970 UTC of an ISO 8601 time; :class:`ValueError` where it is none."""
+    return microseconds(datetime.fromisoformat(text.strip()))

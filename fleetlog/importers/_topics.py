@@ -1,17 +1,23 @@
-"""From the topics of a recording to vehicles: which topic says where which truck is, and which adds its battery."""
+"""From the topics of a recording to vehicles: which topic says where which truck is, and which adds its
+battery.
+"""
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from fleetlog.core.files import open_regular
 from fleetlog.errors import FormatError
+from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._messages import KINDS, POSITIONS, Kind, Sample, normal_name, unplaced
-from fleetlog.importers._open import plural
+from fleetlog.importers._open import plain_stem, plural
+from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import Rows
-from fleetlog.importers.base import RawBatch, ReadReport
+from fleetlog.importers._walk import Walk
+from fleetlog.importers.base import RawBatch, ReadOptions
 
 LISTED = 12
 
@@ -43,8 +49,10 @@ def plan(
 ) -> dict[str, Role]:
     """The role of every topic that is used.
 
-    A vehicle is told by the part of the names in which topics of one kind differ (``/T00/fix``, ``/T01/fix``), else by a
-    name in front of all of them; ``default`` otherwise and ``one`` always, if given.  Each vehicle takes its position from one
+    A vehicle is told by the part of the names in which topics of one kind differ (``/T00/fix``,
+    ``/T01/fix``), else by a
+    name in front of all of them; ``default`` otherwise and ``one`` always, if given.  Each vehicle takes its
+    position from one
     topic, the most absolute one.
     """
     topics = sorted(set(topics))
@@ -64,7 +72,8 @@ def plan(
                 )
                 continue
             report.note(
-                f"only the speed of topic {topic.name} is used: {vehicle} takes its position from {taken[vehicle]}"
+                f"only the speed of topic {topic.name} is used: {vehicle} takes its position from "
+                f"{taken[vehicle]}"
             )
         first = kind.is_position and taken.setdefault(vehicle, topic.name) == topic.name
         roles[topic.name] = Role(vehicle, kind.decode[topic.encoding], first)
@@ -156,9 +165,47 @@ class Decoder:
         """Rows with positions so far."""
         return sum(r.total for names, r in self._rows.items() if "latitude" in names or "x" in names)
 
-    def drain(self) -> Iterator[RawBatch]:
-        """What waits."""
+    def finish(self, path: Path) -> Iterator[RawBatch]:
+        """What waits; an error where there was not one usable position."""
+        if not self.positions:
+            topics = ", ".join(name for name, role in self.roles.items() if role.is_position)
+            damage = f"; {self.report.damage[0]}" if self.report.damage else ""
+            what = f"not one usable position on {topics}{damage}"
+            raise FormatError(what, where=path, do="record it again")
         for topic, count in self.no_fix.items():
             self.report.note(f"{topic}: {plural(count, 'message')} without a fix left out")
         for rows in (*self._rows.values(), self._log):
             yield from rows.drain()
+
+
+def read_recording(
+    kind: type[Walk], path: Path, options: ReadOptions, name: str | None = None
+) -> Generator[RawBatch, None, int]:
+    """Positions and batteries of a container, in its order; gives the number of whole messages.
+
+    ``name`` is the vehicle's where the topics name none.  Without a summary the file is walked once for its
+    channels.
+    """
+    refuse_packed(path)
+    with open_regular(path) as stream:
+        if stream.read(len(kind.magic)) != kind.magic:
+            what = f"is not {kind.called} (its first bytes are wrong)"
+            raise FormatError(what, where=path, do="check the format")
+        walk = kind(path, stream, options.report)
+        summary = walk.summary()
+        if summary is None:
+            scan = kind(path, stream, ReadReport(path))
+            for _ in scan.messages(None):
+                pass
+            walk.channels |= scan.channels
+            if not scan.channels and scan.report.damage:
+                raise FormatError(
+                    f"nothing in it is whole; {scan.report.damage[0]}", where=path, do="record it again"
+                )
+        topics = [Topic(*c) for c in walk.channels.values()]
+        roles = plan(topics, path, name or plain_stem(path), options.vehicle, options.report)
+        decoder = Decoder(roles, options.report, walk.share)
+        for channel, time, data in walk.messages(summary):
+            yield from decoder.feed(channel.topic, time, data)
+        yield from decoder.finish(path)
+        return walk.count

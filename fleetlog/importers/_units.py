@@ -24,7 +24,9 @@ class Unit:
     shift: float = 0.0
 
     def to_si(self, values: Floats) -> Floats:
-        """Values in SI; angles become radians within -pi and pi, compass angles also turn into the site's sense."""
+        """Values in SI; angles become radians within -pi and pi,
+        compass angles also turn into the site's sense.
+        """
         if self.name == "compass_deg":
             values = 90.0 - values
         if self.name == "ddmm":
@@ -36,35 +38,37 @@ class Unit:
 
 
 UNITS: tuple[Unit, ...] = (
-    Unit("m/s", "speed"), Unit("km/h", "speed", 1 / 3.6), Unit("mph", "speed", 0.44704), Unit("kn", "speed", 1852 / 3600),
-    Unit("mm/s", "speed", 1e-3), Unit("ft/s", "speed", 0.3048),
+    Unit("m/s", "speed"), Unit("km/h", "speed", 1 / 3.6), Unit("mph", "speed", 0.44704),
+    Unit("kn", "speed", 1852 / 3600), Unit("mm/s", "speed", 1e-3), Unit("ft/s", "speed", 0.3048),
     Unit("m", "length"), Unit("mm", "length", 1e-3), Unit("cm", "length", 1e-2), Unit("km", "length", 1e3),
-    Unit("ft", "length", 0.3048), Unit("in", "length", 0.0254),
-    Unit("deg", "angle", math.pi / 180), Unit("rad", "angle"), Unit("compass_deg", "angle", math.pi / 180),
-    Unit("deg", "degrees"), Unit("ddmm", "degrees"),
-    Unit("kg", "mass"), Unit("g", "mass", 1e-3), Unit("t", "mass", 1e3), Unit("lb", "mass", 0.45359237),
-    Unit("W", "power"), Unit("kW", "power", 1e3), Unit("hp", "power", 745.6998715822702),
-    Unit("V", "voltage"), Unit("mV", "voltage", 1e-3), Unit("A", "current"), Unit("mA", "current", 1e-3),
-    Unit("1", "share"), Unit("%", "share", 1e-2),
-    Unit("degC", "temperature"), Unit("degF", "temperature", 5 / 9, -32.0), Unit("K", "temperature", 1.0, -273.15),
+    Unit("ft", "length", 0.3048), Unit("in", "length", 0.0254), Unit("deg", "angle", math.pi / 180),
+    Unit("rad", "angle"), Unit("compass_deg", "angle", math.pi / 180), Unit("deg", "degrees"),
+    Unit("ddmm", "degrees"), Unit("kg", "mass"), Unit("g", "mass", 1e-3), Unit("t", "mass", 1e3),
+    Unit("lb", "mass", 0.45359237), Unit("W", "power"), Unit("kW", "power", 1e3),
+    Unit("hp", "power", 745.6998715822702), Unit("V", "voltage"), Unit("mV", "voltage", 1e-3),
+    Unit("A", "current"), Unit("mA", "current", 1e-3), Unit("1", "share"), Unit("%", "share", 1e-2),
+    Unit("degC", "temperature"), Unit("degF", "temperature", 5 / 9, -32.0),
+    Unit("K", "temperature", 1.0, -273.15),
 )  # fmt: skip
 """Definitions of the mile, foot, pound and horsepower: NIST Special Publication 811, appendix B."""
 
 _ALIASES: dict[str, str] = {
-    "kmh": "km/h", "kph": "km/h", "km_h": "km/h", "kmph": "km/h", "km_per_h": "km/h", "mps": "m/s", "ms": "m/s", "m_s": "m/s",
-    "m_per_s": "m/s", "mi/h": "mph", "kt": "kn", "kts": "kn", "knot": "kn", "knots": "kn", "feet": "ft", "foot": "ft",
-    "meter": "m", "metre": "m", "meters": "m", "metres": "m", "inch": "in", "degrees": "deg", "degree": "deg", "°": "deg",
-    "lbs": "lb", "ton": "t", "tonne": "t", "watt": "W", "watts": "W", "volt": "V", "volts": "V", "amp": "A", "amps": "A",
-    "ampere": "A", "pct": "%", "percent": "%", "perc": "%", "c": "degC", "°c": "degC", "celsius": "degC", "deg_c": "degC",
-    "f": "degF", "°f": "degF", "fahrenheit": "degF", "deg_f": "degF", "kelvin": "K", "w": "W", "kw": "kW", "v": "V", "a": "A",
-    "mv": "mV", "ma": "mA", "k": "K", "-": "1", "ft/s": "ft/s", "radian": "rad", "radians": "rad", "degc": "degC", "degf": "degF",
+    "kmh": "km/h", "kph": "km/h", "km_h": "km/h", "kmph": "km/h", "km_per_h": "km/h", "mps": "m/s",
+    "ms": "m/s", "m_s": "m/s", "m_per_s": "m/s", "mi/h": "mph", "kt": "kn", "kts": "kn", "knot": "kn",
+    "knots": "kn", "feet": "ft", "foot": "ft", "meter": "m", "metre": "m", "meters": "m", "metres": "m",
+    "inch": "in", "degrees": "deg", "degree": "deg", "°": "deg", "lbs": "lb", "ton": "t", "tonne": "t",
+    "watt": "W", "watts": "W", "volt": "V", "volts": "V", "amp": "A", "amps": "A", "ampere": "A", "pct": "%",
+    "percent": "%", "perc": "%", "c": "degC", "°c": "degC", "celsius": "degC", "deg_c": "degC", "f": "degF",
+    "°f": "degF", "fahrenheit": "degF", "deg_f": "degF", "kelvin": "K", "w": "W", "kw": "kW", "v": "V",
+    "a": "A", "mv": "mV", "ma": "mA", "k": "K", "-": "1", "ft/s": "ft/s", "radian": "rad", "radians": "rad",
+    "degc": "degC", "degf": "degF",
 }  # fmt: skip
 
 KINDS: dict[str, str] = {
-    "latitude": "degrees", "longitude": "degrees", "x": "length", "y": "length", "z": "length", "heading": "angle",
-    "speed": "speed", "payload": "mass", "fork_height": "length", "battery_power": "power", "battery_voltage": "voltage",
-    "battery_current": "current", "soc": "share", "ambient_temperature": "temperature", "edge_offset": "length",
-    "lateral_offset": "length",
+    "latitude": "degrees", "longitude": "degrees", "x": "length", "y": "length", "z": "length",
+    "heading": "angle", "speed": "speed", "payload": "mass", "fork_height": "length",
+    "battery_power": "power", "battery_voltage": "voltage", "battery_current": "current", "soc": "share",
+    "ambient_temperature": "temperature", "edge_offset": "length", "lateral_offset": "length",
 }  # fmt: skip
 """What each numeric column measures."""
 

@@ -1,7 +1,8 @@
 """ROS messages as bytes: CDR (ROS 2) and ROS 1 serialisation, read field by field.
 
-CDR: OMG DDSI-RTPS, encapsulation identifiers 0x0000 to 0x0009; a primitive is aligned to its own size counted from the
-end of the encapsulation header (to at most 4 bytes in XCDR2).  ROS 1 packs without gaps, little endian.
+CDR: OMG DDSI-RTPS, encapsulation identifiers 0x0000 to 0x0009; a primitive is aligned to its own size counted
+from the end of the encapsulation header (to at most 4 bytes in XCDR2).  ROS 1 packs without gaps, little
+endian.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ def _layout(order: str, kind: str, count: int) -> struct.Struct:
 
 
 class Wire:
-    """A reading position in one message; every method raises :class:`ValueError` or ``struct.error`` beyond its end."""
+    """A reading position in one message; every method raises :class:`ValueError`
+    or ``struct.error`` beyond its end.
+    """
 
     __slots__ = ("_at", "_base", "_data", "_order", "_ros1", "_widest")
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes, plural
-from fleetlog.importers.base import ReadReport
+from fleetlog.importers._report import ReadReport
 
 LIMIT = 1 << 24
 """Bytes between two elements of interest; beyond it the file is no log but an attack or a mistake."""
@@ -17,7 +17,8 @@ LIMIT = 1 << 24
 class Elements:
     """The end events of chosen elements, each emptied after use, so that memory does not grow with the file.
 
-    Entities are not expanded, nothing is loaded from elsewhere, libxml2's limits on depth and text stay on.  A file that is
+    Entities are not expanded, nothing is loaded from elsewhere, libxml2's limits on depth and text stay on.
+    A file that is
     cut off or broken gives what came before; ``report`` hears of it.
     """
 

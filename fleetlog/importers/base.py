@@ -1,7 +1,8 @@
 """What every log format gives: batches of rows in SI units, and a report of what was read.
 
 A format is one module of this package that holds ``IMPORTER``, an :class:`Importer`.  It turns a file into
-:class:`RawBatch` es and does nothing else: cleaning, frames, derived columns and matching are :mod:`fleetlog.ingest`'s.
+:class:`RawBatch` es and does nothing else: cleaning, frames, derived columns and matching are
+:mod:`fleetlog.ingest`'s.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,17 +18,17 @@ from numpy.typing import NDArray
 from fleetlog.core.trajectory import Ints, Labels, Values
 from fleetlog.errors import FormatError, InputError, nearest
 from fleetlog.importers._open import compression, head_of, plain_suffix, plural
+from fleetlog.importers._profile import Profile
+from fleetlog.importers._report import ReadReport
 from fleetlog.registry import parts
-
-if TYPE_CHECKING:
-    from fleetlog.importers._profile import Profile
 
 GEOGRAPHIC = ("latitude", "longitude")
 LOCAL = ("x", "y")
 
 
 class Reject(NamedTuple):
-    """A row that could not be used: its line or record number (from 1), why, and its text (or a picture of its values).
+    """A row that could not be used: its line or record number (from 1), why, and its text (or a picture of
+    its values).
 
     Where ``whole`` is False only one value was refused; the row stays, with that value unknown.
     """
@@ -40,17 +41,21 @@ class Reject(NamedTuple):
 
 @dataclass(frozen=True)
 class RawBatch:
-    """N rows as a log gives them, several vehicles mixed, in any order; nothing cleaned but everything in SI units.
+    """N rows as a log gives them, several vehicles mixed, in any order; nothing cleaned but everything in SI
+    units.
 
     Attributes
     ----------
     vehicle : (N,) labels, no nulls.
     time : (N,) int64, microseconds since 1970-01-01 UTC.
-    columns : (N,) arrays by name.  Positions are ``latitude``, ``longitude`` [degrees, WGS 84] or ``x``, ``y`` [m, site
+    columns : (N,) arrays by name.  Positions are ``latitude``, ``longitude`` [degrees, WGS 84] or ``x``,
+        ``y`` [m, site
         frame], ``z`` [m, up; ellipsoid or sea level as the log has it]; the further columns of
-        :mod:`fleetlog.core.columns` in the contract's units (NaN for unknown); then the log's own columns under their own
+        :mod:`fleetlog.core.columns` in the contract's units (NaN for unknown); then the log's own columns
+        under their own
         names, float64 or :class:`~fleetlog.core.trajectory.Labels`.
-        A batch without position columns is a *channel*: its values are interpolated onto the rows that have positions (a
+        A batch without position columns is a *channel*: its values are interpolated onto the rows that have
+        positions (a
         battery message that comes at its own times).  A row with NaN for its position stays a row of its own.
     record : (N,) int64, line or record number in the file, from 1.
     rejects : rows met on the way that could not be used.
@@ -89,30 +94,6 @@ class RawBatch:
         return cls(labels, np.asarray(time, np.int64), columns, numbers, list(rejects), progress)
 
 
-@dataclass
-class ReadReport:
-    """What a file turned out to hold; an importer fills it while it reads, the summary says it aloud."""
-
-    path: Path
-    format: str = ""
-    recognised: dict[str, str] = field(default_factory=dict)
-    """Column or field of the log -> what it was taken for, as ``"speed, from km/h"``."""
-    notes: list[str] = field(default_factory=list)
-    """Anything else that was decided and not asked for."""
-    damage: list[str] = field(default_factory=list)
-    """What is broken or cut off, where, and how much is whole; any entry makes the exit status 3."""
-
-    def note(self, text: str) -> None:
-        """Say something once."""
-        if text not in self.notes:
-            self.notes.append(text)
-
-    def damaged(self, text: str) -> None:
-        """Report damage once."""
-        if text not in self.damage:
-            self.damage.append(text)
-
-
 @dataclass(frozen=True)
 class ReadOptions:
     """How to read: the user's profile, if any, and the report to fill."""
@@ -122,8 +103,13 @@ class ReadOptions:
 
     @property
     def vehicle(self) -> str | None:
-        """The constant vehicle id of the profile."""
-        return self.profile.vehicle if self.profile else None
+        """The constant vehicle id that the profile gives this file."""
+        return self.profile.vehicle_of(self.report.path) if self.profile else None
+
+    @property
+    def origin(self) -> int:
+        """Microseconds since 1970 from which a time counts: the profile's word, or 0."""
+        return self.profile.origin if self.profile else 0
 
 
 @dataclass(frozen=True)
@@ -134,8 +120,10 @@ class Importer:
     ----------
     name : as ``--format`` takes it.
     suffixes : lower case with the dot, as ``(".gpx",)``; those of compression are taken off first.
-    sniff : whether the file looks like this format, from its path and its first 64 KiB, decompressed (``b""`` for a folder).
-    read : the rows, batch by batch, in bounded memory; raises :class:`~fleetlog.errors.FormatError` when nothing is usable.
+    sniff : whether the file looks like this format, from its path and its first 64 KiB, decompressed
+        (``b""`` for a folder).
+    read : the rows, batch by batch, in bounded memory; raises :class:`~fleetlog.errors.FormatError` when
+        nothing is usable.
     rank : formats of a lower rank are asked first; 0 for those with a signature, 9 for a last resort.
     """
 
@@ -164,7 +152,14 @@ def find(path: Path) -> Importer | None:
     head = head_of(path)
     suffix = plain_suffix(path)
     order = sorted(importers().values(), key=lambda i: (suffix not in i.suffixes, i.rank, i.name))
-    return next((i for i in order if i.sniff(path, head)), None)
+    return next((i for i in order if _fits(i, path, head)), None)
+
+
+def _fits(importer: Importer, path: Path, head: bytes) -> bool:
+    try:
+        return importer.sniff(path, head)
+    except Exception:  # bytes that its sniffing cannot take are none of its format
+        return False
 
 
 def detect(path: Path) -> Importer:
@@ -184,7 +179,7 @@ def _looks(path: Path) -> str:
         return "a folder"
     head = head_of(path)
     if not head:
-        return "the file is empty"
+        return "nothing in it can be unpacked" if compression(path) else "the file is empty"
     packed = compression(path)
     control = sum(b < 9 or 13 < b < 32 for b in head)
     kind = "binary" if control > 0.02 * len(head) else "text"

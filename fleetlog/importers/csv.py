@@ -1,24 +1,36 @@
-"""Delimited text: CSV, TSV and their relatives, plain or packed (.gz, .zst), in any encoding, in bounded memory.
+"""Delimited text: CSV, TSV and their relatives, plain or packed (.gz, .zst), in any encoding, in bounded
+memory.
 
-The file is read in blocks of whole lines.  A block goes through the fast reader of Arrow with the columns typed; a block with a
+The file is read in blocks of whole lines.  A block goes through the fast reader of Arrow with the columns
+typed; a block with a
 cell that does not fit its type is read again as text and every cell judged by itself.
 """
 
 from __future__ import annotations
 
-import csv as csv_text
 import io
 from collections.abc import Iterator
 from pathlib import Path
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._csv_blocks import Block, blocks, guess_encoding
-from fleetlog.importers._csv_layout import DELIMITERS, Layout, find_decimal, find_delimiter, lay_out
+from fleetlog.importers._csv_layout import (
+    DELIMITERS,
+    Layout,
+    find_decimal,
+    find_delimiter,
+    fit_header,
+    lay_out,
+)
+from fleetlog.importers._csv_lines import cells_of, rows_of
 from fleetlog.importers._csv_rows import RowReader
 from fleetlog.importers._open import head_of
 from fleetlog.importers._profile import Profile
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
+SAMPLE = 100
+"""Rows that tell how many fields a row has."""
 _OTHERS = ("{", "[", "<", "$", "!", "%PDF", "\\")
 
 
@@ -30,7 +42,7 @@ def sniff(path: Path, head: bytes) -> bool:
     if sum(c < " " and c not in "\t\r\n" for c in text[:4096]) > 0.01 * min(len(text), 4096):
         return False
     lines = _sample(text, 0, "#")
-    return bool(lines) and len(next(csv_text.reader(lines[:1], delimiter=find_delimiter(lines)))) > 1
+    return bool(lines) and len(cells_of(lines[0], find_delimiter(lines))) > 1
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -61,7 +73,7 @@ def _encoding(path: Path, profile: Profile, report: ReadReport) -> str:
 
 def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tuple[Layout, Block]:
     """The layout that the first lines give, and the block without them."""
-    lines = block.text.decode("utf-8", "replace").splitlines()
+    lines = block.text.decode("utf-8", "replace").replace("\r\n", "\n").split("\n")
     comment = profile.comment or "#"
     skip, declared = profile.skip_lines, None
     while skip < len(lines) and (not lines[skip].strip() or lines[skip].startswith((comment, "sep="))):
@@ -70,11 +82,12 @@ def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tu
     if skip >= len(lines):
         raise FormatError("the file has no rows", where=path, do="give a log with rows")
     delimiter = profile.delimiter or declared or find_delimiter(lines[skip : skip + 20])
-    names, skip = list(profile.names), skip
+    names = list(profile.names)
     if not names:
-        names = next(csv_text.reader([lines[skip]], delimiter=delimiter))
+        names = cells_of(lines[skip], delimiter)
         _check_header(names, path, skip + 1)
         skip += 1
+        names = fit_header(names, rows_of(lines[skip : skip + SAMPLE], delimiter), report)
     layout = lay_out(names, delimiter, skip, profile, report)
     layout.decimal = profile.decimal or find_decimal(lines[skip : skip + 20], delimiter, report)
     text = block.text

@@ -1,7 +1,9 @@
 """GeoJSON (RFC 7946): points with a time, or lines with a time for every vertex.
 
-The times of a line stand in its property ``coordTimes`` or ``times`` (or below ``coordinateProperties``), one a vertex, as
-converters of GPX and the tools of Mapbox write them.  Points are read by the names of their properties, as a CSV's columns are.
+The times of a line stand in its property ``coordTimes`` or ``times`` (or below ``coordinateProperties``),
+one a vertex, as
+converters of GPX and the tools of Mapbox write them.  Points are read by the names of their properties, as a
+CSV's columns are.
 """
 
 from __future__ import annotations
@@ -9,11 +11,12 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._fields import Field, Fields, fields_of, scalar_time
+from fleetlog.importers._fields import Field, Fields, fields_of
 from fleetlog.importers._json_stream import features
 from fleetlog.importers._open import open_bytes, plain_stem, plural
 from fleetlog.importers._rows import Rows, finite
@@ -34,7 +37,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     reader = _Reader(options, plain_stem(path), lambda: raw.share)
     with stream:
         for number, feature in enumerate(features(stream, options.report), 1):
-            reader.feature(feature, number)
+            reader.tables[0].attempt(number, reader.feature, feature, number)
             for rows in reader.tables:
                 if rows.full:
                     yield rows.take()
@@ -105,7 +108,7 @@ class _Reader:
             rows.reject(number, "the point has no coordinates", coordinates)
             return
         try:
-            time = scalar_time(properties.get(known.time) if known.time else None, known.epoch)
+            time = known.instant(properties.get(known.time) if known.time else None)
         except ValueError:
             rows.reject(number, "point without a time", properties)
             return
@@ -132,17 +135,17 @@ class _Reader:
             times = [times]
         known = self._known({k: v for k, v in properties.items() if not isinstance(v, list | dict)})
         vehicle = self._vehicle(known, properties)
-        for line, stamps in zip(lines, times or [None] * len(lines), strict=False):
+        for line, stamps in zip_longest(lines, times[: len(lines)]):
             if not isinstance(line, list) or not isinstance(stamps, list) or len(stamps) != len(line):
                 self._geographic.reject(number, "line without a time for every vertex", properties)
                 continue
             for vertex, stamp in zip(line, stamps, strict=True):
-                self._vertex(vertex, stamp, vehicle, number)
+                self._vertex(vertex, stamp, vehicle, number, known)
 
-    def _vertex(self, vertex: Any, stamp: Any, vehicle: str, number: int) -> None:
+    def _vertex(self, vertex: Any, stamp: Any, vehicle: str, number: int, known: Fields) -> None:
         values = self._place(vertex, local=False)
         try:
-            time = scalar_time(stamp, None)
+            time = known.instant(stamp, None)
         except ValueError:
             time = None
         if values is None or time is None:
@@ -178,7 +181,9 @@ def _value(field: Field, properties: dict[str, Any]) -> Any:
 def _own(value: Any) -> Any:
     if value is None or isinstance(value, str):
         return value
-    return None if isinstance(value, list | dict) else finite(float(value))
+    return (
+        None if isinstance(value, list | dict) else float(value) if isinstance(value, bool) else finite(value)
+    )
 
 
 IMPORTER = Importer("geojson", (".geojson", ".json", ".geojsonl", ".geojsons"), sniff, read, rank=2)

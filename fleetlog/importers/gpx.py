@@ -1,7 +1,9 @@
 """GPX 1.0 and 1.1: tracks with times.
 
-Waypoints and routes are no motion and are left out, aloud.  ``speed`` [m/s] and ``course`` [degrees] are read where GPX 1.0
-has them or an extension of 1.1 does; numbers in other extensions are kept under their own names.  A file of one receiver is
+Waypoints and routes are no motion and are left out, aloud.  ``speed`` [m/s] and ``course`` [degrees] are
+read where GPX 1.0
+has them or an extension of 1.1 does; numbers in other extensions are kept under their own names.  A file of
+one receiver is
 one vehicle, named by the file; a file that fleetlog wrote names its vehicles by its tracks.
 """
 
@@ -14,9 +16,11 @@ from typing import Any
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.importers._open import plain_stem, plural
-from fleetlog.importers._rows import Rows, finite, heading_of_course, iso_time
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers._rows import Rows, finite, heading_of_course
+from fleetlog.importers._times import iso_time
 from fleetlog.importers._xml import Elements, local, nothing_usable
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 _KEPT = {"hdop": "hdop", "sat": "satellites", "speed": "speed", "atemp": "ambient_temperature"}
 _COURSES = ("course", "bearing")
@@ -43,7 +47,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         if track:
             names.add(track)
         ours = options.vehicle is None and track and _ours(element)
-        _add_point(rows, element, str(track) if ours else unnamed, seen["trkpt"])
+        rows.attempt(seen["trkpt"], _add_point, rows, element, str(track) if ours else unnamed, seen["trkpt"])
         if rows.full:
             yield rows.take()
     if not rows.total:

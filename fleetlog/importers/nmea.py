@@ -1,7 +1,9 @@
 """NMEA 0183 logs, also with binary bytes and u-blox UBX messages between the sentences.
 
-All sentences of one moment make one fix, whatever talker they come from.  Dates come from RMC, ZDA and NAV-PVT; a fix before
-the first date gets it in hindsight.  Broken sentences are rejected and counted; other ships' AIS messages are left out.
+All sentences of one moment make one fix, whatever talker they come from.  Dates come from RMC, ZDA and
+NAV-PVT; a fix before
+the first date gets it in hindsight.  Broken sentences are rejected and counted; other ships' AIS messages
+are left out.
 """
 
 from __future__ import annotations
@@ -15,8 +17,9 @@ from fleetlog.errors import FormatError
 from fleetlog.importers._nmea_fix import DAY, Part, decode
 from fleetlog.importers._nmea_frames import Frame, frames
 from fleetlog.importers._open import open_bytes, plain_stem, plural
+from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import Rows
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 WAITING = 1 << 18
 """Fixes that may wait for the first date."""
@@ -24,7 +27,9 @@ _AIS = (b"VDM", b"VDO")
 
 
 def sniff(path: Path, head: bytes) -> bool:
-    """Whether a sentence or a UBX message with a right checksum is in it, and most of what is framed is right."""
+    """Whether a sentence or a UBX message with a right checksum is in it, and most of what is framed is
+    right.
+    """
     from io import BufferedReader, BytesIO
 
     good = bad = 0
@@ -178,7 +183,8 @@ def _take(frame: Frame, epochs: Epochs, kinds: Counter[str]) -> None:
 def _nothing(epochs: Epochs, kinds: Counter[str], ais: int, rows: Rows) -> tuple[str]:
     if epochs.undated:
         return (
-            f"{plural(epochs.undated, 'position')} with a time of day but no date (no RMC or ZDA sentence with one)",
+            f"{plural(epochs.undated, 'position')} with a time of day but no date (no RMC or ZDA sentence "
+            "with one)",
         )
     if epochs.no_fix:
         return (f"the receiver had no fix in any of its {plural(epochs.no_fix, 'moment')}",)

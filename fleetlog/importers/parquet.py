@@ -1,4 +1,6 @@
-"""Parquet tables, read by their column names as a CSV is; GeoParquet's points; parts of a partitioned dataset."""
+"""Parquet tables, read by their column names as a CSV is; GeoParquet's points; parts of a partitioned
+dataset.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +16,16 @@ from numpy.typing import NDArray
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import FormatError
 from fleetlog.importers._bounded import refuse_packed
-from fleetlog.importers._fields import Fields, epoch_unit, fields_of
+from fleetlog.importers._csv_cells import degrees, numbers
+from fleetlog.importers._csv_clock import Clock
+from fleetlog.importers._csv_layout import unique
+from fleetlog.importers._fields import Field, epoch_unit, fields_of
+from fleetlog.importers._names import EPOCH_UNITS
 from fleetlog.importers._open import plain_stem
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, Reject
+from fleetlog.importers._profile import Profile
+from fleetlog.importers._times import NONE, from_counts
+from fleetlog.importers._units import KINDS
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -24,6 +33,8 @@ if TYPE_CHECKING:
 BATCH = 1 << 17
 GROUP_LIMIT = 1 << 32
 """Unpacked bytes of a row group that are believed."""
+CELLS, CELLS_PER_BYTE = 200_000_000, 2_000
+"""Values that a file may state: so many in any file, and so many for each of its bytes."""
 
 
 def sniff(path: Path, head: bytes) -> bool:
@@ -38,117 +49,196 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 
     refuse_packed(path)
     try:
-        file = pq.ParquetFile(path, memory_map=False)
-    except (OSError, pa.ArrowException) as error:
+        file = pq.ParquetFile(path, memory_map=False, read_dictionary=_text_columns(path))
+    except (OSError, ValueError, pa.ArrowException) as error:
         what = "is cut off or damaged: the description at its end cannot be read"
         raise FormatError(what, where=path, do=f"write it again ({str(error)[:80]})") from None
     with file:
-        fields = _fields(file.schema_arrow, path, options)
-        done = 0
+        _check_size(file.metadata, path)
+        reader = _Reader(file, path, options)
         for group in range(file.num_row_groups):
             rows = file.metadata.row_group(group).num_rows
-            if file.metadata.row_group(group).total_byte_size > GROUP_LIMIT:
-                options.report.damaged(f"row group {group} states more than {GROUP_LIMIT >> 30} GB: left out")
-                continue
             try:
                 for batch in file.iter_batches(BATCH, row_groups=[group]):
-                    yield _batch(batch, fields, path, options, done, file.metadata.num_rows)
-                    done += len(batch)
+                    yield reader.batch(batch)
             except (OSError, pa.ArrowException, MemoryError) as error:
                 options.report.damaged(f"row group {group} ({rows} rows) cannot be read: {str(error)[:120]}")
-        if options.report.damage and not done:
+        if options.report.damage and not reader.done:
             raise FormatError(
                 f"no row can be read; {options.report.damage[0]}", where=path, do="write it again"
             )
 
 
-def _fields(schema: pa.Schema, path: Path, options: ReadOptions) -> Fields:
+def _text_columns(path: Path) -> list[str]:
+    """Columns of text, which are read as dictionaries: a text that comes again takes no memory again."""
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
-    plain = [f.name for f in schema if not pa.types.is_nested(f.type) and not pa.types.is_binary(f.type)]
-    fields = fields_of(plain, options.profile, options.report)
-    place = fields.columns.keys()
-    has_place = {"latitude", "longitude"} <= place or {"x", "y"} <= place or "geometry" in schema.names
-    missing = [
-        what
-        for what, there in (("a position (latitude, longitude or x, y)", has_place), ("a time", fields.time))
-        if not there
-    ]
-    if missing:
-        have = ", ".join(schema.names[:20])
-        raise FormatError(
-            f"no column is {' or '.join(missing)} (columns: {have})", where=path, do="map them with --profile"
+    schema = pq.read_schema(path)
+    return [f.name for f in schema if pa.types.is_string(f.type) or pa.types.is_large_string(f.type)]
+
+
+def _check_size(about: Any, path: Path) -> None:
+    """Repeated values take next to no room: what a file states is held against its size."""
+    cells = about.num_rows * about.num_columns
+    widest = max((about.row_group(g).total_byte_size for g in range(about.num_row_groups)), default=0)
+    if cells > max(CELLS, CELLS_PER_BYTE * path.stat().st_size) or widest > GROUP_LIMIT:
+        size = f"{about.num_rows:,} rows of {about.num_columns:,} columns"
+        what = f"states {size} in groups of {widest >> 20:,} MB"
+        raise FormatError(what, where=path, do="write it again in smaller row groups")
+
+
+class _Reader:
+    """The batches of one file; columns go by their place, for names may come twice."""
+
+    def __init__(self, file: Any, path: Path, options: ReadOptions) -> None:
+        import pyarrow as pa
+
+        self.path, self.options, self.done = path, options, 0
+        self.total = max(file.metadata.num_rows, 1)
+        schema = file.schema_arrow
+        self.names = unique(
+            [_text(n.encode("utf-8", "surrogateescape")) for n in schema.names], options.report
         )
-    return fields
+        kinds = dict(zip(self.names, schema.types, strict=True))
+        plain = [n for n, t in kinds.items() if not pa.types.is_nested(t) and not pa.types.is_binary(t)]
+        self.fields = fields_of(plain, options.profile, options.report)
+        self._check(kinds)
+        profile = options.profile or Profile()
+        self.clock = Clock((str(self.fields.time),), self.fields.epoch, path, profile, options.report)
+
+    def _check(self, kinds: dict[str, Any]) -> None:
+        place = self.fields.columns.keys()
+        has_place = {"latitude", "longitude"} <= place or {"x", "y"} <= place or "geometry" in kinds
+        wanted = (("a position (latitude, longitude or x, y)", has_place), ("a time", self.fields.time))
+        missing = [what for what, there in wanted if not there]
+        if missing:
+            what = f"no column is {' or '.join(missing)} (columns: {', '.join(self.names[:20])})"
+            raise FormatError(what, where=self.path, do="map them with --profile")
+
+    def batch(self, batch: pa.RecordBatch) -> RawBatch:
+        """The rows of a batch; those without a time, or with a text for a position, are refused."""
+        batch = batch.rename_columns(self.names)
+        columns: dict[str, Values] = {}
+        bad: dict[str, tuple[NDArray[np.bool_], Labels]] = {}
+        for name, field in self.fields.columns.items():
+            columns[name] = self._quantity(batch.column(field.source), name, field, bad)
+        for name in self.fields.kept:
+            columns[name] = _values(batch.column(name))
+        if not {"latitude", "x"} & columns.keys():
+            columns["longitude"], columns["latitude"] = _points(batch.column("geometry"))
+        record = np.arange(self.done + 1, self.done + len(batch) + 1)
+        self.done += len(batch)
+        vehicle = self._vehicle(batch)
+        time = self._times(batch, vehicle)
+        good = time != NONE
+        rejects = [Reject(n, "row without a time", "") for n in record[~good].tolist()]
+        for name, (mask, written) in bad.items():
+            whole = name in (*GEOGRAPHIC, *LOCAL)
+            at = np.flatnonzero(mask & good).tolist()
+            texts = written[at].strings()
+            what = f"{name} is not a number"
+            rejects += [
+                Reject(int(record[i]), what, str(t)[:400], whole) for i, t in zip(at, texts, strict=True)
+            ]
+            good[at if whole else []] = False
+        kept: dict[str, Values] = {k: v[good] for k, v in columns.items()}
+        return RawBatch(vehicle[good], time[good], kept, record[good], rejects, self.done / self.total)
+
+    def _quantity(
+        self, array: pa.Array, name: str, field: Field, bad: dict[str, tuple[NDArray[np.bool_], Labels]]
+    ) -> Values:
+        """A known column in SI; numbers may be written as text."""
+        import pyarrow as pa
+
+        values = _values(array)
+        if name not in KINDS:
+            return values
+        if isinstance(values, Labels):
+            read = degrees if name in GEOGRAPHIC else numbers
+            figures, wrong = read(pa.array(values.names, pa.string()))
+            code = values.codes
+            if wrong.any():
+                bad[name] = np.append(wrong, False)[code], values
+            values = np.append(figures, np.nan)[code]
+        return field.values(values)
+
+    def _times(self, batch: pa.RecordBatch, vehicle: Labels) -> NDArray[np.int64]:
+        """(N,) microseconds UTC; ``NONE`` where they are not known."""
+        import pyarrow as pa
+
+        array = batch.column(str(self.fields.time))
+        if pa.types.is_date(array.type):
+            array = array.cast(pa.timestamp("s") if pa.types.is_date32(array.type) else pa.timestamp("ms"))
+        kind = array.type
+        if pa.types.is_timestamp(kind):
+            time = _counted(array.cast(pa.int64()), kind.unit)
+            return time if kind.tz else self.clock.to_utc(time, time != NONE, vehicle)
+        if pa.types.is_integer(kind) or pa.types.is_floating(kind):
+            if self.clock.style not in EPOCH_UNITS:
+                figures = array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+                self.clock.style = epoch_unit(figures, self.options.report, str(self.fields.time))
+            return _counted(array, self.clock.style, self.clock.profile.origin)
+        texts = _values(array)
+        cells = pa.array(texts.strings() if isinstance(texts, Labels) else [None] * len(array), pa.string())
+        return self.clock.times(pa.table({str(self.fields.time): cells}), vehicle)
+
+    def _vehicle(self, batch: pa.RecordBatch) -> Labels:
+        folder = next((p for p in self.path.parts if p.startswith("vehicle_id=")), None)
+        default = unquote(folder.partition("=")[2]) if folder else plain_stem(self.path)
+        if self.options.vehicle is not None or self.fields.vehicle is None:
+            return Labels(np.zeros(len(batch), np.int32), (self.options.vehicle or default,))
+        values = _values(batch.column(self.fields.vehicle))
+        names = (
+            values.strings()
+            if isinstance(values, Labels)
+            else [None if v != v else f"{v:.17g}" for v in values.tolist()]
+        )
+        return Labels.of([default if v is None else v for v in names])
 
 
-def _batch(
-    batch: pa.RecordBatch, fields: Fields, path: Path, options: ReadOptions, done: int, total: int
-) -> RawBatch:
-    columns: dict[str, Values] = {}
-    assert fields.time is not None
-    time, good = _times(batch.column(fields.time), fields, options)
-    for name, field in fields.columns.items():
-        values = _values(batch.column(field.source))
-        columns[name] = values if isinstance(values, Labels) else field.values(values)
-    for name in fields.kept:
-        columns[name] = _values(batch.column(name))
-    if not {"latitude", "x"} & columns.keys():
-        columns["longitude"], columns["latitude"] = _points(batch.column("geometry"))
-    record = np.arange(done + 1, done + len(batch) + 1)
-    rejects = [Reject(int(record[i]), "row without a time", "") for i in np.flatnonzero(~good)]
-    share = (done + len(batch)) / max(total, 1)
-    vehicle = _vehicle(batch, fields, path, options)
-    return RawBatch(
-        vehicle[good], time[good], {k: v[good] for k, v in columns.items()}, record[good], rejects, share
-    )
-
-
-def _times(
-    array: pa.Array, fields: Fields, options: ReadOptions
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """(N,) microseconds, and where they are known."""
-    import pandas as pd
+def _counted(array: pa.Array, unit: str, origin: int = 0) -> NDArray[np.int64]:
     import pyarrow as pa
 
-    if pa.types.is_dictionary(array.type):
-        array = array.dictionary_decode()
-    if pa.types.is_timestamp(array.type) or pa.types.is_date(array.type):
-        known = ~np.asarray(array.is_null())
-        stamps = array.cast(pa.timestamp("us"), safe=False) if array.type != pa.timestamp("us") else array
-        return stamps.cast(pa.int64()).fill_null(0).to_numpy(zero_copy_only=False), known
-    if pa.types.is_integer(array.type) or pa.types.is_floating(array.type):
-        numbers = array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
-        fields.epoch = fields.epoch or epoch_unit(numbers, options.report, str(fields.time))
-        factor = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}[fields.epoch]
-        known = np.isfinite(numbers) & (np.abs(numbers) * factor < 1 << 62)
-        if pa.types.is_integer(array.type) and factor >= 1.0:
-            whole = array.fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64)
-            return np.where(known, whole, 0) * int(factor), known
-        return np.round(np.where(known, numbers, 0.0) * factor).astype(np.int64), known
-    parsed = pd.to_datetime(
-        pd.Series(array.to_pylist(), dtype=object), utc=True, format="ISO8601", errors="coerce"
-    )
-    stamps = parsed.to_numpy(dtype="datetime64[us]")
-    return stamps.astype(np.int64), ~np.isnat(stamps)
+    null = np.asarray(array.is_null())
+    whole = pa.types.is_integer(array.type)
+    filled = array.fill_null(0)
+    values = filled.cast(pa.int64() if whole else pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+    return np.where(null, NONE, from_counts(values, unit, origin))
 
 
 def _values(array: pa.Array) -> Values:
+    """(N,) figures, NaN for null, or labels; text that is no UTF-8 keeps what of it is."""
     import pyarrow as pa
 
     kind = array.type
+    if pa.types.is_null(kind):
+        return np.full(len(array), np.nan)
     if (
         pa.types.is_boolean(kind)
-        or pa.types.is_integer(kind)
-        or pa.types.is_floating(kind)
         or pa.types.is_decimal(kind)
+        or pa.types.is_floating(kind)
+        or pa.types.is_integer(kind)
     ):
         return np.asarray(
             array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64
         )
-    if pa.types.is_null(kind):
-        return np.full(len(array), np.nan)
-    return Labels.of([None if v is None else str(v) for v in array.to_pylist()])
+    if not pa.types.is_dictionary(kind):
+        array = array.dictionary_encode()
+    names = array.dictionary
+    if pa.types.is_string(names.type) or pa.types.is_large_string(names.type):
+        texts = [None if v is None else _text(v) for v in names.cast(pa.large_binary()).to_pylist()]
+    else:
+        texts = [None if v is None else str(v) for v in names.to_pylist()]
+    order = Labels.of(texts)
+    codes = np.asarray(array.indices.fill_null(-1).to_numpy(zero_copy_only=False), dtype=np.int64)
+    if codes.max(initial=-1) >= len(order.codes):
+        raise pa.ArrowInvalid("a text that its dictionary does not have")
+    return Labels(np.append(order.codes, np.int32(-1))[codes], order.names)
+
+
+def _text(raw: bytes) -> str:
+    return raw.decode("utf-8", "replace")
 
 
 def _points(array: pa.Array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -161,15 +251,6 @@ def _points(array: pa.Array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
             if kind % 1000 == 1:
                 x[i], y[i] = a, b
     return x, y
-
-
-def _vehicle(batch: pa.RecordBatch, fields: Fields, path: Path, options: ReadOptions) -> Labels:
-    if options.vehicle is None and fields.vehicle is not None:
-        values: Any = batch.column(fields.vehicle).to_pylist()
-        return Labels.of([plain_stem(path) if v is None else str(v) for v in values])
-    folder = next((p for p in path.parts if p.startswith("vehicle_id=")), None)
-    name = options.vehicle or (unquote(folder.partition("=")[2]) if folder else plain_stem(path))
-    return Labels(np.zeros(len(batch), np.int32), (name,))
 
 
 IMPORTER = Importer("parquet", (".parquet", ".pq", ".geoparquet"), sniff, read)

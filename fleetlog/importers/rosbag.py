@@ -1,33 +1,38 @@
 """ROS 1 bags (plain, bz2, lz4) and ROS 2 bags (a ``.db3`` file, or a folder with ``metadata.yaml``).
 
-The messages are those of :mod:`fleetlog.importers._messages`; the containers of ROS 2 are opened by ``rosbags``.
+The messages are those of :mod:`fleetlog.importers._messages`; the containers of ROS 2 are opened by
+``rosbags``.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from fleetlog.core.files import SETTINGS, open_regular, read_whole
 from fleetlog.errors import FleetlogError, FormatError
-from fleetlog.importers import mcap
-from fleetlog.importers._bag_walk import MAGIC, BagFile
+from fleetlog.importers._bag_walk import MAGIC, BagWalk
 from fleetlog.importers._bounded import refuse_packed
-from fleetlog.importers._open import plain_stem
-from fleetlog.importers._topics import Decoder, Role, Topic, plan
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
+from fleetlog.importers._mcap_walk import McapWalk
+from fleetlog.importers._open import plain_stem, plain_suffix, plural
+from fleetlog.importers._topics import Decoder, Topic, plan, read_recording
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 _SQLITE = b"SQLite format 3\x00"
+_PACKING = re.compile(r"^\s*compression_mode:\s*[\"']?(file|message)", re.MULTILINE | re.IGNORECASE)
+_COUNT = re.compile(r"^\s*message_count:\s*(\d{1,18})\s*$", re.MULTILINE)
+"""The first one is that of the whole bag."""
 
 
 def sniff(path: Path, head: bytes) -> bool:
     """Whether it begins as a bag, is a SQLite file called ``.db3``, or a folder that holds a ROS 2 bag."""
     if path.is_dir():
-        return (path / "metadata.yaml").is_file() or any(path.glob("*.db3"))
-    empty = not head and path.suffix.lower() in (".bag", ".db3")
-    return (
-        empty or head.startswith(b"#ROSBAG V") or (head.startswith(_SQLITE) and path.suffix.lower() == ".db3")
-    )
+        return (path / "metadata.yaml").is_file()
+    suffix = plain_suffix(path)
+    empty = not head and suffix in (".bag", ".db3")
+    return empty or head.startswith(b"#ROSBAG V") or (head.startswith(_SQLITE) and suffix == ".db3")
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -35,13 +40,12 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     if path.is_dir():
         yield from _folder(path, options)
         return
-    refuse_packed(path)
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         magic = stream.read(len(MAGIC))
     if not magic:
         raise FormatError("the file is empty", where=path, do="record it again")
     if magic == MAGIC:
-        yield from _ros1(path, options)
+        yield from read_recording(BagWalk, path, options)
     elif magic.startswith(b"#ROSBAG"):
         version = magic.split(b"\n")[0].decode("ascii", "replace")
         raise FormatError(
@@ -51,27 +55,10 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         yield from _ros2(path, options)
 
 
-def _ros1(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
-    with path.open("rb") as stream:
-        bag = BagFile(path, stream, options.report)
-        if not bag.indexed():
-            options.report.damaged("the bag was not closed: it has no index")
-            scan = BagFile(path, stream, ReadReport(path))
-            for _ in scan.messages():
-                pass
-            bag.channels |= scan.channels
-        topics = [Topic(*c) for c in bag.channels.values()]
-        roles = plan(topics, path, plain_stem(path), options.vehicle, options.report)
-        decoder = Decoder(roles, options.report, bag.share)
-        for channel, time, data in bag.messages():
-            yield from decoder.feed(channel.topic, time, data)
-        yield from _end(path, options.report, roles, decoder)
-
-
-def _end(path: Path, report: ReadReport, roles: dict[str, Role], decoder: Decoder) -> Iterator[RawBatch]:
-    if not decoder.positions:
-        raise mcap.nothing(path, report, roles)
-    yield from decoder.drain()
+def _about(path: Path) -> str:
+    """The description in a bag's folder; ``""`` where there is none."""
+    file = path / "metadata.yaml"
+    return read_whole(file, SETTINGS).decode("utf-8", "replace") if file.exists() else ""
 
 
 def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -80,22 +67,43 @@ def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         raise FormatError(
             "the bag's files are packed as a whole", where=path, do=f"unpack them: zstd -d {packed[0].name}"
         )
+    about = _about(path)
+    others = sum(p.suffix not in (".mcap", ".db3", ".yaml") for p in path.iterdir())
+    if others:
+        options.report.note(f"{plural(others, 'other file')} in the bag's folder left out")
+    if mode := _PACKING.search(about):
+        raise FormatError(
+            f"the bag is packed {mode[1].lower()} by {mode[1].lower()}", where=path,
+            do="convert it with ros2 bag convert to plain storage",
+        )  # fmt: skip
     files = sorted(path.glob("*.mcap"))
-    for file in files:
-        yield from mcap.read(file, options, plain_stem(path))
     if not files:
         yield from _ros2(path, options)
+        return
+    count, errors = 0, []
+    for file in files:
+        try:
+            count += yield from read_recording(McapWalk, file, options, plain_stem(path))
+        except FleetlogError as error:
+            errors.append(error)
+            options.report.damaged(f"{file.name}: {error.what}")
+    if len(errors) == len(files):
+        raise errors[0]
+    if (stated := _COUNT.search(about)) and count < int(stated[1]):
+        options.report.damaged(
+            f"{count:,} of the {int(stated[1]):,} messages that metadata.yaml counts are whole"
+        )
 
 
 def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """Through ``rosbags``; whatever it raises on a damaged file ends the reading, not the import."""
     from rosbags.rosbag2 import Reader
 
-    roles: dict[str, Role] = {}
     decoder: Decoder | None = None
+    for file in sorted(path.glob("*.db3")) if path.is_dir() else [path]:
+        refuse_packed(file)
     try:
         with Reader(path) as bag:
-            _check_packing(bag, path)
             topics = [Topic(c.topic, c.msgtype, _encoding(c)) for c in bag.connections]
             roles = plan(topics, path, plain_stem(path), options.vehicle, options.report)
             total = max(bag.message_count, 1)
@@ -103,6 +111,10 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             wanted = [c for c in bag.connections if c.topic in roles]
             for connection, time, data in bag.messages(connections=wanted):
                 yield from decoder.feed(connection.topic, (time + 500) // 1000, data)
+        if decoder.record < (stated := sum(c.msgcount for c in wanted)):
+            options.report.damaged(
+                f"{decoder.record:,} of the {stated:,} messages that the bag counts are in it"
+            )
     except FleetlogError:
         raise
     except Exception as error:
@@ -113,16 +125,7 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             ) from None
         options.report.damaged(f"breaks off after {decoder.record} messages ({why})")
     assert decoder is not None
-    yield from _end(path, options.report, roles, decoder)
-
-
-def _check_packing(bag: Any, path: Path) -> None:
-    if bag.compression_mode:
-        raise FormatError(
-            "the bag's messages are packed one by one",
-            where=path,
-            do="convert it with ros2 bag convert to plain storage",
-        )
+    yield from decoder.finish(path)
 
 
 def _encoding(connection: Any) -> str:

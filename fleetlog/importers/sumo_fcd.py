@@ -2,7 +2,8 @@
 
 ``angle`` is clockwise from north [degrees]; ``x, y`` are metres of the network, or degrees where
 SUMO was run with ``--fcd-output.geo``.
-``time`` counts seconds from the start of the simulation, so it is placed at the epoch that the file names (fleetlog's
+``time`` counts seconds from the start of the simulation, so it is placed at the epoch that the file names
+(fleetlog's
 exporter writes it) or at 1970.
 """
 
@@ -13,7 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from fleetlog.importers._rows import Rows, finite, heading_of_course, iso_time
+from fleetlog.importers._rows import Rows, finite, heading_of_course
+from fleetlog.importers._times import iso_time
 from fleetlog.importers._xml import Elements, nothing_usable
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
@@ -31,7 +33,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     from fleetlog.importers._open import head_of
 
     epoch = _EPOCH.search(head_of(path, 4096))
-    origin = _origin(epoch)
+    origin = options.origin or _origin(epoch)
     elements = Elements(path, options.report, ("vehicle", "person", "timestep"))
     positions: dict[bool, Rows] = {}
     record = 0
@@ -44,7 +46,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             names = ("latitude", "longitude") if geographic else ("x", "y")
             positions[geographic] = Rows(*names, share=elements.share)
         rows = positions[geographic]
-        _add(rows, element, record, origin, geographic)
+        rows.attempt(record, _add, rows, element, record, origin, geographic)
         if rows.full:
             yield rows.take()
     if not any(r.total for r in positions.values()):
@@ -58,8 +60,10 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             "time": "timestamp, from s",
         }
     )
-    if epoch is None:
-        options.report.note("simulation time placed at 1970-01-01: the file does not say when it began")
+    if not origin:
+        options.report.note(
+            "simulation time placed at 1970-01-01: a profile may say when it began ([time] origin = ...)"
+        )
     for rows in positions.values():
         yield from rows.drain()
 
@@ -72,7 +76,9 @@ def _origin(epoch: re.Match[bytes] | None) -> int:
 
 
 def _degrees(known: dict[bool, Rows], element: Any) -> bool:
-    """Whether x, y are degrees: SUMO then writes six decimals and more; decided by the first vehicle, kept for the file."""
+    """Whether x, y are degrees: SUMO then writes six decimals and more; decided by the first vehicle, kept
+    for the file.
+    """
     if known:
         return next(iter(known))
     x, y = finite(element.get("x")), finite(element.get("y"))

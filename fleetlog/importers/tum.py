@@ -1,4 +1,6 @@
-"""TUM trajectories: ``timestamp x y z qx qy qz qw`` a line, seconds and metres, as evo and SLAM tools write them."""
+"""TUM trajectories: ``timestamp x y z qx qy qz qw`` a line, seconds and metres, as evo and SLAM tools write
+them.
+"""
 
 from __future__ import annotations
 
@@ -40,6 +42,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     stream, raw = open_bytes(path, options.report)
     vehicle = options.vehicle or plain_stem(path)
     rows = Rows("x", "y", share=lambda: raw.share)
+    origin = options.origin
     number = 0
     with stream:
         while line := stream.readline(LINE_LIMIT):
@@ -52,25 +55,28 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
                     number, "not eight numbers ending in a unit quaternion", line.decode("latin-1").strip()
                 )
             else:
-                _add(rows, vehicle, pose, line, number)
+                rows.attempt(number, _add, rows, vehicle, pose, line, number, origin)
             if rows.full:
                 yield rows.take()
     if not rows.total:
         raise FormatError("no line reads 'timestamp x y z qx qy qz qw'", where=path, do="check the format")
-    options.report.recognised.update(
-        {"timestamp": "timestamp, from s since 1970", "x y z": "position in the site frame, from m",
-         "qx qy qz qw": "heading, the yaw of the quaternion"}
-    )  # fmt: skip
+    since = "the profile's origin" if origin else "1970"
+    options.report.recognised.update({
+        "timestamp": f"timestamp, from s since {since}", "x y z": "position in the site frame, from m",
+        "qx qy qz qw": "heading, the yaw of the quaternion",
+    })  # fmt: skip
     yield from rows.drain()
 
 
-def _add(rows: Rows, vehicle: str, pose: list[float], line: bytes, number: int) -> None:
+def _add(rows: Rows, vehicle: str, pose: list[float], line: bytes, number: int, origin: int) -> None:
     values = {"x": pose[1], "y": pose[2], "z": pose[3], "heading": heading_of_quaternion(*pose[4:])}
-    rows.add(vehicle, _microseconds(line.replace(b",", b" ").split()[0]), number, values)
+    rows.add(vehicle, origin + _microseconds(line.replace(b",", b" ").split()[0]), number, values)
 
 
 def _microseconds(cell: bytes) -> int:
-    """Exact where the stamp is a plain decimal: a double of seconds since 1970 only holds a quarter of a microsecond."""
+    """Exact where the stamp is a plain decimal: a double of seconds since 1970 only holds a quarter of a
+    microsecond.
+    """
     whole, _, fraction = cell.partition(b".")
     if whole.isdigit() and fraction.isdigit():
         return int(whole) * 1_000_000 + int(fraction[:6].ljust(6, b"0"))

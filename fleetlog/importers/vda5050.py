@@ -1,7 +1,8 @@
 """VDA 5050 ``state`` and ``visualization`` messages, one JSON object a line, versions 1.1, 2.x and 3.x.
 
 A line may be the message itself, the message behind its MQTT topic (``mosquitto_sub -v``), or wrapped as
-``{"topic": ..., "payload": ...}``.  3.0 renamed ``agvPosition`` to ``mobileRobotPosition`` (``positionInitialized`` to
+``{"topic": ..., "payload": ...}``.  3.0 renamed ``agvPosition`` to ``mobileRobotPosition``
+(``positionInitialized`` to
 ``localized``) and ``batteryState`` to ``powerSupply`` (``batteryCharge`` to ``stateOfCharge``).
 """
 
@@ -16,10 +17,14 @@ from typing import Any
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes, plural
-from fleetlog.importers._rows import NAN, Rows, finite, iso_time
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions, ReadReport
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers._rows import NAN, Rows, finite
+from fleetlog.importers._times import iso_time
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 LINE_LIMIT = 1 << 22
+MOST = 1e300
+"""A sum of weights beyond what a float holds is far beyond any load, and refused as that."""
 # without quotation marks: a wrapped payload may be a string, with its marks escaped
 _MARKS = (b"serialNumber", b"agvPosition", b"mobileRobotPosition", b"batteryState", b"powerSupply")
 
@@ -40,7 +45,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     with stream:
         while line := stream.readline(LINE_LIMIT):
             number += 1
-            reader.line(line, number)
+            reader.positions.attempt(number, reader.line, line, number)
             for rows in (reader.positions, reader.batteries):
                 if rows.full:
                     yield rows.take()
@@ -52,7 +57,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 
 
 class _Reader:
-    """Messages to rows; keeps the last load of every vehicle, which a visualization message does not repeat."""
+    """Messages to rows; keeps the last load of every vehicle, which a visualization message does not
+    repeat.
+    """
 
     def __init__(self, vehicle: str | None, share: Any) -> None:
         self.positions = Rows("x", "y", share=share)
@@ -134,15 +141,18 @@ def _first(message: dict[str, Any], *names: str) -> dict[str, Any] | None:
 
 
 def _kind(message: dict[str, Any]) -> str:
-    for mark, kind in (("connectionState", "connection"), ("nodes", "order"), ("actions", "instantActions"),
-                       ("typeSpecification", "factsheet"), ("driving", "state without position")):  # fmt: skip
+    marks = {"connectionState": "connection", "nodes": "order", "actions": "instantActions"}
+    marks |= {"typeSpecification": "factsheet", "driving": "state without position"}
+    for mark, kind in marks.items():
         if mark in message:
             return kind
     return "other"
 
 
 def _pose(position: dict[str, Any], velocity: Any) -> dict[str, Any]:
-    """``theta`` is counter-clockwise from the map's x axis, as the contract's heading; speed in the vehicle's own frame."""
+    """``theta`` is counter-clockwise from the map's x axis, as the contract's heading; speed in the
+    vehicle's own frame.
+    """
     values: dict[str, Any] = {"x": finite(position.get("x")), "y": finite(position.get("y"))}
     theta = finite(position.get("theta"))
     values["heading"] = math.remainder(theta, math.tau) if theta == theta else NAN
@@ -162,8 +172,11 @@ def _labels(message: dict[str, Any], position: dict[str, Any]) -> dict[str, str]
 
 
 def _payload(loads: list[Any]) -> float:
-    """Sum of the weights [kg]; an empty list says that nothing is carried, a load without a weight that nobody knows."""
-    return math.fsum(finite(load.get("weight")) if isinstance(load, dict) else NAN for load in loads)
+    """Sum of the weights [kg]; an empty list says that nothing is carried, a load without a weight that
+    nobody knows.
+    """
+    total = sum(finite(load.get("weight")) if isinstance(load, dict) else NAN for load in loads)
+    return max(min(float(total), MOST), -MOST) if total == total else NAN
 
 
 def _battery(battery: dict[str, Any]) -> dict[str, Any]:
@@ -182,11 +195,15 @@ def _nothing(reader: _Reader) -> str:
 
 
 def _describe(report: ReadReport, reader: _Reader) -> None:
-    report.recognised.update({
-        "agvPosition / mobileRobotPosition": "x, y from m, heading from rad", "velocity": "speed, the length of vx, vy",
-        "loads": "payload, the sum of the weights in kg", "batteryState / powerSupply": "soc from %, voltage",
-        "manufacturer, serialNumber": "vehicle_id",
-    })  # fmt: skip
+    report.recognised.update(
+        {
+            "agvPosition / mobileRobotPosition": "x, y from m, heading from rad",
+            "velocity": "speed, the length of vx, vy",
+            "loads": "payload, the sum of the weights in kg",
+            "batteryState / powerSupply": "soc from %, voltage",
+            "manufacturer, serialNumber": "vehicle_id",
+        }
+    )
     report.note(
         "VDA 5050 version " + ", ".join(f"{v} ({n} messages)" for v, n in reader.versions.most_common(5))
     )

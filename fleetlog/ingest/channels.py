@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Labels, Trajectory
-from fleetlog.ingest.rows import FILE, RECORD
+from fleetlog.ingest.rows import CHANNEL, FILE, RECORD
 
-CHANNEL = "_channel"
-"""1 for rows of a batch without positions."""
 REACH = 3.0
 """A value reaches this many of its usual steps, and no farther than ``MAX_REACH`` [s]."""
 MAX_REACH = 30.0
@@ -51,7 +49,9 @@ def interpolated(at: Floats, t: Floats, values: Floats) -> Floats:
     near = np.where(inside, t[after] - t[before] <= reach, np.minimum(gap_before, gap_after) <= reach)
     nearest = np.where(gap_before <= gap_after, values[before], values[after])
     close = np.minimum(gap_before, gap_after) <= reach / 2
-    return np.where(near, np.interp(at, t, values), np.where(close, nearest, np.nan))
+    with np.errstate(over="ignore", invalid="ignore"):  # a column of the log's own may hold anything
+        line = np.interp(at, t, values)
+    return np.where(near, line, np.where(close, nearest, np.nan))
 
 
 def _held(own: Labels, given: Labels, at: Floats, t: Floats) -> Labels:

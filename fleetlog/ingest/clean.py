@@ -1,6 +1,7 @@
 """Cleaning: what cannot be a measurement is refused or unknown, what can is left alone.
 
-Every step takes the sorted rows of one vehicle and gives fewer rows, or rows with values unknown, and tells ``rejects``.
+Every step takes the sorted rows of one vehicle and gives fewer rows, or rows with values unknown, and tells
+``rejects``.
 """
 
 from __future__ import annotations
@@ -13,19 +14,22 @@ from numpy.typing import NDArray
 from fleetlog.core.columns import COLUMNS
 from fleetlog.core.trajectory import Floats, Labels, Trajectory
 from fleetlog.ingest.rejects import Rejects
-from fleetlog.ingest.rows import FILE, RECORD, set_unknown
+from fleetlog.ingest.rows import FILE, RECORD, STUCK, set_unknown
 
 MAX_SPEED = 60.0
 """A position that implies more is impossible [m/s]; the bound of the speed column."""
+FARTHEST, HIGHEST = 1e8, 1e6
+"""Local coordinates and heights beyond these are none of a vehicle [m]; grids of whole countries count up to
+1e7.
+"""
 JUMP_MARGIN = 20.0
 """Error of two positions that no jump is made of [m]."""
 SHORT_JUMP = 10
 """Rows; a place that is left sooner by another impossible jump was never visited."""
 STUCK_TIME, STUCK_ROWS = 60.0, 30
-"""A speed that stays the same to the last digit so long [s, rows] while the truck stands is a stuck sensor."""
-
-STUCK = "_stuck"
-"""Column that marks the rows of a stuck sensor; dropped before writing."""
+"""A speed that stays the same to the last digit so long [s, rows] while the truck stands is a stuck
+sensor.
+"""
 
 Mask = NDArray[np.bool_]
 
@@ -38,7 +42,9 @@ def sort_rows(rows: Trajectory) -> Trajectory:
 
 
 def drop_duplicates(rows: Trajectory, rejects: Rejects) -> Trajectory:
-    """One row at a time: the first that the files have; identical rows and contradicting ones are told apart."""
+    """One row at a time: the first that the files have; identical rows and contradicting ones are told
+    apart.
+    """
     again = np.zeros(len(rows), bool)
     again[1:] = np.diff(rows.time) == 0
     if not again.any():
@@ -47,7 +53,8 @@ def drop_duplicates(rows: Trajectory, rejects: Rejects) -> Trajectory:
     same = again.copy()
     for name, values in rows.columns.items():
         if name not in (FILE, RECORD):
-            same &= _equal(values.codes if isinstance(values, Labels) else values, first)  # type: ignore[arg-type]  # arrays
+            array = values.codes if isinstance(values, Labels) else values
+            same &= _equal(array, first)  # type: ignore[arg-type]  # arrays
     rejects.refuse(rows, same, "a duplicate of another row")
     rejects.refuse(rows, again & ~same, "another row of the vehicle has the same time")
     return rows[~again]
@@ -59,7 +66,10 @@ def _equal(values: Floats, first: NDArray[np.intp]) -> Mask:
 
 
 def drop_impossible(rows: Trajectory, rejects: Rejects) -> Trajectory:
-    """Latitudes and longitudes off the globe are refused with their row; 0, 0 is a receiver without a fix: unknown."""
+    """Positions off the globe are refused with their row; 0, 0 degrees is a receiver without a fix:
+    unknown.
+    """
+    rows = _drop_far(rows, rejects)
     if "latitude" not in rows:
         return rows
     latitude, longitude = rows.floats("latitude"), rows.floats("longitude")
@@ -70,6 +80,19 @@ def drop_impossible(rows: Trajectory, rejects: Rejects) -> Trajectory:
     unknown = ((latitude == 0.0) & (longitude == 0.0)) | (np.isnan(latitude) != np.isnan(longitude))
     if unknown.any():
         rows = set_unknown(set_unknown(rows, "latitude", unknown), "longitude", unknown)
+    return rows
+
+
+def _drop_far(rows: Trajectory, rejects: Rejects) -> Trajectory:
+    """Local positions that no frame on earth has are refused with their row; such heights are unknown."""
+    far = (np.abs(rows.floats("x")) > FARTHEST) | (np.abs(rows.floats("y")) > FARTHEST)
+    if far.any():
+        rejects.refuse(rows, far, "the position is off the globe")
+        rows = rows[~far]
+    high = np.abs(rows.floats("z")) > HIGHEST
+    if high.any():
+        rejects.refuse(rows, high, "the height is off the globe", whole=False)
+        rows = set_unknown(rows, "z", high)
     return rows
 
 
@@ -101,10 +124,13 @@ def bound_values(rows: Trajectory, rejects: Rejects) -> Trajectory:
 
 
 def drop_jumps(rows: Trajectory, rejects: Rejects) -> Trajectory:
-    """Refuse rows whose place cannot be reached and is left again at once; one outlier takes nothing else with it.
+    """Refuse rows whose place cannot be reached and is left again at once; one outlier takes nothing else
+    with it.
 
-    Positions fall into stays between impossible jumps.  A stay of fewer than ``SHORT_JUMP`` rows between two of them, or
-    beside a longer one, was never visited; after a long one the truck is where it says (a log that resumes elsewhere).
+    Positions fall into stays between impossible jumps.  A stay of fewer than ``SHORT_JUMP`` rows between two
+    of them, or
+    beside a longer one, was never visited; after a long one the truck is where it says (a log that resumes
+    elsewhere).
     """
     known = np.flatnonzero(np.isfinite(rows.floats("x")) & np.isfinite(rows.floats("y")))
     x, y, t = rows.floats("x")[known], rows.floats("y")[known], rows.seconds()[known]
@@ -141,9 +167,11 @@ def jump_outliers(x: Floats, y: Floats, t: Floats) -> Mask:
 
 
 def unstick(rows: Trajectory) -> Trajectory:
-    """Values that stay the same to the last digit while the truck shows that they cannot: unknown, and marked.
+    """Values that stay the same to the last digit while the truck shows that they cannot: unknown, and
+    marked.
 
-    A speed, for a minute, while the position stands; a battery power or current, for two minutes, while the truck speeds up and
+    A speed, for a minute, while the position stands; a battery power or current, for two minutes, while the
+    truck speeds up and
     slows down.  A sensor that is merely coarse is left alone.
     """
     t, speed = rows.seconds(), rows.floats("speed")

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
 
 HALF_WINDOW = 1.0
-"""The line is fitted over this time before and after a row [s], or over two neighbours on each side if that is more, but those
-not farther than ``WIDEST``; over the nearest neighbours at least."""
+"""The line is fitted over this time before and after a row [s], or over two neighbours on each side if that
+is more, but those not farther than ``WIDEST``; over the nearest neighbours at least."""
 WIDEST = 2.5
 MAX_GAP = 30.0
 """No line reaches across a longer silence [s]."""
@@ -46,7 +46,9 @@ def derive_power(rows: Trajectory) -> Trajectory:
 
 
 def pace_ratio(rows: Trajectory) -> float | None:
-    """The log's speed over that of its positions, as the median over half minutes in motion; None where there is too little."""
+    """The log's speed over that of its positions, as the median over half minutes in motion;
+    None where there is too little.
+    """
     t, x, y, speed = rows.seconds(), rows.floats("x"), rows.floats("y"), rows.floats("speed")
     good = np.isfinite(x) & np.isfinite(y) & np.isfinite(speed)
     if good.sum() < 100:
@@ -80,8 +82,9 @@ def fitted_motion(
 ) -> tuple[Floats, Floats]:
     """Speed and heading at (N,) times [s] from positions [m]; NaN where there are too few positions.
 
-    Least-squares slopes of x and y over time in a window about each row (Savitzky and Golay's first derivative for uneven
-    steps).  Slower than the error of the fit is standing still: speed 0, and the heading stays as it was.
+    Least-squares slopes of x and y over time in a window about each row (Savitzky and Golay's first
+    derivative for uneven steps).  Slower than the error of the fit is standing still: speed 0, and the
+    heading stays as it was.
     """
     speed, heading = np.full(len(t), np.nan), np.full(len(t), np.nan)
     have = np.flatnonzero(np.isfinite(x) & np.isfinite(y))

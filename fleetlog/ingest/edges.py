@@ -12,7 +12,9 @@ from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Labels, Trajectory
 
 ESTIMATE_ROWS = 2000
-"""The parameters are estimated once, on the first stretch that has this many rows (or on the first of all)."""
+"""The parameters are estimated once, on the first stretch
+that has this many rows (or on the first of all).
+"""
 
 
 @dataclass

@@ -13,7 +13,9 @@ from fleetlog.importers.base import Importer, by_name, detect, find
 
 @dataclass(frozen=True)
 class Log:
-    """One log and how it is read; ``error`` where no format fits (of several logs, the others are still read)."""
+    """One log and how it is read; ``error`` where no format fits (of several logs, the others are still
+    read).
+    """
 
     path: Path
     importer: Importer | None
@@ -21,9 +23,11 @@ class Log:
 
 
 def find_logs(paths: Sequence[str | Path], format: str | None = None) -> list[Log]:
-    """The logs among ``paths`` in order of their names, so that the order of the command line changes nothing.
+    """The logs among ``paths`` in order of their names, so that the order of the command line changes
+    nothing.
 
-    A folder stands for the logs in it, recursively; files in it that no format fits are passed over.  A pattern
+    A folder stands for the logs in it, recursively; files in it that no format fits are passed over.  A
+    pattern
     (``*``, ``?``, ``[``) stands for what it matches.
     """
     importer = by_name(format) if format else None
@@ -77,7 +81,11 @@ def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
         return [Log(folder, whole)]
     found = []
     for path in sorted(p for p in folder.rglob("*") if p.is_file() and not p.name.startswith(".")):
-        one = find(path) if path.stat().st_size else None
+        try:
+            one = find(path) if path.stat().st_size else None
+        except FleetlogError as error:
+            found.append(Log(path, None, error))
+            continue
         if one is not None and importer in (None, one):
             found.append(Log(path, one))
     return found

@@ -1,6 +1,8 @@
-"""Positions that come more seldom than the rows: a fix that is repeated until the next one is not a measurement.
+"""Positions that come more seldom than the rows: a fix that is repeated until the next one is not a
+measurement.
 
-Loggers write the last fix into every row.  Where the speed says that the truck has moved, the repeated position is unknown; short
+Loggers write the last fix into every row.  Where the speed says that the truck has moved, the repeated
+position is unknown; short
 stretches between two fixes are then filled along the line between them, in proportion to the distance driven.
 """
 
@@ -10,20 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Trajectory
-from fleetlog.ingest.rows import set_unknown
+from fleetlog.ingest.rows import HELD, set_unknown
 
 MOVED = 0.3
 """A step that the speed claims and the position denies [m]."""
 HELD_SHARE = 0.2
 """Fewer repeats among the moving rows are chance, not a slow receiver."""
 FILL_DRIVEN, FILL_BLIND = 60.0, 5.0
-"""Longest stretch between two fixes that is filled [s]: where the speed tells the way, and where it does not."""
-HELD = "_held"
-"""Column that marks rows whose position was a repeated one; dropped before writing."""
+"""Longest stretch between two fixes that is filled [s]: where the speed tells the way, and where it does
+not.
+"""
 
 
 def release_held(rows: Trajectory) -> Trajectory:
-    """Repeated positions become unknown where the log's speed says that the truck has moved; such rows are marked."""
+    """Repeated positions become unknown where the log's speed says that the truck has moved; such rows are
+    marked.
+    """
     x, y = rows.floats("x"), rows.floats("y")
     driven = np.nan_to_num(rows.floats("speed")) * np.diff(rows.seconds(), prepend=rows.seconds()[:1])
     moved = driven > MOVED
@@ -56,7 +60,9 @@ def fill_positions(rows: Trajectory) -> Trajectory:
 
 
 def _between(rows: Trajectory, known: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp], NDArray[np.intp]]:
-    """Share of the way from the fix before to the fix after (NaN where it is not to be told), and those fixes."""
+    """Share of the way from the fix before to the fix after (NaN where it is not to be told), and those
+    fixes.
+    """
     t, speed = rows.seconds(), rows.floats("speed")
     at = np.arange(len(rows))
     k = np.clip(np.searchsorted(known, at, side="right") - 1, 0, len(known) - 2)

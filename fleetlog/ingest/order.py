@@ -1,8 +1,9 @@
-"""The order of time within a file: late rows are sorted in, rows with a wrong clock are refused, a restarted log is kept.
+"""The order of time within a file: late rows are sorted in, rows with a wrong clock are refused, a restarted
+log is kept.
 
-The rows of a vehicle fall into *runs*: a run ends where time steps back by more than ``WINDOW`` or leaps ahead by more than
-``LEAP``.  A run of fewer than ``SHORT`` rows beside a step back is a clock gone wrong and is refused; a longer one is the log
-starting again (files put together in another order) and is kept.
+The rows of a vehicle fall into *runs*: a run ends where time steps back by more than ``WINDOW`` or leaps
+ahead by more than ``LEAP``.  A run of fewer than ``SHORT`` rows beside a step back is a clock gone wrong and
+is refused; a longer one is the log starting again (files put together in another order) and is kept.
 """
 
 from __future__ import annotations

@@ -1,7 +1,9 @@
 """Logs to a dataset, in seven steps: find, read, order, set down, clean, match, write.
 
-Everything read is set down by vehicle and day first (:mod:`fleetlog.ingest.spill`); then one vehicle after the other is cleaned,
-placed, matched and written, stretch by stretch, so that memory is bounded by a stretch whatever the size of the logs.
+Everything read is set down by vehicle and day first (:mod:`fleetlog.ingest.spill`); then one vehicle after
+the other is cleaned,
+placed, matched and written, stretch by stretch, so that memory is bounded by a stretch whatever the size of
+the logs.
 A stretch ends where a trip begins, so that no trip is torn and matching starts at a standstill.
 """
 
@@ -42,8 +44,10 @@ def import_logs(
 ) -> ImportSummary:
     """Read ``paths`` (files, folders, patterns) and write their rows through ``writer``.
 
-    ``site`` is None where there is no map: then the frame comes from the data.  The writer's site, provenance and summary are
-    set; its ``finish`` is left to the caller.  :class:`~fleetlog.errors.InputError` where nothing usable was found.
+    ``site`` is None where there is no map: then the frame comes from the data.  The writer's site,
+    provenance and summary are
+    set; its ``finish`` is left to the caller.  :class:`~fleetlog.errors.InputError` where nothing usable was
+    found.
     """
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
     logs = find_logs(paths, format)
@@ -98,7 +102,7 @@ def _check_read(reading: Reading, logs: list[Log]) -> None:
 
 
 def _write(reading: Reading, site: Site, writer: DatasetWriter, progress: Progress | None) -> ImportSummary:
-    from fleetlog.ingest.place import with_frame
+    from fleetlog.ingest.place import check_matched, with_frame
 
     summary = reading.summary
     vehicles = reading.spill.vehicles
@@ -122,6 +126,7 @@ def _write(reading: Reading, site: Site, writer: DatasetWriter, progress: Progre
     reading.rejects.close()
     if work is not None:
         work.end()
+        check_matched(summary.matched, summary.rows, site)
     summary.rejected, summary.rejected_values = dict(reading.rejects.rows), dict(reading.rejects.values)
     summary.rejected_file = "rejected.parquet" if reading.rejects.any else None
     if not summary.rows:

@@ -11,6 +11,8 @@ from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.errors import DataError
 from fleetlog.ingest.rows import without
 
+NO_ROWS = 0.0005
+"""A smaller share of rows on roads is shown as 0.0 %."""
 FAR = 3000.0
 """A log whose middle lies farther from every road than this is of another place [m]."""
 
@@ -27,8 +29,10 @@ def frame_from(latitude: Floats, longitude: Floats) -> Frame | None:
 def place(rows: Trajectory, site: Site) -> Trajectory:
     """Rows with x, y [m] in the site's frame; geographic columns are turned into them, local ones stay.
 
-    A log that has both keeps its x, y where they agree with its latitude and longitude to a metre (a dataset that comes
-    back); otherwise they are in another frame: the geographic ones count, and they are kept as ``x_log``, ``y_log``.
+    A log that has both keeps its x, y where they agree with its latitude and longitude to a metre (a dataset
+    that comes
+    back); otherwise they are in another frame: the geographic ones count, and they are kept as ``x_log``,
+    ``y_log``.
     """
     if "latitude" not in rows or site.frame is None:
         return rows
@@ -44,8 +48,17 @@ def place(rows: Trajectory, site: Site) -> Trajectory:
 
 
 def check_place(x: Floats, y: Floats, site: Site, sample: Trajectory) -> None:
-    """:class:`DataError` where the middle of the log lies kilometres from the map; ``sample`` are the rows as they came."""
+    """:class:`DataError` where the middle of the log lies kilometres from the map; ``sample`` are the rows
+    as they came.
+    """
     good = np.isfinite(x) & np.isfinite(y)
+    if site.frame is not None and looks_like_degrees(sample):
+        here = [float(np.nanmedian(sample.floats(n))) for n in ("x", "y")]
+        about = (site.frame.longitude, site.frame.latitude)
+        for names, near in ((("longitude", "latitude"), about), (("latitude", "longitude"), about[::-1])):
+            if max(abs(a - b) for a, b in zip(here, near, strict=True)) < 0.5:
+                do = f'map them in a profile: [columns] {names[0]} = "x", {names[1]} = "y"'
+                raise DataError("the columns x and y hold degrees, not metres", do=do)
     if site.network is None or not good.any():
         return
     away = distance_from_map(float(np.median(x[good])), float(np.median(y[good])), site)
@@ -57,10 +70,41 @@ def check_place(x: Floats, y: Floats, site: Site, sample: Trajectory) -> None:
         swapped = site.frame.to_local([b], [a])
         if abs(b) <= 90 and distance_from_map(float(swapped[0][0]), float(swapped[1][0]), site) <= FAR:
             do = "latitude and longitude are exchanged in the log; map them in a profile"
-        what = f"the log is about {away / 1000:,.0f} km from the map of site {site.name!r} (log at {a:.4f}, {b:.4f}; site at " \
-               f"{site.frame.latitude:.4f}, {site.frame.longitude:.4f})"  # fmt: skip
+        what = (
+            f"the log is about {away / 1000:,.0f} km from the map of site {site.name!r} "
+            f"(log at {a:.4f}, {b:.4f}; site at {site.frame.latitude:.4f}, {site.frame.longitude:.4f})"
+        )
         raise DataError(what, do=do)
     raise DataError(f"the log is about {away / 1000:,.0f} km from the map of site {site.name!r}", do=do)
+
+
+def check_matched(share: float | None, rows: int, site: Site) -> None:
+    """:class:`DataError` where as good as no row lies on a road: the map is of another place, or in another
+    frame.
+    """
+    if share is not None and rows and share < NO_ROWS:
+        raise DataError(
+            f"0.0 % of the {rows:,} rows are on a road of site {site.name!r}",
+            do="check the site's frame and the log's coordinates and units, or import without --site",
+        )
+
+
+def looks_like_degrees(rows: Trajectory) -> bool:
+    """Whether columns called x and y hold degrees: figures that hardly change while the truck moves."""
+    good = np.isfinite(rows.floats("x")) & np.isfinite(rows.floats("y"))
+    if "latitude" in rows or good.sum() < 10:
+        return False
+    x, y, t, speed = (
+        v[good] for v in (rows.floats("x"), rows.floats("y"), rows.seconds(), rows.floats("speed"))
+    )
+    if np.abs(x).max() > 180.0 or np.abs(y).max() > 180.0 or min(np.abs(x).max(), np.abs(y).max()) > 90.0:
+        return False
+    size = float(max(np.ptp(x), np.ptp(y)))
+    driven = float(np.nansum(speed * np.minimum(np.diff(t, prepend=t[:1]), 5.0)))
+    if driven > 20.0:
+        return size < driven / 1000.0
+    fine = bool((np.abs(np.round(x, 4) - x) > 1e-9).mean() > 0.5)
+    return fine and 0.0 < size < 0.5 and size < 0.1 * float(np.median(np.hypot(x, y)))
 
 
 def distance_from_map(x: float, y: float, site: Site) -> float:

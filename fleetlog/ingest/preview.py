@@ -11,8 +11,10 @@ import numpy as np
 
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, FleetlogError, InputError
+from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._profile import Profile, load_profile
-from fleetlog.importers.base import RawBatch, ReadOptions, ReadReport
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers.base import RawBatch, ReadOptions
 from fleetlog.ingest.files import Log, find_logs, names_of
 from fleetlog.ingest.summary import FileSummary, ImportSummary
 
@@ -57,7 +59,9 @@ class Preview:
 def preview(
     paths: Sequence[str | Path], *, format: str | None = None, profile: str | Path | Profile | None = None
 ) -> Preview:
-    """The first rows of every log among ``paths``; one that cannot be read raises its error, of several it is told of."""
+    """The first rows of every log among ``paths``; one that cannot be read raises its error, of several it
+    is told of.
+    """
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
     out = Preview()
     logs = find_logs(paths, format)
@@ -69,7 +73,7 @@ def preview(
         except FleetlogError as error:
             errors.append(error)
             kind = log.importer.name if log.importer else "unknown format"
-            out.files.append(FileSummary(name, kind, damage=[f"nothing is usable: {error.what}"]))
+            out.files.append(FileSummary(name, kind, damage=[f"nothing is usable: {error.advice}"]))
     if len(errors) == len(logs):
         raise errors[0]
     return out
@@ -81,7 +85,7 @@ def _first(out: Preview, log: Log, name: str, profile: Profile | None) -> FileSu
         raise log.error or InputError("no log format fits", where=log.path, do="name it with --format")
     report = ReadReport(log.path, log.importer.name)
     rows, rejected = out.rows[name], out.rejected[name]
-    for batch in log.importer.read(log.path, ReadOptions(report, profile)):
+    for batch in read_guarded(log.importer, log.path, ReadOptions(report, profile)):
         rows += _rows(batch, ROWS - len(rows))
         rejected += [r._asdict() for r in batch.rejects[: ROWS - len(rejected)]]
         if len(rows) >= ROWS:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from pathlib import Path
 
 import numpy as np
@@ -11,17 +12,18 @@ import numpy as np
 from fleetlog.core.columns import NAMES
 from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.errors import FleetlogError
+from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._profile import Profile
-from fleetlog.importers.base import RawBatch, ReadOptions, ReadReport
-from fleetlog.ingest.channels import CHANNEL
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers.base import RawBatch, ReadOptions
 from fleetlog.ingest.files import Log, names_of
 from fleetlog.ingest.order import BACKWARDS, Order
 from fleetlog.ingest.rejects import Rejects
-from fleetlog.ingest.rows import FILE, RECORD
+from fleetlog.ingest.rows import CHANNEL, FILE, INTERNAL, RECORD
 from fleetlog.ingest.spill import Spill
 from fleetlog.ingest.summary import FileSummary, ImportSummary
 
-_RESERVED = frozenset((*NAMES, "date"))
+_RESERVED = frozenset((*NAMES, "date", *INTERNAL))
 
 
 class Reading:
@@ -44,7 +46,7 @@ class Reading:
         orders: dict[tuple[str, bool], Order] = defaultdict(Order)
         refused = self.rejects.rows.total()
         before = self.spill.rows
-        for batch in log.importer.read(log.path, options):
+        for batch in read_guarded(log.importer, log.path, options):
             self.rejects.add(number, batch.rejects)
             for rows in split(batch, number, report):
                 self._set_down(orders[rows.vehicle_id, CHANNEL in rows].sift(rows))
@@ -82,7 +84,7 @@ class Reading:
         self.errors.append(error)
         name = log.importer.name if log.importer else "unknown format"
         self.summary.files.append(
-            FileSummary(log.path.name, name, damage=[f"nothing is usable: {error.what}"])
+            FileSummary(log.path.name, name, damage=[f"nothing is usable: {error.advice}"])
         )
 
 
@@ -92,7 +94,7 @@ def split(batch: RawBatch, number: int, report: ReadReport) -> Iterator[Trajecto
         return
     columns: dict[str, Values] = {}
     for name, values in batch.columns.items():
-        columns[_own_name(name, report)] = values
+        columns[_own_name(name, batch.columns.keys() | columns.keys(), report)] = values
     columns[FILE] = np.full(len(batch), float(number))
     columns[RECORD] = batch.record.astype(np.float64)
     if not batch.has_position:
@@ -115,9 +117,14 @@ def _trimmed(values: Values) -> Values:
     return Labels(table[values.codes], tuple(values.names[i] for i in used.tolist()))
 
 
-def _own_name(name: str, report: ReadReport) -> str:
-    """A log's own column whose name differs from one of ours in capitals only gets a suffix: databases do not tell them apart."""
-    if name.lower() in _RESERVED and (name not in NAMES or name in ("vehicle_id", "timestamp")):
-        report.note(f"{name!r} is kept as {name + '_log'!r}: its name is taken")
-        return f"{name}_log"
-    return name
+def _own_name(name: str, names: Set[str], report: ReadReport) -> str:
+    """The name of a column in the dataset: one of the log's own that is taken, in any capitals, gets a
+    suffix.
+
+    Databases do not tell capitals apart.
+    """
+    if name.lower() not in _RESERVED or (name in NAMES and name not in ("vehicle_id", "timestamp")):
+        return name
+    other = next(n for k in itertools.count() if (n := f"{name}_log{k or ''}") not in names)
+    report.note(f"{name!r} is kept as {other!r}: its name is taken")
+    return other

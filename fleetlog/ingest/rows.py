@@ -1,4 +1,6 @@
-"""Rows of one vehicle on their way into a dataset: a :class:`Trajectory` that is not yet sorted, with where each came from."""
+"""Rows of one vehicle on their way into a dataset: a :class:`Trajectory` that is not yet sorted, with where
+each came from.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,10 @@ from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Labels, Trajectory, Values
 
-FILE, RECORD = "_file", "_record"
-"""Columns with the number of the file and the line or record in it; dropped before writing."""
+FILE, RECORD, CHANNEL, STUCK, HELD = INTERNAL = ("_file", "_record", "_channel", "_stuck", "_held")
+"""Columns of the import itself, dropped before writing: number of the file, line or record in it, 1 for rows
+of a batch without
+positions, 1 for rows of a stuck sensor, 1 for rows whose position repeats an older one."""
 
 
 def join(pieces: Sequence[Trajectory]) -> Trajectory:
@@ -33,7 +37,9 @@ def _joined(name: str, pieces: Sequence[Trajectory]) -> Values:
 
 
 def _as_labels(values: Values | None, n: int) -> Labels:
-    """Labels as they are, null where there is no column, figures as text (a column that is figures in one file only)."""
+    """Labels as they are, null where there is no column, figures as text (a column that is figures in one
+    file only).
+    """
     if isinstance(values, Labels):
         return values
     if values is None:
@@ -88,9 +94,15 @@ def picture(rows: Trajectory, row: int) -> str:
     for name, values in rows.columns.items():
         if name in (FILE, RECORD):
             continue
-        value = values.names[values.codes[row]] if isinstance(values, Labels) and values.codes[row] >= 0 else (
-            None if isinstance(values, Labels) or values[row] != values[row] else f"{float(values[row]):.10g}"
-        )  # fmt: skip
+        value = (
+            values.names[values.codes[row]]
+            if isinstance(values, Labels) and values.codes[row] >= 0
+            else (
+                None
+                if isinstance(values, Labels) or values[row] != values[row]
+                else f"{float(values[row]):.10g}"
+            )
+        )
         if value is not None:
             cells.append(f"{name}={value}")
     return " ".join(cells)

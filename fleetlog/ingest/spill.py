@@ -1,4 +1,6 @@
-"""Rows set down on disk by vehicle and day, so that files of any size, in any order and mixture, fit into bounded memory."""
+"""Rows set down on disk by vehicle and day, so that files of any size, in any order and mixture, fit into
+bounded memory.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ import numpy as np
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.trajectory import Ints, Labels, Trajectory, Values
-from fleetlog.ingest.rows import join
+from fleetlog.ingest.rows import INTERNAL, join
 
 DAY = 86_400_000_000
 BUDGET = 96 << 20
@@ -48,7 +50,7 @@ class Spill:
     def add(self, rows: Trajectory) -> None:
         """Set rows of one vehicle aside."""
         for name, values in rows.columns.items():
-            if name not in BY_NAME and not name.startswith("_"):
+            if name not in BY_NAME and name not in INTERNAL:
                 self.own[name] = self.own.get(name, False) or isinstance(values, Labels)
         day = rows.time // DAY
         if len(rows) and day.min() == day.max():
@@ -87,7 +89,9 @@ class Spill:
         return sum(s.rows for s in self._slots.values())
 
     def windows(self, vehicle: str) -> Iterator[tuple[Trajectory, bool]]:
-        """The rows of a vehicle in stretches of about ``WINDOW_ROWS``, in order of time, unsorted within; whether it is the last."""
+        """The rows of a vehicle in stretches of about ``WINDOW_ROWS``, in order of time, unsorted within;
+        whether it is the last.
+        """
         self._set_down()
         before: Trajectory | None = None
         for rows in self._stretches(vehicle):

@@ -10,13 +10,13 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Ints, Trajectory
 from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean
-from fleetlog.ingest.channels import CHANNEL, join_channels
+from fleetlog.ingest.channels import join_channels
 from fleetlog.ingest.derive import derive_motion, derive_power, pace_ratio, suspect_unit
 from fleetlog.ingest.edges import Edges
-from fleetlog.ingest.fixes import HELD, fill_positions, release_held
-from fleetlog.ingest.place import check_place, place
+from fleetlog.ingest.fixes import fill_positions, release_held
+from fleetlog.ingest.place import check_place, looks_like_degrees, place
 from fleetlog.ingest.rejects import Rejects
-from fleetlog.ingest.rows import FILE, RECORD, join, with_own_columns, without
+from fleetlog.ingest.rows import CHANNEL, HELD, INTERNAL, STUCK, join, with_own_columns, without
 from fleetlog.ingest.spill import WINDOW_ROWS
 from fleetlog.ingest.summary import ImportSummary
 from fleetlog.store.trips import trip_ids
@@ -78,11 +78,13 @@ class VehicleImport:
             )
         if self._held:
             s.notes.append(
-                f"{self._held:,} rows repeat a position while the truck moves: placed between the fixes by the distance driven"
+                f"{self._held:,} rows repeat a position while the truck moves: "
+                "placed between the fixes by the distance driven"
             )
         if unit := suspect_unit(self._paces):
             s.notes.append(
-                f"the speed is about {unit[1]:.2f} times that of the positions, as if it were in {unit[0]}: check its unit"
+                f"the speed is about {unit[1]:.2f} times that of the positions, as if it were in {unit[0]}: "
+                "check its unit"
             )
         if self._span:
             s.start, s.end = (f"{np.datetime64(t, 'us')}Z" for t in self._span)
@@ -101,6 +103,10 @@ class VehicleImport:
         rows = place(rows, self.site)
         if not self._checked and len(rows):
             check_place(rows.floats("x"), rows.floats("y"), self.site, sample)
+            if looks_like_degrees(sample):
+                self.summary.notes.append(
+                    "x and y look like degrees: if they are, map them in a profile to longitude and latitude"
+                )
             self._checked = True
         if CHANNEL in rows:
             before = len(rows)
@@ -131,7 +137,7 @@ class VehicleImport:
         if self.edges is not None:
             rows = self.edges.match(rows)
         self._count(rows)
-        rows = without(rows, FILE, RECORD, clean.STUCK, HELD)
+        rows = without(rows, *INTERNAL)
         self.writer.write(with_own_columns(rows, self.own))
         s = self.summary
         s.rows += len(rows)
@@ -142,14 +148,16 @@ class VehicleImport:
 
     def _count(self, rows: Trajectory) -> None:
         """What the rows tell about the sensors."""
-        self._stuck += int(np.nansum(rows.floats(clean.STUCK))) if clean.STUCK in rows else 0
+        self._stuck += int(np.nansum(rows.floats(STUCK))) if STUCK in rows else 0
         self._held += int(np.nansum(rows.floats(HELD))) if HELD in rows else 0
         if "speed" not in self._derived and len(self._paces) < 50 and (pace := pace_ratio(rows)) is not None:
             self._paces.append(pace)
 
 
 def _cut(trips: Ints) -> int:
-    """Rows to write now: up to the beginning of the last trip; within it only where it grows beyond memory."""
+    """Rows to write now: up to the beginning of the last trip; within it only where it grows beyond
+    memory.
+    """
     begins = np.flatnonzero(np.diff(trips)) + 1
     if len(begins):
         return int(begins[-1])

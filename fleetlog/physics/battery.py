@@ -1,15 +1,17 @@
-"""The traction battery: open-circuit voltage over charge, resistance or Peukert, temperature, and what happens at its limit.
+"""The traction battery: open-circuit voltage over charge, resistance or Peukert, temperature, and what
+happens at its limit.
 
     U = E(q) - R I,  P = U I   so   I = 2 P / (E + sqrt(E^2 - 4 R P))          exact; I > 0 discharging
     dq/dt = -I_eff / (3600 C(T)),  I_eff = I (I / I_n)^(k - 1) discharging, I charging
 
-The power that a battery can give ends at E^2 / (4 R): beyond it the voltage collapses, which is reported sample by sample,
-the current being that of greatest power.  Peukert's exponent k and the resistance R describe the same loss; a model has one
-of them.  Where E is constant, I E = P + R (P / E)^2 + O(R^2): the nominal formula of :func:`fleetlog.physics.power.cell_power`.
+The power that a battery can give ends at E^2 / (4 R): beyond it the voltage collapses, which is reported
+sample by sample, the current being that of greatest power.  Peukert's exponent k and the resistance R
+describe the same loss; a model has one of them.  Where E is constant, I E = P + R (P / E)^2 + O(R^2): the
+nominal formula of :func:`fleetlog.physics.power.cell_power`.
 
-Sources: Peukert for changing current, normalised at the rated current I_n (Doerffel and Sharkh, J. Power Sources 155, 2006,
-doi 10.1016/j.jpowsour.2005.04.030).  The curves E(q) and the temperature slopes below are estimates of ours, typical of the
-chemistry and no maker's data.
+Sources: Peukert for changing current, normalised at the rated current I_n (Doerffel and Sharkh, J. Power
+Sources 155, 2006, doi 10.1016/j.jpowsour.2005.04.030).  The curves E(q) and the temperature slopes below are
+estimates of ours, typical of the chemistry and no maker's data.
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ class BatteryModel:
     capacity_ah : charge at the rated current and 20 degC [Ah].
     soc, voltage : knots of the open-circuit voltage: (K,) shares, growing from 0 to 1, and (K,) volts.
     resistance : inner resistance at 20 degC [ohm].
-    peukert : exponent k, 1 where rate does not matter;  rated_hours : discharge time that the capacity is rated at [h].
+    peukert : exponent k, 1 where rate does not matter;  rated_hours : discharge time that the capacity is
+        rated at [h].
     capacity_per_kelvin, resistance_per_kelvin : shares lost, gained per kelvin below 20 degC.
     """
 
@@ -89,21 +92,27 @@ CHEMISTRIES: dict[str, BatteryModel] = {
 def battery_of(truck: Truck, chemistry: str = "constant", peukert: float = 1.0) -> BatteryModel:
     """The battery of a truck file, with the shape of a chemistry (``constant``, ``lfp``, ``lead``).
 
-    The charge is capacity_wh / voltage; with ``peukert`` other than 1 it stands in place of the file's resistance.
+    The charge is capacity_wh / voltage; with ``peukert`` other than 1 it stands in place of the file's
+    resistance.
     """
     if chemistry not in CHEMISTRIES:
         raise TruckError(f"unknown chemistry {chemistry!r}", do=nearest(chemistry, CHEMISTRIES))
     shape, nominal = CHEMISTRIES[chemistry], truck.battery.voltage
     return replace(
-        shape, capacity_ah=truck.battery.capacity_wh / nominal, voltage=tuple(v * nominal for v in shape.voltage),
-        resistance=truck.battery.internal_resistance if peukert == 1.0 else 0.0, peukert=peukert,
-    )  # fmt: skip
+        shape,
+        capacity_ah=truck.battery.capacity_wh / nominal,
+        voltage=tuple(v * nominal for v in shape.voltage),
+        resistance=truck.battery.internal_resistance if peukert == 1.0 else 0.0,
+        peukert=peukert,
+    )
 
 
 def current(power: Floats, open_voltage: Floats, resistance: float) -> tuple[Floats, NDArray[np.bool_]]:
-    """The (N,) current [A] that gives ``power`` [W] at the terminals, and where no current does: the voltage collapses.
+    """The (N,) current [A] that gives ``power`` [W] at the terminals, and where no current does: the voltage
+    collapses.
 
-    The smaller root of R I^2 - E I + P = 0, written so that nothing cancels; beyond collapse the current of greatest power.
+    The smaller root of R I^2 - E I + P = 0, written so that nothing cancels; beyond collapse the current of
+    greatest power.
     """
     radicand = np.square(open_voltage) - 4.0 * resistance * np.asarray(power)
     collapsed = radicand < 0.0
@@ -115,7 +124,9 @@ def current(power: Floats, open_voltage: Floats, resistance: float) -> tuple[Flo
 
 @dataclass(frozen=True)
 class Discharge:
-    """What a battery did: (N,) state of charge after each sample, terminal voltage [V], current [A] and two alarms."""
+    """What a battery did: (N,) state of charge after each sample, terminal voltage [V],
+    current [A] and two alarms.
+    """
 
     soc: Floats
     voltage: Floats

@@ -1,7 +1,8 @@
 """Motions by recipe: the runs of a test protocol and the VDI 2198 cycle, as a driver would drive them.
 
-Every recipe is a list of pieces of constant acceleration; :func:`legs` lays them on a time axis of step ``dt``, each sample
-standing in the middle of its step, so that sums over the samples are exact to second order in ``dt``.
+Every recipe is a list of pieces of constant acceleration; :func:`legs` lays them on a time axis of step
+``dt``, each sample standing in the middle of its step, so that sums over the samples are exact to second
+order in ``dt``.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from fleetlog.core.motion import Motion, join
 from fleetlog.core.truck import Truck
 
 VDI_LEGS = (22.0, 8.0, 22.0, 8.0)
-"""Lengths of the four legs [m]: forward and reverse runs between two points some 30 m apart.  Our reading of the summary
-of VDI 2198 (30 m, 2 m, 60 cycles an hour); the exact table of the standard is not public."""
+"""Lengths of the four legs [m]: forward and reverse runs between two points some 30 m apart.  Our reading of
+the summary of VDI 2198 (30 m, 2 m, 60 cycles an hour); the exact table of the standard is not public."""
 VDI_LIFT = 1.7
 """Height of each of the two lifts [m]: from the travel height of 0.3 m to 2 m."""
 VDI_SPEED = 3.0
@@ -48,16 +49,24 @@ def legs(pieces: list[Piece], payload: float = 0.0, grade: float = 0.0, dt: floa
         moving = float(piece.speed > 0.0 or piece.acceleration > 0.0)
         out.append(
             Motion.of(
-                n, time=clock + since, dt=step, speed=speed * moving, acceleration=piece.acceleration * moving,
-                slope=np.arctan(grade), payload=payload, lift_speed=piece.lift_speed,
+                n,
+                time=clock + since,
+                dt=step,
+                speed=speed * moving,
+                acceleration=piece.acceleration * moving,
+                slope=np.arctan(grade),
+                payload=payload,
+                lift_speed=piece.lift_speed,
             )
-        )  # fmt: skip
+        )
         clock += piece.duration
     return join(out)
 
 
 def run(length: float, speed: float, up: float, down: float) -> list[Piece]:
-    """From rest to rest over ``length`` m: at most ``speed`` m/s, gathered at ``up`` and shed at ``down`` m/s2."""
+    """From rest to rest over ``length`` m: at most ``speed`` m/s,
+    gathered at ``up`` and shed at ``down`` m/s2.
+    """
     top = min(speed, float(np.sqrt(2.0 * length * up * down / (up + down))))
     cruise = max(length - top**2 / 2.0 * (1.0 / up + 1.0 / down), 0.0)
     return [Piece(top / up, 0.0, up), Piece(cruise / top, top), Piece(top / down, top, -down)]
@@ -70,7 +79,9 @@ def lift(height: float, truck: Truck) -> list[Piece]:
 
 
 def vdi2198(truck: Truck, cycles: int = 1, load: float | None = None, speed: float = VDI_SPEED) -> Motion:
-    """``cycles`` of the VDI 2198 cycle with the rated load: two lifts, four legs, the rest of the minute standing."""
+    """``cycles`` of the VDI 2198 cycle with the rated load:
+    two lifts, four legs, the rest of the minute standing.
+    """
     up, down = truck.drive.max_acceleration, truck.drive.max_deceleration
     pieces: list[Piece] = []
     for i, length in enumerate(VDI_LEGS):

@@ -56,13 +56,17 @@ class Field:
 
     @cached_property
     def _ladder(self) -> tuple[NDArray[np.intp], Floats, float]:
-        """Order of the stretches on one growing axis of edges laid end to end, their starts on it, and its pitch."""
+        """Order of the stretches on one growing axis of edges laid end to end, their starts on it,
+        and its pitch.
+        """
         pitch = float(self.end.max(initial=0.0)) + 1.0
         order = np.lexsort((self.start, self.edge))
         return order, (self.edge * pitch + self.start)[order], pitch
 
     def along(self, motion: Motion, neutral: float) -> Floats:
-        """(N,) the value at each sample of a motion: that of its stretch of edge, off the map of the nearest, else ``neutral``."""
+        """(N,) the value at each sample of a motion:
+        that of its stretch of edge, off the map of the nearest, else ``neutral``.
+        """
         out = np.full(len(motion), neutral)
         if not len(self):
             return out
@@ -112,7 +116,9 @@ def stretches(
 
 
 def mirrored(field: Field, network: Network, odd: bool) -> Field:
-    """The field with the other direction of every road that it has in one direction only; ``odd``: of opposite sign."""
+    """The field with the other direction of every road that it has in one direction only; ``odd``:
+    of opposite sign.
+    """
     known = np.zeros(len(network) + 1, dtype=bool)
     known[field.edge] = True
     back = np.where(field.edge >= 0, network.reverse[field.edge], -1).astype(np.int32)
@@ -123,7 +129,8 @@ def mirrored(field: Field, network: Network, odd: bool) -> Field:
     length, sign = network.length[back], -1.0 if odd else 1.0
     low, high = (sign * one_way.high, sign * one_way.low) if odd else (one_way.low, one_way.high)
     other = stretches(
-        network, back, length - one_way.end, length - one_way.start, sign * one_way.value, low, high, one_way.samples
+        network, back, length - one_way.end, length - one_way.start, sign * one_way.value, low, high,
+        one_way.samples
     )  # fmt: skip
     return Field(*(np.concatenate([getattr(field, f.name), getattr(other, f.name)]) for f in fields(Field)))
 

@@ -1,4 +1,5 @@
-"""Physics on disk: ``model.toml`` and ``fields/TERM.parquet``, what ``diagnose`` and ``calibrate`` find and others take up.
+"""Physics on disk: ``model.toml`` and ``fields/TERM.parquet``, what ``diagnose`` and ``calibrate`` find and
+others take up.
 
 format_version = 1
 truck = "counterbalance-48V"       # the nominal truck that it was found against, for the reader
@@ -9,17 +10,19 @@ power = 661.0
 field = "fields/grade.parquet"     # the first parameter per stretch of road
 [interval.auxiliary_load]
 power = [640.0, 690.0]
+[vehicle.T3.term.rolling_resistance]   # of one vehicle, in place of the fleet's
+coefficient = 0.019
 """
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fleetlog.core.network import Network
+from fleetlog.core.schema import Wrong, list_of, load_toml, real, shown, table, tables, text, whole
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
 from fleetlog.physics.field import COLUMNS, Field, field_table, mirrored
@@ -30,11 +33,21 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FILE = "model.toml"
-KEYS = ("format_version", "truck", "off", "term", "interval")
+KEYS = {
+    "format_version": whole(),
+    "truck": text,
+    "off": list_of(text),
+    "term": tables,
+    "interval": tables,
+    "vehicle": tables,
+}
+_number_check = real(-1e12, 1e12)
 
 
 def save_physics(path: str | Path, physics: Physics, network: Network | None = None) -> None:
-    """Write ``physics`` (all but its truck) into the folder ``path``: model.toml, and its fields beside it."""
+    """Write ``physics`` (all but its truck) into the folder ``path``: model.toml, and its fields beside
+    it.
+    """
     import tomli_w
 
     folder = Path(path)
@@ -50,51 +63,60 @@ def save_physics(path: str | Path, physics: Physics, network: Network | None = N
     data = {"format_version": 1, "truck": physics.truck.name, "off": sorted(physics.off), "term": term}
     if physics.intervals:
         data["interval"] = {n: {k: list(v) for k, v in p.items()} for n, p in physics.intervals.items()}
+    if physics.vehicles:
+        data["vehicle"] = {
+            v: {"term": {n: {k: float(x) for k, x in values.items()} for n, values in terms.items()}}
+            for v, terms in physics.vehicles.items()
+        }
     (folder / FILE).write_text(tomli_w.dumps(data), encoding="utf-8")
 
 
 def load_physics(path: str | Path, truck: Truck, network: Network | None = None) -> Physics:
-    """The physics of a model file, or of the folder with one, for a truck and the network that motions will lie on.
+    """The physics of a model file, or of the folder with one, for a truck and the network that motions will
+    lie on.
 
     :class:`InputError` names the file, the term or parameter at fault and the nearest known one.
     """
     path = Path(path)
     file = path / FILE if path.is_dir() else path
-    data = _read(file)
+    do = "give the output of fleetlog diagnose, or its model.toml"
+    data = table(load_toml(file, do=do), KEYS, file, "")
+    if data.get("format_version", 1) != 1:
+        raise InputError(f"format version {data['format_version']}, this fleetlog reads 1", where=file)
     values: dict[str, dict[str, float]] = {}
     found: dict[str, Field] = {}
     for name, entries in data.get("term", {}).items():
         term = _term(name, file)
-        place = entries.get("field")
-        numbers = {k: v for k, v in entries.items() if k != "field"}
-        values[name] = {k: _number(term, k, v, file) for k, v in numbers.items()}
-        if place is not None:
-            found[name] = _field(term, file.parent / str(place), network, file)
+        values[name] = {k: _number(term, k, v, file) for k, v in entries.items() if k != "field"}
+        if "field" in entries:
+            found[name] = _field(term, _beside(file, str(entries["field"]), name), network, file)
     off = frozenset(_term(name, file).name for name in data.get("off", ()))
     intervals = {
-        _term(n, file).name: {k: (float(v[0]), float(v[1])) for k, v in p.items()}
+        _term(n, file).name: table(p, dict.fromkeys(p, list_of(_number_check, 2, 2)), file, f"interval.{n}")
         for n, p in data.get("interval", {}).items()
     }
     # A field needs no entry of numbers of its own.
     numbers_of = {n: v for n, v in values.items() if v or n not in found}
-    return Physics(truck, dict(numbers_of), off, found, intervals)
+    vehicles = {
+        v: {
+            _term(n, file).name: {k: _number(_term(n, file), k, x, file) for k, x in given.items()}
+            for n, given in own.get("term", {}).items()
+        }
+        for v, own in data.get("vehicle", {}).items()
+    }
+    return Physics(truck, dict(numbers_of), off, found, intervals, dict(vehicles))
 
 
-def _read(file: Path) -> dict[str, Any]:
-    try:
-        data = tomllib.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+def _beside(file: Path, place: str, term: str) -> Path:
+    """A field's file; it lies in the folder of the model, or below it."""
+    if not (file.parent / place).resolve().is_relative_to(file.parent.resolve()):
         raise InputError(
-            "no such model", where=file, do="give the output of fleetlog diagnose, or its model.toml"
-        ) from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"not readable as TOML: {error}", where=file) from None
-    for key in data:
-        if key not in KEYS:
-            raise InputError("unknown key", where=file, place=key, do=nearest(key, KEYS))
-    if data.get("format_version", 1) != 1:
-        raise InputError(f"format version {data['format_version']}, this fleetlog reads 1", where=file)
-    return data
+            f"{place!r} lies outside the model's folder",
+            where=file,
+            place=f"term.{term}.field",
+            do="move it there",
+        )
+    return file.parent / place
 
 
 def _term(name: str, file: Path) -> Term:
@@ -109,9 +131,10 @@ def _number(term: Term, name: str, value: Any, file: Path) -> float:
     if name not in term.by_name:
         do = nearest(name, [*term.by_name, *(["field"] if term.field else [])])
         raise InputError("unknown parameter", where=file, place=place, do=do)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise InputError(f"{value!r} is not a number", where=file, place=place)
-    return float(value)
+    try:
+        return float(_number_check(value))
+    except Wrong as wrong:
+        raise InputError(f"{shown(value)} {wrong}", where=file, place=place) from None
 
 
 def _field(term: Term, parquet: Path, network: Network | None, file: Path) -> Field:

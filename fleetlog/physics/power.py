@@ -5,13 +5,13 @@
     P        = P_drive + sum of power terms             [W] at the battery terminals, > 0 when discharging
     P_cell   = P + internal_resistance (P / voltage)^2  what the state of charge pays
 
-``ledger`` splits P_drive among the forces in proportion, so its rows add up to P exactly; ``cell_ledger`` adds the loss
-inside the battery, so its rows add up to P_cell.
+``ledger`` splits P_drive among the forces in proportion, so its rows add up to P exactly; ``cell_ledger``
+adds the loss inside the battery, so its rows add up to P_cell.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,9 +31,11 @@ def all_terms() -> dict[str, Term]:
 class Physics:
     """The nominal truck and the values of the terms that were added or changed; the one list of terms.
 
-    ``values[term]`` maps the term's parameters to numbers, or to (N,) arrays along a given motion.  Terms in ``off`` are
-    left out of the sum, nominal or not.  ``fields[term]`` holds the first parameter of a field term where it varies over
-    the roads; its edges are those of the network that the motions lie on.  ``intervals[term][parameter]`` is (low, high).
+    ``values[term]`` maps the term's parameters to numbers, or to (N,) arrays along a given motion.  Terms in
+    ``off`` are left out of the sum, nominal or not.  ``fields[term]`` holds the first parameter of a field
+    term where it varies over the roads; its edges are those of the network that the motions lie on.
+    ``intervals[term][parameter]`` is (low, high).  ``vehicles[vehicle][term]`` holds the values of single
+    vehicles; see :meth:`of`.
     """
 
     truck: Truck
@@ -41,6 +43,14 @@ class Physics:
     off: frozenset[str] = frozenset()
     fields: dict[str, Field] = field(default_factory=dict)
     intervals: dict[str, dict[str, tuple[float, float]]] = field(default_factory=dict)
+    vehicles: dict[str, dict[str, Values]] = field(default_factory=dict)
+
+    def of(self, vehicle: str) -> Physics:
+        """Return the physics of one vehicle, by its name: its own values in place of the fleet's."""
+        if vehicle not in self.vehicles:
+            return self
+        own = {n: {**self.values.get(n, {}), **v} for n, v in self.vehicles[vehicle].items()}
+        return replace(self, values={**self.values, **own})
 
     def active(self) -> list[Term]:
         """Nominal terms and added ones, in the order of their names."""
@@ -118,7 +128,9 @@ def cell_ledger(motion: Motion, physics: Physics) -> dict[str, Floats]:
 
 
 def allowed_speed(motion: Motion, physics: Physics) -> Floats:
-    """(N,) highest speed [m/s] where ``motion.speed`` is what road and truck allow; the lowest of all terms of speed."""
+    """(N,) highest speed [m/s] where ``motion.speed`` is what road and truck allow;
+    the lowest of all terms of speed.
+    """
     truck, motion = physics.actual_truck(), physics.actual_motion(motion)
     cap = motion.speed
     for term in physics.active():

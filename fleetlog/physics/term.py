@@ -29,8 +29,23 @@ AIR_DENSITY = 1.2
 class Parameter:
     """A number of a term.
 
-    ``neutral`` is the value at which the term changes nothing; where ``truck_key`` is given it is the nominal truck's own
-    value instead (``drive.efficiency``).  ``low`` and ``high`` bound what is physically plausible.
+    Attributes
+    ----------
+    name, unit : of the number.
+    low, high : bounds of what is physically plausible; no estimate is reported on one.
+    neutral : the value at which the term changes nothing; with ``truck_key`` the nominal truck's own value is
+        taken instead.
+    truck_key : the truck's value that it replaces, as ``drive.efficiency``.
+    tolerance : how far a truck file or a logger may be off without being wrong (95 %): a share of the truck's
+        value, or in the parameter's unit where there is none.  0: any deviation is a finding.
+    inverse : the model is linear in the inverse of the number, as in that of an efficiency.
+    shape : the number only gives the effect its shape (a threshold); it is scanned, and has no effect by
+        itself.
+    bounds : state variable that the number is a threshold of.
+    usual : how far values of a field are usually apart from place to place, in the coordinate of
+        :meth:`scaled`.
+    ceiling : the nominal value is what is allowed; a larger one is a habit, not a finding.
+    added : the difference from the nominal value is reported beside the value.
     """
 
     name: str
@@ -39,10 +54,35 @@ class Parameter:
     high: float
     neutral: float = 0.0
     truck_key: str | None = None
+    tolerance: float = 0.0
+    inverse: bool = False
+    shape: bool = False
+    bounds: str | None = None
+    usual: float = 1.0
+    ceiling: bool = False
+    added: bool = False
 
     def nominal(self, truck: Truck) -> float:
-        """The value in the nominal model."""
+        """Return the value in the nominal model."""
         return truck.value(self.truck_key) if self.truck_key else self.neutral
+
+    def scaled_nominal(self, truck: Truck) -> float:
+        """Return the coordinate of the nominal value."""
+        return self.scaled(self.nominal(truck))
+
+    def allowance(self, truck: Truck) -> float:
+        """Return the tolerance in the parameter's unit."""
+        return self.tolerance * (abs(truck.value(self.truck_key)) if self.truck_key else 1.0)
+
+    def scaled(self, value: float) -> float:
+        """Return the coordinate in which the model is linear."""
+        return 1.0 / value if self.inverse else value
+
+    def value_of(self, scaled: float) -> float:
+        """Return the value at a coordinate of :meth:`scaled`, within the bounds."""
+        if self.inverse:
+            return self.high if scaled <= 1.0 / self.high else max(1.0 / scaled, self.low)
+        return min(max(scaled, self.low), self.high)
 
 
 @dataclass(frozen=True)
@@ -56,19 +96,23 @@ class Term:
     power      W at the battery terminals, > 0 consuming
     load       the payload that acts, kg (replaces the recorded one)
     truck      nothing of its own: it only changes values of the truck (``truck_key`` of its parameters)
-    loss       an internal loss that only the state of charge sees, W; ``motion.power`` is that at the terminals
-    speed      the highest speed that this effect allows, m/s (inf where it allows any), ``motion.speed`` being what road
-               and truck allow; no function where it acts on the motion otherwise (truck values, standing still)
-    sensor     what the log shows of the channel in place of the truth; a fault of the recording, not of the vehicle
+    loss       an internal loss that only the state of charge sees, W; ``motion.power`` is that at the
+               terminals; no function where it only changes values of the truck
+    speed      the highest speed that this effect allows, m/s (inf: any), ``motion.speed`` being
+               what road and truck allow; no function where it only changes values of the truck
+    wait       nothing of its own: its first parameter is the time that every passage stands still, s
+    sensor     what the log shows of the channel in place of the truth; a fault of the recording, not of the
+               vehicle
     =========  ==========================================================================================
 
-    ``nominal`` terms belong to the nominal model.  A ``field`` term's first parameter may vary over the road network:
-    its values come per stretch of directed edge; ``odd`` if the two directions of a road have opposite values (slope),
-    else they share one.
+    ``nominal`` terms belong to the nominal model.  A ``field`` term's first parameter may vary over the road
+    network: its values come per stretch of directed edge; ``odd`` if the two directions of a road have
+    opposite values (slope), ``one_way`` if each direction has its own, else they share one.
+    ``vector``: the parameters are components of one quantity and are found together.
     """
 
     name: str
-    acts: Literal["force", "power", "load", "truck", "loss", "speed", "sensor"]
+    acts: Literal["force", "power", "load", "truck", "loss", "speed", "wait", "sensor"]
     statement: str
     """What it is, for a fleet engineer; a clause without a full stop."""
     parameters: tuple[Parameter, ...] = ()
@@ -76,8 +120,23 @@ class Term:
     nominal: bool = False
     field: bool = False
     odd: bool = False
+    one_way: bool = False
+    vector: bool = False
     depends_on: tuple[str, ...] = ()
     """The state variables that a mismatch follows where this term is missing."""
+    sentence: str = ""
+    """The finding in one sentence: a format string over the parameters by name (each with ``value``, ``low``,
+    ``high`` and ``nominal``) and ``where``.  Empty: made from ``statement``."""
+    extreme: str = ""
+    """Name under which the largest value of a field is reported; empty: that of its first parameter."""
+    fault: Literal["", "clock", "mean", "scale"] = ""
+    """Of a sensor term, how the fault is measured:
+    by the clock of power, as a mean over time, by the scale of speed.
+    """
+    told: bool = True
+    """Whether it can be a finding; else it is only a tolerance of the truck file."""
+    needs: str = ""
+    """What recording shows this effect apart from others; an imperative clause."""
 
     @cached_property
     def by_name(self) -> dict[str, Parameter]:
@@ -86,5 +145,5 @@ class Term:
 
 
 def total_mass(motion: Motion, truck: Truck) -> Floats:
-    """(N,) truck and load [kg]."""
+    """Return truck and load, (N,) [kg]."""
     return truck.chassis.mass + motion.payload

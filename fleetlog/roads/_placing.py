@@ -50,12 +50,15 @@ def _place_local(road_map: RoadMap, frame: Frame | None) -> tuple[list[Edge], Fr
     moved = float(np.hypot(x - points[:, 0], y - points[:, 1]).max())
     if moved <= SAME:
         return road_map.edges, frame, []
-    note = f"coordinates are brought from the map's projection into the site frame; the largest change is {moved:.2f} m"
+    note = "coordinates are brought from the map's projection into the site frame; "
+    note += f"the largest change is {moved:.2f} m"
     return _moved(road_map.edges, x, y), frame, [note]
 
 
 def _own_frame(road_map: RoadMap, points: Floats) -> Frame:
-    """A frame whose axes are the map's: about its (0, 0) where that is near the roads, else about their centre."""
+    """A frame whose axes are the map's: about its (0, 0) where that is near the roads,
+    else about their centre.
+    """
     assert road_map.geographic_of is not None
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     near = bool((np.maximum(np.abs(low), np.abs(high)) < FAR / 5).all())
@@ -70,7 +73,9 @@ def _own_frame(road_map: RoadMap, points: Floats) -> Frame:
 
 
 def centre_frame(latitude: Floats, longitude: Floats) -> Frame:
-    """A frame about the middle of the extent, rotation 0; :class:`SiteError` where it is larger than a region."""
+    """A frame about the middle of the extent, rotation 0;
+    :class:`SiteError` where it is larger than a region.
+    """
     if np.ptp(latitude) > 5.0 or np.ptp(longitude) > 10.0:
         raise SiteError(
             "the roads span more than a region", do="cut the map to the site or correct its coordinates"

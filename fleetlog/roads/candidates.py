@@ -15,7 +15,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MOST_CANDIDATES = 24
-"""Candidates kept for one position, nearest first: more never changed a decision on the aisle grids that were tried."""
+"""Candidates kept for one position, nearest first:
+more never changed a decision on the aisle grids that were tried.
+"""
 
 
 @dataclass
@@ -41,12 +43,14 @@ class Prepared:
     def candidates(
         self, x: Floats, y: Floats, radius: float, margin: float
     ) -> tuple[Ints, NDArray[np.int32], Floats]:
-        """CSR of the edges near every position: starts (N + 1,), edges (C,), and (4, C) offset, lateral distance, tangent."""
+        """CSR of the edges near every position:
+        starts (N + 1,), edges (C,), and (4, C) offset, lateral distance, tangent.
+        """
         from fleetlog.roads.matchkernels.kernels.candidates import find_candidates
 
         found: tuple[Ints, NDArray[np.int32], Floats] = find_candidates(
-            x, y, self.px, self.py, self.dist, self.length, self.owner, self.twin, self.grid, self.starts, self.items,
-            radius, margin, MOST_CANDIDATES,
+            x, y, self.px, self.py, self.dist, self.length, self.owner, self.twin, self.grid, self.starts,
+            self.items, radius, margin, MOST_CANDIDATES,
         )  # fmt: skip
         return found
 
@@ -80,8 +84,9 @@ def _prepare(network: Network) -> Prepared:
     return Prepared(
         px, py, first, np.ascontiguousarray(network.distance),
         np.repeat(np.arange(len(network), dtype=np.int32), np.diff(first)), twin, grid, starts, items, rank,
-        np.ascontiguousarray(network.length), network.reverse.astype(np.int32), network.next_first.astype(np.int32),
-        network.next_edges.astype(np.int32), new_store(len(network), len(network.next_edges)),
+        np.ascontiguousarray(network.length), network.reverse.astype(np.int32),
+        network.next_first.astype(np.int32), network.next_edges.astype(np.int32),
+        new_store(len(network), len(network.next_edges)),
     )  # fmt: skip
 
 

@@ -26,7 +26,9 @@ SHORTEST_STEP = 1.0
 
 @dataclass(frozen=True)
 class Track:
-    """Rows with a position: seconds, metres, speed [m/s] and heading [rad] of the log (NaN unknown), chain number (gaps)."""
+    """Rows with a position: seconds, metres, speed [m/s] and heading [rad] of the log (NaN unknown),
+    chain number (gaps).
+    """
 
     t: Floats
     x: Floats
@@ -37,7 +39,9 @@ class Track:
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> tuple[Track, Ints, Ints]:
-        """The rows of a trajectory with a believable position, their indices, and those of rows out of line."""
+        """The rows of a trajectory with a believable position, their indices,
+        and those of rows out of line.
+        """
         x, y = trajectory.floats("x"), trajectory.floats("y")
         rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         t = trajectory.seconds()
@@ -93,7 +97,9 @@ class Track:
 
 
 def out_of_line(t: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
-    """(N,) rows that jump aside and back: impossible accelerations beside the noise, each worse than its neighbours'."""
+    """(N,) rows that jump aside and back: impossible accelerations beside the noise,
+    each worse than its neighbours'.
+    """
     spike = np.zeros(len(t), np.bool_)
     if len(t) < 8:
         return spike
@@ -111,8 +117,8 @@ def out_of_line(t: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
 def white_noise(track: Track) -> float:
     """Spread of the part of the position noise that differs from row to row, per axis [m].
 
-    From third differences, which steady turning and speeding up hardly reach: their variance is 20 times that of white
-    noise.  At long intervals motion adds to it, so it is an upper bound.
+    From third differences, which steady turning and speeding up hardly reach: their variance is 20 times that
+    of white noise.  At long intervals motion adds to it, so it is an upper bound.
     """
     if len(track) < 8:
         return 1.0
@@ -126,7 +132,9 @@ def white_noise(track: Track) -> float:
 
 
 def group_span(track: Track, noise: float) -> float:
-    """Seconds of motion in a group: with k rows the noise of their mean is noise / sqrt(k), and the step shall be twice that."""
+    """Seconds of motion in a group: with k rows the noise of their mean is noise / sqrt(k),
+    and the step shall be twice that.
+    """
     h, v = track.interval(), track.usual_speed(noise)
     rows = max((2.0 * noise / (v * h)) ** (2.0 / 3.0), 1.0)
     return float(min(max(rows * h, SHORTEST_STEP / v), LONGEST_SPAN, LONGEST_STEP / v))
@@ -134,7 +142,8 @@ def group_span(track: Track, noise: float) -> float:
 
 @dataclass(frozen=True)
 class Groups:
-    """G groups: first row of each (G + 1,), mean time, place, travelled distance to the next, axis of the log's heading.
+    """G groups: first row of each (G + 1,), mean time, place, travelled distance to the next, axis of the
+    log's heading.
 
     ``axis`` (2, G) is the strength-weighted unit vector of the double angle; 0 where the log has no heading.
     """
@@ -170,11 +179,15 @@ class Groups:
 
 
 HEADING_WEIGHT = 1.0
-"""Cost of a heading square to the road; a log's heading may point against the motion, so only its axis counts."""
+"""Cost of a heading square to the road;
+a log's heading may point against the motion, so only its axis counts.
+"""
 
 
 def group_track(track: Track, noise: float, sigma: float) -> Groups:
-    """Groups of a track: standstills that the log's speed or the positions show, and steps of motion between."""
+    """Groups of a track: standstills that the log's speed or the positions show,
+    and steps of motion between.
+    """
     from fleetlog.roads.matchkernels.kernels.grouping import find_stops, group_means, group_points
 
     span = group_span(track, noise)
@@ -196,7 +209,9 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
 
 
 def _travelled(track: Track) -> Floats:
-    """(N,) distance from the log's speed, trapezoids [m]; NaN all along where a tenth of the speeds is missing."""
+    """(N,) distance from the log's speed, trapezoids [m];
+    NaN all along where a tenth of the speeds is missing.
+    """
     known = np.isfinite(track.speed)
     if known.mean() < 0.9:
         return np.full(len(track), np.nan)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fleetlog.core.network import LoadReport, build_network
+from fleetlog.core.files import open_regular
+from fleetlog.core.network import Edge, LoadReport, Network, build_network
+from fleetlog.core.schema import Keys, anything, load_toml, table, text
 from fleetlog.core.site import Place, Site
-from fleetlog.errors import SiteError, nearest
+from fleetlog.errors import REPORT, SiteError, fault
 from fleetlog.registry import parts
 from fleetlog.roads import _tables
 from fleetlog.roads._placing import distance_to_roads, place_map
@@ -20,9 +21,11 @@ from fleetlog.store.provenance import sha256
 
 HEAD = 4096
 """Bytes that a format is recognised by."""
+MOST_EDGES, MOST_VERTICES, LONGEST = 2_000_000, 20_000_000, 200_000.0
+"""A map with more edges, more vertices, or an edge longer than this [m] is not that of a site."""
 OFF_ROADS = 10.0
 """A place farther than this [m] from every road gets a warning."""
-TOP = ("name", "frame", "network", "place", "zone", "building")
+TOP: Keys = {"name": text, **dict.fromkeys(("frame", "network", "place", "zone", "building"), anything)}
 
 
 def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
@@ -43,13 +46,14 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
 
     Notes
     -----
-    A map in degrees without a site file gets a frame about its centre, rotation 0.  Local metres stay as they are, with the
+    A map in degrees without a site file gets a frame about its centre, rotation 0.  Local metres stay as
+    they are, with the
     frame of the map's geoReference where it has one; without it the site has no frame.
     """
     path = Path(path)
     if path.is_dir():
         path = path / "site.toml"
-    if not path.is_file():
+    if not path.exists():
         raise SiteError("no such file", where=path, do="give a site file (.toml) or a map")
     try:
         return _load_toml(path) if path.suffix.lower() == ".toml" else _load_map(path)
@@ -59,6 +63,8 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
         if error.where is None:
             raise SiteError(error.what, where=path, place=error.place, do=error.do) from None
         raise
+    except Exception as error:
+        raise SiteError(fault("the reader of maps", error), where=path, do=REPORT) from error
 
 
 def readers() -> dict[str, Reader]:
@@ -68,7 +74,7 @@ def readers() -> dict[str, Reader]:
 
 def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
     """The roads of a map file in its own coordinates; the format is recognised by content, then by suffix."""
-    with path.open("rb") as stream:
+    with open_regular(path, SiteError) as stream:
         head = stream.read(HEAD)
     if not head.strip():
         raise SiteError("the file is empty", where=path, do="give a map")
@@ -87,7 +93,7 @@ def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
 def _load_map(path: Path) -> tuple[Site, list[LoadReport]]:
     road_map = read_map(path)
     edges, frame, notes = place_map(road_map, None)
-    network = build_network(edges, road_map.turns, road_map.forbidden, road_map.has_elevation)
+    network = _network(edges, road_map)
     source = {"network": {"file": path.name, "sha256": sha256(path)}}
     traffic = road_map.traffic or "right"
     site = Site(path.stem, frame, network, traffic, road_map.places, source=source)
@@ -95,16 +101,9 @@ def _load_map(path: Path) -> tuple[Site, list[LoadReport]]:
 
 
 def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise SiteError(f"not readable as TOML: {error}", where=path, do="correct the line") from None
-    for key in data:
-        if key not in TOP:
-            raise SiteError("unknown key", where=path, place=key, do=nearest(key, TOP))
-    name = _tables.table({k: data[k] for k in ("name",) if k in data}, _tables.SITE, path, "")
+    data = table(load_toml(path, SiteError), TOP, path, "", error=SiteError)
     site = Site(
-        name.get("name", path.parent.resolve().name),
+        data.get("name", path.parent.resolve().name),
         _tables.frame(data, path),
         places=_tables.places(data, path),
         zones=_tables.zones(data, path),
@@ -113,18 +112,17 @@ def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
     )
     if "network" not in data:
         return site, []
-    return _with_network(
-        site, _tables.table(data["network"], _tables.NETWORK, path, "network", ("file",)), path
-    )
+    return _with_network(site, _tables.network(data, path), path)
 
 
 def _with_network(site: Site, settings: dict[str, Any], path: Path) -> tuple[Site, list[LoadReport]]:
     file = _map_file(settings["file"], path)
-    options = MapOptions(settings.get("traffic"), settings.get("lane_types"), settings.get("road_classes"))
+    chosen = (frozenset(settings[k]) if k in settings else None for k in ("lane_types", "road_classes"))
+    options = MapOptions(settings.get("traffic"), *chosen)
     road_map = read_map(file, options)
     edges, frame, notes = place_map(road_map, site.frame)
     try:
-        network = build_network(edges, road_map.turns, road_map.forbidden, road_map.has_elevation)
+        network = _network(edges, road_map)
     except SiteError as error:
         raise SiteError(error.what, where=file, do=error.do) from None
     known = {p.id for p in site.places}
@@ -139,8 +137,25 @@ def _with_network(site: Site, settings: dict[str, Any], path: Path) -> tuple[Sit
     return _checked(site, road_map.report, notes)
 
 
+def _network(edges: list[Edge], road_map: RoadMap) -> Network:
+    """The network of placed edges; :class:`SiteError` where they are more, or longer, than those of any
+    site.
+    """
+    vertices = sum(len(e.points) for e in edges)
+    if len(edges) > MOST_EDGES or vertices > MOST_VERTICES:
+        raise SiteError(f"holds {len(edges):,} edges of {vertices:,} vertices", do="cut the map to the site")
+    network = build_network(edges, road_map.turns, road_map.forbidden, road_map.has_elevation)
+    longest = int(np.argmax(network.length))
+    if not network.length[longest] <= LONGEST:
+        what = f"edge {network.edge_ids[longest]!r} is {network.length[longest] / 1000.0:,.0f} km long"
+        raise SiteError(what, do="cut the map to the site or correct its coordinates")
+    return network
+
+
 def _map_file(name: str, path: Path) -> Path:
-    """The map that a site file names; a relative name must stay in the site's folder, an absolute one may be anywhere."""
+    """The map that a site file names; a relative name must stay in the site's folder, an absolute one may be
+    anywhere.
+    """
     folder, file = path.parent.resolve(), Path(name)
     if not file.is_absolute():
         file = path.parent / file

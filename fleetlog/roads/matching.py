@@ -1,11 +1,12 @@
 """Map matching: which directed edge every row was on.
 
-A hidden Markov model (Newson and Krumm, 2009, doi:10.1145/1653771.1653818) chooses the route, a fixed-interval smoother
-on the route places the rows:
+A hidden Markov model (Newson and Krumm, 2009, doi:10.1145/1653771.1653818) chooses the route, a
+fixed-interval smoother on the route places the rows:
 
 1. rows become *groups*: a step of motion long against its noise, or a whole standstill;
 2. every group gets *candidates*: the directed edges near its mean position;
-3. emission: lateral distance, direction of motion, axis of the log's heading; transition: |network distance - travelled
+3. emission: lateral distance, direction of motion, axis of the log's heading; transition: |network distance -
+    travelled
    distance|, where turns and one-way roads are the network's; beside them one state "off the roads";
 4. Viterbi chooses, forward-backward weighs;
 5. the chosen candidates become routes, and the rows of each are smoothed along it.
@@ -35,13 +36,17 @@ REASONS: tuple[str, ...] = (
     "gap",
     "position out of line",
 )
-"""Why a row has no edge (``Match.reason``), and why a chain starts anew (``Match.restart``: no connected path, gap)."""
+"""Why a row has no edge (``Match.reason``),
+and why a chain starts anew (``Match.restart``: no connected path, gap).
+"""
 NO_ROAD, NO_PATH, ONE_WAY, STANDING, NO_POSITION, GAP, OUT_OF_LINE = range(1, 8)
 
 CHANCE_PERSISTENCE = 0.12
 """Correlation of successive groups that independent noise shows too, as the match bends towards it."""
 LEAST_WEIGHT = 0.35
-"""Of the evidence of a group, however persistent the errors are: at a junction it is new evidence all the same."""
+"""Of the evidence of a group, however persistent the errors are:
+at a junction it is new evidence all the same.
+"""
 BLOCK, AHEAD = 1000, 60
 """Groups that are decided together, and how far beyond them the model looks."""
 
@@ -50,11 +55,12 @@ BLOCK, AHEAD = 1000, 60
 class MatchParameters:
     """Parameters of the model; NaN is estimated from the data.
 
-    ``sigma`` [m] is the spread of a group's lateral distance, ``noise`` [m] that of a single position, ``beta`` [m] the mean
-    of |network distance - travelled distance| of a step, ``persistence`` the correlation of the lateral distances of
-    successive groups (tempers the evidence).  ``reach`` [m]: roads farther away are not considered.  ``gap`` [s]: a longer silence
-    breaks the chain.  ``turn`` is the cost of a turn in mid edge, ``acceleration`` [m2/s3] the density of the white
-    acceleration along the route, ``speed_noise`` [m/s] the spread of the log's speed.
+    ``sigma`` [m] is the spread of a group's lateral distance, ``noise`` [m] that of a single position,
+    ``beta`` [m] the mean of |network distance - travelled distance| of a step, ``persistence`` the
+    correlation of the lateral distances of successive groups (tempers the evidence).  ``reach`` [m]: roads
+    farther away are not considered.  ``gap`` [s]: a longer silence breaks the chain.  ``turn`` is the cost of
+    a turn in mid edge, ``acceleration`` [m2/s3] the density of the white acceleration along the route,
+    ``speed_noise`` [m/s] the spread of the log's speed.
     """
 
     sigma: float = float("nan")
@@ -117,7 +123,9 @@ def match(trajectory: Trajectory, network: Network, parameters: MatchParameters 
 def estimate_parameters(
     trajectory: Trajectory, network: Network, parameters: MatchParameters | None = None
 ) -> MatchParameters:
-    """``parameters`` with everything that is NaN estimated from the trajectory: robust, iterated match and residual."""
+    """``parameters`` with everything that is NaN estimated from the trajectory:
+    robust, iterated match and residual.
+    """
     track, _, _ = Track.of(trajectory)
     wanted = parameters or MatchParameters()
     return _estimated(track, prepare(network), wanted) if len(track) else wanted
@@ -154,7 +162,9 @@ def _with_reach(p: MatchParameters, wanted: MatchParameters) -> MatchParameters:
 
 
 def _first_sigma(track: Track, prepared: Prepared, noise: float) -> float:
-    """From the distance to the nearest road, which is too small among dense roads; the iteration mends it [m]."""
+    """From the distance to the nearest road, which is too small among dense roads;
+    the iteration mends it [m].
+    """
     groups = group_track(track, noise, max(noise, 1.0))
     ptr, _, value = prepared.candidates(groups.x, groups.y, 60.0, 0.0)
     some = np.diff(ptr) > 0
@@ -197,7 +207,9 @@ def _residual_estimates(
 
 @dataclass(frozen=True)
 class Chain:
-    """A decoded sequence of groups; ``chosen`` (G,) rows of the candidates ``edge`` (C,) and ``value`` (4, C), -1 off."""
+    """A decoded sequence of groups; ``chosen`` (G,) rows of the candidates ``edge`` (C,)
+    and ``value`` (4, C), -1 off.
+    """
 
     ptr: NDArray[np.int64]
     edge: NDArray[np.int32]
@@ -221,11 +233,13 @@ def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> Chain:
         ptr, edge, value, direction, sharpness, groups.axis, prepared.reverse, spread, weight
     )
     back = 3.0 * p.sigma + 0.3
-    # off the roads costs as much as a road at the edge of what is believable for this noise, and never less than 5 sigma
+    # off the roads costs as much as a road at the edge of what is believable for this noise, and never less
+    # than 5 sigma
     off = 3.0 * max(5.0, min(p.reach, 4.0) / spread) - 4.5
     prepared.store, chosen, posterior, off_posterior, linked = decode(
-        prepared.store, ptr, edge, value, emission, prepared.rank, groups.chain, groups.moved, groups.still, p.beta, back,
-        p.turn, off, BLOCK, AHEAD, prepared.reverse, prepared.next_first, prepared.next_edges, prepared.length,
+        prepared.store, ptr, edge, value, emission, prepared.rank, groups.chain, groups.moved, groups.still,
+        p.beta, back, p.turn, off, BLOCK, AHEAD, prepared.reverse, prepared.next_first, prepared.next_edges,
+        prepared.length,
     )  # fmt: skip
     return Chain(ptr, edge, value, chosen, posterior, off_posterior, linked, back)
 
@@ -236,8 +250,8 @@ def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchPara
 
     chain = _decode(groups, prepared, p)
     p_edge, p_value, firsts, spans, of, piece, place = build_routes(
-        prepared.store, chain.chosen, chain.linked, chain.edge, chain.value, groups.moved, prepared.reverse, prepared.length,
-        chain.back,
+        prepared.store, chain.chosen, chain.linked, chain.edge, chain.value, groups.moved, prepared.reverse,
+        prepared.length, chain.back,
     )  # fmt: skip
     near = route_posterior(chain.chosen, chain.ptr, chain.edge, chain.posterior, piece, of, firsts, p_edge)
     n = len(track)
@@ -246,9 +260,9 @@ def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchPara
     confidence = np.repeat(chain.off_posterior, np.diff(groups.first))
     lasting = p.sigma**2 * max(p.persistence - CHANCE_PERSISTENCE, 0.0) / (1.0 - CHANCE_PERSISTENCE)
     place_points(
-        track.t, track.x, track.y, track.speed, groups.first, groups.t, spans, firsts, piece, place, groups.still,
-        p_edge, p_value, prepared.px, prepared.py, prepared.first, prepared.dist, near, max(p.noise, 0.02) ** 2, lasting,
-        p.speed_noise**2, p.acceleration, edge, offset, lateral, confidence,
+        track.t, track.x, track.y, track.speed, groups.first, groups.t, spans, firsts, piece, place,
+        groups.still, p_edge, p_value, prepared.px, prepared.py, prepared.first, prepared.dist, near,
+        max(p.noise, 0.02) ** 2, lasting, p.speed_noise**2, p.acceleration, edge, offset, lateral, confidence,
     )  # fmt: skip
     reason = np.repeat(_reasons(groups, chain, prepared, p), np.diff(groups.first)).astype(np.uint8)
     restart = np.zeros(n, np.uint8)

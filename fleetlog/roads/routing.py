@@ -23,9 +23,10 @@ class Distances(NamedTuple):
     """Driving distances from start to start, in compressed rows.
 
     From the start of edge ``i`` (row i) the start of edge ``edge[k]`` is ``distance[k]`` metres away for k in
-    first[i]:first[i + 1].  The shortest chain of allowed turns counts.  Rows are sorted by distance, then by edge; the first
-    entry is the edge itself with 0.  To a place ``offset_to`` on edge j from a place ``offset_from`` on edge i it is
-    ``distance - offset_from + offset_to`` (i = j with offset_to < offset_from needs a way round: not in here).
+    first[i]:first[i + 1].  The shortest chain of allowed turns counts.  Rows are sorted by distance, then by
+    edge; the first entry is the edge itself with 0.  To a place ``offset_to`` on edge j from a place
+    ``offset_from`` on edge i it is ``distance - offset_from + offset_to`` (i = j with offset_to < offset_from
+    needs a way round: not in here).
     """
 
     first: NDArray[np.int64]
@@ -34,7 +35,8 @@ class Distances(NamedTuple):
 
 
 def bounded_distances(network: Network, limit: float, sources: Index | None = None) -> Distances:
-    """Driving distances [m] from the start of every edge to the starts of all edges at most ``limit`` [m] away.
+    """Driving distances [m] from the start of every edge to the starts of all edges at most ``limit`` [m]
+    away.
 
     Parameters
     ----------
@@ -56,7 +58,9 @@ def bounded_distances(network: Network, limit: float, sources: Index | None = No
 
 @dataclass(frozen=True)
 class Route:
-    """A chain of edges: ``edges`` (n,) indices, ``cost`` from the start of the first to the end of the last."""
+    """A chain of edges: ``edges`` (n,) indices,
+    ``cost`` from the start of the first to the end of the last.
+    """
 
     edges: Index
     cost: float
@@ -75,8 +79,9 @@ class Router:
 
     Notes
     -----
-    A* over directed edges (Hart, Nilsson and Raphael 1968) with the straight-line time at the highest speed as the lower
-    bound.  Equal costs are decided by edge number: the same question has the same answer on every machine.
+    A* over directed edges (Hart, Nilsson and Raphael 1968) with the straight-line time at the highest speed
+    as the lower bound.  Equal costs are decided by edge number: the same question has the same answer on
+    every machine.
     """
 
     def __init__(
@@ -128,7 +133,8 @@ class Router:
     def _bound_of(self, target: int) -> Floats:
         """(E,) time that the way from each edge's start to the target's takes at least [s]."""
         if self._jump > 1e-6:
-            # Where ends do not meet exactly, a straight line can be longer than the way; then search without a bound.
+            # Where ends do not meet exactly, a straight line can be longer than the way; then search without
+            # a bound.
             return np.zeros(len(self.network))
         straight = np.linalg.norm(self._starts - self._starts[target], axis=1)
         # A little less than the straight line: rounding must not make the bound inconsistent.

@@ -32,6 +32,8 @@ class BayMaker:
         self.lanes = len(track.network)
         self._lane_tree = cKDTree(np.column_stack([track.x, track.y])[: track.first[self.lanes]])
         self.owner = np.repeat(np.arange(len(track), dtype=np.int32), np.diff(track.first))
+        self.lasting = np.ones(self.lanes, dtype=bool)
+        """(E,) lanes that bays may lie on."""
         self.bays: list[Bay] = []
         self._ground = Ground(track, junctions.resource < 0, self.owner, self.half)
         self._spurs: dict[tuple[float, float, float], tuple[Floats, float]] = {}
@@ -43,13 +45,15 @@ class BayMaker:
         gaps = np.hypot(self.track.x[rows] - x, self.track.y[rows] - y)
         for k in np.argsort(gaps, kind="stable"):
             lane = int(self.owner[rows[k]])
-            if lane not in found:
+            if lane not in found and self.lasting[lane]:
                 at = (rows[k] - self.track.first[lane]) * self.track.spacing[lane]
                 found[lane] = (float(gaps[k]), float(at))
         return sorted((gap, lane, at) for lane, (gap, at) in found.items())
 
     def place(self, place: Place) -> Bay | None:
-        """A bay for ``place`` on the nearest ground that is free, or None; rather one that both lanes of its road lead to."""
+        """A bay for ``place`` on the nearest ground that is free, or None;
+        rather one that both lanes of its road lead to.
+        """
         near = self.lanes_near(place.x, place.y)
         bay = self._nearest(place, near, True) or self._nearest(place, near, False)
         if bay is not None:
@@ -64,15 +68,17 @@ class BayMaker:
         return bay
 
     def from_both(self, lane: int, centre: float, radius: float) -> bool:
-        """Whether a bay beside offset ``centre`` [m] can be reached from the opposite lane too, or there is none."""
+        """Whether a bay beside offset ``centre`` [m] can be reached from the opposite lane too,
+        or there is none.
+        """
         t, reverse = self.track, int(self.track.network.reverse[lane])
         if reverse < 0:
             return True
         from fleetlog.simulate.kernels.curves import abreast
 
         at = abreast(
-            centre, t.offset, t.first[lane], t.first[lane + 1], t.spacing[lane], t.network.length[lane], t.first[reverse],
-            t.first[reverse + 1], t.spacing[reverse],
+            centre, t.offset, t.first[lane], t.first[lane + 1], t.spacing[lane], t.network.length[lane],
+            t.first[reverse], t.first[reverse + 1], t.spacing[reverse],
         ) - radius  # fmt: skip
         low, high = span(t, self.junctions, reverse)
         return bool(low + SPACING <= at <= high)
@@ -139,7 +145,9 @@ class BayMaker:
         return self._spurs[key]
 
     def _free(self, bay: Bay) -> bool:
-        """Whether its ground is touched by no piece and no bay, and its spur by no safe part of another lane and no bay."""
+        """Whether its ground is touched by no piece and no bay,
+        and its spur by no safe part of another lane and no bay.
+        """
         own = bay.lane
         narrow = self.junctions.stop[own] < self.junctions.clear[own]
         return self._ground.is_free(bay.path, own, int(self.track.network.reverse[own]) if narrow else -1)

@@ -33,7 +33,8 @@ def run_cycle(
     start: int,
     soc: float = 0.95,
 ) -> float:
-    """Drive a cycle over and over for ``duration`` [s] and write it every tenth of a second; the energy of an hour [Wh].
+    """Drive a cycle over and over for ``duration`` [s] and write it every tenth of a second; the energy of an
+    hour [Wh].
 
     The runs of a cycle go to and fro: position is folded onto the strip, heading turns with it.
     """

@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.core.truck import Truck
-from fleetlog.errors import SiteError
+from fleetlog.errors import InputError, nearest
 from fleetlog.simulate.state import (
     AT_BAY,
+    CHARGER,
     CHARGING,
     DRIVING,
+    DROP_PLACE,
     HANDLING,
     LEAVING,
     PARKED,
+    PICK_PLACE,
     WANTS_OUT,
     Fleet,
     creep_speed,
 )
 from fleetlog.simulate.taskbook import TaskBook
-from fleetlog.simulate.tasks import ENGAGE, Demand, Task, random_dwell, random_height, random_load
+from fleetlog.simulate.tasks import ENGAGE, Demand, Drawn, Task, TaskStream
 from fleetlog.simulate.untangle import Count, Untangler
 from fleetlog.simulate.world import World
 
@@ -29,17 +34,31 @@ YIELD = 5.0
 """A truck that waits this long for a place asks whoever stands idle there to leave [s]."""
 ASIDE = 30.0
 """A truck that waits this long for a place, at a place that another truck waits for, makes room itself [s]."""
+KEPT = 240.0
+"""A task that follows another one is kept so long for the truck that did that [s]."""
 DUE = 50
 """Due tasks that a truck looks at."""
 
 
 @dataclass(frozen=True)
 class Policy:
-    """When trucks charge: below ``low`` always, below ``chance`` when there is nothing else to do, up to ``full``."""
+    """When trucks charge: below ``low`` always, below ``chance`` when there is nothing else to do, up to ``full``.
+
+    From ``enough`` on a truck leaves the charger when tasks wait.
+    """
 
     low: float = 0.3
     chance: float = 0.8
     full: float = 0.95
+    enough: float = 0.8
+
+    @classmethod
+    def named(cls, name: str, low: float = 0.3) -> Policy:
+        """``opportunity`` charges also when there is nothing else to do, ``threshold`` only below ``low``."""
+        known = {"opportunity": cls(low), "threshold": cls(low, chance=low, enough=cls.full)}
+        if name not in known:
+            raise InputError(f"unknown charging policy {name!r}", do=nearest(name, known))
+        return known[name]
 
 
 @dataclass
@@ -48,6 +67,8 @@ class Job:
 
     stage: str = "idle"
     task: Task | None = None
+    drawn: Drawn | None = None
+    """Where the task was drawn and not given."""
     goal: int = -1
     since: float = 0.0
 
@@ -62,14 +83,16 @@ class Dispatcher(Untangler):
         names: list[str],
         demand: Demand,
         policy: Policy,
-        rng: np.random.Generator,
+        seed: int,
     ) -> None:
         super().__init__(world, fleet)
-        self.names, self.demand, self.policy, self.rng = names, demand, policy, rng
+        self.names, self.demand, self.policy = names, demand, policy
         self.truck: Truck = world.truck
         self.jobs = [Job() for _ in names]
         self.book = TaskBook(names)
         self.home = np.full(len(names), -1, np.int64)
+        self.done = np.full(len(names), -1, np.int64)
+        """(V,) number of the last task that each truck has done."""
         self.owner = np.full(len(world.bays), -1, np.int64)
         self.queue: deque[int] = deque()
         self.pending: list[Task] = list(demand.given)
@@ -78,34 +101,28 @@ class Dispatcher(Untangler):
         self._wanted: list[tuple[int, list[int]]] = []
         self._wanted_now: list[tuple[int, list[int]]] = []
         self.bays_of = world.by_place
+        self.places = list(self.bays_of)
+        self.place_of = np.array([self.places.index(b.place.id) for b in world.bays])
+        self.stream = TaskStream(seed, self.truck, len(self.places), demand.pause)
+        self.lacks = np.zeros(len(names), np.int8)
+        """(V,) what a truck that stands in a bay waits for: see ``state.PICK_PLACE``."""
+        self.wants: dict[int, Sequence[int]] = {}
+        """The bays, one of which such a truck waits for."""
         kinds = [b.place.kind for b in world.bays]
         self.kind = np.array(kinds)
-        self.of_kind = {k: self.kind == k for k in ("pick", "drop")}
-        self.work = self.of_kind["pick"] | self.of_kind["drop"]
-        if not self.work.any():
-            self.work = self.kind != "charge"
+        self._blocked: list[Task] = []
+        work = np.isin(self.kind, ("pick", "drop"))
+        work = work if work.any() else self.kind != "charge"
+        self.working = {
+            k: np.flatnonzero(work & (self.kind == k) if (self.kind == k).any() else work)
+            for k in ("pick", "drop")
+        }
+        """Bays of the places of either kind; of any working place where there is none of that kind."""
         self.where = np.array([b.path[-1, :2] for b in world.bays])
         self.soc = np.ones(len(names))
         creep, drive = creep_speed(self.truck), self.truck.drive
         change = 0.5 * creep * (1.0 / drive.max_acceleration + 1.0 / drive.max_deceleration)
         self.spur_time = np.array([d.length for d in world.doors]) / creep + change
-        self._check_reachable()
-
-    def _check_reachable(self) -> None:
-        for task in self.pending:
-            a, b = self.bays_of[task.source][0], self.bays_of[task.target][0]
-            if a != b and not self.world.ways.joins(a, b):
-                raise SiteError(
-                    f"place {task.target!r} cannot be reached from {task.source!r}",
-                    do="check one-way roads and turns of the map",
-                )
-        first = int(np.flatnonzero(self.kind != "charge")[0])
-        for b, bay in enumerate(self.world.bays):
-            if b != first and not (self.world.ways.joins(first, b) and self.world.ways.joins(b, first)):
-                raise SiteError(
-                    f"place {bay.place.id!r} cannot be reached from {self.world.bays[first].place.id!r} and back",
-                    do="check one-way roads and turns of the map, or remove the place",
-                )
 
     def settle(self) -> None:
         """Put every truck into a bay: parking places first, then any but chargers, in the site's order."""
@@ -119,6 +136,8 @@ class Dispatcher(Untangler):
     def tick(self, now: float) -> None:
         """One second's decisions."""
         f = self.fleet
+        self.lacks[:] = 0
+        self.wants.clear()
         for v in np.flatnonzero(f.attention):
             f.attention[v] = False
             if f.mode[v] == DRIVING:
@@ -132,6 +151,7 @@ class Dispatcher(Untangler):
             self.count.tasks_given += 1
         self._charging(now)
         self._wanted, self._wanted_now = self._wanted_now, []
+        self._blocked = []
         # Who has waited longest chooses first, so that nobody waits for ever for a place.
         for u in sorted(np.flatnonzero(f.mode == PARKED), key=lambda u: (self.jobs[u].since, u)):
             self._idle(int(u), now)
@@ -158,8 +178,9 @@ class Dispatcher(Untangler):
         elif job.stage == "dropping":
             self.count.tasks_done += 1
             self.book.dropped(v, now)
-            job.task, job.stage = None, "idle"
-            job.since = now + float(self.rng.exponential(self.demand.pause)) if self.demand.endless else now
+            self.done[v] = -1 if job.task is None else job.task.number
+            job.since = now + (job.drawn.pause if job.drawn is not None else 0.0)
+            job.task, job.drawn, job.stage = None, None, "idle"
         elif job.stage == "charge":
             f.mode[v] = CHARGING
             self.count.charges += 1
@@ -205,51 +226,69 @@ class Dispatcher(Untangler):
             return True
         if not self.demand.endless:
             return False
-        source = self._free_place("pick")
-        if source is None and self.kind[self.home[v]] == "pick":
-            source = self.world.bays[int(self.home[v])].place.id
-        if source is None:
+        picks = self.working["pick"]
+        if self.kind[self.home[v]] != "pick" and (self.owner[picks] >= 0).all():
+            self._lack(v, PICK_PLACE, picks.tolist())
             return False
-        rng = self.rng
-        job.task = Task(
-            None, source, "", random_load(rng, self.truck), now, (random_dwell(rng), random_dwell(rng)),
-            (random_height(rng), random_height(rng)),
-        )  # fmt: skip
-        job.stage = "assigned"
+        job.drawn = self.stream.draw(now)
+        source = self._free_place("pick", job.drawn.ranks) or self.places[self.place_of[self.home[v]]]
+        job.task, job.stage = replace(job.drawn.task, source=source), "assigned"
         self.count.tasks_given += 1
         self.book.give(job.task)
         self.book.assign(v, job.task, now)
         return True
 
     def _due_task(self, v: int, now: float) -> Task | None:
-        """The nearest of the due tasks that this truck can do now, of those that have waited at least half as long as the first."""
+        """The due task that this truck can do now and whose start is nearest, of those that have waited half as long as the first."""
+        mine = next((t for t in self._due if self._follows(t, v) and self._open(t.source, v)), None)
+        if mine is not None:
+            return mine
         best: tuple[float, Task] | None = None
+        blocked: Task | None = None
         patience = 0.0
         for task in self._due[:DUE]:
-            if task.vehicle not in (None, self.names[v]):
+            kept = task.after >= 0 and now - task.earliest < KEPT
+            if task.vehicle not in (None, self.names[v]) or kept:
                 continue
             if best is not None and now - task.earliest < patience:
                 break
             if not self._open(task.source, v):
                 # Who stands idle there does it himself, if he may and can.
                 self._send_away(v, self.bays_of[task.source], task.vehicle is None)
+                if blocked is None and not any(task is other for other in self._blocked):
+                    blocked = task
                 continue
             if self._nearest(task, v):
-                cost = min(self._cost(v, b) for b in self.bays_of[task.source] if self.owner[b] in (-1, v))
+                cost = min(self._cost(v, b) for b in self._start(task))
                 patience = patience or 0.5 * (now - task.earliest)
                 if best is None or cost < best[0]:
                     best = (cost, task)
+        if best is None and blocked is not None:
+            # One truck waits for each task whose source is taken; the others have nothing to do.
+            self._blocked.append(blocked)
+            self._lack(v, PICK_PLACE, self.bays_of[blocked.source])
         return None if best is None else best[1]
+
+    def _follows(self, task: Task, v: int) -> bool:
+        """Whether a truck's last task was the one that this task follows."""
+        return task.after >= 0 and task.after == self.done[v]
+
+    def _lack(self, v: int, what: int, bays: Sequence[int]) -> None:
+        self.lacks[v], self.wants[v] = what, bays
 
     def _open(self, place: str, v: int) -> bool:
         """Whether a bay of a place is free, or this truck's own."""
         return any(self.owner[b] in (-1, v) for b in self.bays_of[place])
 
+    def _start(self, task: Task) -> list[int]:
+        """Bays of the place near which a truck takes a task: where the recorded truck set off, else the source."""
+        return self.bays_of.get(task.origin or task.source) or self.bays_of[task.source]
+
     def _nearest(self, task: Task, v: int) -> bool:
-        """Whether no other truck with nothing to do stands nearer to the task's source."""
+        """Whether no other truck with nothing to do stands nearer to where the task is begun from."""
         if task.vehicle is not None:
             return True
-        spot = self.where[self.bays_of[task.source][0]]
+        spot = self.where[self._start(task)[0]]
         mine = float(np.hypot(*(self.where[self.home[v]] - spot)))
         for u in np.flatnonzero(self.fleet.mode == PARKED):
             if u != v and self.jobs[u].stage == "idle" and self.soc[u] > self.policy.low:
@@ -258,13 +297,11 @@ class Dispatcher(Untangler):
                     return False
         return True
 
-    def _free_place(self, kind: str) -> str | None:
-        """An unoccupied place of that kind, at random; any working place where there is none of that kind."""
-        able = self.of_kind[kind] & self.work
-        if not able.any():
-            able = self.work
-        spots = np.flatnonzero((self.owner < 0) & able)
-        return self.world.bays[int(spots[self.rng.integers(len(spots))])].place.id if len(spots) else None
+    def _free_place(self, kind: str, ranks: NDArray[np.float64]) -> str | None:
+        """The unoccupied place of that kind that ranks lowest."""
+        bays = self.working[kind]
+        free = np.unique(self.place_of[bays[self.owner[bays] < 0]])
+        return self.places[int(free[np.argmin(ranks[free])])] if len(free) else None
 
     def _fetch(self, v: int, now: float) -> None:
         task = self.jobs[v].task
@@ -274,13 +311,13 @@ class Dispatcher(Untangler):
     def _bring(self, v: int, now: float) -> None:
         job = self.jobs[v]
         assert job.task is not None
-        target = job.task.target or self._free_place("drop")
+        ranks = np.zeros(len(self.places)) if job.drawn is None else job.drawn.ranks
+        target = job.task.target or self._free_place("drop", ranks)
         if target is not None:
             self._to_place(v, target, "bring", now)
             self.book.heads_for(v, target)
             return
-        drops = np.flatnonzero(self.work & self.of_kind["drop"])
-        self._wait_for(v, (drops if len(drops) else np.flatnonzero(self.work)).tolist(), now)
+        self._wait_for(v, self.working["drop"].tolist(), now)
 
     def _to_place(self, v: int, place: str, stage: str, now: float) -> None:
         bays = self.bays_of[place]
@@ -304,6 +341,7 @@ class Dispatcher(Untangler):
         """Stand until one of the bays is free: the idle are asked to leave them; who is in the way of others goes aside."""
         job, here = self.jobs[v], int(self.home[v])
         self._wanted_now.append((v, bays))
+        self._lack(v, DROP_PLACE if self.fleet.load[v] > 0.0 else PICK_PLACE, bays)
         if now - job.since > YIELD:
             self._send_away(v, bays)
         if now - job.since > ASIDE and any(here in w for u, w in self._wanted if u != v):
@@ -313,7 +351,7 @@ class Dispatcher(Untangler):
                     # Not begun: somebody else may do it from where it is nearer.
                     self._due.insert(0, job.task)
                     self.book.give_back(v, job.task)
-                    job.task = None
+                    job.task, job.drawn = None, None
                 self.count.made_room += 1
                 self._go(v, b, "park")
 
@@ -340,7 +378,8 @@ class Dispatcher(Untangler):
         if self.soc[v] < self.policy.chance and self._wants_charge(v):
             return
         job = self.jobs[v]
-        if self.kind[self.home[v]] != "park" and not self.demand.endless and now - job.since > ASIDE:
+        stays = self.demand.endless or self.demand.stay or self.kind[self.home[v]] == "park"
+        if not stays and now - job.since > ASIDE:
             b = self._spare_bay(v, only_park=True)
             if b is not None:
                 self._go(v, b, "park")
@@ -360,6 +399,8 @@ class Dispatcher(Untangler):
         way = ways.between(home, b, self._closed()) or ways.between(home, b)
         assert way is not None
         self.owner[b] = v
+        self.lacks[v] = 0
+        self.wants.pop(v, None)
         job.stage, job.goal = stage, b
         self._take(v, way)
         f.mode[v] = WANTS_OUT
@@ -378,12 +419,13 @@ class Dispatcher(Untangler):
     def _charging(self, now: float) -> None:
         f = self.fleet
         for v in np.flatnonzero(f.mode == CHARGING):
-            busy = bool(self._due) and self.soc[v] >= max(self.policy.chance, self.policy.low)
+            busy = bool(self._due) and self.soc[v] >= max(self.policy.enough, self.policy.low)
             if self.soc[v] >= self.policy.full or busy:
                 f.mode[v] = PARKED
                 self.jobs[v].stage = "idle"
                 self.jobs[v].since = now
-        free = [int(b) for b in np.flatnonzero((self.kind == "charge") & (self.owner < 0))]
+        chargers: list[int] = np.flatnonzero(self.kind == "charge").tolist()
+        free = [b for b in chargers if self.owner[b] < 0]
         while self.queue and free:
             first = self.queue.popleft()
             if f.mode[first] != PARKED or self.jobs[first].stage != "idle" or self.soc[first] <= 0.0:
@@ -391,7 +433,11 @@ class Dispatcher(Untangler):
             gap = [float(np.hypot(*(self.where[b] - self.where[self.home[first]]))) for b in free]
             self._go(first, free.pop(int(np.argmin(gap))), "charge")
         if self.queue and not free:
-            self._send_away(self.queue[0], [int(b) for b in np.flatnonzero(self.kind == "charge")])
+            self._send_away(self.queue[0], chargers)
+        for u in self.queue:
+            # Who could go on does the next task; only who must charge waits.
+            if f.mode[u] == PARKED and self.soc[u] < self.policy.low:
+                self._lack(u, CHARGER, chargers)
 
 
 __all__ = ["AT_BAY", "Count", "Dispatcher", "Policy"]

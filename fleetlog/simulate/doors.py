@@ -1,4 +1,6 @@
-"""The ways into a bay: from its own lane, and across that lane from the opposite one, so that trucks can turn round at a place."""
+"""The ways into a bay: from its own lane, and across that lane from the opposite one,
+so that trucks can turn round at a place.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ Index = NDArray[np.int32]
 
 
 def all_doors(track: Track, junctions: Junctions, bays: list[Bay], truck: Truck) -> list[Door]:
-    """Door b of bay b on its own lane for every bay, then those on opposite lanes where there is room for them."""
+    """Door b of bay b on its own lane for every bay,
+    then those on opposite lanes where there is room for them.
+    """
     half = half_box(truck)
     own = [Door(b, bay.lane, bay.at, bay.path, bay.length, bay.ahead) for b, bay in enumerate(bays)]
     todo, opposite = list(range(len(bays))), []
@@ -36,7 +40,9 @@ def all_doors(track: Track, junctions: Junctions, bays: list[Bay], truck: Truck)
 def _checked(
     track: Track, j: Junctions, bays: list[Bay], doors: list[Door], half: tuple[float, float]
 ) -> list[Door]:
-    """Those that touch no parked truck and no safe part of lanes but their own and the one they cross; with that crossing."""
+    """Those that touch no parked truck and no safe part of lanes but their own and the one they cross;
+    with that crossing.
+    """
     from fleetlog.simulate.kernels.geometry import meetings
 
     if not doors:

@@ -17,13 +17,19 @@ from fleetlog.simulate.track import Track
 
 Floats = NDArray[np.float64]
 CHARGE_RATE = 0.25
-"""Power of a charger that the site does not state, in battery capacities an hour: a full charge in some four hours."""
+"""Power of a charger that the site does not state, in battery capacities an hour:
+a full charge in some four hours.
+"""
 TAPER_FROM = 0.8
-"""State of charge from which charging power falls, to a tenth when full: constant current, then constant voltage."""
+"""State of charge from which charging power falls, to a tenth when full:
+constant current, then constant voltage.
+"""
 
 
 class Energy(NamedTuple):
-    """(V, K) of a batch: battery power [W], state of charge at the start of each step; voltage [V] and current [A] or None."""
+    """(V, K) of a batch: battery power [W], state of charge at the start of each step;
+    voltage [V] and current [A] or None.
+    """
 
     power: Floats
     soc: Floats
@@ -52,8 +58,8 @@ def locate(ground: Track, log: Log) -> Batch:
     shape = log.piece.shape
     t = ground
     out, edge = expand(
-        log.piece.ravel(), log.s.ravel(), (log.mode == LEAVING).ravel(), t.first, t.spacing, t.x, t.y, t.z, t.heading,
-        t.curvature, t.slope, t.edge, t.offset, t.lateral,
+        log.piece.ravel(), log.s.ravel(), (log.mode == LEAVING).ravel(), t.first, t.spacing, t.x, t.y, t.z,
+        t.heading, t.curvature, t.slope, t.edge, t.offset, t.lateral,
     )  # fmt: skip
     x, y, z, heading, curvature, slope, offset, lateral = (row.reshape(shape) for row in out)
     return Batch(x, y, z, heading, curvature, slope, offset, lateral, edge.reshape(shape))
@@ -63,7 +69,8 @@ def locate(ground: Track, log: Log) -> Batch:
 class Meter:
     """Follows the charge of every truck.
 
-    ``charger`` (B,) charging power [W] of each bay, NaN where it is none; ``battery`` None for the nominal model.
+    ``charger`` (B,) charging power [W] of each bay, NaN where it is none; ``battery`` None for the nominal
+    model.
     """
 
     physics: Physics
@@ -75,18 +82,20 @@ class Meter:
     battery: BatteryModel | None = None
 
     def batch(self, log: Log, place: Batch, bay: NDArray[np.int32], step0: int, first: int = 0) -> Energy:
-        """Power and charge of trucks ``first`` ... over a batch that began at step ``step0``; ``bay`` (V,) where each stands."""
+        """Power and charge of trucks ``first`` ... over a batch that began at step ``step0``;
+        ``bay`` (V,) where each stands.
+        """
         trucks, steps = log.piece.shape
         n, which = trucks * steps, slice(first, first + trucks)
         motion = Motion(
             time=np.tile((step0 + np.arange(steps)) * self.dt, trucks), dt=np.full(n, self.dt),
             speed=np.maximum(log.v + 0.5 * log.a * self.dt, 0.0).ravel(), acceleration=log.a.ravel(),
             slope=place.slope.ravel(), curvature=place.curvature.ravel(), heading=place.heading.ravel(),
-            payload=log.load.ravel(), lift_speed=log.lift.ravel(), fork_height=log.height.ravel(), x=place.x.ravel(),
-            y=place.y.ravel(), edge=place.edge.ravel(), edge_offset=place.offset.ravel(),
+            payload=log.load.ravel(), lift_speed=log.lift.ravel(), fork_height=log.height.ravel(),
+            x=place.x.ravel(), y=place.y.ravel(), edge=place.edge.ravel(), edge_offset=place.offset.ravel(),
             ambient_temperature=np.full(n, self.temperature), soc=np.repeat(self.soc[which], steps),
-            vehicle=np.repeat(np.arange(first, first + trucks), steps), trip=log.trip.ravel().astype(np.int64),
-            power=np.zeros(n),
+            vehicle=np.repeat(np.arange(first, first + trucks), steps),
+            trip=log.trip.ravel().astype(np.int64), power=np.zeros(n),
         )  # fmt: skip
         power = battery_power(motion, self.physics).reshape(trucks, steps)
         charging = log.mode == CHARGING

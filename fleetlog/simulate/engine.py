@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,11 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError, SiteError
 from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
-from fleetlog.simulate.dispatch import Count, Dispatcher, Policy
+from fleetlog.simulate.dispatch import Dispatcher, Policy
 from fleetlog.simulate.energy import Meter, locate
 from fleetlog.simulate.events import EventLog
 from fleetlog.simulate.junctions import GAP
+from fleetlog.simulate.limits import Tally
 from fleetlog.simulate.record import Recorder, columns_of
 from fleetlog.simulate.state import (
     AT_BAY,
@@ -33,6 +33,7 @@ from fleetlog.simulate.state import (
     new_fleet,
     new_log,
 )
+from fleetlog.simulate.summary import Summary
 from fleetlog.simulate.tasks import Demand, check_vehicles
 from fleetlog.simulate.world import World, build_world
 from fleetlog.store.writer import DatasetWriter
@@ -64,54 +65,8 @@ class Settings:
     temperature: float = 20.0
     policy: Policy = field(default_factory=Policy)
     battery: BatteryModel | None = None
-
-
-@dataclass
-class Summary:
-    """What was simulated."""
-
-    vehicles: int
-    duration_s: float
-    rows: int
-    vehicle_steps: int
-    count: Count
-    distance_m: float
-    energy_wh: float
-    charged_wh: float
-    soc_end: list[float]
-    waiting_s: float
-    longest_wait_s: float
-    """Longest time that a truck which wanted to move stood on end."""
-    unfinished: int
-    notes: list[str]
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        c = self.count
-        return {
-            "vehicles": self.vehicles, "duration_s": self.duration_s, "rows": self.rows,
-            "vehicle_steps": self.vehicle_steps, "tasks_given": c.tasks_given, "tasks_done": c.tasks_done,
-            "tasks_unfinished": self.unfinished, "distance_m": round(self.distance_m, 1),
-            "energy_wh": round(self.energy_wh, 2), "charged_wh": round(self.charged_wh, 2),
-            "soc_end": [round(s, 5) for s in self.soc_end], "waiting_s": round(self.waiting_s, 1),
-            "longest_wait_s": round(self.longest_wait_s, 1),
-            "charges": c.charges, "deadlocks": c.deadlocks, "deadlocks_released": c.deadlocks_released,
-            "detours": c.detours, "made_room": c.made_room, "empty": c.empty, "notes": self.notes,
-        }  # fmt: skip
-
-    def lines(self) -> list[str]:
-        """For the terminal."""
-        c = self.count
-        out = [
-            f"{self.vehicles} trucks, {self.duration_s / 3600.0:.2f} h, {self.rows} rows, {self.distance_m / 1000.0:.1f} km",
-            f"tasks: {c.tasks_done} done of {c.tasks_given}, {self.unfinished} not finished at the end",
-            f"energy: {self.energy_wh / 1000.0:.2f} kWh used, {self.charged_wh / 1000.0:.2f} kWh charged in {c.charges} visits",
-            f"traffic: {self.waiting_s / 3600.0:.2f} truck hours of waiting, {self.longest_wait_s:.0f} s at most,"
-            f" {c.deadlocks} deadlocks ({c.deadlocks_released} released), {c.detours} detours",
-        ]
-        if c.empty:
-            out.append(f"battery empty: {', '.join(c.empty)}")
-        return out
+    room: int = 0
+    """Spots along the roads are drawn for at least so many trucks, so that fleets of several sizes meet the same site."""
 
 
 def simulate(
@@ -147,18 +102,30 @@ def simulate(
     _check(settings)
     # Half the time of a large run is writing, and half of that is packing.
     writer.compression = "snappy"
-    world = build_world(site, truck, settings.vehicles, physics, mined)
+    world = build_world(site, truck, settings.vehicles, physics, mined, settings.room)
     check_vehicles(demand.given, names)
-    known = world.by_place
-    doable = [t for t in demand.given if {t.source, t.target} <= set(known)]
-    if len(doable) < len(demand.given):
-        world.notes.append(
-            f"{len(demand.given) - len(doable)} tasks between places that were left out are dropped"
-        )
-        left_out = [t for t in demand.given if not {t.source, t.target} <= set(known)]
-        demand = Demand(doable, demand.endless, demand.pause, left_out)
+    writer.site = world.site
+    demand, notes = reachable(demand, world)
+    world.notes.extend(notes)
     run = Run(world, settings, demand, names, writer)
     return run.all(progress)
+
+
+def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
+    """The demand without the given tasks from or to places that have no bay; and what to say about it."""
+    known = set(world.by_place)
+    doable = [t for t in demand.given if {t.source, t.target} <= known]
+    left_out = [t for t in demand.given if not {t.source, t.target} <= known]
+    if not left_out:
+        return demand, []
+    if not doable and not demand.endless:
+        first = left_out[0]
+        raise SiteError(
+            f"place {first.target!r} cannot be reached from {first.source!r} and back, nor any place of another task",
+            do="check one-way roads and turns of the map",
+        )
+    note = f"{len(left_out)} tasks from or to places that were left out are dropped"
+    return replace(demand, given=doable, left_out=left_out), [note]
 
 
 def vehicle_names(n: int) -> list[str]:
@@ -199,29 +166,23 @@ class Run:
         self.steps = unit * max(int(np.ceil(BATCH / dt / unit)), 1)
         self.total = int(np.ceil(settings.duration / dt / self.steps)) * self.steps
         self.log = new_log(n, self.steps)
-        rng = np.random.Generator(np.random.PCG64(settings.seed))
-        self.dispatcher = Dispatcher(world, self.fleet, names, demand, settings.policy, rng)
+        self.dispatcher = Dispatcher(world, self.fleet, names, demand, settings.policy, settings.seed)
         self.dispatcher.settle()
+        self.tally = Tally(self.dispatcher)
         self.events = EventLog(self.dispatcher, writer, settings.start)
         charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])
         self.bay_of = np.array([d.bay for d in world.doors], dtype=np.int32)
         soc = np.full(n, settings.soc)
-        self.meter = Meter(
-            world.physics, world.ground, charger, dt, soc, settings.temperature, settings.battery
-        )
+        weather, battery = settings.temperature, settings.battery
+        self.meter = Meter(world.physics, world.ground, charger, dt, soc, weather, battery)
+        columns = columns_of(bool(np.any(world.ground.z)), battery is not None)
+        edges = world.track.network.edge_ids
         self.recorder = Recorder(
-            writer,
-            names,
-            world.track.network.edge_ids,
-            settings.start,
-            dt,
-            every,
-            self.steps,
-            self.total,
-            columns_of(bool(np.any(world.ground.z)), settings.battery is not None),
+            writer, names, edges, settings.start, dt, every, self.steps, self.total, columns
         )
         self.limits = limits_of(world.physics.actual_truck(), GAP)
         self.used = self.charged = self.waiting = 0.0
+        self.soc_lowest, self.soc_sum = settings.soc, 0.0
 
     def all(self, progress: Progress | None = None) -> Summary:
         """To the end."""
@@ -232,8 +193,9 @@ class Run:
                 if progress is not None:
                     progress((step0 + self.steps) * self.settings.step, total * self.settings.step)
             self.recorder.flush()
+        summary = self._summary(total)
         self.events.close(total * self.settings.step)
-        return self._summary(total)
+        return summary
 
     def batch(self, step0: int) -> None:
         """Some ten seconds of all trucks."""
@@ -244,13 +206,16 @@ class Run:
         bay = self.bay_of[self.fleet.door]
         for k in range(0, self.steps, self.second):
             self.dispatcher.tick((step0 + k) * dt)
+            self.tally.tick()
             self.events.tick((step0 + k) * dt)
             advance(
-                self.world.roads, self.fleet, self.limits, self.log, k, self.second, step0 + k, dt, lift.raise_speed,
-                lift.lower_speed,
+                self.world.roads, self.fleet, self.limits, self.log, k, self.second, step0 + k, dt,
+                lift.raise_speed, lift.lower_speed,
             )  # fmt: skip
         for first in range(0, len(self.names), TOGETHER):
             self._account(first, bay, step0)
+        self.soc_lowest = min(self.soc_lowest, float(self.meter.soc.min()))
+        self.soc_sum += float(self.meter.soc.mean()) * self.steps
         self.recorder.next()
         self._stop_empty()
 
@@ -283,8 +248,9 @@ class Run:
         open_tasks = d.count.tasks_given - d.count.tasks_done
         return Summary(
             len(self.names), total * self.settings.step, self.recorder.written, total * len(self.names), d.count,
-            float(self.fleet.moved.sum()), self.used, self.charged, [float(s) for s in self.meter.soc], self.waiting,
-            d.watch.longest,             open_tasks, notes,
+            float(self.fleet.moved.sum()), self.used, self.charged, [float(s) for s in self.meter.soc],
+            self.soc_lowest, self.soc_sum / total,
+            self.tally.limits(self.waiting), d.watch.longest, open_tasks, notes,
         )  # fmt: skip
 
 

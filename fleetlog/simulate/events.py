@@ -1,4 +1,5 @@
-"""What each truck does, what it has reserved, and what becomes of the tasks: looked at once a second and written beside the rows.
+"""What each truck does, what it has reserved, and what becomes of the tasks: looked at once a second and
+written beside the rows.
 
 Nothing here acts on the simulation.
 """
@@ -22,7 +23,9 @@ KEPT = 1 << 16
 
 
 class EventLog:
-    """Writes the tables of a run; times inside are milliseconds after its start, at ``start`` microseconds since 1970."""
+    """Writes the tables of a run; times inside are milliseconds after its start,
+    at ``start`` microseconds since 1970.
+    """
 
     def __init__(self, dispatcher: Dispatcher, writer: DatasetWriter, start: int) -> None:
         from fleetlog.simulate.kernels.look import Ground, Pages, Seen, Trucks
@@ -39,7 +42,7 @@ class EventLog:
         at_door = self.place_of_bay[[d.bay for d in world.doors]]
         n = len(self.vehicles)
         own = {name: getattr(fleet, name) for name in Trucks._fields if name in fleet._fields}
-        self.trucks = Trucks(**own, task=dispatcher.book.of, must_charge=np.zeros(n, dtype=np.bool_))
+        self.trucks = Trucks(**own, task=dispatcher.book.of, lacks=dispatcher.lacks)
         self.ground = Ground(at_door, h.safe, h.matters, len(places), h.lanes)
         none = np.full(n, -1, np.int32)
         self.seen = Seen(
@@ -52,12 +55,6 @@ class EventLog:
         """After the decisions of a second; ``now`` [s]."""
         from fleetlog.simulate.kernels.look import look
 
-        d, must = self.dispatcher, self.trucks.must_charge
-        must[:] = False
-        if d.queue:
-            # Who could go on does the next task; only who must charge waits for it.
-            queue = np.array(d.queue)
-            must[queue[d.soc[queue] < d.policy.low]] = True
         ms, v = round(now * 1000.0), 0
         while (v := look(self.trucks, self.ground, self.seen, self.pages, v, ms)) < len(self.vehicles):
             self._write()
@@ -83,9 +80,13 @@ class EventLog:
         kinds = ("pick", "drop", "park", "charge")
         codes = np.array([kinds.index(b.place.kind) for b in world.bays])
         return {
-            "place": _labels(self.place_of_bay, self.places), "kind": _labels(codes, kinds), "x": shape[0], "y": shape[1],
-            "z": np.round(world.ground.z[ends], 3), "heading": heading,
-        }  # fmt: skip
+            "place": _labels(self.place_of_bay, self.places),
+            "kind": _labels(codes, kinds),
+            "x": shape[0],
+            "y": shape[1],
+            "z": np.round(world.ground.z[ends], 3),
+            "heading": heading,
+        }
 
     def _write(self, end: int | None = None) -> None:
         """Empty the pages; with the ``end`` [ms] also what is still held."""

@@ -39,8 +39,8 @@ NOBODY = Looks(*(np.zeros(0, np.int64) for _ in Looks._fields))
 class Holdings:
     """Makes stretches of time of what :mod:`fleetlog.simulate.kernels.look` saw of the reservations.
 
-    A *way* is a resource of :mod:`fleetlog.simulate.junctions`.  Those that exclude nothing, such as a bend of a lone
-    road, are left out.
+    A *way* is a resource of :mod:`fleetlog.simulate.junctions`.  Those that exclude nothing, such as a bend
+    of a lone road, are left out.
     """
 
     def __init__(self, world: World) -> None:
@@ -103,10 +103,13 @@ class Holdings:
         edge = np.where(bay, lane, np.where(turn, track.source[joint], piece))
         edges, places = track.network.edge_ids, tuple(b.place.id for b in self.world.bays)
         return {
-            "way": way, "kind": Labels(kind.astype(np.int32), KINDS), "edge_id": Labels(edge.astype(np.int32), edges),
+            "way": way,
+            "kind": Labels(kind.astype(np.int32), KINDS),
+            "edge_id": Labels(edge.astype(np.int32), edges),
             "to_edge": Labels(np.where(turn, track.target[joint], -1).astype(np.int32), edges),
-            "place": Labels(np.where(bay, of_bay, -1).astype(np.int32), places), **self._lines(kind, piece),
-        }  # fmt: skip
+            "place": Labels(np.where(bay, of_bay, -1).astype(np.int32), places),
+            **self._lines(kind, piece),
+        }
 
     def _kinds(self, way: Ints) -> tuple[Ints, Ints]:
         """(N,) place in ``KINDS`` of ways, and the piece of the ground that each lies on."""

@@ -1,8 +1,9 @@
-"""Where trucks on different pieces would touch: the parts of a lane that are safe to stand on, and what excludes what.
+"""Where trucks on different pieces would touch: the parts of a lane that are safe to stand on, and what
+excludes what.
 
-A *resource* is a part of the track that only some trucks may be on at a time.  With P pieces and E lanes: a connector or a
-lane without a safe part is resource p (its own number); the last metres of a lane are resource P + lane, the first ones
-P + E + lane; spur k of a place is P + 2 E + k.
+A *resource* is a part of the track that only some trucks may be on at a time.  With P pieces and E lanes: a
+connector or a lane without a safe part is resource p (its own number); the last metres of a lane are resource
+P + lane, the first ones P + E + lane; spur k of a place is P + 2 E + k.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ GAP = 1.0
 """Between standing trucks, bumper to bumper [m]."""
 STOP = 0.05
 """A truck that waits keeps this far from the end of its lane [m]."""
+START = 0.2
+"""At the very start of a lane a truck would have to stop before it is on it [m]."""
 BEND = 0.02
 """A connector that bends more than this takes one truck at a time [1/m]."""
 SWING = 1.8
@@ -36,11 +39,12 @@ class Junctions:
 
     Attributes
     ----------
-    clear, stop : (E,) a truck whose centre is between these offsets [m] touches nothing that others use; stop < clear where
-        there is no such part (single-lane aisles, stubs).
+    clear, stop : (E,) a truck whose centre is between these offsets [m] touches nothing that others use; stop
+        < clear where there is no such part (single-lane aisles, stubs).
     capacity : (E,) trucks that can stand on the safe part.
     resource : (S,) of every sample of the track, -1 on safe parts.
-    conflict_first, conflicts : CSR over resources: those that exclude it, itself where it takes one truck at a time.
+    conflict_first, conflicts : CSR over resources: those that exclude it, itself where it takes one truck at
+        a time.
     swings : (P,) whether a piece turns by more than ``SWING``.
     """
 
@@ -92,9 +96,19 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     first, conflicts = conflict_lists(
         np.concatenate([ra[keep], alone]), np.concatenate([rb[keep], alone]), count
     )
+    return Junctions(clear, stop, capacity, resource, first, conflicts, swinging(track))
+
+
+def swinging(track: Track) -> NDArray[np.bool_]:
+    """(P,) connectors that turn by more than ``SWING``: their two lanes lie side by side."""
     turn = track.heading[track.first[1:] - 1] - track.heading[track.first[:-1]]
-    swings = (np.abs(np.angle(np.exp(1j * turn))) > SWING) & (track.source >= 0)
-    return Junctions(clear, stop, capacity, resource, first, conflicts, swings)
+    return np.asarray((np.abs(np.angle(np.exp(1j * turn))) > SWING) & (track.source >= 0))
+
+
+def _turns(track: Track) -> set[tuple[int, int]]:
+    """Lanes that follow each other and do not lie side by side."""
+    straight = np.flatnonzero((track.source >= 0) & ~swinging(track))
+    return {(int(track.source[p]), int(track.target[p])) for p in straight}
 
 
 def unique_pairs(a: NDArray[np.integer], b: NDArray[np.integer]) -> NDArray[np.int64]:
@@ -116,19 +130,12 @@ def conflict_lists(
 def _follow_each_other(track: Track, a: Index, b: Index) -> NDArray[np.bool_]:
     """(N,) pairs of pieces that a truck drives one after the other: there the rule of following holds."""
     pair = np.zeros(len(a), dtype=bool)
-    turns = {(int(i), int(j)) for i, j in zip(track.source, track.target, strict=True) if i >= 0}
+    turns = _turns(track)
     for one, other in ((a, b), (b, a)):
         pair |= (track.source[one] == other) | (track.target[one] == other)
-        lanes = (track.source[one] < 0) & (track.source[other] < 0)
-        rows = np.flatnonzero(lanes)
-        hit = [(int(one[k]), int(other[k])) in turns for k in rows]
-        pair[rows] |= np.array(hit, dtype=bool)
-    # The two lanes of one road follow each other at a dead end; that they lie side by side must still count.
-    reverse = track.network.reverse
-    both = (track.source[a] < 0) & (track.source[b] < 0)
-    opposite = np.zeros(len(a), dtype=bool)
-    opposite[both] = reverse[a[both]] == b[both]
-    return pair & ~opposite
+        rows = np.flatnonzero((track.source[one] < 0) & (track.source[other] < 0))
+        pair[rows] |= np.array([(int(one[k]), int(other[k])) in turns for k in rows], dtype=bool)
+    return pair
 
 
 def _safe_part(
@@ -143,8 +150,11 @@ def _safe_part(
     runs = edges.reshape(-1, 2)
     begin, end = runs[np.argmax(runs[:, 1] - runs[:, 0])]
     step = track.spacing[lane]
+    last = min((end - 1) * step, track.length[lane] - STOP)
+    if last < START:
+        return
     clear[lane] = begin * step
-    stop[lane] = max(min((end - 1) * step, track.length[lane] - STOP), clear[lane])
+    stop[lane] = max(last, clear[lane])
     pieces, lanes = len(track), len(track.network)
     resource[low : low + begin] = pieces + lanes + lane
     resource[low + begin : low + end] = -1
@@ -163,7 +173,7 @@ def _in_line(track: Track, a: Index, b: Index) -> NDArray[np.bool_]:
         out |= connector & ((other == target) | (other == pieces + lanes + target))
         out |= (one >= pieces) & (one < pieces + lanes) & (other == one + lanes)
     # Exit of one lane and entry of the next, joined by a connector.
-    turns = {(int(i), int(j)) for i, j in zip(track.source, track.target, strict=True) if i >= 0}
+    turns = _turns(track)
 
     def lane_of(resource: int, leaving: bool) -> int:
         if resource < lanes:
@@ -174,6 +184,6 @@ def _in_line(track: Track, a: Index, b: Index) -> NDArray[np.bool_]:
     for k in np.flatnonzero(~out):
         for this, that in ((int(a[k]), int(b[k])), (int(b[k]), int(a[k]))):
             i, j = lane_of(this, True), lane_of(that, False)
-            if i >= 0 and j >= 0 and (i, j) in turns and track.network.reverse[i] != j:
+            if i >= 0 and j >= 0 and (i, j) in turns:
                 out[k] = True
     return out

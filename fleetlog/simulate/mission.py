@@ -1,13 +1,14 @@
-"""The same mission as a recording: each truck drives the recorded trips at the recorded times, as the model would.
+"""The same mission as a recording.
 
-No truck meets another; so what differs from the recording, trip by trip, is the physics and not the traffic.
+Each truck drives the recorded trips at the recorded times, as the model would. No truck meets another; so
+what differs from the recording, trip by trip, is the physics and not the traffic.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,21 +18,23 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
+from fleetlog.physics.motion import Reconstruction, measured_channels, reconstruct
+from fleetlog.physics.motion.channels import forks
+from fleetlog.physics.motion.legs import Leg, free_flow, joined, legs, speed_limits
+from fleetlog.physics.motion.profile import SpeedProfile
 from fleetlog.physics.power import Physics, battery_power, cell_power
-from fleetlog.simulate.drive import SpeedProfile
-from fleetlog.simulate.legs import Pathfinder, drive_along
 from fleetlog.simulate.record import rounded
-from fleetlog.simulate.track import build_track
-from fleetlog.simulate.way import Way
+from fleetlog.simulate.state import creep_speed
 from fleetlog.store.dataset import Dataset
-from fleetlog.store.trips import MAX_GAP, STANDING_SPEED
+from fleetlog.store.trips import MAX_GAP
 from fleetlog.store.writer import DatasetWriter
 
 Floats = NDArray[np.float64]
 FINE = 0.1
 """Length of the steps that power is worked out in [s]."""
 CHARGING = -300.0
-"""A standing truck whose battery takes more than this is being charged: that is taken over as recorded [W]."""
+"""A standing truck whose battery takes more than this is being charged: that is taken over as recorded
+[W]."""
 Progress = Callable[[float, float], None]
 
 
@@ -51,13 +54,16 @@ class MissionSummary:
 
 @dataclass
 class Trip:
-    """A recorded trip: its rows, when it sets off and arrives [s since the first row], its way and drive."""
+    """A recorded trip.
+
+    Its rows, when it sets off and arrives [s since the first row], what it drives and how.
+    """
 
     number: int
     rows: Trajectory
     leave: float
     arrive: float
-    way: Way | None
+    leg: Leg | None
     drive: SpeedProfile | None
     payload: float
 
@@ -69,22 +75,22 @@ def replay(
     physics: Physics | None = None,
     progress: Progress | None = None,
 ) -> MissionSummary:
-    """Drive every recorded trip of ``dataset`` through the model and write it under the same vehicle and trip ids.
+    """Drive every recorded trip of ``dataset`` through the model, under the same vehicle and trip ids.
 
-    Rows come at the recorded interval.  Loads, fork heights, charging and temperature are the recorded ones, shifted to the
-    simulated arrival; where a trip takes longer than it took, the next one sets off later.
+    Rows come at the recorded interval.  Loads, fork heights, charging and temperature are the
+    recorded ones, shifted to the simulated arrival; where a trip takes longer than it took, the next one
+    sets off later.
     """
     physics = physics or Physics(truck)
     site = dataset.site
-    track = None if site.network is None else build_track(site.network, truck, centred=True)
-    finder = Pathfinder(site, track, truck.chassis.turn_radius)
     total = np.zeros(6)
     rows = trips = own = 0
     for i, vehicle in enumerate(dataset.vehicles):
         recorded = dataset.read(vehicle)
         if len(recorded) < 2:
             continue
-        replayer = VehicleReplay(recorded, finder, site, physics, writer)
+        found = reconstruct(measured_channels(recorded, dataset.meta), site.network, truck)
+        replayer = VehicleReplay(recorded, found, site, physics.of(vehicle), writer)
         replayer.run()
         total += replayer.totals
         rows, trips, own = rows + replayer.written, trips + replayer.trips, own + replayer.own
@@ -105,15 +111,14 @@ class VehicleReplay:
     """One truck's recording, driven again."""
 
     def __init__(
-        self, recorded: Trajectory, finder: Pathfinder, site: Site, physics: Physics, writer: DatasetWriter
+        self, recorded: Trajectory, found: Reconstruction, site: Site, physics: Physics, writer: DatasetWriter
     ) -> None:
-        self.recorded, self.finder, self.site, self.physics, self.writer = (
-            recorded,
-            finder,
-            site,
-            physics,
-            writer,
-        )
+        self.recorded, self.site, self.physics, self.writer = recorded, site, physics, writer
+        self.energy = found.rows(np.nan_to_num(found.motion.power) * found.motion.dt)
+        self.legs: dict[int, list[Leg]] = {}
+        for leg in legs(found):
+            self.legs.setdefault(leg.trip, []).append(leg)
+        self.mast = forks(recorded.seconds(), recorded)
         self.time = recorded.seconds()
         gaps = np.diff(self.time)
         self.interval = max(round(float(np.median(gaps)) / FINE), 1) * FINE
@@ -122,7 +127,7 @@ class VehicleReplay:
         soc = recorded.floats("soc")
         known = soc[np.isfinite(soc)]
         self.soc = float(known[0]) if len(known) else 0.95
-        self.place: tuple[Way, float] | None = None
+        self.place: Leg | None = None
 
     def run(self) -> None:
         """All trips in order of time."""
@@ -141,26 +146,36 @@ class VehicleReplay:
             clock, row = until, max(end, row)
 
     def _trip(self, number: int, a: int, b: int) -> Trip:
-        rows, time = self.recorded[a:b], self.time[a:b]
-        speed = np.nan_to_num(rows.floats("speed"))
-        moving = np.flatnonzero(speed > STANDING_SPEED)
-        drive = self.physics.actual_truck().drive
-        if not len(moving):
-            return Trip(number, rows, float(time[0]), float(time[0]), None, None, 0.0)
-        i, j = int(moving[0]), int(moving[-1])
-        payload = float(np.nan_to_num(np.nanmedian(np.nan_to_num(rows.floats("payload")[i : j + 1]))))
-        # From one row before to one after: the truck stood there.
-        way = self.finder.way(rows[max(i - 1, 0) : min(j + 2, len(rows))])
-        profile = None if way is None else drive_along(way, self.site, self.physics, payload)
-        leave = float(time[i] - min(speed[i] / drive.max_acceleration, self.interval))
-        arrive = float(time[j] + min(speed[j] / drive.max_deceleration, self.interval))
-        if way is not None:
-            self.trips += 1
-            self.own += int((way.edge < 0).all())
-            power = np.nan_to_num(rows.floats("battery_power"))
-            step = np.clip(np.diff(time, append=time[-1:]), 0.0, MAX_GAP)
-            self.totals[:3] += float((speed * step).sum()), arrive - leave, float((power * step).sum())
-        return Trip(number, rows, leave, arrive, way, profile, payload)
+        rows = self.recorded[a:b]
+        driven = self.legs.get(number)
+        if not driven:
+            return Trip(number, rows, float(self.time[a]), float(self.time[a]), None, None, 0.0)
+        leg = self._drawn(joined(driven))
+        self.trips += 1
+        self.own += int((leg.path.edge < 0).all())
+        self.totals[:3] += leg.distance[-1], leg.duration, self.energy[a:b].sum()
+        profile = free_flow(leg, self.physics, self._limits(leg.path))
+        payload = float(np.median(leg.path.payload))
+        return Trip(number, rows, float(leg.path.time[0]), float(leg.path.time[-1]), leg, profile, payload)
+
+    def _drawn(self, leg: Leg) -> Leg:
+        """The leg on the middle of its roads, where it lies on roads."""
+        network, p = self.site.network, leg.path
+        if network is None:
+            return leg
+        on = np.maximum(p.edge, 0)
+        x, y, _ = network.position(on, p.edge_offset).T
+        path = p.replaced(x=np.where(p.edge >= 0, x, p.x), y=np.where(p.edge >= 0, y, p.y))
+        return replace(leg, path=path)
+
+    def _limits(self, path: Motion) -> Floats:
+        limit = speed_limits(self.site, path)
+        if (path.edge >= 0).any():
+            # Into a bay and out of it a truck creeps.
+            limit = np.where(
+                path.edge < 0, np.minimum(limit, creep_speed(self.physics.actual_truck())), limit
+            )
+        return limit
 
     def _work(self, trip: Trip) -> float:
         """Seconds after the arrival until loads and forks have come to rest."""
@@ -195,11 +210,11 @@ class VehicleReplay:
         mean = power.reshape(-1, steps).mean(axis=1)
         at = self._motion(trip, rows, leave, arrival)
         self._emit(trip, rows, at, mean, soc)
-        if trip.way is not None:
+        if trip.leg is not None:
             assert trip.drive is not None
             # Energy is compared only where it was measured.
             joules = float(mean.sum() * self.interval) if trip.rows.has("battery_power") else 0.0
-            self.totals[3:] += trip.way.distance[-1], trip.drive.duration, joules
+            self.totals[3:] += trip.leg.distance[-1], trip.drive.duration, joules
 
     def _logged(self, rows: Floats, leave: float, arrival: float) -> NDArray[np.bool_]:
         """Rows near a recorded one, or on the way: where the log was silent overnight, so is the replay."""
@@ -208,25 +223,24 @@ class VehicleReplay:
         return np.asarray(near | ((rows >= leave) & (rows <= arrival)))
 
     def _motion(self, trip: Trip, time: Floats, leave: float, arrival: float) -> Motion:
-        if trip.way is not None and trip.drive is not None:
+        s, v, a = np.zeros((3, len(time)))
+        if trip.leg is not None and trip.drive is not None:
             s, v, a = trip.drive.at(time - leave)
-            way: Way | None = trip.way
-            self.place = (trip.way, float(trip.way.distance[-1]))
-        else:
-            s, v, a = np.zeros(len(time)), np.zeros(len(time)), np.zeros(len(time))
-            way = None if self.place is None else self.place[0]
-            s = s + (0.0 if self.place is None else self.place[1])
-        height, lift, payload, recorded = self._work_at(trip, time, leave, arrival)
-        temperature = self._along("ambient_temperature", time)
+            self.place = trip.leg
+        elif self.place is not None:
+            s = s + self.place.distance[-1]
+        dt = self.interval if len(time) < 2 else float(time[1] - time[0])
+        height, lift, payload, recorded = self._work_at(trip, time, dt, leave, arrival)
         base = (
             Motion.of(len(time), x=self._along("x", time), y=self._along("y", time))
-            if way is None
-            else way.at(s)
+            if self.place is None
+            else self.place.at(s)
         )
-        dt = self.interval if len(time) < 2 else float(time[1] - time[0])
         return base.replaced(
-            time=time, dt=np.full(len(time), dt), speed=v, acceleration=a, payload=payload, fork_height=height,
-            lift_speed=lift, ambient_temperature=temperature, power=recorded, soc=np.full(len(time), self.soc),
+            time=time, dt=np.full(len(time), dt), speed=v, acceleration=a, payload=payload,
+            fork_height=height,
+            lift_speed=lift, ambient_temperature=self._along("ambient_temperature", time), power=recorded,
+            soc=np.full(len(time), self.soc),
         )  # fmt: skip
 
     def _along(self, name: str, time: Floats) -> Floats:
@@ -237,25 +251,24 @@ class VehicleReplay:
         return np.interp(time, self.time[good], values[good])
 
     def _work_at(
-        self, trip: Trip, time: Floats, leave: float, arrival: float
+        self, trip: Trip, time: Floats, dt: float, leave: float, arrival: float
     ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Fork height, its rate, load and recorded power, counted from the arrival; on the way the load of the trip."""
+        """Fork height, its rate, load and recorded power, counted from the arrival.
+
+        On the way the load of the trip.
+        """
         shift = np.where(time < leave, time - leave + trip.leave, time - arrival + trip.arrive)
         known = (trip.rows.time - self.recorded.time[0]) * 1e-6
-        height = np.interp(shift, known, np.nan_to_num(trip.rows.floats("fork_height")))
-        rate = np.nan_to_num(trip.rows.floats("fork_height"))
-        slope = np.append(np.diff(rate) / np.diff(known), 0.0) if len(known) > 1 else np.zeros(len(known))
-        k = np.clip(np.searchsorted(known, shift, side="right") - 1, 0, len(known) - 1)
-        inside = (shift >= known[0]) & (shift < known[-1])
-        lift = np.where(inside & (np.abs(slope[k]) > 0.02), slope[k], 0.0)
         near = np.clip(np.searchsorted(known, shift), 0, len(known) - 1)
+        inside = (shift >= known[0]) & (shift < known[-1])
+        shift = np.clip(shift, known[0], known[-1])
+        lift = np.where(inside, self.mast.speed(shift - 0.5 * dt, np.full(len(shift), dt)), 0.0)
         payload = np.nan_to_num(trip.rows.floats("payload"))[near]
-        power = np.nan_to_num(trip.rows.floats("battery_power"))[near]
-        power = np.where(inside, power, 0.0)
+        power = np.where(inside, np.nan_to_num(trip.rows.floats("battery_power"))[near], 0.0)
         way = (time >= leave) & (time < arrival)
         return (
-            np.where(way, 0.0, height), np.where(way, 0.0, lift), np.where(way, trip.payload, payload),
-            np.where(way, 0.0, power),
+            np.where(way, 0.0, self.mast.at(shift)), np.where(way, 0.0, lift),
+            np.where(way, trip.payload, payload), np.where(way, 0.0, power),
         )  # fmt: skip
 
     def _emit(self, trip: Trip, rows: Floats, at: Motion, power: Floats, soc: Floats) -> None:

@@ -1,4 +1,6 @@
-"""Places and demand of a recording: where its trucks stand again and again, what they do there, who carries what when."""
+"""Places and demand of a recording: where its trucks stand again and again, what they do there,
+who carries what when.
+"""
 
 from __future__ import annotations
 
@@ -36,13 +38,16 @@ MAJORITY = 0.3
 JITTER = 120.0
 """A drawn task comes this much earlier or later than the recorded one at most [s]."""
 
+BETWEEN, LONGEST_GAP = 60.0, 900.0
+"""From when one task of a truck begins to when its next one does [s]."""
+
 
 @dataclass(frozen=True)
 class Stands:
     """N standstills of all trucks, in order of vehicle and time.
 
-    ``vehicle`` codes; ``start``, ``end`` microseconds; ``x``, ``y`` m; ``before``, ``after`` kg on the forks; ``charged`` change
-    of the state of charge; ``height`` m, the highest of the forks.
+    ``vehicle`` codes; ``start``, ``end`` microseconds; ``x``, ``y`` m; ``before``, ``after`` kg on the forks;
+    ``charged`` change of the state of charge; ``height`` m, the highest of the forks.
     """
 
     vehicle: NDArray[np.int64]
@@ -80,12 +85,8 @@ def _stands(t: Trajectory, vehicle: int) -> Floats:
     still = np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED
     gap = np.diff(t.time, prepend=t.time[:1]) * 1e-6 > MAX_GAP
     edge = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-    load, soc, height = (
-        np.nan_to_num(t.floats("payload")),
-        t.floats("soc"),
-        np.nan_to_num(t.floats("fork_height")),
-    )
-    x, y = t.floats("x"), t.floats("y")
+    load, height = np.nan_to_num(t.floats("payload")), np.nan_to_num(t.floats("fork_height"))
+    x, y, soc = t.floats("x"), t.floats("y"), t.floats("soc")
     out = []
     for a, b in edge.reshape(-1, 2):
         first, last = max(a - 1, 0), min(b, len(t) - 1)
@@ -94,16 +95,27 @@ def _stands(t: Trajectory, vehicle: int) -> Floats:
             continue
         rise = soc[b - 1] - soc[a]
         out.append(
-            (vehicle, t.time[a], t.time[b - 1], np.nanmedian(x[a:b]), np.nanmedian(y[a:b]), load[first], load[last],
-             rise if np.isfinite(rise) else 0.0, height[a:b].max())
-        )  # fmt: skip
+            (
+                vehicle,
+                t.time[a],
+                t.time[b - 1],
+                np.nanmedian(x[a:b]),
+                np.nanmedian(y[a:b]),
+                load[first],
+                load[last],
+                rise if np.isfinite(rise) else 0.0,
+                height[a:b].max(),
+            )
+        )
     return np.array(out, dtype=np.float64).reshape(-1, 9)
 
 
 def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> NDArray[np.int64]:
-    """(N,) cluster of every stand, -1 where there are fewer than ``min_visits``: touching occupied cells are one.
+    """(N,) cluster of every stand, -1 where there are fewer than ``min_visits``: touching occupied cells are
+    one.
 
-    Time and memory grow linearly with the stands.  Clusters are numbered from west to east, then from south to north.
+    Time and memory grow linearly with the stands.  Clusters are numbered from west to east, then from south
+    to north.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -149,7 +161,9 @@ def kind_of(stands: Stands, mine: NDArray[np.bool_]) -> PlaceKind:
 
 
 def place_table(stands: Stands, cluster: NDArray[np.int64]) -> pd.DataFrame:
-    """One row a place: id, kind, x, y [m], spread [m], visits, vehicles, dwell [s], shares of picks, drops and charges."""
+    """One row a place: id, kind, x, y [m], spread [m], visits, vehicles, dwell [s], shares of picks,
+    drops and charges.
+    """
     import pandas as pd
 
     rows, counts = [], {"pick": 0, "drop": 0, "park": 0, "charge": 0}
@@ -161,26 +175,15 @@ def place_table(stands: Stands, cluster: NDArray[np.int64]) -> pd.DataFrame:
         change = stands.after[mine] - stands.before[mine]
         rows.append({
             "place": f"{kind}-{counts[kind]}", "kind": kind, "x": x, "y": y,
-            "spread": float(np.median(np.hypot(stands.x[mine] - x, stands.y[mine] - y))), "visits": int(mine.sum()),
-            "vehicles": len(np.unique(stands.vehicle[mine])), "dwell_median": float(np.median(stands.dwell[mine])),
+            "spread": float(np.median(np.hypot(stands.x[mine] - x, stands.y[mine] - y))),
+            "visits": int(mine.sum()), "vehicles": len(np.unique(stands.vehicle[mine])),
+            "dwell_median": float(np.median(stands.dwell[mine])),
             "dwell_total": float(stands.dwell[mine].sum()), "picks": float(np.mean(change > MIN_LOAD_CHANGE)),
-            "drops": float(np.mean(change < -MIN_LOAD_CHANGE)), "charges": float(np.mean(stands.charged[mine] > MIN_CHARGE)),
+            "drops": float(np.mean(change < -MIN_LOAD_CHANGE)),
+            "charges": float(np.mean(stands.charged[mine] > MIN_CHARGE)),
         })  # fmt: skip
-    names = (
-        "place",
-        "kind",
-        "x",
-        "y",
-        "spread",
-        "visits",
-        "vehicles",
-        "dwell_median",
-        "dwell_total",
-        "picks",
-        "drops",
-        "charges",
-    )
-    return pd.DataFrame(rows, columns=list(names))
+    names = "place kind x y spread visits vehicles dwell_median dwell_total picks drops charges"
+    return pd.DataFrame(rows, columns=names.split())
 
 
 def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:
@@ -204,7 +207,9 @@ def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:
 
 
 def with_room(site: Site, stands: Stands, cluster: NDArray[np.int64], names: list[str]) -> Site:
-    """The site with room at each place, chargers apart, for as many trucks as were seen there at the same time."""
+    """The site with room at each place, chargers apart,
+    for as many trucks as were seen there at the same time.
+    """
     most: dict[str, int] = {}
     for k, name in enumerate(names):
         mine = cluster == k
@@ -222,8 +227,8 @@ def with_room(site: Site, stands: Stands, cluster: NDArray[np.int64], names: lis
 def carried(stands: Stands, cluster: NDArray[np.int64], names: list[str]) -> list[Task]:
     """Every load that the recording shows: taken up at one place, set down at another by the same truck.
 
-    ``earliest`` is the time of day [s] at which the truck set off to fetch it.  Recorded trucks mostly stood on the road, so the
-    way into a bay and out of it counts as time at the place.
+    ``earliest`` is the time of day [s] at which the truck set off to fetch it.  Recorded trucks mostly stood
+    on the road, so the way into a bay and out of it counts as time at the place.
     """
     tasks: list[Task] = []
     held: tuple[int, int] | None = None
@@ -239,22 +244,16 @@ def carried(stands: Stands, cluster: NDArray[np.int64], names: list[str]) -> lis
                 continue
             known = k > 0 and stands.vehicle[k - 1] == vehicle
             day = float((stands.end[k - 1] if known else stands.start[k]) % 86_400_000_000) * 1e-6
-            tasks.append(
-                Task(None, names[a], names[b], float(stands.after[k] - stands.before[k]), day,
-                     (float(stands.dwell[k]), float(stands.dwell[i])), (float(stands.height[k]), float(stands.height[i])), True)
-            )  # fmt: skip
+            origin = names[cluster[k - 1]] if known and cluster[k - 1] >= 0 else None
+            load = float(stands.after[k] - stands.before[k])
+            dwell, height = ((float(v[k]), float(v[i])) for v in (stands.dwell, stands.height))
+            tasks.append(Task(None, names[a], names[b], load, day, dwell, height, True, origin))
     return tasks
 
 
 def demand_like(
-    carried_tasks: list[Task],
-    hours: Floats,
-    start_of_day: float,
-    duration: float,
-    share: float,
-    truck: Truck,
-    seed: int,
-) -> list[Task]:
+    carried_tasks: list[Task], hours: Floats, start_of_day: float, duration: float, share: float, truck: Truck, seed: int
+) -> list[Task]:  # fmt: skip
     """Tasks drawn like the recorded ones.
 
     Parameters
@@ -266,10 +265,11 @@ def demand_like(
 
     Notes
     -----
-    Each hour has a Poisson number of tasks with the recorded mean of that hour of day (of the whole recording where that
-    hour was not recorded); places, payload, dwell times and heights of each are drawn together from one recorded task, so
-    that they keep their joint distribution.  A task comes within ``JITTER`` of the time of day of that one, so that lulls and
-    rushes come again, and at any time where the recording covers less of the hour than is simulated.
+    Each hour has a Poisson number of tasks with the recorded mean of that hour of day (of the whole recording
+    where that hour was not recorded); places, payload, dwell times and heights of each are drawn together
+    from one recorded task, so that they keep their joint distribution.  A task comes within ``JITTER`` of the
+    time of day of that one, so that lulls and rushes come again, and at any time where the recording covers
+    less of the hour than is simulated.
     """
     rng = np.random.Generator(np.random.PCG64([seed, 7]))
     hour = np.array([int(t.earliest // 3600) % 24 for t in carried_tasks])
@@ -283,25 +283,37 @@ def demand_like(
         rate = len(here) / hours[now] if hours[now] > 0.1 else mean
         pool = here if len(here) else np.arange(len(carried_tasks))
         covered = len(here) > 0 and 3600.0 * hours[now] >= 0.95 * (end - begin)
-        for like in (
-            carried_tasks[int(i)]
-            for i in rng.choice(pool, rng.poisson(rate * share * (end - begin) / 3600.0))
-        ):
-            at = (
-                like.earliest % 3600.0
-                - (start_of_day + begin) % 3600.0
-                + begin
-                + rng.uniform(-JITTER, JITTER)
-            )
+        drawn = rng.choice(pool, rng.poisson(rate * share * (end - begin) / 3600.0))
+        for like in (carried_tasks[int(i)] for i in drawn):
+            in_hour = like.earliest % 3600.0 - (start_of_day + begin) % 3600.0
+            at = in_hour + begin + rng.uniform(-JITTER, JITTER)
             if not covered or at >= end:
                 at = rng.uniform(begin, end)
-            out.append(
-                replace(
-                    like, payload=min(like.payload, truck.chassis.rated_load), earliest=float(max(at, begin))
-                )
-            )
+            load = min(like.payload, truck.chassis.rated_load)
+            out.append(replace(like, payload=load, earliest=float(max(at, begin))))
         begin = end
     return sorted(out, key=lambda t: t.earliest)
+
+
+def chained(tasks: list[Task]) -> list[Task]:
+    """The tasks in order of time, numbered, each after one that ends where its truck set off in the recording.
+
+    Of those that end there and nobody follows yet, the last one that began at least ``BETWEEN`` earlier; a task after
+    another one may begin ``JITTER`` earlier, as it is known no better than that when it did.
+    """
+    ends: dict[str, list[Task]] = {}
+    out: list[Task] = []
+    for number, task in enumerate(tasks):
+        found = [
+            t for t in ends.get(task.origin or "", ()) if BETWEEN <= task.earliest - t.earliest <= LONGEST_GAP
+        ]
+        after = found[-1].number if found else -1
+        if found:
+            ends[task.origin or ""].remove(found[-1])
+        earliest = max(task.earliest - JITTER, 0.0) if found else task.earliest
+        out.append(replace(task, number=number, after=after, earliest=earliest))
+        ends.setdefault(task.target, []).append(replace(task, number=number))
+    return sorted(out, key=lambda t: (t.earliest, t.number))
 
 
 def _seconds(iso: str) -> float:
@@ -321,9 +333,13 @@ def recorded_hours(stands: Stands, dataset: Dataset) -> Floats:
 
 
 def like(
-    dataset: Dataset, site: Site, truck: Truck, vehicles: int, start: int, duration: float, seed: int
-) -> tuple[Site, list[Task], list[str]]:
-    """The site with the places of a recording, tasks drawn like its own, and notes to say aloud."""
+    dataset: Dataset, site: Site, truck: Truck, vehicles: int, start: int, duration: float, seed: int,
+    assigned: bool = False,
+) -> tuple[Site, list[Task], list[str]]:  # fmt: skip
+    """The site with the places of a recording, tasks drawn like its own, and notes to say aloud.
+
+    With ``assigned`` the tasks also say which truck did them, by where it came from and what it had done before.
+    """
     stands = find_stands(dataset)
     cluster = clusters(stands)
     table = place_table(stands, cluster)
@@ -338,5 +354,6 @@ def like(
     day = float(start % 86_400_000_000) * 1e-6
     share = vehicles / max(len(dataset.vehicles), 1)
     tasks = demand_like(known, recorded_hours(stands, dataset), day, duration, share, truck, seed)
+    tasks = chained(tasks) if assigned else [replace(t, origin=None) for t in tasks]
     notes.append(f"{len(tasks)} tasks drawn like the {len(known)} recorded ones")
     return site, tasks, notes

@@ -1,4 +1,6 @@
-"""From steps to rows of the dataset, in bounded memory; written by other threads while the fleet drives on."""
+"""From steps to rows of the dataset, in bounded memory;
+written by other threads while the fleet drives on.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ DIGITS = {
     "x": 3, "y": 3, "z": 3, "heading": 5, "speed": 4, "edge_offset": 3, "lateral_offset": 3, "payload": 1,
     "fork_height": 3, "battery_power": 2, "battery_voltage": 3, "battery_current": 3, "soc": 8,
 }  # fmt: skip
-"""Decimals that are written: millimetres and the like, so that files are small; rows wait as whole numbers of them."""
+"""Decimals that are written: millimetres and the like, so that files are small;
+rows wait as whole numbers of them.
+"""
 MEANS = ("battery_power", "battery_voltage", "battery_current")
 """Columns of which a row has the mean over the time around it."""
 CODES = ("edge_id", "trip_id")
@@ -38,11 +42,12 @@ BEHIND = 8
 
 
 class Recorder:
-    """Takes batches of steps, keeps every ``every``-th one as a row, and writes a truck's rows when enough have come together.
+    """Takes batches of steps, keeps every ``every``-th one as a row, and writes a truck's rows when enough
+    have come together.
 
-    Power of a row is the mean over the ``every`` steps around it, so that power times the time between rows adds up to
-    the energy.  Groups of trucks are written in turn, each by one thread at a time: the same bytes whatever the number of
-    threads.  Leaving the block without :meth:`flush` gives up what is not written.
+    Power of a row is the mean over the ``every`` steps around it, so that power times the time between rows
+    adds up to the energy.  Groups of trucks are written in turn, each by one thread at a time: the same bytes
+    whatever the number of threads.  Leaving the block without :meth:`flush` gives up what is not written.
     """
 
     def __init__(
@@ -72,8 +77,8 @@ class Recorder:
         self._kept = _untouched(blocks * self.together, capacity, len(columns) + len(CODES), self.rows)
         self._free = deque(range(groups, blocks))
         self._row = np.arange(trucks, dtype=np.int32)
-        # Trucks become due one after the other, the first when its rows are half of the most that are kept; where all rows
-        # can be kept, all trucks at the end.
+        # Trucks become due one after the other, the first when its rows are half of the most that are kept;
+        # where all rows can be kept, all trucks at the end.
         share = (np.arange(trucks) // self.together + 1) / (groups + 1)
         early = 1.0 if capacity == total else 0.5 + 0.5 * share
         self._due = np.full(trucks, np.maximum(early * capacity, 1.0))
@@ -100,9 +105,10 @@ class Recorder:
         from fleetlog.simulate.kernels.pack import pack, pack_codes
 
         known = {
-            "x": place.x, "y": place.y, "z": place.z, "heading": place.heading, "speed": log.v, "edge_offset": place.offset,
-            "lateral_offset": place.lateral, "payload": log.load, "fork_height": log.height, "battery_power": energy.power,
-            "battery_voltage": energy.voltage, "battery_current": energy.current, "soc": energy.soc,
+            "x": place.x, "y": place.y, "z": place.z, "heading": place.heading, "speed": log.v,
+            "edge_offset": place.offset, "lateral_offset": place.lateral, "payload": log.load,
+            "fork_height": log.height, "battery_power": energy.power, "battery_voltage": energy.voltage,
+            "battery_current": energy.current, "soc": energy.soc,
         }  # fmt: skip
         trucks = slice(first, first + len(log.v))
         row, at, values = self._row[trucks], self._filled[trucks], tuple(known[c] for c in self.columns)
@@ -143,7 +149,9 @@ class Recorder:
             self._filled[trucks] = 0
 
     def _write(self, first: int, group: Index, before: Future[None] | None) -> None:
-        """(trucks, batches, columns, rows of a batch) of trucks ``first`` ..., after what was handed over ``before``."""
+        """(trucks, batches, columns, rows of a batch) of trucks ``first`` ...,
+        after what was handed over ``before``.
+        """
         from fleetlog.simulate.kernels.pack import unpack
 
         if before is not None:
@@ -172,7 +180,9 @@ class Recorder:
 
 
 def _untouched(*shape: int) -> Index:
-    """An array that takes memory where it is filled only; NumPy's own would take it in huge pages, most of them at once."""
+    """An array that takes memory where it is filled only;
+    NumPy's own would take it in huge pages, most of them at once.
+    """
     return np.frombuffer(mmap(-1, 4 * math.prod(shape)), np.int32).reshape(shape)
 
 
@@ -182,6 +192,8 @@ def rounded(columns: dict[str, Floats]) -> dict[str, Values]:
 
 
 def columns_of(hilly: bool, chemistry: bool) -> tuple[str, ...]:
-    """Columns that a simulation knows: height where the site has one, voltage and current where the battery has a chemistry."""
+    """Columns that a simulation knows: height where the site has one,
+    voltage and current where the battery has a chemistry.
+    """
     unknown = (() if hilly else ("z",)) + (() if chemistry else ("battery_voltage", "battery_current"))
     return tuple(c for c in DIGITS if c not in unknown)

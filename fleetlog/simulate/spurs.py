@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.site import Place
-from fleetlog.simulate.junctions import Junctions
+from fleetlog.simulate.junctions import START, Junctions
 from fleetlog.simulate.paths import even, joined
 from fleetlog.simulate.track import SPACING, Track
 
@@ -18,8 +18,6 @@ SHARES = (1.0, 0.7, 0.5)
 """Of the turn radius that the way into a bay is tried with, in this order; a truck creeps in there."""
 EDGE = 0.25
 """Kept to the ends of a lane without a safe part [m]."""
-START = 0.2
-"""At the very start of a lane a truck would have to stop before it is on it [m]."""
 DEEPEST = 25.0
 """A bay farther than this from the opposite lane has no way from there [m]."""
 
@@ -28,8 +26,9 @@ DEEPEST = 25.0
 class Bay:
     """A spot for one truck.
 
-    ``lane`` is where its spur leaves at offset ``at`` [m]; ``path`` (n, 4) x, y, heading, curvature from there into the bay,
-    ``length`` [m]; ``ahead`` [m] is how far past ``at`` a truck on the spur can be met on the lane.
+    ``lane`` is where its spur leaves at offset ``at`` [m]; ``path`` (n, 4) x, y, heading, curvature from
+    there into the bay, ``length`` [m]; ``ahead`` [m] is how far past ``at`` a truck on the spur can be met on
+    the lane.
     """
 
     place: Place
@@ -44,8 +43,8 @@ class Bay:
 class Door:
     """A spur between a lane and a bay, driven forwards into it and backwards out of it.
 
-    ``bay`` is the number of its bay; lane, at, path, length, ahead as in :class:`Bay`.  It crosses lane ``crosses`` (-1: none):
-    no truck there has its centre between ``low`` and ``high`` [m] meanwhile.
+    ``bay`` is the number of its bay; lane, at, path, length, ahead as in :class:`Bay`.  It crosses lane
+    ``crosses`` (-1: none): no truck there has its centre between ``low`` and ``high`` [m] meanwhile.
     """
 
     bay: int
@@ -60,7 +59,9 @@ class Door:
 
 
 def span(track: Track, j: Junctions, lane: int) -> tuple[float, float]:
-    """First and last offset [m] of a lane where a truck may stand; a single-lane aisle is its own who is on it."""
+    """First and last offset [m] of a lane where a truck may stand;
+    a single-lane aisle is its own who is on it.
+    """
     low, high = float(j.clear[lane]), float(j.stop[lane])
     if high < low:
         low, high = EDGE, float(track.length[lane]) - EDGE
@@ -68,7 +69,8 @@ def span(track: Track, j: Junctions, lane: int) -> tuple[float, float]:
 
 
 def opposite_spur(track: Track, j: Junctions, bay: Bay, radius: float, half_width: float) -> Door | None:
-    """The spur from the opposite lane to the end of a bay, an arc of ``radius`` [m]; None where there is none or no room on it.
+    """The spur from the opposite lane to the end of a bay, an arc of ``radius`` [m]; None where there is none
+    or no room on it.
 
     The door's bay number is left open (-1).
     """
@@ -100,5 +102,7 @@ def opposite_spur(track: Track, j: Junctions, bay: Bay, radius: float, half_widt
 
 @lru_cache(maxsize=4096)
 def _bow(ahead: float, left: float, turn: float) -> tuple[Floats, float]:
-    """The way from the origin along x to a point ``ahead`` and ``left`` of it [m], turned by ``turn`` [rad]; often the same."""
+    """The way from the origin along x to a point ``ahead`` and ``left`` of it [m], turned by ``turn`` [rad];
+    often the same.
+    """
     return even(joined(np.zeros(2), 0.0, np.array([ahead, left]), turn), 0.5 * SPACING)

@@ -15,6 +15,8 @@ Index = NDArray[np.int32]
 PARKED, HANDLING, WANTS_OUT, LEAVING, DRIVING, AT_BAY, ENTERING, CHARGING, EMPTY = range(9)
 """What a truck does: stands in a bay, works there, waits to leave it, backs out, drives, waits on the road before its bay,
 goes in, charges, or stands with an empty battery."""
+PICK_PLACE, DROP_PLACE, CHARGER = 1, 2, 3
+"""What a truck that stands in a bay waits for; 0: nothing."""
 STANDS = 0.05
 """Slower than this a truck in traffic stands, and waits [m/s]."""
 
@@ -144,9 +146,9 @@ def log_of(log: Log, trucks: slice) -> Log:
 
 
 NOT_ZERO: dict[str, float] = {
-    "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1, "behind": -1, "left": -1,
-    "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "waits": np.inf, "hand_start": -np.inf, "until": np.inf,
-    "attention": 1,
+    "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1, "behind": -1,
+    "left": -1, "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "waits": np.inf, "hand_start": -np.inf,
+    "until": np.inf, "attention": 1,
 }  # fmt: skip
 """What trucks that are nowhere yet, and empty roads, begin with; all else with 0."""
 
@@ -154,9 +156,14 @@ NOT_ZERO: dict[str, float] = {
 def new_fleet(trucks: int, lanes: int, pieces: int, resources: int, longest: int) -> Fleet:
     """Trucks that are nowhere yet, on empty roads; routes have at most ``longest`` pieces."""
     shape: dict[str, int | tuple[int, int]] = {
-        "route": (trucks, longest), "hand_times": (trucks, 3), "tail": pieces, "held": resources, "claimed": resources,
-        "round": 1, **dict.fromkeys(("on", "inbound", "last_out", "asks", "ask_at", "crossed"), lanes),
-    }  # fmt: skip
+        "route": (trucks, longest),
+        "hand_times": (trucks, 3),
+        "tail": pieces,
+        "held": resources,
+        "claimed": resources,
+        "round": 1,
+        **dict.fromkeys(("on", "inbound", "last_out", "asks", "ask_at", "crossed"), lanes),
+    }
     hints = get_type_hints(Fleet)
 
     def array(name: str) -> NDArray[Any]:
@@ -177,6 +184,6 @@ def limits_of(truck: Truck, gap: float) -> Limits:
     """The numbers of a truck."""
     d = truck.drive
     return Limits(
-        truck.chassis.length, gap, d.max_acceleration, d.max_deceleration, 0.9 * d.max_deceleration, d.max_power,
-        truck.resistance.rolling, truck.chassis.mass, creep_speed(truck), 15.0,
+        truck.chassis.length, gap, d.max_acceleration, d.max_deceleration, 0.9 * d.max_deceleration,
+        d.max_power, truck.resistance.rolling, truck.chassis.mass, creep_speed(truck), 15.0,
     )  # fmt: skip

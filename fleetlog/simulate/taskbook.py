@@ -91,6 +91,10 @@ class TaskBook:
         for task in tasks:
             self.give(task, status)
 
+    def taken(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """When each task might be done and when a truck took it, negative: not yet [s]."""
+        return np.array(self._numbers["earliest"]), np.array(self._numbers["assigned"])
+
     def columns(self, start: int) -> Columns:
         """The table of tasks; ``start`` of the simulation [us]."""
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
@@ -26,7 +27,8 @@ class Task:
 
     ``vehicle`` is an id or None for any; ``source`` and ``target`` are places; ``payload`` kg; ``earliest`` s after the
     start; ``dwell`` (pick, drop) seconds at the two places, at least what the lift needs; ``height`` (pick, drop) m.  With
-    ``on_road`` the dwell includes the way into the bay and out of it.
+    ``on_road`` the dwell includes the way into the bay and out of it.  ``origin`` is the place from which a truck set off to do
+    it in a recording: a truck near there takes it, or where that is unknown a truck near the source.
     """
 
     vehicle: str | None
@@ -37,6 +39,10 @@ class Task:
     dwell: tuple[float, float] = (20.0, 20.0)
     height: tuple[float, float] = (1.2, 1.2)
     on_road: bool = False
+    origin: str | None = None
+    number: int = -1
+    after: int = -1
+    """Number of the task after which the same truck did this one, -1: none."""
 
 
 @dataclass
@@ -47,6 +53,8 @@ class Demand:
     endless: bool = True
     pause: float = 20.0
     """Mean time between two endless tasks of a truck [s]."""
+    stay: bool = False
+    """Whether an idle truck stays until another needs its place, instead of going to park."""
     left_out: list[Task] = field(default_factory=list)
     """Given ones that cannot be done: there is no room at one of their places."""
 
@@ -64,6 +72,31 @@ def random_dwell(rng: np.random.Generator) -> float:
 def random_height(rng: np.random.Generator) -> float:
     """Height of a shelf [m]."""
     return HEIGHTS[int(rng.integers(len(HEIGHTS)))]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """An endless task; ``ranks`` (P,): of the free places the lowest is taken; ``pause`` after it [s]."""
+
+    task: Task
+    ranks: NDArray[np.float64]
+    pause: float
+
+
+class TaskStream:
+    """Endless tasks: number k of a seed is the same task, whichever truck does it and whatever else is varied."""
+
+    def __init__(self, seed: int, truck: Truck, places: int, pause: float) -> None:
+        self.seed, self.truck, self.places, self.pause = seed, truck, places, pause
+        self.drawn = 0
+
+    def draw(self, now: float) -> Drawn:
+        """The next task, its places still open."""
+        rng = np.random.Generator(np.random.PCG64([self.seed, self.drawn]))
+        self.drawn += 1
+        load, pause = random_load(rng, self.truck), float(rng.exponential(self.pause))
+        dwell, height = (random_dwell(rng), random_dwell(rng)), (random_height(rng), random_height(rng))
+        return Drawn(Task(None, "", "", load, now, dwell, height), rng.random(self.places), pause)
 
 
 def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0) -> list[Task]:

@@ -1,4 +1,6 @@
-"""The ways that trucks drive on: a lane for every directed edge, a connector for every turn, in even samples."""
+"""The ways that trucks drive on: a lane for every directed edge, a connector for every turn,
+in even samples.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,8 @@ class Track:
     ----------
     first : (P + 1,) piece p owns samples first[p]:first[p + 1];  spacing, length : (P,) [m].
     source, target : (P,) lanes that a connector joins, -1 for lanes.
-    x, y, z, heading, curvature, slope : (S,) of the path;  edge, offset, lateral : (S,) where on the map it lies.
+    x, y, z, heading, curvature, slope : (S,) of the path;  edge, offset, lateral : (S,) where on the map it
+        lies.
     """
 
     network: Network
@@ -77,20 +80,21 @@ class Track:
 
 
 def lane_shift(network: Network, truck: Truck, traffic: str) -> Floats:
-    """(E,) metres that each lane lies left (+) or right (-) of its edge; 0 on one-way and on single-lane roads."""
+    """(E,) metres that each lane lies left (+) or right (-) of its edge;
+    0 on one-way and on single-lane roads.
+    """
     width = np.where(np.isfinite(network.width), network.width, DEFAULT_WIDTH)
     two_lanes = (network.reverse >= 0) & (width >= 2.0 * (truck.chassis.width + CLEARANCE))
     shift = np.where(two_lanes, np.minimum(width / 4.0, WIDEST_SHIFT), 0.0)
     return np.asarray(shift if traffic == "left" else -shift)
 
 
-def build_track(network: Network, truck: Truck, traffic: str = "right", *, centred: bool = False) -> Track:
+def build_track(network: Network, truck: Truck, traffic: str = "right") -> Track:
     """Lanes and connectors of a network for one type of truck.
 
-    Lanes end before a junction by what the truck's turn radius needs; connectors round the corner with it.  ``centred``
-    keeps to the centre lines: the ways of recorded trips, which know nothing of lanes.
+    Lanes end before a junction by what the truck's turn radius needs; connectors round the corner with it.
     """
-    shift = np.zeros(len(network)) if centred else lane_shift(network, truck, traffic)
+    shift = lane_shift(network, truck, traffic)
     before, after = _trims(network, truck.chassis.turn_radius, np.abs(shift))
     radius = truck.chassis.turn_radius
     lanes = [_lane(network, e, shift[e], before[e], after[e], radius) for e in range(len(network))]

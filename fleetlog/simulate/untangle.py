@@ -90,7 +90,9 @@ class Untangler:
                 self._detour(v)
 
     def _break(self, ring: list[int]) -> bool:
-        """One truck of a ring takes another way; where none can and they wait for room on full lanes, all move up together."""
+        """One truck of a ring takes another way;
+        where none can and they wait for room on full lanes, all move up together.
+        """
         f = self.fleet
         if any(self._other_door(v) if f.mode[v] != DRIVING else self._detour(v) for v in ring):
             return True
@@ -100,7 +102,9 @@ class Untangler:
         return full
 
     def _other_door(self, v: int) -> bool:
-        """Who cannot turn into its bay, or back out of it, takes another door; on the road it drives on to it."""
+        """Who cannot turn into its bay, or back out of it, takes another door;
+        on the road it drives on to it.
+        """
         f, ways, door = self.fleet, self.world.ways, self.world.doors[self.fleet.door[v]]
         if f.entry[v] or f.mode[v] not in (AT_BAY, WANTS_OUT):
             return False

@@ -21,7 +21,9 @@ class Watch:
         """Longest time that any truck which wanted to move stood [s]."""
 
     def still(self, now: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """(V,) seconds for which each truck has wanted to move and has not; 0 for those that stand because they want to."""
+        """(V,) seconds for which each truck has wanted to move and has not;
+        0 for those that stand because they want to.
+        """
         f = self.fleet
         busy = np.isin(f.mode, (WANTS_OUT, LEAVING, DRIVING, AT_BAY, ENTERING))
         self._since[(f.moved > self._moved + 0.05) | ~busy] = now

@@ -61,11 +61,6 @@ class Ways:
                 found.append(Itinerary(-1, b, way[0], cost))
         return min(found, key=lambda w: w.cost, default=None)
 
-    def joins(self, start: int, end: int) -> bool:
-        """Whether any way leads from bay ``start`` to bay ``end``."""
-        pairs = ((self.doors[a], self.doors[b]) for a in self.of_bay[start] for b in self.of_bay[end])
-        return any(self._lanes(a.lane, b.lane, b.at > a.at + AHEAD, ()) is not None for a, b in pairs)
-
     def _extra(self, door: int) -> float:
         return CROSSING if self.doors[door].crosses >= 0 else 0.0
 
@@ -78,7 +73,9 @@ class Ways:
         return self._known[key]
 
     def _search(self, a: int, b: int, onward: bool, shut: tuple[int, ...]) -> tuple[Index, float] | None:
-        """Pieces from lane ``a`` to lane ``b`` and their cost [s]; round the block where they are one and the goal lies behind."""
+        """Pieces from lane ``a`` to lane ``b`` and their cost [s];
+        round the block where they are one and the goal lies behind.
+        """
         time = self.router.time
         if a == b and onward:
             return np.array([a], dtype=np.int32), float(time[a])

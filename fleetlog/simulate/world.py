@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
-from fleetlog.core.site import Place, Site
+from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
-from fleetlog.errors import SiteError
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
-from fleetlog.simulate.bays import OFF_ROADS, BayMaker, side_of
+from fleetlog.simulate.bays import BayMaker, side_of
 from fleetlog.simulate.doors import all_doors
 from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box, unique_pairs
-from fleetlog.simulate.spots import auto_places
+from fleetlog.simulate.reach import with_loops
+from fleetlog.simulate.spots import lay_out
 from fleetlog.simulate.spurs import Bay, Door
 from fleetlog.simulate.state import Roads
 from fleetlog.simulate.track import Track, build_track, project
@@ -61,18 +61,21 @@ def build_world(
     vehicles: int,
     physics: Physics | None = None,
     mined: frozenset[str] = frozenset(),
+    room: int = 0,
 ) -> World:
-    """Lay out a site for a number of trucks; :class:`SiteError` where it cannot hold them.
+    """Lay out a site for a number of trucks, spots for ``room`` trucks; :class:`SiteError` where it cannot hold them.
 
-    Places in ``mined`` are left out, and said so, where there is no room beside the road.
+    Places in ``mined`` are left out where there is no room beside the road, and any place that trucks cannot reach and leave
+    again; ``notes`` say so.
     """
+    site, notes = with_loops(site)
     network = site.roads()
     physics = physics or Physics(truck)
     actual = physics.actual_truck()
     track = build_track(network, truck, site.traffic)
     junctions = find_junctions(track, truck)
     maker = BayMaker(track, junctions, truck, side_of(site))
-    notes = _place_bays(site, maker, vehicles, mined)
+    notes += lay_out(site, maker, vehicles, mined, max(vehicles, room))
     doors = all_doors(track, junctions, maker.bays, truck)
     ground = with_spurs(track, doors)
     roads = _roads(site, track, junctions, doors, ground, truck, physics)
@@ -80,62 +83,6 @@ def build_world(
     pace = np.minimum(limit * actual.drive.speed_factor, actual.drive.max_speed)
     ways = Ways(track, Router(network, pace, turn_time=TURN_TIME), doors, len(maker.bays))
     return World(site, truck, physics, track, ground, maker.bays, doors, roads, ways, notes)
-
-
-def _place_bays(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str]) -> list[str]:
-    notes: list[str] = []
-    for place in site.places:
-        near = maker.lanes_near(place.x, place.y)
-        if place.id not in mined and (not near or near[0][0] > OFF_ROADS):
-            raise SiteError(
-                f"place {place.id!r} at ({place.x:.1f}, {place.y:.1f}) is off the roads",
-                do=f"move it to within {OFF_ROADS:.0f} m of a road, or draw the road that leads there",
-            )
-        wanted = max(place.plugs, 1)
-        drawn = sum(maker.place(place) is not None for _ in range(wanted))
-        if place.id in mined and not drawn:
-            notes.append(
-                f"no room for a truck beside the road at the mined place {place.id!r}: it is left out"
-            )
-        elif place.id not in mined and drawn < (wanted if place.kind == "charge" else 1):
-            raise SiteError(
-                f"no room for a truck of {maker.truck.chassis.length:g} m beside the road at place {place.id!r}",
-                do="move the place to a longer stretch of road, or away from its neighbours",
-            )
-    kinds = {p.kind for p in site.places}
-    if not site.places:
-        made = auto_places(maker, max(24, 3 * vehicles))
-        notes.append(
-            f"the site has no places: {len(made)} parking, pick and drop spots were drawn along its roads"
-        )
-    elif not kinds & {"pick", "drop"}:
-        made = auto_places(maker, max(12, 2 * vehicles), ("pick", "drop"))
-        notes.append(f"the site has no pick or drop place: {len(made)} were drawn along its roads")
-    free = len([b for b in maker.bays if b.place.kind != "charge"])
-    if site.places and free < 2 * vehicles + 2:
-        made = _spare(maker, 2 * vehicles + 2 - free)
-        if made:
-            notes.append(
-                f"{len(made)} further parking spots were drawn along the roads for {vehicles} trucks"
-            )
-    room = len([b for b in maker.bays if b.place.kind != "charge"])
-    if vehicles > room - 1:
-        raise SiteError(
-            f"{vehicles} trucks are more than the site can hold: there is room to park {max(room - 1, 0)}",
-            do="simulate fewer trucks or add roads and parking places",
-        )
-    return notes
-
-
-def _spare(maker: BayMaker, wanted: int) -> list[Bay]:
-    made = auto_places(maker, wanted, ("park",))
-    start = len(maker.bays) - len(made)
-    for i, bay in enumerate(made):
-        named = replace(
-            bay, place=Place(f"spot-{i + 1}", "park", float(bay.path[-1, 0]), float(bay.path[-1, 1]))
-        )
-        maker.bays[start + i] = named
-    return made
 
 
 def with_spurs(track: Track, doors: list[Door]) -> Track:
@@ -171,18 +118,9 @@ def speed_limits(site: Site, track: Track) -> Floats:
     limit[change[inside] + 1] = lower[inside]
     for zone in site.zones:
         if np.isfinite(zone.speed_limit):
-            inside = within(zone.polygon, track.x, track.y)
+            inside = zone.contains(track.x, track.y)
             limit = np.where(inside, np.minimum(limit, zone.speed_limit), limit)
     return limit
-
-
-def within(polygon: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
-    """(N,) whether points lie inside a polygon: an odd number of its sides is to their right."""
-    inside = np.zeros(len(x), dtype=bool)
-    for (ax, ay), (bx, by) in zip(polygon[:, :2], np.roll(polygon[:, :2], -1, axis=0), strict=True):
-        if ay != by:
-            inside ^= ((ay > y) != (by > y)) & (x < ax + (y - ay) / (by - ay) * (bx - ax))
-    return inside
 
 
 def caps(site: Site, track: Track, physics: Physics) -> Floats:
@@ -220,9 +158,9 @@ def _roads(
         return np.array([getattr(d, name) for d in doors], dtype=np.float64)
 
     return Roads(
-        track.first, track.spacing, track.length, track.slope, caps(site, track, physics), j.clear, j.stop, j.capacity,
-        j.swings, first, conflicts, ints("lane"), floats("at"), floats("length"), floats("ahead"), ints("crosses"), floats("low"),
-        floats("high"),
+        track.first, track.spacing, track.length, track.slope, caps(site, track, physics), j.clear, j.stop,
+        j.capacity, j.swings, first, conflicts, ints("lane"), floats("at"), floats("length"), floats("ahead"),
+        ints("crosses"), floats("low"), floats("high"),
     )  # fmt: skip
 
 

@@ -93,7 +93,8 @@ class Dataset:
     def pieces(
         self, vehicle: str, date: str, columns: Sequence[str] | None = None, rows: int = 100_000
     ) -> Iterator[Trajectory]:
-        """The rows of a vehicle's day in pieces of whole trips, of about ``rows`` rows each: bounded memory for any rate.
+        """The rows of a vehicle's day in pieces of whole trips, of about ``rows`` rows each: bounded memory
+        for any rate.
 
         A trip longer than ``rows`` comes as one piece.
         """

@@ -1,6 +1,8 @@
-"""What happened in a simulation beside the motion: tasks, activities, reservations, as tables beside the trajectories.
+"""What happened in a simulation beside the motion: tasks, activities, reservations, as tables beside the
+trajectories.
 
-``dataset.json`` names those that a dataset has under ``tables``; a dataset without them (every import) has no such key.
+``dataset.json`` names those that a dataset has under ``tables``; a dataset without them (every import) has no
+such key.
 """
 
 from __future__ import annotations
@@ -46,7 +48,9 @@ TABLES: dict[Name, tuple[Column, ...]] = {
         Column("payload", "double", "kg", "the load"),
         Column("earliest", "time", "", "from when on it may be done"),
         Column("assigned", "time", "", "when the truck took it; null: not yet"),
-        Column("picked", "time", "", "when the load was on the forks and these were down again; null: not yet"),
+        Column(
+            "picked", "time", "", "when the load was on the forks and these were down again; null: not yet"
+        ),
         Column("dropped", "time", "", "when it was set down and the forks were down again; null: not yet"),
         Column("status", "label", "", "at the end: waiting, assigned, loaded, done, later or left out"),
     ),
@@ -67,7 +71,12 @@ TABLES: dict[Name, tuple[Column, ...]] = {
     "ways": (
         Column("way", "int64", "", "number of a piece of the road that was ever reserved"),
         Column("kind", "label", "", "see below"),
-        Column("edge_id", "label", "", "directed road edge that it lies on; of a turn, the one that it comes from"),
+        Column(
+            "edge_id",
+            "label",
+            "",
+            "directed road edge that it lies on; of a turn, the one that it comes from",
+        ),
         Column("to_edge", "label", "", "of a turn, the edge that it leads to"),
         Column("place", "label", "", "of the way into a bay, the place"),
         Column("x", "line", "m", "its middle line, east, in the site frame"),
@@ -82,13 +91,13 @@ TABLES: dict[Name, tuple[Column, ...]] = {
         Column("z", "double", "m", "up"),
         Column("heading", "double", "rad", "of the truck, counter-clockwise from east"),
     ),
-}  # fmt: skip
+}
 
 ACTIVITIES: dict[str, str] = {
     "drive_empty": "is on its way without a load",
     "drive_laden": "is on its way with a load",
     "wait": "stands although it wants to go on: others are in its way, on the road or before its bay",
-    "wait_place": "has a task and stands in a bay until the place it has to go to is free",
+    "wait_place": "stands in a bay until the place that it has to go to is free, also where it cannot begin a task for that",
     "pick": "takes a load up",
     "drop": "sets a load down",
     "charge": "charges",
@@ -152,9 +161,12 @@ def schema(name: Name) -> pa.Schema:
     import pyarrow as pa
 
     kinds = {
-        "label": pa.string(), "time": pa.timestamp("us", tz="UTC"), "double": pa.float64(), "int64": pa.int64(),
+        "label": pa.string(),
+        "time": pa.timestamp("us", tz="UTC"),
+        "double": pa.float64(),
+        "int64": pa.int64(),
         "line": pa.list_(pa.float64()),
-    }  # fmt: skip
+    }
     return pa.schema(
         pa.field(c.name, kinds[c.kind], metadata={"unit": c.unit, "meaning": c.meaning}) for c in TABLES[name]
     )

@@ -1,7 +1,8 @@
 """A grid of a result as a GeoTIFF: 32-bit floats, NaN where empty, placed on the earth.
 
-TIFF 6.0 with one compressed strip, and the tags of OGC GeoTIFF 1.1 (OGC 19-008r4): azimuthal equidistant metres about the
-site's origin; a turned site by a full transformation.  Without a frame the raster lies in local metres.
+TIFF 6.0 with one compressed strip, and the tags of OGC GeoTIFF 1.1 (OGC 19-008r4): azimuthal equidistant
+metres about the site's origin; a turned site by a full transformation.  Without a frame the raster lies in
+local metres.
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ def write_geotiff(grid: Grid, path: str | Path, frame: Frame | None = None) -> N
     data = zlib.compress(np.ascontiguousarray(pixels).tobytes(), 6)
     rows, columns, samples = pixels.shape
     tags = [
-        _tag(256, LONG, columns), _tag(257, LONG, rows), _tag(258, SHORT, *[32] * samples), _tag(259, SHORT, 8),
-        _tag(262, SHORT, 1), _text(270, f"{grid.name}: {grid.label}"), _tag(273, LONG, 8), _tag(277, SHORT, samples),
-        _tag(278, LONG, rows), _tag(279, LONG, len(data)), _tag(284, SHORT, 1),
-        *([_tag(338, SHORT, *[0] * (samples - 1))] if samples > 1 else []), _tag(339, SHORT, *[3] * samples),
-        *_placing(grid, frame), *_system(frame), _text(42113, "nan"),
+        _tag(256, LONG, columns), _tag(257, LONG, rows), _tag(258, SHORT, *[32] * samples),
+        _tag(259, SHORT, 8), _tag(262, SHORT, 1), _text(270, f"{grid.name}: {grid.label}"),
+        _tag(273, LONG, 8), _tag(277, SHORT, samples), _tag(278, LONG, rows), _tag(279, LONG, len(data)),
+        _tag(284, SHORT, 1), *([_tag(338, SHORT, *[0] * (samples - 1))] if samples > 1 else []),
+        _tag(339, SHORT, *[3] * samples), *_placing(grid, frame), *_system(frame), _text(42113, "nan"),
     ]  # fmt: skip
     body = data + b"\0" * (len(data) % 2)
     directory = _directory(sorted(tags), 8 + len(body))
@@ -62,7 +63,9 @@ def _directory(tags: list[Tag], at: int) -> bytes:
 
 
 def transformation(grid: Grid, rotation: float = 0.0) -> NDArray[np.float64]:
-    """(2, 3) from (column, row, 1), counted from the north-west corner, to metres east and north of the origin."""
+    """(2, 3) from (column, row, 1), counted from the north-west corner,
+    to metres east and north of the origin.
+    """
     c, s = np.cos(rotation), np.sin(rotation)
     top = grid.y0 + len(grid.values) * grid.cell
     turn = np.array([[c, -s], [s, c]])
@@ -82,8 +85,9 @@ def _system(frame: Frame | None) -> list[Tag]:
     if frame is None:
         return [_tag(34735, SHORT, 1, 1, 0, 2, 1024, 0, 1, 32767, 1025, 0, 1, 1)]
     keys = [
-        (1024, 0, 1, 1), (1025, 0, 1, 1), (2048, 0, 1, 4326), (3072, 0, 1, 32767), (3074, 0, 1, 32767), (3075, 0, 1, 12),
-        (3076, 0, 1, 9001), (3082, 34736, 1, 0), (3083, 34736, 1, 0), (3088, 34736, 1, 1), (3089, 34736, 1, 2),
+        (1024, 0, 1, 1), (1025, 0, 1, 1), (2048, 0, 1, 4326), (3072, 0, 1, 32767), (3074, 0, 1, 32767),
+        (3075, 0, 1, 12), (3076, 0, 1, 9001), (3082, 34736, 1, 0), (3083, 34736, 1, 0), (3088, 34736, 1, 1),
+        (3089, 34736, 1, 2),
     ]  # fmt: skip
     flat = [v for key in [(1, 1, 0, len(keys)), *keys] for v in key]
     return [_tag(34735, SHORT, *flat), _tag(34736, DOUBLE, 0.0, frame.longitude, frame.latitude)]

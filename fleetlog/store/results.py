@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,47 +10,42 @@ import numpy as np
 
 from fleetlog.core.result import Grid, Result
 from fleetlog.core.site import Frame
+from fleetlog.store.documents import plain, write_json
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-def plain(value: Any) -> Any:
-    """JSON-ready: numpy scalars and arrays to Python's own, NaN and infinity to null."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [plain(v) for v in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
 def write_result(result: Result, folder: Path, frame: Frame | None = None) -> None:
-    """``NAME.json``, tables as Parquet, places as GeoJSON, cells as GeoParquet, grids as GeoTIFF into ``folder``.
+    """``NAME.json``, tables as Parquet, places as GeoJSON, cells as GeoParquet, grids as GeoTIFF into
+    ``folder``.
 
     Geographic coordinates (WGS 84) where the site has a frame.
     """
     from fleetlog.store.geotiff import write_geotiff
     from fleetlog.store.squares import write_squares
 
-    text = json.dumps(plain({"format_version": 1, **result.summary}), indent=1, allow_nan=False)
-    (folder / f"{result.name}.json").write_text(text + "\n", encoding="utf-8")
+    write_json(folder / f"{result.name}.json", {"format_version": 1, **result.summary}, indent=1)
     for name, table in {**result.tables, **result.places}.items():
         if name in result.squares:
             write_squares(table, result.squares[name], folder / name, frame)
         else:
             table.to_parquet(folder / f"{name}.parquet", index=False)
     for grid in (s for s in result.shapes if isinstance(s, Grid)):
-        write_geotiff(grid, folder / f"{grid.name}.tif", frame)
+        write_geotiff(grid, folder / f"{file_name(grid.name)}.tif", frame)
     for name, table in result.places.items():
-        (folder / f"{name}.geojson").write_text(
-            json.dumps(points_geojson(table, frame)) + "\n", encoding="utf-8"
-        )
+        write_json(folder / f"{name}.geojson", points_geojson(table, frame))
+
+
+def file_name(text: str) -> str:
+    """``text`` as the name of a file on any system; characters that no name holds are percent-encoded."""
+    return re.sub(r'[/\\:*?"<>|%\x00-\x1f\x7f]|^\.', lambda c: f"%{ord(c[0]):02X}", text)
 
 
 def points_geojson(table: pd.DataFrame, frame: Frame | None) -> dict[str, Any]:
-    """Rows with x, y [m] as RFC 7946 points; in local metres, said so in ``properties``, where there is no frame."""
+    """Rows with x, y [m] as RFC 7946 points;
+    in local metres, said so in ``properties``, where there is no frame.
+    """
     if frame is not None:
         latitude, longitude = frame.to_geographic(table["x"].to_numpy(), table["y"].to_numpy())
         where = np.column_stack([np.round(longitude, 8), np.round(latitude, 8)])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.site import Frame
+from fleetlog.store.documents import write_json
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,7 +26,9 @@ _WKB = np.dtype(
 
 
 def outlines(table: pd.DataFrame, size: float, frame: Frame | None) -> Floats:
-    """(N, 5, 2) closed rings, counter-clockwise, around the centres x, y [m]: longitude and latitude, or local metres."""
+    """(N, 5, 2) closed rings, counter-clockwise, around the centres x, y [m]:
+    longitude and latitude, or local metres.
+    """
     local = table[["x", "y"]].to_numpy(dtype=np.float64)[:, None, :] + size * _CORNERS
     if frame is None:
         return np.asarray(local, dtype=np.float64)
@@ -53,17 +56,13 @@ def write_squares(table: pd.DataFrame, size: float, path: Path, frame: Frame | N
     metadata = {**(arrow.schema.metadata or {}), b"geo": json.dumps(geo).encode()}
     pq.write_table(arrow.replace_schema_metadata(metadata), path.with_suffix(".parquet"))
     if len(table) <= MOST_GEOJSON:
-        path.with_suffix(".geojson").write_text(
-            json.dumps(_collection(table, rings, frame)) + "\n", encoding="utf-8"
-        )
+        write_json(path.with_suffix(".geojson"), _collection(table, rings, frame))
 
 
 def _collection(table: pd.DataFrame, rings: Floats, frame: Frame | None) -> dict[str, Any]:
-    from fleetlog.store.results import plain
-
     where = np.round(rings, 8 if frame else 3)
     return {"type": "FeatureCollection", "features": [
-        {"type": "Feature", "properties": plain({**row, "frame": "wgs84" if frame else "local metres"}),
+        {"type": "Feature", "properties": {**row, "frame": "wgs84" if frame else "local metres"},
          "geometry": {"type": "Polygon", "coordinates": [ring.tolist()]}}
         for row, ring in zip(table.to_dict("records"), where, strict=True)
     ]}  # fmt: skip

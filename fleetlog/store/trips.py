@@ -32,9 +32,9 @@ Ints = NDArray[np.int64]
 def trip_ids(trajectory: Trajectory, first: int = 0) -> Ints:
     """(N,) trip of every row, counting up from ``first``.
 
-    A trip begins where the truck sets off after a standstill of ``MIN_STOP`` or with a load change, or after a gap of
-    ``MAX_GAP``; the standstill at its end belongs to it, so that lifting and waiting there are part of its energy and the
-    trips of a vehicle cover all its rows.
+    A trip begins where the truck sets off after a standstill of ``MIN_STOP`` or with a load change, or after
+    a gap of ``MAX_GAP``; the standstill at its end belongs to it, so that lifting and waiting there are part
+    of its energy and the trips of a vehicle cover all its rows.
     """
     n = len(trajectory)
     if n == 0:
@@ -69,12 +69,16 @@ def _load_changes(t: Trajectory, start: int, stop: int) -> bool:
 
 
 def trip_table(*trajectories: Trajectory) -> pd.DataFrame:
-    """One row a trip: vehicle_id, trip_id, start, end, duration [s], distance [m], from/to [m], payload, energy [J], SOC."""
+    """One row a trip: vehicle_id, trip_id, start, end, duration [s], distance [m], from/to [m], payload,
+    energy [J], SOC.
+    """
     return table_of([trip_columns(t) for t in trajectories]).drop(columns=list(LAST), errors="ignore")
 
 
 def table_of(trips: list[dict[str, NDArray[Any]]]) -> pd.DataFrame:
-    """The table of all trips that :func:`trip_columns` gave: one table for many vehicles, since making one is slow."""
+    """The table of all trips that :func:`trip_columns` gave:
+    one table for many vehicles, since making one is slow.
+    """
     import pandas as pd
 
     trips = [t for t in trips if t]
@@ -135,7 +139,9 @@ def trip_columns(trajectory: Trajectory, vehicles: Sequence[str] | None = None) 
 
 
 def merge_split_trips(pieces: pd.DataFrame) -> pd.DataFrame:
-    """One row a trip where a trip was written in several pieces (at a chunk's edge), in order of vehicle and trip."""
+    """One row a trip where a trip was written in several pieces (at a chunk's edge),
+    in order of vehicle and trip.
+    """
     trip = ["vehicle_id", "trip_id"]
     trips = pieces.sort_values([*trip, "start"], ignore_index=True)
     begin = np.flatnonzero(~trips.duplicated(trip))
@@ -145,7 +151,9 @@ def merge_split_trips(pieces: pd.DataFrame) -> pd.DataFrame:
 
 
 def _merged(pieces: pd.DataFrame, begin: NDArray[np.intp]) -> pd.DataFrame:
-    """Sorted pieces as trips, which begin at the rows ``begin``; what is unknown of a piece is unknown of its trip."""
+    """Sorted pieces as trips, which begin at the rows ``begin``;
+    what is unknown of a piece is unknown of its trip.
+    """
     end = np.append(begin[1:], len(pieces)) - 1
     column = {name: pieces[name].to_numpy() for name in pieces}
     gap = np.append((pieces.start.shift(-1) - pieces.end).dt.total_seconds().to_numpy()[:-1], 0.0)

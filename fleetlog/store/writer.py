@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
@@ -19,8 +18,9 @@ from fleetlog import FORMAT_VERSION
 from fleetlog.core.site import Site, site_to_dict
 from fleetlog.core.trajectory import Trajectory, to_arrow
 from fleetlog.errors import DataError
-from fleetlog.store.atomic import atomic_output
+from fleetlog.store.documents import write_json
 from fleetlog.store.events import Tables
+from fleetlog.store.output import atomic_output
 from fleetlog.store.trips import table_of, trip_columns
 
 if TYPE_CHECKING:
@@ -30,17 +30,22 @@ DAY = 86_400_000_000
 ROW_GROUP, BATCH = 1 << 17, 1 << 13
 REPEATED = {"payload", "fork_height", "ambient_temperature"}
 """Numbers that stay the same for many rows."""
+HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
+"""The value of a partition that Hive, and every reader of its layout, takes for null."""
 
 
 SELECTED = ["timestamp", "x", "y", "edge_id", "trip_id"]
-"""Columns by which rows are selected: only their least and greatest values are kept, all of them cost a fifth of writing."""
+"""Columns by which rows are selected: only their least and greatest values are kept,
+all of them cost a fifth of writing.
+"""
 
 
 class DatasetWriter:
     """A dataset being written in the scratch folder ``path``; made by :meth:`create`.
 
-    ``write`` takes trajectories in order of time for each vehicle, any number of pieces; vehicles in any order, and in
-    several threads as long as each vehicle is written by one at a time: files and tables come out the same.
+    ``write`` takes trajectories in order of time for each vehicle, any number of pieces; vehicles in any
+    order, and in several threads as long as each vehicle is written by one at a time: files and tables come
+    out the same.
     """
 
     def __init__(self, path: Path, kind: Literal["recorded", "simulated"], site: Site) -> None:
@@ -65,9 +70,12 @@ class DatasetWriter:
         site: Site,
         *,
         overwrite: bool = False,
+        inputs: Iterable[Path] = (),
     ) -> Iterator[DatasetWriter]:
-        """A writer whose dataset appears as ``target`` when the block ends without an error."""
-        with atomic_output(target, overwrite=overwrite) as scratch:
+        """A writer whose dataset appears as ``target`` when the block ends well;
+        ``inputs`` are what is read.
+        """
+        with atomic_output(target, f"{kind} dataset", overwrite=overwrite, inputs=inputs) as scratch:
             writer = cls(scratch, kind, site)
             yield writer
             writer.finish()
@@ -77,7 +85,9 @@ class DatasetWriter:
         self.write_together((trajectory.vehicle_id,), trajectory)
 
     def write_together(self, vehicles: Sequence[str], rows: Trajectory) -> None:
-        """Append rows of several vehicles: as many of each, one vehicle after the other; a table is made but once of them."""
+        """Append rows of several vehicles: as many of each, one vehicle after the other;
+        a table is made but once of them.
+        """
         each = len(rows) // len(vehicles)
         if not each:
             return
@@ -117,6 +127,10 @@ class DatasetWriter:
         number = self._parts.get((vehicle, date), 0)
         self._parts[vehicle, date] = number + 1
         if not number:
+            if vehicle == HIVE_NULL:
+                raise DataError(
+                    f"no vehicle can be called {HIVE_NULL}", do="rename it: readers take it for unknown"
+                )
             folder.mkdir(parents=True, exist_ok=True)
         with pa.OSFile(str(folder / f"part-{number:05d}.parquet"), "wb") as file:
             pq.write_table(
@@ -128,7 +142,7 @@ class DatasetWriter:
     def finish(self) -> None:
         """Write trips, site and description; :meth:`create` calls it."""
         self._write_trips()
-        (self.path / "site.json").write_text(json.dumps(site_to_dict(self.site)), encoding="utf-8")
+        write_json(self.path / "site.json", site_to_dict(self.site))
         span = (min(self._first.values()), max(self._last.values())) if self._rows else ()
         start, end = (_iso(t) for t in span) if span else (None, None)
         frame = self.site.frame
@@ -153,7 +167,7 @@ class DatasetWriter:
         if tables := self.tables.close():
             description["tables"] = tables
         # Written last: a folder without it is no dataset.
-        (self.path / "dataset.json").write_text(json.dumps(description, indent=1) + "\n", encoding="utf-8")
+        write_json(self.path / "dataset.json", description, indent=1)
 
     def _write_trips(self) -> None:
         import pandas as pd

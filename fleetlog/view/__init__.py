@@ -1,1 +1,3 @@
-"""Everything that a person looks at: recordings for the Rerun viewer, pictures.  The only code that imports rerun or matplotlib."""
+"""Everything that a person looks at: recordings for the Rerun viewer, pictures.
+The only code that imports rerun or matplotlib.
+"""

@@ -1,10 +1,11 @@
-"""Many trucks in a recording: one row a time step for the whole fleet, and curves of the fleet instead of every truck.
+"""Many trucks in a recording: one row a time step for the whole fleet, and curves of the fleet instead of
+every truck.
 
 Rows of a vehicle each would cost more than twice the file and two hundred curves in a plot say nothing::
 
-    PREFIX/trucks/bodies   one mesh, drawn at the pose of every truck       PREFIX/speed/...   quantiles of those that move
-    PREFIX/trucks/loads    loads on the forks                               PREFIX/power/...   sum of the fleet
-    PREFIX/trucks/charge   a dot over each truck, coloured by its SOC       PREFIX/soc/...     lowest, median, highest
+    PREFIX/trucks/bodies   one mesh at the pose of every truck      PREFIX/speed/...  quantiles of the moving
+    PREFIX/trucks/loads    loads on the forks                       PREFIX/power/...  sum of the fleet
+    PREFIX/trucks/charge   a dot over each truck, coloured by SOC   PREFIX/soc/...    lowest, median, highest
     PREFIX/trail/fleet     where they were
 """
 
@@ -75,7 +76,9 @@ def log_fleet(
     stream: Stream, dataset: Dataset, site: Site, columns: Sequence[str], *, rate_hz: float, prefix: str = "",
     colour: Colour = (205, 210, 218), shift: int = 0, name: str = "",
 ) -> set[str]:  # fmt: skip
-    """The whole fleet day by day through a scratch file, so that memory does not grow; the signals that it has."""
+    """The whole fleet day by day through a scratch file, so that memory does not grow;
+    the signals that it has.
+    """
     step = max(round(1e6 / rate_hz), 1)
     _log_static(stream, prefix, colour)
     signals: set[str] = set()
@@ -109,7 +112,9 @@ def log_fleet(
 
 
 def _unmap(pages: mmap.mmap) -> None:
-    """Leave a file's pages to the system, which keeps them while it has memory to spare; they come back when they are touched."""
+    """Leave a file's pages to the system, which keeps them while it has memory to spare;
+    they come back when they are touched.
+    """
     if hasattr(mmap, "MADV_DONTNEED"):
         pages.madvise(mmap.MADV_DONTNEED)
 
@@ -239,9 +244,13 @@ def _fleet_curves(signal: str, values: Floats) -> dict[str, Floats]:
 
 def _style_curves(stream: Stream, prefix: str, signals: set[str], name: str, colour: Colour) -> None:
     tints: dict[str, Colour] = {
-        "lowest": palette.SOC_EMPTY, "median": (225, 228, 235), "highest": palette.SOC_GOOD, "sum": (86, 180, 233),
-        "slowest tenth": (213, 94, 0), "fastest tenth": (86, 180, 233),
-    }  # fmt: skip
+        "lowest": palette.SOC_EMPTY,
+        "median": (225, 228, 235),
+        "highest": palette.SOC_GOOD,
+        "sum": (86, 180, 233),
+        "slowest tenth": (213, 94, 0),
+        "fastest tenth": (86, 180, 233),
+    }
     for signal in signals:
         for curve in _fleet_curves(signal, np.zeros((1, 1))):
             title = f"{name} {curve}".strip() if signal != "power" else f"{name} whole fleet".strip()

@@ -1,4 +1,6 @@
-"""What is on the screen when a recording opens: plan, oblique view, map, curves and summary, without a click."""
+"""What is on the screen when a recording opens:
+plan, oblique view, map, curves and summary, without a click.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ def window(before: float, after: float) -> rrb.TimeAxis:
 
 
 def top_down(outline: Floats, aspect: float = ASPECT) -> rrb.EyeControls3D:
-    """An eye straight above the site, north up, that sees all of ``outline``; ``aspect`` is the view's width by its height."""
+    """An eye straight above the site, north up, that sees all of ``outline``;
+    ``aspect`` is the view's width by its height.
+    """
     flat = outline * np.array([1.0, 1.0, 0.0])
     position, target = fitted(flat, 0.0, np.pi / 2 - 1e-3, aspect)
     return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 1.0, 0.0))
@@ -65,9 +69,10 @@ def oblique(outline: Floats, aspect: float = ASPECT) -> rrb.EyeControls3D:
 def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> tuple[Point, Point]:
     """Position and target of an eye that sees all of ``outline`` ((N, 3) m), filling the view but for a rim.
 
-    ``azimuth`` [rad] is how far east of south it stands, ``elevation`` [rad] how high.  For a point p about the target,
-    with the eye's axes right, up and forward, the eye at distance d sees it when |p.right| <= (d + p.forward) tan(half
-    width), and likewise in height; the target is moved until what is seen is in the middle.
+    ``azimuth`` [rad] is how far east of south it stands, ``elevation`` [rad] how high.  For a point p about
+    the target, with the eye's axes right, up and forward, the eye at distance d sees it when |p.right| <= (d
+    + p.forward) tan(half width), and likewise in height; the target is moved until what is seen is in the
+    middle.
     """
     if not len(outline):
         outline = np.array([[-10.0, -10.0, 0.0], [10.0, 10.0, 0.0]])
@@ -156,7 +161,9 @@ def _legend_signal(screen: Screen) -> str:
 
 
 def time_of(screen: Screen, slow: bool) -> dict[str, Any]:
-    """Options of a plot: the whole time for a slow signal or a short recording, else a window about the cursor."""
+    """Options of a plot: the whole time for a slow signal or a short recording,
+    else a window about the cursor.
+    """
     if slow or screen.duration <= LONG:
         return {"axis_x": whole_time()}
     return {"axis_x": window(*WINDOW), "time_ranges": around_cursor(*WINDOW)}

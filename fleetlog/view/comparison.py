@@ -11,7 +11,6 @@ import rerun.blueprint as rrb
 
 from fleetlog.core.trajectory import Floats, Trajectory, concatenate
 from fleetlog.store import Dataset
-from fleetlog.store.atomic import atomic_output
 from fleetlog.view import blueprint, palette, thin
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.fleet import curve_style, log_curve
@@ -32,10 +31,12 @@ SLOW = frozenset({"energy", "soc"})
 def write_comparison(
     recorded_path: str | Path, simulated_path: str | Path, out_rrd: str | Path, *, rate_hz: float = RATE
 ) -> Path:
-    """A recording in which both fleets drive on one timeline, in orange and blue, with the differences as curves.
+    """A recording in which both fleets drive on one timeline, in orange and blue, with the differences as
+    curves.
 
-    Where the two share no time, the simulated one is moved to begin with the recorded one, and the summary says so.
-    Vehicles of the same name are subtracted; ``out_rrd`` appears whole or not at all, and replaces an older one.
+    Where the two share no time, the simulated one is moved to begin with the recorded one, and the summary
+    says so. Vehicles of the same name are subtracted; ``out_rrd`` appears whole or not at all, and replaces
+    an older one.
     """
     recorded, simulated = Dataset(recorded_path), Dataset(simulated_path)
     shift = clock_shift(recorded, simulated)
@@ -44,10 +45,7 @@ def write_comparison(
     screen = blueprint.Screen(dataset_outline(recorded), ("/recorded", "/simulated"))
     screen.on_earth = recorded.site.frame is not None
     screen.start, screen.duration = _span(recorded, simulated, shift)
-    with (
-        atomic_output(out_rrd, overwrite=True, folder=False) as scratch,
-        open_stream(scratch, f"{recorded.site.name} (recorded and simulated)", screen.start) as stream,
-    ):
+    with open_stream(Path(out_rrd), f"{recorded.site.name} (recorded and simulated)", screen.start) as stream:
         log_site(stream, recorded.site)
         a.log(stream, screen)
         b.log(stream, screen)
@@ -83,7 +81,8 @@ def _span(recorded: Dataset, simulated: Dataset, shift: int) -> tuple[int | None
 
 def _text(recorded: Dataset, simulated: Dataset, shift: int) -> str:
     moved = f"\n\nThe simulated clock is moved by {shift * 1e-6:,.0f} s.\n" if shift else "\n"
-    return f"Recorded in orange, simulated in blue.{moved}\n{summary_markdown(recorded, {})}\n{summary_markdown(simulated, {})}"
+    summaries = f"{summary_markdown(recorded, {})}\n{summary_markdown(simulated, {})}"
+    return f"Recorded in orange, simulated in blue.{moved}\n{summaries}"
 
 
 def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:
@@ -122,7 +121,9 @@ def at_times(other: Trajectory, name: str, time: Any) -> Floats:
 
 
 def running_energy(time: Any, power: Floats) -> Floats:
-    """(N,) energy of a power [W] from the first row on [kWh]; nothing is added where it is unknown or over a gap."""
+    """(N,) energy of a power [W] from the first row on [kWh];
+    nothing is added where it is unknown or over a gap.
+    """
     known = np.isfinite(power)
     if not known.any():
         return np.full(len(power), np.nan)
@@ -133,7 +134,9 @@ def running_energy(time: Any, power: Floats) -> Floats:
 
 
 def differences(recorded: Trajectory, simulated: Trajectory) -> dict[str, Floats]:
-    """By kind (N,), simulated minus recorded: distance apart [m], power [kW], energy so far [kWh], SOC [%]; only kinds with data."""
+    """By kind (N,), simulated minus recorded: distance apart [m], power [kW], energy so far [kWh], SOC [%];
+    only kinds with data.
+    """
     time = recorded.time
     dx, dy = (at_times(simulated, c, time) - recorded.floats(c) for c in ("x", "y"))
     power = at_times(simulated, "battery_power", time) - recorded.floats("battery_power")
@@ -160,12 +163,15 @@ def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
     both.append(rrb.Tabs(summary, *doing) if doing else summary)
     apart: list[Any] = [
         rrb.TimeSeriesView(
-            origin="/", contents=[f"/difference/{kind}/**"], name=title, **blueprint.time_of(screen, slow=kind in SLOW),
+            origin="/",
+            contents=[f"/difference/{kind}/**"],
+            name=title,
+            **blueprint.time_of(screen, slow=kind in SLOW),
             plot_legend=rrb.PlotLegend(visible=False),
         )
         for kind, title in DIFFERENCES.items()
         if kind in found
-    ]  # fmt: skip
+    ]
     columns = [rrb.Vertical(*left), rrb.Vertical(*both), *([rrb.Vertical(*apart)] if apart else [])]
     return rrb.Blueprint(
         rrb.Horizontal(*columns, column_shares=[5, 3, 3][: len(columns)]),

@@ -10,7 +10,9 @@ from fleetlog.errors import InputError
 
 
 def describe_recording(path: Path) -> dict[str, Any]:
-    """Recordings, entities, rows, timelines and blueprints of a file; :class:`InputError` where it cannot be read."""
+    """Recordings, entities, rows, timelines and blueprints of a file;
+    :class:`InputError` where it cannot be read.
+    """
     from rerun.chunk import RrdReader
 
     try:

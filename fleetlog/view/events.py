@@ -2,14 +2,15 @@
 
 Signal first, vehicle second, as for everything else::
 
-    PREFIX/tasks/ID        an arc from source to target: dashed while the truck fetches the load, whole while it brings it
+    PREFIX/tasks/ID        an arc from source to target: dashed while the truck fetches the load, then whole
     PREFIX/tasks/waiting   arcs of tasks that no truck has taken
     PREFIX/reserved/ID     the pieces of road that only this truck may be on
     PREFIX/charging/...    rings and a bolt at a charger while a truck charges there
     PREFIX/state/ID        what the truck does, over time
     PREFIX/activity/NAME   trucks that do this, and PREFIX/open/NAME open tasks by stage, as curves
 
-Large fleets have no arcs, which would hide the floor, one entity for all reservations, and curves in place of states.
+Large fleets have no arcs, which would hide the floor, one entity for all reservations, and curves in place of
+states.
 """
 
 from __future__ import annotations

@@ -65,8 +65,8 @@ def quaternions(heading: Floats) -> Floats:
 def heights(t: Trajectory, site: Site) -> Floats:
     """Height at which every row is drawn [m]: the road's where it is matched to one, else as recorded.
 
-    A recorded height that is far from the site's floor is one above the sea or of another datum; such a truck is drawn
-    on the floor.
+    A recorded height that is far from the site's floor is one above the sea or of another datum; such a truck
+    is drawn on the floor.
     """
     z = t.floats("z")
     known = np.isfinite(z)
@@ -123,7 +123,9 @@ def _log_curves(stream: Stream, lane: Lane, t: Trajectory, limit: int) -> set[st
 
 
 def curve_style(name: str, colour: Colour) -> rr.SeriesLines:
-    """A thin line through the values themselves; the viewer's averaging would bend it where runs were collapsed."""
+    """A thin line through the values themselves;
+    the viewer's averaging would bend it where runs were collapsed.
+    """
     raw = rr.components.AggregationPolicy.Off
     return rr.SeriesLines(names=name, colors=colour, widths=1.6, aggregation_policy=raw)
 
@@ -152,7 +154,9 @@ def _log_motion(stream: Stream, lane: Lane, t: Trajectory, site: Site) -> None:
 
 
 def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels: bool) -> None:
-    """Heading of the body, shrunk to nothing while nothing is known of the truck; its dot and SOC bar likewise."""
+    """Heading of the body, shrunk to nothing while nothing is known of the truck;
+    its dot and SOC bar likewise.
+    """
     cuts = thin.pieces(t.time, limit)
     begins = np.array([t.time[s.start] for s in cuts])
     ends = np.array([t.time[s.stop - 1] + limit for s in cuts])

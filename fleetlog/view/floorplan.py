@@ -1,4 +1,6 @@
-"""The site on paper: roads, buildings, places, heat, scale bar and north arrow, in matplotlib axes of metres."""
+"""The site on paper: roads, buildings, places, heat, scale bar and north arrow,
+in matplotlib axes of metres.
+"""
 
 from __future__ import annotations
 
@@ -175,8 +177,9 @@ def _draw_marks(axes: Axes, marks: Marks) -> None:
     reach = 0.012 * float(np.ptp(axes.get_xlim()))
     for (x, y), label, size in list(zip(marks.xy, marks.labels, marks.size, strict=True))[:MAX_LABELS]:
         axes.annotate(
-            label, (x, y + max(float(size), small) + 0.4 * reach), fontsize=7.5, color=INK, ha="center", va="bottom",
-            zorder=5, annotation_clip=True, path_effects=[withStroke(linewidth=2.2, foreground="white")],
+            label, (x, y + max(float(size), small) + 0.4 * reach), fontsize=7.5, color=INK, ha="center",
+            va="bottom", zorder=5, annotation_clip=True,
+            path_effects=[withStroke(linewidth=2.2, foreground="white")],
         )  # fmt: skip
 
 
@@ -186,8 +189,8 @@ def draw_furniture(axes: Axes, site: Site) -> None:
         here = np.array([[p.x, p.y] for p in site.places if p.kind == kind])
         r, g, b = palette.PLACES[kind]
         axes.scatter(
-            here[:, 0], here[:, 1], s=16, marker="s", color=(0.75 * r / 255, 0.75 * g / 255, 0.75 * b / 255), zorder=2.8, label=kind,
-            edgecolors="white", linewidths=0.5,
+            here[:, 0], here[:, 1], s=16, marker="s", color=(0.75 * r / 255, 0.75 * g / 255, 0.75 * b / 255),
+            zorder=2.8, label=kind, edgecolors="white", linewidths=0.5,
         )  # fmt: skip
     _scale_bar(axes)
     _north_arrow(axes, 0.0 if site.frame is None else site.frame.rotation)
@@ -216,7 +219,9 @@ def _scale_bar(axes: Axes) -> None:
 
 
 def _north_arrow(axes: Axes, rotation: float) -> None:
-    """North is (sin, cos) of the rotation in site axes: the frame's x axis is turned counter-clockwise from east."""
+    """North is (sin, cos) of the rotation in site axes:
+    the frame's x axis is turned counter-clockwise from east.
+    """
     north = np.array([np.sin(rotation), np.cos(rotation)])
     anchor = (0.955, 0.90)
     axes.annotate(
@@ -224,6 +229,6 @@ def _north_arrow(axes: Axes, rotation: float) -> None:
         arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}, zorder=6,
     )  # fmt: skip
     axes.annotate(
-        "N", xy=anchor, xycoords="axes fraction", xytext=tuple(8.0 * north), textcoords="offset points", ha="center",
-        va="center", fontsize=8.5, weight="bold", color=INK, zorder=6,
+        "N", xy=anchor, xycoords="axes fraction", xytext=tuple(8.0 * north), textcoords="offset points",
+        ha="center", va="center", fontsize=8.5, weight="bold", color=INK, zorder=6,
     )  # fmt: skip

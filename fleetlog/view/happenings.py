@@ -23,7 +23,9 @@ NEVER = np.iinfo(np.int64).max
 
 @dataclass(frozen=True)
 class Tasks:
-    """N tasks; times in us, ``NEVER`` where not reached; ``source``, ``target`` (N, 3) m, NaN where not decided."""
+    """N tasks; times in us, ``NEVER`` where not reached;
+    ``source``, ``target`` (N, 3) m, NaN where not decided.
+    """
 
     vehicle: NDArray[np.object_]
     earliest: Ints
@@ -38,9 +40,9 @@ class Tasks:
 class Happenings:
     """What a simulated dataset says beside its rows.
 
-    ``doing`` (N,) activity, ``who`` (N,) vehicle, ``start``, ``end`` [us] and ``where`` (N, 3) m of stretches; ``held_by``,
-    ``held_from``, ``held_to`` [us], ``way`` (M,) of reservations, and the ``lines`` (n, 3) m of the ways; ``spots`` are
-    places that the simulation drew along the roads.
+    ``doing`` (N,) activity, ``who`` (N,) vehicle, ``start``, ``end`` [us] and ``where`` (N, 3) m of
+    stretches; ``held_by``, ``held_from``, ``held_to`` [us], ``way`` (M,) of reservations, and the ``lines``
+    (n, 3) m of the ways; ``spots`` are places that the simulation drew along the roads.
     """
 
     tasks: Tasks
@@ -67,13 +69,19 @@ def happenings_of(dataset: Dataset, shift: int) -> Happenings | None:
     clock = partial(_times, shift=shift)
     given = tasks[tasks["status"] != "left out"]
     book = Tasks(
-        given["vehicle_id"].to_numpy(object), clock(given["earliest"]), clock(given["assigned"]), clock(given["picked"]),
-        clock(given["dropped"]), _places(given["from_place"], spots), _places(given["to_place"], spots),
-    )  # fmt: skip
+        given["vehicle_id"].to_numpy(object),
+        clock(given["earliest"]),
+        clock(given["assigned"]),
+        clock(given["picked"]),
+        clock(given["dropped"]),
+        _places(given["from_place"], spots),
+        _places(given["to_place"], spots),
+    )
     return Happenings(
         book, doing["activity"].to_numpy(object), doing["vehicle_id"].to_numpy(object), clock(doing["start"]),
-        clock(doing["end"]), _places(doing["place"], spots), held["vehicle_id"].to_numpy(object), clock(held["start"]),
-        clock(held["end"]), held["way"].to_numpy(np.int64), _lines(ways), _drawn(bays, dataset.site),
+        clock(doing["end"]), _places(doing["place"], spots), held["vehicle_id"].to_numpy(object),
+        clock(held["start"]), clock(held["end"]), held["way"].to_numpy(np.int64), _lines(ways),
+        _drawn(bays, dataset.site),
     )  # fmt: skip
 
 
@@ -113,7 +121,9 @@ def _lines(ways: pd.DataFrame) -> dict[int, Floats]:
 
 
 def rows_while(times: Ints, start: Ints, end: Ints) -> tuple[Ints, Ints]:
-    """Row and stretch wherever one of the sorted ``times`` lies in a stretch from ``start`` to (not with) ``end``, row by row."""
+    """Row and stretch wherever one of the sorted ``times`` lies in a stretch from ``start``
+    to (not with) ``end``, row by row.
+    """
     first, last = np.searchsorted(times, start), np.searchsorted(times, end)
     count = np.maximum(last - first, 0)
     stretch = np.repeat(np.arange(len(start)), count)
@@ -142,7 +152,9 @@ def counts(h: Happenings, edges: Ints) -> dict[str, Floats]:
 
 
 def open_tasks(t: Tasks, edges: Ints) -> dict[str, Floats]:
-    """(T - 1,) mean number of tasks that wait for a truck, are being fetched, are on the forks; only stages that occur."""
+    """(T - 1,) mean number of tasks that wait for a truck, are being fetched, are on the forks;
+    only stages that occur.
+    """
     stages = {
         "waiting": (t.earliest, t.assigned),
         "being fetched": (t.assigned, t.picked),

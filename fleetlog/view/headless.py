@@ -1,6 +1,8 @@
-"""The real viewer without a screen: a recording is opened, painted by the processor (Mesa lavapipe) and looked at.
+"""The real viewer without a screen: a recording is opened, painted by the processor (Mesa lavapipe) and
+looked at.
 
-Everything of ``rerun.experimental`` that fleetlog uses is in this module, because it may change with every release.
+Everything of ``rerun.experimental`` that fleetlog uses is in this module, because it may change with every
+release.
 """
 
 from __future__ import annotations
@@ -94,7 +96,7 @@ class Viewer:
 
     def timeline(self) -> str | None:
         """The active timeline."""
-        return self.state.recordings[0].current_timeline  # type: ignore[no-any-return]  # rerun is not typed here
+        return self.state.recordings[0].current_timeline  # type: ignore[no-any-return]  # rerun has no types
 
     def views(self) -> dict[str, Any]:
         """Views by name."""
@@ -116,7 +118,9 @@ class Viewer:
         self.client.set_time(TIMELINE, timestamp=np.datetime64(nanoseconds, "ns"), play_state="paused")
 
     def picture(self, view: str | None = None) -> bytes:
-        """PNG of one view, or of the whole window; taken again until it has ink, since data arrive after the first paint."""
+        """PNG of one view, or of the whole window;
+        taken again until it has ink, since data arrive after the first paint.
+        """
         if view is None:
             return bytes(self.client.take_screenshot())
         self.client.take_screenshot()
@@ -131,15 +135,17 @@ class Viewer:
 
 @contextmanager
 def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Iterator[Viewer]:
-    """A viewer with ``rrd`` open, listening on this machine only; :class:`ViewerError` where it cannot run."""
+    """A viewer with ``rrd`` open, listening on this machine only;
+    :class:`ViewerError` where it cannot run.
+    """
     from rerun.experimental import ViewerClient
 
     if (why := vulkan_missing()) is not None:
         raise ViewerError(f"cannot draw without a screen here: {why}")
     port = free_port()
     command = [
-        str(binary()), "--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size", f"{size[0]}x{size[1]}",
-        "--hide-welcome-screen", "--memory-limit", "4GB", str(rrd),
+        str(binary()), "--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size",
+        f"{size[0]}x{size[1]}", "--hide-welcome-screen", "--memory-limit", "4GB", str(rrd),
     ]  # fmt: skip
     with tempfile.TemporaryDirectory() as home:
         quiet = subprocess.DEVNULL

@@ -62,7 +62,9 @@ def box(low: Sequence[float], high: Sequence[float], colour: Colour) -> Mesh:
 
 
 def truck_body(colour: Colour) -> Mesh:
-    """A counterbalance truck about 2.5 m long without its forks; the origin on the floor at mid wheelbase, x forward."""
+    """A counterbalance truck about 2.5 m long without its forks;
+    the origin on the floor at mid wheelbase, x forward.
+    """
     dark, steel = (38, 40, 46), (120, 126, 136)
     shade = (int(colour[0] * 0.7), int(colour[1] * 0.7), int(colour[2] * 0.7))
     wheels = [

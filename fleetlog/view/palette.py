@@ -5,10 +5,13 @@ from __future__ import annotations
 import colorsys
 
 Colour = tuple[int, int, int]
+Share = tuple[float, float, float]
 
-# Okabe and Ito's colours, told apart by colour-blind people; blue is lightened and black left out for a dark ground.
+# Okabe and Ito's colours, told apart by colour-blind people; blue is lightened and black left out for a dark
+# ground.
 _VEHICLES: tuple[Colour, ...] = (
-    (86, 180, 233), (230, 159, 0), (0, 190, 140), (240, 228, 66), (204, 121, 167), (213, 94, 0), (90, 130, 255),
+    (86, 180, 233), (230, 159, 0), (0, 190, 140), (240, 228, 66), (204, 121, 167), (213, 94, 0),
+    (90, 130, 255),
 )  # fmt: skip
 
 SOC_GOOD, SOC_LOW, SOC_EMPTY = (64, 196, 99), (245, 195, 50), (232, 65, 60)
@@ -24,9 +27,9 @@ PLACES: dict[str, Colour] = {
 }  # fmt: skip
 CHARGING, RESERVED, WAITING = (110, 245, 140), (255, 176, 66), (132, 138, 150)
 ACTIVITIES: dict[str, Colour] = {
-    "drive_empty": (62, 116, 158), "drive_laden": (86, 180, 233), "wait": (232, 65, 60), "wait_place": (165, 70, 60),
-    "pick": (240, 228, 66), "drop": (230, 159, 0), "charge": (64, 196, 99), "wait_charger": (204, 121, 167),
-    "park": (74, 80, 92), "battery_empty": (140, 20, 30),
+    "drive_empty": (62, 116, 158), "drive_laden": (86, 180, 233), "wait": (232, 65, 60),
+    "wait_place": (165, 70, 60), "pick": (240, 228, 66), "drop": (230, 159, 0), "charge": (64, 196, 99),
+    "wait_charger": (204, 121, 167), "park": (74, 80, 92), "battery_empty": (140, 20, 30),
 }  # fmt: skip
 STAGES: dict[str, Colour] = {
     "waiting": WAITING,
@@ -45,6 +48,13 @@ def vehicle_colour(number: int) -> Colour:
     hue = (number * 0.618034) % 1.0
     r, g, b = colorsys.hls_to_rgb(hue, 0.55 + 0.12 * (number % 3 - 1), 0.7)
     return int(255 * r), int(255 * g), int(255 * b)
+
+
+def dark_colour(number: int) -> Share:
+    """The same, from 0 to 1 and darker, for white paper."""
+    r, g, b = vehicle_colour(number)
+    dark = 0.82
+    return dark * r / 255, dark * g / 255, dark * b / 255
 
 
 def shade(colour: Colour, number: int) -> Colour:

@@ -8,33 +8,35 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Result, Series
+from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Result, Series, Spread
 from fleetlog.core.site import Site
 from fleetlog.view import palette
 from fleetlog.view.floorplan import draw_furniture, draw_map_layer, draw_overlay, draw_site, frame_map
 from fleetlog.view.scales import scales_of
+from fleetlog.view.spread import draw_spread
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
+Panel = Series | Bars | Spread
 WIDTH, DPI = 10.0, 150
 PANEL_HEIGHT = 2.4
 MAX_MAPS, MAX_PANELS, MAX_BARS = 24, 6, 20
 STYLE: Any = {
     "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 10.5, "axes.titlelocation": "left",
-    "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#5a5f66", "axes.labelcolor": "#33373d",
-    "xtick.color": "#5a5f66", "ytick.color": "#5a5f66", "legend.frameon": False, "legend.fontsize": 8.0,
-    "axes.grid": False,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#5a5f66",
+    "axes.labelcolor": "#33373d", "xtick.color": "#5a5f66", "ytick.color": "#5a5f66", "legend.frameon": False,
+    "legend.fontsize": 8.0, "axes.grid": False, "text.parse_math": False,
 }  # fmt: skip
 
 
 def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
     """Draw the shapes of a result; 1500 points wide, in colours that colour-blind people tell apart.
 
-    Every grid and every set of road values is a map of its own over the roads, with the marks and critical lines on
-    each; curves and bars follow below.
+    Every grid and every set of road values is a map of its own over the roads, with the marks and critical
+    lines on each; curves and bars follow below.
     """
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -50,20 +52,20 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
         heights = [map_height] * map_rows + [PANEL_HEIGHT] * panel_rows
         figure = Figure(figsize=(WIDTH, sum(heights) + 0.5 or 4.0), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
-        figure.get_layout_engine().set(w_pad=0.08, h_pad=0.05, hspace=0.03)  # type: ignore[union-attr, call-arg]  # constrained
+        figure.get_layout_engine().set(w_pad=0.08, h_pad=0.05, hspace=0.03)  # type: ignore[union-attr, call-arg]
         figure.suptitle(f"{site.name}: {result.name.replace('_', ' ')}", x=0.01, ha="left", weight="bold")
         _place(figure, heights, map_rows, columns, maps, panels, result, site)
         figure.savefig(out_png, format="png", dpi=DPI, facecolor="white", metadata={"Software": "fleetlog"})
     return Path(out_png)
 
 
-def _split(result: Result) -> tuple[list[Grid | EdgeValues | None], list[Series | Bars]]:
+def _split(result: Result) -> tuple[list[Grid | EdgeValues | None], list[Panel]]:
     maps: list[Grid | EdgeValues | None] = [
         *[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
     ]
     if not maps and any(isinstance(s, Marks | MovingLines) for s in result.shapes):
         maps = [None]
-    return maps, [s for s in result.shapes if isinstance(s, Series | Bars)][:MAX_PANELS]
+    return maps, [s for s in result.shapes if isinstance(s, Series | Bars | Spread)][:MAX_PANELS]
 
 
 def _map_ratio(result: Result, site: Site) -> float:
@@ -73,7 +75,7 @@ def _map_ratio(result: Result, site: Site) -> float:
 
 def _place(
     figure: Figure, heights: list[float], map_rows: int, columns: int,
-    maps: list[Grid | EdgeValues | None], panels: list[Series | Bars], result: Result, site: Site,
+    maps: list[Grid | EdgeValues | None], panels: list[Panel], result: Result, site: Site,
 ) -> None:  # fmt: skip
     if not heights:
         figure.text(0.01, 0.5, "\n".join(result.lines) or "nothing to draw", va="center")
@@ -89,6 +91,8 @@ def _place(
         axes = figure.add_subplot(spot(map_rows, k, len(panels) == 1))
         if isinstance(panel, Series):
             _draw_series(axes, panel)
+        elif isinstance(panel, Spread):
+            draw_spread(axes, panel)
         else:
             _draw_bars(axes, panel)
 
@@ -115,12 +119,6 @@ def _draw_map(
     draw_furniture(axes, site)
 
 
-def _colour(number: int) -> tuple[float, float, float]:
-    r, g, b = palette.vehicle_colour(number)
-    dark = 0.82
-    return dark * r / 255, dark * g / 255, dark * b / 255
-
-
 def _draw_series(axes: Axes, series: Series) -> None:
     x: Any = np.asarray(series.x)
     names = [name.replace("_", " ") for name in series.y]
@@ -128,10 +126,12 @@ def _draw_series(axes: Axes, series: Series) -> None:
         x = x.astype("datetime64[us]")
     if series.stacked:
         values = np.nan_to_num(np.array(list(series.y.values()), float))
-        axes.stackplot(x, values, labels=names, colors=[_colour(i) for i in range(len(values))], lw=0)
+        axes.stackplot(
+            x, values, labels=names, colors=[palette.dark_colour(i) for i in range(len(values))], lw=0
+        )
     else:
         for i, (name, y) in enumerate(zip(names, series.y.values(), strict=True)):
-            axes.plot(x, y, lw=1.1, color=_colour(i), label=name)
+            axes.plot(x, y, lw=1.1, color=palette.dark_colour(i), label=name)
     if series.over_time:
         from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
@@ -154,7 +154,7 @@ def _draw_series(axes: Axes, series: Series) -> None:
 def _draw_bars(axes: Axes, bars: Bars) -> None:
     labels, values = list(bars.labels[:MAX_BARS]), np.asarray(bars.values[:MAX_BARS], float)
     at = np.arange(len(labels))
-    axes.barh(at, values, color=_colour(0), height=0.72)
+    axes.barh(at, values, color=palette.dark_colour(0), height=0.72)
     axes.set_yticks(at, [t if len(t) <= 28 else t[:27] + "…" for t in labels])
     axes.invert_yaxis()
     axes.set_xlabel(bars.label)

@@ -13,13 +13,12 @@ import rerun as rr
 
 from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.store import Dataset
-from fleetlog.store.atomic import atomic_output
 from fleetlog.view import blueprint, events, fleet, palette, thin
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.happenings import happenings_of
 from fleetlog.view.palette import Colour
 from fleetlog.view.scene import log_site
-from fleetlog.view.stream import Stream, entity, open_stream
+from fleetlog.view.stream import Stream, entity, open_stream, verbatim
 from fleetlog.view.ways import log_ways, ways_of
 
 RATE = 2.0
@@ -32,7 +31,8 @@ MANY_LABELS, LONG_LEGEND = 24, 12
 SAID = frozenset({"start", "end", "rows", "vehicles", "rejected_file", "damaged"})
 """Keys of a summary that are said already, or mean nothing beside a replay."""
 COLUMNS = (
-    "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "payload", "fork_height", "battery_power", "soc",
+    "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "payload", "fork_height", "battery_power",
+    "soc",
 )  # fmt: skip
 
 
@@ -55,26 +55,28 @@ def write_recording(
     dataset_path : folder of the dataset; it may still be the scratch folder of one being written.
     out_rrd : the file; it appears whole or not at all, and replaces an older one.
     rate_hz : samples a second kept of every vehicle; values are picked, not averaged.
-    summary : Markdown, or figures by name, shown beside the replay; by default what the dataset says of itself.
+    summary : Markdown, or figures by name, shown beside the replay; by default what the dataset says of
+        itself.
     """
     dataset = Dataset(dataset_path)
     site = dataset.site
-    with atomic_output(out_rrd, overwrite=True, folder=False) as scratch:
-        start, end = (microseconds(dataset.meta.get(k)) for k in ("start", "end"))
-        screen = blueprint.Screen(outline=dataset_outline(dataset), on_earth=site.frame is not None)
-        screen.start, screen.duration = start, 0.0 if start is None or end is None else (end - start) * 1e-6
-        with open_stream(scratch, f"{site.name} ({dataset.kind})", start) as stream:
-            log_site(stream, site)
-            log_summary(stream, dataset, summary)
-            Fleet(dataset, rate_hz).log(stream, screen)
-            latitude = None if site.frame is None else site.frame.latitude
-            blueprint.send(stream, blueprint.replay(screen, latitude))
+    start, end = (microseconds(dataset.meta.get(k)) for k in ("start", "end"))
+    screen = blueprint.Screen(outline=dataset_outline(dataset), on_earth=site.frame is not None)
+    screen.start, screen.duration = start, 0.0 if start is None or end is None else (end - start) * 1e-6
+    with open_stream(Path(out_rrd), f"{site.name} ({dataset.kind})", start) as stream:
+        log_site(stream, site)
+        log_summary(stream, dataset, summary)
+        Fleet(dataset, rate_hz).log(stream, screen)
+        latitude = None if site.frame is None else site.frame.latitude
+        blueprint.send(stream, blueprint.replay(screen, latitude))
     return Path(out_rrd)
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """One dataset in a recording: where its entities are, how they are coloured and named, how its clock is moved."""
+    """One dataset in a recording: where its entities are, how they are coloured and named,
+    how its clock is moved.
+    """
 
     dataset: Dataset
     rate_hz: float
@@ -122,8 +124,8 @@ class Fleet:
         from fleetlog.view import batch
 
         screen.signals |= batch.log_fleet(
-            stream, self.dataset, self.dataset.site, COLUMNS, rate_hz=min(self.rate_hz, MANY_RATE), prefix=self.prefix,
-            colour=self.colour or (205, 210, 218), shift=self.shift, name=self.name,
+            stream, self.dataset, self.dataset.site, COLUMNS, rate_hz=min(self.rate_hz, MANY_RATE),
+            prefix=self.prefix, colour=self.colour or (205, 210, 218), shift=self.shift, name=self.name,
         )  # fmt: skip
         screen.trails.append(entity(self.prefix, "trail", "fleet"))
         if (known := happenings_of(self.dataset, self.shift)) is not None:
@@ -146,14 +148,16 @@ def summary_markdown(dataset: Dataset, figures: Mapping[str, Any] | None = None)
         f"{edges} directed road edges" if edges else "no road map",
     ]
     more = summary_lines(meta.get("summary") or {} if figures is None else figures)
-    return f"**{meta['site']['name']}**\n\n" + "\n".join(f"- {line}" for line in [*head, *more]) + "\n"
+    return (
+        f"**{verbatim(meta['site']['name'])}**\n\n" + "\n".join(f"- {line}" for line in [*head, *more]) + "\n"
+    )
 
 
 def summary_lines(figures: Mapping[str, Any]) -> list[str]:
     """The figures of an import or a simulation that say something beside the dataset's own, one a line."""
     lines = []
     for key, value in figures.items():
-        name = str(key).replace("_", " ")
+        name = verbatim(str(key).replace("_", " "))
         if key in SAID or value in (None, "", 0, [], {}):
             continue
         if key == "files" and isinstance(value, list):
@@ -162,7 +166,9 @@ def summary_lines(figures: Mapping[str, Any]) -> list[str]:
         elif isinstance(value, str | int | float):
             lines.append(f"{name}: {_figure(value)}")
         elif isinstance(value, Mapping) and all(isinstance(v, str | int | float) for v in value.values()):
-            lines.append(f"{name}: " + ", ".join(f"{k} {_figure(v)}" for k, v in value.items()))
+            lines.append(
+                f"{name}: " + ", ".join(f"{verbatim(str(k))} {_figure(v)}" for k, v in value.items())
+            )
     return lines
 
 
@@ -172,7 +178,7 @@ def _clock(iso: str | None) -> str:
 
 def _figure(value: Any) -> str:
     if isinstance(value, bool | str):
-        return str(value)
+        return verbatim(str(value))
     if isinstance(value, float) and 0.0 < value <= 1.0:
         return f"{100.0 * value:.4g} %"
     return f"{value:,}" if isinstance(value, int) else f"{value:,.4g}"

@@ -11,14 +11,13 @@ import rerun.blueprint as rrb
 
 from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
-from fleetlog.store.atomic import atomic_output
 from fleetlog.view import blueprint, palette, ribbons
 from fleetlog.view.extent import Extent, Floats, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve
 from fleetlog.view.meshes import join, mesh_of
 from fleetlog.view.scales import Scale, scales_of, screen_colours
 from fleetlog.view.scene import drawn_width, lane, log_site, mesh3d
-from fleetlog.view.stream import Stream, entity, open_stream
+from fleetlog.view.stream import Stream, entity, open_stream, verbatim
 
 MARK_COLOURS = {
     "place": palette.PLACES["pick"], "charger": palette.PLACES["charge"], "critical": palette.CRITICAL,
@@ -31,17 +30,15 @@ WIDE = 2.5
 
 
 def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> Path:
-    """The shapes of a result as an .rrd file: heat on the floor, values along the roads, marks, moving lines, curves.
+    """The shapes of a result as an .rrd file: heat on the floor, values along the roads, marks, moving lines,
+    curves.
 
-    ``out_rrd`` appears whole or not at all, and replaces an older one.  Bars, and curves over something else than time,
-    are in the picture and in the text only.
+    ``out_rrd`` appears whole or not at all, and replaces an older one.  Bars, and curves over something else
+    than time, are in the picture and in the text only.
     """
     outline = shapes_outline(result, site)
     extent = around(outline)
-    with (
-        atomic_output(out_rrd, overwrite=True, folder=False) as scratch,
-        open_stream(scratch, f"{site.name}, {result.name}") as stream,
-    ):
+    with open_stream(Path(out_rrd), f"{site.name}, {result.name}") as stream:
         log_site(stream, site)
         scales = scales_of(result.shapes)
         texts = [_log_shape(stream, site, shape, extent, scales) for shape in result.shapes]
@@ -74,7 +71,8 @@ def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales:
         return _log_lines(stream, path, shape)
     if isinstance(shape, Series):
         return _log_series(stream, shape)
-    return _bars_text(shape)
+    # Curves with intervals are in the picture; in the recording is the table of them.
+    return _bars_text(shape) if isinstance(shape, Bars) else ""
 
 
 def _log_grid(stream: Stream, path: str, grid: Grid, scale: Scale, extent: Extent) -> str:
@@ -202,7 +200,7 @@ def _bars_text(bars: Bars) -> str:
 
 
 def _log_answer(stream: Stream, result: Result, legends: list[str]) -> None:
-    answer = "\n".join(f"- {line}" for line in result.lines)
+    answer = "\n".join(f"- {verbatim(line)}" for line in result.lines)
     text = f"### {_title(result.name)}\n\n{answer}\n\n" + "\n\n".join(legends)
     stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
@@ -267,11 +265,14 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
     curves = [s for s in result.shapes if isinstance(s, Series) and s.over_time]
     side: list[Any] = [
         rrb.TimeSeriesView(
-            origin="/", contents=[f"{entity('curves', s.name)}/**"], name=_curve_title(s), axis_x=blueprint.whole_time(),
+            origin="/",
+            contents=[f"{entity('curves', s.name)}/**"],
+            name=_curve_title(s),
+            axis_x=blueprint.whole_time(),
             plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=1 < len(s.y) <= 8),
         )
         for s in curves[:3]
-    ]  # fmt: skip
+    ]
     side.append(rrb.TextDocumentView(origin="/summary", name="Answer"))
     left = rrb.Vertical(*plans) if len(plans) <= 2 else rrb.Grid(*plans)
     return rrb.Blueprint(

@@ -1,4 +1,6 @@
-"""Roads as ribbons of their width, arrows along them, discs and extruded polygons: triangles (m, 3, 3) in metres."""
+"""Roads as ribbons of their width, arrows along them, discs and extruded polygons:
+triangles (m, 3, 3) in metres.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ Floats = NDArray[np.float64]
 
 
 def side_vectors(points: Floats) -> Floats:
-    """(n, 2) vectors to the left at every vertex, of length 1 along straights, mitred (at most twofold) at bends."""
+    """(n, 2) vectors to the left at every vertex, of length 1 along straights,
+    mitred (at most twofold) at bends.
+    """
     d = np.diff(points[:, :2], axis=0)
     d /= np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-9)
     left = np.column_stack([-d[:, 1], d[:, 0]])
@@ -30,7 +34,9 @@ def offset(points: Floats, left: float) -> Floats:
 
 
 def ribbon(points: Floats, left: float, right: float, lift: float = 0.0) -> Floats:
-    """Triangles (2 (n - 1), 3, 3) of the strip from ``left`` to ``right`` metres left of a polyline (n, 3), raised by ``lift``."""
+    """Triangles (2 (n - 1), 3, 3) of the strip from ``left`` to ``right`` metres left of a polyline (n, 3),
+    raised by ``lift``.
+    """
     up = np.array([0.0, 0.0, lift])
     a, b = offset(points, left) + up, offset(points, right) + up
     return np.concatenate(
@@ -58,7 +64,9 @@ def stretch(points: Floats, start: float, end: float) -> Floats:
 
 
 def arrows(points: Floats, size: float, spacing: float = 14.0, lift: float = 0.0) -> Floats:
-    """Chevron triangles along a polyline, one every ``spacing`` metres and at least one where it is three sizes long."""
+    """Chevron triangles along a polyline, one every ``spacing`` metres and at least one
+    where it is three sizes long.
+    """
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     if length < 3.0 * size:
         return np.zeros((0, 3, 3))
@@ -87,7 +95,9 @@ def _turn(a: Floats, b: Floats, c: Floats) -> float:
 
 
 def triangulate(polygon: Floats) -> NDArray[np.int64]:
-    """Vertex indices (n - 2, 3) of a simple polygon (n, 2) cut into triangles by clipping ears, counter-clockwise."""
+    """Vertex indices (n - 2, 3) of a simple polygon (n, 2) cut into triangles by clipping ears,
+    counter-clockwise.
+    """
     points = np.asarray(polygon, dtype=np.float64)
     nxt = np.roll(points, -1, axis=0)
     area = float((points[:, 0] * nxt[:, 1] - nxt[:, 0] * points[:, 1]).sum())

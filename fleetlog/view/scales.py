@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# Colour-blind safe; pale is low on paper, dark is low on the viewer's dark ground, and grey or white is zero between two signs.
+# Colour-blind safe; pale is low on paper, dark is low on the viewer's dark ground, and grey or white is zero
+# between two signs.
 PAPER, SCREEN, DIVERGING = "magma_r", "inferno", "RdBu_r"
 SIGNS = ((120, 200, 255), (50, 120, 220), (104, 107, 113), (225, 90, 50), (255, 180, 120))
 """Below zero, zero and above on the dark ground: bright is far from zero."""
@@ -37,7 +38,9 @@ class Scale:
 
 
 def scale_of(values: Floats, diverging: bool = False) -> Scale:
-    """Limits that show most values well: from 0 (or symmetric about it) to the 98th (99th) percentile where a few stand far out."""
+    """Limits that show most values well: from 0 (or symmetric about it) to the 98th (99th) percentile
+    where a few stand far out.
+    """
     known = np.asarray(values, dtype=np.float64)
     known = known[np.isfinite(known)]
     if not len(known):
@@ -58,7 +61,9 @@ def scale_of(values: Floats, diverging: bool = False) -> Scale:
 
 
 def scales_of(shapes: Sequence[object]) -> dict[str, Scale]:
-    """Scale of every grid and set of road values, by name; those of one label share theirs, so that they compare."""
+    """Scale of every grid and set of road values, by name;
+    those of one label share theirs, so that they compare.
+    """
     maps = [s for s in shapes if isinstance(s, Grid | EdgeValues)]
     groups: dict[tuple[type, str, bool], list[Floats]] = {}
     for s in maps:

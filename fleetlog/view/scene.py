@@ -42,7 +42,9 @@ def drawn_width(network: Network, edge: int) -> float:
 
 
 def lane(site: Site, edge: int) -> tuple[float, float]:
-    """Left and right rim of the strip on which an edge is driven [m left of its line]: half of a two-way road."""
+    """Left and right rim of the strip on which an edge is driven [m left of its line]:
+    half of a two-way road.
+    """
     network = site.roads()
     half = drawn_width(network, edge) / 2.0
     if network.reverse[edge] < 0:
@@ -153,7 +155,9 @@ def _log_places(stream: Stream, site: Site) -> None:
 
 
 def log_places(stream: Stream, places: Sequence[Place], part: str, labels: bool) -> None:
-    """Rings on the floor, coloured by kind; ``part`` names a group of its own beside the places of the site."""
+    """Rings on the floor, coloured by kind;
+    ``part`` names a group of its own beside the places of the site.
+    """
     for kind, group in itertools.groupby(sorted(places, key=lambda p: p.kind), key=lambda p: p.kind):
         alike, colour = list(group), palette.PLACES[kind]
         pads = [mesh_of(ribbons.disc(p.x, p.y, 1.2, 0.09, inner=0.75), colour) for p in alike]

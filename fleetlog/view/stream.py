@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import re
+import shutil
+import struct
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,8 +17,10 @@ import rerun as rr
 
 from fleetlog.core.trajectory import Ints
 from fleetlog.errors import OutputError
+from fleetlog.store.output import remade
 
 APPLICATION, TIMELINE = "fleetlog", "utc"
+_FOOTER = struct.Struct("<QQI8sI")
 CHUNK = 32_768
 """Rows a chunk: 8 to 65 thousand open fast and keep the viewer's memory low."""
 
@@ -26,6 +33,11 @@ def nanoseconds(time: Ints) -> Any:
 def entity(*names: str) -> str:
     """An entity path; names are escaped where a log's own ids need it."""
     return str(rr.new_entity_path([n for n in names if n]))
+
+
+def verbatim(text: str) -> str:
+    """``text`` on one line of Markdown, nothing in it read as markup: a name is no link and no picture."""
+    return re.sub(r"([\\`*_\[\]<>!#|~&])", r"\\\1", " ".join(text.split()))
 
 
 class Stream:
@@ -47,7 +59,7 @@ class Stream:
             self.recording.send_columns(path, [index], columns(rows))
 
     def parts(self, path: str, time: Ints, lengths: Ints, columns: Callable[[slice], Any]) -> None:
-        """Like :meth:`columns` for rows of ``lengths`` instances; ``columns`` gets the slice of the instances."""
+        """Like :meth:`columns` for rows of ``lengths`` instances; ``columns`` gets the slice of instances."""
         ends = np.concatenate([[0], np.cumsum(lengths)])
         for begin in range(0, len(time), CHUNK):
             stop = min(begin + CHUNK, len(time))
@@ -58,21 +70,80 @@ class Stream:
 
 @contextmanager
 def open_stream(path: Path, name: str, start: Ints | int | None = None) -> Iterator[Stream]:
-    """A stream that writes the .rrd file ``path``; errors of the data raise, nothing is dropped in silence."""
+    """A stream that writes the .rrd file ``path``, which appears when it is whole, and replaces an older one.
+
+    Errors of the data and of writing raise, nothing is dropped in silence.
+    """
     rr.set_strict_mode(True)
-    # No recording id of our own: the viewer would take two files of one id, such as two imports, for one recording.
+    # No recording id of our own: the viewer would take two files of one id for one recording.
+    recording = rr.RecordingStream(APPLICATION, send_properties=True)
+    rr.set_log_time_enabled(False, recording=recording)
+    if not rr.is_enabled(recording=recording):
+        raise OutputError("Rerun is switched off (RERUN=off)", where=path, do="unset RERUN")
+    with remade(path) as scratch:
+        try:
+            with _pipe_into(scratch) as pipe:
+                recording.save(pipe)
+                try:
+                    recording.send_recording_name(name)
+                    if start is not None:
+                        recording.send_recording_start_time_nanos(int(start) * 1000)
+                    recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+                    yield Stream(recording)
+                finally:
+                    recording.disconnect()
+        except RuntimeError as error:
+            raise _unwritten(path, str(error)) from None
+        check_whole(scratch)
+
+
+@contextmanager
+def _pipe_into(path: Path) -> Iterator[str]:
+    """The name of a pipe: what is written into it goes to the file ``path``.
+
+    Rerun's own writer of files ends at the first error of the disk, unheard, and whoever waits for it then
+    may wait forever; a pipe takes everything, and the error is raised here.
+    """
+    receive, send = os.pipe()
+    failed: list[OSError] = []
+
+    def copy() -> None:
+        with os.fdopen(receive, "rb", buffering=0) as source:
+            try:
+                with path.open("wb") as sink:
+                    shutil.copyfileobj(source, sink)
+            except OSError as error:
+                failed.append(error)
+            while source.read(1 << 16):
+                pass
+
+    thread = threading.Thread(target=copy, daemon=True)
+    thread.start()
     try:
-        with rr.RecordingStream(APPLICATION, send_properties=True) as recording:
-            rr.set_log_time_enabled(False, recording=recording)
-            if not rr.is_enabled(recording=recording):
-                raise OutputError("Rerun is switched off (RERUN=off)", where=path, do="unset RERUN")
-            recording.save(str(path))
-            recording.send_recording_name(name)
-            if start is not None:
-                recording.send_recording_start_time_nanos(int(start) * 1000)
-            recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-            yield Stream(recording)
-    except RuntimeError as error:
-        raise OutputError(
-            f"recording not written: {error}", where=path, do="check space and permissions"
-        ) from None
+        yield f"/dev/fd/{send}"
+    finally:
+        os.close(send)
+        thread.join()
+    if failed:
+        raise _unwritten(path, failed[0].strerror or str(failed[0]))
+
+
+def _unwritten(path: Path, why: str) -> OutputError:
+    return OutputError(f"recording not written: {why}", where=path, do="check space and permissions")
+
+
+def check_whole(path: Path) -> None:
+    """Raise :class:`OutputError` unless an .rrd file ends as a closed one does, at the length that it states.
+
+    The last bytes of Rerun's format: per manifest its start, its length (64 bits each) and a checksum, then
+    ``RRF2FOOT`` and the number of manifests.
+    """
+    with path.open("rb") as stream:
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(max(size - _FOOTER.size, 0))
+        end = stream.read()
+    if len(end) == _FOOTER.size:
+        start, length, _, magic, count = _FOOTER.unpack(end)
+        if magic == b"RRF2FOOT" and start + length == size - 12 - 20 * count:
+            return
+    raise _unwritten(path, "its end is missing")

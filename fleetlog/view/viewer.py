@@ -15,7 +15,9 @@ from fleetlog.view.headless import ViewerError, binary, environment, free_port
 
 
 def recording_of(path: Path, *, rate_hz: float | None = None, say: Callable[[str], None] = print) -> Path:
-    """The .rrd file of a recording, of an analysis' folder or of a dataset; made (again) for a dataset where needed."""
+    """The .rrd file of a recording, of an analysis' folder or of a dataset;
+    made (again) for a dataset where needed.
+    """
     if path.is_file():
         return _checked(path)
     recording = path / "recording.rrd"
@@ -49,7 +51,9 @@ def _checked(path: Path) -> Path:
 
 
 def middle_of_driving(path: Path) -> int | None:
-    """Time [ns] in the middle of the trip that is nearest to the middle of a dataset, where no truck drives in that; else None."""
+    """Time [ns] in the middle of the trip that is nearest to the middle of a dataset,
+    where no truck drives in that; else None.
+    """
     if not (path / "dataset.json").is_file():
         return None
     from fleetlog.store import Dataset
@@ -85,12 +89,16 @@ def has_screen() -> bool:
 
 
 def show(rrd: Path) -> None:
-    """Open the viewer's window on a recording and wait until it is closed; it listens on this machine only."""
+    """Open the viewer's window on a recording and wait until it is closed;
+    it listens on this machine only.
+    """
     if not has_screen():
         raise ViewerError(
-            "there is no screen here", where=rrd,
-            do="copy the file to a machine with one and run fleetlog view there, or draw it with --screenshot FILE.png",
-        )  # fmt: skip
+            "there is no screen here",
+            where=rrd,
+            do="copy the file to a machine with one and run fleetlog view there, "
+            "or draw it with --screenshot FILE.png",
+        )
     command = [str(binary()), "--bind", "127.0.0.1", "--port", str(free_port()), str(rrd)]
     status = subprocess.call(command, env=environment())
     if status:

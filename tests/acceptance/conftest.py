@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -36,10 +37,12 @@ Run = Callable[..., Done]
 
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
-    """``fleetlog`` through its entry point, in an empty folder."""
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Run]:
+    """``fleetlog`` through its entry point, in an empty folder; the signals are handled as before afterwards."""
+    from fleetlog import interrupt
     from fleetlog.cli.main import entry
 
+    before = {number: signal.getsignal(number) for number in interrupt.SIGNALS}
     monkeypatch.chdir(tmp_path)
 
     def call(*arguments: object) -> Done:
@@ -51,7 +54,9 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp
         assert "Traceback" not in said.err and "a fault in fleetlog itself" not in said.err, said.err
         return Done(int(stop.value.code or 0), said.out, said.err)
 
-    return call
+    yield call
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def process(*arguments: object, **options: Any) -> subprocess.Popen[str]:

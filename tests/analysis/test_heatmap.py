@@ -54,9 +54,9 @@ def test_irregular_sampling_weighs_time_not_rows(seed, n):
     out, nan = np.zeros((30, 30)), np.full(n, np.nan)
     occupy(x, y, time, 0.0, 0.0, 1.0, 1e9, out)
     assert out.sum() == pytest.approx((time[-1] - time[0]) * 1e-6)
-    five = np.zeros((5, 30, 30))
-    accumulate(x, y, time, nan, nan, 0.2, np.ones(n, bool), 0.0, 0.0, 1.0, 1e9, five)
-    assert five[0].sum() == pytest.approx((time[-1] - time[0]) * 1e-6)
+    layers = np.zeros((6, 30, 30))
+    accumulate(x, y, time, nan, nan, 0.2, np.ones(n, bool), 0.0, 0.0, 1.0, 1e9, layers)
+    assert layers[0].sum() == pytest.approx((time[-1] - time[0]) * 1e-6)
 
 
 def test_a_gap_is_nobody_s_time():
@@ -69,7 +69,7 @@ def test_a_gap_is_nobody_s_time():
 def test_passages_count_entries_not_rows():
     n = 21
     x = np.r_[np.linspace(0.5, 9.5, 10), 9.5, np.linspace(9.5, 0.5, 10)]
-    five = np.zeros((5, 3, 12))
+    layers = np.zeros((6, 3, 12))
     accumulate(
         x,
         np.full(n, 1.5),
@@ -82,9 +82,9 @@ def test_passages_count_entries_not_rows():
         0.0,
         1.0,
         15.0,
-        five,
+        layers,
     )
-    assert five[4, 1, 5] == 2 and five[4, 1, 9] == 1
+    assert layers[4, 1, 5] == 2 and layers[4, 1, 9] == 1
 
 
 def test_speed_is_the_mean_over_time(fleet):

@@ -9,16 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleetlog.analysis.chargers import chargers
-from fleetlog.analysis.placement.check import Trial, follow_charge, try_plan, with_chargers
+from fleetlog.analysis.placement.check import Trial, try_plan, with_chargers
 from fleetlog.analysis.placement.costs import driving_costs, edge_energies
 from fleetlog.analysis.placement.select import p_median
 from fleetlog.core.network import Edge, build_network, reversed_edge
-from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import truck_from_dict
 from fleetlog.errors import DataError
 from fleetlog.roads import load_site
-from fleetlog.store import Dataset, DatasetWriter
-from tests.analysis.conftest import T0, grid_site, write
+from tests.analysis.conftest import grid_site, write
 
 TRUCK = truck_from_dict({
     "name": "t", "chassis": {"mass": 3000.0, "rated_load": 1500.0, "turn_radius": 2.5},
@@ -83,24 +81,6 @@ def test_existing_chargers_stay_and_idle_sites_are_left_out(fleet):
     r = chargers(fleet, k=12)
     assert (r.places["sites"].served_share > 0).all()
     assert len(r.places["sites"]) == 12 or any("idle" in n for n in r.summary["notices"])
-
-
-def test_following_the_charge_counts_waiting_and_nothing_else(tmp_path):
-    """Ten minutes: stands low and unplugged (counted), plugged in, with a load, driving, full (none of them counted)."""
-    n = 600
-    t = np.arange(n)
-    phase = t // 120
-    soc = np.where(phase == 4, 0.9, 0.2)
-    columns = {
-        "x": np.zeros(n), "y": np.zeros(n), "speed": np.where(phase == 3, 2.0, 0.0), "soc": soc,
-        "battery_power": np.where(phase == 1, -5000.0, 300.0), "payload": np.where(phase == 2, 800.0, 0.0),
-    }  # fmt: skip
-    with DatasetWriter.create(tmp_path / "d", "recorded", grid_site()) as w:
-        w.write(Trajectory("T1", T0 + t * 1_000_000, columns))
-    got = follow_charge(Dataset(tmp_path / "d"), 0.3)
-    assert got["waiting_for_plug_h"] == pytest.approx(120 / 3600, abs=2 / 3600)
-    assert got["soc_lowest"] == 0.2 and got["soc_end_mean"] == 0.9
-    assert got["soc_mean"] == pytest.approx(soc[:-1].mean(), abs=1e-3)
 
 
 def test_the_plan_replaces_the_chargers_plug_by_plug(fleet):

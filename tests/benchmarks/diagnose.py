@@ -47,7 +47,7 @@ def main() -> None:
         vehicles, days = SIZES[name]
         with tempfile.TemporaryDirectory() as scratch:
             folder = Path(scratch)
-            record(term, 11, folder, vehicles=vehicles, days=days)
+            record(f"{term},seed=11,vehicles={vehicles},days={days}", folder)
             rows = json.loads((folder / "key.json").read_text())["rows"]
             tool = [sys.executable, "-m", "fleetlog"]
             site, log, data = (str(folder / f) for f in ("site.toml", "recorded.csv.gz", "data"))

@@ -18,11 +18,11 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "motion"))
-from truth import long_road, on_road, shuttle
+from truth import Truth, long_road, on_road, shuttle
 
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Labels, Trajectory
-from fleetlog.physics.motion import smooth_motion
+from fleetlog.physics.motion import Reconstruction, reconstruct
 from fleetlog.roads.matching import match
 
 
@@ -36,6 +36,18 @@ def matched(log: Trajectory, road: Network) -> Trajectory:
     return log.with_columns(edge_id=Labels(found.edge, road.edge_ids), edge_offset=found.offset)
 
 
+def against(found: Reconstruction, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of speed and of the likeliest acceleration at the samples."""
+    v, a = (np.interp(found.motion.time, truth.t, values) for values in (truth.speed, truth.acceleration))
+    return found.motion.speed - v, np.where(found.standing, 0.0, found.states.mean[found.node, 2]) - a
+
+
+def of(found: Reconstruction, truth: Truth) -> tuple[float, ...]:
+    """Errors of speed and acceleration, each with what is stated of it."""
+    v, a = against(found, truth)
+    return rms(v), rms(found.speed_sd), rms(a), rms(found.acceleration_sd)
+
+
 def errors() -> None:
     road = long_road()
     print(
@@ -47,17 +59,9 @@ def errors() -> None:
             truth = shuttle(1800.0, rate, 1)
             log = matched(on_road(truth, road, noise, 2), road)
             plain = rms(np.gradient(log.floats("x"), truth.t) - truth.speed)
-            found = smooth_motion(log, road)
-            helped = smooth_motion(matched(on_road(truth, road, noise, 2, speed_noise=0.05), road), road)
-            v, a = found.motion.speed - truth.speed, found.motion.acceleration - truth.acceleration
-            numbers = (
-                plain,
-                rms(v),
-                rms(found.speed_sd),
-                rms(a),
-                rms(found.acceleration_sd),
-                rms(helped.motion.speed - truth.speed),
-            )
+            found = reconstruct(log, road)
+            helped = reconstruct(matched(on_road(truth, road, noise, 2, speed_noise=0.05), road), road)
+            numbers = (plain, *of(found, truth), rms(against(helped, truth)[0]))
             print(f"| {rate:g} Hz | {noise:g} m | " + " | ".join(f"{x:.3f}" for x in numbers) + " |")
 
 
@@ -70,9 +74,9 @@ def pace(rows: int) -> None:
     log = log.with_columns(
         payload=np.full(n, 500.0), fork_height=np.zeros(n), battery_power=np.full(n, 900.0)
     )
-    smooth_motion(log[:5000], road)
+    reconstruct(log[:5000], road)
     start = time.process_time()
-    smooth_motion(log, road)
+    reconstruct(log, road)
     seconds = time.process_time() - start
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"\n{n:,} rows: {seconds:.2f} CPU s, {n / seconds / 1e6:.2f} million rows/s; 17.3 million rows (20 trucks, one day at 10 Hz): "

@@ -18,31 +18,51 @@ import sys
 import tempfile
 import time
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fleetlog.core.truck import load_truck
-from fleetlog.discovery import residual
 from fleetlog.discovery.diagnose import diagnose
+from fleetlog.discovery.recording.splits import HELD_OUT
+from fleetlog.discovery.search.problem import Problem
 from fleetlog.store import Dataset
 
 NAMES = ["v", "a", "load", "curv", "east", "north", "temp", "x", "y", "lift"]
 
 
-def table(bench: residual.Recording, base: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(W, 10) scaled means of the variables, (W,) modelled and (W,) recorded mean power [W]."""
-    rows, model = [], []
-    for block, c in bench.pairs():
+@dataclass(frozen=True)
+class Table:
+    """What rivals get, by window: (W, 10) scaled means of the variables, modelled and recorded mean power [W], seconds, trip, fold."""
+
+    variables: np.ndarray
+    model: np.ndarray
+    recorded: np.ndarray
+    seconds: np.ndarray
+    trip: np.ndarray
+    fold: np.ndarray
+
+
+def table(problem: Problem) -> Table:
+    """All whole windows of an energy channel."""
+    channel = problem.channel
+    parts = []
+    for number, unit in enumerate(channel.units()):
+        (block, c), use = unit.own, unit.whole
         m = block.motion
         total = np.maximum(c.energy(block, np.ones(len(m))), 1e-9)
         variables = (m.speed, m.acceleration, m.payload / 1e3, np.abs(m.curvature) * 10.0, np.cos(m.heading), np.sin(m.heading),
                      np.nan_to_num(m.ambient_temperature) / 10.0, m.x / 100.0, m.y / 100.0, np.maximum(m.lift_speed, 0.0))  # fmt: skip
-        rows.append(np.stack([c.energy(block, v) / total for v in variables], axis=1))
-        model.append(c.energy(block, bench.evaluation(block, base).power))
-    seconds = np.maximum(bench.windows.duration, 1e-6)
-    return np.concatenate(rows), 1e3 * np.concatenate(model) / seconds, 1e3 * bench.recorded / seconds
+        seconds = np.maximum(unit.windows.duration, 1e-6)
+        columns = (
+            np.stack([c.energy(block, v) / total for v in variables], axis=1),
+            1e3 * channel.predict(unit, channel.base) / seconds, 1e3 * unit.recorded / seconds, seconds, unit.windows.trip,
+            problem.folds(number, unit)[0],
+        )  # fmt: skip
+        parts.append([column[use] for column in columns])
+    return Table(*(np.concatenate(p) for p in zip(*parts, strict=True)))
 
 
 def sindy(x: np.ndarray, y: np.ndarray, trips: np.ndarray) -> tuple[Any, str]:
@@ -107,11 +127,16 @@ def compare(folder: Path) -> None:
         d = diagnose(Dataset(data), load_truck(str(folder / "truck.toml")))
         spent = time.process_time() - begin
     e = d.channels["battery_power"]
-    bench, test = e.task.recording, ~e.task.train & e.task.recording.whole
-    assert isinstance(bench, residual.Recording)
-    train = e.task.use
-    x, model, recorded = table(bench, e.task.base)
-    seconds, trips = bench.windows.duration, bench.windows.trip
+    w = table(e.problem)
+    test, x, model, recorded, seconds, trips = (
+        w.fold == HELD_OUT,
+        w.variables,
+        w.model,
+        w.recorded,
+        w.seconds,
+        w.trip,
+    )
+    train = ~test
 
     def error(power: np.ndarray) -> float:
         return float(

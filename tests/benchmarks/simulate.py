@@ -34,7 +34,7 @@ SIDE, PITCH = 10, 60.0
 
 
 def ours(vehicles: int, seconds: float, interval: float, folder: Path) -> dict[str, float]:
-    from sites import TRUCK, grid
+    from simulated_sites import TRUCK, grid
 
     from fleetlog.simulate.engine import Settings, simulate
     from fleetlog.store import DatasetWriter

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "simulate"))
 
 def passages(trucks: int, minutes: float, seed: int, folder: Path) -> tuple[float, int, float]:
     """Passages of the middle in an hour, deadlocks, share of time spent waiting."""
-    from sites import TRUCK, crossing
+    from simulated_sites import TRUCK, crossing
 
     from fleetlog.simulate.engine import Settings, simulate
     from fleetlog.simulate.tasks import Demand
@@ -34,7 +34,7 @@ def passages(trucks: int, minutes: float, seed: int, folder: Path) -> tuple[floa
         t = data.read(vehicle, columns=["x", "y"])
         near = np.hypot(t.floats("x"), t.floats("y")) < 4.0
         count += int((np.diff(near.astype(int)) == 1).sum())
-    waiting = summary.waiting_s / (trucks * 60.0 * minutes)
+    waiting = summary.limits.waiting_s["traffic"] / (trucks * 60.0 * minutes)
     return count / minutes * 60.0, summary.count.deadlocks, waiting
 
 

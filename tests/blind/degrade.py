@@ -1,15 +1,18 @@
-"""Poorer versions of a recording: what a fleet may lack.
+"""Poorer versions of a recording that was not made here: what a fleet may lack.
 
-python degrade.py FOLDER [LACK ...]       FOLDER holds recorded.csv.gz, site.toml, truck.toml; prints what is diagnosed
+    python degrade.py FOLDER [LACK ...]
+
+FOLDER holds recorded.csv.gz, site.toml and truck.toml; what is diagnosed is printed.
 """
 
 from __future__ import annotations
 
-import gzip
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
+
+import polars as pl
 
 from fleetlog.cli.main import cli as fleetlog
 from fleetlog.core.truck import load_truck
@@ -19,23 +22,17 @@ from fleetlog.store import Dataset
 
 LACKS = ("nothing", "network", "load", "power", "rows", "vehicles")
 """No road network; no payload and fork height; no battery power; four of five rows; all vehicles but one."""
+COLUMNS = {"load": ["payload", "fork_height"], "power": ["battery_power"]}
 
 
 def degrade(recorded: Path, lack: str, out: Path) -> None:
-    """Write ``recorded`` (csv.gz) without what it lacks to ``out`` (csv); a missing network is a matter of the import."""
-    with gzip.open(recorded, "rt", encoding="utf-8") as source, out.open("w", encoding="utf-8") as sink:
-        header = source.readline().strip().split(",")
-        gone = {"load": {"payload", "fork_height"}, "power": {"battery_power"}}.get(lack, set())
-        keep = [i for i, name in enumerate(header) if name not in gone]
-        sink.write(",".join(header[i] for i in keep) + "\n")
-        seen: dict[str, int] = {}
-        for line in source:
-            values = line.rstrip("\n").split(",")
-            vehicle = values[header.index("vehicle_id")]
-            seen[vehicle] = seen.get(vehicle, -1) + 1
-            if (lack == "rows" and seen[vehicle] % 5) or (lack == "vehicles" and vehicle != next(iter(seen))):
-                continue
-            sink.write(",".join(values[i] for i in keep) + "\n")
+    """Write ``recorded`` (csv.gz) without what it lacks to ``out`` (csv); the import drops the network."""
+    log = pl.read_csv(recorded, infer_schema=False).drop(COLUMNS.get(lack, []))
+    if lack == "rows":
+        log = log.filter(pl.int_range(pl.len()).over("vehicle_id") % 5 == 0)
+    if lack == "vehicles":
+        log = log.filter(pl.col("vehicle_id") == pl.col("vehicle_id").first())
+    log.write_csv(out)
 
 
 def diagnosed(folder: Path, lack: str) -> dict[str, Any]:
@@ -60,11 +57,9 @@ def line(found: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
+    folder = Path(sys.argv[1])
     for lack in sys.argv[2:] or LACKS:
         try:
-            print(
-                f"| {Path(sys.argv[1]).name} | {lack} | {line(diagnosed(Path(sys.argv[1]), lack))} |",
-                flush=True,
-            )
+            print(f"| {folder.name} | {lack} | {line(diagnosed(folder, lack))} |", flush=True)
         except FleetlogError as error:
-            print(f"| {Path(sys.argv[1]).name} | {lack} | {error} |", flush=True)
+            print(f"| {folder.name} | {lack} | {error} |", flush=True)

@@ -1,188 +1,108 @@
-"""Run the blind benchmark and print its table.
+"""Judge the lines of run.py: one table with the bars, then where the answers come from.
 
-python table.py RESULTS.jsonl FIRST LAST [TERM ...]     record, import, diagnose and judge; one line a recording is appended
-python table.py RESULTS.jsonl                           the table of what is there
-
-Recordings are kept in a folder beside RESULTS.jsonl, so that the same ones can be diagnosed again.  A term may be several
-joined by ``+``, and ``@0.4`` at its end makes the effects weaker.  The floor of a recording is the error of its clean twin: the same drives without the effect.
+python table.py RESULTS.jsonl ...
 """
 
 from __future__ import annotations
 
-import collections
-import json
 import sys
-import time
-import traceback
-from pathlib import Path
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-from effects import OUTSIDE, TERMS
-from recorder import record
-from score import judge, overlap, parameters
+from breakdown import confusion, curves, intervals, scopes, words
+from effects import OUTSIDE
+from judged import crowded, effects, inside, load
+from score import LATE, Json
 
-from fleetlog.cli.main import cli as fleetlog
-from fleetlog.core.truck import load_truck
-from fleetlog.discovery.diagnose import diagnose
-from fleetlog.store import Dataset
-
-NOTICED = 0.1
+NOTICEABLE = 0.1
 """Share of the held-out error that the true term removes where an effect must be named."""
+MUCH = 0.02
+"""Share of travel time lost to others that must be reported."""
 
 
-def one(name: str, seed: int, recordings: Path) -> dict[str, object]:
-    """Record and import (unless that was done before), diagnose and judge one case."""
-    folder = recordings / f"{name}_{seed}"
-    if not (folder / "data" / "dataset.json").exists():
-        terms, _, strength = name.partition("@")
-        record(terms, seed, folder, float(strength or 1.0))
-        log, site = str(folder / "recorded.csv.gz"), str(folder / "site.toml")
-        call = [
-            "import",
-            log,
-            "--site",
-            site,
-            "-o",
-            str(folder / "data"),
-            "-q",
-            "--no-recording",
-            "--overwrite",
-        ]
-        fleetlog(call, standalone_mode=False)
-    key = json.loads((folder / "key.json").read_text())
-    begin = time.process_time()
-    try:
-        found = diagnose(Dataset(folder / "data"), load_truck(str(folder / "truck.toml"))).verdict.document()
-    except Exception:
-        return {"name": name, "seed": seed, "word": "crashed", "error": traceback.format_exc()[-800:]}
-    terms = [
-        f"{f['term']}({','.join(f['depends_on'])})" if f["term"] == "unknown" else f["term"]
-        for f in found["findings"]
-    ]
-    return {
-        "name": name, "seed": seed, "word": judge(key, found), "named": terms, "not_excluded": [f["not_excluded"] for f in found["findings"]],
-        "parameters": parameters(key, found), "overlap": overlap(key, found), "channels": found["channels"],
-        "seconds": time.process_time() - begin,
-    }  # fmt: skip
+def bars(rows: list[Json]) -> None:
+    """What is asked for, beside what was reached."""
+    print("| | bar | reached |\n| --- | --- | --- |")
+    wanted = [(r, e) for r, e in effects(rows) if e["share"] >= NOTICEABLE]
+    _naming(wanted)
+    _honesty(rows)
+    _scoping(wanted)
+    shares = [r["congestion"] for r in rows if r.get("congestion") and r["congestion"]["truth"] >= MUCH]
+    _bar("share of congestion within a quarter, where 2 % or more", "all", shares, _share_right)
+    _bar("wrong truck files told as adjustments", "", [a for r in rows for a in r.get("adjusted", ())], bool)
+    _bar("no answer", "none", rows, lambda r: r["word"] == "crashed")
+    _bar("not a number, or on a bound", "none", rows, lambda r: bool(r["faults"]))
+    print(f"\nmedian seconds of CPU: record, import, diagnose {_seconds(rows)}")
 
 
-WORDS = ("right", "undecided", "extra", "partly", "missed", "wrong", "false alarm", "crashed")
-CHANNEL = dict.fromkeys(
-    ("speed_zone", "cornering_speed", "laden_speed", "acceleration_limit", "waiting"), "speed"
-) | {"battery_resistance": "soc"}
+def _naming(wanted: list[tuple[Json, Json]]) -> None:
+    plain = [e["told"] for r, e in wanted if not crowded(r)]
+    dense = [e["told"] for r, e in wanted if crowded(r)]
+    _bar("noticeable effects named", "at least 90 %", plain, "named".__eq__)
+    _bar("... undecided", "", plain, "undecided".__eq__)
+    _bar("noticeable effects named, three or more or two on a road", "at least 75 %", dense, "named".__eq__)
 
 
-def noticeable(row: dict, floors: dict[int, dict[str, float]]) -> bool:
-    """Whether the true term would lower the held-out error of its channel by ``NOTICED``."""
-    if row["name"].partition("@")[0] in ("none", "clock_offset", "speed_scale"):
-        return True
-    for channel in row.get("channels", []):
-        floor = floors.get(row["seed"], {}).get(channel["name"])
-        if floor is not None and floor < (1.0 - NOTICED) * channel["before"]:
-            return True
-    return False
+def _honesty(rows: list[Json]) -> None:
+    answered = [r for r in rows if r["word"] != "crashed"]
+    clean = [r for r in answered if not r["key"]["terms"]]
+    concealing = [r for r in answered if r["key"]["terms"]]
+    outside = [r["word"] for r in concealing if set(r["key"]["terms"]) & set(OUTSIDE)]
+    numbers = [n for _, e in effects(rows) for n in e["numbers"]]
+    over = [v for r in concealing if r["found"]["verdict"] == "found" for v in r["excess"].values()]
+    _bar("false alarms on clean recordings", "at most 2 %", clean, lambda r: r["word"] == "false alarm")
+    _bar("certain and wrong", "at most 2 %", concealing, lambda r: r["certain"])
+    _bar("outside the vocabulary: unknown, with what it follows", "", outside, "right".__eq__)
+    _bar("intervals that hold the truth", "92 to 98 %", numbers, inside)
+    _bar("after within 1.2 of the floor where found", "all", over, lambda v: v <= 1.2)
 
 
-def table(path: Path) -> None:
-    """One row a term."""
-    rows = [json.loads(line) for line in path.read_text().splitlines()]
-    rows = list({(r["name"], r["seed"]): r for r in rows}.values())
-    floors = {
-        r["seed"]: {c["name"]: c["before"] for c in r.get("channels", [])}
-        for r in rows
-        if r["name"] == "none"
-    }
-    by: dict[str, list[dict]] = collections.defaultdict(list)
-    for r in rows:
-        by[r["name"]].append(r)
-    print(
-        "| concealed | n | noticeable | " + " | ".join(WORDS)
-        + " | error of the number, median | in its interval | roads | held-out error before, after, floor | CPU s |"
-    )  # fmt: skip
-    print("|" + " --- |" * (len(WORDS) + 8))
-    inside_all: list[bool] = []
-    for name, group in sorted(by.items(), key=lambda kv: _order(kv[0])):
-        inside_all += _row(name, group, floors)
-    _bars(rows, floors, inside_all)
+def _scoping(wanted: list[tuple[Json, Json]]) -> None:
+    named = [("scope=" in r["case"], e) for r, e in wanted if e["told"] == "named"]
+    scoped = [e for has_scope, e in named if has_scope]
+    others = [e["scope"] for has_scope, e in named if not has_scope]
+    late = [e["late"] for e in scoped if e["late"] is not None]
+    _bar("scope right, of scoped effects named", "at least 90 %", [e["scope"] for e in scoped], bool)
+    _bar("no scope claimed, of the others named", "", others, bool)
+    _bar("time of a change within 5 %", "", late, lambda v: v <= LATE)
 
 
-def _row(name: str, group: list[dict], floors: dict[int, dict[str, float]]) -> list[bool]:
-    count = collections.Counter(r["word"] for r in group)
-    numbers = [p for r in group for p in r.get("parameters", [])]
-    error = [abs(p["value"] - p["truth"]) / max(abs(p["truth"]), 1e-9) for p in numbers]
-    inside = [p["low"] <= p["truth"] <= p["high"] for p in numbers]
-    places = [r["overlap"] for r in group if r.get("overlap") is not None and r["word"] in ("right", "extra")]
-    wanted = CHANNEL.get(name.partition("@")[0].split("+")[0], "battery_power")
-    fits = [
-        (c["before"], c["after"], floors[r["seed"]][wanted])
-        for r in group
-        for c in r.get("channels", [])
-        if c["name"] == wanted and wanted in floors.get(r["seed"], {})
-    ]
-    shown = ", ".join(f"{v:.3f}" for v in np.median(np.array(fits), axis=0)) if fits else ""
-    print(
-        f"| {name} | {len(group)} | {sum(noticeable(r, floors) for r in group)} | " + " | ".join(str(count[w] or "") for w in WORDS)
-        + f" | {f'{100 * np.median(error):.1f} %' if error else ''} | {f'{sum(inside)}/{len(inside)}' if inside else ''}"
-        + f" | {f'{np.mean(places):.2f}' if places else ''} | {shown} | {np.median([r.get('seconds', 0.0) for r in group]):.1f} |"
-    )  # fmt: skip
-    return inside
+def _bar(name: str, bar: str, of: list[Any], holds: Callable[[Any], bool]) -> None:
+    count = sum(bool(holds(one)) for one in of)
+    print(f"| {name} | {bar} | {f'{count / len(of):.1%} ({count} of {len(of)})' if of else 'none seen'} |")
 
 
-def _order(name: str) -> int:
-    names = ["none", *TERMS, *OUTSIDE]
-    whole = name.partition("@")[0]
-    return (names.index(whole) if whole in names else len(names)) + len(names) * ("@" in name)
+def _share_right(c: Json) -> bool:
+    return c["told"] is not None and abs(c["told"] - c["truth"]) <= 0.25 * c["truth"]
 
 
-def _bars(rows: list[dict], floors: dict[int, dict[str, float]], inside: list[bool]) -> None:
-    """The figures that are asked for."""
-    clean = [r for r in rows if r["name"] == "none"]
-    faulty = [r for r in rows if r["name"] != "none" and noticeable(r, floors)]
-    if clean:
-        alarms = sum(r["word"] != "right" for r in clean)
-        print(f"\nfalse alarms: {alarms} of {len(clean)} ({alarms / len(clean):.1%})")
-    if faulty:
-        named = sum(r["word"] in ("right", "extra") for r in faulty)
-        certain = sum(_certain_and_wrong(r) for r in faulty)
-        exact = sum(r["word"] == "right" for r in faulty)
-        print(f"of {len(faulty)} noticeable effects: named {named / len(faulty):.1%}, exactly so {exact / len(faulty):.1%}, "
-              f"certain and wrong {certain / len(faulty):.1%}")  # fmt: skip
-    print(f"intervals hold the truth: {sum(inside)} of {len(inside)}")
+def _seconds(rows: list[Json]) -> str:
+    whole = [r["seconds"] for r in rows if len(r.get("seconds", ())) == 3]
+    return ", ".join(f"{v:.1f}" for v in np.median(whole, axis=0)) if whole else ""
 
 
-def _certain_and_wrong(row: dict) -> bool:
-    """Whether any term is named that is not true and nothing beside it is left possible."""
-    truth = set(row["name"].partition("@")[0].split("+"))
-    named = zip(row.get("named", []), row.get("not_excluded", []), strict=True)
-    return any(
-        not n.startswith("unknown") and n not in truth and not truth & set(others) for n, others in named
-    )
+def _family(row: Json) -> str:
+    return row["family"] or "single"
 
 
-def confusion(path: Path) -> None:
-    """What was named for what was concealed."""
-    rows = [json.loads(line) for line in path.read_text().splitlines()]
-    rows = list({(r["name"], r["seed"]): r for r in rows}.values())
-    for name in sorted({r["name"] for r in rows}, key=_order):
-        said: collections.Counter[str] = collections.Counter()
-        for r in rows:
-            if r["name"] == name:
-                said[", ".join(sorted(r.get("named", [r["word"]]))) or "nothing"] += 1
-        print(f"| {name} | " + "; ".join(f"{k}: {v}" for k, v in said.most_common()) + " |")
+def _of(name: str, families: tuple[str, ...]) -> Callable[[Json], str | None]:
+    return lambda row: row.get("key", {}).get(name) if row["family"] in families else None
 
 
 def main() -> None:
     """See the module's own words."""
-    path = Path(sys.argv[1])
-    if len(sys.argv) > 3:
-        names = sys.argv[4:] or ["none", *TERMS, *OUTSIDE]
-        for seed in range(int(sys.argv[2]), int(sys.argv[3])):
-            for name in names:
-                line = json.dumps(one(name, seed, path.parent / "recordings"))
-                with path.open("a") as out:
-                    out.write(line + "\n")
-    table(path)
-    confusion(path)
+    rows = load(sys.argv[1:])
+    bars(rows)
+    words("family", rows, _family)
+    curves(rows)
+    intervals(rows)
+    scopes(rows)
+    words("clean, logger", rows, _of("logger", ("clean",)))
+    words("clean, site", rows, _of("site", ("clean",)))
+    words("one term, logger", rows, _of("logger", ("loggers",)))
+    words("one term, site", rows, _of("site", ("sites",)))
+    confusion(rows)
 
 
 if __name__ == "__main__":

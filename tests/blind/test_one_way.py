@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import Case
 from degrade import diagnosed
-from plants import Plant
+from effects import Effect
 from recorder import record
+from world import world
 
 
 @pytest.mark.slow
@@ -16,13 +18,12 @@ from recorder import record
 def test_slope_and_floor_are_told_apart_where_both_directions_are_driven(
     oneway: bool, seed: int, tmp_path: Path
 ) -> None:
-    plant = Plant(np.random.default_rng(seed))
-    roads = [int(k) for k in np.flatnonzero(plant.oneway == oneway)[:4]]
-    record(
-        "surface_resistance", seed, tmp_path, given={"surface_resistance": {"roads": roads, "factor": 2.2}}
-    )
+    case = Case(("surface_resistance",), seed=seed)
+    layout = world(case).site.layout
+    roads = tuple(int(k) for k in np.flatnonzero(layout.oneway == oneway)[:4])
+    record(case, tmp_path, [Effect("surface_resistance", {"factor": 2.2}, roads)])
     (finding,) = diagnosed(tmp_path, "nothing")["findings"]
     assert finding["term"] == "surface_resistance"
     assert ("grade" in finding["not_excluded"]) == oneway
     if oneway:
-        assert "other direction" in finding["needs"]
+        assert "both directions" in finding["needs"]

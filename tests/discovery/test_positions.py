@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.discovery.positions import placed, seldom, updates
+from fleetlog.discovery.recording.positions import placed, seldom, updates
 
 
 def drive(every: int, null: bool = False) -> tuple[Trajectory, np.ndarray, np.ndarray]:

@@ -1,57 +1,83 @@
-"""What is held out where nothing is met twice."""
+"""What is held out is whole, a fifth of everything, and the same whatever else is read."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from fleetlog.discovery import splits
-from fleetlog.discovery.windows import Windows
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.discovery.recording.passes import passed_once, trips_apart
+from fleetlog.discovery.recording.splits import HELD_OUT, make_split
+from fleetlog.discovery.recording.windows import Windows
 
 
-def road(metres: np.ndarray, edge: int = -1) -> Windows:
-    """A drive along an east-west road, a window every ten seconds, at the given places."""
-    count = len(metres)
-    zeros, ten = np.zeros(count, np.int64), np.full(count, 10.0)
+def windows(vehicle: int, day: int, trips: int = 40) -> Windows:
+    """So many trips of ten windows on one vehicle-day."""
+    t = np.arange(trips * 10)
+    trip = vehicle * 1_000_000 + day * trips + t // 10
+    time, n = day * 86400.0 + t * 10.0, len(t)
     return Windows(
-        trip=zeros, vehicle=zeros, day=zeros, edge=zeros + edge, duration=ten, distance=20.0 * ten, x=metres, y=0.0 * ten,
-        time=10.0 * np.arange(count),
-    )  # fmt: skip
+        trip,
+        np.full(n, vehicle),
+        np.full(n, day),
+        np.zeros(n, int),
+        np.full(n, 10.0),
+        np.full(n, 20.0),
+        time,
+        time,
+        time,
+    )
 
 
-OUT = 200.0 * np.arange(300)
+@pytest.mark.parametrize("trips", [40, 3])
+def test_a_fifth_is_held_out_and_every_unit_is_whole(trips: int) -> None:
+    s = make_split("trips", trips, trips * 100.0, [0], [0], 10, 0.2, 1)
+    w = windows(0, 0, trips)
+    fold = s.fold(w)
+    for unit in np.unique(s.unit(w)):
+        assert len(np.unique(fold[s.unit(w) == unit])) == 1
+    share = np.mean(fold == HELD_OUT)
+    assert 0.1 < share < 0.35
+    assert set(fold[fold != HELD_OUT]) <= set(range(10))
 
 
-@pytest.mark.parametrize(
-    ("metres", "edge", "once"),
-    [(OUT, -1, True), (np.concatenate([OUT, OUT[::-1]]), -1, False), (OUT % 4000.0, -1, False), (OUT, 3, False)],
-)  # fmt: skip
-def test_a_road_that_is_driven_back_is_not_passed_once(metres: np.ndarray, edge: int, once: bool) -> None:
-    assert splits.passed_once(road(metres, edge)) is once
+def test_rows_and_windows_of_a_trip_are_dealt_alike_and_other_trips_do_not_matter() -> None:
+    s = make_split("trips", 40, 4000.0, [0], [0], 10, 0.2, 3)
+    w = windows(0, 0)
+    assert np.array_equal(s.rows(w.trip, w.time, 0, 0), s.fold(w))
+    part = w[w.trip > 12]
+    assert np.array_equal(s.fold(part), s.fold(w)[w.trip > 12])
 
 
-def test_standing_at_a_place_is_not_coming_back_to_it() -> None:
-    assert splits.passed_once(road(np.concatenate([OUT[:150], np.full(100, OUT[150]), OUT[150:]])))
+@pytest.mark.parametrize("holdout", ["vehicles", "days"])
+def test_whole_vehicles_and_days_are_held_out(holdout: str) -> None:
+    s = make_split(holdout, 600, 60000.0, [0, 1, 2], [0, 1, 2, 3, 4], 10, 0.2, 0)
+    held = {}
+    for v in range(3):
+        for d in range(5):
+            held[v, d] = set((s.fold(windows(v, d)) == HELD_OUT).tolist())
+    assert all(len(h) == 1 for h in held.values())
+    assert {True} in held.values() and {False} in held.values()
 
 
-def test_what_is_kept_back_of_a_road_passed_once_has_neighbours_that_were_seen() -> None:
-    w = splits.independent(road(OUT))
-    kept = splits.test_windows(w, "trips", np.random.default_rng(1))
-    seen = np.flatnonzero(~kept)
-    gap = np.abs(np.flatnonzero(kept)[:, None] - seen[None, :]).min(axis=1)
-    assert 0.15 < kept.mean() < 0.25
-    assert np.median(gap) <= splits.PIECE
-    assert set(splits.folds(w, splits.slow_blocks(w), np.random.default_rng(1))) == {"trip", "place"}
+def driven(laps: int, trips: int = 1, placed: bool = True) -> Trajectory:
+    """A round of 5 km at 10 m/s, a row a second, so many times."""
+    t = np.arange(500 * laps)
+    angle = 2.0 * np.pi * t / 500.0
+    place = {"x": 800.0 * np.cos(angle), "y": 800.0 * np.sin(angle)} if placed else {}
+    trip = t * trips // len(t)
+    return Trajectory("A", t * 1_000_000, {**place, "speed": np.full(len(t), 10.0), "trip_id": trip})
 
 
-def test_trips_that_went_nowhere_known_are_held_out_in_parts() -> None:
-    w = road(np.full(240, np.nan))
-    trips = splits.independent(replace(w, trip=np.arange(240) // 12))
-    kept = splits.test_windows(trips, "trips", np.random.default_rng(2))
-    assert trips.pieces
-    for k in range(20):
-        assert not kept[12 * k : 12 * k + 12].all()
-    fold = splits.folds(trips, splits.slow_blocks(trips), np.random.default_rng(2))["trip"]
-    assert min(len(np.unique(fold[12 * k : 12 * k + 12])) for k in range(20)) >= 2
+def test_pieces_are_short_where_every_place_is_passed_once() -> None:
+    assert passed_once([(0, driven(1))], 10.0)
+    assert not passed_once([(0, driven(3))], 10.0)
+    assert not passed_once([(0, driven(3, placed=False))], 10.0)
+    once = make_split("trips", 40, 4000.0, [0], [0], 10, 0.2, 0, window=15.0, once=True)
+    assert (once.kind, once.length) == ("stretches", 45.0)
+
+
+def test_trips_are_apart_only_where_nothing_says_where_they_went() -> None:
+    assert len(trips_apart([(0, driven(2, 10, placed=False))])) == 10
+    assert trips_apart([(0, driven(2, 10))]) == ()
+    assert trips_apart([(0, driven(2, 50, placed=False))]) == ()

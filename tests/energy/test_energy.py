@@ -12,11 +12,10 @@ from click.testing import CliRunner
 from shuttle import LENGTH, recorded, street, truth
 
 from fleetlog.analysis.energy import energy
-from fleetlog.analysis.energybook.book import in_polygon
 from fleetlog.cli.analyses.energy import command
 from fleetlog.core.motion import Motion
 from fleetlog.core.result import EdgeValues, Result, Series
-from fleetlog.core.site import Site
+from fleetlog.core.site import Site, Zone
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, battery_power, ledger
 from fleetlog.store.dataset import Dataset
@@ -176,8 +175,9 @@ def test_it_says_what_the_measured_energy_was_taken_from(
 def test_points_of_a_polygon() -> None:
     square = np.array([[0.0, 0], [2, 0], [2, 2], [0, 2]])
     x, y = np.array([1.0, 3.0, -1.0, 1.0, 0.5]), np.array([1.0, 1.0, 1.0, 3.0, 1.9])
-    assert in_polygon(square, x, y).tolist() == [True, False, False, False, True]
-    assert in_polygon(np.vstack([square, square[:1]]), x, y).tolist() == [True, False, False, False, True]
+    assert Zone("z", square).contains(x, y).tolist() == [True, False, False, False, True]
+    closed = np.vstack([square, square[:1]])
+    assert Zone("z", closed).contains(x, y).tolist() == [True, False, False, False, True]
 
 
 def test_the_command_writes_everything(day: tuple[Dataset, Motion], tmp_path: Path) -> None:

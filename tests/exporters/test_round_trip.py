@@ -10,7 +10,8 @@ import pytest
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import DataError, InputError, OutputError
 from fleetlog.exporters.base import export_dataset, exporters
-from fleetlog.importers.base import ReadOptions, ReadReport, detect
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers.base import ReadOptions, detect
 from fleetlog.store import Dataset
 
 # format: (tolerance of positions [m], of time [us], columns that come back)
@@ -151,7 +152,11 @@ def test_refusals_are_one_line_and_leave_nothing(make_dataset, tmp_path: Path) -
     out.write_text("mine")
     with pytest.raises(OutputError):
         export_dataset(many, "csv", out)
+    with pytest.raises(OutputError):
+        export_dataset(many, "csv", out, overwrite=True)
     assert out.read_text() == "mine"
+    out.unlink()
+    export_dataset(many, "csv", out)
     export_dataset(many, "csv", out, overwrite=True)
     assert out.read_text().startswith("vehicle_id")
 

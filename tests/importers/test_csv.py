@@ -18,8 +18,9 @@ from fleetlog.importers import _csv_blocks
 from fleetlog.importers._csv_cells import one_angle
 from fleetlog.importers._names import recognise
 from fleetlog.importers._profile import Profile, profile_from_dict
+from fleetlog.importers._report import ReadReport
 from fleetlog.importers._units import UNITS, find_unit, packed_minutes
-from fleetlog.importers.base import RawBatch, ReadOptions, ReadReport, detect
+from fleetlog.importers.base import RawBatch, ReadOptions, detect
 
 HEADER = "vehicle_id,timestamp,x,y,speed\n"
 
@@ -148,12 +149,13 @@ def test_every_line_is_a_row_or_refused(tmp_path_factory: pytest.TempPathFactory
         "time": "A,soon,1,2,3", "text": "A,2026-03-02T05:00:00Z,east,2,3", "header": HEADER.strip(), "blank": "",
         "quote": '"A","2026-03-02T05:00:00Z","1",2,3',
     }  # fmt: skip
-    text = HEADER + "A,2026-03-02T05:00:00Z,1,2,3\n" + "".join(make[k] + "\n" for k in kinds)
+    usual = 41  # most rows have as many fields as the header
+    text = HEADER + (make["good"] + "\n") * usual + "".join(make[k] + "\n" for k in kinds)
     batch, _ = one(tmp_path_factory.mktemp("x") / "a.csv", text)
-    expected = [3 + i for i, k in enumerate(kinds) if k != "blank"]
+    expected = [2 + usual + i for i, k in enumerate(kinds) if k != "blank"]
     refused = [r.record for r in batch.rejects]
-    assert sorted([*batch.record.tolist(), *refused]) == [2, *expected]
-    assert refused == [3 + i for i, k in enumerate(kinds) if k not in ("blank", "good", "quote")]
+    assert sorted([*batch.record.tolist(), *refused]) == [*range(2, 2 + usual), *expected]
+    assert refused == [2 + usual + i for i, k in enumerate(kinds) if k not in ("blank", "good", "quote")]
 
 
 @pytest.mark.parametrize("size", [80, 300, 1000])

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from fleetlog.errors import InputError
 from fleetlog.importers._profile import load_profile, profile_from_dict
+from fleetlog.importers._report import ReadReport
 from fleetlog.importers._times import NONE, LocalClock, epoch_unit, from_counts, from_format, from_iso
-from fleetlog.importers.base import ReadOptions, ReadReport
+from fleetlog.importers.base import ReadOptions
 from fleetlog.importers.csv import read
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -138,7 +139,7 @@ PROFILES = {
     "[columns]\nspeed = { column = 'v', units = 'km/h' }": "unit",
     "[columns]\ntimestamp = 'T'": "[time]",
     "encoding = 'latin-99'": "latin-1",
-    "skip_lines = 'two'": "wrong kind",
+    "skip_lines = 'two'": "not a whole number",
     "a = ": "TOML",
 }
 

@@ -185,7 +185,7 @@ def test_interrupted(tmp_path: Path) -> None:
     ]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
-    while not list(tmp_path.glob(".out.partial-*")) and time.monotonic() < deadline:
+    while not list(tmp_path.glob(".out.partial*")) and time.monotonic() < deadline:
         time.sleep(0.005)
     process.send_signal(signal.SIGINT)
     # -2 is death by the signal itself, which a shell reports as 130 too: CPython ends so after an interrupt within exec().

@@ -15,7 +15,7 @@ from truth import long_road, on_road, shuttle
 
 from fleetlog.core.network import Edge, build_network
 from fleetlog.core.trajectory import Labels, Trajectory
-from fleetlog.physics.motion import motion_from_trajectory
+from fleetlog.physics.motion import reconstruct
 
 
 def seconds(n: int, rate: float = 1.0) -> np.ndarray:
@@ -42,7 +42,7 @@ def square_course(rate: float) -> tuple[Trajectory, object]:
 @pytest.mark.parametrize("rate", [0.5, 1.0, 10.0])
 def test_corners_add_up_to_their_angle_and_are_rounded(rate: float) -> None:
     track, network = square_course(rate)
-    motion = motion_from_trajectory(track, network)
+    motion = reconstruct(track, network).motion
     assert (motion.curvature * motion.speed * motion.dt).sum() == pytest.approx(np.pi, rel=0.06)
     assert motion.curvature.max() <= 1.0 / 2.5 + 1e-6
     if rate == 10.0:
@@ -53,7 +53,7 @@ def test_corners_add_up_to_their_angle_and_are_rounded(rate: float) -> None:
 def test_slope_of_the_map() -> None:
     road = long_road(climb=0.05)
     truth = shuttle(100.0, 1.0, 1)
-    motion = motion_from_trajectory(on_road(truth, road, 0.0, 1), road)
+    motion = reconstruct(on_road(truth, road, 0.0, 1), road).motion
     assert np.allclose(np.tan(motion.slope), 0.05)
 
 
@@ -62,9 +62,10 @@ def test_slope_from_measured_heights() -> None:
     road = long_road()
     height = 3.0 * np.sin(truth.way / 40.0)
     noisy = height + np.random.default_rng(3).normal(0, 0.1, len(height))
-    motion = motion_from_trajectory(on_road(truth, road, 0.05, 4).with_columns(z=noisy), road)
-    true_slope = 3.0 / 40.0 * np.cos(truth.way / 40.0)
-    moving = truth.speed > 0.5
+    motion = reconstruct(on_road(truth, road, 0.05, 4).with_columns(z=noisy), road).motion
+    way, speed = (np.interp(motion.time, truth.t, v) for v in (truth.way, truth.speed))
+    true_slope = 3.0 / 40.0 * np.cos(way / 40.0)
+    moving = speed > 0.5
     assert np.corrcoef(motion.slope[moving], true_slope[moving])[0, 1] > 0.97
     assert np.sqrt(np.mean((motion.slope - true_slope)[moving] ** 2)) < 0.02
 
@@ -78,7 +79,7 @@ def test_lifting_adds_up_to_the_change_of_height(quantum: float, rate: float, se
     )
     log = Trajectory("T", seconds(len(height), rate), {"x": np.zeros(len(height)), "y": np.zeros(len(height)),
                      "fork_height": np.round(height / quantum) * quantum})  # fmt: skip
-    motion = motion_from_trajectory(log)
+    motion = reconstruct(log).motion
     lifted = (motion.lift_speed * motion.dt).sum()
     first = log.floats("fork_height")
     assert lifted == pytest.approx(first[-1] - first[0], abs=0.1)
@@ -91,7 +92,7 @@ def test_jitter_of_the_forks_does_no_lifting_work() -> None:
     log = Trajectory(
         "T", seconds(5000, 10.0), {"x": np.zeros(5000), "y": np.zeros(5000), "fork_height": height}
     )
-    motion = motion_from_trajectory(log)
+    motion = reconstruct(log).motion
     raised = (np.maximum(motion.lift_speed, 0) * motion.dt).sum()
     assert raised < 0.05 * np.maximum(np.diff(height), 0).sum()
 
@@ -99,15 +100,17 @@ def test_jitter_of_the_forks_does_no_lifting_work() -> None:
 def test_a_load_is_held_through_a_short_silence_only() -> None:
     load = np.array([np.nan, 500.0, np.nan, np.nan, 0.0] + [np.nan] * 100)
     log = Trajectory("T", seconds(105), {"x": np.zeros(105), "y": np.zeros(105), "payload": load})
-    motion = motion_from_trajectory(log)
-    assert motion.payload[:5].tolist() == [0.0, 500.0, 500.0, 500.0, 0.0]
+    found = reconstruct(log)
+    first = np.searchsorted(found.row, np.arange(105))
+    assert found.motion.payload[first][:5].tolist() == [0.0, 500.0, 500.0, 500.0, 0.0]
     load[4] = 300.0
-    motion = motion_from_trajectory(log.with_columns(payload=load))
-    assert motion.payload[60] == 300.0 and motion.payload[100] == 0.0
+    held = reconstruct(log.with_columns(payload=load)).motion.payload[first]
+    assert held[60] == 300.0 and held[100] == 0.0
 
 
 def test_power_is_measured_or_voltage_times_current() -> None:
     log = Trajectory("T", seconds(3), {"x": np.arange(3.0), "y": np.zeros(3), "battery_power": np.array([10.0, np.nan, np.nan]),
                      "battery_voltage": np.array([48.0, 48.0, np.nan]), "battery_current": np.array([9.0, 2.0, 1.0])})  # fmt: skip
-    power = motion_from_trajectory(log).power
+    found = reconstruct(log)
+    power = found.motion.power[np.searchsorted(found.row, np.arange(3))]
     assert power[0] == 10.0 and power[1] == 96.0 and np.isnan(power[2])

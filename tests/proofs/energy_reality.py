@@ -25,9 +25,8 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.site import Frame
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Auxiliary, Battery, Chassis, Drive, Resistance, Truck
-from fleetlog.physics.motion import smooth_motion
+from fleetlog.physics.motion import reconstruct
 from fleetlog.physics.power import Physics, battery_power
-from fleetlog.physics.refine import refined
 
 Floats = NDArray[np.float64]
 WINDOW = 1000.0
@@ -73,14 +72,14 @@ def twizy_trip(path: Path) -> Trip:
     fresh = (log["LAT"].diff() != 0).to_numpy() & (log["ALT"] > -50).to_numpy() & (log["ALT"] != 0).to_numpy()
     speed, soc = log["Speed"].to_numpy(float) / 3.6, log["Soc"].to_numpy(float) / 100.0
     z = np.where(fresh, log["ALT"].to_numpy(float), np.nan)
-    motion = smooth_motion(Trajectory(path.stem, time, {"speed": speed, "z": z, "soc": soc})).motion
-    number = (np.cumsum(motion.speed * motion.dt) / WINDOW).astype(np.int64)
+    found = reconstruct(Trajectory(path.stem, time, {"speed": speed, "z": z, "soc": soc}))
+    fine = found.motion
+    number = (np.cumsum(found.rows(fine.speed * fine.dt)) / WINDOW).astype(np.int64)
     ends = np.append(np.flatnonzero(np.diff(number)), len(number) - 1)
     begins = np.concatenate([[0], ends[:-1]])
     used = (soc[begins] - soc[ends]) * TWIZY.battery.capacity_wh
     jumps = np.maximum.reduceat(np.abs(np.diff(soc, prepend=soc[0])), np.unique(number, return_index=True)[1])
-    fine, steps = refined(motion)
-    return Trip(path.stem, fine, np.repeat(number, steps), np.where(jumps > 0.002, np.nan, used))
+    return Trip(path.stem, fine, number[found.row], np.where(jumps > 0.002, np.nan, used))
 
 
 def leaf_trips(path: Path, rows: int = 10, blocks: int = 8) -> list[Trip]:
@@ -92,11 +91,9 @@ def leaf_trips(path: Path, rows: int = 10, blocks: int = 8) -> list[Trip]:
         "x": x, "y": y, "speed": log["speed_mph"].to_numpy() * 0.44704, "z": log["elev_ft"].to_numpy() * 0.3048,
         "battery_power": (log["volts"] * log["amps"]).to_numpy(),
     })  # fmt: skip
-    motion = smooth_motion(whole).motion
-    number = np.arange(len(motion)) // rows
-    measured = np.bincount(number, motion.power * motion.dt) / 3600.0
-    fine, steps = refined(motion)
-    of_sample = np.repeat(number, steps)
+    found = reconstruct(whole)
+    fine, of_sample = found.motion, found.row // rows
+    measured = np.bincount(of_sample, fine.power * fine.dt) / 3600.0
     cuts = np.array_split(np.arange(len(measured)), blocks)
     return [
         Trip(

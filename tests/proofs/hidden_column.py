@@ -16,7 +16,7 @@ from typing import Any
 
 from fleetlog.core.site import Site
 from fleetlog.discovery.diagnose import Diagnosis, diagnose
-from fleetlog.discovery.output import lines, write_diagnosis
+from fleetlog.discovery.report.output import lines, write_diagnosis
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.store.trips import trip_ids
 from tests.proofs.hidden_judges import by_altitude, by_surface, classes, profiles

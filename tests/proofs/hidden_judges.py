@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.diagnose import Diagnosis
-from fleetlog.discovery.positions import placed, travelled, updates
-from fleetlog.discovery.squares import Squares
+from fleetlog.discovery.hypotheses.squares import Squares
+from fleetlog.discovery.recording.positions import placed, travelled, updates
+from fleetlog.discovery.report.fields import Values
+from fleetlog.physics.power import all_terms
 from tests.proofs.public_logs import Log
 
 Floats = NDArray[np.float64]
@@ -52,10 +54,10 @@ class Class:
 
 def profiles(d: Diagnosis, log: Log) -> list[Profile]:
     """Found and recorded slope of every run; nothing where no slope was found."""
-    channel = next((c for c in d.channels.values() if "grade" in c.result.fields), None)
+    channel = next((c for c in d.channels.values() if "grade" in c.fields), None)
     if channel is None:
         return []
-    cells, values = channel.task.floor, channel.result.fields["grade"]
+    cells, values = channel.problem.channel.cells(all_terms()["grade"]), channel.fields["grade"]
     assert isinstance(cells, Squares)
     cuts = np.flatnonzero(np.diff(log.track.time) > SILENCE * 1e6) + 1
     pieces = zip([0, *cuts], [*cuts, len(log.track)], strict=True)
@@ -67,7 +69,7 @@ def profiles(d: Diagnosis, log: Log) -> list[Profile]:
     return [p for p in out if p is not None and len(p.middle)]
 
 
-def _profile(track: Trajectory, altitude: Floats, cells: Squares, values: object) -> Profile | None:
+def _profile(track: Trajectory, altitude: Floats, cells: Squares, values: Values) -> Profile | None:
     # A receiver that holds its altitude while the road goes on tells it anew when it changes.
     fresh = updates(track) & np.isfinite(altitude)
     rows = np.flatnonzero(fresh)

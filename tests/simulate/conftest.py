@@ -9,7 +9,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import numpy as np
 import pytest
-from sites import TRUCK
+from simulated_sites import TRUCK
 
 from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.store import Dataset, DatasetWriter

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sites import TRUCK, grid, place, road
+from simulated_sites import TRUCK, grid, place, road
 
 from fleetlog.core.network import build_network
 from fleetlog.core.site import Site

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from sites import TRUCK, aisle, grid, place
+from simulated_sites import TRUCK, aisle, grid, place
 
 from fleetlog.simulate import engine
 from fleetlog.simulate.dispatch import Policy
@@ -24,7 +24,7 @@ PLACES = [
 ]  # fmt: skip
 CASES = {
     "charging": (lambda: grid(places=PLACES), 8, {"soc": 0.302, "policy": Policy(0.3, 0.3, 0.31)}),
-    "aisle": (aisle, 8, {}),
+    "aisle": (aisle, 8, {"seed": 7}),
     "one-way": (lambda: grid(4, 4, seed=3), 16, {}),
 }
 FILES = [f"{name}.parquet" for name in TABLES]
@@ -90,8 +90,16 @@ def test_activities_agree_with_the_rows(sim):
     slow = sim.activities[sim.activities.activity == "wait"]
     waited = (slow.end - slow.start).dt.total_seconds().sum()
     # Each wait is cut to whole seconds at both ends.
-    assert abs(waited - sim.summary.waiting_s) <= 2.0 * len(sim.activities)
-    assert waited == pytest.approx(sim.summary.waiting_s, rel=0.25)
+    waiting = sim.summary.limits.waiting_s
+    assert abs(waited - waiting["traffic"]) <= 2.0 * len(sim.activities)
+    assert waited == pytest.approx(waiting["traffic"], rel=0.25)
+    times = (
+        (sim.activities.end - sim.activities.start).dt.total_seconds().groupby(sim.activities.activity).sum()
+    )
+    assert times.get("wait_place", 0.0) == pytest.approx(
+        waiting["pick places"] + waiting["drop places"], abs=2.0
+    )
+    assert times.get("wait_charger", 0.0) == pytest.approx(waiting["chargers"], abs=2.0)
 
 
 def test_every_task_is_a_row_and_comes_to_its_end_in_order(sim):

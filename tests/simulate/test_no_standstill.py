@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sites import aisle, grid, place
+from simulated_sites import aisle, grid, place
 
 from fleetlog.simulate.tasks import Demand, Task
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sites import TRUCK, grid
+from simulated_sites import TRUCK, grid
 
 from fleetlog.errors import DataError
 from fleetlog.simulate import record

@@ -4,55 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sites import TRUCK, aisle, crossing, grid, place
+from laws import keeps_the_laws, steps
+from simulated_sites import TRUCK, aisle, crossing, grid, place
 
 from fleetlog.core.motion import Motion
 from fleetlog.physics.power import Physics, battery_power, cell_power, ledger
 from fleetlog.simulate.tasks import Demand, Task
-
-HALF = (TRUCK.chassis.length / 2, TRUCK.chassis.width / 2)
-
-
-def corners(x, y, heading):
-    """(..., 4, 2) corners of footprints; a calculation of its own, not the simulator's."""
-    out = []
-    for u, v in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
-        a, b = u * HALF[0], v * HALF[1]
-        out.append(
-            np.stack(
-                [
-                    x + a * np.cos(heading) - b * np.sin(heading),
-                    y + a * np.sin(heading) + b * np.cos(heading),
-                ],
-                -1,
-            )
-        )
-    return np.stack(out, -2)
-
-
-def overlap(a, b):
-    """Whether two convex quadrilaterals (4, 2) share area."""
-    for shape in (a, b):
-        for k in range(4):
-            edge = shape[(k + 1) % 4] - shape[k]
-            axis = np.array([-edge[1], edge[0]])
-            p, q = a @ axis, b @ axis
-            if p.max() <= q.min() + 1e-9 or q.max() <= p.min() + 1e-9:
-                return False
-    return True
-
-
-def overlaps(outcome):
-    x, y, h = outcome.array("x"), outcome.array("y"), outcome.array("heading")
-    boxes = corners(x, y, h)
-    reach = 2 * np.hypot(*HALF)
-    found = []
-    for i in range(len(x)):
-        for j in range(i + 1, len(x)):
-            near = np.flatnonzero(np.hypot(x[i] - x[j], y[i] - y[j]) < reach)
-            found += [(i, j, int(k)) for k in near if overlap(boxes[i, k], boxes[j, k])]
-    return found
-
 
 CASES = [(f"grid-{seed}", lambda s=seed: grid(4, 4, seed=s), 16) for seed in range(6)]
 CASES += [
@@ -67,37 +24,12 @@ CASES += [
 def test_every_simulation_keeps_the_laws(make, trucks, simulated):
     site = make()
     sim = simulated(site, trucks, 400.0, seed=trucks)
-    network = site.network
-    assert not overlaps(sim)
-    moved = 0.0
-    for t in sim.tracks:
-        assert (np.diff(t.time) > 0).all()
-        speed, edge = t.floats("speed"), t.labels("edge_id").recode(network.index)
-        assert (edge >= 0).all()
-        assert (speed <= network.speed_limit[edge] * TRUCK.drive.speed_factor + 1e-3).all()
-        a = np.diff(speed) / 0.1
-        assert a.max() <= TRUCK.drive.max_acceleration + 0.02
-        assert a.min() >= -TRUCK.drive.max_deceleration - 0.02
-        x, y = t.floats("x"), t.floats("y")
-        step = np.hypot(np.diff(x), np.diff(y))
-        assert (step <= 0.5 * (speed[:-1] + speed[1:]) * 0.1 + 0.03).all(), "no truck jumps"
-        against_traffic(t, network, edge)
-        moved += step.sum()
-    assert moved > 100.0 * trucks
+    keeps_the_laws(sim, site.network)
+    assert sum(steps(t).sum() for t in sim.tracks) > 100.0 * trucks
     s = sim.summary
     assert s.count.tasks_given == s.count.tasks_done + s.unfinished
     assert s.count.tasks_done > 0
     assert s.unfinished <= trucks
-
-
-def against_traffic(t, network, edge):
-    """The heading of motion is that of the directed edge; only out of a bay a truck backs, and no faster than it creeps there."""
-    going = (t.floats("speed") > 1.05) & (np.abs(t.floats("lateral_offset")) < 1.2)
-    ahead = network.heading(edge, t.floats("edge_offset"))
-    inside = (t.floats("edge_offset") > 6.0) & (t.floats("edge_offset") < network.length[edge] - 6.0)
-    rows = np.flatnonzero(going & inside)
-    off = np.abs(np.angle(np.exp(1j * (t.floats("heading")[rows] - ahead[rows]))))
-    assert (off < 0.3).all()
 
 
 def test_energy_is_the_sum_of_its_terms_and_agrees_with_the_charge(simulated):

@@ -125,7 +125,8 @@ def test_no_overwriting_without_being_told(tmp_path):
 
 
 def test_leftovers_of_killed_runs_are_cleared(tmp_path):
-    (tmp_path / ".d.partial-999999999-abc").mkdir()
+    (tmp_path / ".d.partial/new").mkdir(parents=True)
+    (tmp_path / ".d.partial/lock").touch()
     with DatasetWriter.create(tmp_path / "d", "recorded", Site()) as w:
         w.write(drive())
     assert [p.name for p in tmp_path.iterdir()] == ["d"]

@@ -17,12 +17,24 @@ from PIL import Image
 from shapes import every_shape
 
 from fleetlog.cli.output import write_analysis
-from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Result, Series, Shape
+from fleetlog.core.result import (
+    Bars,
+    EdgeValues,
+    Grid,
+    Marks,
+    MovingLines,
+    Result,
+    Series,
+    Shape,
+    Spread,
+    half_width,
+)
 from fleetlog.core.site import Site
 from fleetlog.errors import OutputError
 from fleetlog.view.picture import write_picture
 from fleetlog.view.results import write_result_recording
 from fleetlog.view.scales import scale_of, scales_of, screen_colours
+from fleetlog.view.spread import draw_spread
 
 EMPTY: list[Shape] = [
     Grid("g", np.full((3, 4), np.nan), 0, 0, 1, "s"),
@@ -144,3 +156,21 @@ def test_folder_is_whole_or_not_there(tmp_path: Path, monkeypatch: pytest.Monkey
         write_analysis(replace(every_shape(), summary={"rows": 1}), plant(), folder, overwrite=True)
     assert (folder / "everything.json").read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("values", [("2", "4", "6"), ("none", "a-road", "another-road")])
+def test_an_experiment_draws_every_run_and_the_interval_of_their_mean(values):
+    from matplotlib.figure import Figure
+
+    runs = [np.array([1.0, 2.0, 3.0]), np.array([4.0]), np.array([])]
+    axes = Figure().subplots()
+    draw_spread(axes, Spread("rate", values, {"": runs}, "x", "y"))
+    number = values[0].isdigit()
+    dots = [line for line in axes.lines if line.get_marker() == "."]
+    drawn = np.concatenate([line.get_ydata() if number else line.get_xdata() for line in dots])
+    np.testing.assert_array_equal(drawn, np.concatenate(runs))
+    (bars,) = axes.containers
+    ends = np.array(bars.lines[2][0].get_segments()[0])[:, 1 if number else 0]
+    np.testing.assert_allclose(ends, 2.0 + np.array([-1, 1]) * half_width(runs[0]))
+    labels = axes.get_xticklabels() if number else axes.get_yticklabels()
+    assert [text.get_text() for text in labels] == list(values)

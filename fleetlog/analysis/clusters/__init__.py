@@ -1,1 +1,3 @@
-"""Clusters of trucks that are close along the roads: the graph at every time step, and clusters followed over time."""
+"""Clusters of trucks that are close along the roads:
+the graph at every time step, and clusters followed over time.
+"""

@@ -37,7 +37,9 @@ class Samples:
 
 
 def samples(fleet: Fleet, found: list[Episode], free_speed: Floats) -> Samples:
-    """The truck-steps of all episodes; ``free_speed`` (E,) is what an undisturbed truck drives on each edge [m/s]."""
+    """The truck-steps of all episodes; ``free_speed`` (E,) is what an undisturbed truck drives
+    on each edge [m/s].
+    """
     number, truck, step = [], [], []
     for i, e in enumerate(found):
         for t, members in zip(e.steps, e.members, strict=True):
@@ -69,9 +71,9 @@ def bin_centres(network: Network, codes: NDArray[np.int64]) -> Floats:
 def critical_areas(network: Network, s: Samples, fleet: Fleet, seed: int = 0) -> pd.DataFrame:
     """Connected places with critical delay, most delay first.
 
-    Columns: area, x, y [m], delay [s], vehicle_seconds [s], episodes, vehicles, episodes_per_hour, roads, radius [m], delay_low,
-    delay_high [s] (90 % interval by resampling whole days, or trucks where there are fewer than five days), first_share
-    (share of the resamples in which the area ranks first).
+    Columns: area, x, y [m], delay [s], vehicle_seconds [s], episodes, vehicles, episodes_per_hour, roads,
+    radius [m], delay_low, delay_high [s] (90 % interval by resampling whole days, or trucks where there are
+    fewer than five days), first_share (share of the resamples in which the area ranks first).
     """
     if not len(s.delay):
         return pd.DataFrame()
@@ -91,13 +93,23 @@ def critical_areas(network: Network, s: Samples, fleet: Fleet, seed: int = 0) ->
         weight = np.bincount(inverse[mine], weights=s.delay[mine] + 1e-9, minlength=len(places))[here]
         x, y = np.average(xy[here], axis=0, weights=weight)
         roads = sorted({network.roads[int(c // PLACES)] for c in places[here]})
-        rows.append({
-            "x": x, "y": y, "delay": s.delay[mine].sum(), "vehicle_seconds": float(mine.sum()) * fleet.step,
-            "episodes": len(np.unique(s.episode[mine])), "vehicles": len(np.unique(s.truck[mine])),
-            "episodes_per_hour": len(np.unique(s.episode[mine])) / max(hours, 1e-9), "roads": ", ".join(roads),
-            "radius": float(np.sqrt(np.average(((xy[here] - (x, y)) ** 2).sum(axis=1), weights=weight))) + BIN / 2,
-            "delay_low": low[a], "delay_high": high[a], "first_share": first[a],
-        })  # fmt: skip
+        rows.append(
+            {
+                "x": x,
+                "y": y,
+                "delay": s.delay[mine].sum(),
+                "vehicle_seconds": float(mine.sum()) * fleet.step,
+                "episodes": len(np.unique(s.episode[mine])),
+                "vehicles": len(np.unique(s.truck[mine])),
+                "episodes_per_hour": len(np.unique(s.episode[mine])) / max(hours, 1e-9),
+                "roads": ", ".join(roads),
+                "radius": float(np.sqrt(np.average(((xy[here] - (x, y)) ** 2).sum(axis=1), weights=weight)))
+                + BIN / 2,
+                "delay_low": low[a],
+                "delay_high": high[a],
+                "first_share": first[a],
+            }
+        )
     table = pd.DataFrame(rows).sort_values("delay", ascending=False, ignore_index=True)
     table.insert(0, "area", np.arange(1, len(table) + 1))
     return table
@@ -139,7 +151,9 @@ def _connected(xy: Floats) -> NDArray[np.int64]:
 def _resampled(
     area: NDArray[np.int64], unit: NDArray[np.int64], units: int, delay: Floats, n: int, seed: int
 ) -> tuple[Floats, Floats, Floats]:
-    """90 % interval of every area's delay and its share of first ranks, over 500 resamples of whole units, quiet ones too."""
+    """90 % interval of every area's delay and its share of first ranks, over 500 resamples of whole units,
+    quiet ones too.
+    """
     table = np.zeros((units, n))
     np.add.at(table, (unit, area), delay)
     rng = np.random.default_rng(seed)

@@ -19,11 +19,12 @@ Index = NDArray[np.int32]
 def reachable(
     length: Floats, next_first: Index, next_edges: Index, limit: float
 ) -> tuple[NDArray[np.int64], Index, Floats, Index]:
-    """Edges whose start lies within ``limit`` metres of driving from the end of each edge: CSR (first, edges, distances, skip).
+    """Edges whose start lies within ``limit`` metres of driving from the end of each edge: CSR (first, edges,
+    distances, skip).
 
-    Bounded Dijkstra from the end of every edge on the line graph, so that turns that the network forbids, U-turns among
-    them, are never implied.  The entries of an edge are its shortest-path tree in preorder; the ``skip[i]`` entries from i on
-    are the subtree of entry i, itself included.
+    Bounded Dijkstra from the end of every edge on the line graph, so that turns that the network forbids,
+    U-turns among them, are never implied.  The entries of an edge are its shortest-path tree in preorder; the
+    ``skip[i]`` entries from i on are the subtree of entry i, itself included.
     """
     n = len(length)
     first = np.zeros(n + 1, np.int64)
@@ -37,7 +38,8 @@ def reachable(
         count = search(source, limit, next_first, next_edges, length, best, before, heap_d, heap_e, found)
         for i in range(count):
             e = found[i]
-            # A way back through the source never is the shorter one: after it come only the edges that the search began with.
+            # A way back through the source never is the shorter one: after it come only the edges that the
+            # search began with.
             away[i], place[e] = best[e], i
             parent[i] = -1 if before[e] == source else place[before[e]]
         forget(source, count, next_first, next_edges, best, found)
@@ -112,9 +114,9 @@ def cluster_steps(
 
     Notes
     -----
-    On one edge it is enough to join neighbours in order, and between edges the last truck of the one with the first of the
-    other: any other pair within the limit is then joined through them, since distances along a way only add.  For the same
-    reason nothing behind an occupied edge has to be looked at.
+    On one edge it is enough to join neighbours in order, and between edges the last truck of the one with the
+    first of the other: any other pair within the limit is then joined through them, since distances along a
+    way only add.  For the same reason nothing behind an occupied edge has to be looked at.
     """
     steps, trucks = edge.shape
     labels = np.full((steps, trucks), -1, np.int32)
@@ -200,7 +202,9 @@ def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
 
 @njit(cache=True)
 def cluster_speeds(labels: Index, speed: Floats, slow: float) -> tuple[Index, Floats, Floats]:
-    """Per step and cluster, at its label's place: size, mean speed [m/s], share slower than ``slow``; (T, V) each."""
+    """Per step and cluster, at its label's place: size, mean speed [m/s], share slower than ``slow``;
+    (T, V) each.
+    """
     steps, trucks = labels.shape
     size = np.zeros((steps, trucks), np.int32)
     mean = np.zeros((steps, trucks))
@@ -236,7 +240,9 @@ def resample_along(
     out_speed: Any,
     out_masked: Any,
 ) -> None:
-    """One truck's rows on a common time grid (int64 us), linear along the route; nothing beyond ``max_gap`` of a row."""
+    """One truck's rows on a common time grid (int64 us), linear along the route;
+    nothing beyond ``max_gap`` of a row.
+    """
     i, n = 0, len(time)
     for g in range(len(grid)):
         t = grid[g]

@@ -5,9 +5,9 @@ At each step the trucks are vertices of a directed graph whose weights are short
     d(k, m) = s_m - s_k                                  on one edge, m ahead
             = (l_e(k) - s_k) + D[end of e(k), start of e(m)] + s_m   otherwise
 
-Clusters are the weakly connected components of the arcs with d <= threshold: the finest partition that is closed under
-"a truck belongs to the cluster of any truck that it can reach within the threshold".  A cluster of two or more is
-critical where its mean speed is under the limit.
+Clusters are the weakly connected components of the arcs with d <= threshold: the finest partition that is
+closed under "a truck belongs to the cluster of any truck that it can reach within the threshold".  A cluster
+of two or more is critical where its mean speed is under the limit.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ COLUMNS = ("edge_id", "edge_offset", "speed", "trip_id", "battery_power", "soc")
 class Fleet:
     """All trucks on one time grid; (T, V) arrays.
 
-    ``edge`` is -1 where a truck is off the map or silent; ``standing_by`` marks trucks that have ended a trip and not set
-    off again: parked, charging or handling a load.
+    ``edge`` is -1 where a truck is off the map or silent; ``standing_by`` marks trucks that have ended a trip
+    and not set off again: parked, charging or handling a load.
     """
 
     vehicles: tuple[str, ...]
@@ -60,7 +60,9 @@ class Clusters:
 
 
 def standing_by(trajectory: Trajectory) -> NDArray[np.bool_]:
-    """(N,) whether a row belongs to the standstill that ends its trip: nothing in the way of the truck, it has arrived."""
+    """(N,) whether a row belongs to the standstill that ends its trip:
+    nothing in the way of the truck, it has arrived.
+    """
     moving = np.nan_to_num(trajectory.floats("speed")) > STANDING_SPEED
     trips = trajectory.trip_ids()
     n = len(trajectory)
@@ -76,7 +78,9 @@ def standing_by(trajectory: Trajectory) -> NDArray[np.bool_]:
 
 
 def on_grid(dataset: Dataset, network: Network, step: float, max_gap: float, start: int, stop: int) -> Fleet:
-    """The fleet from ``start`` to ``stop`` (int64 us) on a grid of ``step`` seconds, interpolated along the routes."""
+    """The fleet from ``start`` to ``stop`` (int64 us) on a grid of ``step`` seconds,
+    interpolated along the routes.
+    """
     from fleetlog.analysis.clusters.kernels import resample_along
 
     grid = np.arange(start, stop, round(step * 1e6), dtype=np.int64)
@@ -98,9 +102,11 @@ def on_grid(dataset: Dataset, network: Network, step: float, max_gap: float, sta
 
 
 def _overlapping(dataset: Dataset, vehicle: str, start: int, stop: int) -> Iterator[tuple[Trajectory, int]]:
-    """Days of a vehicle, each with the day after it behind, and the time (us) up to which it counts: the next day's first row.
+    """Days of a vehicle, each with the day after it behind, and the time (us) up to which it counts: the next
+    day's first row.
 
-    A truck that stands in a jam at midnight has not arrived, and the step at midnight lies between rows of two days.
+    A truck that stands in a jam at midnight has not arrived, and the step at midnight lies between rows of
+    two days.
     """
     today: Trajectory | None = None
     for date in dataset.dates:
@@ -129,7 +135,9 @@ def find_clusters(fleet: Fleet, network: Network, threshold: float, slow: float,
 
 
 def distance_lists(network: Network, threshold: float) -> tuple[NDArray[np.int64], Index, Floats, Index]:
-    """For every edge the edges that begin within ``threshold`` metres of its end; see :func:`kernels.reachable`."""
+    """For every edge the edges that begin within ``threshold`` metres of its end;
+    see :func:`kernels.reachable`.
+    """
     from fleetlog.analysis.clusters.kernels import reachable
 
     lists: tuple[NDArray[np.int64], Index, Floats, Index] = reachable(

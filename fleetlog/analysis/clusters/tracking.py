@@ -1,8 +1,8 @@
 """Clusters followed over time: episodes with hysteresis, births, merges and splits.
 
-A cluster at one step continues the cluster of the step before whose members it shares most (Jaccard share of at least
-one half; Kalnis, Mamoulis and Bakiras 2005, "moving clusters").  Two disjoint clusters cannot both share more than half
-with a third, so taking pairs in order of their share is the maximum-weight matching.
+A cluster at one step continues the cluster of the step before whose members it shares most (Jaccard share of
+at least one half; Kalnis, Mamoulis and Bakiras 2005, "moving clusters").  Two disjoint clusters cannot both
+share more than half with a third, so taking pairs in order of their share is the maximum-weight matching.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ JACCARD = 0.5
 
 @dataclass
 class Episode:
-    """One critical cluster from birth to death; steps are row numbers of the time grid, ``members`` truck indices."""
+    """One critical cluster from birth to death;
+    steps are row numbers of the time grid, ``members`` truck indices.
+    """
 
     first: int
     last: int

@@ -1,4 +1,6 @@
-"""Whole trips of one vehicle in the books: sums of every ledger term over segments (one trip within one hour), stretches and zones."""
+"""Whole trips of one vehicle in the books:
+sums of every ledger term over segments (one trip within one hour), stretches and zones.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +14,8 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.battery import BatteryModel
-from fleetlog.physics.power import Physics, cell_power, ledger, term_forces
-from fleetlog.physics.refine import refined, sampled
-from fleetlog.physics.term import GRAVITY
+from fleetlog.physics.motion import Reconstruction
+from fleetlog.physics.power import Physics, battery_power, cell_power, ledger, term_forces
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -38,7 +39,8 @@ class Book:
     span : (S, 2) first and last time [us].
     stretch, stretch_sums : (B, 2) edge and number of the stretch on it, and (B, 2) joules and metres.
     zones : (Z, T + 2) joules by term, metres, seconds.
-    bins, bin_energy, bin_measured : (M,) [us], (M, T) and (M, 2) joules: measured, and seconds with a measurement.
+    bins, bin_energy, bin_measured : (M,) [us], (M, T) and (M, 2) joules: measured, and seconds with a
+        measurement.
     cells : what the battery went through.
     source : what the measured energy was taken from.
     """
@@ -63,15 +65,18 @@ class Book:
 
 
 SUMS = (
-    "seconds", "metres", "kilogram_metres", "returned", "traction", "braking", "loss", "measured", "beside_measured",
-    "raising", "motion_variance",
+    "seconds", "metres", "kilogram_metres", "returned", "traction", "braking", "loss", "measured",
+    "beside_measured", "raising", "motion_variance",
 )  # fmt: skip
-"""``returned`` flowed back into the battery; ``traction`` and ``braking`` are drive energy where the wheels push and are pushed;
-``beside_measured`` is the model where there is a measurement; ``raising`` is lifting alone."""
+"""``returned`` flowed back into the battery; ``traction`` and ``braking`` are drive energy where the wheels
+push and are pushed; ``beside_measured`` is the model where there is a measurement; ``raising`` is lifting
+alone."""
 
 
 def measured_power(trajectory: Trajectory) -> tuple[Floats, str]:
-    """(N,) power at the battery terminals [W] that the log gives, NaN where it gives none, and where it comes from."""
+    """(N,) power at the battery terminals [W] that the log gives, NaN where it gives none,
+    and where it comes from.
+    """
     if trajectory.has("battery_power"):
         return trajectory.floats("battery_power"), "power"
     if trajectory.has("battery_voltage") and trajectory.has("battery_current"):
@@ -82,43 +87,49 @@ def measured_power(trajectory: Trajectory) -> tuple[Floats, str]:
 
 
 def keep_book(
-    trajectory: Trajectory,
-    motion: Motion,
-    speed_sd: Floats,
-    physics: Physics,
-    site: Site,
-    battery: BatteryModel,
+    trajectory: Trajectory, found: Reconstruction, physics: Physics, site: Site, battery: BatteryModel
 ) -> Book:
-    """The sums of some trips of one vehicle; ``motion`` has a sample for each row, its speed good to ``speed_sd`` [m/s]."""
+    """The sums of some trips of one vehicle from the motion ``found`` in them."""
     measured, source = measured_power(trajectory)
-    fine, steps = refined(motion)
+    fine, dt = found.motion, found.dt_row
     forces = term_forces(fine, physics)
-    rows = {name: sampled(watts, steps) for name, watts in ledger(fine, physics, forces).items()}
-    work = sum(forces.values(), np.zeros(len(fine))) * fine.speed
-    terms = tuple(rows)
-    total = sum(rows.values(), np.zeros(len(motion)))
-    dt = motion.dt
-    joules = [watts * dt for watts in rows.values()]
+    pieces = {name: watts * fine.dt for name, watts in ledger(fine, physics, forces).items()}
+    joules = {name: found.rows(piece) for name, piece in pieces.items()}
+    work = sum(forces.values(), np.zeros(len(fine))) * fine.speed * fine.dt
+    terms, whole = tuple(joules), sum(joules.values(), np.zeros(len(dt)))
+    total = np.divide(whole, dt, out=np.zeros(len(dt)), where=dt > 0.0)
     starts = _segments(trajectory)
+    segment = np.cumsum(np.isin(np.arange(len(dt)), starts)) - 1
     known = np.isfinite(measured)
+    drive = physics.actual_truck().drive
     sums = {
-        "seconds": dt, "metres": motion.speed * dt, "kilogram_metres": motion.payload * motion.speed * dt,
-        "returned": -np.minimum(total, 0.0) * dt, **_drive(work, physics, steps, dt),
+        "seconds": dt,
+        "metres": found.rows(fine.speed * fine.dt),
+        "kilogram_metres": found.rows(fine.payload * fine.speed * fine.dt),
+        "returned": -np.minimum(whole, 0.0),
+        "traction": found.rows(np.maximum(work, 0.0)) / drive.efficiency,
+        "braking": found.rows(np.minimum(work, 0.0)) * drive.regeneration,
         "loss": (cell_power(total, physics.actual_truck()) - total) * dt,
-        "measured": np.where(known, measured, 0.0) * dt, "beside_measured": np.where(known, total, 0.0) * dt,
-        "raising": np.maximum(rows.get("lift_efficiency", np.zeros(len(dt))), 0.0) * dt,
-        "motion_variance": _motion_variance(motion, speed_sd, physics),
-    }  # fmt: skip
+        "measured": np.where(known, measured, 0.0) * dt,
+        "beside_measured": np.where(known, whole, 0.0),
+        "raising": np.maximum(joules.get("lift_efficiency", np.zeros(len(dt))), 0.0),
+    }
+    by_segment = {k: np.add.reduceat(v, starts) for k, v in sums.items()}
+    by_segment["motion_variance"] = found.window_variance(
+        lambda motion: battery_power(motion, physics), segment[found.row]
+    )
     soc, ends = trajectory.floats("soc"), np.append(starts[1:], len(trajectory)) - 1
-    stretch, stretch_sums = _by_stretch(motion, total * dt)
-    bins, bin_energy, bin_measured = _by_time(trajectory.time, joules, sums["measured"], known * dt)
+    stretch, stretch_sums = _by_stretch(fine, sum(pieces.values(), np.zeros(len(fine))))
+    bins, bin_energy, bin_measured = _by_time(
+        trajectory.time, list(joules.values()), sums["measured"], known * dt
+    )
     return Book(
         trajectory.vehicle_id, terms, trajectory.trip_ids()[starts], trajectory.time[starts] // HOUR * HOUR,
-        _reduced(joules, starts), {k: np.add.reduceat(v, starts) for k, v in sums.items()},
+        _reduced(list(joules.values()), starts), by_segment,
         np.maximum.reduceat(total, starts), np.stack([soc[starts], soc[ends]], axis=1),
         np.stack([trajectory.time[starts], trajectory.time[ends]], axis=1), stretch, stretch_sums,
-        _by_zone(motion, joules, site), bins, bin_energy, bin_measured,
-        follow_cells(starts, total, dt, soc, motion.ambient_temperature, battery), source,
+        _by_zone(fine, list(pieces.values()), site), bins, bin_energy, bin_measured,
+        follow_cells(starts, total, dt, soc, trajectory.floats("ambient_temperature"), battery), source,
     )  # fmt: skip
 
 
@@ -126,33 +137,6 @@ def _segments(trajectory: Trajectory) -> NDArray[np.intp]:
     """First row of every segment: a new trip or a new hour."""
     trip, hour = trajectory.trip_ids(), trajectory.time // HOUR
     return np.flatnonzero(np.concatenate([[True], (np.diff(trip) != 0) | (np.diff(hour) != 0)]))
-
-
-def _drive(work: Floats, physics: Physics, steps: int, dt: Floats) -> dict[str, Floats]:
-    """(N,) joules of drive where the wheels push, and where they are pushed (<= 0), of the power at the wheel."""
-    truck = physics.actual_truck().drive
-    return {
-        "traction": sampled(np.maximum(work, 0.0), steps) / truck.efficiency * dt,
-        "braking": sampled(np.minimum(work, 0.0), steps) * truck.regeneration * dt,
-    }
-
-
-def _motion_variance(motion: Motion, speed_sd: Floats, physics: Physics) -> Floats:
-    """(N,) squared joules that the doubt about each row's speed puts into the sum.
-
-    The derivative of sum(conversion F v dt) by the speed of one row: kinetic energy telescopes while the conversion stays
-    the same, so doubt counts where traction turns into braking, and for the way driven.  Rows are taken as independent.
-    """
-    truck = physics.actual_truck()
-    mass = truck.chassis.mass + motion.payload
-    resisting = mass * GRAVITY * (truck.resistance.rolling + np.sin(motion.slope))
-    force = mass * motion.acceleration + resisting
-    conversion = np.where(force >= 0.0, 1.0 / truck.drive.efficiency, truck.drive.regeneration)
-    v = motion.speed
-    kinetic = np.zeros(len(v))
-    kinetic[1:-1] = conversion[1:-1] * (v[2:] - v[:-2]) + conversion[:-2] * v[:-2] - conversion[2:] * v[2:]
-    slope = np.where(v > 0.0, 0.5 * mass * kinetic + conversion * resisting * motion.dt, 0.0)
-    return np.square(slope * speed_sd)
 
 
 def _by_stretch(motion: Motion, joules: Floats) -> tuple[NDArray[np.int32], Floats]:
@@ -169,21 +153,10 @@ def _by_stretch(motion: Motion, joules: Floats) -> tuple[NDArray[np.int32], Floa
 def _by_zone(motion: Motion, joules: list[Floats], site: Site) -> Floats:
     out = []
     for zone in site.zones:
-        inside = in_polygon(zone.polygon, motion.x, motion.y)
+        inside = zone.contains(motion.x, motion.y)
         way = (motion.speed * motion.dt)[inside].sum()
         out.append([*(row[inside].sum() for row in joules), way, motion.dt[inside].sum()])
     return np.array(out).reshape(len(site.zones), len(joules) + 2)
-
-
-def in_polygon(polygon: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
-    """(N,) whether each point lies within a polygon ((n, 2), closed or not): odd number of edges to its right."""
-    inside = np.zeros(len(x), dtype=bool)
-    for (x0, y0), (x1, y1) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        if y0 == y1:
-            continue
-        across = (y0 > y) != (y1 > y)
-        inside ^= across & (x < (x1 - x0) * (y - y0) / (y1 - y0) + x0)
-    return inside
 
 
 def _by_time(

@@ -1,4 +1,6 @@
-"""The battery through the segments of a book: lowest voltage, collapse, emptiness, and the charge that the model ends with."""
+"""The battery through the segments of a book:
+lowest voltage, collapse, emptiness, and the charge that the model ends with.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Cells:
-    """(S,) each: state of charge that the model ends with, lowest voltage [V], seconds of collapse and of emptiness."""
+    """(S,) each: state of charge that the model ends with, lowest voltage [V],
+    seconds of collapse and of emptiness.
+    """
 
     soc_end: Floats
     lowest: Floats
@@ -33,7 +37,8 @@ def follow_cells(
 ) -> Cells:
     """Discharge the battery segment by segment, each from the charge that the log gives at its start.
 
-    Where the log gives none, from full: the voltages then are those of a full battery, and the end of charge is unknown.
+    Where the log gives none, from full: the voltages then are those of a full battery, and the end of charge
+    is unknown.
     """
     rows = []
     for a, b in itertools.pairwise([*starts.tolist(), len(power)]):

@@ -19,7 +19,9 @@ KWH = 3.6e6
 
 
 def segment_table(books: Sequence[Book], terms: Sequence[str]) -> pd.DataFrame:
-    """One row a segment: keys, joules by term, sums, peak, state of charge and whether its trip has other segments."""
+    """One row a segment: keys, joules by term, sums, peak,
+    state of charge and whether its trip has other segments.
+    """
     pieces = []
     for book in books:
         columns: dict[str, Any] = {"vehicle_id": book.vehicle, "trip_id": book.trip, "hour": book.hour}
@@ -36,7 +38,8 @@ def segment_table(books: Sequence[Book], terms: Sequence[str]) -> pd.DataFrame:
 
 
 def with_soc(segments: pd.DataFrame, truck: Truck) -> pd.DataFrame:
-    """Measured energy from the state of charge where the log has nothing else electrical: per trip, the change times capacity.
+    """Measured energy from the state of charge where the log has nothing else electrical: per trip, the
+    change times capacity.
 
     The charge of a trip is put into its last segment; within a trip the gauge's steps say nothing.
     """
@@ -57,14 +60,21 @@ def with_soc(segments: pd.DataFrame, truck: Truck) -> pd.DataFrame:
 
 
 def summed(segments: pd.DataFrame, by: list[str], variance: Any) -> pd.DataFrame:
-    """Segments grouped ``by`` columns, in kWh, km and h, with the ledger; ``variance`` gives the parameters' share of doubt."""
+    """Segments grouped ``by`` columns, in kWh, km and h, with the ledger;
+    ``variance`` gives the parameters' share of doubt.
+    """
     add = [c for c in segments.columns if c.startswith("J_") or c in (*SUMS, "collapsed", "empty")]
     grouped = segments.groupby(by, sort=True, dropna=False)
     total = grouped[add].sum()
     ends = grouped.agg(
-        peak=("peak", "max"), lowest=("lowest", "min"), start=("start", "min"), end=("end", "max"),
-        soc_start=("soc_start", "first"), soc_end=("soc_end", "last"), soc_end_model=("soc_end_model", "last"),
-    )  # fmt: skip
+        peak=("peak", "max"),
+        lowest=("lowest", "min"),
+        start=("start", "min"),
+        end=("end", "max"),
+        soc_start=("soc_start", "first"),
+        soc_end=("soc_end", "last"),
+        soc_end_model=("soc_end_model", "last"),
+    )
     return figures(total.join(ends), variance).reset_index()
 
 
@@ -80,7 +90,8 @@ def figures(total: pd.DataFrame, variance: Any) -> pd.DataFrame:
         "duration_h": total["seconds"] / 3600.0, "distance_km": km, "energy_kwh": energy / KWH,
         "kwh_per_km": energy / KWH / km.where(km > 0.01), "kwh_per_tkm": energy / KWH / tkm.where(tkm > 1e-4),
         "deviation_kwh": np.sqrt(variance(total) + total["motion_variance"]) / KWH,
-        "measured_kwh": measured / KWH, "model_beside_measured_kwh": (total["beside_measured"] / KWH).where(known),
+        "measured_kwh": measured / KWH,
+        "model_beside_measured_kwh": (total["beside_measured"] / KWH).where(known),
         "difference_kwh": (total["beside_measured"] - measured) / KWH,
         "regenerated_kwh": total["returned"] / KWH, "auxiliary_share": auxiliary / energy.where(energy > 0.0),
         "battery_loss_kwh": total["loss"] / KWH, "peak_power_kw": total["peak"] / 1000.0,

@@ -13,8 +13,9 @@ Floats = NDArray[np.float64]
 def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple[Floats, NDArray[np.bool_]]:
     """Share of time per cell, a minus b, and where it is significant.
 
-    Each unit (vehicle-day) of either map is resampled whole; a cell counts where its difference lies outside what pooled
-    resampling gives, two-sided 5 % after Benjamini and Hochberg over all cells that were ever visited.
+    Each unit (vehicle-day) of either map is resampled whole; a cell counts where its difference lies outside
+    what pooled resampling gives, two-sided 5 % after Benjamini and Hochberg over all cells that were ever
+    visited.
     """
     shares = [m.grid[0] / max(m.grid[0].sum(), 1e-12) for m in (a, b)]
     observed = shares[0] - shares[1]

@@ -20,10 +20,11 @@ def occupy(
     max_gap: float,
     out: Floats,
 ) -> None:
-    """Seconds spent in each cell, added to ``out`` (rows, columns); the plain case with one pass and no subdivision.
+    """Seconds spent in each cell, added to ``out`` (rows, columns); the plain case with one pass and no
+    subdivision.
 
-    A row stands for half the time to the row before and half to the row after; a gap longer than ``max_gap`` [s] counts
-    on neither side.  NaN positions and rows outside are passed over.
+    A row stands for half the time to the row before and half to the row after; a gap longer than ``max_gap``
+    [s] counts on neither side.  NaN positions and rows outside are passed over.
     """
     rows, columns = out.shape
     n = len(x)
@@ -57,11 +58,12 @@ def accumulate(
     max_gap: float,
     out: Floats,
 ) -> None:
-    """Everything that a heat map shows, added to ``out`` (5, rows, columns).
+    """Everything that a heat map shows, added to ``out`` (6, rows, columns).
 
-    Layers: time [s], distance [m], energy [J], standing time [s], passages (times a truck came into the cell).  Each
-    interval between two rows is spread along the straight line between them in pieces no longer than half a cell, so
-    that sparse sampling leaves no holes; energy takes the mean of both powers where both are known.
+    Layers: time [s], distance [m], energy [J], standing time [s], passages (times a truck came into the
+    cell), and the part of the time in which the power was known [s].  Each interval between two rows is
+    spread along the straight line between them in pieces no longer than half a cell, so that sparse sampling
+    leaves no holes; energy takes the mean of both powers where both are known.
     """
     _, rows, columns = out.shape
     last = -1
@@ -93,6 +95,7 @@ def accumulate(
                     out[3, ri, ci] += share
             if w == w:
                 out[2, ri, ci] += w * share
+                out[5, ri, ci] += share
             here = ri * columns + ci
             if here != last:
                 out[4, ri, ci] += 1.0
@@ -113,7 +116,9 @@ def along_edges(
     max_gap: float,
     out: Floats,
 ) -> None:
-    """The same five layers per stretch of directed edge, added to ``out`` (5, bins); a row stands for the time after it."""
+    """The same layers per stretch of directed edge, added to ``out`` (6, bins);
+    a row stands for the time after it.
+    """
     last = -1
     for i in range(len(edge) - 1):
         dt = (time[i + 1] - time[i]) * 1e-6
@@ -131,6 +136,7 @@ def along_edges(
                 out[3, b] += dt
         if w == w:
             out[2, b] += w * dt
+            out[5, b] += dt
         if b != last:
             out[4, b] += 1.0
             last = b

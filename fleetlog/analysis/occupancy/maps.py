@@ -18,13 +18,16 @@ from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 
-LAYERS = ("time", "distance", "energy", "standing", "passages")
+LAYERS = ("time", "distance", "energy", "standing", "passages", "energy_time")
 Quantity = Literal["occupancy", "passages", "speed", "energy", "standing"]
 Grouping = Literal["hour", "vehicle", "load"]
 LABELS = {
-    "occupancy": "time [s/m²]", "passages": "passages", "speed": "mean speed [m/s]", "energy": "energy [kJ/m²]",
+    "occupancy": "time [s/m²]",
+    "passages": "passages",
+    "speed": "mean speed [m/s]",
+    "energy": "energy [kJ/m²]",
     "standing": "standing time [s/m²]",
-}  # fmt: skip
+}
 MAX_GAP = 15.0
 STRETCH = 5.0
 MAX_CELLS = 25_000_000
@@ -46,7 +49,9 @@ class Cells:
 
 @dataclass
 class HeatMap:
-    """Sums per cell (5, rows, columns) and per stretch of directed edge (5, bins), and per unit (vehicle-day) time for tests."""
+    """Sums per cell (6, rows, columns) and stretch of directed edge (6, bins);
+    time per unit (vehicle-day) for tests.
+    """
 
     cells: Cells
     grid: Floats
@@ -61,16 +66,23 @@ class HeatMap:
 
 
 def values(layers: Floats, quantity: Quantity, area: float) -> Floats:
-    """One quantity from summed layers; NaN where nothing was.  Times and energies are per square metre (``area``) or stretch."""
-    time = layers[0]
-    per = {
+    """One quantity from summed layers, NaN where nothing was;
+    times and energies per square metre or stretch.
+    """
+    time, energy = layers[0], known_energy(layers)
+    per: dict[Quantity, Callable[[], Floats]] = {
         "occupancy": lambda: time / area,
         "passages": lambda: layers[4],
         "speed": lambda: layers[1] / np.where(time > 0, time, np.nan),
-        "energy": lambda: layers[2] / area / 1000.0,
+        "energy": lambda: energy / area / 1000.0,
         "standing": lambda: layers[3] / area,
-    }[quantity]()
-    return np.asarray(np.where(time > 0, per, np.nan), dtype=np.float64)
+    }
+    return np.asarray(np.where(time > 0, per[quantity](), np.nan), dtype=np.float64)
+
+
+def known_energy(layers: Floats) -> Floats:
+    """The energy layer [J]; NaN where no power was known."""
+    return np.asarray(np.where(layers[5] > 0, layers[2], np.nan), dtype=np.float64)
 
 
 def cells_of(extents: list[tuple[float, float, float, float]], cell: float) -> Cells:
@@ -150,7 +162,7 @@ def compute_by(
 
 def _empty(dataset: Dataset, cells: Cells) -> HeatMap:
     bins = int(stretches(dataset.site.network)[-1])
-    return HeatMap(cells, np.zeros((5, cells.rows, cells.columns)), np.zeros((5, bins)), [])
+    return HeatMap(cells, np.zeros((6, cells.rows, cells.columns)), np.zeros((6, bins)), [])
 
 
 def _add(to: HeatMap, t: Trajectory, use: NDArray[np.bool_], network: Network | None) -> None:
@@ -159,7 +171,8 @@ def _add(to: HeatMap, t: Trajectory, use: NDArray[np.bool_], network: Network | 
     c, speed, power = to.cells, t.floats("speed"), t.floats("battery_power")
     one = np.zeros_like(to.grid)
     accumulate(
-        t.floats("x"), t.floats("y"), t.time, speed, power, STANDING_SPEED, use, c.x0, c.y0, c.cell, MAX_GAP, one
+        t.floats("x"), t.floats("y"), t.time, speed, power, STANDING_SPEED, use, c.x0, c.y0, c.cell, MAX_GAP,
+        one
     )  # fmt: skip
     to.grid += one
     to.units.append(one[0])
@@ -167,7 +180,8 @@ def _add(to: HeatMap, t: Trajectory, use: NDArray[np.bool_], network: Network | 
         edge = t.labels("edge_id").recode(network.index)
         offset = np.nan_to_num(t.floats("edge_offset"))
         along_edges(
-            edge, offset, t.time, speed, power, STANDING_SPEED, use, stretches(network), STRETCH, MAX_GAP, to.edges
+            edge, offset, t.time, speed, power, STANDING_SPEED, use, stretches(network), STRETCH, MAX_GAP,
+            to.edges
         )  # fmt: skip
 
 

@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.core.site import Place, Site
-from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
-from fleetlog.simulate.dispatch import Policy
-from fleetlog.simulate.engine import DEFAULT_START, Settings, simulate
+from fleetlog.simulate.engine import DEFAULT_START, Settings
+from fleetlog.simulate.scenario import Scenario
+from fleetlog.simulate.summary import Summary
 from fleetlog.simulate.tasks import Demand
-from fleetlog.store import Dataset, DatasetWriter
-from fleetlog.store.trips import MAX_GAP, STANDING_SPEED, runs
-
-Floats = NDArray[np.float64]
-LONG_STAND = 60.0
-"""A truck that needs charge and stands for this long, without a load and not plugged in, waits for a plug [s]."""
-UNLADEN = 25.0
+from fleetlog.store import Dataset
 
 
 @dataclass(frozen=True)
@@ -53,11 +44,16 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, trial: Trial) -> dict[str, A
     mined = frozenset(p.id for p in site.places) - own
     planned = with_chargers(site, sites)
     new = frozenset(p.id for p in planned.places if p.kind == "charge")
-    demand = Demand(tasks, endless=not tasks)
+    settings = Settings(trial.vehicles, trial.duration, start=start, seed=trial.seed, soc=trial.soc)
+    present = Scenario(site, trial.truck, settings, Demand(tasks, endless=not tasks), mined=mined)
+    both = {"before": present, "after": replace(present, site=planned, mined=mined | new)}
     out: dict[str, Any] = {
         "vehicles": trial.vehicles, "hours": trial.duration / 3600.0, "seed": trial.seed, "soc_start": trial.soc,
-        "before": _run(site, trial, start, demand, mined), "after": _run(planned, trial, start, demand, mined | new),
     }  # fmt: skip
+    for name, scenario in both.items():
+        chargers = [p for p in scenario.site.places if p.kind == "charge"]
+        plugs = sum(1 if p.id in scenario.mined else max(p.plugs, 1) for p in chargers)
+        out[name] = _compared(scenario.run(), plugs)
     out["notes"] = notes
     return out
 
@@ -83,62 +79,14 @@ def _start(dataset: Dataset) -> int:
     return int(np.datetime64(str(dataset.meta["start"]).rstrip("Z"), "us").astype(np.int64))
 
 
-def _run(site: Site, trial: Trial, start: int, demand: Demand, mined: frozenset[str]) -> dict[str, Any]:
-    policy = Policy()
-    settings = Settings(
-        trial.vehicles,
-        trial.duration,
-        interval=5.0,
-        start=start,
-        seed=trial.seed,
-        soc=trial.soc,
-        policy=policy,
-    )
-    with TemporaryDirectory() as scratch:
-        with DatasetWriter.create(Path(scratch) / "trial", "simulated", site) as writer:
-            summary = simulate(site, trial.truck, writer, settings, demand, mined=mined)
-        charge = follow_charge(Dataset(Path(scratch) / "trial"), policy.low)
-    chargers = [p for p in site.places if p.kind == "charge"]
+def _compared(summary: Summary, plugs: int) -> dict[str, Any]:
+    """What a trial is judged by."""
+    count = summary.count
     return {
-        "plugs": sum(1 if p.id in mined else max(p.plugs, 1) for p in chargers),
-        **charge,
-        "empty_trucks": len(summary.count.empty), "tasks_given": summary.count.tasks_given,
-        "tasks_done": summary.count.tasks_done, "charges": summary.count.charges,
-        "charged_kwh": summary.charged_wh / 1000.0, "driven_km": summary.distance_m / 1000.0, "notes": summary.notes,
+        "plugs": plugs, "soc_lowest": summary.soc_lowest, "soc_mean": summary.soc_mean,
+        "soc_end_mean": float(np.mean(summary.soc_end)), "soc_end_lowest": min(summary.soc_end),
+        "waiting_for_plug_h": summary.limits.waiting_s["chargers"] / 3600.0,
+        "empty_trucks": len(count.empty), "tasks_given": count.tasks_given, "tasks_done": count.tasks_done,
+        "charges": count.charges, "charged_kwh": summary.charged_wh / 1000.0,
+        "driven_km": summary.distance_m / 1000.0, "notes": summary.notes,
     }  # fmt: skip
-
-
-def follow_charge(dataset: Dataset, low: float) -> dict[str, float]:
-    """Lowest, mean and last state of charge of a fleet, and truck hours of waiting for a plug.
-
-    A truck waits where it stands for a minute or more below the charge ``low`` at which it would plug in, with nothing on its
-    forks and no current into the battery.
-    """
-    lowest, total, seconds, waiting = 1.0, 0.0, 0.0, 0.0
-    final: dict[str, float] = {}
-    for t in dataset.days(("speed", "soc", "battery_power", "payload")):
-        soc, dt = t.floats("soc"), _durations(t)
-        lowest = min(lowest, float(np.nanmin(soc)))
-        known = np.isfinite(soc)
-        total, seconds = total + float((soc * dt)[known].sum()), seconds + float(dt[known].sum())
-        final[t.vehicle_id] = float(soc[known][-1])
-        waiting += _waiting(t, dt, low)
-    last = list(final.values())
-    return {
-        "soc_lowest": lowest, "soc_mean": total / max(seconds, 1e-9), "soc_end_mean": float(np.mean(last)),
-        "soc_end_lowest": float(np.min(last)), "waiting_for_plug_h": waiting / 3600.0,
-    }  # fmt: skip
-
-
-def _durations(t: Trajectory) -> Floats:
-    time = t.seconds()
-    return np.asarray(np.clip(np.diff(time, append=time[-1:]), 0.0, MAX_GAP))
-
-
-def _waiting(t: Trajectory, dt: Floats, low: float) -> float:
-    stands = (
-        (t.floats("speed") <= STANDING_SPEED) & (t.floats("soc") < low)
-        & (t.floats("battery_power") >= 0.0) & ~(t.floats("payload") > UNLADEN)
-    )  # fmt: skip
-    spells = [float(dt[a:b].sum()) for a, b in runs(stands)]
-    return sum(s for s in spells if s >= LONG_STAND)

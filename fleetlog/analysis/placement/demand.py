@@ -20,7 +20,9 @@ LOAD_CHANGE = 25.0
 
 @dataclass(frozen=True)
 class Unit:
-    """What one vehicle did on one day, per road vertex (n,): the unit that is left out to see how stable a choice is."""
+    """What one vehicle did on one day, per road vertex (n,):
+    the unit that is left out to see how stable a choice is.
+    """
 
     vehicle: str
     day: int

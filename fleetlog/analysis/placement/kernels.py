@@ -14,9 +14,10 @@ Ints = NDArray[np.int64]
 def interchange(cost: Floats, sites: Ints, fixed: NDArray[np.bool_], max_rounds: int) -> tuple[Ints, float]:
     """p-median by best-improvement interchange (Teitz and Bart 1968, with Whitaker's bookkeeping).
 
-    cost : (m, n) weighted distance of demand i to site j;  sites : (k,) start;  fixed : (n,) sites that may not leave.
-    For each candidate the saving of adding it and the loss of dropping each open site come from nearest and second-nearest
-    sites, so one round is m n operations.  Returns the sites and the total cost.
+    cost : (m, n) weighted distance of demand i to site j;  sites : (k,) start;  fixed : (n,) sites that may
+        not leave.
+    For each candidate the saving of adding it and the loss of dropping each open site come from nearest and
+    second-nearest sites, so one round is m n operations.  Returns the sites and the total cost.
     """
     m, n = cost.shape
     k = len(sites)
@@ -74,9 +75,11 @@ def interchange(cost: Floats, sites: Ints, fixed: NDArray[np.bool_], max_rounds:
 def lagrangian(
     cost: Floats, k: int, forced: NDArray[np.bool_], upper: float, rounds: int, stop: float
 ) -> float:
-    """A lower bound of the p-median cost: Lagrangian relaxation of "every demand is served once", by subgradient steps.
+    """A lower bound of the p-median cost: Lagrangian relaxation of "every demand is served once", by
+    subgradient steps.
 
-    cost : (n, m), site by demand.  L(u) = sum_i u_i + sum of the k smallest of rho_j, rho_j = sum_i min(0, c_ji - u_i); forced
+    cost : (n, m), site by demand.  L(u) = sum_i u_i + sum of the k smallest of rho_j, rho_j = sum_i min(0,
+        c_ji - u_i); forced
     sites are always among the k.  Stops when the bound is within the share ``stop`` of ``upper``.
     """
     n, m = cost.shape

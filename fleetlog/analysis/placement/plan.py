@@ -27,7 +27,9 @@ MAX_LEFT_OUT = 30
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked: ``cost`` (n, n) of a drive by ``metric``; ``must`` and ``must_not`` are vertices; the rest as in ``chargers``."""
+    """What is asked: ``cost`` (n, n) of a drive by ``metric``; ``must`` and ``must_not`` are vertices;
+    the rest as in ``chargers``.
+    """
 
     network: Network
     cost: Floats
@@ -46,7 +48,9 @@ class Question:
 
 @dataclass(frozen=True)
 class Weighed:
-    """(n,) heat share, rank and demand of every vertex; which demand was used, and notices about a fall-back."""
+    """(n,) heat share, rank and demand of every vertex;
+    which demand was used, and notices about a fall-back.
+    """
 
     share: Floats
     ranks: Floats
@@ -84,9 +88,12 @@ def _weights(
 ) -> tuple[Floats, str, list[str]]:
     notices: list[str] = []
     options = {
-        "urgency": total(units, "urgent"), "standing": total(units, "standing"), "visits": share, "rank": ranks,
+        "urgency": total(units, "urgent"),
+        "standing": total(units, "standing"),
+        "visits": share,
+        "rank": ranks,
         "loading": total(units, "loading"),
-    }  # fmt: skip
+    }
     order = {"urgency": ["urgency", "standing", "visits"], "standing": ["standing", "visits"]}.get(
         demand, [demand]
     )
@@ -132,7 +139,9 @@ def _without_idle(choice: Choice, weight: Floats, q: Question) -> Choice:
 
 
 def stability(units: list[Unit], choice: Choice, q: Question) -> dict[str, Any]:
-    """How many of the sites stay when a whole day, or a truck where there are fewer than three days, is left out."""
+    """How many of the sites stay when a whole day, or a truck where there are fewer than three days,
+    is left out.
+    """
     days = sorted({u.day for u in units})
     by_day = len(days) >= 3
     keys: list[Any] = list(days) if by_day else sorted({u.vehicle for u in units})
@@ -147,6 +156,8 @@ def stability(units: list[Unit], choice: Choice, q: Question) -> dict[str, Any]:
             continue
         kept.append(len(np.intersect1d(again.sites, choice.sites)) / max(len(choice.sites), 1))
     return {
-        "left_out": "day" if by_day else "vehicle", "runs": len(kept),
-        "mean_kept_share": float(np.mean(kept)) if kept else None, "worst_kept_share": float(np.min(kept)) if kept else None,
-    }  # fmt: skip
+        "left_out": "day" if by_day else "vehicle",
+        "runs": len(kept),
+        "mean_kept_share": float(np.mean(kept)) if kept else None,
+        "worst_kept_share": float(np.min(kept)) if kept else None,
+    }

@@ -1,12 +1,13 @@
 """Link matrices over road vertices and their stationary ranks.
 
-M_ji = C_ij / sum_j C_ij from counted moves i -> j is column-stochastic; with damping alpha and teleport v the rank solves
+M_ji = C_ij / sum_j C_ij from counted moves i -> j is column-stochastic; with damping alpha and teleport v the
+rank solves
 
     r = alpha (M r + w (a . r)) + (1 - alpha) v
 
-where a marks dangling vertices (left without a counted move) and w = v takes their mass.  Two identities decide what such a
-rank can say (both are tests): on closed trajectories the stationary vector of the flow matrix *is* the share of visits,
-and with v equal to that share it is so for every alpha.
+where a marks dangling vertices (left without a counted move) and w = v takes their mass.  Two identities
+decide what such a rank can say (both are tests): on closed trajectories the stationary vector of the flow
+matrix *is* the share of visits, and with v equal to that share it is so for every alpha.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ ALPHA = 0.85
 
 
 def link_matrix(counts: sparse.csr_array) -> tuple[sparse.csc_array, NDArray[np.bool_]]:
-    """Column-stochastic M (n, n) from move counts C (row: from, column: to), and which vertices are dangling (n,)."""
+    """Column-stochastic M (n, n) from move counts C (row: from, column: to),
+    and which vertices are dangling (n,).
+    """
     out = np.asarray(counts.sum(axis=1)).ravel()
     scale = sparse.diags_array(np.where(out > 0, 1.0 / np.where(out > 0, out, 1.0), 0.0))
     return sparse.csc_array((scale @ counts).T), out == 0

@@ -20,7 +20,9 @@ DRAWS = 200
 
 
 def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:
-    """Weighted mean and 95th percentile of the cost to the nearest site, over the demand that can reach one."""
+    """Weighted mean and 95th percentile of the cost to the nearest site,
+    over the demand that can reach one.
+    """
     nearest_site = cost[:, sites].min(axis=1)
     ok = np.isfinite(nearest_site) & (weight > 0)
     w, d = weight[ok], nearest_site[ok]
@@ -53,13 +55,27 @@ def summarise(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> dic
     if k < q.k and q.method == "pmedian":
         notices.append(f"{k} of {q.k} sites serve all demand; more would stand idle")
     return {
-        "k": q.k, "method": q.method, "variant": q.variant, "demand": w.used, "metric": q.metric, "unit": UNITS[q.metric],
-        "alpha": q.alpha, "capacity_share": q.capacity, "sites": [q.network.node_ids[i] for i in choice.sites],
-        "objective": choice.objective, "proven_gap": choice.gap, "reach": reach(w.weight, q.cost, choice.sites),
-        "baselines": baselines, "rank_heat_spearman": float(spearmanr(w.ranks, w.share).statistic),
-        "rank_heat_note": "high by construction: on closed trips the flow rank is the heat share" if q.variant == "flow" else None,
-        "vehicle_days": len(units), "plugs_peak": peak([s for u in units for s in u.open_spells]), "notices": notices,
-    }  # fmt: skip
+        "k": q.k,
+        "method": q.method,
+        "variant": q.variant,
+        "demand": w.used,
+        "metric": q.metric,
+        "unit": UNITS[q.metric],
+        "alpha": q.alpha,
+        "capacity_share": q.capacity,
+        "sites": [q.network.node_ids[i] for i in choice.sites],
+        "objective": choice.objective,
+        "proven_gap": choice.gap,
+        "reach": reach(w.weight, q.cost, choice.sites),
+        "baselines": baselines,
+        "rank_heat_spearman": float(spearmanr(w.ranks, w.share).statistic),
+        "rank_heat_note": "high by construction: on closed trips the flow rank is the heat share"
+        if q.variant == "flow"
+        else None,
+        "vehicle_days": len(units),
+        "plugs_peak": peak([s for u in units for s in u.open_spells]),
+        "notices": notices,
+    }
 
 
 def _greedy(weight: Floats, cost: Floats, k: int) -> Ints:
@@ -85,15 +101,17 @@ def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd
     plugs = _plugs(units, to, len(sites))
     xy = q.network.node_points[sites]
     return pd.DataFrame({
-        "site": np.arange(1, len(sites) + 1), "vertex": [q.network.node_ids[i] for i in sites],
-        "x": xy[:, 0], "y": xy[:, 1], "rank": w.ranks[sites], "heat_share": w.share[sites], "served_share": served,
+        "site": np.arange(1, len(sites) + 1), "vertex": [q.network.node_ids[i] for i in sites], "x": xy[:, 0],
+        "y": xy[:, 1], "rank": w.ranks[sites], "heat_share": w.share[sites], "served_share": served,
         "urgent_hours": hours, "plugs": plugs, "urgent_hours_per_plug": hours / plugs,
         "label": [f"{i + 1} ({s:.0%})" for i, s in enumerate(served)],
     })  # fmt: skip
 
 
 def _plugs(units: list[Unit], to: NDArray[np.intp], sites: int) -> NDArray[np.int64]:
-    """The most trucks that stood in need of charge at once, among those nearest to each site; one at least."""
+    """The most trucks that stood in need of charge at once, among those nearest to each site;
+    one at least.
+    """
     spells: list[list[tuple[int, int]]] = [[] for _ in range(sites)]
     for u in units:
         for spell, vertex in zip(u.open_spells, u.spell_vertices, strict=True):
@@ -116,9 +134,11 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     unit, r, b = s["unit"], s["reach"], s["baselines"]
     gap = "optimal" if s["proven_gap"] == 0 else f"within {s['proven_gap']:.2%} of the best possible"
     out = [
-        f"{len(sites)} sites by {s['method']} from {s['demand']}: {r['mean']:.1f} {unit} to the nearest on average, "
+        f"{len(sites)} sites by {s['method']} from {s['demand']}: "
+        f"{r['mean']:.1f} {unit} to the nearest on average, "
         f"95 % within {r['p95']:.1f} {unit}" + (f" ({gap})" if s["method"] == "pmedian" else ""),
-        f"  against {b['random']['mean']:.1f} {unit} for random sites, {b['hottest']['mean']:.1f} {unit} for the hottest vertices",
+        f"  against {b['random']['mean']:.1f} {unit} for random sites, "
+        f"{b['hottest']['mean']:.1f} {unit} for the hottest vertices",
     ]
     out += [
         f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {row.served_share:.0%}, "
@@ -128,7 +148,8 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     st = s["stability"]
     if st["runs"]:
         out.append(
-            f"  {st['mean_kept_share']:.0%} of the sites stay when a {st['left_out']} is left out (worst {st['worst_kept_share']:.0%})"
+            f"  {st['mean_kept_share']:.0%} of the sites stay when a {st['left_out']} is left out (worst "
+            f"{st['worst_kept_share']:.0%})"
         )
     out.append(
         f"  rank and heat share correlate at {s['rank_heat_spearman']:.2f}"
@@ -142,8 +163,10 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
 def _check_lines(c: dict[str, Any]) -> list[str]:
     rows = [(c["before"], "present"), (c["after"], "planned")]
     return [f"  simulated, {c['vehicles']} trucks, {c['hours']:g} h from {c['soc_start']:.0%} charge:"] + [
-        f"    {name} chargers ({r['plugs']} plugs): charge lowest {r['soc_lowest']:.0%}, mean {r['soc_mean']:.0%}, at the end "
-        f"{r['soc_end_mean']:.0%}; {r['waiting_for_plug_h']:.1f} h waiting for a plug; {r['empty_trucks']} trucks empty; "
+        f"    {name} chargers ({r['plugs']} plugs): charge lowest {r['soc_lowest']:.0%}, "
+        f"mean {r['soc_mean']:.0%}, at the end "
+        f"{r['soc_end_mean']:.0%}; {r['waiting_for_plug_h']:.1f} h waiting for a plug; "
+        f"{r['empty_trucks']} trucks empty; "
         f"{r['tasks_done']} of {r['tasks_given']} tasks"
         for r, name in rows
     ]

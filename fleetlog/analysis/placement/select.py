@@ -1,7 +1,7 @@
 """Choosing at most k sites: p-median, spaced top-k, maximal covering; with forced and forbidden sites.
 
-All distances are from demand (row) to site (column), since trucks drive towards the charger.  Ties go to the smallest
-vertex number.
+All distances are from demand (row) to site (column), since trucks drive towards the charger.  Ties go to the
+smallest vertex number.
 """
 
 from __future__ import annotations
@@ -53,11 +53,12 @@ def p_median(
     seed: int = 0,
     capacity: float | None = None,
 ) -> Choice:
-    """Sites that minimise the weighted distance from demand i (rows, ``weight`` (m,)) to the nearest site (columns).
+    """Sites that minimise the weighted distance from demand i (rows, ``weight`` (m,)) to the nearest site
+    (columns).
 
-    Fast interchange from several starts, a Lagrangian lower bound, and where a gap is left on a small instance HiGHS.
-    The objective is the weighted mean distance.  ``capacity`` is the largest share of all demand that one site may serve;
-    then HiGHS solves it whole, and demand may go past its nearest site.
+    Fast interchange from several starts, a Lagrangian lower bound, and where a gap is left on a small
+    instance HiGHS.  The objective is the weighted mean distance.  ``capacity`` is the largest share of all
+    demand that one site may serve; then HiGHS solves it whole, and demand may go past its nearest site.
     """
     from fleetlog.analysis.placement.kernels import interchange, lagrangian
 
@@ -157,8 +158,10 @@ def _program(
     once = sparse.coo_array((np.ones(m * n), (i, y)), shape=(m, width))
     few = sparse.coo_array((np.ones(n), (np.zeros(n, int), np.arange(n))), shape=(1, width))
     rules = [
-        LinearConstraint(link.tocsr(), -np.inf, 0), LinearConstraint(once.tocsr(), 1, 1), LinearConstraint(few.tocsr(), 0, k)
-    ]  # fmt: skip
+        LinearConstraint(link.tocsr(), -np.inf, 0),
+        LinearConstraint(once.tocsr(), 1, 1),
+        LinearConstraint(few.tocsr(), 0, k),
+    ]
     if share is not None:
         entries, columns = np.r_[share[i], np.full(n, -capacity)], np.r_[y, np.arange(n)]
         full = sparse.coo_array((entries, (np.r_[j, np.arange(n)], columns)), shape=(n, width))

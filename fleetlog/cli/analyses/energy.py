@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-from fleetlog.cli.options import answer_options, anywhere, existing
+from fleetlog.cli.options import anywhere, existing
+from fleetlog.cli.output import answers
+
+if TYPE_CHECKING:
+    from fleetlog.core.result import Result
+    from fleetlog.core.site import Site
 
 
 def _hours(_: click.Context, __: click.Parameter, value: str) -> tuple[int, ...]:
@@ -39,21 +44,16 @@ def _hours(_: click.Context, __: click.Parameter, value: str) -> tuple[int, ...]
     show_default=True,
     help="Shape of the battery's voltage over its charge.",
 )
-@answer_options
+@answers
 def command(
-    dataset: Path, truck: str, physics: Path | None, shifts: tuple[int, ...], chemistry: str, output: Path,
-    overwrite: bool, **told: Any,
-) -> None:  # fmt: skip
+    dataset: Path, truck: str, physics: Path | None, shifts: tuple[int, ...], chemistry: str
+) -> tuple[Result, Site]:
     """Say what every trip costs, by physical cause, beside what was measured."""
     from fleetlog.analysis.energy import energy
-    from fleetlog.cli.output import answer
     from fleetlog.core.truck import load_truck
     from fleetlog.physics.model import load_physics
-    from fleetlog.store.atomic import check_free
     from fleetlog.store.dataset import Dataset
 
-    check_free(output, overwrite)
     data, model = Dataset(dataset), load_truck(truck)
     known = None if physics is None else load_physics(physics, model, data.site.network)
-    result = energy(data, model, known, shifts=shifts, chemistry=chemistry)
-    answer(result, data.site, output, overwrite, **told)
+    return energy(data, model, known, shifts=shifts, chemistry=chemistry), data.site

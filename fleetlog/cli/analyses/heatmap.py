@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from fleetlog.cli.options import answer_options, existing
+from fleetlog.cli.options import Between, existing
+from fleetlog.cli.output import answers
 
 if TYPE_CHECKING:
     from fleetlog.analysis.occupancy.maps import Grouping, Quantity
+    from fleetlog.core.result import Result
+    from fleetlog.core.site import Site
 
 QUANTITIES = ["occupancy", "passages", "speed", "energy", "standing"]
 
@@ -29,7 +32,7 @@ def _hours(_: click.Context, __: click.Parameter, value: str | None) -> tuple[in
 
 @click.command()
 @click.argument("dataset", type=existing)
-@click.option("--cell", default=1.0, show_default=True, help="Size of a cell [m].")
+@click.option("--cell", type=Between(0.01, 1e6), default=1.0, show_default=True, help="Size of a cell [m].")
 @click.option(
     "--quantity",
     type=click.Choice(QUANTITIES),
@@ -37,7 +40,13 @@ def _hours(_: click.Context, __: click.Parameter, value: str | None) -> tuple[in
     show_default=True,
     help="What is drawn; the tables hold all.",
 )
-@click.option("--smooth", default=0.0, show_default=True, help="Standard deviation of a Gaussian blur [m].")
+@click.option(
+    "--smooth",
+    type=Between(0.0, 1e4),
+    default=0.0,
+    show_default=True,
+    help="Standard deviation of a Gaussian blur [m].",
+)
 @click.option("--hours", callback=_hours, help="Hours of the day, UTC, as 6-14.")
 @click.option("--vehicle", "vehicles", multiple=True, help="Only this vehicle; may be given several times.")
 @click.option(
@@ -54,18 +63,15 @@ def _hours(_: click.Context, __: click.Parameter, value: str | None) -> tuple[in
     type=click.Choice(["hour", "vehicle", "load"]),
     help="One map for each hour (UTC), vehicle or load state.",
 )
-@answer_options
+@answers
 def command(
-    dataset: Path, cell: float, quantity: Quantity, smooth: float, hours: tuple[int, int] | None, vehicles: tuple[str, ...],
-    state: str, compare: Path | None, by: Grouping | None, **told: Any,
-) -> None:  # fmt: skip
+    dataset: Path, cell: float, quantity: Quantity, smooth: float, hours: tuple[int, int] | None,
+    vehicles: tuple[str, ...], state: str, compare: Path | None, by: Grouping | None,
+) -> tuple[Result, Site]:  # fmt: skip
     """Draw how much time trucks spend where, on the floor and on the roads."""
     from fleetlog.analysis.heatmap import heatmap
-    from fleetlog.cli.output import answer
     from fleetlog.store import Dataset
 
-    if cell <= 0 or smooth < 0:
-        raise click.UsageError("--cell must be positive and --smooth not negative")
     if by is not None and compare is not None:
         raise click.UsageError("--by and --compare do not go together")
     data = Dataset(dataset)
@@ -81,4 +87,4 @@ def command(
         compare=other,
         by=by,
     )
-    answer(result, data.site, **told)
+    return result, data.site

@@ -6,7 +6,22 @@ from fleetlog.physics.term import Parameter, Term
 TERM = Term(
     "acceleration_limit",
     "speed",
-    "trucks gather speed more slowly or faster than the truck file says",
-    (Parameter("acceleration", "m/s2", 0.02, 5.0, truck_key="drive.max_acceleration"),),
+    "trucks gather speed more slowly than the truck file says",
+    (
+        Parameter(
+            "acceleration",
+            "m/s2",
+            0.02,
+            5.0,
+            truck_key="drive.max_acceleration",
+            tolerance=0.1,
+            inverse=True,
+            ceiling=True,
+        ),
+    ),
     depends_on=("acceleration",),
+    sentence="Trucks accelerate at {acceleration.value:.2f} m/s2 ({acceleration.low:.2f} to "
+    "{acceleration.high:.2f}); "
+    "the truck file has {acceleration.nominal:.2f} m/s2",
+    needs="record starts on open straights",
 )

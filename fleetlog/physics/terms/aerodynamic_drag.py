@@ -14,8 +14,12 @@ TERM = Term(
     "aerodynamic_drag",
     "force",
     "air drag is larger than the truck file says",
-    (Parameter("drag_area", "m2", 0.0, 15.0, truck_key="resistance.drag_area"),),
+    (Parameter("drag_area", "m2", 0.0, 40.0, truck_key="resistance.drag_area", tolerance=0.1),),
     force,
     nominal=True,
     depends_on=("speed",),
+    sentence="Air drag acts on an area (c_d A) of {drag_area.value:.1f} m2 ({drag_area.low:.1f} to "
+    "{drag_area.high:.1f}); "
+    "the truck file has {drag_area.nominal:.1f} m2",
+    needs="drive the same road at three speeds, the highest included",
 )

@@ -16,7 +16,11 @@ TERM = Term(
     "auxiliary_load",
     "power",
     "something draws constant power, driving or standing",
-    (Parameter("power", "W", 0.0, 6000.0, truck_key="auxiliary.power"),),
+    (Parameter("power", "W", 0.0, 6000.0, truck_key="auxiliary.power", tolerance=0.1, added=True),),
     power,
     nominal=True,
+    sentence="Auxiliary consumers draw {power.value:.0f} W ({power.low:.0f} to {power.high:.0f}) at all "
+    "times; "
+    "the truck file has {power.nominal:.0f} W",
+    needs="record the truck standing with the key on",
 )

@@ -8,7 +8,8 @@ from fleetlog.physics.term import Floats, Parameter, Term, Values
 
 
 def recorded_power(motion: Motion, truck: Truck, values: Values) -> Floats:
-    """The power that the log shows at each time [W]: that of ``offset`` seconds before, ``motion.power(t - offset)``.
+    """The power that the log shows at each time [W]: that of ``offset`` seconds before,
+    ``motion.power(t - offset)``.
 
     ``offset`` > 0: the channel runs behind the positions.  The vehicles of a motion are shifted one by one.
     """
@@ -24,7 +25,12 @@ TERM = Term(
     "clock_offset",
     "sensor",
     "the power or load channel is shifted in time against the positions",
-    (Parameter("offset", "s", -60.0, 60.0),),
+    (Parameter("offset", "s", -60.0, 60.0, tolerance=0.3),),
     recorded_power,
+    fault="clock",
     depends_on=("time",),
+    sentence="The power channel runs {offset.value:+.2f} s ({offset.low:+.2f} to {offset.high:+.2f}) behind "
+    "the positions. "
+    "Synchronise the clocks of the two loggers",
+    needs="record starts and stops with both loggers",
 )

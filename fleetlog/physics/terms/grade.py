@@ -8,7 +8,9 @@ from fleetlog.physics.term import GRAVITY, Floats, Parameter, Term, Values, tota
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
-    """F = m g sin(theta) [N], theta the map's slope along the motion plus what was found (``slope``: tan theta)."""
+    """F = m g sin(theta) [N], theta the map's slope along the motion plus what was found (``slope``: tan
+    theta).
+    """
     theta = motion.slope + np.arctan(values.get("slope", 0.0))
     return total_mass(motion, truck) * GRAVITY * np.sin(theta)
 
@@ -17,10 +19,15 @@ TERM = Term(
     "grade",
     "force",
     "the road climbs or falls where the map is level",
-    (Parameter("slope", "1", -0.3, 0.3),),
+    (Parameter("slope", "1", -0.3, 0.3, usual=0.03),),
     force,
     nominal=True,
     field=True,
     odd=True,
     depends_on=("x", "y", "heading"),
+    sentence="The road climbs or falls by up to {max_grade.value:.1%} ({max_grade.low:.1%} to "
+    "{max_grade.high:.1%}) {where}; "
+    "the map is level there. Add the elevation to the map",
+    extreme="max_grade",
+    needs="drive these roads in both directions, or survey their elevation",
 )

@@ -14,7 +14,10 @@ TERM = Term(
     "payload",
     "load",
     "the true load differs from the recorded one",
-    (Parameter("factor", "1", 0.2, 4.0, neutral=1.0),),
+    (Parameter("factor", "1", 0.1, 5.0, neutral=1.0, tolerance=0.05),),
     load,
     depends_on=("payload",),
+    sentence="The true load is {factor.value:.2f} times the recorded one "
+    "({factor.low:.2f} to {factor.high:.2f}). Check the load sensor",
+    needs="weigh a few loads",
 )

@@ -16,8 +16,11 @@ TERM = Term(
     "speed_zone",
     "speed",
     "trucks drive more slowly than the limit on some roads",
-    (Parameter("factor", "1", 0.05, 2.0, neutral=1.0),),
+    (Parameter("factor", "1", 0.05, 1.05, neutral=1.0, inverse=True),),
     speed,
     field=True,
     depends_on=("x", "y"),
+    sentence="Trucks drive at {factor.value:.0%} ({factor.low:.0%} to {factor.high:.0%}) of the permitted "
+    "speed {where}",
+    needs="record these roads without other traffic",
 )

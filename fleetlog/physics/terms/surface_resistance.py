@@ -8,10 +8,12 @@ from fleetlog.physics.term import GRAVITY, Floats, Parameter, Term, Values, tota
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
-    """F = (factor - 1) f m g cos(theta) while rolling, 0 at rest [N]; what the floor adds to the truck's own rolling.
+    """F = (factor - 1) f m g cos(theta) while rolling, 0 at rest [N]; what the floor adds to the truck's own
+    rolling.
 
-    ``factor`` is the rolling coefficient here over that of the truck file: about 1.3 on worn asphalt, 2 on gravel, 4 on
-    loose ground (worn and loose against new asphalt-concrete: Carvill, Mechanical Engineer's Data Handbook).
+    ``factor`` is the rolling coefficient here over that of the truck file: about 1.3 on worn asphalt, 2 on
+    gravel, 4 on loose ground (worn and loose against new asphalt-concrete: Carvill, Mechanical Engineer's
+    Data Handbook).
     """
     pressed = total_mass(motion, truck) * GRAVITY * np.cos(motion.slope)
     extra = (np.asarray(values.get("factor", 1.0)) - 1.0) * truck.resistance.rolling
@@ -26,4 +28,7 @@ TERM = Term(
     force,
     field=True,
     depends_on=("x", "y"),
+    sentence="Rolling resistance {where} is {factor.value:.2f} times the value in the truck file "
+    "({factor.low:.2f} to {factor.high:.2f}), in both directions. Inspect the floor there",
+    needs="drive these roads in both directions",
 )

@@ -6,7 +6,9 @@ from fleetlog.physics.term import Floats, Parameter, Term, Values
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
-    """F = c v [N], ``coefficient`` c in N s/m: churning oil in gears and hubs, eddy currents; no load in it."""
+    """F = c v [N], ``coefficient`` c in N s/m: churning oil in gears and hubs, eddy currents;
+    no load in it.
+    """
     return values.get("coefficient", 0.0) * motion.speed
 
 
@@ -14,7 +16,10 @@ TERM = Term(
     "viscous_drag",
     "force",
     "a drag that grows in proportion to speed, as of oil in gears",
-    (Parameter("coefficient", "N s/m", 0.0, 500.0),),
+    (Parameter("coefficient", "N s/m", 0.0, 1000.0),),
     force,
     depends_on=("speed",),
+    sentence="A drag of {coefficient.value:.0f} N for every m/s of speed is missing "
+    "({coefficient.low:.0f} to {coefficient.high:.0f}), as oil in gears causes",
+    needs="drive the same road at three speeds, the highest included",
 )

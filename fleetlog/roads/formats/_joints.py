@@ -16,7 +16,9 @@ TOLERANCE = 0.1
 
 @dataclass(frozen=True)
 class Line:
-    """A road as drawn: ``points`` (n, 3) longitude, latitude, height; ``start`` and ``end`` are "" where not named."""
+    """A road as drawn: ``points`` (n, 3) longitude, latitude, height;
+    ``start`` and ``end`` are "" where not named.
+    """
 
     id: str
     points: Floats
@@ -46,7 +48,8 @@ def join_lines(lines: list[Line], split: bool, notes: list[str]) -> list[Line]:
         out += _pieces(line, own, cuts, names)
     if divided:
         notes.append(
-            f"{divided} roads are split, as ID:0, ID:1 ..., where a vertex of another road lies on one of theirs"
+            f"{divided} roads are split, as ID:0, ID:1 ..., where a vertex of another road lies on one of "
+            "theirs"
         )
     return out
 
@@ -75,7 +78,9 @@ def _metres(points: Floats) -> Floats:
 
 
 def _places(points: Floats, owner: NDArray[np.intp], first: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(P,) number of the place of each vertex: groups within the tolerance, of several roads or of road ends."""
+    """(P,) number of the place of each vertex:
+    groups within the tolerance, of several roads or of road ends.
+    """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

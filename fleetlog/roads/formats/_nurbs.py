@@ -1,4 +1,6 @@
-"""NURBS trajectories of VDA 5050 and LIF as polylines.  Source: Piegl and Tiller, The NURBS Book, 1997, section 4.1."""
+"""NURBS trajectories of VDA 5050 and LIF as polylines.  Source: Piegl and Tiller, The NURBS Book, 1997,
+section 4.1.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +13,13 @@ from fleetlog.errors import SiteError
 from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats.base import Floats, number
 
+LEAST = 1e-6
+"""Smallest weight of a control point."""
+
 
 def nurbs(raw: Any, tolerance: float, path: Path, place: str) -> Floats:
-    """(n, 2) vertices [m] of a trajectory {degree, knotVector, controlPoints}; chords within ``tolerance`` [m].
+    """(n, 2) vertices [m] of a trajectory {degree, knotVector, controlPoints}; chords within ``tolerance``
+    [m].
 
     Without a degree it is 1; a control point without a weight weighs 1.
     """
@@ -21,17 +27,29 @@ def nurbs(raw: Any, tolerance: float, path: Path, place: str) -> Floats:
         raise SiteError("its trajectory has no controlPoints", where=path, place=place, do="export it again")
     if not all(isinstance(p, dict) for p in raw["controlPoints"]):
         raise SiteError("a control point is no object", where=path, place=place, do="export it again")
+    if not isinstance(raw.get("knotVector") or [], list):
+        raise SiteError("its knotVector is no list", where=path, place=place, do="export it again")
     degree = int(number(raw.get("degree", 1), path, f"{place}, degree"))
     knots = np.array([number(k, path, f"{place}, knotVector") for k in raw.get("knotVector") or []])
-    weighted = np.array([
-        [number(p.get(key, default), path, f"{place}, controlPoints") for key, default in (("x", None), ("y", None), ("weight", 1.0))]
-        for p in raw["controlPoints"]
-    ]).reshape(-1, 3)  # fmt: skip
-    if degree < 1 or len(knots) != len(weighted) + degree + 1 or bool((np.diff(knots) < 0).any()):
+    weighted = np.array(
+        [
+            [
+                number(p.get(key, default), path, f"{place}, controlPoints")
+                for key, default in (("x", None), ("y", None), ("weight", 1.0))
+            ]
+            for p in raw["controlPoints"]
+        ]
+    ).reshape(-1, 3)
+    if bool((weighted[:, 2] < LEAST).any()):
+        raise SiteError(f"a weight is below {LEAST:g}", where=path, place=place, do="export it again")
+    short = not 1 <= degree < len(weighted)
+    if short or len(knots) != len(weighted) + degree + 1 or bool((np.diff(knots) < 0).any()):
         raise SiteError(
             f"its trajectory of degree {degree} has {len(knots)} knots for {len(weighted)} control points",
             where=path, place=place, do="there must be points + degree + 1 knots in rising order",
         )  # fmt: skip
+    if knots[degree] == knots[len(weighted)]:
+        raise SiteError("its knots leave no curve", where=path, place=place, do="export it again")
     return _polyline(degree, knots, weighted, tolerance)
 
 

@@ -1,4 +1,6 @@
-"""OpenDRIVE reference lines: line, arc, spiral, poly3 and paramPoly3 by arc length.  Source: ASAM OpenDRIVE 1.8, chapter 9."""
+"""OpenDRIVE reference lines: line, arc, spiral, poly3 and paramPoly3 by arc length.  Source: ASAM OpenDRIVE
+1.8, chapter 9.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
+from fleetlog.errors import SiteError
 from fleetlog.roads.formats.base import Floats
 
 Curve = Callable[[Floats], tuple[Floats, Floats, Floats]]
@@ -17,6 +20,8 @@ Curve = Callable[[Floats], tuple[Floats, Floats, Floats]]
 
 _NODES, _WEIGHTS = leggauss(12)
 _TABLE = 513
+MOST = 200_000
+"""Vertices of one line."""
 
 
 def line(ds: Floats) -> tuple[Floats, Floats, Floats]:
@@ -39,7 +44,8 @@ def arc(curvature: float) -> Curve:
 def spiral(start: float, end: float, length: float) -> Curve:
     """Curvature [1/m] linear in s from ``start`` to ``end``: h = k0 s + (k1 - k0) s^2 / (2 L), integrated.
 
-    Gauss-Legendre with 12 nodes on panels of less than 1 rad: exact to 1e-12 of the length, for any curvatures, where
+    Gauss-Legendre with 12 nodes on panels of less than 1 rad: exact to 1e-12 of the length, for any
+    curvatures, where
     Fresnel integrals lose digits as k1 approaches k0.
     """
     rate = (end - start) / length
@@ -56,9 +62,11 @@ def spiral(start: float, end: float, length: float) -> Curve:
 
 
 def param_poly3(u: Floats, v: Floats, length: float, span: float) -> Curve:
-    """u(p), v(p) cubic (coefficients (4,) a to d), p from 0 to ``span``; ds is true arc length, stretched to ``length``.
+    """u(p), v(p) cubic (coefficients (4,) a to d), p from 0 to ``span``; ds is true arc length, stretched to
+    ``length``.
 
-    p is not proportional to the arc length; a table of the arc length over p is inverted.  The declared length and that of
+    p is not proportional to the arc length; a table of the arc length over p is inverted.  The declared
+    length and that of
     the curve can differ by a little; the end of the piece is the end of the curve all the same.
     """
     grid = np.linspace(0.0, span, _TABLE)
@@ -73,7 +81,9 @@ def param_poly3(u: Floats, v: Floats, length: float, span: float) -> Curve:
 
 
 def poly3(v: Floats, length: float) -> Curve:
-    """v(u) cubic (coefficients (4,) a to d), u along the start heading; u is not s and is found from the arc length."""
+    """v(u) cubic (coefficients (4,) a to d), u along the start heading; u is not s and is found from the arc
+    length.
+    """
     identity = np.array([0.0, 1.0, 0.0, 0.0])
     grid = np.linspace(0.0, length, _TABLE)
     passed = _arc_length(grid, _derivative(identity), _derivative(v))
@@ -157,10 +167,13 @@ class Cubics:
 
 
 def sample(points: Callable[[Floats], Floats], stations: Floats, tolerance: float) -> Floats:
-    """Stations s [m] dense enough that chords stay within ``tolerance`` [m] of the curve ``points`` ((N,) to (N, 3)).
+    """Stations s [m] dense enough that chords stay within ``tolerance`` [m] of the curve ``points`` ((N,) to
+    (N, 3)).
 
-    Between the given stations the curve is smooth.  Every chord is compared with the curve at a quarter, a half and three
-    quarters of its way and halved until all three agree, at most 14 times.
+    Between the given stations the curve is smooth.  Every chord is compared with the curve at a quarter, a
+    half and three
+    quarters of its way and halved until all three agree, at most 14 times.  :class:`SiteError` beyond
+    ``MOST`` stations.
     """
     s = stations
     for _ in range(14):
@@ -172,6 +185,8 @@ def sample(points: Callable[[Floats], Floats], stations: Floats, tolerance: floa
         coarse = worst > tolerance
         if not coarse.any():
             break
+        if len(s) > MOST:
+            raise SiteError(f"one line of it needs more than {MOST:,} vertices", do="correct the map")
         s = np.sort(np.concatenate([s, (low + step / 2.0)[coarse]]))
     return s
 

@@ -14,7 +14,8 @@ from fleetlog.roads.formats._odr_parse import End, Lane, Road, Section, stations
 from fleetlog.roads.formats.base import Floats, Tally
 
 DRIVEN = frozenset({
-    "driving", "bidirectional", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane", "mwyEntry", "mwyExit",
+    "driving", "bidirectional", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane",
+    "mwyEntry", "mwyExit",
 })  # fmt: skip
 """Lane types that are driven unless the user says otherwise."""
 CHORD = 0.005
@@ -45,7 +46,9 @@ class LaneEdge:
 def lane_edges(
     road: Road, driven: frozenset[str], left: bool, tally: Tally, skipped: dict[str, float]
 ) -> Iterator[LaneEdge]:
-    """The edges of a road; lanes left out are counted in ``tally`` and their lengths [m] by type in ``skipped``."""
+    """The edges of a road; lanes left out are counted in ``tally`` and their lengths [m] by type
+    in ``skipped``.
+    """
     for k, section in enumerate(road.sections):
         length = section.end - section.start
         for lane in section.lanes.values():
@@ -82,7 +85,9 @@ def _directed(road: Road, k: int, lane: Lane, left: bool, width: float) -> Itera
 
 
 def directions(lane: Lane, left: bool) -> tuple[bool, ...]:
-    """Whether the lane is driven along s (True) or against it, the usual way first; both for two-way lanes."""
+    """Whether the lane is driven along s (True) or against it, the usual way first;
+    both for two-way lanes.
+    """
     usual = (lane.id < 0) != left
     if lane.direction in ("+s", "-s"):
         return (lane.direction == "+s",)
@@ -130,7 +135,9 @@ def _widths(road: Road, section: Section, lane: Lane) -> Floats:
 
 
 def speed_limit(road: Road, section: Section, lane: Lane) -> float:
-    """Limit [m/s] that holds on the greatest part of the lane section: the lane's own, else the road's; NaN unknown."""
+    """Limit [m/s] that holds on the greatest part of the lane section: the lane's own, else the road's;
+    NaN unknown.
+    """
     return _lasting(lane.speeds, section) if lane.speeds else _lasting(road.speeds, section)
 
 

@@ -1,8 +1,8 @@
 """OpenDRIVE connectivity: which lane ends touch, from lane links, road links and junctions.
 
-Links name neighbours in the direction of s, not of travel.  Written as a relation between *lane ends* they need no case
-for left lanes, left-hand traffic or reference lines that meet head to head: an edge leaves at one lane end, and may be
-followed by every edge that enters at a lane end which touches it.
+Links name neighbours in the direction of s, not of travel.  Written as a relation between *lane ends* they
+need no case for left lanes, left-hand traffic or reference lines that meet head to head: an edge leaves at
+one lane end, and may be followed by every edge that enters at a lane end which touches it.
 """
 
 from __future__ import annotations
@@ -133,7 +133,9 @@ def _junction(e: Element, roads: dict[str, Road], relation: Touching, path: Path
 
 
 def _incoming_end(road: Road, junction: str, onward: Road, at: End) -> End:
-    """The end of the incoming road that meets the junction: by its own links, by nearness where they do not decide."""
+    """The end of the incoming road that meets the junction:
+    by its own links, by nearness where they do not decide.
+    """
     meets = [end for end, link in road.links.items() if link.kind == "junction" and link.id == junction]
     if len(meets) == 1:
         return meets[0]

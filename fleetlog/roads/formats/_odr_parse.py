@@ -1,4 +1,6 @@
-"""OpenDRIVE elements as checked records.  Source: ASAM OpenDRIVE 1.8, chapters 9 to 12; 1.4 to 1.7 where they differ."""
+"""OpenDRIVE elements as checked records.  Source: ASAM OpenDRIVE 1.8, chapters 9 to 12;
+1.4 to 1.7 where they differ.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,10 @@ if TYPE_CHECKING:
     from lxml.etree import _Element as Element
 
 End = Literal["start", "end"]
-LONGEST, TIGHTEST = 1e6, 1e4
-"""A road longer than this [m] or a turn of more than this [rad] in one piece is a wrong number, not a road."""
+LONGEST, TIGHTEST = 1e6, 100.0
+"""A road longer than this [m] or a turn of more than this [rad] in one piece is a wrong number,
+not a road.
+"""
 
 
 @dataclass(frozen=True)
@@ -222,7 +226,8 @@ def _lane(e: Element, start: float, path: Path, place: str) -> Lane:
     )
     return Lane(
         key, e.get("type", "none"), direction, _cubics(e.iterfind("width"), "sOffset", path, spot, start),
-        _cubics(e.iterfind("border"), "sOffset", path, spot, start), link["predecessor"], link["successor"], speeds,
+        _cubics(e.iterfind("border"), "sOffset", path, spot, start), link["predecessor"], link["successor"],
+        speeds,
     )  # fmt: skip
 
 

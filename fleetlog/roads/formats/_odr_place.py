@@ -19,7 +19,9 @@ Inverse = Callable[[Floats, Floats], tuple[Floats, Floats]]
 
 
 def offset(root: Element, path: Path) -> tuple[float, float, float]:
-    """x, y [m] and heading [rad] of <offset>: X = x cos h - y sin h + x_off, Y = x sin h + y cos h + y_off."""
+    """x, y [m] and heading [rad] of <offset>:
+    X = x cos h - y sin h + x_off, Y = x sin h + y cos h + y_off.
+    """
     e = root.find("header/offset")
     if e is None:
         return 0.0, 0.0, 0.0
@@ -38,12 +40,14 @@ def geographic(root: Element, path: Path, notes: list[str]) -> Inverse | None:
     text = " ".join((root.findtext("header/geoReference") or "").split())
     if not text:
         notes.append(
-            "there is no geoReference, so the map has no place on earth; state [frame] in a site.toml to give it one"
+            "there is no geoReference, so the map has no place on earth; "
+            "state [frame] in a site.toml to give it one"
         )
         return None
     if "+proj" not in text and "+lat_0" in text and "+lon_0" in text:
         notes.append(
-            "the geoReference names no projection; it is read as transverse Mercator about its lat_0 and lon_0"
+            "the geoReference names no projection; it is read as transverse Mercator about its lat_0 and "
+            "lon_0"
         )
         text = f"+proj=tmerc {text}"
     if fault := _contradiction(text):
@@ -77,7 +81,8 @@ def _inverse(text: str, by: tuple[float, float, float], notes: list[str]) -> Inv
         transformer = Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
     except ProjError as error:
         notes.append(
-            f"the geoReference is not understood ({str(error).splitlines()[0]}), so the map has no place on earth"
+            f"the geoReference is not understood ({str(error).splitlines()[0]}), "
+            "so the map has no place on earth"
         )
         return None
     if not crs.is_projected:

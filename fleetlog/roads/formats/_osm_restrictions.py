@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 def forbidden_turns(
     root: Element, parts: dict[str, list[Edge]], edges: list[Edge], tally: Tally
 ) -> frozenset[tuple[str, str]]:
-    """(edge id, next edge id) that ``no_*`` relations forbid, and all but the one that ``only_*`` relations allow."""
+    """(edge id, next edge id) that ``no_*`` relations forbid,
+    and all but the one that ``only_*`` relations allow.
+    """
     leaving: dict[str, list[str]] = {}
     for edge in edges:
         leaving.setdefault(edge.start, []).append(edge.id)
@@ -35,7 +37,8 @@ def forbidden_turns(
         incoming = [e.id for e in parts.get(members.get("from", ("", ""))[1], ()) if e.end == via]
         onward = {e.id for e in parts.get(members.get("to", ("", ""))[1], ()) if e.start == via}
         if rule.startswith("only_"):
-            # Without the way that it leads to (left out, or beyond the extract) the rule would close the road.
+            # Without the way that it leads to (left out, or beyond the extract) the rule would close the
+            # road.
             onward = set(leaving.get(via, ())) - onward if onward else set()
         out |= {(a, b) for a in incoming for b in onward}
     if unread:

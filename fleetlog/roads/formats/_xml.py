@@ -6,29 +6,33 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fleetlog.core.files import read_whole
 from fleetlog.errors import SiteError
 
 if TYPE_CHECKING:
     from lxml.etree import _Element as Element
 
-_LATE = re.compile(rb"^(\s*(?:<!--.*?-->\s*)+)(<\?xml[^>]*\?>)", re.DOTALL)
+_BLANKS = re.compile(rb"\s*")
+_DECLARATION = re.compile(rb"<\?xml[^>]{0,400}\?>")
 
 
 def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
     """The root element, namespaces taken off; :class:`SiteError` in one line where it is not well formed.
 
-    Entities are never expanded and files that declare any are refused: a map has no use for them.  An XML declaration
+    Entities are never expanded and files that declare any are refused: a map has no use for them.  An XML
+    declaration
     behind a comment, which some tools write, is passed over and noted.
     """
     from lxml import etree
 
-    data = path.read_bytes()
+    data = read_whole(path, error=SiteError)
     encoding = None
-    if late := _LATE.match(data):
+    behind = _behind_comments(data)
+    if behind and (late := _DECLARATION.match(data, behind)):
         notes.append("the XML declaration stands behind a comment and is passed over")
-        found = re.search(rb"encoding=[\"']([\w.-]+)", late[2])
+        found = re.search(rb"encoding=[\"']([\w.-]+)", late[0])
         encoding = found[1].decode() if found else None
-        data = late[1] + data[late.end() :]
+        data = data[:behind] + data[late.end() :]
     if b"<!ENTITY" in data:
         raise SiteError("declares XML entities, which are not read", where=path, do="remove its DOCTYPE")
     try:
@@ -52,6 +56,14 @@ def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
             f"its root is <{top.tag}>, not <{root}>", where=path, do="check the suffix of the file"
         )
     return top
+
+
+def _behind_comments(data: bytes) -> int:
+    """Where the text goes on after the blanks and comments that it begins with."""
+    at = _BLANKS.match(data, 0).end()  # type: ignore[union-attr]  # matches anywhere
+    while data.startswith(b"<!--", at) and (stop := data.find(b"-->", at)) >= 0:
+        at = _BLANKS.match(data, stop + 3).end()  # type: ignore[union-attr]
+    return at
 
 
 def looks_like(head: bytes, root: str) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Edge, LoadReport
+from fleetlog.core.schema import shown
 from fleetlog.core.site import Place
 from fleetlog.errors import SiteError
 
@@ -25,7 +26,8 @@ SPEED_UNITS: dict[str, float] = {"m/s": 1.0, "km/h": KMH, "kmh": KMH, "kph": KMH
 class MapOptions:
     """What the user chose about reading a map; None takes the format's documented default.
 
-    ``lane_types`` are the OpenDRIVE lane types that are driven, ``road_classes`` the values of OSM's ``highway`` tag.
+    ``lane_types`` are the OpenDRIVE lane types that are driven, ``road_classes`` the values of OSM's
+    ``highway`` tag.
     """
 
     traffic: Literal["right", "left"] | None = None
@@ -39,12 +41,14 @@ class RoadMap:
 
     Attributes
     ----------
-    edges : directed edges.  ``points`` are (n, 3): longitude, latitude [degrees] and height [m] where ``geographic``,
+    edges : directed edges.  ``points`` are (n, 3): longitude, latitude [degrees] and height [m] where
+        ``geographic``,
         local metres otherwise.
     report : what came in and what is kept.
     geographic : see ``edges``.
     geographic_of : for local metres of a known place on earth: (x, y) to (latitude, longitude) [degrees].
-    turns : the allowed (edge id, next edge id), None for every turn that the nodes allow except ``forbidden``.
+    turns : the allowed (edge id, next edge id), None for every turn that the nodes allow except
+        ``forbidden``.
     has_elevation : whether the heights mean anything; None: where they differ.
     places : places that the map itself names, local metres.
     traffic : the side of the road, where the map says it.
@@ -105,13 +109,22 @@ def number(text: Any, where: Path, place: str) -> float:
     """A finite number of a map's text; :class:`SiteError` with the place otherwise."""
     try:
         value = float(text)
+    except OverflowError:
+        value = math.inf
     except (TypeError, ValueError):
-        raise SiteError(f"{text!r} is not a number", where=where, place=place, do="correct the map") from None
+        raise SiteError(
+            f"{shown(text)} is not a number", where=where, place=place, do="correct the map"
+        ) from None
     if not math.isfinite(value):
-        raise SiteError(f"{text!r} is not a finite number", where=where, place=place, do="correct the map")
+        raise SiteError(
+            f"{shown(text)} is not a finite number", where=where, place=place, do="correct the map"
+        )
     if abs(value) > HUGE:
         raise SiteError(
-            f"{text!r} is larger than any number of a map", where=where, place=place, do="correct the map"
+            f"{shown(text)} is larger than any number of a map",
+            where=where,
+            place=place,
+            do="correct the map",
         )
     return value
 
@@ -128,7 +141,8 @@ _SPEED = re.compile(r"^\s*(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph|knots)?\s*$")
 
 
 def osm_speed(text: str) -> float:
-    """Speed limit [m/s] of an OSM ``maxspeed`` text; plain numbers are km/h, lists take the lowest, NaN where unknown.
+    """Speed limit [m/s] of an OSM ``maxspeed`` text; plain numbers are km/h, lists take the lowest, NaN
+    where unknown.
 
     Source: wiki.openstreetmap.org/wiki/Key:maxspeed.
     """

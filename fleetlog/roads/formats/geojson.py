@@ -1,8 +1,9 @@
 """Roads as GeoJSON (RFC 7946): LineStrings in degrees, a third coordinate being the height.
 
-Properties: ``id``, optionally ``from`` and ``to`` (nodes), ``oneway`` (default false), ``speed_limit`` [m/s], ``width`` [m].
-A two-way road ``r`` becomes the edges ``r`` and ``-r``.  Where no road names its nodes, ends that coincide are one node, and a
-road is split, as ``r:0``, ``r:1`` ..., at an inner vertex where another road has a vertex too.
+Properties: ``id``, optionally ``from`` and ``to`` (nodes), ``oneway`` (default false), ``speed_limit`` [m/s],
+``width`` [m].  A two-way road ``r`` becomes the edges ``r`` and ``-r``.  Where no road names its nodes, ends
+that coincide are one node, and a road is split, as ``r:0``, ``r:1`` ..., at an inner vertex where another
+road has a vertex too.
 """
 
 from __future__ import annotations
@@ -175,7 +176,8 @@ def _with_nodes(features: list[Feature], path: Path, tally: Tally) -> list[Line]
         return lines
     if named:
         tally.notes.append(
-            f"{len(features) - named} of {len(features)} roads name no nodes; theirs are found by coinciding ends"
+            f"{len(features) - named} of {len(features)} roads name no nodes; "
+            "theirs are found by coinciding ends"
         )
     return join_lines(lines, split=not named, notes=tally.notes)
 

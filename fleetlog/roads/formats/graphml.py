@@ -1,8 +1,8 @@
 """GraphML as OSMnx writes it: a street network of nodes with x, y and edges with an optional LINESTRING.
 
-An edge that has a twin along the same line in the other direction makes one two-way road ``u_v_key`` with the edges ``u_v_key``
-(as OSM digitised it) and ``-u_v_key``.  Speed is ``maxspeed``, else OSMnx's imputed ``speed_kph``; heights come from node
-``elevation`` where every node has one.
+An edge that has a twin along the same line in the other direction makes one two-way road ``u_v_key`` with the
+edges ``u_v_key`` (as OSM digitised it) and ``-u_v_key``.  Speed is ``maxspeed``, else OSMnx's imputed
+``speed_kph``; heights come from node ``elevation`` where every node has one.
 """
 
 from __future__ import annotations
@@ -119,7 +119,9 @@ def _width(text: str) -> float:
 
 
 def _line(text: str, start: Floats, end: Floats, path: Path, place: str) -> Floats:
-    """(n, 3) vertices of a WKT LINESTRING, heights going evenly from node to node; a straight line without a text."""
+    """(n, 3) vertices of a WKT LINESTRING, heights going evenly from node to node;
+    a straight line without a text.
+    """
     if not text:
         return np.array([start, end])
     kind, _, body = text.partition("(")

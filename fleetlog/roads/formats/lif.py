@@ -1,7 +1,10 @@
-"""LIF, the VDMA's layout interchange format of driverless vehicles (JSON, versions 1 and 2): directed edges between nodes.
+"""LIF, the VDMA's layout interchange format of driverless vehicles (JSON, versions 1 and 2): directed edges
+between nodes.
 
-Edge ids stay as they are, for VDA 5050 logs name them.  A ``trajectory`` (NURBS) gives an edge its line, else it is straight.
-Stations become places where a node's actions tell their kind.  Several layouts are kept in one network; a transition between
+Edge ids stay as they are, for VDA 5050 logs name them.  A ``trajectory`` (NURBS) gives an edge its line,
+else it is straight.
+Stations become places where a node's actions tell their kind.  Several layouts are kept in one network; a
+transition between
 floors is an edge.  Source: VDMA, LIF 1.0.0 (March 2024) and
 the draft of 2.0.0 (January 2026), section 8.3.
 """
@@ -114,8 +117,11 @@ def _edge(raw: dict[str, Any], spots: dict[str, Floats], path: Path, tally: Tall
     if len(points) < 2:
         tally.drop("without length")
         return None
-    speeds = [number(k["maxSpeed"], path, place) for k in kinds if k.get("maxSpeed") is not None]
-    # Several vehicle types may have several limits; a log does not tell the type, so the highest bounds them all.
+    # Version 2 spells the word out.
+    given = (k.get(name) for k in kinds for name in ("maxSpeed", "maximumSpeed"))
+    speeds = [number(v, path, place) for v in given if v is not None]
+    # Several vehicle types may have several limits; a log does not tell the type, so the highest bounds them
+    # all.
     limit = max((v for v in speeds if v > 0.0), default=math.nan)
     return Edge(name, start, end, points, "|".join(sorted((start, end))), limit)
 

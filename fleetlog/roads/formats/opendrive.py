@@ -1,8 +1,9 @@
 """OpenDRIVE 1.4 to 1.8 (.xodr): every driven lane of every lane section is an edge ``road:section:lane``.
 
-Read: plan view (line, arc, spiral, poly3, paramPoly3), elevation, superelevation, lane offset, widths and borders, lane links,
-junctions (direct ones too), rule (RHT, LHT), lane directions, speeds, geoReference with the offset of the header.  Left out:
-virtual junctions, road shape and surface, objects, signals, railroads, included files.
+Read: plan view (line, arc, spiral, poly3, paramPoly3), elevation, superelevation, lane offset, widths and
+borders, lane links, junctions (direct ones too), rule (RHT, LHT), lane directions, speeds, geoReference with
+the offset of the header.  Left out: virtual junctions, road shape and surface, objects, signals, railroads,
+included files.
 """
 
 from __future__ import annotations
@@ -110,7 +111,8 @@ def _lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> list[La
     against = sum(road.rule not in (None, default) for road in roads.values())
     if options.traffic and against:
         tally.notes.append(
-            f"{against} roads have a rule of their own that differs from traffic = {options.traffic!r}; it holds there"
+            f"{against} roads have a rule of their own that differs from traffic = {options.traffic!r}; "
+            "it holds there"
         )
     return lanes
 

@@ -1,7 +1,7 @@
 """OSM XML: ways with a ``highway`` tag of a driven class, split where they meet; turn restrictions at nodes.
 
-A way ``123`` that meets no other in its middle is the road ``123``, else its parts are ``123:0``, ``123:1`` ...  Source of the
-tags: wiki.openstreetmap.org, Key:highway, Key:oneway, Relation:restriction.
+A way ``123`` that meets no other in its middle is the road ``123``, else its parts are ``123:0``, ``123:1``
+...  Source of the tags: wiki.openstreetmap.org, Key:highway, Key:oneway, Relation:restriction.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from lxml.etree import _Element as Element
 
 DRIVEN = frozenset({
-    "motorway", "motorway_link", "trunk", "trunk_link", "primary", "primary_link", "secondary", "secondary_link",
-    "tertiary", "tertiary_link", "unclassified", "residential", "living_street", "service", "road",
+    "motorway", "motorway_link", "trunk", "trunk_link", "primary", "primary_link", "secondary",
+    "secondary_link", "tertiary", "tertiary_link", "unclassified", "residential", "living_street", "service",
+    "road",
 })  # fmt: skip
 """Classes that are driven unless the user says otherwise."""
 

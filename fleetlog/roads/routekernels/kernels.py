@@ -1,4 +1,6 @@
-"""Label-setting searches on directed edges, compiled.  Ties are broken by edge number, so one input has one answer."""
+"""Label-setting searches on directed edges, compiled.
+Ties are broken by edge number, so one input has one answer.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,9 @@ def bounded(
 ) -> tuple[Wide, Index, Floats]:
     """CSR of the distances [m] from the start of each source to the starts of the edges within ``limit``.
 
-    Dijkstra from every source in turn; the scratch arrays are cleared only where they were touched.  Row k holds the
-    reached edges in the order of distance, then of edge number; the first is the source itself with 0.
+    Dijkstra from every source in turn; the scratch arrays are cleared only where they were touched.  Row k
+    holds the reached edges in the order of distance, then of edge number; the first is the source itself with
+    0.
     """
     edges = len(length)
     best = np.full(edges, np.inf)
@@ -84,11 +87,12 @@ def astar(
     source: np.int32,
     target: np.int32,
 ) -> tuple[Index, Floats]:
-    """Cheapest chain of edges from ``source`` to ``target`` and the cost at which each is entered; empty if none.
+    """Cheapest chain of edges from ``source`` to ``target`` and the cost at which each is entered; empty if
+    none.
 
-    ``cost[i]`` is that of driving all of edge i, ``turn_cost[k]`` that of the turn next_edges[k], ``bound[j]`` never more
-    than the cost from the start of edge j to the start of the target (consistent, so the first arrival is the best).
-    Among equal costs the predecessor with the lower number wins.
+    ``cost[i]`` is that of driving all of edge i, ``turn_cost[k]`` that of the turn next_edges[k],
+    ``bound[j]`` never more than the cost from the start of edge j to the start of the target (consistent, so
+    the first arrival is the best). Among equal costs the predecessor with the lower number wins.
     """
     edges = len(cost)
     best = np.full(edges, np.inf)

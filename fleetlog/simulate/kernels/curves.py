@@ -24,7 +24,9 @@ def between(x: float, known: Floats, values: Floats) -> float:
 
 @njit(cache=True)
 def even_samples(points: Floats, spacing: float) -> Any:
-    """(n, 4) x, y, heading, curvature of a polyline without repeated points, evenly at most ``spacing`` apart; and its length."""
+    """(n, 4) x, y, heading, curvature of a polyline without repeated points,
+    evenly at most ``spacing`` apart; and its length.
+    """
     legs = len(points) - 1
     along, chord, middle = np.zeros(legs + 1), np.empty(legs), np.empty(legs)
     for i in range(legs):
@@ -52,12 +54,13 @@ def even_samples(points: Floats, spacing: float) -> Any:
 
 @njit(cache=True)
 def abreast(
-    at: float, offset: Floats, first: int, last: int, spacing: float, length: float, other: int, end: int, pitch: float
+    at: float, offset: Floats, first: int, last: int, spacing: float, length: float, other: int, end: int,
+    pitch: float
 ) -> float:  # fmt: skip
     """Where on the opposite lane a truck is beside ``at`` [m] of a lane of a road of ``length`` [m].
 
-    ``offset`` along the road of the samples ``first`` to ``last`` - 1 of the lane, every ``spacing``, and of ``other`` to
-    ``end`` - 1 of the opposite one, every ``pitch``.
+    ``offset`` along the road of the samples ``first`` to ``last`` - 1 of the lane, every ``spacing``, and of
+    ``other`` to ``end`` - 1 of the opposite one, every ``pitch``.
     """
     k = min(int(max(at, 0.0) / spacing), last - first - 1)
     on_road = offset[first + k]

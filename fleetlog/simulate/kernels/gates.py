@@ -8,7 +8,9 @@ from fleetlog.simulate.kernels.reserve import acquire, is_free, is_free_ahead
 from fleetlog.simulate.state import AT_BAY, ENTERING, LEAVING, WANTS_OUT, Fleet, Limits, Roads
 
 SHORT = 0.3
-"""Who stops for another stops this much earlier than it must [m]: a hair too far, and both would wait for ever."""
+"""Who stops for another stops this much earlier than it must [m]:
+a hair too far, and both would wait for ever.
+"""
 
 
 @inner
@@ -56,7 +58,9 @@ def unask(r: Roads, f: Fleet, v: int) -> None:
 
 @inner
 def comes_in(r: Roads, f: Fleet, lane: int, at: float, stop: float, x: Limits) -> bool:
-    """Whether somebody comes onto a lane who could not stop at ``stop``; behind another one before ``at`` he stops anyway."""
+    """Whether somebody comes onto a lane who could not stop at ``stop``;
+    behind another one before ``at`` he stops anyway.
+    """
     if f.inbound[lane] == 0 or stop >= run_in(r, lane, x):
         return False
     return f.tail[lane] < 0 or f.s[f.tail[lane]] >= at
@@ -64,7 +68,9 @@ def comes_in(r: Roads, f: Fleet, lane: int, at: float, stop: float, x: Limits) -
 
 @inner
 def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
-    """Whether the lane that the truck's door crosses is clear there, and nobody comes who could not stop before it."""
+    """Whether the lane that the truck's door crosses is clear there,
+    and nobody comes who could not stop before it.
+    """
     d = f.door[v]
     lane, low, high = r.door_crosses[d], r.door_low[d], r.door_high[d]
     if lane < 0:
@@ -83,7 +89,9 @@ def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
 
 @inner
 def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
-    """Whether the stretch of lane that a truck backs out onto is clear, ahead and of trucks that could not stop behind."""
+    """Whether the stretch of lane that a truck backs out onto is clear,
+    ahead and of trucks that could not stop behind.
+    """
     d = f.door[v]
     lane, at = r.door_lane[d], r.door_at[d]
     rear = at - 0.5 * x.length - x.gap
@@ -144,7 +152,8 @@ def past_door(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
 
 @inner
 def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
-    """Turn into the bay if its ground, the road just ahead and the lane to cross are clear: 0 done, 1 not yet.
+    """Turn into the bay if its ground, the road just ahead and the lane to cross are clear: 0 done, 1 not
+    yet.
 
     A truck that still rolls towards its door has the ground reserved from then on, and need not stop.
     """

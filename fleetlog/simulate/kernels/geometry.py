@@ -61,9 +61,11 @@ def turned_boxes_meet(
 
 @njit(cache=True)
 def first_before(
-    x: Floats, y: Floats, heading: Floats, low: int, high: int, px: float, py: float, least: float, widest: float
+    x: Floats, y: Floats, heading: Floats, low: int, high: int, px: float, py: float, least: float,
+    widest: float
 ) -> Any:  # fmt: skip
-    """Which of samples ``low`` to ``high`` - 1 has a point least far ahead of it, and how far that is ahead and to the left [m].
+    """Which of samples ``low`` to ``high`` - 1 has a point least far ahead of it, and how far that is ahead
+    and to the left [m].
 
     It is at least ``least`` ahead and less than ``widest`` aside; the number is -1 where there is none.
     """
@@ -107,8 +109,8 @@ def twice(pairs: Index) -> Index:
 
 @njit(cache=True)
 def meetings(
-    x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: NDArray[np.bool_], half_l: float, half_w: float,
-    skip: Index,
+    x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: NDArray[np.bool_], half_l: float,
+    half_w: float, skip: Index,
 ) -> Any:  # fmt: skip
     """Pairs (a, b), a < b, of samples of different owners whose boxes meet; at least one of them in ``ask``.
 
@@ -139,12 +141,3 @@ def meetings(
                 out[n, 0], out[n, 1] = min(a, b), max(a, b)
                 n += 1
     return out[:n]
-
-
-@njit(cache=True)
-def meets_any(x: float, y: float, heading: float, others: Floats, half_l: float, half_w: float) -> bool:
-    """Whether a box meets one of (N, 3) x, y, heading."""
-    for i in range(len(others)):
-        if boxes_meet(x, y, heading, others[i, 0], others[i, 1], others[i, 2], half_l, half_w):
-            return True
-    return False

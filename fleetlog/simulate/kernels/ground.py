@@ -15,10 +15,11 @@ Index = NDArray[np.int32]
 
 
 class Cells(NamedTuple):
-    """Boxes of one size in square cells: ``head`` (cells,) is the last box of a cell, ``after`` (N,) the one before it, -1: none.
+    """Boxes of one size in square cells: ``head`` (cells,) is the last box of a cell, ``after`` (N,) the one
+    before it, -1: none.
 
-    ``shape`` x0, y0, cell [m], columns, rows;  ``box`` (N, 3) x, y, heading;  ``group`` (N,) what a box belongs to;  ``size`` (1,)
-    boxes in use.  Boxes outside the cells lie in the nearest one.
+    ``shape`` x0, y0, cell [m], columns, rows;  ``box`` (N, 3) x, y, heading;  ``group`` (N,) what a box
+    belongs to;  ``size`` (1,) boxes in use.  Boxes outside the cells lie in the nearest one.
     """
 
     shape: Floats
@@ -67,7 +68,9 @@ def put(c: Cells, boxes: Floats, group: Index) -> None:
 def meets_group(
     c: Cells, x: float, y: float, heading: float, half_l: float, half_w: float, one: int, other: int
 ) -> bool:
-    """Whether a box meets one of a group that is neither ``one`` nor ``other``; cells are wider than two boxes."""
+    """Whether a box meets one of a group that is neither ``one`` nor ``other``;
+    cells are wider than two boxes.
+    """
     columns, rows = int(c.shape[3]), int(c.shape[4])
     column, row = _at(x, c.shape[0], c.shape[2], columns), _at(y, c.shape[1], c.shape[2], rows)
     for r in range(max(row - 1, 0), min(row + 2, rows)):
@@ -83,9 +86,11 @@ def meets_group(
 
 @njit(cache=True)
 def spur_is_free(
-    path: Floats, every: Cells, safe: Cells, parked: Cells, swept: Cells, half_l: float, half_w: float, lane: int, reverse: int
+    path: Floats, every: Cells, safe: Cells, parked: Cells, swept: Cells, half_l: float, half_w: float,
+    lane: int, reverse: int
 ) -> bool:  # fmt: skip
-    """Whether a spur (n, 4) touches no parked truck and no safe part of other lanes than ``lane`` and ``reverse``, its end nothing.
+    """Whether a spur (n, 4) touches no parked truck and no safe part of other lanes than ``lane`` and
+    ``reverse``, its end nothing.
 
     From the bay outwards: most ground that is taken is taken there.
     """

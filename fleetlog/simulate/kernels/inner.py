@@ -1,7 +1,8 @@
 """How kernels are compiled that only other kernels call.
 
-Nothing in them allocates, so counting references of sixty arrays at every access, which would take most of the time, is
-switched off; and without an entrance from Python, which would unpack them all, a third of the time of compiling is saved.
+Nothing in them allocates, so counting references of sixty arrays at every access, which would take most of
+the time, is switched off; and without an entrance from Python, which would unpack them all, a third of the
+time of compiling is saved.
 """
 
 from __future__ import annotations

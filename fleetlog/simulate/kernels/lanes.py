@@ -10,7 +10,8 @@ from fleetlog.simulate.state import ENTERING, LEAVING, Fleet, Limits, Roads
 
 @inner
 def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
-    """Highest speed after the next step that still stops ``brake``-ing behind one that does so from ``u``, ``room`` m ahead.
+    """Highest speed after the next step that still stops ``brake``-ing behind one that does so from ``u``,
+    ``room`` m ahead.
 
     Krauss 1998, written for a speed that is linear over the step.
     """

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.state import (
     AT_BAY,
+    CHARGER,
     CHARGING,
     DRIVING,
     EMPTY,
@@ -33,7 +34,9 @@ DRIVES, LADEN, WAITS, WAITS_FOR_PLACE, PICKS, DROPS, CHARGES, WAITS_FOR_CHARGER,
 
 
 class Trucks(NamedTuple):
-    """(V,) of the fleet, and (V, n) routes; see :class:`fleetlog.simulate.state.Fleet`.  ``task`` is -1 for none."""
+    """(V,) of the fleet, and (V, n) routes; see :class:`fleetlog.simulate.state.Fleet`.
+    ``task`` is -1 for none.
+    """
 
     mode: NDArray[np.int8]
     v: Floats
@@ -47,7 +50,7 @@ class Trucks(NamedTuple):
     held_to: Index
     route: Index
     task: Ints
-    must_charge: Flags
+    lacks: NDArray[np.int8]
 
 
 class Ground(NamedTuple):
@@ -61,7 +64,9 @@ class Ground(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """(V,) what was seen last: key of the activity and since when [ms], ends of the passage, door of the spur."""
+    """(V,) what was seen last: key of the activity and since when [ms], ends of the passage,
+    door of the spur.
+    """
 
     key: Ints
     since: Ints
@@ -87,9 +92,9 @@ def activity(t: Trucks, v: int) -> int:
     """What truck ``v`` does."""
     m = t.mode[v]
     if m == PARKED:
-        if t.task[v] >= 0:
-            return WAITS_FOR_PLACE
-        return WAITS_FOR_CHARGER if t.must_charge[v] else PARKS
+        if t.lacks[v] == CHARGER:
+            return WAITS_FOR_CHARGER
+        return WAITS_FOR_PLACE if t.lacks[v] > 0 or t.task[v] >= 0 else PARKS
     if m == HANDLING:
         return PICKS if t.hand_after[v] > 0.0 else DROPS
     if m == CHARGING:
@@ -126,7 +131,9 @@ def hold(g: Ground, p: Pages, v: int, way: int, now: int) -> None:
 # Nothing is allocated here: see kernels.inner.
 @njit(cache=True, _nrt=False)
 def look(t: Trucks, g: Ground, s: Seen, p: Pages, first: int, now: int) -> int:
-    """Look at the trucks from ``first`` on at ``now`` [ms]; the first one that there was no room for, or how many there are."""
+    """Look at the trucks from ``first`` on at ``now`` [ms];
+    the first one that there was no room for, or how many there are.
+    """
     for v in range(first, len(t.mode)):
         low, high = t.held_from[v], t.held_to[v]
         room = p.filled[2] + max(high - low, -1) + 2 <= len(p.held)

@@ -14,9 +14,11 @@ Index = NDArray[np.int32]
 
 @njit(cache=True, nogil=True)
 def pack(
-    values: tuple[Floats, ...], mean: NDArray[np.bool_], scale: Floats, every: int, null: int, out: Index, row: Index, at: Index
+    values: tuple[Floats, ...], mean: NDArray[np.bool_], scale: Floats, every: int, null: int, out: Index,
+    row: Index, at: Index
 ) -> None:  # fmt: skip
-    """Each column's (V, K) values, times its ``scale`` and rounded, to ``out[row[v], at[v], column]``; NaN is ``null``.
+    """Each column's (V, K) values, times its ``scale`` and rounded, to ``out[row[v], at[v], column]``; NaN is
+    ``null``.
 
     One value of ``every`` is taken, the middle one or, where ``mean``, the mean of all.
     """
@@ -41,7 +43,9 @@ def pack_codes(values: tuple[Index, ...], column: int, every: int, out: Index, r
 
 @njit(cache=True, nogil=True)
 def unpack(kept: Index, scale: Floats, null: int, out: Floats) -> None:
-    """Rows of (trucks, batches, columns, rows) whole numbers, the first ``len(scale)`` columns, to (columns, all rows) numbers."""
+    """Rows of (trucks, batches, columns, rows) whole numbers, the first ``len(scale)`` columns,
+    to (columns, all rows) numbers.
+    """
     at = 0
     for v in range(kept.shape[0]):
         for b in range(kept.shape[1]):

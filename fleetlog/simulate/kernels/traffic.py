@@ -64,7 +64,8 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
             asker = f.asks[p]
             if asker >= 0 and asker != v and may_ask(r, f, v, j, x):
                 room = off + f.ask_at[p]
-                # A truck that stands at the mark by a hair stays there; one that cannot stop before it goes on.
+                # A truck that stands at the mark by a hair stays there; one that cannot stop before it goes
+                # on.
                 if room > max(speed * speed / (2.0 * x.down), 0.01) - 0.2:
                     limit = min(limit, safe(speed, max(room, 0.0), 0.0, x.plan, dt))
             if f.crossed[p] >= 0:
@@ -226,7 +227,9 @@ def forks(f: Fleet, v: int, since: float, raise_speed: float, lower_speed: float
 def handling(
     f: Fleet, log: Log, v: int, column: int, now: float, dt: float, raise_speed: float, lower_speed: float
 ) -> None:
-    """Forks and load of a truck that works at a place; the rate is the mean over the step, so that its energy is exact."""
+    """Forks and load of a truck that works at a place;
+    the rate is the mean over the step, so that its energy is exact.
+    """
     since = now - f.hand_start[v]
     height = forks(f, v, since, raise_speed, lower_speed)
     after = forks(f, v, since + dt, raise_speed, lower_speed)

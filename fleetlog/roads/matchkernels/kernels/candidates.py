@@ -56,7 +56,8 @@ def build_grid(
 ) -> Any:
     """CSR of the segments in every cell: starts (nx * ny + 1,), segments (first vertex index).
 
-    Of two edges that are each other's ``twin`` (the same line in both directions, -1 none) only the first is entered.
+    Of two edges that are each other's ``twin`` (the same line in both directions, -1 none) only the first is
+    entered.
     """
     counts = np.zeros(nx * ny, np.int64)
     empty = np.empty(0, np.int64)
@@ -106,10 +107,12 @@ def find_candidates(
     margin: float,
     limit: int,
 ) -> Any:
-    """Edges within ``radius`` of every position and not more than ``margin`` farther than the nearest; at most ``limit``.
+    """Edges within ``radius`` of every position and not more than ``margin`` farther than the nearest; at
+    most ``limit``.
 
-    ``grid`` is (x0, y0, cell, nx, ny).  Returns CSR starts (N + 1,), and of every candidate: edge; offset, lateral distance
-    (left positive; beyond an end the whole distance), tangent x, tangent y.  One candidate an edge: its nearest point.
+    ``grid`` is (x0, y0, cell, nx, ny).  Returns CSR starts (N + 1,), and of every candidate: edge; offset,
+    lateral distance (left positive; beyond an end the whole distance), tangent x, tangent y.  One candidate
+    an edge: its nearest point.
     """
     x0, y0, cell, nx, ny = grid
     n = len(x)
@@ -164,7 +167,9 @@ def find_candidates(
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def _keep(near_k: Wide, near: Floats, m: int, k: int, d2: float, share: float, owner: Index) -> Any:
-    """Enter a foot in the list of one position; of an edge the nearest foot stays, of too many edges the farthest goes."""
+    """Enter a foot in the list of one position;
+    of an edge the nearest foot stays, of too many edges the farthest goes.
+    """
     at = -1
     for c in range(m):
         if owner[near_k[c]] == owner[k]:

@@ -1,4 +1,6 @@
-"""What the hidden Markov model charges: emissions and steps.  Costs are negative logarithms of probabilities."""
+"""What the hidden Markov model charges: emissions and steps.
+Costs are negative logarithms of probabilities.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +21,15 @@ RARE = np.exp(-JUMP)
 LEAVE = 4.0
 """Cost of leaving the roads, and of coming back."""
 SLACK = 5.0
-"""A way this much longer than the travelled distance is always tried [m]: two corners of an aisle, taken short."""
+"""A way this much longer than the travelled distance is always tried [m]:
+two corners of an aisle, taken short.
+"""
 CHANGE = 0.5
 """Cost of entering another edge: of two routes that fit alike the plainer one."""
 IDLE_CHANGE = 2.0
-"""Cost of entering another edge only to stand there: a truck that stops at a node has not left its edge yet."""
+"""Cost of entering another edge only to stand there:
+a truck that stops at a node has not left its edge yet.
+"""
 CHAIN_END = -2
 BY_JUMP = 1 << 20
 
@@ -40,9 +46,11 @@ def emission_costs(
     sigma: float,
     weight: float,
 ) -> Any:
-    """Cost of every candidate: lateral distance (Gaussian, beyond 3 sigma linear), direction of motion and the heading's axis.
+    """Cost of every candidate: lateral distance (Gaussian, beyond 3 sigma linear), direction of motion and
+    the heading's axis.
 
-    A motion that is plainly against a one-way road counts threefold: there is no other direction that it could be noise of.
+    A motion that is plainly against a one-way road counts threefold: there is no other direction that it
+    could be noise of.
     """
     out = np.empty(len(edge))
     for g in range(len(ptr) - 1):
@@ -62,7 +70,9 @@ def emission_costs(
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def mismatch(d: float, moved: float, scale: float) -> Any:
-    """Cost of a step of network distance d: exponential, beyond four scales of slow growth (corners cut, wheels that slip)."""
+    """Cost of a step of network distance d:
+    exponential, beyond four scales of slow growth (corners cut, wheels that slip).
+    """
     z = abs(d - moved) / scale
     return z if z < 4.0 else 4.0 + 2.0 * math.log(0.25 * z)
 
@@ -89,8 +99,9 @@ def step_costs(
 ) -> None:
     """Cost of every step from the candidates of group g to those of g + 1 into ``cost`` (K + 1, L + 1).
 
-    A step costs about |network distance - travelled distance| / beta, a turn in mid edge ``turn`` and one to another edge
-    ``change`` more; steps that the network does not allow cost ``JUMP``.  ``back`` is how far noise may move a truck against its edge.
+    A step costs about |network distance - travelled distance| / beta, a turn in mid edge ``turn`` and one to
+    another edge ``change`` more; steps that the network does not allow cost ``JUMP``.  ``back`` is how far
+    noise may move a truck against its edge.
     """
     a, b, c = ptr[g], ptr[g + 1], ptr[g + 2]
     k, m = b - a, c - b

@@ -1,6 +1,7 @@
 """The hidden Markov model: steps between candidates, the likeliest sequence and every candidate's posterior.
 
-States of a group are its candidates and, last, "off the roads".  Costs are negative logarithms of probabilities.
+States of a group are its candidates and, last, "off the roads".  Costs are negative logarithms of
+probabilities.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ Flags = NDArray[np.bool_]
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def _first_missing(known: Floats, ptr: Wide, edge: Index, moved: Floats, a: int, b: int, beta: float) -> Any:
-    """The first candidate of groups a to b whose reach is not stored, and the bound it needs; -1 where all are."""
+    """The first candidate of groups a to b whose reach is not stored, and the bound it needs;
+    -1 where all are.
+    """
     for g in range(a, b):
         need = max(reach_of(moved[g], beta), 20.0)
         for c in range(ptr[g], ptr[g + 1]):
@@ -87,9 +90,9 @@ def decode(
     """Likeliest state of every group, and every state's posterior.
 
     Works through blocks of groups and looks ``ahead`` beyond each, so memory does not grow with the track.
-    Returns the store; (G,) the chosen candidate (row of ``edge``) or -1 off the roads; (C,) posteriors of the candidates;
-    (G,) posteriors of being off; (G,) whether the step into a group is connected to the group before.
-    """  # fmt: skip
+    Returns the store; (G,) the chosen candidate (row of ``edge``) or -1 off the roads; (C,) posteriors of the
+    candidates; (G,) posteriors of being off; (G,) whether the step into a group is connected to the group
+    before."""  # fmt: s"""
     groups = len(ptr) - 1
     chosen = np.full(groups, -1, np.int64)
     posterior = np.zeros(len(edge))
@@ -138,8 +141,8 @@ def decode(
             turn_here = 0.5 * turn if still[g] or still[g + 1] else turn
             change = IDLE_CHANGE if still[g + 1] else CHANGE
             step_costs(
-                reach_begin, reach_count, target, away, slot, ptr, edge, value, g, moved[g], beta, back, turn_here, change,
-                reverse, length, cost,
+                reach_begin, reach_count, target, away, slot, ptr, edge, value, g, moved[g], beta, back,
+                turn_here, change, reverse, length, cost,
             )  # fmt: skip
             _advance(
                 g - begin, ptr, g, cost, emission, off, rank, edge, states, at, steps, delta, alpha, came, own

@@ -32,7 +32,8 @@ def search(
     """Dijkstra over edges from the end of ``source``: edges whose start is within ``bound``, nearest first.
 
     ``best`` (E,) is infinite on entry; :func:`forget` makes it so again.
-    ``before`` holds the previous edge of the path.  Turns are those of the network.  Returns how many were found.
+    ``before`` holds the previous edge of the path.  Turns are those of the network.  Returns how many were
+    found.
     """
     size = 0
     count = 0
@@ -63,7 +64,9 @@ def search(
 
 @njit(cache=True)
 def forget(source: int, count: int, next_first: Index, next_edges: Index, best: Floats, found: Index) -> None:
-    """Make ``best`` infinite again after a search, beyond its bound too: for all that an edge found could have touched."""
+    """Make ``best`` infinite again after a search, beyond its bound too:
+    for all that an edge found could have touched.
+    """
     for i in range(-1, count):
         e = source if i < 0 else found[i]
         for q in range(next_first[e], next_first[e + 1]):
@@ -74,8 +77,8 @@ def forget(source: int, count: int, next_first: Index, next_edges: Index, best: 
 def new_store(edges: int, arcs: int) -> Any:
     """An empty store for a network of ``edges`` edges and ``arcs`` turns.
 
-    ``known`` (E,) is the bound up to which an edge's reach is stored (-1: not at all), ``begin`` and ``count`` its rows in
-    ``target``, ``previous`` and ``away``; ``used`` is how many rows are taken.
+    ``known`` (E,) is the bound up to which an edge's reach is stored (-1: not at all), ``begin`` and
+    ``count`` its rows in ``target``, ``previous`` and ``away``; ``used`` is how many rows are taken.
     """
     known = np.full(edges, -1.0)
     begin = np.zeros(edges, np.int64)
@@ -118,7 +121,9 @@ def ensure(
 def path_between(
     begin: Wide, count: Wide, target: Index, previous: Index, source: int, goal: int, path: Index
 ) -> Any:
-    """Edges strictly between ``source`` and ``goal`` (which the store must know), into ``path`` in order; how many, or -1."""
+    """Edges strictly between ``source`` and ``goal`` (which the store must know), into ``path`` in order;
+    how many, or -1.
+    """
     a, b = begin[source], begin[source] + count[source]
     m = 0
     at = goal

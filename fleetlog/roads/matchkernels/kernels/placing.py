@@ -26,10 +26,11 @@ def smooth_coordinate(
     out: Floats,
     sd: Floats,
 ) -> None:
-    """Rauch-Tung-Striebel smoother of (coordinate, speed) under white acceleration of density ``accel`` [m2/s3].
+    """Rauch-Tung-Striebel smoother of (coordinate, speed) under white acceleration of density ``accel``
+    [m2/s3].
 
-    ``seen`` (n,) coordinates with variances ``seen_var`` (n,); ``speed`` (n,) is NaN where the log has none.  Writes the
-    smoothed coordinate and its standard deviation.
+    ``seen`` (n,) coordinates with variances ``seen_var`` (n,); ``speed`` (n,) is NaN where the log has none.
+    Writes the smoothed coordinate and its standard deviation.
     """
     n = len(t)
     m = np.empty((n, 2))
@@ -151,9 +152,9 @@ def place_points(
 ) -> None:
     """Edge, offset, lateral offset and confidence of every row that a stretch covers.
 
-    Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is projected onto the
-    tangent of the route.  ``near`` (G,) is the posterior of the route about each group; ``lasting`` the
-    variance of errors that persist from group to group, which no smoothing along time takes out.
+    Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is projected
+    onto the tangent of the route.  ``near`` (G,) is the posterior of the route about each group; ``lasting``
+    the variance of errors that persist from group to group, which no smoothing along time takes out.
     """
     cursor = np.zeros(2, np.int64)
     for s in range(spans.shape[1]):
@@ -276,7 +277,9 @@ def route_posterior(
     firsts: Wide,
     p_edge: Index,
 ) -> Any:
-    """(G,) posterior mass of the candidates on the route next to the chosen one: previous, same and following piece."""
+    """(G,) posterior mass of the candidates on the route next to the chosen one:
+    previous, same and following piece.
+    """
     out = np.zeros(len(chosen))
     for g in range(len(chosen)):
         if chosen[g] < 0:

@@ -31,8 +31,9 @@ def build_routes(
 ) -> Any:
     """Pieces of all stretches, end to end.
 
-    Returns (P,) edge, from, to (offsets on it) and coordinate of its begin; (S + 1,) first piece and first and last group
-    of every stretch; (G,) stretch, piece and path coordinate of every group (-1 off the roads).
+    Returns (P,) edge, from, to (offsets on it) and coordinate of its begin; (S + 1,) first piece and first
+    and last group of every stretch; (G,) stretch, piece and path coordinate of every group (-1 off the
+    roads).
     """
     begin, count, target, previous, away = store[1], store[2], store[3], store[4], store[5]
     groups = len(chosen)
@@ -108,7 +109,9 @@ def _kind(
     length: Floats,
     back: float,
 ) -> Any:
-    """How one step goes, as the model priced it: 0 along the same edge, 1 by a path, 2 by a turn in mid edge."""
+    """How one step goes, as the model priced it:
+    0 along the same edge, 1 by a path, 2 by a turn in mid edge.
+    """
     by_path = np.inf
     for q in range(begin[a], begin[a] + count[a]):
         if target[q] == b:

@@ -1,0 +1,45 @@
+"""Files from outside: only regular ones are opened, and those that are held whole only up to a size."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from fleetlog.errors import InputError
+
+WHOLE = 1 << 28
+"""Bytes of a map that is held whole."""
+SETTINGS = 1 << 24
+"""Bytes of a file of settings (TOML)."""
+_KINDS = {
+    stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}  # fmt: skip
+
+
+def open_regular(path: Path, error: type[InputError] = InputError) -> BinaryIO:
+    """Open a regular file for reading; ``error`` for anything else, without waiting for what a pipe may
+    bring.
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    except (OSError, ValueError) as problem:
+        why = getattr(problem, "strerror", None) or str(problem)
+        raise error(why, where=path, do="check the name and the rights") from None
+    kind = stat.S_IFMT(os.fstat(handle).st_mode)
+    if kind != stat.S_IFREG:
+        os.close(handle)
+        what = _KINDS.get(kind, "something else")
+        raise error(f"is {what}, not a regular file", where=path, do="save what it gives to a file first")
+    return os.fdopen(handle, "rb")
+
+
+def read_whole(path: Path, limit: int = WHOLE, error: type[InputError] = InputError) -> bytes:
+    """All bytes of a regular file of at most ``limit`` bytes."""
+    with open_regular(path, error) as stream:
+        data = stream.read(limit + 1)
+    if len(data) > limit:
+        raise error(f"is larger than {limit >> 20} MB", where=path, do="cut it to what is needed")
+    return data

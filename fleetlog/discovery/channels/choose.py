@@ -1,0 +1,68 @@
+"""Which channels a recording has, and how each is looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fleetlog.discovery.channels.base import Channel
+from fleetlog.discovery.channels.energy import EnergyChannel
+from fleetlog.discovery.channels.travel import travel_channel
+from fleetlog.discovery.hypotheses.squares import make_squares
+from fleetlog.discovery.hypotheses.stretches import Cells, make_stretches
+from fleetlog.discovery.model import Model
+from fleetlog.discovery.recording.fleet import Fleet
+from fleetlog.discovery.settings import Settings
+
+CHANNELS = ("battery_power", "soc", "speed")
+QUANTA = 8.0
+"""A window of a stepped state of charge holds this many steps on average: its error is then a twentieth
+of its energy."""
+WIDEST = 600.0
+"""Of a window [s]: a stretch of road is no longer seen in a wider one."""
+ROWS = 3.0
+"""Rows in a window at least."""
+
+
+def present(fleet: Fleet, wanted: Sequence[str]) -> list[str]:
+    """Return the channels that the recording has; speed needs a map to say how fast one might have driven."""
+    have = [c for c in ("battery_power", "soc") if fleet.has(c)]
+    if fleet.network is not None and fleet.has("edge_id"):
+        have.append("speed")
+    return [c for c in have if not wanted or c in wanted]
+
+
+def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings) -> Channel:
+    """Return one channel."""
+    if name == "speed":
+        return travel_channel(fleet, base, settings)
+    measured = name == "soc" and fleet.has("battery_power")
+    step = _charge_step(fleet) if name == "soc" else 0.0
+    window = _window(fleet, name, settings, step)
+    return EnergyChannel(name, fleet, base, window, _cells(fleet), measured, settings.model_error, step)
+
+
+def _cells(fleet: Fleet) -> Cells | None:
+    """Stretches of the map, or squares of the floor without one; None where neither helps."""
+    if fleet.network is not None and fleet.has("edge_id"):
+        return make_stretches(fleet.network)
+    x, y = (np.concatenate([t.floats(c) for _, t in fleet.days]) for c in ("x", "y"))
+    return make_squares(x, y)
+
+
+def _window(fleet: Fleet, channel: str, settings: Settings, step: float) -> float:
+    """Length of a window [s]: longer where rows are far apart, and for a coarse state of charge."""
+    wide = max(settings.window, ROWS * fleet.step)
+    if channel == "soc":
+        drops = [np.diff(t.floats("soc")) for _, t in fleet.days]
+        used = sum(float(-d[d < 0].sum()) for d in drops)
+        wide = max(wide, QUANTA * step * fleet.seconds / max(used, 1e-9))
+    return float(min(wide, WIDEST))
+
+
+def _charge_step(fleet: Fleet) -> float:
+    """The step in which the state of charge is logged; 0 where nothing changes."""
+    change = np.concatenate([np.abs(np.diff(t.floats("soc"))) for _, t in fleet.days])
+    steps = change[np.isfinite(change) & (change > 0.0)]
+    return float(np.quantile(steps, 0.05)) if len(steps) else 0.0

@@ -1,0 +1,166 @@
+"""One explanation of a mismatch, and the list of all that a channel allows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.truck import Truck
+from fleetlog.discovery.channels.base import Channel
+from fleetlog.discovery.hypotheses.curves import SLOW, FreeCurve
+from fleetlog.discovery.hypotheses.sources import CurveSource, FieldSource, KnobSource, PlaceSource, Source
+from fleetlog.discovery.hypotheses.stretches import Cells
+from fleetlog.discovery.model import Knob
+from fleetlog.physics.power import all_terms
+from fleetlog.physics.term import Term
+
+Floats = NDArray[np.float64]
+
+SHAPES = 13
+"""Values of a shape parameter that are scanned; the joint fit refines the best."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A field that is one number times a fixed map: ``weights`` by cell (as bytes of float64, so that it
+    can be hashed)."""
+
+    data: bytes
+    label: str
+
+    @property
+    def weights(self) -> Floats:
+        """(C,) the field where the number is one."""
+        return np.frombuffer(self.data)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One explanation.
+
+    ``knobs`` turn together (numbers of a term, of the fleet or one vehicle, with the ``setting`` of its
+    shape parameters);
+    ``patterns`` or the whole ``field`` of a term over the cells; or a free ``curve``, or free power by place.
+    ``variance`` is that of the prior of a field's or curve's coefficients.
+    """
+
+    term: str | None = None
+    knobs: tuple[Knob, ...] = ()
+    setting: tuple[tuple[str, float], ...] = ()
+    patterns: tuple[Pattern, ...] = ()
+    field: bool = False
+    curve: FreeCurve | None = None
+    places: bool = False
+    variance: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """For tables and logs."""
+        scope = f" of vehicle {self.vehicle}" if self.vehicle is not None else ""
+        form = (
+            f" ({', '.join(p.label for p in self.patterns)})"
+            if self.patterns
+            else " (field)"
+            if self.field
+            else ""
+        )
+        return (self.term or (self.curve.name if self.curve else "power by place")) + scope + form
+
+    @property
+    def physics(self) -> Term | None:
+        """The term, None of what has no name."""
+        return all_terms()[self.term] if self.term else None
+
+    @property
+    def vehicle(self) -> int | None:
+        """The one vehicle that it is about."""
+        return self.knobs[0].vehicle if self.knobs else None
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """Where its columns come from."""
+        if self.knobs:
+            shapes = tuple((n, 0.0) for n in self.shapes)
+            setting = self.setting if shapes else ()
+            fleet = [replace(k, vehicle=None) for k in self.knobs]
+            return (*(KnobSource(k, setting) for k in fleet),)
+        if self.curve is not None:
+            return (CurveSource(self.curve),)
+        return (PlaceSource(),) if self.places else (FieldSource(self.term or ""),)
+
+    @property
+    def shapes(self) -> tuple[str, ...]:
+        """Names of the shape parameters that it sets."""
+        return tuple(n for n, _ in self.setting)
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        """The variables that the mismatch follows."""
+        if self.curve is not None:
+            return self.curve.variables or ("standing",)
+        own = self.physics.depends_on if self.physics else ("x", "y")
+        return own if self.vehicle is None else (*own, "vehicle_id")
+
+    @property
+    def slow(self) -> bool:
+        """Whether it follows something that changes over hours."""
+        return bool(SLOW & set(self.depends_on)) and not self.field and not self.patterns
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers it adds that the prior does not hold."""
+        return len(self.knobs) + len(self.setting) + len(self.patterns)
+
+    @property
+    def choices(self) -> float:
+        """Logarithm of the number of like hypotheses that it was picked from."""
+        if self.patterns:
+            return 5.0 * len(self.patterns)
+        if self.knobs:
+            return float(
+                np.log(SHAPES) * len(self.setting) + np.log(15.0) + (2.0 if self.vehicle is not None else 0.0)
+            )
+        return 1.0 if self.field else float(np.log(35.0))
+
+
+def hypotheses(channel: Channel, only: tuple[str, ...] = ()) -> Iterator[Hypothesis]:
+    """Yield every explanation of a channel but the patterns of places, which are found in its sums."""
+    terms = [t for t in channel.terms() if t.told and (not only or t.name in only)]
+    for term in terms:
+        if term.field:
+            yield Hypothesis(term.name, field=True)
+        else:
+            yield from _numbers(term, None, channel.truck)
+            if len(channel.vehicles) > 1:
+                for v in range(len(channel.vehicles)):
+                    yield from _numbers(term, v, channel.truck)
+    for curve in channel.curves():
+        yield Hypothesis(curve=curve)
+    if channel.cells(None) is not None:
+        yield Hypothesis(places=True)
+
+
+def _numbers(term: Term, vehicle: int | None, truck: Truck) -> Iterator[Hypothesis]:
+    """The numbers of a term: a vector's together, every amplitude with every setting of the shapes beside
+    it."""
+    amplitudes = [p for p in term.parameters if not p.shape]
+    if term.vector:
+        yield Hypothesis(term.name, tuple(Knob(term.name, p.name, vehicle) for p in amplitudes))
+        return
+    grid: list[tuple[tuple[str, float], ...]] = [()]
+    for p in (p for p in term.parameters if p.shape):
+        grid = [(*g, (p.name, float(v))) for g in grid for v in np.linspace(p.low, p.high, SHAPES)]
+    for p in amplitudes:
+        for setting in grid:
+            yield Hypothesis(term.name, (Knob(term.name, p.name, vehicle),), setting)
+
+
+def planes(term: Term, cells: Cells) -> tuple[Pattern, ...]:
+    """Return the two patterns of an even slope of the whole site: rising to the east and to the north."""
+    if not term.odd:
+        return ()
+    east, north = cells.directions()
+    return Pattern(east.tobytes(), "whole site, east"), Pattern(north.tobytes(), "whole site, north")

@@ -1,0 +1,164 @@
+"""Short stretches of road, the cells of a field.
+
+Both directions of a road share their stretches, so a field over them has an odd part (slope: opposite in
+the two directions)
+and an even part (floor: the same).  Without a map there are squares instead, see
+:mod:`fleetlog.discovery.hypotheses.squares`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.network import Network
+
+Floats = NDArray[np.float64]
+Index = NDArray[np.int32]
+Part = tuple[Index, Floats]
+"""(N,) number of a field's value, -1 for none, and (N,) its weight."""
+
+LENGTH = 8.0
+"""Of a stretch, before edges are divided evenly [m]."""
+REACH = 40.0
+"""Distance over which neighbouring stretches of one road resemble each other, in the prior [m]."""
+MOST = 300
+"""More stretches than this are made longer instead: products of their columns are kept by fold."""
+
+
+class Cells(Protocol):
+    """Pieces of the floor that a field has values on."""
+
+    def __len__(self) -> int:
+        """Number of pieces."""
+        ...
+
+    def size(self, odd: bool) -> int:
+        """Number of values of a field that is odd, or even, in the direction of travel."""
+        ...
+
+    def parts(self, motion: Motion, odd: bool) -> list[Part]:
+        """Which values act on each sample, and with what weight."""
+        ...
+
+    def root(self, odd: bool) -> Floats:
+        """L with L L' the prior covariance of the values."""
+        ...
+
+    def in_basis(self, pattern: Floats, odd: bool) -> Floats:
+        """Return the coefficients in the basis of the root of a field."""
+        ...
+
+    def directions(self) -> tuple[Floats, Floats]:
+        """Return the values of an odd field of slope 1 to the east, and to the north."""
+        ...
+
+
+def along(cells: Cells, motion: Motion, values: Floats, odd: bool) -> Floats:
+    """(N,) a field looked up along a motion; 0 where it has no value."""
+    total = np.zeros(len(motion))
+    for number, weight in cells.parts(motion, odd):
+        total += np.where(number >= 0, values[np.maximum(number, 0)] * weight, 0.0)
+    return total
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """C stretches: ``road_edge`` (C,) the edge in whose direction they are counted, ``start``/``end``
+    offsets along it [m].
+
+    ``first`` (E,) and ``count`` (E,) locate an edge's stretches; ``sign`` (E,) is -1 for an edge counted
+    against.
+    """
+
+    network: Network
+    road_edge: Index
+    start: Floats
+    end: Floats
+    first: Index
+    count: Index
+    sign: Floats
+    alike: bool = True
+    """Whether neighbours resemble each other."""
+    _roots: dict[bool, Floats] = field(default_factory=dict, compare=False)
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def size(self, odd: bool) -> int:
+        """Number of values of a field: one a stretch, whatever its parity."""
+        return len(self)
+
+    def parts(self, motion: Motion, odd: bool) -> list[Part]:
+        """Which values of a field act on each sample, and with what weight."""
+        cell, sign = self.at(motion)
+        return [(cell, sign if odd else np.ones(len(cell)))]
+
+    def at(self, motion: Motion) -> tuple[Index, Floats]:
+        """(N,) stretch of each sample, -1 off the map, and (N,) +1 or -1: driven as counted or against."""
+        on = motion.edge >= 0
+        edge = np.maximum(motion.edge, 0)
+        share = np.clip(motion.edge_offset / np.maximum(self.network.length[edge], 1e-6), 0.0, 1.0 - 1e-9)
+        share = np.where(self.sign[edge] < 0, 1.0 - 1e-9 - share, share)
+        cell = self.first[edge] + np.floor(share * self.count[edge]).astype(np.int32)
+        return np.where(on, cell, -1).astype(np.int32), self.sign[edge]
+
+    def middle(self) -> Floats:
+        """(C, 2) middle of every stretch [m]."""
+        return self.network.position(self.road_edge, (self.start + self.end) / 2.0)[:, :2]
+
+    def roads(self) -> list[tuple[int, int]]:
+        """Return the first stretch of every road, and the one after its last."""
+        begin = np.flatnonzero(np.diff(self.road_edge, prepend=-1) != 0)
+        return list(zip(begin.tolist(), [*begin[1:].tolist(), len(self)], strict=True))
+
+    def label(self, first: int, last: int) -> str:
+        """Return where a run of stretches is, as ``e012 8-24 m``."""
+        name = self.network.edge_ids[self.road_edge[first]]
+        return f"{name} {self.start[first]:.0f}-{self.end[last - 1]:.0f} m"
+
+    def directions(self) -> tuple[Floats, Floats]:
+        """Return the values of an odd field of slope 1 to the east, and to the north."""
+        heading = self.network.heading(self.road_edge, (self.start + self.end) / 2.0)
+        return np.cos(heading), np.sin(heading)
+
+    def in_basis(self, pattern: Floats, odd: bool) -> Floats:
+        """Return the coefficients in the basis of the root of a field."""
+        return np.asarray(np.linalg.solve(self.root(odd), pattern))
+
+    def root(self, odd: bool) -> Floats:
+        """Return L (C, C) with L L' the prior covariance: an own part, and one shared with neighbours on
+        the same road."""
+        if odd not in self._roots:
+            same = self.road_edge[:, None] == self.road_edge[None, :]
+            middle = (self.start + self.end) / 2.0
+            near = np.exp(-np.abs(middle[:, None] - middle[None, :]) / REACH)
+            shared = 0.9 * np.where(same, near, 0.0) if self.alike else 0.9 * np.eye(len(self))
+            self._roots[odd] = np.asarray(
+                np.linalg.cholesky(0.1 * np.eye(len(self)) + shared), dtype=np.float64
+            )
+        return self._roots[odd]
+
+
+def make_stretches(network: Network, *, apart: bool = False) -> Stretches:
+    """Stretches of all roads of a network; ``apart``: each direction of a road has its own."""
+    forward = (network.reverse < 0) | (np.arange(len(network)) < network.reverse) | apart
+    length = LENGTH
+    while np.ceil(network.length[forward] / length).sum() > MOST:
+        length *= 1.3
+    count = np.maximum(1, np.rint(network.length / length)).astype(np.int32)
+    own = np.flatnonzero(forward)
+    first = np.zeros(len(network), np.int32)
+    first[own] = np.concatenate([[0], np.cumsum(count[own])[:-1]])
+    against = np.flatnonzero(~forward)
+    first[against] = first[network.reverse[against]]
+    count[against] = count[network.reverse[against]]
+    road_edge = np.repeat(own, count[own]).astype(np.int32)
+    number = np.concatenate([np.arange(c) for c in count[own]]).astype(np.float64)
+    size = np.repeat(network.length[own] / count[own], count[own])
+    sign = np.where(forward, 1.0, -1.0)
+    return Stretches(network, road_edge, number * size, (number + 1.0) * size, first, count, sign, not apart)

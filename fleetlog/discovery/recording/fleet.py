@@ -1,0 +1,196 @@
+"""The recording in memory: one trajectory per vehicle and day, and what it lacks."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fleetlog.core.network import Network
+from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.truck import Truck
+from fleetlog.discovery.recording.blocks import DAY, TRIP, Block, block
+from fleetlog.discovery.recording.passes import passed_once, trips_apart
+from fleetlog.discovery.recording.positions import placed, seldom
+from fleetlog.errors import DataError
+from fleetlog.physics.motion import measured_channels
+from fleetlog.store import Dataset
+
+COLUMNS = (
+    "x", "y", "heading", "speed", "edge_id", "edge_offset", "trip_id", "payload", "fork_height", "battery_power",
+    "soc", "ambient_temperature", "lateral_offset",
+)  # fmt: skip
+
+FEWEST_ROWS = 8
+"""A shorter vehicle-day says nothing."""
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Vehicle-days of a recording on a site, with the truck that the model takes for all of them.
+
+    ``lag`` and ``scale`` (by vehicle) put the clock of the power channel and the scale of the speed channel
+    right.
+    """
+
+    days: list[tuple[int, Trajectory]]
+    vehicles: tuple[str, ...]
+    network: Network | None
+    truck: Truck
+    lag: dict[int, float]
+    scale: dict[int, float]
+    load_with_power: bool = False
+    left_out: tuple[str, ...] = ()
+    """Vehicles whose log lacks the payload that others have: their loads would pass for missing physics."""
+    speed_from_positions: frozenset[int] = frozenset()
+    """Vehicles whose speed was derived on import: it can say nothing of a faulty speed channel."""
+    rarely_placed: frozenset[int] = frozenset()
+    """Vehicles whose position is updated on few rows only: their speed cannot be held against it."""
+
+    def has(self, column: str) -> bool:
+        """Whether any vehicle-day knows the column."""
+        return any(t.has(column) for _, t in self.days)
+
+    most_in_memory: int = 300_000
+    """Rows whose motion is kept between the passes; of more it is made anew, so that memory does not grow with the days."""
+
+    def each_block(self) -> Iterator[Block]:
+        """Yield all vehicle-days as finely stepped motion."""
+        for vehicle, trajectory in self.days:
+            yield self.block(vehicle, trajectory)
+
+    def block(self, vehicle: int, trajectory: Trajectory) -> Block:
+        """Return one vehicle-day."""
+        lag, scale = self.lag.get(vehicle, 0.0), self.scale.get(vehicle, 1.0)
+        return block(
+            trajectory,
+            vehicle,
+            self.network,
+            self.truck,
+            lag=lag,
+            scale=scale,
+            load_lags=self.load_with_power,
+        )
+
+    @cached_property
+    def dates(self) -> tuple[int, ...]:
+        """Days since 1970 that have rows."""
+        return tuple(sorted({int(t.time[0] // DAY) for _, t in self.days}))
+
+    @cached_property
+    def begins(self) -> dict[tuple[int, int], float]:
+        """Time of the first row of each vehicle and day [s since 1970]."""
+        out: dict[tuple[int, int], float] = {}
+        for vehicle, t in self.days:
+            key = (vehicle, int(t.time[0] // DAY))
+            out[key] = min(out.get(key, np.inf), float(t.time[0]) * 1e-6)
+        return out
+
+    @cached_property
+    def own_trips(self) -> tuple[int, ...]:
+        """Codes of trips that may each have something of their own; none where places or many trips say more."""
+        return tuple(v * TRIP + k for v, k in trips_apart(self.days))
+
+    @property
+    def trip_names(self) -> tuple[str, ...]:
+        """Names of these trips: the number, after the vehicle where there are several."""
+        several = len(self.vehicles) > 1
+        return tuple(
+            f"{self.vehicles[c // TRIP]}:{c % TRIP}" if several else str(c % TRIP) for c in self.own_trips
+        )
+
+    def seen_once(self, window: float) -> bool:
+        """Return whether most of what there is to learn is seen in one pass, or in one trip, only."""
+        return bool(self.own_trips) or passed_once(self.days, window)
+
+    @cached_property
+    def trips(self) -> int:
+        """Number of trips."""
+        return sum(len(np.unique(t.trip_ids())) for _, t in self.days)
+
+    @cached_property
+    def seconds(self) -> float:
+        """Recorded time in all [s]."""
+        return sum(float(t.time[-1] - t.time[0]) * 1e-6 for _, t in self.days)
+
+    @cached_property
+    def rows(self) -> int:
+        """Rows in all."""
+        return sum(len(t) for _, t in self.days)
+
+    @cached_property
+    def step(self) -> float:
+        """Median time between rows [s]."""
+        return float(np.median([np.median(np.diff(t.time)) for _, t in self.days if len(t) > 2])) * 1e-6
+
+
+def read_fleet(dataset: Dataset, truck: Truck, site: Site | None = None) -> Fleet:
+    """Return the columns that matter here, vehicle-day by vehicle-day."""
+    network = (site or dataset.site).network
+    days, vehicles = [], tuple(dataset.vehicles)
+    for (v, vehicle), date in itertools.product(enumerate(vehicles), dataset.dates):
+        trajectory = dataset.read(vehicle, date, COLUMNS)
+        if len(trajectory) >= FEWEST_ROWS and (trajectory.has("speed") or trajectory.has("x")):
+            days.append((v, measured_channels(trajectory, dataset.meta)))
+    if not days:
+        raise DataError("no vehicle has rows with a speed", do="import logs that carry speed or positions")
+    weighed = {v for v, t in days if t.has("payload")}
+    left_out = tuple(vehicles[v] for v in sorted({v for v, _ in days} - weighed)) if weighed else ()
+    days = [(v, t) for v, t in days if not weighed or v in weighed]
+    rarely: frozenset[int] = frozenset()
+    if network is None:
+        rarely = frozenset(v for v, t in days if t.has("x") and t.has("speed") and seldom(t))
+        days = [(v, placed(t) if t.has("x") and t.has("speed") else t) for v, t in days]
+    no_channel = frozenset(v for v, t in days if not t.has("speed"))
+    return Fleet(
+        days,
+        vehicles,
+        network,
+        truck,
+        {},
+        {},
+        left_out=left_out,
+        speed_from_positions=no_channel,
+        rarely_placed=rarely,
+    )
+
+
+ABSENCES = {
+    "edge_id": "no road network: places are squares of the floor, and nothing is said of speed limits, turns or waiting",
+    "payload": "no payload: where masts work, each trip may have had any load, so that nothing is said of what looks like mass",
+    "fork_height": "no fork height: lifting is not replayed; where power jumps at standstill, standstills are left out",
+    "payload and fork_height": "no payload and no fork height: a wait on the way cannot be told from work",
+    "ambient_temperature": "no ambient temperature: heating and cooling cannot be told from a load that follows the hour",
+    "soc": "no state of charge: losses inside the battery stay unseen",
+    "battery_power": "no battery power: energy is read from the state of charge, whose coarse steps hide what is short",
+}  # fmt: skip
+
+
+ONCE = (
+    "most places are passed once: kept back were pieces of road between others that were seen, and what belongs to a place "
+    "cannot be told from what belonged to that moment; drive the road again"
+)
+APART = (
+    "nothing says where the trips went, so each may have a floor of its own: kept back were parts of trips of which other parts "
+    "were seen"
+)
+
+
+def absences(fleet: Fleet, once: bool = False) -> list[str]:
+    """What the recording lacks, and what that costs; ``once`` where there is one pass of each place to learn from."""
+    out = [text for column, text in ABSENCES.items() if not any(fleet.has(c) for c in column.split(" and "))]
+    if once:
+        out.append(APART if fleet.own_trips else ONCE)
+    if fleet.left_out:
+        out.append(f"left out, since their logs carry no payload: {', '.join(fleet.left_out)}")
+    if fleet.rarely_placed:
+        out.append(
+            "positions come on few rows: between them places are known in outline, and speed is not held against them"
+        )
+    if len({v for v, _ in fleet.days}) == 1:
+        out.append("one vehicle: what is wrong with it cannot be told from what is wrong with its kind")
+    return out

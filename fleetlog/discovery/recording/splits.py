@@ -1,0 +1,114 @@
+"""What is held out: whole trips, vehicles, days, or stretches of time where trips are few; never rows.
+
+Where every place is passed once, only its neighbours can speak for a piece of road: stretches are then as short as windows allow.
+Trips are dealt vehicle-day by vehicle-day, so that a day can be read without the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.recording.windows import Windows
+
+Ints = NDArray[np.int64]
+Kind = Literal["trips", "stretches", "vehicles", "days"]
+
+HELD_OUT = -1
+"""Fold number of what nothing but the final scores reads."""
+FEWEST = 20
+"""Trips from which on they are the unit of what is held out: two for each fold."""
+PIECES = 60
+"""Stretches into which a recording of few trips is cut."""
+SLOW = 36
+"""Stretches of time that are the independent samples of what changes over hours."""
+SHORTEST, LONGEST = 3.0, 86400.0
+"""Of a stretch: windows, and seconds."""
+
+
+@dataclass(frozen=True)
+class Split:
+    """How windows are dealt; ``length`` [s] of a stretch, ``slow`` [s] of a slow one."""
+
+    kind: Kind
+    length: float
+    slow: float
+    folds: int
+    held_out: float
+    seed: int
+    test_units: frozenset[int] = frozenset()
+    once: bool = False
+    """Whether pieces are held out that only their neighbours speak for."""
+
+    def unit(self, w: Windows) -> Ints:
+        """Return the code of what is held out together, (W,)."""
+        return self._units(w.trip, w.time, w.vehicle)
+
+    def fold(self, w: Windows) -> Ints:
+        """Return the fold of every window, (W,); ``HELD_OUT`` for those of the final scores."""
+        return (
+            self._folds(self.unit(w), int(w.vehicle[0]), int(w.day[0])) if len(w) else np.zeros(0, np.int64)
+        )
+
+    def rows(self, trip: Ints, time: NDArray[np.float64], vehicle: int, day: int) -> Ints:
+        """Return the same for the rows of a vehicle-day."""
+        return self._folds(self._units(trip, time, np.full(len(trip), vehicle)), vehicle, day)
+
+    def _units(self, trip: Ints, time: NDArray[np.float64], vehicle: Ints) -> Ints:
+        if self.kind == "trips":
+            return trip
+        return np.asarray(vehicle * (1 << 32) + (time // self.length).astype(np.int64))
+
+    def _folds(self, unit: Ints, vehicle: int, day: int) -> Ints:
+        codes, which = np.unique(unit, return_inverse=True)
+        out = self._dealt(codes, self.folds, 0)[which]
+        if self.kind in ("vehicles", "days"):
+            held = (vehicle if self.kind == "vehicles" else day) in self.test_units
+            return np.full(len(unit), HELD_OUT) if held else out
+        test = self._dealt(codes, max(2, round(1.0 / self.held_out)), 1) == 0
+        return np.where(test[which], HELD_OUT, out)
+
+    def _dealt(self, codes: Ints, count: int, salt: int) -> Ints:
+        """Return the share of each code: of ``count`` in a row every one has another, so that neighbours
+        remain."""
+        out = np.zeros(len(codes), np.int64)
+        for r in np.unique(codes // count):
+            mine = codes // count == r
+            order = np.random.default_rng([self.seed, salt, int(r)]).permutation(count)
+            out[mine] = order[codes[mine] % count]
+        return out
+
+    def slow_fold(self, w: Windows) -> Ints:
+        """Return the fold of the stretch of hours of every window, (W,)."""
+        stretch = w.vehicle * 1_000_003 + (w.time // self.slow).astype(np.int64)
+        mixed = (stretch.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(33)
+        return np.asarray(mixed % np.uint64(self.folds), dtype=np.int64)
+
+
+def make_split(
+    holdout: Kind, trips: int, seconds: float, vehicles: list[int], days: list[int], folds: int, held_out: float, seed: int,
+    window: float = 10.0, once: bool = False,
+) -> Split:  # fmt: skip
+    """Return the split for a recording of so many trips and seconds in all.
+
+    ``window`` [s] is the shortest that any channel looks at; ``once`` where most places are passed once.
+    """
+    shortest = SHORTEST * window
+    length = shortest if once else float(np.clip(seconds / PIECES, shortest, LONGEST))
+    slow = float(np.clip(seconds / SLOW, shortest, LONGEST))
+    units = vehicles if holdout == "vehicles" else days
+    if holdout in ("vehicles", "days") and len(units) >= 2:
+        chosen = np.random.default_rng(seed).permutation(units)[: max(1, round(held_out * len(units)))]
+        return Split(holdout, length, slow, folds, held_out, seed, frozenset(int(u) for u in chosen), once)
+    return Split(
+        "trips" if trips >= FEWEST and not once else "stretches",
+        length,
+        slow,
+        folds,
+        held_out,
+        seed,
+        once=once,
+    )

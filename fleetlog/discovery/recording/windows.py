@@ -1,0 +1,118 @@
+"""The weak form: power and every candidate become energy over windows of about ten seconds that never
+straddle a trip.
+
+Noise averages out, accelerations telescope, and windows are nearly independent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.recording.blocks import Block
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Cut:
+    """The windows of one block: ``of_row`` (rows,) and ``of_sample`` (n,) number its windows 0..count-1,
+    in order."""
+
+    of_row: Ints
+    of_sample: Ints
+    count: int
+
+    @cached_property
+    def begin(self) -> Ints:
+        """(count,) first sample of every window."""
+        return np.searchsorted(self.of_sample, np.arange(self.count))
+
+    def energy(self, block: Block, power: Floats) -> Floats:
+        """Return the energy of a power along the samples [W], (count,) [kJ]."""
+        return np.asarray(np.add.reduceat(power * block.motion.dt, self.begin) * 1e-3, dtype=np.float64)
+
+    def energies(self, block: Block, cell: NDArray[np.int32], cells: int, power: Floats) -> Floats:
+        """Return the energy by the cell of each sample, (count, cells) [kJ]; cells below zero count
+        nowhere."""
+        on = cell >= 0
+        flat = self.of_sample[on] * cells + cell[on]
+        weight = (power * block.motion.dt)[on]
+        total = np.bincount(flat, weight, self.count * cells).reshape(self.count, cells)
+        return np.asarray(total * 1e-3, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Windows:
+    """W windows; all arrays are (W,).
+
+    ``trip``, ``vehicle``, ``day``, ``edge`` are codes (edge -1 off the map), ``duration`` [s], ``distance``
+    [m],
+    ``x``, ``y`` [m] and ``time`` [s] of the middle.
+    """
+
+    trip: Ints
+    vehicle: Ints
+    day: Ints
+    edge: Ints
+    duration: Floats
+    distance: Floats
+    x: Floats
+    y: Floats
+    time: Floats
+
+    def __len__(self) -> int:
+        return len(self.trip)
+
+    def __getitem__(self, index: Any) -> Windows:
+        """Return the windows of a mask or index array."""
+        return Windows(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """(W,) whether the truck drove at least a metre."""
+        return np.asarray(self.distance > 1.0)
+
+
+def cut(block: Block, width: float) -> Cut:
+    """Return windows of about ``width`` seconds within the trips of a block and between its silences."""
+    starts = np.flatnonzero(np.concatenate([[True], (np.diff(block.trip) != 0) | block.silent[1:]]))
+    length = np.diff(np.append(starts, len(block)))
+    before = np.cumsum(block.seconds) - block.seconds
+    since = before - np.repeat(before[starts], length)
+    total = np.add.reduceat(block.seconds, starts)
+    parts = np.maximum(1, np.rint(total / width)).astype(np.int64)
+    share = since / np.maximum(np.repeat(total, length), 1e-9)
+    local = np.minimum((share * np.repeat(parts, length)).astype(np.int64), np.repeat(parts, length) - 1)
+    base = np.concatenate([[0], np.cumsum(parts)[:-1]])
+    # A trip of fewer rows than parts leaves numbers unused; make them dense.
+    numbers = np.repeat(base, length) + local
+    numbers[1:] = np.where(block.seconds[1:] > 0.0, numbers[1:], numbers[:-1])
+    _, of_row = np.unique(numbers, return_inverse=True)
+    return Cut(of_row, of_row[block.row], int(of_row.max()) + 1)
+
+
+def describe(block: Block, c: Cut) -> Windows:
+    """Return where and when the windows of a block are."""
+    first = np.flatnonzero(np.concatenate([[True], np.diff(c.of_row) != 0]))
+    middle = (first + np.append(first[1:], len(block)) - 1) // 2
+    m = block.motion
+    sample = (c.begin + np.append(c.begin[1:], len(m)) - 1) // 2
+    return Windows(
+        trip=block.trip[middle], vehicle=np.full(c.count, block.vehicle), day=np.full(c.count, block.day),
+        edge=m.edge[sample].astype(np.int64), duration=np.add.reduceat(m.dt, c.begin),
+        distance=np.add.reduceat(m.speed * m.dt, c.begin), x=m.x[sample], y=m.y[sample],
+        time=block.time[middle],
+    )  # fmt: skip
+
+
+def join(pieces: list[Windows]) -> Windows:
+    """Return the windows of several pieces, one after the other."""
+    names = [f.name for f in fields(Windows)]
+    joined: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in pieces]) for n in names}
+    return Windows(**joined)

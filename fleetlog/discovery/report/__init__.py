@@ -1,0 +1,1 @@
+"""The verdict, in figures, in words, and as files."""

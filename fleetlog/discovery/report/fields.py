@@ -1,0 +1,182 @@
+"""A field found, as places: which stretches stand out, merged along their roads, with intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.network import Network
+from fleetlog.discovery.channels.base import Channel
+from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
+from fleetlog.discovery.hypotheses.squares import Squares
+from fleetlog.discovery.hypotheses.stretches import Cells, Stretches
+from fleetlog.discovery.model import field_values
+from fleetlog.discovery.report.finding import Parameter
+from fleetlog.discovery.search.intervals import NORMAL
+from fleetlog.physics.field import Field, stretches
+from fleetlog.physics.term import Term
+
+Floats = NDArray[np.float64]
+
+LARGE = 0.35
+"""Values with this share of the largest belong to where the effect is: less is the fringe of the prior."""
+FEW = 3
+"""Windows that must touch a piece before it may be named."""
+DRAWS = 400
+"""Of the field, for what picking the largest of its values costs."""
+
+
+@dataclass(frozen=True)
+class Values:
+    """A fitted field: ``deviation`` and ``error`` of its coordinate by value of the cells, ``samples`` windows behind each.
+
+    ``basis`` (C, k) and ``covariance`` (k, k) of its coefficients.
+    """
+
+    deviation: Floats
+    error: Floats
+    samples: NDArray[np.int64]
+    basis: Floats
+    covariance: Floats
+
+
+def large(v: Values) -> NDArray[np.bool_]:
+    """Return the values that stand out: significant by themselves and not small beside the largest."""
+    known = v.samples >= FEW
+    size = np.abs(v.deviation)
+    sure = known & (size > NORMAL * v.error) & (size > 0.0)
+    if not sure.any():
+        return sure
+    return np.asarray(sure & (size >= LARGE * float(np.quantile(size[sure], 0.9))))
+
+
+def told(cells: Cells, v: Values, term: Term, h: Hypothesis) -> tuple[dict[str, Any] | None, list[Parameter]]:
+    """Return where a field stands out (the contract's ``where``), and its size there as a number."""
+    mask = large(v)
+    even = bool(h.patterns) and not any(" m" in p.label for p in h.patterns)
+    if not mask.any():
+        mask = np.abs(v.deviation) >= LARGE * float(np.abs(v.deviation).max(initial=0.0))
+    rows = _merged(cells, v, mask, term) if isinstance(cells, Stretches) else []
+    middle = _middle(cells)
+    xy = middle[mask if len(mask) == len(middle) else mask.reshape(len(middle), -1).any(axis=1)]
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    where = {"edges": rows, "extent": [float(low[0]), float(low[1]), float(high[0]), float(high[1])]}
+    return (None if even and not rows else where), [_size(v, mask, term)]
+
+
+def _middle(cells: Cells) -> Floats:
+    assert isinstance(cells, Stretches | Squares)
+    return cells.middle() if isinstance(cells, Stretches) else cells.middle
+
+
+def _size(v: Values, mask: NDArray[np.bool_], term: Term) -> Parameter:
+    """The largest value of an odd field, its interval from fields that the trips leave possible; the mean of any other."""
+    first = term.parameters[0]
+    draws = np.random.default_rng(0).multivariate_normal(
+        np.zeros(len(v.covariance)), v.covariance, DRAWS, method="eigh"
+    )
+    spread = draws @ v.basis[mask].T
+    own = v.deviation[mask]
+    if term.odd:
+        value = float(np.abs(own).max())
+        low, middle, high = np.quantile(np.abs(own + spread).max(axis=1), [0.025, 0.5, 0.975])
+        below, above = max(value + float(low - middle), 0.0), value + float(high - middle)
+        return Parameter(term.extreme or first.name, value, below, above, first.unit)
+    weight = np.maximum(v.samples[mask], 1).astype(float)
+    mean = float(np.average(own, weights=weight))
+    error = float((spread @ (weight / weight.sum())).std())
+    if term.acts == "wait":
+        # Seconds add up along a passage: the longest wait is that of the worst run of cells.
+        runs = _runs(mask, np.sign(v.deviation))
+        worst = max(runs, key=lambda r: float(v.deviation[r].sum()))
+        mean = float(v.deviation[worst].sum())
+        error = float((draws @ v.basis[worst].sum(axis=0)).std())
+    at = first.scaled(first.neutral) + mean
+    ends = sorted(first.value_of(at + s * NORMAL * error) for s in (-1.0, 1.0))
+    return Parameter(first.name, first.value_of(at), ends[0], ends[1], first.unit, first.neutral)
+
+
+def extent_of(channel: Channel) -> dict[str, Any] | None:
+    """Return the extent of all cells."""
+    cells = channel.cells(None)
+    if cells is None:
+        return None
+    middle = _middle(cells)
+    low, high = middle.min(axis=0), middle.max(axis=0)
+    return {"edges": [], "extent": [float(low[0]), float(low[1]), float(high[0]), float(high[1])]}
+
+
+def _merged(cells: Stretches, v: Values, mask: NDArray[np.bool_], term: Term) -> list[dict[str, Any]]:
+    first = term.parameters[0]
+    zero = first.scaled(first.neutral)
+    out = []
+    for edge in np.unique(cells.road_edge[mask]):
+        on = np.flatnonzero(cells.road_edge == edge)
+        keep, sign = mask[on].copy(), np.sign(v.deviation[on])
+        # A single quiet stretch between two of the same sign is part of the place.
+        keep[1:-1] |= keep[:-2] & keep[2:] & (sign[:-2] == sign[2:])
+        for run in _runs(keep, sign):
+            c = on[run]
+            weight = np.maximum(v.samples[c], 1).astype(float)
+            weight = np.ones(len(c)) if term.acts == "wait" else weight / weight.sum()
+            mean = zero + float(weight @ v.deviation[c])
+            own = weight @ v.basis[c]
+            error = float(np.sqrt(max(own @ v.covariance @ own, 0.0)))
+            low, high = sorted(first.value_of(mean + s * NORMAL * error) for s in (-1.0, 1.0))
+            out.append({
+                "edge_id": cells.network.edge_ids[edge], "from": float(cells.start[c[0]]), "to": float(cells.end[c[-1]]),
+                "value": first.value_of(mean), "low": low, "high": high,
+            })  # fmt: skip
+    return sorted(out, key=lambda r: -abs(r["value"] - first.neutral) * (r["to"] - r["from"]))
+
+
+def _runs(keep: NDArray[np.bool_], sign: Floats) -> list[NDArray[np.intp]]:
+    """Index runs of kept stretches of one sign."""
+    runs: list[list[int]] = []
+    for i in np.flatnonzero(keep):
+        if runs and i == runs[-1][-1] + 1 and sign[i] == sign[runs[-1][-1]]:
+            runs[-1].append(int(i))
+        else:
+            runs.append([int(i)])
+    return [np.array(r) for r in runs]
+
+
+def as_field(cells: Cells, v: Values, term: Term, network: Network | None) -> Field:
+    """The whole field for ``fields/TERM.parquet``: every stretch that was driven, in both directions of its road."""
+    neutral = term.parameters[0].neutral
+    if isinstance(cells, Stretches):
+        known = np.flatnonzero(v.samples > 0)
+        assert network is not None
+        first = term.parameters[0]
+        middle, low, high = (
+            field_values(first, v.deviation[known] + s * NORMAL * v.error[known]) for s in (0.0, -1.0, 1.0)
+        )
+        return stretches(
+            network, cells.road_edge[known], cells.start[known], cells.end[known], middle,
+            np.minimum(low, high), np.maximum(low, high), v.samples[known],
+        )  # fmt: skip
+    assert isinstance(cells, Squares)
+    return _square_field(cells, v, term, neutral)
+
+
+def _square_field(cells: Squares, v: Values, term: Term, neutral: float) -> Field:
+    """Squares as stretches without an edge; of an odd field one for each of eight headings."""
+    turns = np.arange(8) * np.pi / 4.0 if term.odd else np.zeros(1)
+    parts = v.deviation.reshape(len(cells), -1)
+    errors = v.error.reshape(len(cells), -1)
+    samples = v.samples.reshape(len(cells), -1).max(axis=1)
+    rows = []
+    for heading in turns:
+        weight = np.array([np.cos(heading), np.sin(heading)]) if term.odd else np.ones(1)
+        rows.append((neutral + parts @ weight, np.sqrt(errors**2 @ weight**2), np.full(len(cells), heading)))
+    value, error, heading_ = (np.concatenate([r[i] for r in rows]) for i in range(3))
+    x, y = (np.tile(cells.middle[:, i], len(turns)) for i in (0, 1))
+    count = len(value)
+    half = np.full(count, cells.side)
+    return Field(
+        np.full(count, -1, np.int32), np.zeros(count), half, x, y, np.angle(np.exp(1j * heading_)),
+        value, value - NORMAL * error, value + NORMAL * error, np.tile(samples, len(turns)),
+    )  # fmt: skip

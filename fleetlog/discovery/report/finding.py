@@ -1,0 +1,123 @@
+"""The verdict of a diagnosis, as the contract writes it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from math import isfinite
+from typing import Any
+
+
+@dataclass
+class Parameter:
+    """A number with its 95 % confidence interval, and the nominal one."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    nominal: float = 0.0
+
+    def document(self) -> dict[str, Any]:
+        """JSON-ready."""
+        out = asdict(self)
+        del out["nominal"]
+        return out
+
+
+@dataclass
+class Finding:
+    """One thing that was left out."""
+
+    term: str
+    channel: str
+    statement: str
+    not_excluded: list[str]
+    needs: str | None
+    depends_on: list[str]
+    where: dict[str, Any] | None
+    when: dict[str, Any] | None
+    scope: dict[str, Any]
+    parameters: list[Parameter]
+    evidence: dict[str, Any]
+    fit: dict[str, Any]
+    strength: float = 0.0
+    """Share of the energy (or time) that it makes up, for the order; not written."""
+
+    def document(self) -> dict[str, Any]:
+        """JSON-ready."""
+        out = asdict(self)
+        del out["strength"]
+        return {**out, "parameters": [p.document() for p in self.parameters]}
+
+
+@dataclass
+class Adjustment:
+    """A small correction within the tolerance of truck file or logger, of one ``vehicle`` or all."""
+
+    name: str
+    vehicle: str | None
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass
+class ChannelFit:
+    """How well a channel is reproduced on held-out trips; None where it cannot be judged, and ``reason``
+    says why."""
+
+    name: str
+    metric: str
+    before: float | None
+    after: float | None
+    floor: float | None
+    reason: str | None = None
+    p_value: float | None = None
+    """How likely the strongest hypothesis, told or not, speaks so much on held-out trips by chance."""
+
+    @property
+    def judged(self) -> bool:
+        """Whether all figures are known: without a noise floor, no error can be said to be noise."""
+        return all(x is not None and isfinite(x) for x in (self.before, self.after, self.floor))
+
+
+@dataclass
+class Verdict:
+    """All findings, strongest first, and what the recording could not say."""
+
+    channels: list[ChannelFit]
+    findings: list[Finding]
+    adjustments: list[Adjustment]
+    unexplained: list[str] = field(default_factory=list)
+    """Channels whose error stays above the noise floor."""
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def word(self) -> str:
+        """``found``, ``none`` or ``unknown``."""
+        judged = any(c.judged for c in self.channels)
+        if (
+            any(f.term == "unknown" for f in self.findings)
+            or self.unexplained
+            or not (judged or self.findings)
+        ):
+            return "unknown"
+        return "found" if self.findings else "none"
+
+    @property
+    def passes(self) -> bool:
+        """Whether nothing is missing in any channel, and every channel was judged."""
+        return self.word == "none" and all(c.judged for c in self.channels)
+
+    def document(self) -> dict[str, Any]:
+        """The contract's diagnosis.json."""
+        return {
+            "format_version": 2,
+            "verdict": self.word,
+            "channels": [asdict(c) for c in self.channels],
+            "findings": [f.document() for f in self.findings],
+            "adjustments": [asdict(a) for a in self.adjustments],
+            "notes": self.notes,
+        }

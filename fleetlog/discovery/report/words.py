@@ -1,0 +1,68 @@
+"""Findings in sentences that a fleet engineer understands, from what the terms say of themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from fleetlog.discovery.report.finding import Parameter
+from fleetlog.physics.power import all_terms
+from fleetlog.physics.term import Term
+
+VARIABLES = {
+    "x": "place", "y": "", "heading": "direction of travel", "ambient_temperature": "ambient temperature",
+    "soc": "state of charge", "time": "time of day", "time since start": "time since the start of the day",
+    "payload": "payload", "speed": "speed", "acceleration": "acceleration", "curvature": "curvature",
+    "lift_speed": "lifting speed", "fork_height": "fork height", "vehicle_id": "truck", "day": "day",
+    "trip_id": "trip", "standing": "standing", "battery_power": "battery power",
+}  # fmt: skip
+
+
+def place(where: dict[str, Any] | None) -> str:
+    """Return on which roads, in a few words."""
+    if not where:
+        return "everywhere"
+    roads = list(dict.fromkeys(e["edge_id"].removeprefix("-") for e in where.get("edges", [])))
+    if not roads:
+        low_x, low_y, high_x, high_y = where["extent"]
+        return f"between x = {low_x:.0f} and {high_x:.0f} m, y = {low_y:.0f} and {high_y:.0f} m"
+    named = ", ".join(roads[:3])
+    more = len(roads) - 3
+    return f"on {'road' if len(roads) == 1 else 'roads'} {named}" + (f" and {more} more" if more > 0 else "")
+
+
+def statement(
+    term: Term, parameters: list[Parameter], where: dict[str, Any] | None, truck: str | None
+) -> str:
+    """Return the sentence of a term; a term without one gets a plain one."""
+    given: dict[str, Any] = {p.name: p for p in parameters}
+    for p in term.parameters:
+        given.setdefault(p.name, Parameter(p.name, p.neutral, p.neutral, p.neutral, p.unit, p.neutral))
+    if term.sentence:
+        text = term.sentence.format(where=place(where), **given)
+    else:
+        numbers = ", ".join(
+            f"{p.name} = {p.value:.4g} ({p.low:.4g} to {p.high:.4g}){'' if p.unit == '1' else ' ' + p.unit}"
+            for p in parameters
+        )
+        at = f" {place(where)}" if where else ""
+        text = f"{term.statement[:1].upper()}{term.statement[1:]}{at}: {numbers}"
+    return f"Truck {truck}: {text[:1].lower()}{text[1:]}" if truck else text
+
+
+def unknown(depends_on: Sequence[str], where: dict[str, Any] | None) -> str:
+    """Return the sentence of a mismatch that no term explains."""
+    what = " and ".join(s for s in (VARIABLES.get(d, d.replace("_", " ")) for d in depends_on) if s)
+    at = f" {place(where)}" if where else ""
+    return f"A mismatch that no known term explains follows {what}{at}"
+
+
+def needs(term: str | None, others: Sequence[str]) -> str | None:
+    """Return what recording would tell a finding from those that are not excluded."""
+    known = all_terms()
+    named = [n for n in ([term] if term else []) + list(others) if n in known and known[n].needs]
+    if not others and term:
+        return None
+    if not named:
+        return "record a fleet that varies this more, or add a term of your own"
+    return "; ".join(dict.fromkeys(known[n].needs for n in named))

@@ -1,0 +1,2 @@
+"""Which hypotheses predict best: statistics that add up, one joint fit, and a comparison by
+cross-validation."""

@@ -1,0 +1,240 @@
+"""The search: add what predicts best, try its rivals in its place, drop what is not needed, until nothing
+material is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
+from fleetlog.discovery.model import Model, field_values
+from fleetlog.discovery.search.joint import Joint, refit, scored, verified
+from fleetlog.discovery.search.places import pattern_hypotheses
+from fleetlog.discovery.search.problem import Problem
+from fleetlog.discovery.search.screen import Screened, screen
+from fleetlog.discovery.search.sizes import Size, local, size_of, without
+from fleetlog.discovery.search.sums import Sums
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A hypothesis that was considered in place of a finding: by how much less speaks for it, in natural
+    logarithms."""
+
+    hypothesis: Hypothesis
+    behind: float
+    share: float
+    """Share of the finding's gain on unseen trips that it reaches."""
+
+
+@dataclass
+class Search:
+    """What the search came to: the ``joint`` model, the ``base`` without findings, and the rivals of each
+    finding."""
+
+    base: Joint
+    joint: Joint
+    rivals: dict[Hypothesis, list[Rival]] = field(default_factory=dict)
+    log: list[str] = field(default_factory=list)
+    best_untold: Hypothesis | None = None
+
+
+def search(problem: Problem, nominal: Model) -> Search:
+    """Explain a channel."""
+    base = refit(problem, nominal, [])
+    found = Search(base, base)
+    while len(found.joint.chosen) < problem.settings.most_findings:
+        sums = problem.sums(found.joint.model, _all(problem, found.joint.chosen))
+        now = scored(problem, sums, found.joint.model, found.joint.chosen)
+        better = _step(problem, sums, now, found)
+        if better is None:
+            break
+        found.joint = better
+    return _pruned(problem, found)
+
+
+def _all(problem: Problem, chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
+    return list(dict.fromkeys([*problem.rest, *chosen]))
+
+
+def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | None:
+    """Return the model with the best hypothesis added, None where none is worth it."""
+    screened = screen(problem, sums, now, _candidates(problem, sums, now))
+    if found.best_untold is None and screened:
+        found.best_untold = screened[0].hypothesis
+    worth = [s for s in screened if _significant(problem, now, s)]
+    best = max((s.gain for s in worth), default=0.0)
+    near = [s.hypothesis for s in worth if s.gain > (NUMBERS if s.hypothesis.knobs else OTHERS) * best]
+    rivals = _close(problem, screened, worth)
+    tried = _exact(problem, now, [*near, *_on_edge(problem, now), *rivals])
+    slow = {replace(s.hypothesis, variance=1.0): s for s in screened if s.hypothesis.slow}
+    tried = [_no_better_than(now, j, slow.get(replace(j.chosen[-1], variance=1.0))) for j in tried]
+    ranked = sorted(tried, key=lambda j: j.score)
+    _note(found, now, screened, ranked)
+    for joint in _by_simplicity(problem, ranked):
+        if joint.chosen[-1] in rivals or _on_bound(problem, joint):
+            continue
+        size = size_of(problem, now, joint)
+        found.log.append(f"{joint.chosen[-1].name}: share {size.share:.4f} verified {size.verified:.4f}")
+        if now.score - joint.score >= problem.settings.evidence and _counts(problem, joint.chosen[-1], size):
+            found.rivals[joint.chosen[-1]] = _rivals(problem, now, joint, ranked)
+            return joint
+    return None
+
+
+NUMBERS, OTHERS = 0.1, 0.3
+"""Hypotheses with this share of the best gain are fitted exactly: a number's linear gain may be far too
+small."""
+
+
+def _no_better_than(now: Joint, joint: Joint, slow: Screened | None) -> Joint:
+    """A slow hypothesis gains no more than it does on stretches of hours that it has not seen."""
+    if slow is None or slow.gain >= now.score - joint.score:
+        return joint
+    return replace(joint, score=now.score - slow.gain, losses=now.losses - slow.by_fold)
+
+
+def _candidates(problem: Problem, sums: Sums, now: Joint) -> list[Hypothesis]:
+    """Every hypothesis that may be added to the model, places in simple shapes among them."""
+    knobs = {k for h in now.chosen for k in h.knobs}
+    taken = {replace(h, variance=1.0) for h in now.chosen}
+    out = []
+    for h in problem.rest:
+        if h not in taken and not set(h.knobs) & knobs:
+            out.append(h)
+            if h.field:
+                out += pattern_hypotheses(problem, sums, now, h)
+    return out
+
+
+def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
+    """Whether what speaks for a hypothesis is beyond chance, and beyond the model's own error."""
+    spread = s.by_fold.std(ddof=1) / np.sqrt(len(s.by_fold))
+    if s.gain < problem.settings.evidence or s.by_fold.mean() <= problem.settings.consistency * spread:
+        return False
+    size = np.sqrt(max(float(s.by_fold.sum()), 0.0) / max(now.energy, 1e-12))
+    return (
+        s.hypothesis.term is not None or local(s.hypothesis) or bool(size > 0.5 * problem.channel.model_error)
+    )
+
+
+def _close(problem: Problem, screened: list[Screened], worth: list[Screened]) -> list[Hypothesis]:
+    """What is not evident by itself, but so near to the best that evidence does not tell them apart: rivals, and no more."""
+    best = max((s.gain for s in worth), default=np.inf)
+    return [s.hypothesis for s in screened if s.gain > best - problem.settings.evidence and s not in worth]
+
+
+def _on_edge(problem: Problem, now: Joint) -> list[Hypothesis]:
+    """Numbers of the truck file that stand on the edge of their tolerance: they may lie beyond it."""
+    assert now.design is not None and now.fitted is not None
+    knobs = {
+        a.knob
+        for a, b in zip(now.design.atoms, now.fitted.beta, strict=True)
+        if a.of_truck_file and not a.low < b < a.high
+    }
+    return [h for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in knobs]
+
+
+def _exact(problem: Problem, now: Joint, worth: list[Hypothesis]) -> list[Joint]:
+    """The best few fitted exactly: every term in its best form; free curves and fields are linear as they
+    are."""
+    short: list[Joint] = []
+    seen: dict[object, int] = {}
+    for h in worth:
+        key = (h.term, h.vehicle) if h.term else "free"
+        most = 3 if h.term is None or (h.physics and h.physics.field) else 1
+        if seen.get(key, 0) < most and (key in seen or len(seen) < problem.settings.shortlist or h.knobs):
+            seen[key] = seen.get(key, 0) + 1
+            chosen = [*now.chosen, h]
+            short.append(refit(problem, now.model, chosen, 2 if h.term else 1))
+    return short
+
+
+def _by_simplicity(problem: Problem, ranked: list[Joint]) -> list[Joint]:
+    """The candidates in the order in which they may be taken: the simplest of those that the model's own
+    error may exchange."""
+    if not ranked:
+        return []
+    equal = [j for j in ranked if verified(j, ranked[0]) < problem.channel.model_error]
+    equal.sort(key=lambda j: (simplicity(j), j.score))
+    return [*equal, *(j for j in ranked if all(j is not e for e in equal))]
+
+
+def simplicity(joint: Joint) -> int:
+    """Return how simple the last hypothesis is: numbers before places before fields before free curves."""
+    h = joint.chosen[-1]
+    if h.knobs:
+        return 0 if h.vehicle is None else 1
+    return 2 if h.patterns else 3 if h.field else 4
+
+
+def _on_bound(problem: Problem, joint: Joint) -> bool:
+    """Whether the last hypothesis needs an implausible number."""
+    h = joint.chosen[-1]
+    assert joint.design is not None and joint.fitted is not None
+    pairs = zip(joint.design.atoms, joint.fitted.beta, strict=True)
+    if any(a.owner == h and not a.low < b < a.high for a, b in pairs):
+        return True
+    if not (h.patterns or h.field) or h.term is None or h.physics is None:
+        return False
+    first = h.physics.parameters[0]
+    deviation = joint.model.fields[h.term]
+    values = field_values(first, deviation)[(problem.channel.passes(h.physics) > 0) & (deviation != 0.0)]
+    return bool((values <= first.low).any() or (values >= first.high).any())
+
+
+def _counts(problem: Problem, h: Hypothesis, size: Size) -> bool:
+    """Whether an effect is material.
+
+    What a richer shape makes up is partly noise and the model's own error; of it counts what unseen trips
+    confirm.
+    """
+    material = problem.settings.material
+    if h.knobs:
+        return size.share >= material
+    least = max(material, problem.channel.model_error)
+    if {"x", "y"} & set(h.depends_on):
+        return size.verified >= max(problem.settings.place, problem.channel.model_error)
+    return size.share >= least and size.verified >= problem.channel.model_error
+
+
+def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> list[Rival]:
+    out = []
+    gained = float((now.losses - joint.losses).sum())
+    own = joint.chosen[-1]
+    for other in ranked:
+        h = other.chosen[-1]
+        # A free curve that only repeats what the finding says is no rival to it.
+        if (h.term, h.vehicle) == (own.term, own.vehicle) or (
+            h.term is None and verified(joint, other) < problem.channel.model_error
+        ):
+            continue
+        share = float((now.losses - other.losses).sum()) / max(gained, 1e-12)
+        out.append(Rival(h, other.score - joint.score, share))
+    return out
+
+
+def _pruned(problem: Problem, found: Search) -> Search:
+    """Drop what is not needed beside the rest."""
+    while len(found.joint.chosen) > 1:
+        shorter = [
+            refit(problem, without(found.joint, h), [c for c in found.joint.chosen if c is not h], steps=2)
+            for h in found.joint.chosen
+        ]
+        best = min(shorter, key=lambda j: j.score)
+        if best.score - found.joint.score > problem.settings.evidence:
+            break
+        found.log.append("dropped " + ", ".join(h.name for h in found.joint.chosen if h not in best.chosen))
+        found.joint = best
+    return found
+
+
+def _note(found: Search, now: Joint, screened: list[Screened], ranked: list[Joint]) -> None:
+    linear = "; ".join(f"{s.hypothesis.name} {s.gain:.0f}" for s in screened[:8])
+    exact = "; ".join(f"{j.chosen[-1].name} {now.score - j.score:.0f}" for j in ranked)
+    found.log.append(f"screened: {linear} | exact: {exact}")

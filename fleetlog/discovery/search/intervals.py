@@ -1,0 +1,82 @@
+"""How well the numbers of a model are known: the covariance of a joint fit, trips being its independent
+samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.search.joint import Joint
+from fleetlog.discovery.search.problem import Problem
+
+Floats = NDArray[np.float64]
+
+NORMAL = 1.959964
+"""Standard errors on either side of which 95 % of a normal variable lies."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """``covariance`` (k, k) of the coefficients of a joint fit; zero for those on a bound."""
+
+    joint: Joint
+    covariance: Floats
+
+    def errors(self) -> Floats:
+        """Return the standard error of every coefficient, (k,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+
+def intervals(problem: Problem, joint: Joint) -> Known:
+    """Return the covariance of a fit (sandwich; Liang and Zeger 1986, doi 10.1093/biomet/73.1.13).
+
+    The meat is the sum over trips of the squares of their scores; the prior's part scatters as the prior
+    says.
+    """
+    assert joint.design is not None and joint.fitted is not None and problem.noise is not None
+    sums = problem.sums(joint.model, joint.chosen)
+    design, prior, beta = joint.design, joint.design.prior, joint.fitted.beta
+    normal = design.normal(sums)
+    gram = normal.gram.sum(axis=0)
+    free = (beta > prior.low) & (beta < prior.high)
+    bread = np.zeros_like(gram)
+    inner = gram + np.diag(prior.precision)
+    bread[np.ix_(free, free)] = np.linalg.pinv(inner[np.ix_(free, free)])
+    meat, shift = _meat(problem, joint)
+    covariance = problem.settings.widening**2 * (bread @ (meat + np.diag(prior.precision)) @ bread)
+    # The model's own error differs from place to place, so each place may be off by it alone.
+    placed = np.array([a.owner is not None and bool(a.owner.patterns) for a in design.atoms])
+    covariance += np.diag(np.where(placed, np.diag(bread) * shift, 0.0) ** 2)
+    return Known(joint, covariance)
+
+
+def _meat(problem: Problem, joint: Joint) -> tuple[Floats, Floats]:
+    """The squares of the trips' scores, and the scores that the model's own error makes."""
+    assert joint.design is not None and problem.noise is not None
+    layout, _ = problem.layout(joint.chosen)
+    k = len(joint.design.atoms)
+    total, clusters, shift = np.zeros((k, k)), 0, np.zeros(k)
+    for i, unit in problem.training():
+        modelled, x = problem.channel.columns(unit, joint.model, layout.sources)
+        own = _atoms(joint, x, unit.windows.vehicle)
+        scores = own * ((unit.recorded - modelled) * problem.noise.weight(i, unit) * unit.whole)[:, None]
+        weight = problem.noise.weight(i, unit) * unit.whole
+        shift += own.T @ (problem.channel.model_error * np.abs(modelled) * weight)
+        _, which = np.unique(problem.split.unit(unit.windows), return_inverse=True)
+        sums = np.zeros((int(which.max()) + 1, k))
+        np.add.at(sums, which, scores)
+        total += sums.T @ sums
+        clusters += len(sums)
+    return total * clusters / max(clusters - 1.0, 1.0), shift
+
+
+def _atoms(joint: Joint, x: NDArray[np.float32], vehicle: NDArray[np.int64]) -> Floats:
+    """(W, k) the columns of the coefficients."""
+    assert joint.design is not None
+    out = np.empty((len(x), len(joint.design.atoms)))
+    for j, atom in enumerate(joint.design.atoms):
+        own = x[:, atom.columns] @ atom.weights
+        out[:, j] = own if atom.vehicle is None else own * (vehicle == atom.vehicle)
+    return out

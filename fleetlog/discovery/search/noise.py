@@ -1,0 +1,156 @@
+"""How far windows scatter about a model that is right: the weights of the regression, and how alike
+windows of a trip err.
+
+Noise is judged from what the freest model leaves; judged from the nominal model, an effect yet to be found
+would pass for
+noise.  It grows with the power drawn, so it is measured in classes of power.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.channels.base import Columns, Unit
+from fleetlog.discovery.recording.windows import Windows
+from fleetlog.discovery.settings import Settings
+
+Floats = NDArray[np.float64]
+
+CLASSES = 12
+FREE = 0.02
+"""Ridge of the freest model, as a share of each column's own square: columns for which little speaks stay
+small."""
+HUBER = 4.0
+"""Standard deviations beyond which a window counts less (Huber 1964, doi 10.1214/aoms/1177703732)."""
+MEDIAN = 2.198
+"""The mean square of a normal variable over the median of its square."""
+FEWEST = 5
+
+
+@dataclass
+class Noise:
+    """Variance per second of a window by its power, robust weights of the windows seen, and the design
+    effect.
+
+    ``design`` is by how much more sums over a trip (or what is held out in its place) scatter than independent windows would.
+    """
+
+    power: Floats
+    variance: Floats
+    model_error: float
+    design: float = 1.0
+    robust: dict[int, NDArray[np.float32]] = field(default_factory=dict)
+    levels: dict[int, NDArray[np.float32]] = field(default_factory=dict)
+    """What the freest model says of the windows seen; noise grows with it."""
+
+    def weight(self, number: int, unit: Unit) -> Floats:
+        """Return the inverse variance of every window, (W,)."""
+        plain = self.plain(number, unit)
+        return plain * self.robust[number] if number in self.robust else plain
+
+    def plain(self, number: int, unit: Unit) -> Floats:
+        """Return it without regard to outliers."""
+        seconds = np.maximum(unit.windows.duration, 1e-6)
+        level = self.levels.get(number, unit.level)
+        rate = np.interp(level / seconds, self.power, self.variance)
+        return np.asarray(1.0 / (rate * seconds + (self.model_error * level) ** 2 + unit.noise))
+
+
+def learn(
+    tables: Iterable[tuple[int, Unit, Floats, Columns]], settings: Settings, model_error: float,
+    together: Callable[[Windows], NDArray[np.int64]],
+) -> Noise:  # fmt: skip
+    """Measure the noise on tables of units: number, unit, modelled quantity and columns.
+
+    ``together`` says which windows are held out together, (W,): these are the independent samples.
+    """
+    kept = _sample(tables, settings.sample)
+    crude = Noise(np.array([0.0]), np.array([1.0]), 0.0)
+    noise = crude
+    for _ in range(3):
+        residual, levels = _left(kept, noise)
+        noise = _classes(kept, residual, levels, model_error)
+        for (number, unit, _, _), r in zip(kept, residual, strict=True):
+            z = np.abs(r) * np.sqrt(noise.plain(number, unit))
+            noise.robust[number] = np.minimum(1.0, HUBER / np.maximum(z, 1e-9)).astype(np.float32)
+        noise.design = _design(kept, residual, noise, together)
+    return noise
+
+
+def _sample(
+    tables: Iterable[tuple[int, Unit, Floats, Columns]], most: int
+) -> list[tuple[int, Unit, Floats, Columns]]:
+    kept, total = [], 0
+    for table in tables:
+        kept.append(table)
+        total += len(table[1].windows)
+        if total >= most:
+            break
+    return kept
+
+
+def _left(kept: list[tuple[int, Unit, Floats, Columns]], noise: Noise) -> tuple[list[Floats], list[Floats]]:
+    """What a ridge fit of every column leaves of each window, as if the window had not been fitted, and what it says."""
+    width = kept[0][3].shape[1]
+    gram, moment = np.zeros((width, width)), np.zeros(width)
+    for number, unit, modelled, x in kept:
+        root = np.sqrt(noise.weight(number, unit) * unit.whole)
+        z = x * root[:, None].astype(np.float32)
+        gram += z.T @ z
+        moment += z.T @ ((unit.recorded - modelled) * root).astype(np.float32)
+    gram += np.diag(FREE * np.diag(gram) + 1e-9 * max(float(np.diag(gram).max(initial=0.0)), 1e-9))
+    inverse = np.linalg.inv(gram)
+    beta = (inverse @ moment).astype(np.float32)
+    small = inverse.astype(np.float32)
+    left, said = [], []
+    for number, unit, modelled, x in kept:
+        weight = noise.weight(number, unit) * unit.whole
+        lever = np.einsum("ij,ij->i", x @ small, x) * weight
+        said.append(np.abs(modelled + x @ beta))
+        left.append((unit.recorded - modelled - x @ beta) / np.maximum(1.0 - lever, 0.2))
+    return left, said
+
+
+def _classes(
+    kept: list[tuple[int, Unit, Floats, Columns]],
+    residual: list[Floats],
+    levels: list[Floats],
+    model_error: float,
+) -> Noise:
+    use = np.concatenate([u.whole for _, u, _, _ in kept])
+    seconds = np.maximum(np.concatenate([u.windows.duration for _, u, _, _ in kept]), 1e-6)[use]
+    power = np.concatenate(levels)[use] / seconds
+    rate = np.concatenate(residual)[use] ** 2 / seconds
+    edges = np.quantile(power, np.linspace(0.0, 1.0, CLASSES + 1))
+    which = np.clip(np.searchsorted(edges, power) - 1, 0, CLASSES - 1)
+    known = [k for k in range(CLASSES) if (which == k).sum() >= FEWEST]
+    variance = np.array([np.median(rate[which == k]) * MEDIAN for k in known])
+    centre = np.array([power[which == k].mean() for k in known])
+    variance = np.maximum(variance, 0.1 * np.median(variance) + 1e-12)
+    seen = {k[0]: level.astype(np.float32) for k, level in zip(kept, levels, strict=True)}
+    return Noise(centre, variance, model_error, levels=seen)
+
+
+def _design(
+    kept: list[tuple[int, Unit, Floats, Columns]], residual: list[Floats], noise: Noise,
+    together: Callable[[Windows], NDArray[np.int64]],
+) -> float:  # fmt: skip
+    """Mean square of the sum over what is held out together, over that of independent windows.
+
+    For a constant and for a share of the energy.
+    """
+    found = []
+    for constant in (True, False):
+        top = bottom = 0.0
+        for (number, unit, _, _), r in zip(kept, residual, strict=True):
+            weight = noise.weight(number, unit) * unit.whole
+            along = (unit.windows.duration if constant else unit.recorded) * weight * r
+            _, which = np.unique(together(unit.windows), return_inverse=True)
+            top += float((np.bincount(which, along) ** 2).sum())
+            bottom += float((along**2).sum())
+        found.append(top / max(bottom, 1e-300))
+    return max(1.0, float(np.mean(found)))

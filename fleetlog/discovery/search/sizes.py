@@ -1,0 +1,89 @@
+"""How large an effect is: what it makes up of the energy where it acts, and how much of that unseen trips
+confirm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.channels.base import Unit
+from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
+from fleetlog.discovery.model import Model
+from fleetlog.discovery.search.joint import Joint
+from fleetlog.discovery.search.problem import Problem
+
+Floats = NDArray[np.float64]
+
+
+def local(h: Hypothesis) -> bool:
+    """Return whether an effect may touch a part of the recording only: some places, or one truck."""
+    return bool({"x", "y"} & set(h.depends_on)) or h.vehicle is not None
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large an effect is where it acts: the ``share`` of the energy that it makes up, and what of it
+    was ``verified``.
+
+    Verified is the root mean square, over that of the energy, that unseen trips confirm.
+    """
+
+    share: float
+    verified: float
+
+
+def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
+    """Return the size of the last hypothesis, in the windows that it touches.
+
+    Of a free curve only what tolerances cannot say as well: the difference that it makes beside them.
+    """
+    assert problem.noise is not None
+    h = joint.chosen[-1]
+    before = now if h.term is None else replace(joint, model=without(joint, h))
+    effects, energies, weights, levels = [], [], [], []
+    for i, unit in problem.training():
+        effect = predicted(problem, unit, joint) - predicted(problem, unit, before)
+        effects.append(effect[unit.whole])
+        energies.append(np.abs(unit.recorded[unit.whole]))
+        weights.append(problem.noise.weight(i, unit)[unit.whole])
+        levels.append(unit.level[unit.whole])
+    size, energy, weight = np.abs(np.concatenate(effects)), np.concatenate(energies), np.concatenate(weights)
+    touched = np.ones(len(size), bool)
+    if local(h):
+        touched = size > problem.settings.material * np.concatenate(levels)
+    gained = 2.0 * problem.noise.design * max(float((now.losses - joint.losses).sum()), 0.0)
+    verified = np.sqrt(gained / max(float((weight * energy**2)[touched].sum()), 1e-12))
+    return Size(float(size[touched].sum() / max(float(energy[touched].sum()), 1e-12)), float(verified))
+
+
+def without(joint: Joint, h: Hypothesis) -> Model:
+    """Return the model with one hypothesis taken out and everything else in place."""
+    return joint.model.without(set(h.knobs), {h.term} if (h.field or h.patterns) and h.term else set())
+
+
+def predicted(problem: Problem, unit: Unit, joint: Joint) -> Floats:
+    """Return what a fit says of every window, (W,): its model and, of free curves, what their
+    coefficients add."""
+    out = problem.channel.predict(unit, joint.model)
+    return out + _curves(problem, unit, joint)
+
+
+def _curves(problem: Problem, unit: Unit, joint: Joint) -> Floats:
+    free = [h for h in joint.chosen if h.term is None]
+    if not free:
+        return np.zeros(len(unit.windows))
+    sources = [h.sources[0] for h in free]
+    _, x = problem.channel.columns(unit, joint.model, sources)
+    assert joint.design is not None and joint.fitted is not None
+    beta = [
+        b
+        for a, b in zip(joint.design.atoms, joint.fitted.beta, strict=True)
+        if a.owner is not None and a.owner.term is None
+    ]
+    return np.asarray(x @ np.array(beta))
+
+
+"""Variables of which an effect may touch a part only: a place, a truck, a period.  Any other effect
+touches every trip."""

@@ -1,0 +1,85 @@
+"""Sums of squares and products of the columns over windows, fold by fold: all that the search needs, and
+they add up.
+
+Those of two days are the sum of those of each, so that a year is a sum of days.  Memory grows with the
+columns, not the rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.hypotheses.sources import Layout
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Rows = NDArray[np.float32]
+
+ENOUGH = 4096
+"""Windows that are multiplied at once."""
+
+
+@dataclass
+class Sums:
+    """Products of P columns and the residual (the last column), weighted.
+
+    ``fold`` (F, P+1, P+1) by fold of trips; ``slow`` (F, p+1, p+1) by fold of stretches of hours, of the
+    first p columns,
+    those without cells, and the residual; ``own`` (V, F, p, P+1) the first p columns' by vehicle.
+    """
+
+    layout: Layout
+    core: int
+    fold: Floats
+    slow: Floats
+    own: Floats
+    energy: float = 0.0
+    """Weighted square of the recorded quantity, over all windows."""
+    _waiting: list[tuple[Rows, Ints, Ints, Ints]] = field(default_factory=list)
+
+    @classmethod
+    def empty(cls, layout: Layout, core: int, folds: int, vehicles: int) -> Sums:
+        """Return sums of nothing."""
+        p, q = layout.width + 1, core + 1
+        shape = (vehicles if vehicles > 1 else 0, folds, core, p)
+        return cls(layout, core, np.zeros((folds, p, p)), np.zeros((folds, q, q)), np.zeros(shape))
+
+    def add(
+        self,
+        x: Rows,
+        residual: Floats,
+        recorded: Floats,
+        weight: Floats,
+        fold: Ints,
+        slow: Ints,
+        vehicle: Ints,
+    ) -> None:
+        """Add windows: (W, P) columns, residual, recorded quantity, inverse variance, folds and vehicle
+        of each."""
+        root = np.sqrt(weight).astype(np.float32)[:, None]
+        z = np.concatenate([x, residual.astype(np.float32)[:, None]], axis=1) * root
+        self._waiting.append((z, fold, slow, vehicle))
+        self.energy += float(weight @ recorded**2)
+        if sum(len(w[0]) for w in self._waiting) >= ENOUGH:
+            self.flush()
+
+    def flush(self) -> None:
+        """Multiply what is waiting."""
+        if not self._waiting:
+            return
+        z = np.concatenate([w[0] for w in self._waiting])
+        fold, slow, vehicle = (np.concatenate([w[i] for w in self._waiting]) for i in (1, 2, 3))
+        self._waiting.clear()
+        for k in np.unique(fold):
+            part = z[fold == k]
+            self.fold[k] += part.T @ part
+            for v in np.unique(vehicle[fold == k]) if len(self.own) else ():
+                mine = part[vehicle[fold == k] == v]
+                self.own[v, k] += mine[:, : self.core].T @ mine
+        few = np.concatenate([z[:, : self.core], z[:, -1:]], axis=1)
+        for k in np.unique(slow):
+            part = few[slow == k]
+            self.slow[k] += part.T @ part

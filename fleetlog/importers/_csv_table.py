@@ -1,0 +1,173 @@
+"""The text of a block to an Arrow table: fast where every row is whole, line by line where quotes make no
+sense.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fleetlog.core.trajectory import Ints
+from fleetlog.importers._csv_blocks import Block
+from fleetlog.importers._csv_layout import Layout
+from fleetlog.importers._csv_lines import cells_of
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers.base import Reject
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+NULLS = ["", "NA", "N/A", "NaN", "nan", "null", "NULL", "None", "-", "#N/A"]
+
+
+def _as_cp1252(error: UnicodeError) -> tuple[str, int]:
+    assert isinstance(error, UnicodeDecodeError)
+    return error.object[error.start : error.end].decode("cp1252", "replace"), error.end
+
+
+codecs.register_error("fleetlog.cp1252", _as_cp1252)
+
+
+class TableReader:
+    """Blocks of one file to tables with the columns of ``layout``; ``missing`` are cells that mean
+    "unknown".
+    """
+
+    def __init__(self, layout: Layout, missing: list[str], report: ReadReport) -> None:
+        self.layout, self.missing, self.report = layout, missing, report
+
+    def inferred(self, block: Block) -> pa.Schema:
+        """The types that the cells of a block have."""
+        import pyarrow as pa
+
+        text = self._as_utf8(block)
+        try:
+            return self._arrow(text, None)[0].schema
+        except pa.ArrowInvalid:
+            return self._arrow(self._one_by_one(text), None)[0].schema
+
+    def read(self, block: Block, types: dict[str, Any]) -> tuple[pa.Table, Ints, list[Reject]]:
+        """The table of a block, the line of every row in it, and the lines that do not have as many fields
+        as the header.
+        """
+        text, lines = self._as_utf8(block), block.lines()
+        found = self._whole(text, types)
+        if found is not None and len(lines) != found[0].num_rows + len(found[1]):
+            starts = _records(block, self.layout)
+            lines = starts if len(starts) == found[0].num_rows + len(found[1]) else lines
+            found = found if lines is starts else None
+        if found is None:
+            self.report.damaged(
+                f"quotation marks in lines {lines[0]} to {lines[-1]} are not closed: read line by line"
+            )
+            text = self._one_by_one(text)
+            found = self._whole(text, types)
+            assert found is not None
+        if len(lines) == len(block.lines()) and (mended := self._mended(text, block, lines, found[1])):
+            found = self._whole(mended, types) or found
+        table, ragged = found
+        keep = np.ones(len(lines), bool)
+        keep[[row.number - 1 for row in ragged]] = False
+        return table, lines[keep], [self._refused(row, lines, block.cut) for row in ragged]
+
+    def _refused(self, row: Any, lines: Ints, cut: bool) -> Reject:
+        at, short = row.number - 1, row.actual_columns < row.expected_columns
+        reason = f"the line has {'fewer' if short else 'more'} fields than the header"
+        if cut and short and at == len(lines) - 1:
+            reason = "the line is cut off"
+            self.report.damaged(
+                f"the last line ({lines[at]}) is cut off; {at} lines before it in its block are whole"
+            )
+        return Reject(int(lines[at]), reason, row.text)
+
+    def _as_utf8(self, block: Block) -> bytes:
+        try:
+            block.text.decode("utf-8")
+        except UnicodeDecodeError as error:
+            line = block.first + block.text.count(b"\n", 0, error.start)
+            self.report.note(f"line {line} is not UTF-8; what is not is read as cp1252")
+            return block.text.decode("utf-8", "fleetlog.cp1252").encode("utf-8", "replace")
+        return block.text
+
+    def _whole(self, text: bytes, types: dict[str, Any]) -> tuple[pa.Table, list[Any]] | None:
+        """The table and the ragged rows: typed, or else as text; None where the quotes make no sense."""
+        import pyarrow as pa
+
+        for kinds in (types, dict.fromkeys(types, pa.string())):
+            try:
+                return self._arrow(text, kinds)
+            except pa.ArrowInvalid:
+                continue
+        return None
+
+    def _arrow(self, text: bytes, types: dict[str, Any] | None) -> tuple[pa.Table, list[Any]]:
+        import pyarrow.csv as pv
+
+        ragged: list[Any] = []
+
+        def skip(row: Any) -> str:
+            ragged.append(row)
+            return "skip"
+
+        parse = pv.ParseOptions(delimiter=self.layout.delimiter, invalid_row_handler=skip)
+        convert = pv.ConvertOptions(
+            column_types=types, null_values=NULLS + self.missing, strings_can_be_null=True,
+            decimal_point=self.layout.decimal, timestamp_parsers=["-"], check_utf8=False,
+        )  # fmt: skip
+        options = pv.ReadOptions(
+            use_threads=False, column_names=self.layout.names, block_size=len(text) + 1024, skip_rows=0
+        )
+        source = io.BytesIO(text)
+        return pv.read_csv(source, read_options=options, parse_options=parse, convert_options=convert), ragged
+
+    def _one_by_one(self, text: bytes) -> bytes:
+        """Every line a row of its own, quoted anew."""
+        out = io.StringIO()
+        writer = csv.writer(out, delimiter=self.layout.delimiter, lineterminator="\n")
+        for line in text.decode("utf-8", "replace").replace("\r\n", "\n").split("\n"):
+            odd = line.count('"') % 2
+            cells = (
+                line.replace('"', "").split(self.layout.delimiter)
+                if odd
+                else cells_of(line, self.layout.delimiter)
+            )
+            writer.writerow(cells if line.strip() else [])
+        return out.getvalue().encode()
+
+    def _mended(self, text: bytes, block: Block, lines: Ints, ragged: list[Any]) -> bytes | None:
+        """The text with the rows whole that are ragged by an empty last field only; None where there is
+        none.
+        """
+        delimiter, last = self.layout.delimiter, self.layout.names[-1]
+        pieces = text.split(b"\n") if ragged else []
+        mended = 0
+        for row in ragged:
+            at, more = int(lines[row.number - 1]) - block.first, row.actual_columns - row.expected_columns
+            bare = pieces[at].rstrip(b"\r")
+            if more == 1 and bare.endswith(delimiter.encode()):
+                pieces[at], mended = bare[:-1], mended + 1
+            elif more == -1 and last == f"column_{len(self.layout.names)}" and not block.cut:
+                pieces[at], mended = bare + delimiter.encode(), mended + 1
+        if mended:
+            self.report.note("some rows have an empty field more or less at their end: taken all the same")
+        return b"\n".join(pieces) if mended else None
+
+
+def _records(block: Block, layout: Layout) -> Ints:
+    """First lines of the records where quoted cells span several; every line its own where quotes swallow
+    whole rows.
+    """
+    raw = np.frombuffer(block.text, np.uint8)
+    ends = np.flatnonzero(raw == 10)
+    quotes = np.searchsorted(np.flatnonzero(raw == 34), ends)
+    lines = block.lines()
+    inner = np.isin(lines, block.first + 1 + np.flatnonzero(quotes % 2))
+    pieces, mark = block.text.split(b"\n"), layout.delimiter.encode()
+    for at in (lines[inner] - block.first).tolist():
+        if min(pieces[at - 1].count(mark), pieces[at].count(mark)) >= max(len(layout.names) - 1, 2):
+            return lines
+    return np.asarray(lines[~inner], dtype=np.int64)

@@ -1,0 +1,169 @@
+"""The one way in which logs are read: whatever goes wrong within a reader is damage of that file, and rows
+come out sound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import quote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.columns import BY_NAME
+from fleetlog.core.trajectory import Labels, Values
+from fleetlog.errors import REPORT, FleetlogError, FormatError, fault
+from fleetlog.importers._profile import TARGETS
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
+
+LONGEST_ID = 200
+"""Characters of a vehicle's id as the name of a folder."""
+NO_NAME = f"the vehicle id is missing, or longer than {LONGEST_ID} characters"
+
+
+def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterator[RawBatch]:
+    """The batches of a file, each checked; :class:`~fleetlog.errors.FleetlogError` where not one row is
+    usable.
+
+    What comes after the first row and cannot be read, for whatever reason, is damage in ``options.report``.
+    """
+    batches, last = importer.read(path, options), 0
+    while True:
+        try:
+            batch = next(batches, None)
+        except FleetlogError as error:
+            if not last:
+                raise
+            options.report.damaged(f"breaks off after record {last:,}: {error.what}")
+            return
+        except Exception as error:
+            what = (
+                "needs more memory than there is"
+                if isinstance(error, MemoryError)
+                else fault(f"the reader of {importer.name}", error)
+            )
+            if not last:
+                raise FormatError(what, where=path, place="before the first row", do=REPORT) from error
+            options.report.damaged(f"breaks off after record {last:,}: {what}; {REPORT}")
+            return
+        if batch is None:
+            return
+        last = max(last, int(batch.record.max(initial=0)))
+        yield _sound(batch, options)
+
+
+def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
+    """The batch with times that can be counted, names that can be written,
+    and known columns of their kind.
+    """
+    checked = _Checked(batch, options.report)
+    withheld = options.profile is not None and not options.profile.keep
+    columns = dict(
+        checked.column(_text(n), v) for n, v in batch.columns.items() if not withheld or n in TARGETS
+    )
+    rejects = [r._replace(text="") if withheld else r for r in checked.rejects]
+    off = (batch.time < EARLIEST) | (batch.time > LATEST)
+    vehicle = _named(batch.vehicle)
+    nameless = np.array(
+        [*(not 0 < len(quote(n.strip(), safe="")) <= LONGEST_ID for n in vehicle.names), True]
+    )[vehicle.codes]
+    keep = ~(off | checked.nowhere | nameless)
+    if keep.all():
+        return RawBatch(vehicle, batch.time, columns, batch.record, rejects, batch.progress)
+    for n in np.flatnonzero(~keep).tolist():
+        reason = OFF_TIME if off[n] else NO_NAME if nameless[n] else "the position is not a number"
+        rejects.append(
+            Reject(int(batch.record[n]), reason, _picture(vehicle, int(batch.time[n]), columns, n))
+        )
+    columns = {n: v[keep] for n, v in columns.items()}
+    return RawBatch(vehicle[keep], batch.time[keep], columns, batch.record[keep], rejects, batch.progress)
+
+
+def _picture(vehicle: Labels, time: int, columns: dict[str, Values], row: int) -> str:
+    """A refused row as text: what was read of it."""
+    cells = [f"vehicle_id={_said(vehicle, row)}", f"timestamp={time} us"]
+    return " ".join([*cells, *(f"{name}={_said(values, row)}" for name, values in columns.items())])[:4000]
+
+
+class _Checked:
+    """The columns of one batch, each brought to its kind; what has no place there is refused, or unknown."""
+
+    def __init__(self, batch: RawBatch, report: ReadReport) -> None:
+        self.batch, self.report = batch, report
+        self.rejects = list(batch.rejects)
+        self.nowhere = np.zeros(len(batch), bool)
+        """Rows whose position is no number."""
+
+    def column(self, name: str, values: Values) -> tuple[str, Values]:
+        """The name and values of one column."""
+        kind = BY_NAME[name].kind if name in BY_NAME else "double" if name in GEOGRAPHIC else ""
+        if kind == "double":
+            return name, self._numbers(name, values)
+        if kind == "int64":
+            return self._whole(name, values)
+        if isinstance(values, Labels):
+            return name, _named(values)
+        if kind == "label":
+            return name, Labels.of([None if v != v else f"{v:g}" for v in values.tolist()])
+        return name, np.where(np.isinf(values), np.nan, values) if values.dtype.kind == "f" else values
+
+    def _numbers(self, name: str, values: Values) -> Values:
+        figures = _figures(values)
+        wrong = np.isinf(figures)
+        if wrong.any():
+            figures = np.where(wrong, np.nan, figures)
+            if name in (*GEOGRAPHIC, *LOCAL):
+                self.nowhere |= wrong
+            else:
+                said = [_said(values, i) for i in np.flatnonzero(wrong).tolist()]
+                gone = zip(self.batch.record[wrong].tolist(), said, strict=True)
+                self.rejects += [Reject(n, f"{name} is not a number", text, False) for n, text in gone]
+        return figures
+
+    def _whole(self, name: str, values: Values) -> tuple[str, Values]:
+        """A column of whole numbers, -1 for unknown; one that holds anything else is the log's own."""
+        figures = values if not isinstance(values, Labels) and values.dtype.kind == "i" else _figures(values)
+        known = figures[~np.isnan(figures)]
+        if (np.abs(known) < 2**53).all() and not (known % 1).any():
+            return name, np.where(np.isnan(figures), -1, figures).astype(np.int64)
+        self.report.note(f"{name!r} holds more than whole numbers: kept as {name + '_log'!r}")
+        return f"{name}_log", values
+
+
+def _figures(values: Values) -> NDArray[np.float64]:
+    """(N,) numbers, NaN for unknown, infinite for what is none."""
+    if not isinstance(values, Labels):
+        return np.asarray(values, dtype=np.float64)
+    return np.array([*map(_number, values.names), np.nan])[values.codes]
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text.replace("_", "?")) if text.strip() else np.nan
+    except ValueError:
+        return np.nan if text.lower() in ("na", "n/a", "null", "none", "-") else np.inf
+    return value if np.isfinite(value) or np.isnan(value) else np.inf
+
+
+def _said(values: Values, row: int) -> str:
+    if not isinstance(values, Labels):
+        return str(values[row])
+    return values.names[values.codes[row]][:400] if values.codes[row] >= 0 else ""
+
+
+def _named(labels: Labels) -> Labels:
+    """Labels whose names are valid text, each once."""
+    names = [_text(n) for n in labels.names]
+    if names == list(labels.names):
+        return labels
+    order = {n: i for i, n in enumerate(dict.fromkeys(names))}
+    table = np.array([*(order[n] for n in names), -1], np.int32)
+    return Labels(table[labels.codes], tuple(order))
+
+
+def _text(name: str) -> str:
+    """Valid Unicode; half a surrogate pair is shown as a replacement character."""
+    return name if name.isascii() else name.encode("utf-16", "surrogatepass").decode("utf-16", "replace")

@@ -1,0 +1,68 @@
+"""Interrupts that are never lost: Ctrl-C, SIGTERM and SIGHUP end a run in one way,
+never in the middle of a swap.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+_state = {"installed": False, "came": False, "held": False}
+
+
+def install() -> None:
+    """Turn the signals into :class:`KeyboardInterrupt`; the command line calls it once, in its main thread.
+
+    A signal that the caller has set to be ignored (``nohup``, a background job) stays ignored.
+    """
+    for number in SIGNALS:
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, _remember)
+    _state["installed"] = True
+
+
+def ignore() -> None:
+    """Let no signal change the status of a run that is over:
+    the interpreter takes its handlers away before its end.
+    """
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _remember(_signal: int, _frame: FrameType | None) -> None:
+    _state["came"] = True
+    if not _state["held"]:
+        raise KeyboardInterrupt
+
+
+def came() -> bool:
+    """Whether one came, be it that a library swallowed the exception."""
+    return _state["came"]
+
+
+def check() -> None:
+    """Raise an interrupt that a library swallowed: extension modules drop one that comes while they load."""
+    if _state["came"]:
+        raise KeyboardInterrupt
+
+
+def keep_from_arrow() -> None:
+    """Stop Arrow from putting its own handler of Ctrl-C in place while it reads."""
+    if _state["installed"]:
+        import pyarrow as pa
+
+        pa.enable_signal_handlers(False)
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """A block that no interrupt breaks; one that came before it is raised instead of entering."""
+    check()
+    _state["held"] = True
+    try:
+        yield
+    finally:
+        _state["held"] = False

@@ -1,0 +1,154 @@
+"""Load, forks, power and slope of a log as a motion needs them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+LONGEST_HOLD = 60.0
+"""A load is held through a silence of its channel up to this [s]."""
+
+
+def held(t: Floats, value: Floats, longest: float = LONGEST_HOLD) -> Floats:
+    """The last known value where it is unknown, for at most ``longest`` seconds; NaN beyond."""
+    from fleetlog.physics.motion.kernels.rows import hold
+
+    return np.asarray(hold(t, value, longest))
+
+
+def payload(t: Floats, trajectory: Trajectory) -> Floats:
+    """(N,) kg; held through short silences, 0 where nothing is known."""
+    if not trajectory.has("payload"):
+        return np.zeros(len(t))
+    return np.maximum(np.nan_to_num(held(t, trajectory.floats("payload"))), 0.0)
+
+
+@dataclass(frozen=True)
+class Forks:
+    """Height [m] of the forks at knots in time [s], linear between them.
+
+    ``doubt`` (N - 1,) between rows: share of what is lifted there that may lie in either half, a standard
+    deviation.
+    """
+
+    time: Floats
+    height: Floats
+    doubt: Floats
+
+    def at(self, moment: Floats) -> Floats:
+        """(n,) height [m] at (n,) moments."""
+        return np.asarray(np.interp(moment, self.time, self.height))
+
+    def speed(self, low: Floats, dt: Floats) -> Floats:
+        """(n,) mean lifting speed [m/s] over ``dt`` from ``low`` on.
+
+        ``sum(speed dt)`` is the change of height.
+        """
+        return np.where(dt > 0.0, self.at(low + dt) - self.at(low), 0.0) / np.maximum(dt, 1e-9)
+
+
+def forks(t: Floats, trajectory: Trajectory) -> Forks:
+    """The forks of a log: jitter and quantisation are taken out by a dead band.
+
+    Between two rows they move at their usual speed. A lift that begins or ends between two rows takes its
+    share of the time: it joins the lift in the interval before or after it, or else lies in the middle.
+    """
+    from fleetlog.physics.motion.kernels.rows import dead_band
+
+    height = trajectory.floats("fork_height")
+    known = np.isfinite(height)
+    if not trajectory.has("fork_height") or known.sum() < 2:
+        return Forks(np.zeros(1), np.zeros(1), np.zeros(max(len(t) - 1, 0)))
+    if not known.all():
+        height = np.interp(t, t[known], height[known])
+    height = dead_band(height, _jitter(height))
+    doubt, moved = np.zeros(len(t) - 1), np.flatnonzero(np.diff(height))
+    step, rise = np.diff(t)[moved], np.diff(height)[moved]
+    usual = np.where(rise > 0.0, _usual(rise / step), _usual(-rise / step))
+    lasts = np.minimum(np.abs(rise) / np.maximum(usual, 1e-9), step)
+    goes_on = (np.diff(moved) == 1) & (np.sign(rise[1:]) == np.sign(rise[:-1]))
+    before, after = np.append(False, goes_on), np.append(goes_on, False)
+    # Alone in its interval a lift may be anywhere; one that fills the interval is spread evenly over both
+    # halves.
+    doubt[moved] = np.where(before == after, 0.5 * (1.0 - lasts / step), 0.0)
+    share = np.where(before == after, 0.5, np.where(before, 0.0, 1.0))
+    begin = t[moved] + share * (step - lasts)
+    time = np.stack([begin, begin + lasts], axis=1).ravel()
+    knots = np.stack([height[moved], height[moved + 1]], axis=1).ravel()
+    return Forks(np.append(t[0], time), np.append(height[0], knots), doubt)
+
+
+def _usual(rate: Floats) -> float:
+    """The usual one [m/s] of positive rates.
+
+    Of those above half of the highest, nine tenths are no higher; 0 where none is.
+    """
+    highest = float(rate.max(initial=0.0))
+    return float(np.quantile(rate[rate > 0.5 * highest], 0.9)) if highest > 0.0 else 0.0
+
+
+def _jitter(height: Floats) -> float:
+    """Half-width of the band that noise and quantisation fill [m].
+
+    What most successive differences stay below.
+    """
+    steps = np.abs(np.diff(height))
+    steps = steps[steps > 1e-9]
+    if len(steps) < 10 or len(steps) < 0.3 * len(height):
+        return 0.0
+    # forks move in a small share of all rows, so when most rows differ from the next, that is noise
+    return float(min(3.0 * np.median(steps) / 0.954, 0.05))
+
+
+def measured_power(trajectory: Trajectory) -> Floats:
+    """(N,) battery power [W]: measured, else voltage times current, else NaN."""
+    power = trajectory.floats("battery_power")
+    if "battery_voltage" not in trajectory or "battery_current" not in trajectory:
+        return power
+    product = trajectory.floats("battery_voltage") * trajectory.floats("battery_current")
+    return np.where(np.isfinite(power), power, product)
+
+
+def slope_from_height(coordinate: Floats, z: Floats, breaks: NDArray[np.bool_]) -> Floats:
+    """(N,) slope angle [rad] from measured heights over the path coordinate; 0 where there are none.
+
+    A straight line fitted to the heights within half a window before and after each row; the window is as
+    long as it takes for the noise of the heights to leave the slope good to about half a per cent, at least
+    10 m.
+    """
+    known = np.isfinite(z)
+    out = np.zeros(len(z))
+    chain = np.cumsum(breaks)
+    for c in np.unique(chain[known]):
+        rows = np.flatnonzero(known & (chain == c))
+        if len(rows) >= 5:
+            # A receiver often repeats a height for many rows of a faster log: between the known ones the
+            # slope goes over.
+            there = chain == c
+            out[there] = np.interp(
+                coordinate[there], coordinate[rows], _running_slope(coordinate[rows], z[rows])
+            )
+    return out
+
+
+def _running_slope(s: Floats, z: Floats) -> Floats:
+    s = np.maximum.accumulate(s)
+    noise = 1.4826 * float(np.median(np.abs(np.diff(z, 2)))) / np.sqrt(6.0)
+    spacing = max(float(s[-1] - s[0]) / len(s), 1e-3)
+    half = max(5.0, (12.0 * noise**2 * spacing / 0.005**2) ** (1.0 / 3.0) / 2.0)
+    lo, hi = np.searchsorted(s, s - half, "left"), np.searchsorted(s, s + half, "right")
+    # Both neighbours at least, however far apart the heights are.
+    row = np.arange(len(s))
+    lo, hi = np.maximum(np.minimum(lo, row - 1), 0), np.minimum(np.maximum(hi, row + 2), len(s))
+    s0 = s - s[0]
+    zero = np.zeros(1)
+    n, ss, zz, sz, s2 = hi - lo, *(np.concatenate([zero, np.cumsum(v)]) for v in (s0, z, s0 * z, s0 * s0))
+    ms, mz = (ss[hi] - ss[lo]) / n, (zz[hi] - zz[lo]) / n
+    spread = (s2[hi] - s2[lo]) / n - ms**2
+    shared = (sz[hi] - sz[lo]) / n - ms * mz
+    return np.asarray(np.arctan(np.where(spread > 0.1, shared / np.maximum(spread, 0.1), 0.0)))

@@ -1,0 +1,321 @@
+"""The compiled smoother and the loops about it; imported only where they run.
+
+State (s, v, a): path coordinate [m], speed [m/s], acceleration [m/s2].  The acceleration dies away while
+white jerk of density q [m2/s5] drives it (R. A. Singer, Estimating optimal tracking filter performance for
+manned maneuvering targets, IEEE Trans. Aerospace and Electronic Systems 6 (1970) 473).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Codes = NDArray[np.uint8]
+Index = NDArray[np.int32]
+Ints = NDArray[np.int64]
+Singles = NDArray[np.float32]
+
+ON, JUMP, BREAK = 0, 1, 2
+"""How a row follows the one before: on the same coordinate; on a new one, at the same speed; after a gap."""
+BLOCK = 1.0
+"""The jerk of a truck is as strong as it is for about this long [s]."""
+FREEDOM = 1.0
+"""Of the jerk's strength: nearly none while a truck cruises, a hundred times the usual where it begins
+to brake."""
+START_SPEED_VAR, START_ACCEL_VAR = 400.0, 1.0
+NEW_COORDINATE_VAR = 1e4
+REST_SPEED_VAR, REST_ACCEL_VAR = 4e-4, 2.5e-3
+
+
+@njit(cache=True)
+def transition(
+    h: float, q: float, decay: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """How acceleration acts on way, speed and itself over a step ``h``, and what covariance is added.
+
+    Acceleration decays at ``decay`` [1/s] under white jerk of density ``q``; the covariance is ss, sv, sa,
+    vv, va, aa.  For short steps the limit, in which nothing cancels (Bar-Shalom, Li and Kirubarajan 2001,
+    Estimation with Applications to Tracking and Navigation, sections 6.2.3 and 8.2.3).
+    """
+    x = decay * h
+    if x < 0.02:
+        h2, h3 = 0.5 * h * h, q * h * h * h
+        r = 1.0 - x
+        return (
+            h2 * (1.0 - x / 3.0),
+            h * (1.0 - 0.5 * x),
+            r,
+            h3 * h * h / 20.0,
+            h3 * h / 8.0,
+            h3 / 6.0,
+            h3 / 3.0,
+            q * h2,
+            q * h * r,
+        )
+    e = math.exp(-x)
+    e2, c = e * e, 0.5 * q / decay
+    return (
+        (x - 1.0 + e) / decay**2, (1.0 - e) / decay, e,
+        c * (1.0 - e2 + 2.0 * x + x * x * (2.0 * x / 3.0 - 2.0) - 4.0 * x * e) / decay**4,
+        c * (e2 + 1.0 - 2.0 * e + 2.0 * x * e - 2.0 * x + x * x) / decay**3,
+        c * (1.0 - e2 - 2.0 * x * e) / decay**2,
+        c * (4.0 * e - 3.0 - e2 + 2.0 * x) / decay**2, c * (e2 + 1.0 - 2.0 * e) / decay, c * (1.0 - e2),
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def filter_forward(
+    t: Floats, seen: Floats, seen_var: float, speed: Floats, speed_var: float, rest: Flags, link: Codes,
+    jerk: Floats,
+    decay: float, mean: Floats, cov: Floats,
+) -> float:  # fmt: skip
+    """Kalman filter: the log likelihood of the innovations.
+
+    Writes filtered means (N, 3) and covariances (N, 6: ss, sv, sa, vv, va, aa); empty arrays keep nothing.
+    ``seen`` and ``speed`` are NaN where not measured.  At ``rest`` speed and acceleration are observed to
+    be zero.  ``jerk`` is its density in the step to each row.
+    """
+    n = len(t)
+    keep = len(mean) == n
+    total = 0.0
+    s = v = a = ss = sv = sa = vv = va = aa = 0.0
+    last = lastq = -1.0
+    fs = fv = fa = q0 = q1 = q2 = q3 = q4 = q5 = 0.0
+    for i in range(n):
+        if link[i] == BREAK or i == 0:
+            s, v, a = 0.0 if math.isnan(seen[i]) else seen[i], 0.0, 0.0
+            ss, sv, sa, vv, va, aa = NEW_COORDINATE_VAR, 0.0, 0.0, START_SPEED_VAR, 0.0, START_ACCEL_VAR
+        else:
+            h, q = t[i] - t[i - 1], jerk[i]
+            if h != last or q != lastq:
+                fs, fv, fa, q0, q1, q2, q3, q4, q5 = transition(h, q, decay)
+                last, lastq = h, q
+            ss += 2.0 * (h * sv + fs * sa) + h * h * vv + 2.0 * h * fs * va + fs * fs * aa + q0
+            sv += h * vv + fs * va + fv * (sa + h * va + fs * aa) + q1
+            sa = fa * (sa + h * va + fs * aa) + q2
+            vv += 2.0 * fv * va + fv * fv * aa + q3
+            va = fa * (va + fv * aa) + q4
+            aa = fa * fa * aa + q5
+            s += h * v + fs * a
+            v += fv * a
+            a *= fa
+            if link[i] == JUMP:
+                s = s if math.isnan(seen[i]) else seen[i]
+                ss, sv, sa = NEW_COORDINATE_VAR, 0.0, 0.0
+        fresh = link[i] != ON or i == 0
+        if not math.isnan(seen[i]):
+            r = seen[i] - s
+            c = ss + seen_var
+            if not fresh:
+                total -= 0.5 * (math.log(c) + r * r / c)
+            ks, kv, ka = ss / c, sv / c, sa / c
+            s += ks * r
+            v += kv * r
+            a += ka * r
+            aa -= ka * sa
+            va -= kv * sa
+            vv -= kv * sv
+            sa -= ks * sa
+            sv -= ks * sv
+            ss -= ks * ss
+        for kind in range(3):
+            if kind == 0:
+                if math.isnan(speed[i]) or rest[i]:
+                    continue
+                r, var = speed[i] - v, speed_var
+            elif not rest[i]:
+                break
+            elif kind == 1:
+                r, var = -v, REST_SPEED_VAR
+            else:
+                c = aa + REST_ACCEL_VAR
+                ks, kv, ka = sa / c, va / c, aa / c
+                s -= ks * a
+                v -= kv * a
+                a -= ka * a
+                ss -= ks * sa
+                sv -= ks * va
+                vv -= kv * va
+                sa -= ks * aa
+                va -= kv * aa
+                aa -= ka * aa
+                break
+            c = vv + var
+            if kind == 0 and link[i] != BREAK and i > 0:
+                total -= 0.5 * (math.log(c) + r * r / c)
+            ks, kv, ka = sv / c, vv / c, va / c
+            s += ks * r
+            v += kv * r
+            a += ka * r
+            ss -= ks * sv
+            sa -= ks * va
+            aa -= ka * va
+            va -= kv * va
+            sv -= ks * vv
+            vv -= kv * vv
+        if keep:
+            mean[i, 0], mean[i, 1], mean[i, 2] = s, v, a
+            cov[i, 0], cov[i, 1], cov[i, 2], cov[i, 3], cov[i, 4], cov[i, 5] = ss, sv, sa, vv, va, aa
+    return total
+
+
+@njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
+def smooth_backward(
+    t: Floats, link: Codes, jerk: Floats, decay: float, mean: Floats, cov: Floats, gain: Singles
+) -> None:
+    """Rauch, Tung and Striebel's backward pass.
+
+    Filtered means and covariances become smoothed ones, in place.  ``gain`` (N, 9) takes the smoother's
+    gains; with (0, 9) they are not kept.
+    """
+    keep = len(gain) == len(t)
+    last = lastq = -1.0
+    fs = fv = fa = q0 = q1 = q2 = q3 = q4 = q5 = 0.0
+    for i in range(len(t) - 2, -1, -1):
+        if link[i + 1] == BREAK:
+            if keep:
+                gain[i] = 0.0
+            continue
+        h, q = t[i + 1] - t[i], jerk[i + 1]
+        if h != last or q != lastq:
+            fs, fv, fa, q0, q1, q2, q3, q4, q5 = transition(h, q, decay)
+            last, lastq = h, q
+        ss, sv, sa, vv, va, aa = cov[i, 0], cov[i, 1], cov[i, 2], cov[i, 3], cov[i, 4], cov[i, 5]
+        # columns of P F': covariance of the state now with the coordinate, speed and acceleration to come
+        a0, a1, a2 = ss + h * sv + fs * sa, sv + fv * sa, fa * sa
+        b0, b1, b2 = sv + h * vv + fs * va, vv + fv * va, fa * va
+        c0, c1, c2 = sa + h * va + fs * aa, va + fv * aa, fa * aa
+        p00, p01, p02 = a0 + h * b0 + fs * c0 + q0, a1 + h * b1 + fs * c1 + q1, a2 + h * b2 + fs * c2 + q2
+        p11, p12, p22 = b1 + fv * c1 + q3, b2 + fv * c2 + q4, fa * c2 + q5
+        m0 = mean[i, 0] + h * mean[i, 1] + fs * mean[i, 2]
+        m1, m2 = mean[i, 1] + fv * mean[i, 2], fa * mean[i, 2]
+        if link[i + 1] == JUMP:
+            a0 = b0 = c0 = p01 = p02 = 0.0
+            p00 = NEW_COORDINATE_VAR
+            m0 = mean[i + 1, 0]
+        # inverse of the predicted covariance by cofactors
+        i00, i01, i02 = p11 * p22 - p12 * p12, p02 * p12 - p01 * p22, p01 * p12 - p02 * p11
+        i11, i12, i22 = p00 * p22 - p02 * p02, p01 * p02 - p00 * p12, p00 * p11 - p01 * p01
+        one = 1.0 / (p00 * i00 + p01 * i01 + p02 * i02)
+        g00, g01, g02 = (
+            (a0 * i00 + a1 * i01 + a2 * i02) * one,
+            (a0 * i01 + a1 * i11 + a2 * i12) * one,
+            (a0 * i02 + a1 * i12 + a2 * i22) * one,
+        )
+        g10, g11, g12 = (
+            (b0 * i00 + b1 * i01 + b2 * i02) * one,
+            (b0 * i01 + b1 * i11 + b2 * i12) * one,
+            (b0 * i02 + b1 * i12 + b2 * i22) * one,
+        )
+        g20, g21, g22 = (
+            (c0 * i00 + c1 * i01 + c2 * i02) * one,
+            (c0 * i01 + c1 * i11 + c2 * i12) * one,
+            (c0 * i02 + c1 * i12 + c2 * i22) * one,
+        )
+        r0, r1, r2 = mean[i + 1, 0] - m0, mean[i + 1, 1] - m1, mean[i + 1, 2] - m2
+        mean[i, 0] += g00 * r0 + g01 * r1 + g02 * r2
+        mean[i, 1] += g10 * r0 + g11 * r1 + g12 * r2
+        mean[i, 2] += g20 * r0 + g21 * r1 + g22 * r2
+        if keep:
+            gain[i, 0], gain[i, 1], gain[i, 2] = g00, g01, g02
+            gain[i, 3], gain[i, 4], gain[i, 5] = g10, g11, g12
+            gain[i, 6], gain[i, 7], gain[i, 8] = g20, g21, g22
+        d00, d01, d02 = cov[i + 1, 0] - p00, cov[i + 1, 1] - p01, cov[i + 1, 2] - p02
+        d11, d12, d22 = cov[i + 1, 3] - p11, cov[i + 1, 4] - p12, cov[i + 1, 5] - p22
+        e00, e01, e02 = (
+            g00 * d00 + g01 * d01 + g02 * d02,
+            g00 * d01 + g01 * d11 + g02 * d12,
+            g00 * d02 + g01 * d12 + g02 * d22,
+        )
+        e10, e11, e12 = (
+            g10 * d00 + g11 * d01 + g12 * d02,
+            g10 * d01 + g11 * d11 + g12 * d12,
+            g10 * d02 + g11 * d12 + g12 * d22,
+        )
+        e20, e21, e22 = (
+            g20 * d00 + g21 * d01 + g22 * d02,
+            g20 * d01 + g21 * d11 + g22 * d12,
+            g20 * d02 + g21 * d12 + g22 * d22,
+        )
+        cov[i, 0] = ss + e00 * g00 + e01 * g01 + e02 * g02
+        cov[i, 1] = sv + e00 * g10 + e01 * g11 + e02 * g12
+        cov[i, 2] = sa + e00 * g20 + e01 * g21 + e02 * g22
+        cov[i, 3] = vv + e10 * g10 + e11 * g11 + e12 * g12
+        cov[i, 4] = va + e10 * g20 + e11 * g21 + e12 * g22
+        cov[i, 5] = aa + e20 * g20 + e21 * g21 + e22 * g22
+
+
+@njit(cache=True)
+def jerk_scales(
+    t: Floats,
+    link: Codes,
+    rest: Flags,
+    q: float,
+    decay: float,
+    mean: Floats,
+    cov: Floats,
+    gain: Singles,
+    jerk: Floats,
+) -> float:
+    """One step of expectation and maximisation for a jerk of varying strength.
+
+    Its density is q / w, with w random and constant for ``BLOCK`` seconds: Student's t with ``FREEDOM``
+    degrees of freedom as a scale mixture of normals (Lange, Little and Taylor 1989), for the changes of
+    acceleration given all rows.  Densities into ``jerk``, returns the next q; where the truck stands q holds.
+    """
+    total, steps = 0.0, 0
+    inside, squares, first = 0, 0.0, 1
+    for i in range(1, len(t) + 1):
+        if i == len(t) or link[i] == BREAK or t[i] - t[first - 1] > BLOCK + 1e-6:
+            w = (FREEDOM + inside) / (FREEDOM + squares / q)
+            for j in range(first, i):
+                jerk[j] = q / w
+            total += w * squares
+            steps += inside
+            inside, squares, first = 0, 0.0, i
+        if i < len(t) and link[i] != BREAK and not (rest[i] and rest[i - 1]):
+            step = transition(t[i] - t[i - 1], 1.0, decay)
+            fa, gained = step[2], step[8]
+            g, now, before = gain[i - 1], cov[i], cov[i - 1]
+            shared = g[6] * now[2] + g[7] * now[4] + g[8] * now[5]
+            change = mean[i, 2] - fa * mean[i - 1, 2]
+            squares += (change * change + max(now[5] + fa * fa * before[5] - 2.0 * fa * shared, 0.0)) / gained
+            inside += 1
+    return total / steps if steps else q
+
+
+@njit(cache=True)
+def energy_variance(
+    cov: Floats, gain: Singles, by_speed: Floats, by_acceleration: Floats, window: Ints, count: int
+) -> Floats:
+    """(count,) variance of the sum over each window of ``by_speed`` v + ``by_acceleration`` a, (N,) each.
+
+    Exact for the smoothed states: backwards, with c = cov(x_i, sum of the window from i on), which the
+    gains carry on.
+    """
+    out = np.zeros(count)
+    c = np.zeros(3)
+    inside, total = -1, 0.0
+    for i in range(len(window) - 1, -1, -1):
+        p, g = cov[i], gain[i]
+        if window[i] != inside:
+            if inside >= 0:
+                out[inside] = total
+            inside, total = window[i], 0.0
+            c[:] = 0.0
+        n0 = g[0] * c[0] + g[1] * c[1] + g[2] * c[2]
+        n1 = g[3] * c[0] + g[4] * c[1] + g[5] * c[2]
+        n2 = g[6] * c[0] + g[7] * c[1] + g[8] * c[2]
+        bv, ba = by_speed[i], by_acceleration[i]
+        total += 2.0 * (bv * n1 + ba * n2) + bv * bv * p[3] + 2.0 * bv * ba * p[4] + ba * ba * p[5]
+        c[0] = n0 + p[1] * bv + p[2] * ba
+        c[1] = n1 + p[3] * bv + p[4] * ba
+        c[2] = n2 + p[4] * bv + p[5] * ba
+    if inside >= 0:
+        out[inside] = total
+    return out

@@ -1,0 +1,57 @@
+"""Forward and backward passes over a path."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+GRAVITY = 9.81
+AT_REST = 0.02
+"""A speed at a node under this means a stop [m/s]."""
+
+
+@njit(cache=True)
+def passes(
+    distance: Floats, cap: Floats, slope: Floats, mass: Floats, up: float, down: float, power: float,
+    rolling: float
+) -> Floats:  # fmt: skip
+    """(N,) speeds: never above ``cap``, gathered with ``up`` and the power at the wheel, shed with ``down``.
+
+    Between two nodes the acceleration is constant, so the square of the speed is linear in distance.
+    """
+    n = len(distance)
+    square = cap * cap
+    for i in range(n - 1):
+        ds = distance[i + 1] - distance[i]
+        v = np.sqrt(square[i])
+        a = up
+        if v > 0.0:
+            resist = mass[i] * GRAVITY * (rolling * np.cos(slope[i]) + np.sin(slope[i]))
+            a = min(up, (power / v - resist) / mass[i])
+        square[i + 1] = min(square[i + 1], max(square[i] + 2.0 * a * ds, 0.0))
+    for i in range(n - 1, 0, -1):
+        ds = distance[i] - distance[i - 1]
+        square[i - 1] = min(square[i - 1], square[i] + 2.0 * down * ds)
+    return np.sqrt(square)
+
+
+@njit(cache=True)
+def clock(distance: Floats, speed: Floats, wait: Floats, up: float, down: float) -> Floats:
+    """(N,) arrival times [s]; ``wait`` is spent at a node before going on.
+
+    A stretch with a stop at either end, or a hair from one, is driven up and down again within it.
+    """
+    n = len(distance)
+    time = np.zeros(n)
+    for i in range(n - 1):
+        ds, total = distance[i + 1] - distance[i], speed[i] + speed[i + 1]
+        if ds <= 0.0:
+            took = 0.0
+        elif max(speed[i], speed[i + 1]) > AT_REST:
+            took = 2.0 * ds / total
+        else:
+            took = np.sqrt(2.0 * ds * (1.0 / up + 1.0 / down))
+        time[i + 1] = time[i] + wait[i] + took
+    return time

@@ -1,0 +1,132 @@
+"""The way along matched edges, and standstills of positions; imported only where they run."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fleetlog.physics.motion.kernels.filter import BREAK, JUMP, ON
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Codes = NDArray[np.uint8]
+Index = NDArray[np.int32]
+
+MOST_EXTRA = 8.0
+"""Length that a way may exceed twice the distance of the positions by [m]: noise, and corners."""
+NEAR_REACH = 3
+"""Edges between two rows at most that the walk below finds; farther apart the coordinate starts anew."""
+
+
+@njit(cache=True)
+def way_between(
+    a: int,
+    b: int,
+    next_first: NDArray[np.int32],
+    next_edges: NDArray[np.int32],
+    length: Floats,
+    between: NDArray[np.int32],
+) -> int:
+    """The shortest way from the end of edge a to the start of b over at most ``NEAR_REACH`` edges.
+
+    Its edges into ``between``.  Returns how many edges lie between, -1 where there is no such way.
+    """
+    best, count = np.inf, -1
+    for i in range(next_first[a], next_first[a + 1]):
+        e = next_edges[i]
+        if e == b:
+            return 0
+    for i in range(next_first[a], next_first[a + 1]):
+        e = next_edges[i]
+        for j in range(next_first[e], next_first[e + 1]):
+            f = next_edges[j]
+            if f == b and length[e] < best:
+                best, count = length[e], 1
+                between[0] = e
+            for k in range(next_first[f], next_first[f + 1]):
+                g = next_edges[k]
+                if g == b and length[e] + length[f] < best:
+                    best, count = length[e] + length[f], 2
+                    between[0], between[1] = e, f
+    return count
+
+
+@njit(cache=True)
+def path_coordinate(
+    edge: Index, offset: Floats, x: Floats, y: Floats, step: Floats, next_first: Index, next_edges: Index,
+    length: Floats, reverse: Index, back: float, link: Codes, place: Floats,
+) -> tuple[Index, Floats, Floats, Flags]:  # fmt: skip
+    """Map coordinate of every row into ``place``, and the visits of edges.
+
+    Of each visit the edge, the coordinate of its start, its length, and whether it joins the last.  Off the
+    map (edge -1) the coordinate grows by ``step``.  Where no short way joins two rows (a way much longer than
+    the positions are apart is not the one that was driven), ``link`` is marked ``JUMP`` and the coordinate
+    goes on behind all before.
+    """
+    n = len(edge)
+    most = 1
+    for i in range(1, n):
+        most += 1 + NEAR_REACH if edge[i] != edge[i - 1] or abs(offset[i] - offset[i - 1]) > back else 0
+    v_edge, v_origin, v_joined = np.empty(most, np.int32), np.empty(most), np.zeros(most, np.bool_)
+    v_length = np.zeros(most)
+    between = np.empty(NEAR_REACH, np.int32)
+    v_edge[0], v_origin[0] = edge[0], 0.0
+    v_length[0] = length[edge[0]] if edge[0] >= 0 else 0.0
+    place[0] = offset[0] if edge[0] >= 0 else 0.0
+    k = 0
+    for i in range(1, n):
+        a, b = edge[i - 1], edge[i]
+        if a < 0 and b < 0:
+            place[i] = place[i - 1] + step[i]
+            v_length[k] = place[i] - v_origin[k]
+            continue
+        most_way = 2.0 * math.hypot(x[i] - x[i - 1], y[i] - y[i - 1]) + MOST_EXTRA
+        if a == b and -back <= offset[i] - offset[i - 1] <= most_way:
+            place[i] = v_origin[k] + offset[i]
+            continue
+        m = -1
+        if a >= 0 and b >= 0 and a != b and reverse[a] != b:
+            m = way_between(a, b, next_first, next_edges, length, between)
+            way = length[a] - offset[i - 1] + offset[i]
+            for j in range(m):
+                way += length[between[j]]
+            if way > most_way:
+                m = -1
+        for j in range(max(m, 0) + 1):
+            v_origin[k + 1] = v_origin[k] + v_length[k]
+            k += 1
+            v_edge[k] = between[j] if j < m else b
+            v_length[k] = length[v_edge[k]] if v_edge[k] >= 0 else 0.0
+            v_joined[k] = m >= 0
+        place[i] = v_origin[k] + (offset[i] if b >= 0 else 0.0)
+        if m < 0 and link[i] == ON:
+            link[i] = JUMP
+    k += 1
+    return v_edge[:k], v_origin[:k], v_length[:k], v_joined[:k]
+
+
+@njit(cache=True)
+def stays(t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_duration: float) -> Flags:
+    """Rows of a standstill: runs within ``radius`` of their running mean for ``min_duration``."""
+    n = len(t)
+    out = np.zeros(n, np.bool_)
+    i = 0
+    while i < n:
+        sx, sy, m = x[i], y[i], 1
+        j = i + 1
+        while j < n and link[j] != BREAK and math.hypot(x[j] - sx / m, y[j] - sy / m) <= radius:
+            sx += x[j]
+            sy += y[j]
+            m += 1
+            j += 1
+        if j - i > 2 and t[j - 1] - t[i] >= min_duration:
+            # the ends of the run may still move: they are within the radius too
+            margin = max((j - i) // 20, 1)
+            out[i + margin : j - margin] = True
+            i = j
+        else:
+            i += max((j - i) // 8, 1)
+    return out

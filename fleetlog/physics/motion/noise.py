@@ -1,0 +1,240 @@
+"""Noise of the smoother: measured on the innovations, not guessed.
+
+The parameters are those under which the filter's one-step predictions fit best (maximum likelihood of the
+innovations), found by a pattern search over their logarithms on a sample of rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+SAMPLE = 12_000
+"""Rows on which the noise is measured, in up to six runs."""
+PERSISTENCE = 3.0
+"""An acceleration lasts for about as long as a truck takes to gather speed [s]; so the jerk is the same
+at every rate."""
+COARSE = 0.5
+"""Of a denser log so much is enough to see how strong the jerk is [s]."""
+ROUNDS = 3
+"""Of expectation and maximisation for the strength of the jerk: a fourth changes no energy by a
+thousandth."""
+ENCODER = 0.03
+"""Noise of a usual speed channel, 1 % of a truck's speed [m/s]."""
+PATH = 1.0
+"""The way through a corner is known to about this, whatever the positions [m]: a speed channel knows
+better ..."""
+SELDOM = 2.0
+"""... where its rows are closer than this [s]."""
+BENDS = 0.03
+"""A mean speed is off that of the middle of its step by so much a second of it [m/s2]."""
+BOUNDS = {"jerk": (1e-4, 30.0), "position": (0.003, 30.0), "speed": (0.003, 2.0)}
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White jerk density ``jerk`` [m2/s5].
+
+    Standard deviations of a measured ``position`` [m] and ``speed`` [m/s].
+    """
+
+    jerk: float = 0.1
+    position: float = 0.3
+    speed: float = 0.1
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What the filter sees.
+
+    Seconds, path coordinate [m] and speed [m/s] (NaN unknown), rest, and how rows follow.
+    """
+
+    t: Floats
+    seen: Floats
+    speed: Floats
+    rest: NDArray[np.bool_]
+    link: NDArray[np.uint8]
+
+    def sample(self, rows: int) -> Observed:
+        """Some runs of rows, each after a break."""
+        n = len(self.t)
+        if n <= rows:
+            return self
+        runs = 6
+        starts = np.linspace(0, n - rows // runs, runs).astype(int)
+        part = self.taken(np.concatenate([np.arange(s, s + rows // runs) for s in starts]))
+        part.link[:: rows // runs] = 2
+        return part
+
+    def at(self, moments: Floats) -> tuple[Observed, NDArray[np.int64]]:
+        """With further moments between its own, in each of which nothing is seen; and the index of each.
+
+        Between two rows at rest the truck rests.
+        """
+        if np.array_equal(self.t, moments):
+            return self, np.arange(len(moments))
+        t, inverse = np.unique(np.append(self.t, moments), return_inverse=True)
+        own = inverse[: len(self.t)]
+        seen, speed, link = np.full(len(t), np.nan), np.full(len(t), np.nan), np.zeros(len(t), np.uint8)
+        seen[own], speed[own], link[own] = self.seen, self.speed, self.link
+        after = np.searchsorted(own, np.arange(len(t)))
+        before = np.searchsorted(own, np.arange(len(t)), side="right") - 1
+        return Observed(t, seen, speed, self.rest[after] & self.rest[before], link), inverse[len(self.t) :]
+
+    def taken(self, rows: NDArray[np.intp]) -> Observed:
+        """Some of the rows."""
+        return Observed(self.t[rows], self.seen[rows], self.speed[rows], self.rest[rows], self.link[rows])
+
+
+def estimate_noise(observed: Observed, start: Noise, least: float = 0.0) -> Noise:
+    """The likeliest noise, from ``start``; what is not observed keeps its start value.
+
+    That of speed is ``least`` at least.
+    """
+    sample = observed.sample(SAMPLE)
+    names = ["jerk"]
+    if np.isfinite(sample.seen).sum() > 20:
+        names.append("position")
+    if (np.isfinite(sample.speed).sum() <= 20 and len(names) == 1) or len(sample.t) < 20:
+        return start
+    # Trucks gather and shed speed at nearly constant rates, with sharp bends between; a Gaussian jerk
+    # cannot follow these and the likelihood would put them down to the speed channel, whose noise shows in
+    # its third differences.
+    noise, bounds = replace(start, speed=max(speed_noise(sample), least)), BOUNDS
+    if np.isfinite(sample.speed).mean() > 0.9 and np.median(np.diff(sample.t)) < SELDOM:
+        noise, bounds = replace(noise, position=PATH), {**BOUNDS, "position": (PATH, BOUNDS["position"][1])}
+    best = _likelihood(sample, noise)
+    for factor in (8.0, 3.0, 1.7, 1.3):
+        for _ in range(4):
+            before = best
+            for name in names:
+                best, noise = _line(sample, noise, name, factor, best, bounds[name])
+            if best <= before + 1e-6:
+                break
+    return noise
+
+
+def speed_noise(o: Observed) -> float:
+    """Standard deviation of the speed channel [m/s] from third differences of driven rows (robust).
+
+    An upper bound.  Where rows are so far apart that the speed itself changes in bends between them, that of
+    a usual wheel encoder.
+    """
+    third = o.speed[3:] - 3.0 * o.speed[2:-1] + 3.0 * o.speed[1:-2] - o.speed[:-3]
+    lowest = np.min([o.speed[k : len(o.speed) - 3 + k] for k in range(4)], axis=0)
+    whole = (o.t[3:] - o.t[:-3] < 4.5) & np.isfinite(third) & (lowest > 0.3)
+    if whole.sum() < 50:
+        return ENCODER
+    return float(np.clip(1.4826 * np.median(np.abs(third[whole])) / np.sqrt(20.0), *BOUNDS["speed"]))
+
+
+def _line(
+    sample: Observed, noise: Noise, name: str, factor: float, best: float, bounds: tuple[float, float]
+) -> tuple[float, Noise]:
+    for step in (factor, 1.0 / factor):
+        while True:
+            value = float(np.clip(getattr(noise, name) * step, *bounds))
+            trial = replace(noise, **{name: value})
+            likelihood = _likelihood(sample, trial)
+            if value == getattr(noise, name) or not likelihood > best:
+                break
+            best, noise = likelihood, trial
+    return best, noise
+
+
+def _likelihood(o: Observed, noise: Noise, jerk: Floats | None = None) -> float:
+    from fleetlog.physics.motion.kernels.filter import filter_forward
+
+    none3, none6 = np.empty((0, 3)), np.empty((0, 6))
+    if jerk is None:
+        jerk = np.full(len(o.t), noise.jerk)
+    return float(
+        filter_forward(
+            o.t,
+            o.seen,
+            noise.position**2,
+            o.speed,
+            noise.speed**2,
+            o.rest,
+            o.link,
+            jerk,
+            1.0 / PERSISTENCE,
+            none3,
+            none6,
+        )
+    )
+
+
+def with_mean_speed(o: Observed) -> Observed:
+    """Rows whose speed is the mean since the row before: it is that of the middle of the step."""
+    joined = np.flatnonzero(o.link[1:] != 2) + 1
+    out, middle = Observed(o.t, o.seen, np.where(o.link == 2, o.speed, np.nan), o.rest, o.link).at(
+        0.5 * (o.t[joined] + o.t[joined - 1])
+    )
+    out.speed[middle] = o.speed[joined]
+    return out
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """The states at N moments.
+
+    ``mean`` (N, 3) way, speed, acceleration; ``cov`` (N, 6) ss, sv, sa, vv, va, aa; ``gain`` (N, 9).
+    """
+
+    mean: Floats
+    cov: Floats
+    gain: NDArray[np.float32]
+
+
+def smooth(o: Observed, noise: Noise, jerk: Floats | None = None, *, gains: bool = False) -> Smoothed:
+    """The smoothed states.
+
+    ``gains`` keeps those of the backward pass, which tie the states of different times.
+    """
+    from fleetlog.physics.motion.kernels.filter import filter_forward, smooth_backward
+
+    n = len(o.t)
+    if jerk is None:
+        jerk = np.full(n, noise.jerk)
+    mean, cov, gain = np.empty((n, 3)), np.empty((n, 6)), np.zeros((n if gains else 0, 9), np.float32)
+    filter_forward(
+        o.t,
+        o.seen,
+        noise.position**2,
+        o.speed,
+        noise.speed**2,
+        o.rest,
+        o.link,
+        jerk,
+        1.0 / PERSISTENCE,
+        mean,
+        cov,
+    )
+    smooth_backward(o.t, o.link, jerk, 1.0 / PERSISTENCE, mean, cov, gain)
+    return Smoothed(mean, cov, gain)
+
+
+def jerk_strength(o: Observed, noise: Noise) -> Floats:
+    """(N,) density [m2/s5] of the jerk in the step to each row.
+
+    Little in a cruise, much where a truck begins to brake. Of rows seconds apart it cannot be told, and is
+    the same for all.
+    """
+    from fleetlog.physics.motion.kernels.filter import jerk_scales
+
+    if len(o.t) < 2 or np.median(np.diff(o.t)) > SELDOM + COARSE:
+        return np.full(len(o.t), noise.jerk)
+    slot = np.floor(o.t / COARSE + 1e-6)
+    few = np.flatnonzero((np.diff(slot, prepend=-1.0) > 0) | np.isfinite(o.seen) | (o.link != 0))
+    c = o.taken(few)
+    scale, jerk = noise.jerk, np.full(len(few), noise.jerk)
+    for _ in range(ROUNDS):
+        s = smooth(c, noise, jerk, gains=True)
+        scale = jerk_scales(c.t, c.link, c.rest, scale, 1.0 / PERSISTENCE, s.mean, s.cov, s.gain, jerk)
+    return jerk[np.minimum(np.searchsorted(few, np.arange(len(o.t))), len(few) - 1)]

@@ -1,0 +1,226 @@
+"""From a log to motion: speed, acceleration, slope, curvature and lifting speed, with their uncertainty.
+
+Speed and acceleration come from a fixed-interval (Rauch-Tung-Striebel) smoother of the way travelled, never
+from differences of positions.  Stated noise: positions and the log's speed carry white noise, the
+acceleration dies away under white jerk; the strengths are measured on the log itself
+(:mod:`fleetlog.physics.motion.noise`).  The way is that along the matched edges, corners cut, or along the
+smoothed positions off the map.  At a standstill speed and acceleration are observed to be zero.  A silence
+of the log ends a stretch: no sample stands for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.truck import Truck
+from fleetlog.physics.motion.assemble import assembled, placed
+from fleetlog.physics.motion.channels import forks
+from fleetlog.physics.motion.grid import quiet_rows, row_spans, sample_grid
+from fleetlog.physics.motion.noise import (
+    BENDS,
+    Noise,
+    Observed,
+    Smoothed,
+    estimate_noise,
+    jerk_strength,
+    smooth,
+    with_mean_speed,
+)
+from fleetlog.physics.motion.path import RADIUS, by_second, follow
+from fleetlog.physics.motion.plane import plane_track
+from fleetlog.physics.motion.rows import (
+    STANDING,
+    lost_ways,
+    metres_per_metre,
+    position_noise,
+    read_rows,
+    speed_is_mean,
+)
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """The motion in a log of N rows, as n samples fine enough for a model of power, and how well it is known.
+
+    Attributes
+    ----------
+    motion : of the samples, none longer than 0.25 s while the truck moves.  Its accelerations lie
+        above and below what is likeliest in turn (:attr:`likeliest`), so that a sum of power over samples is
+        its expectation.
+    row : (n,) row that each sample belongs to, growing.
+    dt_row : (N,) seconds that each row stands for; 0 across gaps.
+    speed_sd, acceleration_sd : (n,) standard deviations [m/s], [m/s2].
+    standing : (n,) whether the truck stands: slower than ``STANDING``, by what the whole log says.
+    noise : what was measured of the channels.
+    node, states : place of the samples among the smoothed states, and those.
+    interval, lift_doubt : (n,) between which rows a sample lies, and share of a lift there that may be
+        in either half.
+    """
+
+    motion: Motion
+    row: Ints
+    dt_row: Floats
+    speed_sd: Floats
+    acceleration_sd: Floats
+    standing: Flags
+    noise: Noise
+    node: Ints
+    states: Smoothed
+    interval: Ints
+    lift_doubt: Floats
+
+    def rows(self, values: Floats) -> Floats:
+        """(N,) sums over the samples of each row."""
+        return np.asarray(np.bincount(self.row, values, len(self.dt_row)), dtype=np.float64)
+
+    @property
+    def likeliest(self) -> Motion:
+        """The motion without the spread of its accelerations.
+
+        What power costs less on it is what sampling hides, and as sure as its own size: no noise that
+        averages out.
+        """
+        mean = np.where(self.standing, 0.0, self.states.mean[self.node, 2])
+        return self.motion.replaced(acceleration=mean)
+
+    def window_variance(self, power: Callable[[Motion], Floats], window: Ints) -> Floats:
+        """(W,) variance [J2] of the energy of every window that the doubt about speed and acceleration makes.
+
+        ``power`` [W] of a motion; ``window`` (n,) number of the window of each sample, growing, -1 in none.
+        The slopes of power are those of secants one standard deviation to either side, so that its kink
+        counts for what it is.
+        """
+        from fleetlog.physics.motion.kernels.filter import energy_variance
+
+        by_speed = self._secant(power, "speed", self.speed_sd)
+        by_acceleration = self._secant(power, "acceleration", self.acceleration_sd)
+        nodes = len(self.states.cov)
+        slopes = np.zeros((2, nodes))
+        slopes[0, self.node], slopes[1, self.node] = (
+            by_speed * self.motion.dt,
+            by_acceleration * self.motion.dt,
+        )
+        near = np.minimum(np.searchsorted(self.node, np.arange(nodes)), len(self.node) - 1)
+        count = int(window.max(initial=-1)) + 1
+        moved = energy_variance(self.states.cov, self.states.gain, slopes[0], slopes[1], window[near], count)
+        return np.asarray(moved + self._lift_variance(power, window, count))
+
+    def _lift_variance(self, power: Callable[[Motion], Floats], window: Ints, count: int) -> Floats:
+        """(W,) that of lifts between the last row of a window and the first of the next.
+
+        Either may have them.
+        """
+        if not self.lift_doubt.any():
+            return np.zeros(count)
+        lifting = power(self.motion) - power(self.motion.replaced(lift_speed=np.zeros(len(self.motion))))
+        joules = (
+            np.bincount(self.interval, lifting * self.motion.dt, len(self.dt_row) + 1)[1:-1] * self.lift_doubt
+        )
+        of_row = np.full(len(self.dt_row), -1)
+        of_row[self.row] = window
+        before, after = of_row[:-1], of_row[1:]
+        cut = before != after
+        out = np.zeros(count + 1)
+        for side in (before, after):
+            np.add.at(out, side[cut], joules[cut] ** 2)
+        return out[:count]
+
+    def _secant(self, power: Callable[[Motion], Floats], name: str, size: Floats) -> Floats:
+        size = np.where(self.standing, 0.0, np.maximum(size, 1e-4))
+        value = self.states.mean[self.node, 1 if name == "speed" else 2]
+        high, low = value + size, value - size
+        if name == "speed":
+            low = np.maximum(low, 1e-3)
+        change = power(self.motion.replaced(**{name: high})) - power(self.motion.replaced(**{name: low}))
+        return np.where(self.standing, 0.0, change / np.maximum(high - low, 1e-6))
+
+
+def reconstruct(
+    trajectory: Trajectory, network: Network | None = None, truck: Truck | None = None, lag: float = 0.0,
+    scale: float = 1.0, *, noise: Noise | None = None, load_lags: bool = False,
+) -> Reconstruction:  # fmt: skip
+    """Reconstruct the motion in a log of one vehicle.
+
+    Parameters
+    ----------
+    trajectory : with x and y, or speed; ``edge_id`` and ``edge_offset`` where it was matched.
+    network : that it was matched to; without it the positions are the path.
+    truck : whose turning radius rounds the corners of the map.
+    lag : seconds that the power channel runs behind positions and speed; ``load_lags``: load and fork
+        height run with it.
+    scale : what the speed channel reads over the truth.
+    noise : of the channels, measured on the log by default.
+
+    Raises
+    ------
+    DataError
+        where the log has neither positions nor speeds.
+    """
+    if not len(trajectory):
+        return _nothing(noise or Noise())
+    rows = read_rows(trajectory, network, scale)
+    breaks, link = rows.link == 2, rows.link.copy()
+    plane = None
+    if trajectory.has("x") and (rows.edge < 0).any():
+        plane = plane_track(rows)
+    path = follow(network, rows, plane, link, RADIUS if truck is None else truck.chassis.turn_radius)
+    longer = metres_per_metre(rows, path.seen, link != 0)
+    lost = lost_ways(rows, path.seen / longer, position_noise(rows.x, rows.y))
+    link[lost & (link == 0)] = 1
+    seen = by_second(rows.t, np.where(rows.fresh, path.seen / longer, np.nan), link)
+    observed = Observed(rows.t, seen, rows.speed, rows.rest, link)
+    is_mean = speed_is_mean(rows, path.seen)
+    observed = with_mean_speed(observed) if is_mean else observed
+    noise = noise or estimate_noise(
+        observed, Noise(), BENDS * float(np.median(np.diff(rows.t))) if is_mean else 0.0
+    )
+    mast = forks(rows.t, trajectory)
+    grid = sample_grid(rows.t, breaks, quiet_rows(rows.rest, breaks, mast.at(rows.t)), lag)
+    nodes, node = observed.at(grid.moment)
+    jerk = jerk_strength(observed, noise)[np.searchsorted(observed.t, nodes.t)]
+    states = smooth(nodes, noise, jerk, gains=True)
+    standing = nodes.rest[node] | (states.mean[node, 1] < STANDING)
+    speed_sd, acceleration_sd = (
+        np.where(standing, 0.0, np.sqrt(np.maximum(states.cov[node, k], 0.0))) for k in (3, 5)
+    )
+    way, speed, acceleration = states.mean[node].T
+    speed = np.where(standing, 0.0, speed)
+    acceleration = np.where(standing, 0.0, acceleration + _spread(acceleration_sd))
+    places = placed(trajectory, network, rows, path, plane, grid, way * longer, speed)
+    motion = assembled(trajectory, rows, grid, mast, places, speed, acceleration, load_lags=load_lags)
+    before, after = row_spans(rows.t, breaks)
+    interval = grid.row + (grid.time > rows.t[grid.row])
+    return Reconstruction(
+        motion, grid.row, before + after, speed_sd, acceleration_sd, standing, noise, node, states, interval,
+        mast.doubt,
+    )  # fmt: skip
+
+
+def _nothing(noise: Noise) -> Reconstruction:
+    none, index = np.zeros(0), np.zeros(0, np.int64)
+    states = Smoothed(np.zeros((0, 3)), np.zeros((0, 6)), np.zeros((0, 9), np.float32))
+    return Reconstruction(
+        Motion.of(0), index, none, none, none, none > 0.0, noise, index, states, index, none
+    )
+
+
+def _spread(deviation: Floats) -> Floats:
+    """(n,) up and down by the mean size of a normal of this deviation, so that a row keeps its mean.
+
+    The deviation is small at a row and large between two: of a row's samples (large, small, small, large) the
+    outer and the inner ones cancel.  Power has a kink where traction turns into braking: its expectation is
+    more than its value at the expected acceleration.
+    """
+    turns = [1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0]
+    return np.asarray(np.sqrt(2.0 / np.pi) * deviation * np.resize(turns, len(deviation)))

@@ -1,0 +1,239 @@
+"""What a log says of the motion, row by row.
+
+Clean positions and speeds, where it is silent, and when the truck stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.errors import DataError
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+SHORTEST_GAP = 10.0
+"""A silence of this and of five usual intervals ends a stretch [s]."""
+STANDING = 0.05
+"""Below this the log's speed is a standstill [m/s]: the creep and the noise of a speed sensor at rest."""
+UNSURE_END = 1.5
+"""Both ends of a standstill that only positions show are left to the smoother for this long [s]."""
+OFF_LANE = 2.0
+"""Farther than this from the middle of its road, and than its noise, a truck is beside it [m]."""
+CHANGES = 0.2
+"""A change of speed from row to row that shows whether it is a mean [m/s]."""
+LONG = 50.0
+"""A way over which an odometer and the map are compared [m]."""
+LOST = 2.0
+"""So much and four times their noise may positions be off the way that the speed channel says from row
+to row [m]."""
+MOVED = 0.5
+"""Metres that a vehicle has driven by its speed while its position stayed the same: then that was not an
+update."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of a log, (N,) each.
+
+    ``t`` [s]; ``x``, ``y`` [m], interpolated where unknown; ``fresh``, whether that was
+    measured then;
+    ``speed`` [m/s] (NaN unknown), ``link`` 0 or 2 after a silence, ``edge`` (-1 off the map), ``offset``
+    [m], ``rest``.
+    """
+
+    t: Floats
+    x: Floats
+    y: Floats
+    fresh: Flags
+    speed: Floats
+    link: NDArray[np.uint8]
+    edge: NDArray[np.int32]
+    offset: Floats
+    rest: Flags
+
+
+def measured_channels(trajectory: Trajectory, meta: Mapping[str, Any]) -> Trajectory:
+    """The trajectory without a speed that import derived from the positions.
+
+    It says nothing beside them, and its noise is theirs.
+    """
+    derived = meta.get("summary", {}).get("derived_by_vehicle", {}).get(trajectory.vehicle_id, ())
+    if "speed" not in derived or not trajectory.has("x"):
+        return trajectory
+    kept = {name: values for name, values in trajectory.columns.items() if name != "speed"}
+    return Trajectory(trajectory.vehicle_id, trajectory.time, kept)
+
+
+def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> Rows:
+    """The rows of a log of one vehicle; ``scale`` is what its speed channel reads over the truth."""
+    t, speed = trajectory.seconds(), trajectory.floats("speed") / scale
+    raw_x, raw_y = trajectory.floats("x"), trajectory.floats("y")
+    if not np.isfinite(raw_x).any() and not np.isfinite(speed).any():
+        raise DataError(
+            f"vehicle {trajectory.vehicle_id} has neither positions nor speeds",
+            do="map one of them in a profile",
+        )
+    link = np.zeros(len(t), np.uint8)
+    step = np.diff(t)
+    link[1:][step > max(SHORTEST_GAP, 5.0 * float(np.median(step))) if len(step) else []] = 2
+    link[:1] = 2
+    fresh = _updates(t, raw_x, raw_y, speed)
+    x, y = (_filled(t, np.where(fresh, v, np.nan)) for v in (raw_x, raw_y))
+    edge, offset = _matched(trajectory, network, position_noise(x, y))
+    rest = _standing(t, x, y, speed, edge, offset, link)
+    return Rows(t, x, y, fresh, speed, link, edge, np.nan_to_num(offset), rest)
+
+
+def _updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
+    """Rows whose position is known and new.
+
+    A position that is repeated while the speed says that the truck moved was not measured again; without a
+    speed, one that is repeated no longer than twice as long as is usual in this log.
+    """
+    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    fresh = np.zeros(len(x), bool)
+    if len(known) < 2:
+        fresh[known] = True
+        return fresh
+    new = np.append(True, (np.diff(x[known]) != 0.0) | (np.diff(y[known]) != 0.0))
+    run = np.cumsum(new) - 1
+    if new.all():
+        fresh[known] = True
+        return fresh
+    way = np.cumsum(np.append(0.0, np.nan_to_num(0.5 * (speed[1:] + speed[:-1])) * np.diff(t)))[known]
+    moved = np.abs(way[np.append(np.flatnonzero(new)[1:], len(known) - 1)] - way[new])[run] > MOVED
+    lasts = np.diff(np.append(t[known][new], t[known][-1]))
+    brief = (lasts <= 2.0 * np.median(lasts))[run]
+    fresh[known] = new | ~np.where(
+        np.isfinite(speed[known]), moved, brief & (np.median(np.bincount(run)) > 1)
+    )
+    return fresh
+
+
+def _filled(t: Floats, value: Floats) -> Floats:
+    """Unknown values interpolated; 0 where nothing is known."""
+    known = np.isfinite(value)
+    if known.all():
+        return value
+    return np.interp(t, t[known], value[known]) if known.any() else np.zeros(len(t))
+
+
+def _matched(
+    trajectory: Trajectory, network: Network | None, noise: float
+) -> tuple[NDArray[np.int32], Floats]:
+    """Edge and offset of the rows that lie on their road; in a bay beside it the positions are the path."""
+    if network is None:
+        return np.full(len(trajectory), -1, np.int32), np.full(len(trajectory), np.nan)
+    edge = trajectory.labels("edge_id").recode(network.index).astype(np.int32)
+    offset = trajectory.floats("edge_offset")
+    beside = np.abs(np.nan_to_num(trajectory.floats("lateral_offset"))) > max(OFF_LANE, 4.0 * noise)
+    return np.where(np.isfinite(offset) & ~beside, edge, -1).astype(np.int32), offset
+
+
+def _standing(
+    t: Floats, x: Floats, y: Floats, speed: Floats, edge: NDArray[np.int32], offset: Floats,
+    link: NDArray[np.uint8]
+) -> Flags:  # fmt: skip
+    """Rows of a standstill.
+
+    The log's speed says so, else the match put them on one spot, else the positions stay.
+    """
+    from fleetlog.physics.motion.kernels.way import stays
+
+    known = np.isfinite(speed)
+    rest = known & (speed < STANDING)
+    if known.all():
+        return rest
+    equal = (np.diff(edge) == 0) & (np.diff(offset) == 0.0) & (link[1:] != 2)
+    same = np.append(equal, False) | np.append(False, equal)
+    noise = position_noise(x, y)
+    by_place = stays(t, x, y, link, 3.0 * noise + 0.1, max(5.0, 12.0 * noise))
+    found = _inner(t, np.where(edge >= 0, same, by_place))
+    return np.where(known, rest, found)
+
+
+def _inner(t: Floats, rest: Flags) -> Flags:
+    """Standstills without their ends: positions cannot tell the last creeping metre from standing."""
+    change = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]]).astype(np.int8)))
+    inner = np.zeros(len(rest), np.bool_)
+    for begin, end in zip(change[::2].tolist(), change[1::2].tolist(), strict=True):
+        margin = min(UNSURE_END, 0.3 * (t[end - 1] - t[begin]))
+        lo, hi = np.searchsorted(t, [t[begin] + margin - 1e-6, t[end - 1] - margin + 1e-6])
+        inner[lo:hi] = True
+    return inner & rest
+
+
+def position_noise(x: Floats, y: Floats) -> float:
+    """Spread of the noise from row to row, from third differences [m]."""
+    third = np.hypot(np.diff(x, 3), np.diff(y, 3))
+    # the median of a two-dimensional normal length is 1.1774 sigma
+    return float(np.clip(np.median(third) / 1.1774 / np.sqrt(20.0), 0.01, 5.0)) if len(third) > 2 else 0.5
+
+
+def speed_is_mean(rows: Rows, way: Floats) -> bool:
+    """Whether the speed of a row is the mean since the row before, judged by the ``way`` (N,) seen.
+
+    Then the way between two rows is its speed times the step;
+    else it is the mean of both rows' speeds times the step. What decides lies where the truck gathers or
+    sheds speed.
+    """
+    step, change = np.diff(rows.t), np.diff(rows.speed)
+    later = 0.5 * step * change
+    over = np.diff(way) - step * (rows.speed[1:] - 0.5 * change)
+    use = (rows.link[1:] == 0) & rows.fresh[1:] & rows.fresh[:-1] & (np.abs(change) > CHANGES)
+    use &= np.isfinite(over) & (np.abs(over) < 2.0 * np.abs(later) + MOVED)
+    if use.sum() < 30:
+        return False
+    size = float(later[use] @ later[use])
+    share = float(over[use] @ later[use]) / size
+    error = float(np.std(over[use] - share * later[use])) / np.sqrt(size)
+    return share > 0.5 and share > 5.0 * error
+
+
+def driven_way(rows: Rows) -> Floats:
+    """(N,) metres driven by the speed channel; NaN all where the log has none."""
+    if not np.isfinite(rows.speed).any():
+        return np.full(len(rows.t), np.nan)
+    v = np.nan_to_num(rows.speed)
+    return np.append(0.0, np.cumsum(0.5 * np.diff(rows.t) * (v[1:] + v[:-1])))
+
+
+def metres_per_metre(rows: Rows, way: Floats, jumps: Flags) -> float:
+    """Metres of ``way`` (N,) that the positions show for a metre by the speed channel; 1 where unknown.
+
+    An odometer and a map differ by a per cent or two; the smoother is to know of
+    one length only, that of the speed channel.
+    """
+    driven = driven_way(rows)
+    known = np.flatnonzero(np.isfinite(way) & rows.fresh & np.isfinite(driven))
+    if not len(known):
+        return 1.0
+    piece = np.cumsum(jumps | ~np.isfinite(rows.speed))[known]
+    part = np.floor(driven[known] / LONG) + piece * 1e6
+    first = np.flatnonzero(np.diff(part, prepend=-1.0))
+    last = np.append(first[1:], len(known)) - 1
+    seen, said = (x[known[last]] - x[known[first]] for x in (way, driven))
+    good = said > 0.5 * LONG
+    ratio = float(np.median(seen[good] / said[good])) if good.sum() >= 5 else 1.0
+    return ratio if 0.8 < ratio < 1.25 else 1.0
+
+
+def lost_ways(rows: Rows, way: Floats, noise: float) -> Flags:
+    """(N,) rows whose ``way`` since the last known row is not what the speed channel says.
+
+    A wrong match, or a bay.
+    """
+    driven = driven_way(rows)
+    known = np.flatnonzero(np.isfinite(way) & rows.fresh & np.isfinite(driven))
+    out = np.zeros(len(way), bool)
+    apart = np.abs(np.diff(way[known]) - np.diff(driven[known]))
+    out[known[1:][apart > LOST + 4.0 * noise]] = True
+    return out

@@ -1,0 +1,43 @@
+"""Electric load while the drive is enabled."""
+
+import numpy as np
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Truck
+from fleetlog.physics.term import Floats, Parameter, Term, Values
+
+
+def power(motion: Motion, truck: Truck, values: Values) -> Floats:
+    """P = ``power`` while the truck moves and for ``hold`` seconds after, 0 else [W].
+
+    Inverters, brakes held open and fans; two real AGVs draw 172 and 72 W so.
+    """
+    return np.asarray(values.get("power", 0.0) * enabled(motion, float(np.asarray(values.get("hold", 5.0)))))
+
+
+def enabled(motion: Motion, hold: float) -> Floats:
+    """(N,) 1 while a vehicle of the motion moves and for ``hold`` seconds after, else 0."""
+    moving = motion.speed > 0.0
+    last = np.maximum.accumulate(np.where(moving, motion.time, -np.inf))
+    first = np.concatenate([[True], np.diff(motion.vehicle) != 0])
+    if first[1:].any():
+        begin = np.maximum.accumulate(np.where(first, motion.time, -np.inf))
+        last = np.where(last < begin, -np.inf, last)
+    return (motion.time - last <= hold).astype(float)
+
+
+TERM = Term(
+    "enabled_load",
+    "power",
+    "the enabled drive draws power while the truck moves and for some seconds after",
+    (
+        Parameter("power", "W", 0.0, 6000.0),
+        Parameter("hold", "s", 0.0, 60.0, neutral=5.0, shape=True),
+    ),
+    power,
+    depends_on=("standing",),
+    sentence="The enabled drive draws {power.value:.0f} W ({power.low:.0f} to {power.high:.0f}) while the "
+    "truck moves "
+    "and for {hold.value:.0f} s after",
+    needs="record stops of different length with the key on",
+)

@@ -1,0 +1,250 @@
+"""Experiments: a scenario with some settings varied, several seeds each, the same tasks in every variant."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fleetlog.core.result import Result, Spread, half_width
+from fleetlog.core.site import Site
+from fleetlog.errors import DataError, nearest
+from fleetlog.simulate.dispatch import Policy
+from fleetlog.simulate.scenario import Scenario, run_all, with_plugs
+from fleetlog.simulate.summary import Summary
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MEASURES = {
+    "tasks_per_h": "tasks done per hour", "task_wait_s": "mean time that a task waits for a truck [s]",
+    "waiting_share": "share of the trucks' time spent waiting [%]",
+    "energy_per_task_wh": "energy per task done [Wh]",
+}  # fmt: skip
+"""What is drawn and compared, and how it is called."""
+NONE = "none"
+"""The value of a factor that leaves the scenario as it is."""
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A setting that is varied; a value that is a number is also drawn as one."""
+
+    name: str
+    values: tuple[str, ...]
+
+
+def factor(text: str) -> Factor:
+    """The factor of ``NAME=VALUES``; ``2..6``, ``2..10..2`` and ``a,b,c`` are values, also mixed."""
+    name, equals, values = text.partition("=")
+    if not equals or not name.strip() or not values.strip():
+        raise DataError(f"{text!r} is no setting with values", do="write NAME=VALUES, such as plugs=2..6")
+    found = tuple(v for part in values.split(",") for v in _values(part.strip()))
+    kept = tuple(dict.fromkeys(found))
+    # What a road costs shows beside the site without it.
+    return Factor(name.strip(), (NONE, *(v for v in kept if v != NONE)) if name.strip() == "close" else kept)
+
+
+def _values(part: str) -> Iterator[str]:
+    found = re.fullmatch(r"(\d+)\.\.(\d+)(?:\.\.(\d+))?", part)
+    if not found:
+        yield part
+        return
+    low, high, step = int(found[1]), int(found[2]), int(found[3] or 1)
+    if high < low or not step:
+        raise DataError(f"{part!r} is an empty range", do="write the lower number first, such as 2..6")
+    yield from (str(k) for k in range(low, high + 1, step))
+
+
+def _whole(value: str, name: str) -> int:
+    if not value.isdigit() or int(value) < 1:
+        raise DataError(f"{name}={value} is no number of at least 1", do=f"write {name}=2..6 or {name}=1,2,4")
+    return int(value)
+
+
+def _vehicles(scenario: Scenario, value: str) -> Scenario:
+    return replace(scenario, settings=replace(scenario.settings, vehicles=_whole(value, "vehicles")))
+
+
+def _plugs(scenario: Scenario, value: str) -> Scenario:
+    """So many plugs in all, spread evenly over the chargers in the site's order."""
+    chargers = [p.id for p in scenario.site.places if p.kind == "charge"]
+    if not chargers:
+        raise DataError("plugs cannot be varied: the site has no charger", do="add a place of kind charge")
+    plugs, site = _whole(value, "plugs"), scenario.site
+    for k, place in enumerate(chargers):
+        share = plugs // len(chargers) + (k < plugs % len(chargers))
+        site = with_plugs(site, place, share) if share else _without_place(site, place)
+    return replace(scenario, site=site)
+
+
+def _without_place(site: Site, place: str) -> Site:
+    return replace(site, places=tuple(p for p in site.places if p.id != place))
+
+
+def _close(scenario: Scenario, value: str) -> Scenario:
+    if value == NONE:
+        return scenario
+    roads = scenario.site.roads().without(value.split("+"))
+    return replace(scenario, site=replace(scenario.site, network=roads))
+
+
+def _policy(scenario: Scenario, value: str) -> Scenario:
+    policy = Policy.named(value, scenario.settings.policy.low)
+    return replace(scenario, settings=replace(scenario.settings, policy=policy))
+
+
+FACTORS: dict[str, Callable[[Scenario, str], Scenario]] = {
+    "vehicles": _vehicles, "plugs": _plugs, "close": _close, "policy": _policy,
+}  # fmt: skip
+
+
+def varied(scenario: Scenario, name: str, value: str) -> Scenario:
+    """The scenario with one setting changed; a place's id as the name changes its room for trucks."""
+    if name in FACTORS:
+        return FACTORS[name](scenario, value)
+    places = [p.id for p in scenario.site.places]
+    if name not in places:
+        known = [*FACTORS, *places]
+        raise DataError(f"{name!r} cannot be varied: it is no setting and no place", do=nearest(name, known))
+    return replace(scenario, site=with_plugs(scenario.site, name, _whole(value, name)))
+
+
+def variants(base: Scenario, factors: Sequence[Factor]) -> list[tuple[dict[str, str], Scenario]]:
+    """Every combination of values, and the scenario that it makes of ``base``."""
+    fleets = [int(v) for f in factors if f.name == "vehicles" for v in f.values if v.isdigit()]
+    base = replace(base, settings=replace(base.settings, room=max([base.settings.vehicles, *fleets])))
+    out = []
+    for values in itertools.product(*(f.values for f in factors)):
+        chosen, scenario = dict(zip((f.name for f in factors), values, strict=True)), base
+        for name, value in chosen.items():
+            scenario = varied(scenario, name, value)
+        out.append((chosen, scenario))
+    return out
+
+
+def experiment(
+    bases: Sequence[Scenario],
+    factors: Sequence[Factor],
+    workers: int = 1,
+    progress: Callable[[float, float], None] = lambda done, total: None,
+) -> Result:
+    """Run every variant of every base, which differ in their seeds alone.
+
+    Returns
+    -------
+    Result
+        Tables ``runs`` (one row a variant and seed) and ``variants`` (means, and half the width of their 95 %
+        confidence intervals over the seeds); the difference to the first variant is taken seed by seed.
+
+    Raises
+    ------
+    DataError
+        For a factor that is none, or where no run at all is possible.
+    """
+    import pandas as pd
+
+    plan = [(k, base.settings.seed, *v) for base in bases for k, v in enumerate(variants(base, factors))]
+    rows = []
+    results = run_all([scenario for *_, scenario in plan], workers)
+    for (number, seed, values, _), outcome in zip(plan, results, strict=True):
+        rows.append({"variant": number, "seed": seed, **values, **_measured(outcome)})
+        progress(float(len(rows)), float(len(plan)))
+    runs = pd.DataFrame(rows).sort_values(["variant", "seed"], ignore_index=True)
+    if "tasks_done" not in runs:
+        raise DataError(f"no run is possible: {runs.error[0]}", do="change the site or what is varied")
+    table = _compared(runs, [f.name for f in factors])
+    summary = {
+        "factors": {f.name: list(f.values) for f in factors}, "seeds": [b.settings.seed for b in bases],
+        "variants": table.to_dict("records"),
+    }  # fmt: skip
+    tables = {"runs": runs, "variants": table}
+    return Result("experiment", summary, tables, {}, _shapes(runs, factors), _lines(table, factors))
+
+
+def _measured(outcome: Summary | str) -> dict[str, Any]:
+    if isinstance(outcome, str):
+        return {"error": outcome}
+    s, hours, c = outcome, outcome.duration_s / 3600.0, outcome.count
+    worst = s.limits.bottleneck
+    return {
+        "tasks_given": c.tasks_given, "tasks_done": c.tasks_done, "tasks_per_h": c.tasks_done / hours,
+        "task_wait_s": s.limits.task_wait_s["mean"], "task_wait_p95_s": s.limits.task_wait_s["p95"],
+        "waiting_share": 100.0 * s.waiting_s / (s.vehicles * s.duration_s),
+        **{f"waiting_{k.replace(' ', '_')}_h": v / 3600.0 for k, v in s.limits.waiting_s.items()},
+        "busy_share": 100.0 * next(r.utilisation for r in s.limits.resources if r.kind == "trucks"),
+        "distance_km": s.distance_m / 1000.0, "energy_kwh": s.energy_wh / 1000.0,
+        "charged_kwh": s.charged_wh / 1000.0,
+        "energy_per_task_wh": s.energy_wh / max(c.tasks_done, 1), "charges": c.charges,
+        "soc_lowest": s.soc_lowest,
+        "longest_wait_s": s.longest_wait_s, "deadlocks": c.deadlocks, "empty": len(c.empty),
+        "bottleneck": "none" if worst is None else worst.kind + (f", {worst.name}" if worst.name else ""),
+    }  # fmt: skip
+
+
+def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
+    """One row a variant: means over the seeds, half widths, and the paired change from the first variant."""
+    import pandas as pd
+
+    first = runs[runs.variant == 0].set_index("seed")
+    out = []
+    for number, group in runs.groupby("variant"):
+        row: dict[str, Any] = {"variant": number, **{n: group[n].iloc[0] for n in names}, "runs": len(group)}
+        good = group.dropna(subset="tasks_done").set_index("seed")
+        row["possible"] = len(good)
+        for name in MEASURES:
+            row[name] = float(good[name].mean()) if len(good) else float("nan")
+            row[f"{name}_ci"] = half_width(good[name].to_numpy(float)) if len(good) else float("nan")
+            change = (good[name] - first[name]).dropna().to_numpy(float)
+            row[f"{name}_change"] = float(change.mean()) if len(change) else float("nan")
+            row[f"{name}_change_ci"] = half_width(change) if len(change) else float("nan")
+        row["bottleneck"] = good.bottleneck.mode().iloc[0] if len(good) else str(group.error.iloc[0])
+        out.append(row)
+    return pd.DataFrame(out)
+
+
+def _lines(table: pd.DataFrame, factors: Sequence[Factor]) -> list[str]:
+    """The table for the terminal."""
+    columns = ["tasks/h", "change", "waiting", "Wh/task", "task waits", "bottleneck"]
+    head = [*(f.name for f in factors), *columns]
+    rows = [[*(str(r[f.name]) for f in factors), *_cells(r)] for r in table.to_dict("records")]
+    if not table.task_wait_s.any():
+        head, *rows = ([*row[:-2], row[-1]] for row in [head, *rows])
+    wide = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
+    return ["  ".join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip() for row in [head, *rows]]
+
+
+def _cells(row: Mapping[Any, Any]) -> list[str]:
+    def number(name: str, unit: str = "", sign: str = "") -> str:
+        value, half = row[name], row[f"{name}_ci"]
+        if np.isnan(value):
+            return "-"
+        return f"{value:{sign}.1f}" + (f" ± {half:.1f}" if np.isfinite(half) else "") + unit
+
+    return [
+        number("tasks_per_h"), "" if row["variant"] == 0 else number("tasks_per_h_change", sign="+"),
+        number("waiting_share", " %"), number("energy_per_task_wh"), number("task_wait_s", " s"),
+        str(row["bottleneck"]),
+    ]  # fmt: skip
+
+
+def _shapes(runs: pd.DataFrame, factors: Sequence[Factor]) -> list[Any]:
+    """A plot of each measure over the first factor's values, a curve for each combination of the others."""
+    first, rest = factors[0], [f.name for f in factors[1:]]
+    groups = list(runs.groupby(rest, sort=False)) if rest else [((), runs)]
+    out = []
+    for name, label in MEASURES.items():
+        if not runs[name].any():
+            continue
+        curves = {}
+        for key, group in groups:
+            title = ", ".join(f"{n} {v}" for n, v in zip(rest, key, strict=True))
+            curves[title] = [
+                group[group[first.name] == v][name].dropna().to_numpy(float) for v in first.values
+            ]
+        out.append(Spread(name, first.values, curves, first.name, label))
+    return out

@@ -1,0 +1,80 @@
+"""Which lanes lead to one another, so that a truck that leaves a place can come back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.network import Network
+from fleetlog.core.site import Site
+from fleetlog.errors import SiteError
+
+OPPOSITE = 2.4
+"""A lane whose heading differs by more than this from that of another leads the other way [rad]."""
+TURN_REACH = 30.0
+"""A truck turns round at the open end of a lane onto lanes that begin at most this far away [m]."""
+
+
+def parts(network: Network) -> NDArray[np.int64]:
+    """(E,) number of the strongly connected part of every edge; -1 where none of the edges ahead leads back."""
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    size = len(network)
+    turns = np.ones(len(network.next_edges))
+    graph = csr_matrix((turns, network.next_edges, network.next_first), shape=(size, size))
+    _, label = connected_components(graph, directed=True, connection="strong")
+    lone = np.bincount(label)[label] == 1
+    into_itself = graph.diagonal() > 0.0
+    return np.where(lone & ~into_itself, -1, label).astype(np.int64)
+
+
+def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> NDArray[np.bool_]:
+    """(E,) edges of the strongly connected part that most of the places lie on; of equal ones the longest.
+
+    ``wanted`` has the edges near each place.
+    """
+    label = parts(network)
+    if (label < 0).all():
+        return np.zeros(len(network), dtype=bool)
+    length = np.bincount(label[label >= 0], network.length[label >= 0])
+    score = length / (length.sum() + 1.0)
+    for edges in wanted:
+        near = np.unique(label[edges])
+        score[near[near >= 0]] += 1.0
+    return np.asarray(label == int(np.argmax(score)))
+
+
+def turning_round(network: Network) -> tuple[Network, int]:
+    """The network with turns from lanes that lead nowhere to opposite lanes that begin there; and how many."""
+    every = np.arange(len(network), dtype=np.int32)
+    leave, enter = network.heading(every, network.length), network.heading(every, np.zeros(len(network)))
+    starts, ends = network.points[network.first[:-1]], network.points[network.first[1:] - 1]
+    entered = np.isin(every, network.next_edges)
+    follow = [network.successors(i) for i in range(len(network))]
+    count = 0
+    for i in np.flatnonzero(np.diff(network.next_first) == 0):
+        near = np.linalg.norm(starts - ends[i], axis=1) <= TURN_REACH
+        back = np.abs(np.angle(np.exp(1j * (enter - leave[i])))) > OPPOSITE
+        follow[i] = np.flatnonzero(~entered & near & back).astype(np.int32)
+        count += bool(len(follow[i]))
+    first = np.concatenate([[0], np.cumsum([len(f) for f in follow])]).astype(np.int32)
+    return replace(network, next_first=first, next_edges=np.concatenate(follow)), count
+
+
+def with_loops(site: Site) -> tuple[Site, list[str]]:
+    """The site, with turning round at open ends where its map has no closed loop; and what to say about that."""
+    network = site.roads()
+    if (parts(network) >= 0).any():
+        return site, []
+    network, count = turning_round(network)
+    if (parts(network) < 0).all():
+        raise SiteError(
+            "no lane of the map leads back to where it began: a truck that leaves a place could not return",
+            do="join the ends of the lanes, or draw roads in both directions",
+        )
+    note = f"no lane of the map leads back to where it began: trucks turn round at {count} open ends"
+    return replace(site, network=network), [note]

@@ -1,0 +1,30 @@
+"""The one way to JSON: no NaN, no infinity, unknown is null."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def plain(value: Any) -> Any:
+    """JSON-ready: numpy scalars and arrays to Python's own; NaN, infinity and missing times to null."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def json_text(value: Any, indent: int | None = None) -> str:
+    """``value`` as JSON that every reader takes (RFC 8259)."""
+    return json.dumps(plain(value), indent=indent, allow_nan=False)
+
+
+def write_json(path: Path, value: Any, indent: int | None = None) -> None:
+    """Write ``value`` as a JSON file with a last line end."""
+    path.write_text(json_text(value, indent) + "\n", encoding="utf-8")

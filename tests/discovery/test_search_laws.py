@@ -1,0 +1,93 @@
+"""Laws of the statistics: against other authorities, and against the long way round."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
+from scipy.stats import kstest
+
+from fleetlog.discovery.hypotheses.sources import ErrorSource, lay_out
+from fleetlog.discovery.search.floor import noise_floor
+from fleetlog.discovery.search.judge import p_value
+from fleetlog.discovery.search.ridge import Normal, Prior, cross_validated, solve
+from fleetlog.discovery.search.sums import Sums
+
+
+@given(st.integers(0, 10_000))
+def test_the_bounded_fit_is_that_of_scipy(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    x, y = rng.normal(size=(60, 6)) @ rng.normal(size=(6, 6)), rng.normal(size=60)
+    precision, centre = rng.uniform(0.1, 5.0, 6), rng.normal(size=6)
+    low, high = -rng.uniform(0.05, 1.0, 6), rng.uniform(0.05, 1.0, 6)
+    mine = solve(x.T @ x, x.T @ y, Prior(precision, centre, low, high))
+    wide = np.vstack([x, np.diag(np.sqrt(precision))])
+    theirs = lsq_linear(wide, np.concatenate([y, np.sqrt(precision) * centre]), (low, high), tol=1e-12).x
+    assert mine == pytest.approx(theirs, abs=1e-5)
+
+
+def test_a_cross_validated_loss_is_that_of_fits_that_have_not_seen_the_fold() -> None:
+    rng = np.random.default_rng(0)
+    x, fold = rng.normal(size=(200, 4)), rng.integers(0, 5, 200)
+    y = x @ [1.0, 0.0, -2.0, 0.5] + rng.normal(size=200)
+    free = Prior(np.full(4, 1e-9), np.zeros(4), np.full(4, -np.inf), np.full(4, np.inf))
+    n = Normal(
+        np.stack([x[fold == k].T @ x[fold == k] for k in range(5)]),
+        np.stack([x[fold == k].T @ y[fold == k] for k in range(5)]),
+        np.array([y[fold == k] @ y[fold == k] for k in range(5)]),
+    )
+    losses = []
+    for k in range(5):
+        beta = np.linalg.lstsq(x[fold != k], y[fold != k], rcond=None)[0]
+        losses.append(((y - x @ beta)[fold == k] ** 2).sum())
+    assert cross_validated(n, free).losses == pytest.approx(losses, rel=1e-6)
+
+
+def test_sums_of_two_days_are_those_of_both() -> None:
+    rng = np.random.default_rng(0)
+    layout = lay_out([ErrorSource(n, 1.0) for n in "abcd"], [1, 1, 1, 1])
+    rows = [
+        rng.normal(size=(300, 4)).astype(np.float32),
+        rng.normal(size=300),
+        rng.normal(size=300),
+        rng.uniform(1, 2, 300),
+    ]
+    codes = [rng.integers(0, 3, 300), rng.integers(0, 3, 300), rng.integers(0, 2, 300)]
+    parts = [Sums.empty(layout, 3, 3, 2) for _ in range(3)]
+    for sums, which in zip(parts, (slice(None), slice(0, 120), slice(120, 300)), strict=True):
+        sums.add(*(r[which] for r in rows), *(c[which] for c in codes))
+        sums.flush()
+    whole, one, other = parts
+    for name in ("fold", "slow", "own"):
+        assert getattr(one, name) + getattr(other, name) == pytest.approx(
+            getattr(whole, name), rel=1e-4, abs=1e-3
+        )
+    assert one.energy + other.energy == pytest.approx(whole.energy)
+
+
+def test_p_values_are_uniform_where_nothing_is_concealed() -> None:
+    """An effect found on some trips, tested on others of which it knows nothing; trips share noise."""
+    rng = np.random.default_rng(7)
+    found = []
+    for _ in range(400):
+        trip = np.repeat(np.arange(40), 8)
+        noise = rng.normal(size=320) + rng.normal(size=40)[trip]
+        found.append(p_value(noise, rng.normal(size=320), trip))
+    assert kstest(found, "uniform").pvalue > 0.01
+
+
+def test_an_effect_that_is_there_has_a_small_p_value() -> None:
+    rng = np.random.default_rng(8)
+    effect, trip = rng.normal(size=320), np.repeat(np.arange(40), 8)
+    assert p_value(rng.normal(size=320) + effect, effect, trip) < 1e-4
+
+
+@pytest.mark.parametrize("noise", [0.1, 1.0, 3.0])
+def test_the_noise_floor_is_the_noise_whatever_the_effect(noise: float) -> None:
+    rng = np.random.default_rng(3)
+    x = rng.uniform(0, 6, (3000, 2))
+    residual = 4.0 * np.sin(x[:, 0]) + 2.0 * x[:, 1] + noise * rng.normal(size=3000)
+    floor = noise_floor(x, residual, np.arange(3000) // 5, rng.random(3000) < 0.3)
+    assert floor == pytest.approx(noise, rel=0.15, abs=0.12)

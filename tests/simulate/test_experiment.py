@@ -1,0 +1,155 @@
+"""Experiments: values and variants, the same tasks in each, the same answer whoever runs them."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from scipy import stats
+from simulated_sites import TRUCK, grid, place
+
+from fleetlog.cli.simulate import command
+from fleetlog.core.result import half_width
+from fleetlog.errors import DataError
+from fleetlog.simulate.engine import Settings
+from fleetlog.simulate.experiment import experiment, factor, variants
+from fleetlog.simulate.scenario import Scenario
+from fleetlog.store import Dataset, DatasetWriter
+from fleetlog.store.events import read_table
+
+PLACES = [
+    place(0, "pick", 15, 3), place(1, "pick", 15, 30), place(0, "drop", 45, 3), place(1, "drop", 45, 57),
+    place(0, "charge", 33, 45, power=60000.0), place(1, "charge", 33, 15, power=60000.0),
+]  # fmt: skip
+
+
+def base(vehicles=3, seed=0, seconds=600.0, **settings):
+    return Scenario(grid(places=PLACES), TRUCK, Settings(vehicles, seconds, seed=seed, **settings))
+
+
+@pytest.mark.parametrize(
+    "text, values",
+    [
+        ("vehicles=6..9", ("6", "7", "8", "9")),
+        ("vehicles=2..10..4,3", ("2", "6", "10", "3")),
+        ("policy=opportunity,threshold", ("opportunity", "threshold")),
+        ("close=e1,none,e2", ("none", "e1", "e2")),
+    ],
+)
+def test_values_of_a_factor(text, values):
+    assert factor(text).values == values
+
+
+@pytest.mark.parametrize(
+    "text, told",
+    [("plugs", "NAME=VALUES"), ("plugs=4..2", "empty range"), ("plugs=0", "at least 1"), ("plug=2", "did you mean"),
+     ("pick0=many", "at least 1"), ("close=nowhere", "no edge"), ("policy=never", "unknown charging policy")],
+)  # fmt: skip
+def test_what_cannot_be_varied_is_one_line(text, told):
+    with pytest.raises(Exception) as error:
+        variants(base(), [factor(text)])
+    assert told in str(error.value) and "\n" not in str(error.value)
+
+
+def test_variants_change_what_they_say_and_nothing_else():
+    made = variants(base(), [factor("plugs=1..5"), factor("close=e01h")])
+    assert len(made) == 10
+    for values, scenario in made:
+        plugs = sum(p.plugs for p in scenario.site.places if p.kind == "charge")
+        assert plugs == int(values["plugs"])
+        assert ("e01h" in scenario.site.network.index) == (values["close"] == "none")
+        assert [p for p in scenario.site.places if p.kind != "charge"] == PLACES[:4]
+        assert scenario.demand is made[0][1].demand
+
+
+def tasks_of(folder, scenario):
+    with DatasetWriter.create(folder, "simulated", scenario.site) as writer:
+        scenario.write(writer)
+    table = read_table(Dataset(folder), "tasks")
+    return table.payload.to_numpy()
+
+
+def test_fleets_of_any_size_draw_the_same_tasks(tmp_path):
+    loads = [
+        tasks_of(tmp_path / f"{k}", s) for k, (_, s) in enumerate(variants(base(), [factor("vehicles=1,4")]))
+    ]
+    few = min(map(len, loads))
+    assert few >= 3 and len(loads[1]) > len(loads[0])
+    np.testing.assert_array_equal(np.sort(loads[0][:few]), np.sort(loads[1][:few]))
+    other = tasks_of(tmp_path / "other", base(seed=1))
+    assert not np.array_equal(other[:few], loads[0][:few])
+
+
+def test_runs_are_independent_of_who_does_them_and_of_the_others():
+    factors = [factor("vehicles=2,4")]
+    alone = experiment([base(seed=1)], factors)
+    both = experiment([base(seed=0), base(seed=1)], factors, workers=2)
+    mine = both.tables["runs"].query("seed == 1").reset_index(drop=True)
+    pd.testing.assert_frame_equal(mine, alone.tables["runs"])
+    assert (mine.tasks_done > 0).all() and mine.tasks_done.is_monotonic_increasing
+
+
+def test_intervals_are_those_of_student_and_changes_are_taken_seed_by_seed():
+    result = experiment([base(seed=k) for k in range(3)], [factor("vehicles=2,3")])
+    runs, table = result.tables["runs"], result.tables["variants"]
+    rate = {n: runs[runs.variant == n].tasks_per_h.to_numpy() for n in (0, 1)}
+    low, high = stats.t.interval(0.95, 2, rate[0].mean(), stats.sem(rate[0]))
+    assert table.tasks_per_h_ci[0] == pytest.approx((high - low) / 2)
+    assert table.tasks_per_h_change[1] == pytest.approx((rate[1] - rate[0]).mean())
+    assert table.tasks_per_h_change_ci[1] == pytest.approx(half_width(rate[1] - rate[0]))
+
+
+def test_an_impossible_variant_is_told_and_the_others_run():
+    result = experiment([base()], [factor("vehicles=2,900")])
+    table = result.tables["variants"]
+    assert table.possible.tolist() == [1, 0]
+    assert "more than the site can hold" in table.bottleneck[1]
+    with pytest.raises(DataError, match="no run is possible"):
+        experiment([base()], [factor("vehicles=900")])
+
+
+@pytest.fixture
+def plan(tmp_path, project_root):
+    """An experiment's file beside a copy of the sample plant's roads."""
+    for name in ("site.toml", "roads.geojson", "truck.toml"):
+        (tmp_path / name).write_text((project_root / "sample_data" / name).read_text())
+    (tmp_path / "plan.toml").write_text(
+        'site = "site.toml"\ntruck = "truck.toml"\nduration = "5m"\nvehicles = "2..3"\nruns = 2\n'
+        '[vary]\npolicy = ["opportunity", "threshold"]\n'
+    )
+    return tmp_path
+
+
+def call(*args):
+    return CliRunner().invoke(command, [str(a) for a in args])
+
+
+def test_an_experiment_from_a_file(plan):
+    outcome = call("--experiment", plan / "plan.toml", "-o", plan / "out", "--runs", 1, "--json", "-q")
+    assert outcome.exit_code == 0, outcome.output
+    summary = json.loads(outcome.stdout)
+    assert summary["factors"] == {"vehicles": ["2", "3"], "policy": ["opportunity", "threshold"]}
+    assert summary["seeds"] == [0] and len(summary["variants"]) == 4
+    assert {f.name for f in (plan / "out").iterdir()} >= {"experiment.json", "experiment.png", "runs.parquet"}
+
+
+@pytest.mark.parametrize(
+    "arguments, told",
+    [
+        (("--runs", "0"), "at least one run"),
+        (("--vary", "vehicles=3..4"), "varied twice"),
+        (("--vehicles", "3..x"), "neither a number nor a range"),
+        (("--cycle", "vdi2198"), "an experiment is for a fleet"),
+    ],
+)
+def test_wrong_usage_is_one_line(plan, arguments, told):
+    outcome = call("--experiment", plan / "plan.toml", "-o", plan / "out", *arguments)
+    assert outcome.exit_code == 2 and told in outcome.output
+    assert not (plan / "out").exists()
+
+
+def test_an_unknown_key_of_the_file_is_one_line(plan):
+    (plan / "bad.toml").write_text('vehicle = "2..3"\n')
+    outcome = call("--experiment", plan / "bad.toml", "-o", plan / "bad")
+    assert outcome.exit_code == 2 and "did you mean 'vehicles'" in outcome.output
