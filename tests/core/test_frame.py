@@ -32,9 +32,9 @@ def test_distance_and_azimuth_from_the_origin_are_the_geodesic_ones(latitude, lo
     st.floats(-60, 60), st.floats(-179, 179), st.floats(-5000, 5000), st.floats(-5000, 5000), st.floats(-3, 3)
 )
 def test_there_and_back(latitude, longitude, x, y, rotation):
-    # PROJ returns the origin itself within a tenth of a millimetre of it.
+    # PROJ returns the origin itself within 1e-10 rad of it, 0.64 mm.
     frame = Frame(latitude, longitude, rotation)
-    assert np.allclose(frame.to_local(*frame.to_geographic(x, y)), (x, y), atol=1e-4)
+    assert np.allclose(frame.to_local(*frame.to_geographic(x, y)), (x, y), atol=1e-3)
 
 
 def test_north_is_up_and_east_is_right():
