@@ -61,7 +61,7 @@ def explain(
     told = [h for h in found.joint.chosen if not _within_tolerance(base, found.joint.model, h)]
     kept = [h for h in found.joint.chosen if h.term is not None]
     # What is written holds no free curve; the corrections beside it are fitted without one, too.
-    final = refit(problem, _named(found.joint).model, kept)
+    final = refit(problem, found.joint.model, kept)
     before = refit(problem, base, [h for h in kept if h not in told])
     known = intervals(problem, final)
     named = [h for h in kept if h in told]
@@ -94,10 +94,6 @@ def _within_tolerance(base: Model, model: Model, h: Hypothesis) -> bool:
     assert term is not None
     off = model.value(term, knob.parameter, knob.vehicle) - base.value(term, knob.parameter)
     return abs(off) <= p.allowance(model.truck) or (p.ceiling and off > 0.0)
-
-
-def _named(joint: Joint) -> Joint:
-    return replace(joint, chosen=tuple(h for h in joint.chosen if h.term is not None))
 
 
 def _strongest_untold(problem: Problem, found: Search) -> Joint | None:
@@ -169,7 +165,7 @@ def _finding(
     gain = None if unfitted is None or fitted is None else unfitted - fitted
     return Finding(
         h.term or "unknown", channel.name, text, rivals, words.needs(h.term, rivals), list(h.depends_on), where,
-        _classes(problem, beside[h]) if h in beside else _when(h, numbers),
+        _classes(problem, beside[h]) if h in beside else _when(h),
         {"vehicles": None if named_vehicle is None else [named_vehicle], "from": None, "until": None},
         parameters,
         {"p_value": scores.p_values.get(h, fit.p_value), "held_out_gain": gain, "alternatives": _alternatives(found, h, gain)},
@@ -220,7 +216,7 @@ def _where(
     return None, out
 
 
-def _when(h: Hypothesis, numbers: dict[Knob, Parameter]) -> dict[str, Any] | None:
+def _when(h: Hypothesis) -> dict[str, Any] | None:
     term = h.physics
     bounds = (
         {} if term is None else {p.bounds: dict(h.setting).get(p.name) for p in term.parameters if p.bounds}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 from fleetlog.discovery.hypotheses.curves import FreeCurve
 from fleetlog.discovery.model import Knob
@@ -48,14 +47,6 @@ class ErrorSource:
 
 
 Source = KnobSource | FieldSource | CurveSource | PlaceSource | ErrorSource
-
-
-class Widths(Protocol):
-    """What knows how many columns the cells of a field have."""
-
-    def field_width(self, odd: bool, one_way: bool) -> int:
-        """Return the number of columns of a field."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from scipy import sparse
 
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
-from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource, Layout, Source
+from fleetlog.discovery.hypotheses.sources import KnobSource, Layout, Source
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.search.ridge import Normal, Prior
 from fleetlog.discovery.search.sums import Sums
@@ -207,8 +207,3 @@ def _free(layout: Layout, model: Model, h: Hypothesis, knob: Knob, source: Sourc
         knob,
         h,
     )
-
-
-def field_source(h: Hypothesis) -> FieldSource:
-    """Return where the columns of a field come from."""
-    return FieldSource(h.term or "")

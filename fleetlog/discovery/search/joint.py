@@ -46,8 +46,6 @@ class Joint:
     """Weighted square of the recorded quantity, in the unit of the losses."""
     design: Design | None = None
     fitted: Fitted | None = None
-    share: float = 1.0
-    """How good the truck file is: its numbers are off by this share of their tolerances."""
 
 
 def verified(worse: Joint, better: Joint) -> float:
@@ -73,7 +71,7 @@ def scored(
         losses = fitted.losses / (2.0 * noise.design)
         score = float(losses.sum()) + fitted.penalty + own.occam(normal, share) + cost
         out.append(
-            Joint(model, tuple(chosen), losses, score, sums.energy / (2.0 * noise.design), own, fitted, share)
+            Joint(model, tuple(chosen), losses, score, sums.energy / (2.0 * noise.design), own, fitted)
         )
     return min(out, key=lambda j: j.score)
 

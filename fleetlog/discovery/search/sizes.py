@@ -83,7 +83,3 @@ def _curves(problem: Problem, unit: Unit, joint: Joint) -> Floats:
         if a.owner is not None and a.owner.term is None
     ]
     return np.asarray(x @ np.array(beta))
-
-
-"""Variables of which an effect may touch a part only: a place, a truck, a period.  Any other effect
-touches every trip."""
