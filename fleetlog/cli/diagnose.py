@@ -66,6 +66,7 @@ def command(
     from fleetlog.discovery.diagnose import diagnose
     from fleetlog.discovery.report.output import as_result, lines, write_diagnosis
     from fleetlog.physics.power import all_terms
+    from fleetlog.report.diagnosis import diagnosis_page
     from fleetlog.roads import load_site
     from fleetlog.store import Dataset
     from fleetlog.store.output import atomic_output
@@ -83,7 +84,9 @@ def command(
             progress=lambda step: notice(f"  {step}", quiet), **options,
         )  # fmt: skip
         write_diagnosis(result, folder)
-        write_result_recording(as_result(result), given or recording.site, folder / "recording.rrd")
+        used = given or recording.site
+        (folder / "report.html").write_text(diagnosis_page(result, used), encoding="utf-8")
+        write_result_recording(as_result(result), used, folder / "recording.rrd")
     verdict = result.verdict
     say(lines(result), {**verdict.document(), "output": str(output)}, as_json=as_json, quiet=quiet)
     if not gate:

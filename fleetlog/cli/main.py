@@ -28,6 +28,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "analyze": ("analyze", "Trips, stops, energy, density, heat maps, chargers."),
     "calibrate": ("calibrate", "Fit a truck to measured runs."),
     "diagnose": ("diagnose", "Say where model and recording differ, and what physics was left out."),
+    "report": ("report", "Write one page about a fleet, or about two datasets."),
     "export": ("export", "Write a dataset in another format."),
     "info": ("info", "Describe a dataset, log, map or recording."),
     "view": ("view", "Open a replay in the Rerun viewer."),

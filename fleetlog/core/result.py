@@ -93,12 +93,13 @@ class Series:
 
 @dataclass(frozen=True)
 class Bars:
-    """Labelled bars."""
+    """Labelled bars; ``parts`` are what each is made up of, by name, in order."""
 
     name: str
     labels: tuple[str, ...]
     values: Floats
     label: str
+    parts: dict[str, Floats] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,17 @@ def text(value: Any) -> str:
     return value
 
 
+def time_zone(value: Any) -> str:
+    """The IANA name of a time zone."""
+    from zoneinfo import ZoneInfo
+
+    try:
+        ZoneInfo(text(value))
+    except (ValueError, OSError, LookupError):
+        raise Wrong("is no time zone such as Europe/Berlin") from None
+    return str(value)
+
+
 def flag(value: Any) -> bool:
     """True or false."""
     if not isinstance(value, bool):
