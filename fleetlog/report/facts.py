@@ -48,6 +48,8 @@ class Facts:
     results: dict[str, Result] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
     ledger: Ledger = field(default_factory=pd.DataFrame)
+    energy_from: dict[str, str] = field(default_factory=dict)
+    """By truck: where its energy comes from."""
 
     @property
     def site(self) -> Site:
@@ -125,6 +127,7 @@ def _energy(facts: Facts) -> Ledger:
     table["km"], table["measured_km"] = table["metres"] / 1000.0, table["measured_m"] / 1000.0
     measured = table.groupby("vehicle_id")["measured_s"].transform("sum") > 0.0
     table["energy_km"], table["energy_h"] = table["measured_km"], table["measured_s"] / 3600.0
+    facts.energy_from = dict.fromkeys(table.loc[measured, "vehicle_id"], "power")
     keep = ["km", "energy_km", "energy_h", "used_kwh", "charged_kwh"]
     out = table.set_index(["vehicle_id", "start"])[keep]
     if "energy" not in facts.results:
@@ -133,6 +136,8 @@ def _energy(facts: Facts) -> Ledger:
     model = model[~model["vehicle_id"].isin(table.loc[measured, "vehicle_id"])]
     gauge = model["measured_kwh"]
     used = gauge.where(gauge > 0.0, model["energy_kwh"].where(gauge.isna(), 0.0))
+    known = gauge.notna().groupby(model["vehicle_id"]).any()
+    facts.energy_from |= {str(v): "state of charge" if yes else "model" for v, yes in known.items()}
     extra = {"energy_km": model["distance_km"], "energy_h": model["duration_h"], "used_kwh": used,
              "charged_kwh": (-gauge).clip(lower=0.0).fillna(0.0)}  # fmt: skip
     rows = [_summed(name, model["vehicle_id"], model["start"], values) for name, values in extra.items()]

@@ -113,20 +113,19 @@ def energy_part(f: Facts) -> Part:
     known = trucks["energy_h"] > 0.0
     trucks.loc[~known, [c for c in keep if c != "energy_h"]] = np.nan
     trucks["per_km"] = trucks["used_kwh"] / trucks["energy_km"].where(trucks["energy_km"] > 0.01)
+    trucks["source"] = [f.energy_from.get(v, "unknown") for v in trucks["vehicle_id"]]
     columns = [("vehicle_id", "truck", None), ("used_kwh", "used [kWh]", fixed(2)), ("per_km", "kWh/km", fixed(3)),
                ("charged_kwh", "charged [kWh]", fixed(2)), ("cost", f"cost [{_currency(f)}]", fixed(2)),
-               ("co2_kg", "CO2 [kg]", fixed(2))]  # fmt: skip
+               ("co2_kg", "CO2 [kg]", fixed(2)), ("source", "from", None)]  # fmt: skip
     part = Part([], [table(trucks, columns, "Energy by truck", most=60)])
-    if not known.any():
+    if not known.all():
         part.lines.append(
-            "The log has no electrical channel. Give the truck file with --truck to have the model's energy."
+            f"The energy of {', '.join(trucks.loc[~known, 'vehicle_id'])} is unknown: the log has no power channel. "
+            "With --truck it is that of the truck's model."
         )
-    elif not known.all():
-        part.lines.append(f"Without a power channel: {', '.join(trucks.loc[~known, 'vehicle_id'])}. "
-                          "Give the truck file with --truck to have the model's energy for these.")  # fmt: skip
     if "energy" in f.results:
         result = f.results["energy"]
-        part.lines += _model_lines(result)
+        part.lines += _model_lines(f, result)
         part.blocks += [
             picture(f, s, "Energy of the model by cause, all trucks") for s in shapes(f, "energy", Bars)
         ]
@@ -140,15 +139,20 @@ def _currency(f: Facts) -> str:
     return f.tariff.currency if f.tariff is not None and f.tariff.currency else "currency"
 
 
-def _model_lines(result: Result) -> list[str]:
-    s = result.summary
-    causes = sorted(((k, v) for k, v in s["ledger_kwh"].items() if v), key=lambda i: -abs(i[1]))
-    said = ", ".join(f"{k.replace('_', ' ')} {v:.2f}" for k, v in causes[:4])
-    out = [f"The truck model gives {s['energy_kwh']:.2f} kWh for all trucks: {said} kWh, and less."]
-    measured, beside = s.get("measured_kwh"), s.get("model_beside_measured_kwh")
-    if measured is not None and np.isfinite(measured) and measured:
-        out.append(f"Where power is recorded, {measured:.2f} kWh were measured and the model gives {beside:.2f} kWh "
-                   f"({beside / measured - 1.0:+.1%}).")  # fmt: skip
+def _model_lines(f: Facts, result: Result) -> list[str]:
+    causes = sorted(((k, v) for k, v in result.summary["ledger_kwh"].items() if v), key=lambda i: -abs(i[1]))
+    said = ", ".join(f"{k.replace('_', ' ')} {v:.2f} kWh" for k, v in causes[:4])
+    out = [
+        f"The truck model's energy of all trucks, {result.summary['energy_kwh']:.2f} kWh, is mostly {said}."
+    ]
+    trucks = result.tables["energy_vehicles"]
+    trucks = trucks[trucks["vehicle_id"].map(f.energy_from) == "power"]
+    measured, model = (float(trucks[c].sum()) for c in ("measured_kwh", "model_beside_measured_kwh"))
+    if measured > 0.0:
+        how = "more" if model > measured else "less"
+        out.append(
+            f"Where power is recorded, the model gives {100.0 * abs(model / measured - 1.0):.1f} % {how} than was measured."
+        )
     return out
 
 

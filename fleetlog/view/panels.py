@@ -35,7 +35,7 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
             axes.stackplot(x, part, labels=names if sign > 0 else [], colors=colours, lw=0)
     else:
         for i, (name, y) in enumerate(zip(names, values, strict=True)):
-            axes.plot(x, y, lw=1.1, color=palette.dark_colour(i), label=name)
+            axes.plot(x, y, lw=1.1, color=palette.paper_colour(name, i), label=name)
     axes.set_title(series.name.replace("_", " "))
     axes.set_xlabel(f"time ({zone.replace('_', ' ')})" if series.over_time else series.x_label)
     axes.set_ylabel(series.y_label)
