@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Result, Series, Spread
+from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Spread
 from fleetlog.core.site import Site
 from fleetlog.view.floorplan import draw_furniture, draw_map_layer, draw_overlay, draw_site, frame_map
 from fleetlog.view.panels import bars_height, draw_bars, draw_series
@@ -66,7 +66,7 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
 
 def _split(result: Result) -> tuple[list[Layer | None], list[Panel]]:
     maps: list[Layer | None] = [*[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]]
-    if not maps and any(isinstance(s, Marks | MovingLines) for s in result.shapes):
+    if not maps and any(isinstance(s, Marks | MovingLines | Flows) for s in result.shapes):
         maps = [None]
     return maps, [s for s in result.shapes if isinstance(s, Series | Bars | Spread)][:MAX_PANELS]
 
@@ -161,12 +161,14 @@ def _draw_map(
     axes.set_aspect("equal")
     draw_site(axes, site)
     if layer is not None:
-        image = draw_map_layer(axes, layer, site, scale or scales_of(result.shapes)[layer.name])
+        scale = scale or scales_of(result.shapes)[layer.name]
+        image = draw_map_layer(axes, layer, site, scale)
         axes.set_title(layer.name.replace("_", " "))
         if image is not None:
             wide = extent[2] - extent[0] > 1.3 * (extent[3] - extent[1])
             bar = figure.colorbar(
-                image.mappable, ax=axes, label=layer.label, extend=image.extend,
+                image.mappable, ax=axes, label=layer.label, extend=image.extend, ticks=scale.ticks(),
+                format=None if scale.ticks() is None else "%g",
                 orientation="horizontal" if wide else "vertical", shrink=0.7, aspect=30, pad=0.02,
             )  # fmt: skip
             bar.outline.set_visible(False)

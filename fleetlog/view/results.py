@@ -9,11 +9,12 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Result, Series, Shape
+from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
 from fleetlog.view import blueprint, palette, ribbons
 from fleetlog.view.extent import Extent, Floats, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve
+from fleetlog.view.marks import arc, head
 from fleetlog.view.meshes import join, mesh_of
 from fleetlog.view.scales import Scale, scales_of, screen_colours
 from fleetlog.view.scene import drawn_width, lane, log_site, mesh3d
@@ -21,7 +22,7 @@ from fleetlog.view.stream import Stream, entity, open_stream, verbatim
 
 MARK_COLOURS = {
     "place": palette.PLACES["pick"], "charger": palette.PLACES["charge"], "critical": palette.CRITICAL,
-    "point": (240, 240, 245),
+    "point": (240, 240, 245), **palette.PLACES,
 }  # fmt: skip
 SERIES_COLOURS = [palette.vehicle_colour(i) for i in range(24)]
 MAX_MAPS = 9
@@ -69,6 +70,8 @@ def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales:
         return _log_marks(stream, path, shape)
     if isinstance(shape, MovingLines):
         return _log_lines(stream, path, shape)
+    if isinstance(shape, Flows):
+        return _log_flows(stream, path, shape)
     if isinstance(shape, Series):
         return _log_series(stream, shape)
     # Curves with intervals are in the picture; in the recording is the table of them.
@@ -151,6 +154,20 @@ def _log_marks(stream: Stream, path: str, marks: Marks) -> str:
     )
     stream.static(f"{path}/labels", points)
     return ""
+
+
+def _log_flows(stream: Stream, path: str, flows: Flows) -> str:
+    """Arcs with heads, the wider the more."""
+    ends = [np.column_stack([e, np.full(len(e), 0.3)]) for e in (flows.start, flows.end)]
+    arcs = [arc(a, b) for a, b in zip(*ends, strict=True)]
+    if not arcs:
+        return ""
+    width = 0.6 + 3.4 * np.tile(flows.weight / flows.weight.max(), 2)
+    strips = rr.LineStrips3D(
+        [*arcs, *map(head, arcs)], radii=rr.Radius.ui_points(width), colors=[palette.CALM]
+    )
+    stream.static(path, strips)
+    return f"**{_title(flows.name)}**: the widest arrow is {_short(flows.weight.max())} {flows.label}"
 
 
 def _log_lines(stream: Stream, path: str, shape: MovingLines) -> str:
@@ -244,7 +261,7 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
         *[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
     ]
     marks = [s for s in result.shapes if isinstance(s, Marks)]
-    always = [f"{entity('result', s.name)}/**" for s in result.shapes if isinstance(s, MovingLines)]
+    always = [f"{entity('result', s.name)}/**" for s in result.shapes if isinstance(s, MovingLines | Flows)]
     always += [f"{entity('result', s.name)}/**" for s in marks if s.on is None]
     if maps:
         x0, y0, x1, _ = around(outline)
