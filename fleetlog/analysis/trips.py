@@ -60,7 +60,7 @@ def trips(dataset: Dataset, *, min_distance: float = 5.0) -> Result:
         "trip ends",
         real[["x_end", "y_end"]].to_numpy(float),
         tuple("" for _ in range(len(real))),
-        np.full(len(real), 0.6),
+        np.full(len(real), 0.3),
     )
     bars = Bars("distance by vehicle", tuple(map(str, per.index)), per.to_numpy(float), "distance [km]")
     shapes: list[Shape] = [_flows(dataset, real), ends, bars]

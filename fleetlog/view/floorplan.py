@@ -192,7 +192,7 @@ def _draw_marks(axes: Axes, marks: Marks, taken: list[Box]) -> None:
     from matplotlib.patheffects import withStroke
 
     colour = MARKS[marks.kind]
-    small = 0.006 * float(np.ptp(axes.get_xlim()))
+    small = (0.003 if marks.kind == "point" else 0.006) * float(np.ptp(axes.get_xlim()))
     sizes = np.maximum(np.asarray(marks.size, float), small)
     circles = [Circle((x, y), r) for (x, y), r in zip(marks.xy, sizes, strict=True)]
     solid, faint = marks.kind in ("charger", "point"), 0.6 if marks.kind == "point" else 1.0

@@ -11,9 +11,9 @@ import rerun.blueprint as rrb
 
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
-from fleetlog.view import blueprint, palette, ribbons
+from fleetlog.view import blueprint, palette, ribbons, thin
 from fleetlog.view.extent import Extent, Floats, around, shapes_outline
-from fleetlog.view.fleet import curve_style, log_curve
+from fleetlog.view.fleet import curve_style, log_curve, with_gaps
 from fleetlog.view.marks import arc, head
 from fleetlog.view.meshes import join, mesh_of
 from fleetlog.view.scales import Scale, scales_of, screen_colours
@@ -48,9 +48,7 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
             isinstance(s, MovingLines) or (isinstance(s, Series) and s.over_time) for s in result.shapes
         ):
             # A view of a recording without any time stays on "static"; one instant makes the timeline.
-            stream.columns(
-                "/result/instant", np.zeros(1, np.int64), lambda rows: rr.Scalars.columns(scalars=[0.0])
-            )
+            stream.instant("/result/instant")
         blueprint.send(stream, _screen(result, outline))
     return Path(out_rrd)
 
@@ -116,17 +114,16 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
     thick = 0.022 * span
     y = y0 - 0.05 * span
     xs = np.linspace(x0, x0 + 0.5 * span, 65)
-    values = scale.low + (np.arange(64) + 0.5) / 64 * (scale.high - scale.low)
-    colours = screen_colours(values, scale)[:, :3]
+    colours = screen_colours(scale.at((np.arange(64) + 0.5) / 64), scale)[:, :3]
     cells = [
         mesh_of(ribbons.ribbon(np.array([[a, y, 0.0], [b, y, 0.0]]), thick / 2, -thick / 2, 0.05), colour)
         for a, b, colour in zip(xs[:-1], xs[1:], colours, strict=True)
     ]
     stream.static(f"{path}/scale", mesh3d(join(cells)))
     top = ("≥ " if scale.clipped else "") + _short(scale.high)
-    texts = [_short(scale.low), f"{top}  {label}"]
+    texts = [_short(scale.low), _short(float(scale.at(np.array(0.5)))), f"{top}  {label}"]
     ends = rr.Points3D(
-        [[xs[0], y - thick, 0.1], [xs[-1], y - thick, 0.1]],
+        [[x, y - thick, 0.1] for x in xs[[0, 32, 64]]],
         labels=texts, radii=rr.Radius.ui_points(0.5), colors=[(225, 228, 235)], show_labels=True,
     )  # fmt: skip
     stream.static(f"{path}/scale/ends", ends)
@@ -204,7 +201,7 @@ def _log_series(stream: Stream, shape: Series) -> str:
     for i, (name, values) in enumerate(zip(names, curves, strict=True)):
         path = entity("curves", shape.name, name)
         stream.static(path, curve_style(name, SERIES_COLOURS[i % 24]))
-        log_curve(stream, path, shape.x, values)
+        log_curve(stream, path, *with_gaps(shape.x, values, thin.gap_limit(shape.x), None))
     return f"**{_title(shape.name)}**: each curve lies on the sum of those before it" if shape.stacked else ""
 
 
@@ -273,7 +270,8 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
         blueprint.floor_view(
             screen, "Plan" if m is None else _title(m.name), eye, [*flat, *_contents(m), *_own(marks, m)]
         )
-        for m in maps or [None]
+        for m in (maps or [None])
+        if len(outline)
     ]
     if len(plans) == 1:
         only = maps[0] if maps else None
@@ -291,9 +289,10 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
         for s in curves[:3]
     ]
     side.append(rrb.TextDocumentView(origin="/summary", name="Answer"))
-    left = rrb.Vertical(*plans) if len(plans) <= 2 else rrb.Grid(*plans)
+    # Without a map and without places there is nothing to see from above.
+    left = [rrb.Vertical(*plans) if len(plans) <= 2 else rrb.Grid(*plans)] if plans else []
     return rrb.Blueprint(
-        rrb.Horizontal(left, rrb.Vertical(*side), column_shares=[5, 3]),
+        rrb.Horizontal(*left, rrb.Vertical(*side), column_shares=[5, 3][-1 - len(left) :]),
         *blueprint.panels(screen),
         auto_views=False,
         auto_layout=False,

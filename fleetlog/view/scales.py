@@ -59,8 +59,15 @@ class Scale:
         """Round values evenly along a colour bar; None where matplotlib finds them itself."""
         if not np.isfinite(self.knee):
             return None
-        ends = np.arcsinh(np.array([self.low, self.high]) / self.knee)
-        return sorted({float(f"{v:.1g}") for v in self.knee * np.sinh(np.linspace(ends[0], ends[1], 7))})
+        return sorted({float(f"{v:.1g}") for v in self.at(np.linspace(0.0, 1.0, 6 - self.diverging))})
+
+    def at(self, share: Floats) -> Floats:
+        """The values at shares from 0 to 1."""
+        ends = np.array([self.low, self.high])
+        if np.isfinite(self.knee):
+            ends = np.arcsinh(ends / self.knee)
+        v = ends[0] + np.asarray(share) * (ends[1] - ends[0])
+        return np.asarray(self.knee * np.sinh(v) if np.isfinite(self.knee) else v, dtype=np.float64)
 
 
 def scale_of(values: Floats, diverging: bool = False) -> Scale:
@@ -84,7 +91,7 @@ def scale_of(values: Floats, diverging: bool = False) -> Scale:
         high = low + 1.0
     low = -high if diverging else low
     middle = float(np.median(used)) if len(used) and low in (0.0, -high) else high
-    knee = middle if high > SKEWED * middle else float("inf")
+    knee = max(middle, 1e-6 * high) if high > SKEWED * middle else float("inf")
     return Scale(low, high, diverging, top > high, knee)
 
 
