@@ -78,8 +78,8 @@ def energy(
         "zones": zone_table(books, terms, dataset.site),
     }
     whole = summed(segments.assign(all="all"), ["all"], doubt).iloc[0]
-    sources = segments.drop_duplicates(["vehicle_id", "trip_id"])["source"].value_counts().sort_index()
-    sources = {str(s): int(n) for s, n in sources.items()}
+    trips = segments.drop_duplicates(["vehicle_id", "trip_id"])["source"].value_counts().sort_index()
+    sources = {str(s): int(n) for s, n in trips.items()}
     summary = _summary(whole, terms, sources, tables)
     shapes = _shapes(books, terms, whole, tables)
     kept = {f"energy_{name}": table for name, table in tables.items() if len(table)}

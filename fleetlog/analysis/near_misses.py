@@ -90,18 +90,28 @@ def near_misses(
         "near misses", worst[["x", "y"]].to_numpy(float), labels, np.full(len(worst), 1.0), "critical"
     )
     kinds = {str(k): int(n) for k, n in table["kind"].value_counts().sort_index().items()}
-    summary = {"ttc_s": ttc, "pet_s": pet, "closing_m_s": closing, "near_misses": len(table), "kinds": kinds}
+    summary = {
+        "ttc_s": ttc,
+        "pet_s": pet,
+        "closing_m_s": closing,
+        "vehicles": len(dataset.vehicles),
+        "near_misses": len(table),
+        "kinds": kinds,
+    }
     return Result("near_misses", summary, {}, {"near_misses": table}, [marks], _lines(summary, table))
 
 
 def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
+    if s["vehicles"] < 2:
+        return ["Near misses are between trucks: one alone has none."]
     rule = f"time to collision under {s['ttc_s']:g} s, or crossing within {s['pet_s']:g} s of one another"
     if not len(table):
         return [f"No near miss between two trucks ({rule})."]
     pairs = table.groupby(["vehicle_a", "vehicle_b"]).size().sort_values(ascending=False, kind="stable")
     a, b = pairs.index[0]
     count = f"{len(table)} near miss{'' if len(table) == 1 else 'es'}"
-    return [f"{count} between two trucks ({rule}); {pairs.iloc[0]} of them between {a} and {b}."]
+    most = f"; {pairs.iloc[0]} of them between {a} and {b}" if pairs.iloc[0] > 1 else ""
+    return [f"{count} between two trucks ({rule}){most}."]
 
 
 def _fleets(dataset: Dataset) -> Iterator[Moving]:

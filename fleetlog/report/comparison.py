@@ -69,6 +69,8 @@ class Comparison:
             plain = values[1] - values[0]
             return [f"{plain:+.3g}" if np.isfinite(plain) else "–", ""]
         d, p = known
+        if not any(values):
+            return ["–", ""]
         text = f"{d.difference:+.2g} ({d.low:+.2g} to {d.high:+.2g})"
         return [text, f"significant, p {_p(p)}" if p < SIGNIFICANT else "within chance"]
 

@@ -71,7 +71,7 @@ def number(value: Any) -> str:
         return "–"
     if v == 0.0 or abs(v) >= 100.0 or v == round(v):
         return f"{v:,.0f}"
-    return f"{v:.1f}" if abs(v) >= 10.0 else f"{v:.2f}" if abs(v) >= 1.0 else f"{v:.2g}"
+    return f"{v:.1f}" if abs(v) >= 10.0 else f"{v:.2f}" if abs(v) >= 0.1 else f"{v:.2g}"
 
 
 def fixed(digits: int) -> Callable[[Any], str]:

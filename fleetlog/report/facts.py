@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.consumption import consumption
@@ -16,6 +17,7 @@ from fleetlog.analysis.density import density
 from fleetlog.analysis.energy import energy
 from fleetlog.analysis.heatmap import heatmap
 from fleetlog.analysis.near_misses import near_misses
+from fleetlog.analysis.occupancy.maps import extent
 from fleetlog.analysis.speeding import speeding
 from fleetlog.analysis.stops import stops
 from fleetlog.analysis.tariff import Tariff, costs
@@ -32,6 +34,8 @@ from fleetlog.store.trips import MIN_LOAD_CHANGE
 
 SHORTEST_TRIP = 5.0
 """A shorter trip is shunting [m]."""
+MOST_CELLS = 400
+"""Of the heat map, along its longer side."""
 Ledger = pd.DataFrame
 Progress = Callable[[str], None]
 
@@ -67,7 +71,7 @@ def gather(facts: Facts, progress: Progress) -> Facts:
     d = facts.dataset
     questions: dict[str, Callable[[], Result]] = {
         "utilisation": lambda: utilisation(d), "trips": lambda: trips(d, min_distance=SHORTEST_TRIP),
-        "stops": lambda: stops(d), "heatmap": lambda: heatmap(d, quantity="passages"),
+        "stops": lambda: stops(d), "heatmap": lambda: heatmap(d, quantity="passages", cell=_cell(d)),
         "density": lambda: density(d), "speeding": lambda: speeding(d), "near_misses": lambda: near_misses(d),
     }  # fmt: skip
     if facts.truck is not None:
@@ -81,6 +85,12 @@ def gather(facts: Facts, progress: Progress) -> Facts:
             facts.missing[name] = error.advice
     facts.ledger = _ledger(facts)
     return facts
+
+
+def _cell(dataset: Dataset) -> float:
+    """Side of the cells of the heat map [m]: 1 in a plant, more on a site of kilometres."""
+    x0, y0, x1, y1 = extent(dataset)
+    return max(1.0, float(np.ceil(max(x1 - x0, y1 - y0) / MOST_CELLS)))
 
 
 def _ledger(facts: Facts) -> Ledger:
@@ -100,9 +110,16 @@ def _ledger(facts: Facts) -> Ledger:
     if "density" in results and len(late := results["density"].tables["tasks"]):
         parts.append(_summed("delay_s", late["vehicle_id"], late["start"], late["delay"]))
     out = pd.concat(parts).groupby(level=["vehicle_id", "start"]).sum()
+    # What the data cannot show is no zero.
+    if not results["speeding"].summary["limited_s"]:
+        out = out.drop(columns="over_s")
+    if len(d.vehicles) < 2:
+        out = out.drop(columns="near_misses")
     # A truck without a load channel shows no tasks: it does not count where tasks are counted.
     loads = out.groupby(level="vehicle_id")["driving_h"].transform("sum") == 0.0
     powered = loads & (out.groupby(level="vehicle_id")["energy_h"].transform("sum") > 0.0)
+    if not loads.any():
+        out["tasks"] = np.nan
     out["load_hours"] = out["hours"].where(loads, 0.0)
     out["task_kwh"], out["energy_tasks"] = (out[c].where(powered, 0.0) for c in ("used_kwh", "tasks"))
     if facts.tariff is not None:

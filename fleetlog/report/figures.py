@@ -43,7 +43,7 @@ class Figure:
         if self.top not in ledger or (self.under is not None and self.under not in ledger):
             return float("nan")
         under = 1.0 if self.under is None else float(ledger[self.under].sum())
-        return self.factor * float(ledger[self.top].sum()) / under if under else float("nan")
+        return self.factor * float(ledger[self.top].sum(min_count=1)) / under if under else float("nan")
 
 
 FIGURES = (

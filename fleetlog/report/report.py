@@ -94,7 +94,7 @@ def _left_out(facts: Facts, progress: Progress) -> list[str]:
 
 def _page(found: Comparison, lead: list[str]) -> str:
     facts = found.facts
-    sites = list(dict.fromkeys(f.site.name for f in facts))
+    sites = list(dict.fromkeys(f.site.name if f.site.source else f.name for f in facts))
     tiles = [
         (f.label, f.shown(v[0]), found.unit(f)) for f, v in found.figures if f.title and np.isfinite(v[0])
     ]

@@ -87,8 +87,8 @@ def work(f: Facts) -> Part:
                 ("km/h", "km per hour", fixed(2)))]  # fmt: skip
     part = Part([], [table(trucks, columns, "Work by truck", most=60)])
     start = f.ledger.index.get_level_values("start").to_series()
-    hourly = f.ledger["tasks"].groupby(start.dt.floor("h").to_numpy()).sum()
-    if len(hourly) > 1:
+    hourly = f.ledger["tasks"].groupby(start.dt.floor("h").to_numpy()).sum(min_count=1)
+    if len(hourly) > 1 and hourly.notna().any():
         x = hourly.index.to_numpy().astype("datetime64[us]").astype(np.int64)
         curve = Series(
             "tasks", x, {"tasks": hourly.to_numpy(float)}, "time", "tasks per hour", over_time=True
@@ -183,8 +183,11 @@ def places(f: Facts, scale: Scale | None = None) -> Part:
         heads = [("place", "place", None), ("visits", "visits", whole), ("vehicles", "trucks", whole),
                  ("dwell_median", "median stop [s]", whole), ("hours", "truck hours", fixed(2)),
                  ("x", "x [m]", fixed(1)), ("y", "y [m]", fixed(1))]  # fmt: skip
-        part.blocks.append(table(busiest, heads, "Busiest places", most=10))
-        part.blocks.append(picture(f, None, "Places where trucks stop; the larger, the longer", result))
+        if len(busiest):
+            part.blocks.append(table(busiest, heads, "Busiest places", most=10))
+            part.blocks.append(picture(f, None, "Places where trucks stop; the larger, the longer", result))
+        else:
+            part.lines.append("No place was visited three times or more.")
     for grid in shapes(f, "heatmap", Grid)[:1]:
         part.blocks.append(picture(f, grid, "How often trucks pass", scale=scale))
     return part
@@ -248,20 +251,23 @@ SECTIONS: dict[str, Callable[[Facts], Part]] = {
 
 def answers(f: Facts) -> list[str]:
     """The report in a few sentences."""
+    values = {name: figure.of(f.ledger) for name, figure in BY_NAME.items()}
 
     def of(name: str) -> str:
-        return BY_NAME[name].shown(BY_NAME[name].of(f.ledger))
+        return BY_NAME[name].shown(values[name])
 
-    trucks = count(len(f.dataset.vehicles), "truck")
-    out = [f"{trucks} drove {of('driving_share')} % of {of('truck_hours')} truck hours, waited {of('waiting_share')} % "
-           f"and handled loads {of('handling_share')} %."]  # fmt: skip
-    if BY_NAME["tasks"].of(f.ledger) > 0.0:
+    doing = (("waiting_share", "waited"), ("handling_share", "handled loads"), ("charging_share", "charged"))
+    said = [f"{verb} {of(name)} %" for name, verb in doing if values[name] > 0.0]
+    head = f"{count(len(f.dataset.vehicles), 'truck')} drove {of('driving_share')} % of {of('truck_hours')} truck hours"
+    out = [", ".join([head, *said]) + "."]
+    if values["tasks"] > 0.0:
         out.append(
-            f"{of('tasks')} tasks were done, {of('tasks_per_hour')} per truck hour, over {of('km')} km in all."
+            f"The fleet did {of('tasks')} tasks, {of('tasks_per_hour')} per truck hour, and drove {of('km')} km."
         )
-    if BY_NAME["kwh"].of(f.ledger) > 0.0:
-        out.append(f"They used {of('kwh')} kWh, {of('kwh_per_km')} kWh per kilometre"
-                   + (f", at a cost of {of('cost')} {_currency(f)} ({of('co2_kg')} kg of CO2)." if f.tariff else "."))  # fmt: skip
+    if values["kwh"] > 0.0:
+        cost = f", at a cost of {of('cost')} {_currency(f)}" if values["cost"] > 0.0 else ""
+        co2 = f" and {of('co2_kg')} kg of CO2" if values["co2_kg"] > 0.0 else ""
+        out.append(f"The fleet used {of('kwh')} kWh, {of('kwh_per_km')} kWh per kilometre{cost}{co2}.")
     areas = f.results["density"].places.get("areas") if "density" in f.results else None
     if areas is not None and len(areas):
         first = areas.iloc[0]

@@ -136,7 +136,7 @@ def svg(
     with matplotlib.rc_context(own):
         height = float(np.clip((ON_PAGE - 1.0) * _map_ratio(result, site) + 1.0, 2.4, 7.0))
         if isinstance(shape, Series | Bars | Spread):
-            height = _height(shape)
+            height = bars_height(shape) if isinstance(shape, Bars) else PANEL_HEIGHT
         figure = Figure(figsize=(ON_PAGE, height), dpi=DPI, layout="constrained")
         FigureCanvasSVG(figure)
         if isinstance(shape, Series | Bars | Spread):
