@@ -48,7 +48,9 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
             isinstance(s, MovingLines) or (isinstance(s, Series) and s.over_time) for s in result.shapes
         ):
             # A view of a recording without any time stays on "static"; one instant makes the timeline.
-            stream.instant("/result/instant")
+            stream.columns(
+                "/result/instant", np.zeros(1, np.int64), lambda rows: rr.Scalars.columns(scalars=[0.0])
+            )
         blueprint.send(stream, _screen(result, outline))
     return Path(out_rrd)
 
@@ -159,7 +161,7 @@ def _log_flows(stream: Stream, path: str, flows: Flows) -> str:
     arcs = [arc(a, b) for a, b in zip(*ends, strict=True)]
     if not arcs:
         return ""
-    width = 0.6 + 3.4 * np.tile(flows.weight / flows.weight.max(), 2)
+    width = 0.5 + 2.5 * np.tile(flows.weight / flows.weight.max(), 2) ** 2
     strips = rr.LineStrips3D(
         [*arcs, *map(head, arcs)], radii=rr.Radius.ui_points(width), colors=[palette.CALM]
     )
@@ -195,14 +197,11 @@ def _log_lines(stream: Stream, path: str, shape: MovingLines) -> str:
 def _log_series(stream: Stream, shape: Series) -> str:
     if not shape.over_time:
         return f"**{_title(shape.name)}** ({shape.y_label} over {shape.x_label}) is in the picture"
-    names, curves = list(shape.y), [np.asarray(v, float) for v in shape.y.values()]
-    if shape.stacked:
-        curves = list(np.cumsum(np.nan_to_num(curves), axis=0))
-    for i, (name, values) in enumerate(zip(names, curves, strict=True)):
+    for i, (name, values) in enumerate(shape.y.items()):
         path = entity("curves", shape.name, name)
-        stream.static(path, curve_style(name, SERIES_COLOURS[i % 24]))
-        log_curve(stream, path, *with_gaps(shape.x, values, thin.gap_limit(shape.x), None))
-    return f"**{_title(shape.name)}**: each curve lies on the sum of those before it" if shape.stacked else ""
+        stream.static(path, curve_style(name.replace("_", " "), SERIES_COLOURS[i % 24]))
+        log_curve(stream, path, *with_gaps(shape.x, np.asarray(values, float), thin.gap_limit(shape.x), None))
+    return ""
 
 
 def _bars_text(bars: Bars) -> str:

@@ -58,12 +58,6 @@ class Stream:
             index = rr.TimeColumn(TIMELINE, timestamp=nanoseconds(time[rows]))
             self.recording.send_columns(path, [index], columns(rows))
 
-    def instant(self, path: str) -> None:
-        """One step of a timeline that has no dates, for a recording in which nothing has a time."""
-        self.recording.send_columns(
-            path, [rr.TimeColumn("step", sequence=[0])], rr.Scalars.columns(scalars=[0.0])
-        )
-
     def parts(self, path: str, time: Ints, lengths: Ints, columns: Callable[[slice], Any]) -> None:
         """Like :meth:`columns` for rows of ``lengths`` instances; ``columns`` gets the slice of instances."""
         ends = np.concatenate([[0], np.cumsum(lengths)])
