@@ -197,7 +197,9 @@ class TravelChannel:
         for name, deviation in model.fields.items():
             term = all_terms()[name]
             if term.acts == "wait":
-                total += np.maximum(deviation, 0.0)[self.lanes.at(path.motion)[0]] * path.share
+                m = path.motion
+                there = model.share(name, int(m.vehicle[0]), m.time)
+                total += np.maximum(deviation, 0.0)[self.lanes.at(m)[0]] * path.share * there
         return total
 
     def columns(self, unit: Unit, model: Model, sources: Sequence[Source]) -> tuple[Floats, Columns]:
@@ -300,7 +302,7 @@ class _About:
     def columns(self, source: Source) -> Floats:
         kinds: dict[type, Callable[[], Floats]] = {
             KnobSource: lambda: self._knob(source),  # type: ignore[arg-type]
-            FieldSource: lambda: self._field(all_terms()[source.term]),  # type: ignore[union-attr]
+            FieldSource: lambda: self._field(source),  # type: ignore[arg-type]
             CurveSource: lambda: self._curve(source.curve),  # type: ignore[union-attr]
             PlaceSource: self._place,
             ErrorSource: lambda: self._moments(source.name),  # type: ignore[union-attr]
@@ -328,15 +330,16 @@ class _About:
             sum(w * self.channel.seconds(self.path, p.changed({term.name: setting}))[0] for w, p in phases)
         )
 
-    def _field(self, term: Term) -> Floats:
-        cells = self.channel.cells(term)
+    def _field(self, source: FieldSource) -> Floats:
+        term = all_terms()[source.term]
+        cells, there = self.channel.cells(term), source.scope.share(self.vehicle, self.path.motion.time)
         if term.acts == "wait":
-            return self._by_cell(cells, self.path.share) @ cells.root(False)
+            return self._by_cell(cells, self.path.share * there) @ cells.root(False)
         first = term.parameters[0]
         now = np.asarray(self.physics.values.get(term.name, {}).get(first.name, first.neutral), dtype=float)
         # Where a cap binds, time goes with the inverse of the share of it that is driven.
         slope = np.where(self.capped, self.seconds * now, 0.0)
-        return np.asarray(self._by_cell(cells, slope) @ cells.root(term.odd))
+        return np.asarray(self._by_cell(cells, slope * there) @ cells.root(term.odd))
 
     def _place(self) -> Floats:
         roads = self.channel.roads
