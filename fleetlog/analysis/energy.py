@@ -1,12 +1,10 @@
-"""What every trip costs and why: energy by trip, vehicle, shift, hour, stretch of road and zone,
-with the ledger of terms.
-"""
+"""Energy per trip, truck, shift and road, and its breakdown by physical cause."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -22,6 +20,7 @@ from fleetlog.analysis.energybook.tables import (
     with_soc,
     zone_table,
 )
+from fleetlog.core.arguments import Between, ShiftHours
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
@@ -44,25 +43,24 @@ COLUMNS = (
 
 
 def energy(
-    dataset: Dataset, truck: Truck, physics: Physics | None = None, *, shifts: Sequence[int] = SHIFTS,
-    chemistry: str = "constant", processes: int = 2,
+    dataset: Dataset, truck: Truck, physics: Physics | None = None, *,
+    shifts: Annotated[tuple[int, ...], ShiftHours()] = SHIFTS,
+    chemistry: Literal["constant", "lfp", "lead"] = "constant",
+    workers: Annotated[int, Between(1, 10_000, whole=True)] | None = None,
 ) -> Result:  # fmt: skip
-    """The energy of a dataset as the truck's model makes it, beside what was measured.
+    """Compute the energy of every trip by physical cause, beside what was measured.
 
     Parameters
     ----------
-    dataset : recorded or simulated.
-    truck : the vehicle type.
-    physics : added and changed terms; the nominal model by default.
-    shifts : hours of the day (UTC) at which shifts begin, growing.
-    chemistry : of the battery, ``constant``, ``lfp`` or ``lead``; see :mod:`fleetlog.physics.battery`.
-    processes : at most; one for small datasets.
+    physics : physics that diagnose found (model.toml or its folder); the nominal model by default.
+    shifts : hours of the day (UTC) at which shifts begin.
+    chemistry : of the battery: shape of its voltage over the state of charge.
     """
     if not dataset.rows:
         raise DataError(f"{dataset.path} has no rows")
     physics = Physics(truck) if physics is None else physics
     battery = battery_of(physics.actual_truck(), chemistry)
-    books = list(_books(dataset, physics, battery, processes))
+    books = list(_books(dataset, physics, battery, 2 if workers is None else workers))
     terms = _term_order(books)
     segments = with_soc(segment_table(books, terms), truck)
     segments["shift"] = shift_names(segments["hour"], sorted(shifts))
@@ -249,3 +247,6 @@ def _curves(books: Sequence[Book], terms: Sequence[str]) -> list[Shape]:
         }
         out.append(Series("power", middle, both, "time", "power [kW]", over_time=True))
     return out
+
+
+ANALYSIS = energy

@@ -1,5 +1,4 @@
-"""Where it is busy: time-weighted occupancy, passages, mean speed, energy and standing time, per cell and
-stretch of road.
+"""Heat maps: time, passages, mean speed, energy and standing time, on the floor and on the roads.
 
 The sums are those of :mod:`fleetlog.analysis.occupancy.maps`; they add over days, vehicles and shifts.
 """
@@ -7,7 +6,7 @@ The sums are those of :mod:`fleetlog.analysis.occupancy.maps`; they add over day
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -29,9 +28,10 @@ from fleetlog.analysis.occupancy.maps import (
     stretches,
     values,
 )
+from fleetlog.core.arguments import Between, HourRange
 from fleetlog.core.network import Network
 from fleetlog.core.result import EdgeValues, Grid, Result, Shape
-from fleetlog.errors import DataError
+from fleetlog.errors import ArgumentError, DataError
 from fleetlog.store import Dataset
 
 Floats = NDArray[np.float64]
@@ -40,35 +40,34 @@ Floats = NDArray[np.float64]
 def heatmap(
     dataset: Dataset,
     *,
-    cell: float = 1.0,
+    cell: Annotated[float, Between(0.01, 1e6)] = 1.0,
     quantity: Quantity = "occupancy",
-    smooth: float = 0.0,
-    hours: tuple[int, int] | None = None,
-    vehicles: tuple[str, ...] = (),
-    state: str = "all",
+    smooth: Annotated[float, Between(0.0, 1e4)] = 0.0,
+    hours: Annotated[tuple[int, int], HourRange()] | None = None,
+    vehicle: tuple[str, ...] = (),
+    load: Literal["all", "laden", "empty"] = "all",
     compare: Dataset | None = None,
     by: Grouping | None = None,
 ) -> Result:
-    """A heat map over floor and roads.
+    """Draw how much time trucks spend where, on the floor and on the roads.
 
     Parameters
     ----------
     cell : size of a square cell [m].
     quantity : what is drawn; the tables hold all.
     smooth : standard deviation of a Gaussian blur [m]; 0 for none.
-    hours : first and last hour of the day (UTC), the last one excluded.
-    state : ``all``, ``laden`` or ``empty``.
-    compare : another dataset; the map is then the difference of time shares, with a significance mask.
-    by : one map for each hour of the day (UTC), vehicle or load state, all in one colour scale; they add up
-        to the whole.
+    hours : hours of the day (UTC), as 6-14; the last one is excluded.
+    load : only trucks in this load state.
+    compare : another dataset: draw the difference of time shares, with a significance mask.
+    by : one map for each hour of the day (UTC), vehicle or load state, in one colour scale.
     """
     if by is not None and compare is not None:
-        raise DataError("a comparison is of whole datasets", do="leave --by or --compare out")
-    for v in vehicles:
+        raise ArgumentError("--by and --compare do not go together", do="leave one of them out")
+    for v in vehicle:
         dataset.parts(v)
     boxes = [extent(dataset)] + ([extent(compare)] if compare else [])
     cells = cells_of(boxes, cell)
-    maps = compute_by(dataset, cells, by, hours, vehicles, state)
+    maps = compute_by(dataset, cells, by, hours, vehicle, load)
     if not maps:
         raise DataError("no row is left by this choice of hours, vehicles and load", do="choose a wider one")
     here = _sum(list(maps.values()))
@@ -81,7 +80,7 @@ def heatmap(
             [_cell_table(m).assign(**{by: name}) for name, m in maps.items()], ignore_index=True
         )
     if compare is not None:
-        other = compute(compare, cells, hours, (), state)
+        other = compute(compare, cells, hours, (), load)
         grids = [_compared(here, other, summary, table, str(compare.path))]
     shapes: list[Shape] = [*grids]
     tables = {"cells": table}

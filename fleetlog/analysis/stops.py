@@ -1,21 +1,25 @@
-"""Where trucks stand again and again, and what for: dwell clusters as places of the site."""
+"""Places where trucks stop regularly, and what for."""
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
+from fleetlog.core.arguments import Between
 from fleetlog.core.result import Marks, Result
 from fleetlog.simulate.places import carried, clusters, find_stands, mined_site, place_table
 from fleetlog.store import Dataset
 
 
-def stops(dataset: Dataset, *, min_visits: int = 3) -> Result:
-    """Places that the trucks of a dataset visit regularly.
+def stops(
+    dataset: Dataset, *, min_visits: Annotated[int, Between(1, 1_000_000_000, whole=True)] = 3
+) -> Result:
+    """Find the places where trucks stop regularly, and what for.
 
     Parameters
     ----------
-    dataset : recorded or simulated; one pass over its rows, linear in their number.
-    min_visits : a place was visited at least so often.
+    min_visits : least number of visits that makes a place.
 
     Returns
     -------

@@ -1,11 +1,12 @@
-"""Where trucks drive from and to, how far, how long and at what cost."""
+"""Trips: from where to where, how far, how long, how much energy."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
+from fleetlog.core.arguments import Between
 from fleetlog.core.result import Bars, Marks, Result
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
@@ -18,14 +19,12 @@ NEAR = 8.0
 """Trip ends this close to a place are at it [m]."""
 
 
-def trips(dataset: Dataset, *, min_distance: float = 5.0) -> Result:
-    """The trips of a dataset: table, distances, durations, energy, and how often which pair of places is
-    driven.
+def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)] = 5.0) -> Result:
+    """List the trips: from where to where, how far, how long, how much energy.
 
     Parameters
     ----------
-    dataset : recorded or simulated.
-    min_distance : trips shorter than this [m] are shunting: counted, but left out of the means.
+    min_distance : shorter trips are shunting: counted, but left out of the means [m].
     """
     table = dataset.trips
     if not len(table):

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from shuttle import LENGTH, recorded, street, truth
 
 from fleetlog.analysis.energy import energy
-from fleetlog.cli.analyses.energy import command
+from fleetlog.cli.commands import command_of
 from fleetlog.core.motion import Motion
 from fleetlog.core.result import EdgeValues, Result, Series
 from fleetlog.core.site import Site, Zone
@@ -20,6 +20,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, battery_power, ledger
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.writer import DatasetWriter
+from fleetlog.verbs.analyze import analyze
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +184,7 @@ def test_points_of_a_polygon() -> None:
 def test_the_command_writes_everything(day: tuple[Dataset, Motion], tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = [str(day[0].path), "--truck", "counterbalance-2.5t", "-o", str(out), "--json"]
-    done = CliRunner().invoke(command, arguments)
+    done = CliRunner().invoke(command_of(analyze.energy), arguments)
     assert done.exit_code == 0, done.output
     said = json.loads(done.stdout)
     assert said["trips"] == 48 and LENGTH == 120.0

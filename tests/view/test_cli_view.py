@@ -10,14 +10,14 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from fleetlog.cli.view import command
+from fleetlog.cli.commands import load_verb
 from fleetlog.errors import FleetlogError
 from fleetlog.view import headless, viewer
 from fleetlog.view.headless import ViewerError
 
 
 def run(*arguments: str) -> str:
-    outcome = CliRunner().invoke(command, list(arguments), standalone_mode=False)
+    outcome = CliRunner().invoke(load_verb("view"), list(arguments), standalone_mode=False)
     if outcome.exception:
         raise outcome.exception
     return outcome.output
