@@ -17,6 +17,8 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
+from fleetlog.errors import InputError
+
 
 def part_names(package: str) -> list[str]:
     """Module names of the parts in ``package``, sorted, without importing them;
@@ -40,7 +42,7 @@ def parts(package: str, attribute: str) -> dict[str, Any]:
         if part is not None:
             found[getattr(part, "name", module_name)] = part
     for entry in _entries(package):
-        part = entry.load()
+        part = _load(entry)
         found.setdefault(getattr(part, "name", entry.name), part)
     return found
 
@@ -49,9 +51,23 @@ def part(package: str, attribute: str, name: str) -> Any:
     """The part called ``name``, importing no other one; KeyError where there is none."""
     if name in part_names(package):
         return getattr(importlib.import_module(f"{package}.{name}"), attribute)
-    return (
-        next((e.load() for e in _entries(package) if e.name == name), None) or parts(package, attribute)[name]
-    )
+    entry = next((e for e in _entries(package) if e.name == name), None)
+    return parts(package, attribute)[name] if entry is None else _load(entry)
+
+
+def added(package: str) -> list[str]:
+    """Names of the parts that other distributions add, importing none of them."""
+    return [e.name for e in _entries(package)]
+
+
+def _load(entry: EntryPoint) -> Any:
+    """The object of an entry point; one that cannot be loaded is an error that names its distribution."""
+    try:
+        return entry.load()
+    except Exception as error:
+        owner = entry.dist.name if entry.dist else "another package"
+        what = f"the plug-in {entry.name!r} of {owner} cannot be loaded ({type(error).__name__}: {error})"
+        raise InputError(what, do=f"repair or remove {owner}") from error
 
 
 @cache
