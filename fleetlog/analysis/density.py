@@ -18,6 +18,7 @@ from fleetlog.analysis.clusters.tracking import Episode, episodes
 from fleetlog.core.arguments import Between
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
+from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 
@@ -261,17 +262,18 @@ def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
     used = s["clusters"][s["used"]]
     other = s["clusters"]["all" if s["used"] == "moving_only" else "moving_only"]
     out = [
-        f"{s['vehicles']} trucks, {s['hours']:.2f} h: {s['episodes']} critical episodes, "
-        f"{s['delay_s']:.0f} s of delay",
-        f"  in critical clusters: {used['critical_vehicle_seconds']:.0f} truck-seconds "
+        f"Congestion delayed {count(s['vehicles'], 'truck')} by {s['delay_s']:.0f} s in {s['hours']:.2f} h, "
+        f"in {count(s['episodes'], 'critical episode')}.",
+        f"Trucks spent {used['critical_vehicle_seconds']:.0f} truck-seconds in critical clusters "
         f"({other['critical_vehicle_seconds']:.0f} when standing trucks are "
         f"{'left out' if s['used'] == 'all' else 'counted too'}), "
-        f"largest {used['largest']} trucks",
+        f"at most {count(used['largest'], 'truck')} in one.",
     ]
     for row in areas.head(5).itertuples():
         out.append(
             f"  area {row.area} at ({row.x:.0f}, {row.y:.0f}) m, {row.roads}: {row.delay:.0f} s delay "
-            f"[{row.delay_low:.0f}, {row.delay_high:.0f}], {row.episodes} episodes, {row.vehicles} trucks"
+            f"({row.delay_low:.0f} to {row.delay_high:.0f}), {count(row.episodes, 'episode')}, "
+            f"{count(row.vehicles, 'truck')}"
         )
     return out
 

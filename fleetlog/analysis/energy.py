@@ -24,6 +24,7 @@ from fleetlog.core.arguments import Between, ShiftHours
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
+from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError
 from fleetlog.physics.battery import BatteryModel, battery_of
 from fleetlog.physics.power import Physics
@@ -154,40 +155,37 @@ def _lines(
 ) -> list[str]:
     total = whole["energy_kwh"]
     per_km = f", {whole['kwh_per_km']:.3f} kWh/km" if np.isfinite(whole["kwh_per_km"]) else ""
-    of_it = (
-        f"auxiliary share {whole['auxiliary_share']:.0%}; " if np.isfinite(whole["auxiliary_share"]) else ""
-    )
+    trips = count(len(tables["trips"]), "trip")
     out = [
-        f"{len(tables['trips'])} trips of {len(tables['vehicles'])} vehicles: {total:.2f} kWh"
-        f" (+-{1.96 * whole['deviation_kwh']:.2f}) for {whole['distance_km']:.1f} km"
-        f" in {whole['duration_h']:.1f} h{per_km}"
+        f"{trips} of {count(len(tables['vehicles']), 'truck')} took {total:.2f} kWh"
+        f" (± {1.96 * whole['deviation_kwh']:.2f}): {whole['distance_km']:.1f} km"
+        f" in {whole['duration_h']:.1f} h{per_km}."
     ]
     shares = ", ".join(f"{t.replace('_', ' ')} {whole[f'{t}_kwh']:.2f}" for t in terms if whole[f"{t}_kwh"])
-    out.append(f"ledger in kWh: {shares}")
+    out.append(f"Breakdown in kWh: {shares}.")
+    auxiliary = whole["auxiliary_share"]
     out.append(
-        f"{whole['regenerated_kwh'] + 0.0:.2f} kWh flowed back; {of_it}"
-        f"highest power {whole['peak_power_kw']:.1f} kW"
+        f"Recovered: {whole['regenerated_kwh'] + 0.0:.2f} kWh; highest power {whole['peak_power_kw']:.1f} kW"
+        + (f"; auxiliary loads take {percent(auxiliary)}." if np.isfinite(auxiliary) else ".")
     )
     if np.isfinite(whole["measured_kwh"]) and whole["measured_kwh"]:
         share = whole["difference_kwh"] / whole["measured_kwh"]
         out.append(
-            f"measured {whole['measured_kwh']:.2f} kWh, model there {whole['model_beside_measured_kwh']:.2f} "
-            "kWh:"
-            f" {share:+.1%}"
+            f"Where energy was measured: {whole['measured_kwh']:.2f} kWh measured, "
+            f"{whole['model_beside_measured_kwh']:.2f} kWh modelled ({100.0 * share:+.1f} %)."
         )
     if whole["collapsed_s"] > 0.0:
         out.append(
-            f"the voltage collapses (to {whole['lowest_voltage_v']:.1f} V) for {whole['collapsed_s']:.0f} s: "
-            "the model asks for"
-            " more power than the battery can give"
+            f"The voltage collapses (to {whole['lowest_voltage_v']:.1f} V) for {whole['collapsed_s']:.0f} s: "
+            "the model asks for more power than the battery can give."
         )
-    known = [f"{SAID[s]} ({n} trips)" for s, n in sources.items() if s != "nothing"]
+    known = [f"{SAID[s]} ({count(n, 'trip')})" for s, n in sources.items() if s != "nothing"]
     without = sources.get("nothing", 0)
     if known:
-        rest = f"; {without} trips have no electrical channel" if without else ""
-        out.append(f"measured energy is taken from {', '.join(known)}{rest}")
+        rest = f"; {count(without, 'trip')} had none" if without else ""
+        out.append(f"Measured energy comes from {', '.join(known)}{rest}.")
     else:
-        out.append("the log has no electrical channel: nothing was measured, the figures are the model's")
+        out.append("The log has no electrical channel: nothing was measured, the figures are the model's.")
     return out
 
 

@@ -31,6 +31,7 @@ from fleetlog.analysis.occupancy.maps import (
 from fleetlog.core.arguments import Between, HourRange
 from fleetlog.core.network import Network
 from fleetlog.core.result import EdgeValues, Grid, Result, Shape
+from fleetlog.core.words import count, percent
 from fleetlog.errors import ArgumentError, DataError
 from fleetlog.store import Dataset
 
@@ -192,25 +193,25 @@ def _energy(s: dict[str, Any]) -> str:
         return "energy unknown"
     part = s["energy_known_share"]
     return f"{s['energy_kwh']:.1f} kWh" + (
-        f" (power known for {part:.0%} of the time)" if part < 0.995 else ""
+        f" (power known for {percent(part)} of the time)" if part < 0.995 else ""
     )
 
 
 def _lines(s: dict[str, Any]) -> list[str]:
     b = s["busiest"]
     out = [
-        f"{s['vehicle_hours']:.1f} vehicle hours on {s['visited_cells']} cells of {s['cell_m']:g} m, "
-        f"{s['distance_km']:.1f} km, {_energy(s)}, {s['standing_hours']:.1f} h standing",
-        f"  busiest cell at ({b['x']:.0f}, {b['y']:.0f}) m: {b['hours']:.2f} h",
+        f"The busiest place is at ({b['x']:.0f}, {b['y']:.0f}) m: {b['hours']:.2f} truck hours.",
+        f"In all {s['vehicle_hours']:.1f} truck hours on {count(s['visited_cells'], 'cell')} of {s['cell_m']:g} m, "
+        f"{s['distance_km']:.1f} km, {_energy(s)}, {s['standing_hours']:.1f} h standing.",
     ]
     if "by" in s:
         parts = ", ".join(f"{name} {v['vehicle_hours']:.2f} h" for name, v in list(s["by"].items())[:24])
-        out.append(f"  of these {parts}")
+        out.append(f"Of these {parts}.")
     if "compare" in s:
         c = s["compare"]
         out.append(
-            f"  against {c['other']}: {c['significant_cells']} cells differ significantly, "
-            f"{c['moved_share']:.1%} of the time lies elsewhere"
+            f"Compared with {c['other']}, {count(c['significant_cells'], 'cell')} differ significantly; "
+            f"{percent(c['moved_share'], 1)} of the time is spent elsewhere."
         )
     return out
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from fleetlog.core.arguments import Between
 from fleetlog.core.result import Bars, Marks, Result
+from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 
@@ -67,23 +68,23 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
 
 def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
     out = [
-        f"{s['trips']} trips of {s['vehicles']} vehicles, {s['distance_m'] / 1000.0:.1f} km"
-        f" in {s['driving_time_s'] / 3600.0:.1f} h of driving"
+        f"{count(s['vehicles'], 'truck')} made {count(s['trips'], 'trip')}: {s['distance_m'] / 1000.0:.1f} km"
+        f" in {s['driving_time_s'] / 3600.0:.1f} h of driving."
     ]
     if s["mean_distance_m"] is not None:
         out.append(
-            f"mean trip {s['mean_distance_m']:.0f} m in {s['mean_duration_s']:.0f} s, "
-            f"{s['mean_speed_m_s']:.2f} m/s while driving"
+            f"The mean trip is {s['mean_distance_m']:.0f} m in {s['mean_duration_s']:.0f} s, "
+            f"at {s['mean_speed_m_s']:.2f} m/s while driving."
         )
     if s["energy_wh"] is not None:
         out.append(
-            f"energy {s['energy_wh'] / 1000.0:.2f} kWh, {s['energy_wh_per_km']:.0f} Wh/km, "
-            "stops at the ends included"
+            f"Energy: {s['energy_wh'] / 1000.0:.2f} kWh, {s['energy_wh_per_km']:.0f} Wh/km, "
+            "with the stops at the ends."
         )
     for r in pairs.head(5).to_dict("records"):
         if r["from_place"] and r["to_place"]:
             out.append(
-                f"{r['from_place']} to {r['to_place']}: {r['trips']} trips, {r['distance_mean']:.0f} m"
+                f"  {r['from_place']} to {r['to_place']}: {count(r['trips'], 'trip')}, {r['distance_mean']:.0f} m"
             )
     return out
 

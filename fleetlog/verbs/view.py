@@ -1,4 +1,4 @@
-"""Open a replay or an analysis in the Rerun viewer."""
+"""Open a replay, an analysis, a map or a log in the Rerun viewer."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 from fleetlog.api.answer import Answer
-from fleetlog.api.inputs import DatasetLike, PathLike, as_path, existing, files_of, temporary
+from fleetlog.api.inputs import DatasetLike, PathLike, as_path, as_site, existing, files_of, temporary
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between
-from fleetlog.errors import ArgumentError
+from fleetlog.errors import ArgumentError, InputError
 from fleetlog.listening import notice
 
 
@@ -20,7 +20,7 @@ def view(
     screenshot: PathLike | None = None, at: str | None = None,
     rate: Annotated[float, Between(0.01, 100.0)] | None = None, overwrite: bool = False,
 ) -> Answer:  # fmt: skip
-    """Open PATH in the Rerun viewer: a dataset, the folder of an analysis or an .rrd file.
+    """Open PATH in the Rerun viewer: a dataset, an analysis, an .rrd file, a map, a site or a log.
 
     The replay of a dataset is made again where it is missing or older than the dataset, or when --rate is
     given. With --beside, PATH is the recorded fleet (orange) and the other one the simulated (blue).
@@ -69,9 +69,29 @@ def _written(
 
 
 def _recording(path: Path, rate: float | None) -> Path:
+    """The recording of a folder or file; one is made of a map, a site or a log."""
     from fleetlog.view import viewer
 
+    if path.is_file() and path.suffix.lower() != ".rrd":
+        return _drawn(path)
     return viewer.recording_of(path, rate_hz=rate, say=notice)
+
+
+def _drawn(path: Path) -> Path:
+    from fleetlog.core.result import Result
+    from fleetlog.verbs._describe import describe
+    from fleetlog.verbs.import_ import import_
+    from fleetlog.view.results import write_result_recording
+
+    summary, lines = describe(path)
+    if summary["kind"] == "log":
+        return import_(path).dataset.path / "recording.rrd"
+    if summary["kind"] not in ("site", "map"):
+        what = f"is a {summary['kind']}: nothing to draw"
+        raise InputError(what, where=path, do="name a dataset, an analysis, a map, a site or a log")
+    site = as_site(path)
+    target = temporary() / "site.rrd"
+    return write_result_recording(Result(site.name, {}, lines=[line.strip() for line in lines]), site, target)
 
 
 def _comparison(path: Path, beside: Path, kept: Path | None, rate: float | None) -> Path:

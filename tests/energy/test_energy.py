@@ -204,7 +204,7 @@ def test_a_battery_that_cannot_give_the_power_is_reported(
     assert answer.summary["collapsed_s"] == 0.0 and "collapses" not in " ".join(answer.lines)
     weak = energy(day[0], truck.with_value("battery.internal_resistance", 0.2), chemistry="lead")
     assert weak.summary["collapsed_s"] > 0.0
-    assert any("the voltage collapses" in line for line in weak.lines)
+    assert any("The voltage collapses" in line for line in weak.lines)
     trips = weak.tables["energy_trips"]
     assert np.isfinite(trips["lowest_voltage_v"]).all() and np.isfinite(trips["soc_end_model"]).all()
     assert (trips["soc_end_model"] < trips["soc_start"]).all()

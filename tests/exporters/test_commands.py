@@ -108,3 +108,13 @@ def test_info_says_3_for_a_damaged_log(tmp_path: Path) -> None:
     done = CliRunner().invoke(load_verb("info"), [str(path)], standalone_mode=False)
     assert done.return_value == 3
     assert "rejected  1" in done.stdout
+
+
+def test_info_of_a_folder_of_results(make_dataset, tmp_path: Path) -> None:
+    import fleetlog
+
+    out = tmp_path / "trips"
+    answer = fleetlog.analyze.trips(make_dataset(vehicles=2).path, output=out)
+    told, lines = describe(out)
+    assert told["kind"] == "analysis" and told["summary"]["trips"] == answer.summary["trips"]
+    assert "trips.json" in told["files"] and any("trips: " in line for line in lines)

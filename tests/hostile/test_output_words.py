@@ -137,7 +137,7 @@ def test_json_has_no_nan_and_no_infinity(value: object) -> None:
 def test_unknown_energy_is_null_and_not_zero(tmp_path: Path) -> None:
     unknown, known = dataset(tmp_path / "a", ["T1"]), dataset(tmp_path / "b", ["T1"], power=3600.0)
     result = heatmap(unknown, quantity="energy")
-    assert result.summary["energy_kwh"] is None and "energy unknown" in result.lines[0]
+    assert result.summary["energy_kwh"] is None and "energy unknown" in result.lines[1]
     assert result.tables["cells"]["energy"].isna().all()
     assert all(not np.isfinite(s.values).any() for s in result.shapes if isinstance(s, Grid))
     Answer.of(result, Site()).save(tmp_path / "out")
