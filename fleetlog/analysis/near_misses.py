@@ -1,4 +1,4 @@
-"""Near misses between trucks: time to collision, and post-encroachment time where their ways cross.
+"""Near misses between trucks: time to collision and post-encroachment time.
 
 A truck is a capsule, ``length`` by ``width``: two discs at its ends stand for it when it is on a collision course.
 
@@ -13,14 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fleetlog.core.arguments import Between
 from fleetlog.core.result import Marks, Result
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.words import count
 from fleetlog.store import Dataset
 
 Floats = NDArray[np.float64]
@@ -60,16 +62,19 @@ class Moving:
 
 
 def near_misses(
-    dataset: Dataset, *, ttc: float = 1.0, pet: float = 1.0, closing: float = 1.0, length: float = 2.5,
-    width: float = 1.2,
+    dataset: Dataset, *, ttc: Annotated[float, Between(0.0, 60.0)] = 1.0,
+    pet: Annotated[float, Between(0.0, 60.0)] = 1.0, closing: Annotated[float, Between(0.0, 60.0)] = 1.0,
+    length: Annotated[float, Between(0.1, 30.0)] = 2.5, width: Annotated[float, Between(0.1, 10.0)] = 1.2,
 ) -> Result:  # fmt: skip
-    """Pairs of trucks that came close to a collision.
+    """Find pairs of trucks that came close to a collision.
 
     Parameters
     ----------
-    ttc, pet : times to collision, and post-encroachment times, below these count [s].
-    closing : only where the trucks approach one another at least this fast [m/s].
-    length, width : of a truck [m].
+    ttc : times to collision below this count (s).
+    pet : post-encroachment times below this count (s).
+    closing : least speed at which two trucks approach one another (m/s).
+    length : of a truck (m).
+    width : of a truck (m).
 
     Returns
     -------
@@ -109,9 +114,8 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
         return [f"No near miss between two trucks ({rule})."]
     pairs = table.groupby(["vehicle_a", "vehicle_b"]).size().sort_values(ascending=False, kind="stable")
     a, b = pairs.index[0]
-    count = f"{len(table)} near miss{'' if len(table) == 1 else 'es'}"
     most = f"; {pairs.iloc[0]} of them between {a} and {b}" if pairs.iloc[0] > 1 else ""
-    return [f"{count} between two trucks ({rule}){most}."]
+    return [f"{count(len(table), 'near miss', 'near misses')} between two trucks ({rule}){most}."]
 
 
 def _fleets(dataset: Dataset) -> Iterator[Moving]:
@@ -260,3 +264,6 @@ def _kinds(angle: Floats) -> NDArray[np.object_]:
         angle < np.radians(30.0), "behind", np.where(angle > np.radians(150.0), "head-on", "crossing")
     )
     return kinds.astype(object)
+
+
+ANALYSIS = near_misses

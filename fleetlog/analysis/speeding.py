@@ -1,14 +1,15 @@
-"""Where and when trucks exceed the speed limit of the road or of the zone that they are in."""
+"""Where and when trucks exceed the speed limit."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from fleetlog.analysis.utilisation import joined_days
+from fleetlog.core.arguments import Between, Share
 from fleetlog.core.result import Marks, Result
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
@@ -21,13 +22,15 @@ EVENTS = ("vehicle_id", "start", "end", "duration", "top_speed", "limit", "place
 WORST = 12
 
 
-def speeding(dataset: Dataset, *, margin: float = 0.1, shortest: float = 2.0) -> Result:
-    """Stretches of driving above the limit: the lower of the road's and the zone's.
+def speeding(
+    dataset: Dataset, *, margin: Share = 0.1, shortest: Annotated[float, Between(0.0, 3600.0)] = 2.0
+) -> Result:
+    """Find where and when trucks exceed the limit of the road, or of the zone where that is lower.
 
     Parameters
     ----------
     margin : share of the limit that a truck may exceed it by; logged speeds are a few per cent off.
-    shortest : shorter stretches are ignored [s].
+    shortest : shorter stretches are ignored (s).
 
     Returns
     -------
@@ -119,3 +122,6 @@ def _events(t: Trajectory, site: Site, margin: float) -> tuple[list[tuple[Any, .
             )
         )
     return rows, driven
+
+
+ANALYSIS = speeding

@@ -1,4 +1,4 @@
-"""What every truck does all the time: drive empty or laden, handle a load, wait, charge, stand idle.
+"""What the trucks do: drive empty or laden, handle loads, wait, charge, stand idle.
 
 A simulation says so itself.  Of a recording it is read from motion, load, forks and power, by these rules:
 
@@ -55,7 +55,7 @@ Mask = NDArray[np.bool_]
 
 
 def utilisation(dataset: Dataset) -> Result:
-    """The time of every truck, by what it does.
+    """Divide the time of every truck by what it does.
 
     Returns
     -------
@@ -195,3 +195,6 @@ def quarters(table: pd.DataFrame) -> pd.DataFrame:
         n: pd.to_datetime(v, unit="us", utc=True).as_unit("us") for n, v in (("start", low), ("end", high))
     }
     return table.iloc[row].reset_index(drop=True).assign(**stamps)
+
+
+ANALYSIS = utilisation

@@ -96,8 +96,3 @@ def percent(value: Any) -> str:
 def clock(value: Any) -> str:
     """A local time to the second."""
     return "–" if pd.isna(value) else f"{value:%d %b %H:%M:%S}"
-
-
-def count(value: int, noun: str, plural: str = "") -> str:
-    """``1 truck``, ``2 trucks``."""
-    return f"{value:,} {noun if value == 1 else plural or noun + 's'}"

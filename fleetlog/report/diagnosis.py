@@ -12,8 +12,9 @@ from fleetlog.discovery.diagnose import Diagnosis, diagnose
 from fleetlog.discovery.report.finding import Finding
 from fleetlog.discovery.report.output import HEADS, shapes
 from fleetlog.errors import DataError
+from fleetlog.listening import progress
 from fleetlog.report.content import Picture, Table
-from fleetlog.report.facts import Facts, Progress
+from fleetlog.report.facts import Facts
 from fleetlog.report.page import render
 from fleetlog.view.picture import svg
 from fleetlog.view.scales import scales_of
@@ -21,15 +22,16 @@ from fleetlog.view.scales import scales_of
 MOST_ROADS = 20
 
 
-def in_short(facts: Facts, progress: Progress) -> list[str]:
+def in_short(facts: Facts) -> list[str]:
     """The verdict, the strongest finding, and how well the model does with and without what was found."""
     assert facts.truck is not None
     try:
-        v = diagnose(
-            facts.dataset, facts.truck, progress=lambda s: progress(f"{facts.name}: diagnosis, {s}")
-        ).verdict
+        found = diagnose(
+            facts.dataset, facts.truck, progress=lambda s: progress(f"{facts.name}: diagnosis, {s}", 0.0)
+        )
     except DataError as error:
         return [f"The diagnosis could not be made: {error.advice}."]
+    v = found.verdict
     count = len(v.findings)
     out = [HEADS.get(v.word, f"The truck model leaves out {count} effect{'s' if count > 1 else ''}.")]
     if v.findings:

@@ -27,6 +27,7 @@ from fleetlog.core.result import Result
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
+from fleetlog.listening import progress
 from fleetlog.simulate.places import find_stands
 from fleetlog.store import Dataset
 from fleetlog.store.events import read_table
@@ -37,7 +38,6 @@ SHORTEST_TRIP = 5.0
 MOST_CELLS = 400
 """Of the heat map, along its longer side."""
 Ledger = pd.DataFrame
-Progress = Callable[[str], None]
 
 
 @dataclass
@@ -66,7 +66,7 @@ class Facts:
         return local
 
 
-def gather(facts: Facts, progress: Progress) -> Facts:
+def gather(facts: Facts) -> Facts:
     """Run every analysis that the dataset can carry, and sum up the ledger."""
     d = facts.dataset
     questions: dict[str, Callable[[], Result]] = {
@@ -77,8 +77,8 @@ def gather(facts: Facts, progress: Progress) -> Facts:
     if facts.truck is not None:
         truck = facts.truck
         questions["energy"] = lambda: energy(d, truck)
-    for name, question in questions.items():
-        progress(f"{facts.name}: {name.replace('_', ' ')}")
+    for number, (name, question) in enumerate(questions.items()):
+        progress(f"{facts.name}: {name.replace('_', ' ')}", number / len(questions))
         try:
             facts.results[name] = question()
         except DataError as error:

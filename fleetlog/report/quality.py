@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fleetlog.report.content import count
+from fleetlog.core.words import count
 from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP
 

@@ -10,18 +10,19 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fleetlog import __version__
 from fleetlog.analysis.tariff import load_tariff
 from fleetlog.core.result import EdgeValues, Grid
 from fleetlog.core.schema import Wrong, time_zone
-from fleetlog.core.truck import Truck, load_truck
-from fleetlog.errors import InputError
+from fleetlog.core.truck import Truck
+from fleetlog.core.words import count
+from fleetlog.errors import ArgumentError
 from fleetlog.report.comparison import Comparison
-from fleetlog.report.content import Part, Section, count
-from fleetlog.report.facts import Facts, Progress, gather
+from fleetlog.report.content import Part, Section
+from fleetlog.report.facts import Facts, gather
 from fleetlog.report.page import render
 from fleetlog.report.sections import SECTIONS, answers, local_span, shapes
 from fleetlog.store import Dataset
+from fleetlog.version import __version__
 from fleetlog.view.scales import Scale, scale_of
 
 
@@ -37,36 +38,33 @@ class Report:
 
 
 def report(
-    *datasets: str | Path | Dataset, truck: str | Path | Truck | None = None, tariff: str | Path | None = None,
-    timezone: str | None = None, diagnosis: bool = True, progress: Progress = lambda _: None,
+    datasets: Sequence[Dataset], *, truck: Truck | None = None, tariff: Path | None = None,
+    timezone: str | None = None, diagnosis: bool = True,
 ) -> Report:  # fmt: skip
-    """Report on one dataset, or compare two: the function behind ``fleetlog report``, with the same arguments.
+    """Report on one dataset, or compare two.
 
     Parameters
     ----------
     datasets : one or two, recorded or simulated; of two, differences are those of the second from the first.
-    truck : truck file or name of a preset: energy by cause, and what the model leaves out.
+    truck : gives energy by cause, and what its model leaves out.
     tariff : file of prices and carbon intensity by hour; see :mod:`fleetlog.analysis.tariff`.
     timezone : of the hours, as ``Europe/Berlin``; that of the first dataset's site by default.
     diagnosis : whether to run the diagnosis of recordings where a truck is given; it takes longest.
-    progress : told what is being done.
 
     Raises
     ------
+    ArgumentError
+        There are no datasets or more than two, or the time zone is none.
     InputError
-        A file is at fault, or there are no datasets or more than two.
+        A file is at fault.
     """
     if not 1 <= len(datasets) <= 2:
-        raise InputError(f"a report takes one or two datasets, not {len(datasets)}")
-    opened = [d if isinstance(d, Dataset) else Dataset(d) for d in datasets]
-    zone = _zone(timezone, opened[0])
-    model = load_truck(truck) if isinstance(truck, str | Path) else truck
+        raise ArgumentError(f"a report takes one or two datasets, not {len(datasets)}")
+    zone = _zone(timezone, datasets[0])
     prices = None if tariff is None else load_tariff(tariff)
-    facts = [
-        gather(Facts(name, d, zone, model, prices), progress)
-        for name, d in zip(_names(opened), opened, strict=True)
-    ]
-    left_out = [_left_out(f, progress) for f in facts] if diagnosis and model is not None else []
+    names = _names(datasets)
+    facts = [gather(Facts(n, d, zone, truck, prices)) for n, d in zip(names, datasets, strict=True)]
+    left_out = [_left_out(f) for f in facts] if diagnosis and truck is not None else []
     found = Comparison(facts, left_out)
     lead = found.changes() if found.two else answers(facts[0])
     return Report(_page(found, lead), _summary(found, lead), _tables(found), lead, zone)
@@ -76,7 +74,7 @@ def _zone(given: str | None, first: Dataset) -> str:
     try:
         return time_zone(given or first.site.timezone)
     except Wrong as wrong:
-        raise InputError(f"{given!r} {wrong}") from None
+        raise ArgumentError(f"{given!r} {wrong}", option="--timezone") from None
 
 
 def _names(datasets: Sequence[Dataset]) -> list[str]:
@@ -85,11 +83,11 @@ def _names(datasets: Sequence[Dataset]) -> list[str]:
     return names if len(set(names)) == len(names) else [f"{n} ({i})" for i, n in enumerate(names, start=1)]
 
 
-def _left_out(facts: Facts, progress: Progress) -> list[str]:
+def _left_out(facts: Facts) -> list[str]:
     """The diagnosis in three sentences; none for a simulation."""
     from fleetlog.report.diagnosis import in_short
 
-    return in_short(facts, progress) if facts.dataset.kind == "recorded" else []
+    return in_short(facts) if facts.dataset.kind == "recorded" else []
 
 
 def _page(found: Comparison, lead: list[str]) -> str:

@@ -10,8 +10,9 @@ import pandas as pd
 
 from fleetlog.analysis.utilisation import STATES, state_bars
 from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, Result, Series
+from fleetlog.core.words import count
 from fleetlog.report.battery import charge_curves, charge_table
-from fleetlog.report.content import Part, Picture, Table, clock, count, fixed, number, percent, table, whole
+from fleetlog.report.content import Part, Picture, Table, clock, fixed, number, percent, table, whole
 from fleetlog.report.facts import Facts
 from fleetlog.report.figures import BY_NAME
 from fleetlog.report.quality import quality

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pandas as pd
 
 from fleetlog.errors import InputError
+from fleetlog.store.output import atomic_output
 
 TEXT_ONLY = {"strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False}
 """A text that begins with = is a text."""
 MOST_ROWS = 1_000_000
 """A sheet holds no more."""
-
-
-def is_workbook(path: Path) -> bool:
-    """Whether tables are to be written as a workbook."""
-    return path.suffix.lower() == ".xlsx"
 
 
 def check_workbook() -> None:
@@ -29,6 +27,21 @@ def check_workbook() -> None:
             "writing .xlsx needs another package",
             do="install fleetlog[excel], or name a folder for Parquet files",
         ) from None
+
+
+@contextmanager
+def held(
+    target: Path | None, overwrite: bool, inputs: Iterable[Path]
+) -> Iterator[Callable[[dict[str, pd.DataFrame], str], None]]:
+    """Hold the place of the tables; the function that is given writes them there, times in a zone, if there is one."""
+    if target is None:
+        yield lambda tables, zone: None
+        return
+    book = target.suffix.lower() == ".xlsx"
+    if book:
+        check_workbook()
+    with atomic_output(target, "report tables", overwrite=overwrite, folder=not book, inputs=inputs) as out:
+        yield lambda tables, zone: write_workbook(tables, out, zone) if book else write_parquet(tables, out)
 
 
 def write_parquet(tables: dict[str, pd.DataFrame], folder: Path) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import T0, rows, straight
+from drawn_trucks import T0, crossing, random_truck, rows, straight
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,17 +20,6 @@ from fleetlog.core.site import Frame, Site, Zone
 from fleetlog.errors import InputError
 
 SQUARE = np.array([[0.0, -5.0], [30.0, -5.0], [30.0, 5.0], [0.0, 5.0]])
-
-
-def random_truck(seed: int, n: int = 300):
-    rng = np.random.default_rng(seed)
-    t = np.cumsum(rng.choice([0.5, 1.0, 1.0, 90.0], n, p=[0.4, 0.4, 0.19, 0.01]))
-    runs = np.repeat(rng.random(n // 10) < 0.5, 10)
-    return rows(
-        f"T{seed}", t, speed=np.where(runs, 2.0, 0.0), x=0.0, y=0.0, heading=0.0,
-        payload=np.repeat(rng.choice([0.0, 900.0], n // 20), 20), fork_height=np.repeat(rng.random(n // 5), 5),
-        battery_power=rng.normal(500, 900, n), soc=np.linspace(0.8, 0.6, n),
-    )  # fmt: skip
 
 
 @given(st.integers(0, 10_000))
@@ -127,15 +116,6 @@ def test_time_to_contact_of_a_head_on_course_is_gap_over_closing_speed(
     assert time_to_contact(at, velocity, 1.2)[0] == pytest.approx((gap - 1.2) / (one + two))
     assert time_to_contact(-at, -velocity, 1.2) == time_to_contact(at, velocity, 1.2)
     assert np.isinf(time_to_contact(at, -velocity, 1.2)[0])
-
-
-def crossing(delay: float, turn: float = 0.0, shift=(0.0, 0.0), names=("A", "B")):
-    """Two trucks at 2 m/s on ways that cross at right angles; the second is at the crossing ``delay`` s later."""
-    c, s = np.cos(turn), np.sin(turn)
-    r = np.array([[c, -s], [s, c]])
-    a = straight(names[0], r @ (-20.0, 0.0) + shift, r @ (2.0, 0.0), 20.0)
-    b = straight(names[1], r @ (0.0, -20.0 - 2.0 * delay) + shift, r @ (0.0, 2.0), 25.0)
-    return [a, b]
 
 
 @pytest.mark.parametrize("delay", [1.8, 2.2])

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pandas as pd
 import pytest
+from click import ClickException
 from click.testing import CliRunner
-from conftest import straight
+from drawn_trucks import crossing, random_truck, straight
 from hypothesis import given
 from hypothesis import strategies as st
-from test_analysis_laws import random_truck
 
+from fleetlog import report
 from fleetlog.cli.main import cli
-from fleetlog.core.site import Frame, Place, Site
+from fleetlog.core.site import Frame, Place, Site, Zone
 from fleetlog.errors import FleetlogError
-from fleetlog.report import report
 from fleetlog.report.comparison import truck_days
 from fleetlog.report.figures import BY_NAME, FIGURES, compare, holm
 
@@ -51,10 +53,10 @@ def fleet(write, name: str = "d", count: int = 3, first: int = 0, **site):
 
 def test_a_page_needs_nothing_from_outside(write) -> None:
     found = report(fleet(write))
-    tags = Tags(found.html)
+    tags = Tags(found.page)
     assert not {"script", "link", "iframe", "object", "img"} & set(tags.tags) and tags.tags.count("svg") >= 2
     assert all(link.startswith(("#", "data:")) for link in tags.links)
-    assert not re.search(r"url\((?!#)|@import", found.html)
+    assert not re.search(r"url\((?!#)|@import", found.page)
     for word in ("plant", "Europe/Berlin", "2 Mar 2026 07:00", "fleetlog", "d (recorded)"):
         assert word in tags.text
     json.dumps(found.summary, default=str)
@@ -66,20 +68,20 @@ def test_names_are_only_ever_text(write) -> None:
         straight(v, (k * 3.0, 0), (1.5, 0), 200.0, payload=0.0) for k, v in enumerate((EVIL, "=cmd|' /C'!A0"))
     ]
     found = report(write(trucks, site))
-    assert "script" not in Tags(found.html).tags
-    assert "<script" not in found.html and "alert" in Tags(found.html).text
+    assert "script" not in Tags(found.page).tags
+    assert "<script" not in found.page and "alert" in Tags(found.page).text
 
 
 def test_ids_of_pictures_are_unique_where_they_are_referred_to(write) -> None:
     a, b = fleet(write, "a"), fleet(write, "b")
-    page = report(a, b).html
+    page = report([a, b]).page
     ids = re.findall(r'<clipPath id="([^"]+)"', page)
     assert ids and len(ids) == len(set(ids))
 
 
 def test_the_same_dataset_twice_differs_in_nothing(write) -> None:
     d = fleet(write, count=6)
-    found = report(d, d)
+    found = report([d, d])
     differences = found.summary["differences"]
     assert differences and all(x["p_value"] == 1.0 and x["difference"] == 0.0 for x in differences.values())
     assert "differs by more than chance" in " ".join(found.lines)
@@ -123,7 +125,7 @@ def test_one_truck_that_alone_does_something_is_no_difference() -> None:
 
 
 def test_too_few_trucks_tell_nothing(write) -> None:
-    found = report(fleet(write, "a", 2), fleet(write, "b", 2, 10))
+    found = report([fleet(write, "a", 2), fleet(write, "b", 2, 10)])
     assert found.summary["differences"] is None and "too few" in found.lines[0]
 
 
@@ -144,43 +146,44 @@ def test_truck_days_are_days_of_the_site(write) -> None:
     from fleetlog.report.facts import Facts, gather
 
     d = write([straight("A", (0, 0), (1.0, 0), 3600.0, 5.0, begin=17 * 3600.0)])
-    facts = [gather(Facts("d", d, zone), lambda _: None) for zone in ("UTC", "Europe/Berlin")]
+    facts = [gather(Facts("d", d, zone)) for zone in ("UTC", "Europe/Berlin")]
     assert [len(truck_days(f)) for f in facts] == [2, 1]
 
 
 def run(*arguments: object):
-    return CliRunner().invoke(cli, ["report", *map(str, arguments)])
+    """Status and output; what the entry point would print is the error's line."""
+    done = CliRunner().invoke(cli, ["report", *map(str, arguments)], standalone_mode=False)
+    if done.exception is not None:
+        error = done.exception
+        known = isinstance(error, FleetlogError | ClickException)
+        assert known, error
+        return getattr(error, "exit_code", 1), error.format_message() if isinstance(
+            error, ClickException
+        ) else error.line()
+    return done.return_value, done.stdout
 
 
 def test_page_and_tables_are_written_both_or_neither(write, tmp_path: Path) -> None:
     d = fleet(write)
     page, folder, book = tmp_path / "r.html", tmp_path / "tables", tmp_path / "r.xlsx"
-    done = run(d.path, "-o", page, "--tables", folder, "--json")
-    assert done.exit_code == 0, done.output
-    assert json.loads(done.stdout)["datasets"][0]["figures"]["km"] > 0
+    status, said = run(d.path, "-o", page, "--tables", folder, "--json")
+    assert status == 0 and json.loads(said)["datasets"][0]["figures"]["km"] > 0
+    assert json.loads(said)["output"] == str(page)
     names = {p.stem for p in folder.glob("*.parquet")}
     assert names >= {"figures", "ledger", "states", "near_misses", "speeding"}
-    assert run(d.path, "-o", tmp_path / "s.html", "--tables", folder).exit_code == 1
+    assert run(d.path, "-o", tmp_path / "s.html", "--tables", folder)[0] == 1
     assert not (tmp_path / "s.html").exists()
-    assert run(d.path, "-o", page, "--overwrite", "--tables", book, "-q").exit_code == 0
-    sheets = pd.read_excel(book, sheet_name=None) if _can_read_workbooks() else {"figures": 0}
-    assert "figures" in sheets
-
-
-def _can_read_workbooks() -> bool:
-    from importlib.util import find_spec
-
-    return find_spec("openpyxl") is not None
+    assert run(d.path, "-o", page, "--overwrite", "--tables", book, "-q")[0] == 0
+    assert {p.name for p in tmp_path.iterdir()} >= {"r.html", "r.xlsx", "tables"}
 
 
 def test_a_text_that_begins_with_equals_is_no_formula(write, tmp_path: Path) -> None:
-    from zipfile import ZipFile
-
     trucks = [straight("=1+1", (0, 0), (1.5, 0), 60.0), straight("B", (9, 9), (1.5, 0), 60.0)]
     book = tmp_path / "t.xlsx"
-    assert run(write(trucks).path, "-o", tmp_path / "r.html", "--tables", book).exit_code == 0
+    assert run(write(trucks).path, "-o", tmp_path / "r.html", "--tables", book)[0] == 0
     with ZipFile(book) as parts:
         sheets = [parts.read(n).decode() for n in parts.namelist() if "worksheets/sheet" in n]
+        assert b"=1+1" in parts.read("xl/sharedStrings.xml")
     assert sheets and not any("<f>" in s for s in sheets)
 
 
@@ -188,7 +191,8 @@ def test_a_text_that_begins_with_equals_is_no_formula(write, tmp_path: Path) -> 
     "arguments, status, what",
     [
         ((), 2, "Missing argument"), (("{d}", "{d}", "{d}"), 2, "one or two"), (("{d}/none",), 1, "no such dataset"),
-        (("{d}", "--timezone", "Mars/Olympus"), 1, "no time zone"), (("{d}", "--truck", "nine-wheeler"), 1, "preset"),
+        (("{d}", "--timezone", "Mars/Olympus"), 2, "no time zone"), (("{d}", "--truck", "nine-wheeler"), 1, "preset"),
+        (("{d}", "--tariff", "{d}/none.toml"), 1, "none.toml"),
     ],
 )  # fmt: skip
 def test_mistakes_get_one_line_and_leave_nothing(
@@ -196,22 +200,28 @@ def test_mistakes_get_one_line_and_leave_nothing(
 ) -> None:
     d = write([straight("A", (0, 0), (1.0, 0), 30.0)])
     out = tmp_path / "r.html"
-    done = run(*(a.format(d=d.path) for a in arguments), "-o", out)
-    said = done.exception.line() if isinstance(done.exception, FleetlogError) else done.output
-    assert what in said and not out.exists()
-    assert status == (1 if isinstance(done.exception, FleetlogError) else done.exit_code)
+    found, said = run(*(a.format(d=d.path) for a in arguments), "-o", out)
+    assert found == status and what in said and not out.exists()
 
 
 def test_a_missing_package_names_the_extra(write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
-
     monkeypatch.setitem(sys.modules, "xlsxwriter", None)
-    done = run(
-        write([straight("A", (0, 0), (1.0, 0), 30.0)]).path,
-        "-o",
-        tmp_path / "r.html",
-        "--tables",
-        tmp_path / "t.xlsx",
-    )
-    assert isinstance(done.exception, FleetlogError) and "fleetlog[excel]" in done.exception.line()
+    d = write([straight("A", (0, 0), (1.0, 0), 30.0)])
+    status, said = run(d.path, "-o", tmp_path / "r.html", "--tables", tmp_path / "t.xlsx")
+    assert status == 1 and "fleetlog[excel]" in said
     assert not list(tmp_path.glob("[rt].*"))
+
+
+@pytest.mark.parametrize("name", ["utilisation", "speeding", "near_misses"])
+def test_what_the_report_adds_are_analyses_of_their_own(write, tmp_path: Path, name: str) -> None:
+    import fleetlog
+
+    trucks = crossing(1.0)
+    site = Site(
+        "s",
+        Frame(50.0, 9.0),
+        zones=(Zone("all", 99.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), 1.0),),
+    )
+    answer = fleetlog.analyze(name, write(trucks, site), output=tmp_path / name)
+    assert (tmp_path / name / f"{name}.json").is_file() and (tmp_path / name / f"{name}.png").is_file()
+    assert answer.lines and (answer.tables or answer.places)

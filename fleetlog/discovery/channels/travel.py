@@ -101,6 +101,10 @@ class TravelChannel:
         """Names by code."""
         return self.fleet.vehicles
 
+    def moments(self, count: int) -> Floats:
+        """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
+        return self.fleet.moments(count)
+
     def units(self) -> Iterator[Unit]:
         """Yield vehicle-days; their paths are small and stay in memory."""
         if not self._kept:
@@ -162,6 +166,10 @@ class TravelChannel:
         """Return the time of the step to each node, (G,) [s], and whether a cap holds the speed down there."""
         from fleetlog.physics.motion.kernels.profile import clock, passes
 
+        if physics.own:
+            parts = [(w, *self.seconds(path, p)) for w, p in physics.phases(path.motion.time)]
+            held = np.any([capped & (w > 0.5) for w, _, capped in parts], axis=0)
+            return np.asarray(sum(w * time for w, time, _ in parts)), held
         truck = physics.actual_truck()
         drive = truck.drive
         allowed = np.minimum(path.motion.speed * drive.speed_factor, drive.max_speed)
@@ -189,7 +197,9 @@ class TravelChannel:
         for name, deviation in model.fields.items():
             term = all_terms()[name]
             if term.acts == "wait":
-                total += np.maximum(deviation, 0.0)[self.lanes.at(path.motion)[0]] * path.share
+                m = path.motion
+                there = model.share(name, int(m.vehicle[0]), m.time)
+                total += np.maximum(deviation, 0.0)[self.lanes.at(m)[0]] * path.share * there
         return total
 
     def columns(self, unit: Unit, model: Model, sources: Sequence[Source]) -> tuple[Floats, Columns]:
@@ -292,7 +302,7 @@ class _About:
     def columns(self, source: Source) -> Floats:
         kinds: dict[type, Callable[[], Floats]] = {
             KnobSource: lambda: self._knob(source),  # type: ignore[arg-type]
-            FieldSource: lambda: self._field(all_terms()[source.term]),  # type: ignore[union-attr]
+            FieldSource: lambda: self._field(source),  # type: ignore[arg-type]
             CurveSource: lambda: self._curve(source.curve),  # type: ignore[union-attr]
             PlaceSource: self._place,
             ErrorSource: lambda: self._moments(source.name),  # type: ignore[union-attr]
@@ -302,27 +312,34 @@ class _About:
     def _knob(self, source: KnobSource) -> Floats:
         knob = source.knob
         term, p = all_terms()[knob.term], knob.definition
-        now = self.model.coordinate(knob) + self.model.at.get(replace(knob, vehicle=self.vehicle), 0.0)
+        now = self.model.of_vehicle(knob, self.vehicle)
+        now += self.model.coordinate(knob) if knob.scope.timed else 0.0
         low, high = sorted((p.scaled(p.low), p.scaled(p.high)))
         step = STEP * min(high - low, 4.0 * abs(now))
         times = [
             self._set(term, {**dict(source.setting), p.name: p.value_of(now + s * step)}) for s in (1.0, -1.0)
         ]
-        return _summed(self.path, times[0] - times[1])[:, None] / (2.0 * step)
+        change = times[0] - times[1]
+        if not knob.scope.whole:
+            change = change * knob.scope.share(self.vehicle, self.path.motion.time)
+        return _summed(self.path, change)[:, None] / (2.0 * step)
 
     def _set(self, term: Term, setting: dict[str, float]) -> Floats:
-        values = {**self.physics.values, term.name: {**self.physics.values.get(term.name, {}), **setting}}
-        return self.channel.seconds(self.path, replace(self.physics, values=values))[0]
+        phases = self.physics.phases(self.path.motion.time)
+        return np.asarray(
+            sum(w * self.channel.seconds(self.path, p.changed({term.name: setting}))[0] for w, p in phases)
+        )
 
-    def _field(self, term: Term) -> Floats:
-        cells = self.channel.cells(term)
+    def _field(self, source: FieldSource) -> Floats:
+        term = all_terms()[source.term]
+        cells, there = self.channel.cells(term), source.scope.share(self.vehicle, self.path.motion.time)
         if term.acts == "wait":
-            return self._by_cell(cells, self.path.share) @ cells.root(False)
+            return self._by_cell(cells, self.path.share * there) @ cells.root(False)
         first = term.parameters[0]
         now = np.asarray(self.physics.values.get(term.name, {}).get(first.name, first.neutral), dtype=float)
         # Where a cap binds, time goes with the inverse of the share of it that is driven.
         slope = np.where(self.capped, self.seconds * now, 0.0)
-        return np.asarray(self._by_cell(cells, slope) @ cells.root(term.odd))
+        return np.asarray(self._by_cell(cells, slope * there) @ cells.root(term.odd))
 
     def _place(self) -> Floats:
         roads = self.channel.roads
