@@ -98,7 +98,7 @@ class Model:
         for name, deviation in self.fields.items():
             term = all_terms()[name]
             where = cells(term)
-            if term.acts == "wait" or where is None:
+            if term.acts in ("wait", "traffic") or where is None:
                 continue
             first = term.parameters[0]
             found = field_values(first, along(where, motion, deviation, term.odd))

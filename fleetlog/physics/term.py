@@ -101,6 +101,7 @@ class Term:
     speed      the highest speed that this effect allows, m/s (inf: any), ``motion.speed`` being
                what road and truck allow; no function where it only changes values of the truck
     wait       nothing of its own: its first parameter is the time that every passage stands still, s
+    traffic    nothing of its own: time lost while other vehicles were in the way, as their positions show
     sensor     what the log shows of the channel in place of the truth; a fault of the recording, not of the
                vehicle
     =========  ==========================================================================================
@@ -112,7 +113,7 @@ class Term:
     """
 
     name: str
-    acts: Literal["force", "power", "load", "truck", "loss", "speed", "wait", "sensor"]
+    acts: Literal["force", "power", "load", "truck", "loss", "speed", "wait", "traffic", "sensor"]
     statement: str
     """What it is, for a fleet engineer; a clause without a full stop."""
     parameters: tuple[Parameter, ...] = ()

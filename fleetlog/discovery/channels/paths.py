@@ -34,7 +34,8 @@ class Path:
 
     ``motion`` (G,) with ``speed`` that road and truck allow; ``s`` (G,) [m]; ``inside`` (G,) whether the node has a
     predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane that belongs to a step;
-    ``behind`` (W,) whether another truck was in the way in a window.
+    ``took`` (G,) seconds from the node before, a wait at the end included; ``behind`` (W,) whether another truck was in the
+    way in a window.
     """
 
     motion: Motion
@@ -42,6 +43,7 @@ class Path:
     inside: Mask
     of: Ints
     share: Floats
+    took: Floats
     behind: Mask
 
     @property
@@ -139,9 +141,9 @@ def lay_out(
     s = np.concatenate([leg.distance + b for leg, b in zip(parts, base, strict=False)])
     of = _windows(parts, length)
     count = int(of[-1]) + 1
-    seconds = np.where(inside, np.diff(motion.time, prepend=motion.time[:1]), 0.0)
-    recorded = np.asarray(np.bincount(of, seconds, count), dtype=np.float64)
-    np.add.at(recorded, of[np.cumsum(size) - 1], wait)
+    took = np.where(inside, np.diff(motion.time, prepend=motion.time[:1]), 0.0)
+    took[np.cumsum(size) - 1] += wait
+    recorded = np.asarray(np.bincount(of, took, count), dtype=np.float64)
     step = np.where(inside, np.diff(s, prepend=s[:1]), 0.0)
     share = _shares(lanes, motion, step, inside, wait)
     assert fleet.network is not None
@@ -160,7 +162,12 @@ def lay_out(
         edge=motion.edge[middle].astype(np.int64), duration=np.maximum(metres, 0.5), distance=metres,
         x=motion.x[middle], y=motion.y[middle], time=motion.time[middle],
     )  # fmt: skip
-    return Path(motion, s, inside, of, share, behind), windows, recorded, (recorded > 0.0) & ~behind & ~astray
+    return (
+        Path(motion, s, inside, of, share, took, behind),
+        windows,
+        recorded,
+        (recorded > 0.0) & ~behind & ~astray,
+    )
 
 
 def _shares(lanes: Stretches, motion: Motion, step: Floats, inside: Mask, waits: Floats) -> Floats:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.channels.base import Columns, Unit
+from fleetlog.discovery.channels.lost import Lost, lost_time
 from fleetlog.discovery.channels.paths import Day, Path, days, lay_out
 from fleetlog.discovery.channels.travel_columns import About, drive_times, summed
 from fleetlog.discovery.hypotheses import curves
@@ -160,6 +161,17 @@ class TravelChannel:
             pairs = np.unique(unit.own.of * len(cells) + number)
             total += np.bincount(pairs % len(cells), minlength=len(cells))
         return total
+
+    def lost(self, model: Model) -> Lost | None:
+        """Return what other vehicles cost beyond a model."""
+        term = next((t for t in all_terms().values() if t.acts == "traffic"), None)
+        known = None if term is None else self.base.fields.get(term.name)
+
+        def free(path: Path) -> Floats:
+            physics = model.physics(int(path.motion.vehicle[0]), path.motion, self.cells)
+            return drive_times(path, physics)[0] + self._waits(path, model)
+
+        return lost_time(((u.own, u.whole, u.windows.trip) for u in self.units()), self.lanes, free, known)
 
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return place, direction, load and the modelled time of every window: what makes two passes alike."""
