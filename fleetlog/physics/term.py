@@ -45,6 +45,8 @@ class Parameter:
     usual : how far values of a field are usually apart from place to place, in the coordinate of
         :meth:`scaled`.
     ceiling : the nominal value is what is allowed; a larger one is a habit, not a finding.
+    reach : a limit acts only once it is so far below the nominal value; its slope there is taken over that.
+    sentence : the finding in one sentence where this number is what was found, in place of the term's.
     added : the difference from the nominal value is reported beside the value.
     """
 
@@ -61,6 +63,8 @@ class Parameter:
     usual: float = 1.0
     ceiling: bool = False
     added: bool = False
+    reach: float = 0.0
+    sentence: str = ""
 
     def nominal(self, truck: Truck) -> float:
         """Return the value in the nominal model."""

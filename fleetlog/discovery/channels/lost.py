@@ -37,7 +37,7 @@ class Lost:
     lost: Floats
     spread: Floats
     time: Floats
-    passages: Ints
+    passages: NDArray[np.intp]
     p_value: float
 
 
@@ -79,9 +79,9 @@ def lost_time(
     chance = float(np.sqrt(((by_trip - share * of_trip) ** 2).sum() * trips / (trips - 1))) / total
     error = float(np.hypot(chance, MODEL * touched))
     own = np.bincount(steps.trip * len(lanes) + steps.cell, lost, trips * len(lanes)).reshape(-1, len(lanes))
-    at = np.bincount(steps.cell, steps.took, len(lanes))
+    at = np.asarray(np.bincount(steps.cell, steps.took, len(lanes)), dtype=np.float64)
     return Lost(
-        share, error, touched, own.sum(axis=0), np.sqrt((own**2).sum(axis=0)), at, (own != 0.0).sum(axis=0),
+        share, error, touched, own.sum(axis=0), np.sqrt((own**2).sum(axis=0)), at, np.count_nonzero(own, axis=0),
         float(stdtr(trips - 1, -share / max(error, 1e-12))),
     )  # fmt: skip
 

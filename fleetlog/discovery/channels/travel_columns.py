@@ -103,10 +103,11 @@ class About:
         now = self.model.coordinate(knob) + self.model.at.get(replace(knob, vehicle=self.vehicle), 0.0)
         low, high = sorted((p.scaled(p.low), p.scaled(p.high)))
         step = STEP * min(high - low, 4.0 * abs(now))
-        times = [
-            self._set(term, {**dict(source.setting), p.name: p.value_of(now + s * step)}) for s in (1.0, -1.0)
-        ]
-        return np.asarray(summed(self.path, times[0] - times[1])[:, None] / (2.0 * step))
+        ends = [now + step, now - step]
+        if p.reach and now == p.scaled(p.neutral):
+            ends = [p.scaled(p.neutral - p.reach), now]
+        times = [self._set(term, {**dict(source.setting), p.name: p.value_of(e)}) for e in ends]
+        return np.asarray(summed(self.path, times[0] - times[1])[:, None] / (ends[0] - ends[1]))
 
     def _set(self, term: Term, setting: dict[str, float]) -> Floats:
         values = {**self.physics.values, term.name: {**self.physics.values.get(term.name, {}), **setting}}

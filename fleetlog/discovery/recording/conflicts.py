@@ -107,9 +107,8 @@ def _met(n: _Nodes, reach: Floats) -> tuple[Ints, Ints]:
     span = float(max(left.max(), late.max())) + 1.0
 
     def key(dx: int, dy: int, time: Floats) -> Floats:
-        return (
-            (column + dx - column.min() + 1) * (np.ptp(row) + 3) + (row + dy - row.min() + 1)
-        ) * span + time
+        cell = (column + dx - column.min() + 1) * (np.ptp(row) + 3) + (row + dy - row.min() + 1)
+        return np.asarray(cell * span + time, dtype=np.float64)
 
     own = key(0, 0, left)
     order = np.argsort(own, kind="stable")

@@ -39,11 +39,10 @@ def finding_of(lost: Lost, channel: Channel, fit: dict[str, Any]) -> Finding:
     )  # fmt: skip
 
 
-def _where(lost: Lost, lanes: Stretches) -> dict[str, Any] | None:
+def _where(lost: Lost, lanes: Stretches) -> dict[str, Any]:
     """Stretches of lane where most is lost, the worst first; ``value`` is the share of the time spent there."""
     sure = lost.lost > NORMAL * lost.spread
-    if not sure.any():
-        return None
+    sure = sure if sure.any() else lost.lost >= lost.lost.max()
     keep = sure & (lost.lost >= LARGE * float(np.quantile(lost.lost[sure], 0.9)))
     rows = []
     for run in (r for e in np.unique(lanes.road_edge[keep]) for r in _on(lanes, keep, int(e))):
