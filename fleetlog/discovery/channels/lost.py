@@ -91,7 +91,7 @@ def _steps(passed: Iterable[Passed], lanes: Stretches, free: Callable[[Path], Fl
     for path, whole, trip in passed:
         modelled = free(path)
         parts.append((
-            modelled, path.took - modelled, path.took, path.behind[path.of], whole[path.of],
+            modelled, path.took - path.standing - modelled, path.took, path.behind[path.of], whole[path.of],
             lanes.at(path.motion)[0].astype(np.int64), trip[path.of],
         ))  # fmt: skip
     columns = [np.concatenate(c) for c in zip(*parts, strict=True)]

@@ -34,7 +34,8 @@ class Path:
 
     ``motion`` (G,) with ``speed`` that road and truck allow; ``s`` (G,) [m]; ``inside`` (G,) whether the node has a
     predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane that belongs to a step;
-    ``took`` (G,) seconds from the node before, a wait at the end included; ``behind`` (W,) whether another truck was in the
+    ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at the node, neither for a purpose nor for
+    another truck; ``behind`` (W,) whether another truck was in the
     way in a window.
     """
 
@@ -44,6 +45,7 @@ class Path:
     of: Ints
     share: Floats
     took: Floats
+    standing: Floats
     behind: Mask
 
     @property
@@ -87,7 +89,7 @@ def _group(group: list[Route], fleet: Fleet) -> list[Day]:
     group = [replace(r, legs=tuple(leg for leg, _ in p)) for r, p in zip(group, placed, strict=True)]
     flags = hindered(group, [free_speed(r.nodes("edge"), fleet) for r in group], fleet.truck)
     return [
-        Day(r, tuple(_drives(r, f, np.concatenate([a for _, a in p]))))
+        Day(r, tuple(_drives(r, *f, np.concatenate([a for _, a in p]))))
         for r, f, p in zip(group, flags, placed, strict=True)
     ]
 
@@ -100,10 +102,10 @@ def free_speed(edge: NDArray[Any], fleet: Fleet) -> Floats:
     return np.minimum(limit * drive.speed_factor, drive.max_speed)
 
 
-def _drives(r: Route, behind: Mask, astray: Mask) -> Iterator[Drive]:
+def _drives(r: Route, behind: Mask, held: Mask, astray: Mask) -> Iterator[Drive]:
     """Legs of a route, those joined between which it only stood since another truck was in the way."""
     last = np.cumsum(r.size) - 1
-    on = behind[last] & (np.diff(r.errand, append=-1) == 0)
+    on = held[last] & (np.diff(r.errand, append=-1) == 0)
     first = 0
     for k in range(len(r.legs)):
         if on[k]:
@@ -142,7 +144,9 @@ def lay_out(
     of = _windows(parts, length)
     count = int(of[-1]) + 1
     took = np.where(inside, np.diff(motion.time, prepend=motion.time[:1]), 0.0)
-    took[np.cumsum(size) - 1] += wait
+    standing = np.zeros(len(took))
+    standing[np.cumsum(size) - 1] = wait
+    took += standing
     recorded = np.asarray(np.bincount(of, took, count), dtype=np.float64)
     step = np.where(inside, np.diff(s, prepend=s[:1]), 0.0)
     share = _shares(lanes, motion, step, inside, wait)
@@ -163,7 +167,7 @@ def lay_out(
         x=motion.x[middle], y=motion.y[middle], time=motion.time[middle],
     )  # fmt: skip
     return (
-        Path(motion, s, inside, of, share, took, behind),
+        Path(motion, s, inside, of, share, took, standing, behind),
         windows,
         recorded,
         (recorded > 0.0) & ~behind & ~astray,

@@ -19,12 +19,15 @@ from fleetlog.discovery.hypotheses.sources import CurveSource, ErrorSource, Fiel
 from fleetlog.discovery.hypotheses.stretches import Stretches, make_stretches
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.recording.fleet import Fleet
-from fleetlog.discovery.recording.splits import Split
+from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
+
+FEW = 3
+"""Stops from which on trucks wait at a place."""
 
 ERRORS = (ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), ErrorSource("slowing down", 0.25))
 """Nobody sets off, stops or takes a slow corner with the sharp bends of a profile of constant accelerations [s each]."""
@@ -65,8 +68,31 @@ class TravelChannel:
         """Yield vehicle-days; their paths are small and stay in memory."""
         if not self._kept:
             made = (self._unit(day) for day in days(self.fleet, self.split))
-            self._kept = [u for u in made if u is not None]
+            self._kept = self._with_stands([u for u in made if u is not None])
         yield from self._kept
+
+    def _with_stands(self, made: list[Unit]) -> list[Unit]:
+        """The units, told where trucks stood for no purpose: only there can they have waited, and there times scatter as waits do."""
+        n = len(self.lanes)
+        passed, stops, seconds, squares = np.zeros((4, n))
+        cells = [self.lanes.at(u.own.motion)[0].astype(np.int64) for u in made]
+        for u, cell in zip(made, cells, strict=True):
+            seen = (u.whole & (self.split.fold(u.windows) != HELD_OUT))[u.own.of]
+            begin = np.append(True, np.diff(cell) != 0)
+            passed += np.bincount(cell[seen & begin], minlength=n)
+            wait = np.where(seen, u.own.standing, 0.0)
+            stops += np.bincount(cell[wait > 0.0], minlength=n)
+            seconds += np.bincount(cell, wait, n)
+            squares += np.bincount(cell, wait**2, n)
+        passed = np.maximum(passed, stops + 1.0)
+        scatter = np.where(stops >= FEW, squares / passed - (seconds / passed) ** 2, 0.0)
+        out = []
+        for u, cell in zip(made, cells, strict=True):
+            noise = np.zeros(len(u.recorded))
+            np.maximum.at(noise, u.own.of, scatter[cell])
+            path = replace(u.own, share=np.where(stops[cell] >= FEW, u.own.share, 0.0))
+            out.append(replace(u, own=path, noise=noise))
+        return out
 
     def _unit(self, day: Day) -> Unit | None:
         found = lay_out(day, self.fleet, self.lanes, self.length)
@@ -169,7 +195,7 @@ class TravelChannel:
 
         def free(path: Path) -> Floats:
             physics = model.physics(int(path.motion.vehicle[0]), path.motion, self.cells)
-            return drive_times(path, physics)[0] + self._waits(path, model)
+            return drive_times(path, physics)[0]
 
         return lost_time(((u.own, u.whole, u.windows.trip) for u in self.units()), self.lanes, free, known)
 

@@ -28,6 +28,10 @@ CLOSE = 3.0
 """A driver heeds a truck that passes the crossing so soon after him [s]."""
 ALONG, AGAINST = 0.7, -0.7
 """Cosine of the angle between two courses above which one follows, below which they meet head-on."""
+RELEASE = 6.0
+"""Whoever waits for another sets off so soon after the way is free [s]."""
+FARTHEST = 60.0
+"""No truck is heeded from farther away [m]."""
 PASSING = 2.0
 """Who is at a place for longer stands there [s]."""
 
@@ -47,8 +51,8 @@ class _Nodes:
     first: Ints
 
 
-def hindered(found: Sequence[Route], free: Sequence[Floats], truck: Truck) -> list[Mask]:
-    """Return of each route of one day whether another truck was in the way at its nodes, (N,).
+def hindered(found: Sequence[Route], free: Sequence[Floats], truck: Truck) -> list[tuple[Mask, Mask]]:
+    """Return of each route of one day whether another truck was in the way at its nodes, and held it up until it left them, (N,).
 
     ``free`` (N,) of each is the speed that its roads allow [m/s].
     """
@@ -68,11 +72,28 @@ def hindered(found: Sequence[Route], free: Sequence[Floats], truck: Truck) -> li
         & (n.leave[j] < late)
         & (apart < np.where(cosine < AGAINST, ABREAST, WIDTH))
     )
-    i, begin = i[real], begin[real]
+    i, j, begin = i[real], j[real], begin[real]
     end = np.searchsorted(n.way, n.way[i] + v[i] ** 2 / (2.0 * drive.max_acceleration), side="right")
-    change = np.bincount(begin, minlength=len(v) + 1) - np.bincount(end, minlength=len(v) + 1)
-    flags = np.cumsum(change)[: len(v)] > 0
-    return np.split(flags, np.cumsum([len(r.of) for r in found])[:-1])
+    flags, held = _spans(begin, end, len(v)), _held(n, begin, i, n.leave[j])
+    parts = np.cumsum([len(r.of) for r in found])[:-1]
+    return list(zip(np.split(flags, parts), np.split(held, parts), strict=True))
+
+
+def _spans(begin: Ints, end: Ints, count: int) -> Mask:
+    """(count,) whether a node lies in any span."""
+    change = np.bincount(begin, minlength=count + 1) - np.bincount(end, minlength=count + 1)
+    return np.asarray(np.cumsum(change)[:count] > 0)
+
+
+def _held(n: _Nodes, begin: Ints, i: Ints, freed: Floats) -> Mask:
+    """(N,) whether the way ahead was freed just before a truck set off from a node where it stood."""
+    out = np.zeros(len(n.way), bool)
+    order = np.argsort(i, kind="stable")
+    begin, freed = begin[order], freed[order]
+    for node in np.flatnonzero(n.leave - n.arrive > 0.0):
+        a, b = np.searchsorted(i[order], [node, np.searchsorted(n.way, n.way[node] + FARTHEST)])
+        out[node] = bool((freed[a:b][begin[a:b] <= node] > n.leave[node] - RELEASE).any())
+    return out
 
 
 def _nodes(found: Sequence[Route]) -> _Nodes:
