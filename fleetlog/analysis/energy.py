@@ -88,9 +88,7 @@ def energy(
 
 def _books(dataset: Dataset, physics: Physics, battery: BatteryModel, processes: int) -> Iterator[Book]:
     """One book a vehicle-day; big datasets in several processes, each reading its own days."""
-    jobs = [
-        (str(dataset.path), v, d, physics.of(v), battery) for v in dataset.vehicles for d in dataset.dates
-    ]
+    jobs = [(str(dataset.path), v, d, physics, battery) for v in dataset.vehicles for d in dataset.dates]
     if processes < 2 or dataset.rows < MANY_ROWS or len(jobs) < 2:
         for job in jobs:
             yield from _vehicle_day(*job, dataset.site)
@@ -113,7 +111,8 @@ def _vehicle_day(
     for piece in dataset.pieces(vehicle, date, COLUMNS):
         if len(piece) > 1:
             found = reconstruct(measured_channels(piece, dataset.meta), site.network, physics.truck)
-            books.append(keep_book(piece, found, physics, site, battery))
+            own = physics.of(vehicle, piece.time[0] * 1e-6)
+            books.append(keep_book(piece, found, own, site, battery))
     return books
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -106,9 +106,10 @@ def _within_tolerance(base: Model, model: Model, h: Hypothesis) -> bool:
     if len(h.knobs) != 1 or h.setting:
         return False
     knob = h.knobs[0]
-    p, term = knob.definition, h.physics
-    assert term is not None
-    off = model.value(term, knob.parameter, knob.vehicle) - base.value(term, knob.parameter)
+    if knob.scope.timed:  # A truck file that is a little off is off all the time.
+        return False
+    p = knob.definition
+    off = model.value(knob) - base.value(knob.fleet)
     return abs(off) <= p.allowance(model.truck) or (p.ceiling and off > 0.0)
 
 
@@ -143,8 +144,7 @@ def _numbers(known: Known) -> dict[Knob, Parameter]:
         if atom.knob is None:
             continue
         knob, p = atom.knob, atom.knob.definition
-        fleet = model.coordinate(replace(knob, vehicle=None))
-        at = fleet + (model.coordinate(knob) if knob.vehicle is not None else 0.0)
+        at = model.total(knob)
         ends = sorted(p.value_of(at + s * NORMAL * error) for s in (-1.0, 1.0))
         out[knob] = Parameter(p.name, p.value_of(at), ends[0], ends[1], p.unit, p.nominal(model.truck))
     return out
@@ -167,13 +167,13 @@ def _finding(
     values: dict[str, Values], numbers: dict[Knob, Parameter], beside: dict[Hypothesis, Joint],
 ) -> Finding:  # fmt: skip
     channel, term = problem.channel, h.physics
-    named_vehicle = None if h.vehicle is None else channel.vehicles[h.vehicle]
+    scope = words.scope(h.scope, channel.vehicles)
     rivals = _open(found, h)
     where, parameters = _where(problem, found, h, values, numbers)
     text = (
         words.unknown(h.depends_on, where)
         if term is None
-        else words.statement(term, parameters, where, named_vehicle)
+        else words.statement(term, parameters, where, scope)
     )
     # A free curve is no part of the model that is written: it is judged beside it.
     unfitted = fit.after if term is None else scores.without.get(h, fit.before)
@@ -182,7 +182,7 @@ def _finding(
     return Finding(
         h.term or "unknown", channel.name, text, rivals, words.needs(h.term, rivals), list(h.depends_on), where,
         _classes(problem, beside[h]) if h in beside else _when(h),
-        {"vehicles": None if named_vehicle is None else [named_vehicle], "from": None, "until": None},
+        scope,
         parameters,
         {"p_value": scores.p_values.get(h, fit.p_value), "held_out_gain": gain, "alternatives": _alternatives(found, h, gain)},
         {"metric": channel.metric, "before": unfitted, "after": fitted}, gain or 0.0,
@@ -219,7 +219,7 @@ def _where(
     out = [numbers[k] for k in h.knobs if k in numbers]
     for name, _ in h.setting:
         p = term.by_name[name]
-        value = found.joint.model.value(term, name)
+        value = found.joint.model.value(Knob(term.name, name))
         half = 0.5 * (p.high - p.low) / 12.0
         out.append(
             Parameter(name, value, max(value - half, p.low), min(value + half, p.high), p.unit, p.neutral)
@@ -260,6 +260,6 @@ def _adjustments(
     out = []
     for knob, n in numbers.items():
         if knob not in taken and knob in final.model.at:
-            vehicle = None if knob.vehicle is None else channel.vehicles[knob.vehicle]
+            vehicle = None if knob.scope.one is None else channel.vehicles[knob.scope.one]
             out.append(Adjustment(f"{knob.term}.{knob.parameter}", vehicle, n.value, n.low, n.high, n.unit))
     return out

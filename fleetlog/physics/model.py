@@ -10,22 +10,42 @@ power = 661.0
 field = "fields/grade.parquet"     # the first parameter per stretch of road
 [interval.auxiliary_load]
 power = [640.0, 690.0]
-[vehicle.T3.term.rolling_resistance]   # of one vehicle, in place of the fleet's
+[[own]]                            # what some vehicles, or some hours, have in place of that
+vehicles = ["T3"]                  # absent: all
+from = 2026-03-14T09:00:00Z        # absent: from the first row on
+until = 2026-03-14T17:00:00Z       # absent: to the last row
+drift = true                       # comes in evenly from the one to the other
+[own.term.rolling_resistance]
 coefficient = 0.019
 """
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fleetlog.core.network import Network
-from fleetlog.core.schema import Wrong, list_of, load_toml, real, shown, table, tables, text, whole
+from fleetlog.core.schema import (
+    Wrong,
+    anything,
+    flag,
+    list_of,
+    load_toml,
+    moment,
+    real,
+    shown,
+    table,
+    tables,
+    text,
+    whole,
+)
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
 from fleetlog.physics.field import COLUMNS, Field, field_table, mirrored
+from fleetlog.physics.own import Own
 from fleetlog.physics.power import Physics, all_terms
 from fleetlog.physics.term import Term
 
@@ -39,8 +59,9 @@ KEYS = {
     "off": list_of(text),
     "term": tables,
     "interval": tables,
-    "vehicle": tables,
+    "own": list_of(anything),
 }
+OWN_KEYS = {"vehicles": list_of(text, 1), "from": moment, "until": moment, "drift": flag, "term": tables}
 _number_check = real(-1e12, 1e12)
 
 
@@ -63,11 +84,8 @@ def save_physics(path: str | Path, physics: Physics, network: Network | None = N
     data = {"format_version": 1, "truck": physics.truck.name, "off": sorted(physics.off), "term": term}
     if physics.intervals:
         data["interval"] = {n: {k: list(v) for k, v in p.items()} for n, p in physics.intervals.items()}
-    if physics.vehicles:
-        data["vehicle"] = {
-            v: {"term": {n: {k: float(x) for k, x in values.items()} for n, values in terms.items()}}
-            for v, terms in physics.vehicles.items()
-        }
+    if physics.own:
+        data["own"] = [_own_table(o) for o in physics.own]
     (folder / FILE).write_text(tomli_w.dumps(data), encoding="utf-8")
 
 
@@ -97,14 +115,31 @@ def load_physics(path: str | Path, truck: Truck, network: Network | None = None)
     }
     # A field needs no entry of numbers of its own.
     numbers_of = {n: v for n, v in values.items() if v or n not in found}
-    vehicles = {
-        v: {
-            _term(n, file).name: {k: _number(_term(n, file), k, x, file) for k, x in given.items()}
-            for n, given in own.get("term", {}).items()
-        }
-        for v, own in data.get("vehicle", {}).items()
+    own = tuple(_own(o, f"own.{i}", file) for i, o in enumerate(data.get("own", ())))
+    return Physics(truck, dict(numbers_of), off, found, intervals, own)
+
+
+def _own_table(own: Own) -> dict[str, Any]:
+    out: dict[str, Any] = {} if own.vehicles is None else {"vehicles": list(own.vehicles)}
+    for key, at in (("from", own.begin), ("until", own.until)):
+        if np.isfinite(at):
+            out[key] = datetime.fromtimestamp(at, UTC)
+    values = {n: {k: float(np.asarray(x)) for k, x in v.items()} for n, v in own.values.items()}
+    return {**out, **({"drift": True} if own.drift else {}), "term": values}
+
+
+def _own(data: Any, place: str, file: Path) -> Own:
+    given = table(data, OWN_KEYS, file, place)
+    begin, until = given.get("from", -np.inf), given.get("until", np.inf)
+    drift = given.get("drift", False)
+    if begin >= until or (drift and not np.isfinite(until - begin)):
+        do = "give from and until, the later one last"
+        raise InputError("no time lies between from and until", where=file, place=place, do=do)
+    values = {
+        _term(n, file).name: {k: _number(_term(n, file), k, x, file) for k, x in v.items()}
+        for n, v in given.get("term", {}).items()
     }
-    return Physics(truck, dict(numbers_of), off, found, intervals, dict(vehicles))
+    return Own(dict(values), given.get("vehicles"), begin, until, drift)
 
 
 def _beside(file: Path, place: str, term: str) -> Path:

@@ -64,6 +64,10 @@ class Channel(Protocol):
         """Names by code."""
         ...
 
+    def moments(self, count: int) -> Floats:
+        """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
+        ...
+
     def units(self) -> Iterator[Unit]:
         """Yield the recording, piece by piece."""
         ...

@@ -64,6 +64,10 @@ class TravelChannel:
         """Names by code."""
         return self.fleet.vehicles
 
+    def moments(self, count: int) -> Floats:
+        """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
+        return self.fleet.moments(count)
+
     def units(self) -> Iterator[Unit]:
         """Yield vehicle-days; their paths are small and stay in memory."""
         if not self._kept:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -38,6 +38,10 @@ def drive_times(path: Path, physics: Physics) -> tuple[Floats, Mask]:
     """Return the time of the step to each node, (G,) [s], and whether a cap holds the speed down there."""
     from fleetlog.physics.motion.kernels.profile import clock, passes
 
+    if physics.own:
+        parts = [(w, *drive_times(path, p)) for w, p in physics.phases(path.motion.time)]
+        held = np.any([capped & (w > 0.5) for w, _, capped in parts], axis=0)
+        return np.asarray(sum(w * time for w, time, _ in parts)), held
     truck = physics.actual_truck()
     drive = truck.drive
     allowed = np.minimum(path.motion.speed * drive.speed_factor, drive.max_speed)
@@ -100,18 +104,24 @@ class About:
     def _knob(self, source: KnobSource) -> Floats:
         knob = source.knob
         term, p = all_terms()[knob.term], knob.definition
-        now = self.model.coordinate(knob) + self.model.at.get(replace(knob, vehicle=self.vehicle), 0.0)
+        now = self.model.of_vehicle(knob, self.vehicle)
+        now += self.model.coordinate(knob) if knob.scope.timed else 0.0
         low, high = sorted((p.scaled(p.low), p.scaled(p.high)))
         step = STEP * min(high - low, 4.0 * abs(now))
         ends = [now + step, now - step]
         if p.reach and now == p.scaled(p.neutral):
             ends = [p.scaled(p.neutral - p.reach), now]
         times = [self._set(term, {**dict(source.setting), p.name: p.value_of(e)}) for e in ends]
-        return np.asarray(summed(self.path, times[0] - times[1])[:, None] / (ends[0] - ends[1]))
+        change = times[0] - times[1]
+        if not knob.scope.whole:
+            change = change * knob.scope.share(self.vehicle, self.path.motion.time)
+        return np.asarray(summed(self.path, change)[:, None] / (ends[0] - ends[1]))
 
     def _set(self, term: Term, setting: dict[str, float]) -> Floats:
-        values = {**self.physics.values, term.name: {**self.physics.values.get(term.name, {}), **setting}}
-        return drive_times(self.path, replace(self.physics, values=values))[0]
+        phases = self.physics.phases(self.path.motion.time)
+        return np.asarray(
+            sum(w * drive_times(self.path, p.changed({term.name: setting}))[0] for w, p in phases)
+        )
 
     def _field(self, term: Term) -> Floats:
         cells = self.channel.cells(term)

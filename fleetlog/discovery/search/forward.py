@@ -14,6 +14,7 @@ from fleetlog.discovery.model import Model, field_values
 from fleetlog.discovery.search.joint import Joint, refit, scored, verified
 from fleetlog.discovery.search.places import pattern_hypotheses
 from fleetlog.discovery.search.problem import Problem
+from fleetlog.discovery.search.scopes import scoped
 from fleetlog.discovery.search.screen import Screened, screen
 from fleetlog.discovery.search.sizes import Size, local, size_of, without
 from fleetlog.discovery.search.sums import Sums
@@ -65,6 +66,7 @@ def _all(problem: Problem, chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
 def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | None:
     """Return the model with the best hypothesis added, None where none is worth it."""
     screened = screen(problem, sums, now, _candidates(problem, sums, now))
+    screened = sorted([*screened, *scoped(problem, now, screened)], key=lambda s: -s.gain)
     if found.best_untold is None and screened:
         found.best_untold = screened[0].hypothesis
     worth = [s for s in screened if _significant(problem, now, s)]
@@ -168,7 +170,7 @@ def _exact(problem: Problem, now: Joint, worth: list[Hypothesis]) -> list[Joint]
     short: list[Joint] = []
     seen: dict[object, int] = {}
     for h in worth:
-        key = (h.term, h.vehicle) if h.term else "free"
+        key = (h.term, h.scope) if h.term else "free"
         most = 3 if h.term is None or (h.physics and h.physics.field) else 1
         if seen.get(key, 0) < most and (key in seen or len(seen) < problem.settings.shortlist or h.knobs):
             seen[key] = seen.get(key, 0) + 1
@@ -191,8 +193,8 @@ def simplicity(joint: Joint) -> int:
     """Return how simple the last hypothesis is: numbers before places before fields before free curves."""
     h = joint.chosen[-1]
     if h.knobs:
-        return 0 if h.vehicle is None else 1
-    return 2 if h.patterns else 3 if h.field else 4
+        return bool(h.scope.vehicles) + h.scope.timed
+    return 3 if h.patterns else 4 if h.field else 5
 
 
 def _on_bound(problem: Problem, joint: Joint) -> bool:
@@ -232,7 +234,7 @@ def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> 
     for other in ranked:
         h = other.chosen[-1]
         # A free curve that only repeats what the finding says is no rival to it.
-        if (h.term, h.vehicle) == (own.term, own.vehicle) or (
+        if (h.term, h.scope) == (own.term, own.scope) or (
             h.term is None and verified(joint, other) < problem.channel.model_error
         ):
             continue
