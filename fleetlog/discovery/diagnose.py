@@ -70,7 +70,7 @@ def diagnose(
     explained: dict[str, Explained] = {}
     for name in present(fleet, channels):
         progress(name)
-        channel: Channel = channel_of(name, fleet, base, settings)
+        channel: Channel = channel_of(name, fleet, base, settings, split)
         explained[name] = explain(channel, split, base, settings, tuple(terms))
     if not explained:
         raise DataError(

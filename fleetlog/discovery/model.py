@@ -62,7 +62,7 @@ class Model:
         """Return the model with knobs at given coordinates."""
         return replace(self, at={**self.at, **values})
 
-    def with_field(self, term: str, deviation: Floats, when: Scope) -> Model:
+    def with_field(self, term: str, deviation: Floats, when: Scope = FLEET) -> Model:
         """Return the model with one field set."""
         fields = {**self.fields, term: deviation}
         return replace(self, fields=fields, when={**self.when, term: when})
@@ -133,7 +133,7 @@ class Model:
         for name, deviation in self.fields.items():
             term = all_terms()[name]
             where = cells(term)
-            if term.acts == "wait" or where is None:
+            if term.acts in ("wait", "traffic") or where is None:
                 continue
             first = term.parameters[0]
             here = along(where, motion, deviation, term.odd) * self.share(name, vehicle, motion.time)

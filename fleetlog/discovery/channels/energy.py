@@ -272,6 +272,9 @@ class EnergyChannel:
                 total += np.bincount(pairs % size, minlength=size)
         return total
 
+    def lost(self, model: Model) -> None:
+        """Return nothing: energy does not tell who was in the way."""
+
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return place, direction, load, pace, time and the nominal energy of every window: what makes two passes alike."""
         block, c = unit.own

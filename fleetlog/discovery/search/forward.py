@@ -70,8 +70,30 @@ def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | No
     if found.best_untold is None and screened:
         found.best_untold = screened[0].hypothesis
     worth = [s for s in screened if _significant(problem, now, s)]
+    for _ in range(ROUNDS):
+        better = _best(problem, now, found, screened, worth)
+        if better is not None or not worth:
+            return better
+        # What gains most may be spread thinly over the site, and what is material in one place gain less.
+        most = max(s.gain for s in worth)
+        worth = [s for s in worth if s.gain <= _share(s) * most]
+    return None
+
+
+ROUNDS = 2
+"""How often the next best are tried where the best do not count."""
+
+
+def _share(s: Screened) -> float:
+    return NUMBERS if s.hypothesis.knobs else OTHERS
+
+
+def _best(
+    problem: Problem, now: Joint, found: Search, screened: list[Screened], worth: list[Screened]
+) -> Joint | None:
+    """Return the model with the best of some hypotheses added, None where none of them counts."""
     best = max((s.gain for s in worth), default=0.0)
-    near = [s.hypothesis for s in worth if s.gain > (NUMBERS if s.hypothesis.knobs else OTHERS) * best]
+    near = [s.hypothesis for s in worth if s.gain > _share(s) * best]
     rivals = _close(problem, screened, worth)
     tried = _exact(problem, now, [*near, *_on_edge(problem, now), *rivals])
     slow = {replace(s.hypothesis, variance=1.0): s for s in screened if s.hypothesis.slow}
