@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.report.content import fixed, number
+from fleetlog.report.content import number
 
 Floats = NDArray[np.float64]
 
@@ -35,8 +35,11 @@ class Figure:
 
     def shown(self, value: float) -> str:
         """The value as a page shows it."""
-        money = self.money and abs(value) >= 1.0
-        return fixed(2 if money else 1)(value) if money or self.unit in ("%", "h", "1/h") else number(value)
+        if not np.isfinite(value):
+            return "–"
+        if self.unit in ("%", "h", "1/h"):
+            return f"{value:,.1f}"
+        return f"{value:,.2f}" if self.money and abs(value) >= 1.0 else number(value)
 
     def of(self, ledger: pd.DataFrame) -> float:
         """The figure of some rows of a ledger; NaN where its columns are not known."""
