@@ -135,8 +135,10 @@ def _vertices(dataset: Dataset, network: Network, names: tuple[str, ...]) -> Int
 def _standing(dataset: Dataset, sites: pd.DataFrame, demand: Demand) -> list[str]:
     """The site's chargers that stand where one is chosen: these are kept, not built a second time."""
     chargers = [p for p in dataset.site.places if p.kind == "charge" and demand != "loading"]
-    near = [[p.id for p in chargers if np.hypot(p.x - x, p.y - y) <= NEAR] for x, y in sites[["x", "y"]].to_numpy()]
-    return [", ".join(ids) for ids in near]
+    return [
+        ", ".join(p.id for p in chargers if np.hypot(p.x - x, p.y - y) <= NEAR)
+        for x, y in sites[["x", "y"]].to_numpy()
+    ]
 
 
 def _marks(name: str, sites: pd.DataFrame, kind: Literal["charger", "charge"]) -> Marks:
@@ -146,7 +148,9 @@ def _marks(name: str, sites: pd.DataFrame, kind: Literal["charger", "charge"]) -
 def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> list[Shape]:
     labels, stands = tuple(sites["label"]), sites["existing"] != ""
     shapes: list[Shape] = [
-        _heat(dataset), _marks("chargers", sites[~stands], "charger"), _marks("kept chargers", sites[stands], "charge"),
+        _heat(dataset),
+        _marks("chargers", sites[~stands], "charger"),
+        _marks("kept chargers", sites[stands], "charge"),
         Bars("demand_by_site", labels, 100.0 * sites["served_share"].to_numpy(), "demand served [%]"),
     ]
     if "check" in summary:

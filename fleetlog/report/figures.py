@@ -83,7 +83,7 @@ BY_NAME = {f.name: f for f in FIGURES}
 
 @dataclass(frozen=True)
 class Difference:
-    """Of one figure between two datasets: b minus a, its 95 % interval, and the p-value of a permutation test."""
+    """Of one figure: b minus a, its 95 % interval, and the p-value of a permutation test."""
 
     difference: float
     low: float
@@ -93,11 +93,11 @@ class Difference:
 
 
 FEWEST, DRAWS = 4, 2000
-"""Units on either side below which no significance is stated; permutations, and resamples for the interval."""
+"""Fewest units on either side of a statement of significance; permutations, and resamples."""
 
 
 def compare(a: pd.DataFrame, b: pd.DataFrame, figure: Figure, seed: int = 0) -> Difference | None:
-    """Compare a ratio between two tables of units (truck-days), which are exchangeable if nothing has changed.
+    """Compare a ratio between two tables of truck days, which are exchangeable if nothing has changed.
 
     None where either lacks it or has fewer than ``FEWEST`` units: a difference then says nothing.
     """

@@ -28,7 +28,7 @@ from fleetlog.view.scales import Scale, scale_of
 
 @dataclass
 class Report:
-    """What a report says: ``html`` (one self-contained page), ``summary`` (JSON-ready), ``tables`` and ``lines``."""
+    """What a report says: ``html`` (one page), ``summary`` (JSON-ready), ``tables`` and ``lines``."""
 
     html: str
     summary: dict[str, Any]
@@ -97,8 +97,9 @@ def _page(found: Comparison, lead: list[str]) -> str:
         (f.label, f.shown(v[0]), found.unit(f)) for f, v in found.figures if f.title and np.isfinite(v[0])
     ]
     return render(
-        "fleet.html", title=f"Fleet report: {' and '.join(sites)}", lead=lead, about=[_about(f) for f in facts],
-        tiles=[] if found.two else tiles, sections=_sections(found), key=found.table(), version=__version__,
+        "fleet.html", title=f"Fleet report: {' and '.join(sites)}", lead=lead,
+        about=[_about(f) for f in facts], tiles=[] if found.two else tiles, sections=_sections(found),
+        key=found.table(), version=__version__,
     )  # fmt: skip
 
 
@@ -164,6 +165,8 @@ def _tables(found: Comparison) -> dict[str, pd.DataFrame]:
         own = {"ledger": f.ledger.reset_index(), "states": f.results["utilisation"].tables["states"]}
         results = {name: f.results[of].places for name, of in PLACES.items() if of in f.results}
         own |= {name: tables[name] for name, tables in results.items() if name in tables}
+        if "trips" in f.results:
+            own["trips_between_places"] = f.results["trips"].tables["pairs"]
         for name, table in own.items():
             out.setdefault(name, []).append(table.assign(dataset=f.name) if found.two else table)
     return {"figures": found.frame(), **{n: pd.concat(t, ignore_index=True) for n, t in out.items()}}

@@ -22,23 +22,29 @@ from fleetlog.view.scales import Scale
 Shape = Series | Bars | Grid | EdgeValues | None
 S = TypeVar("S", Bars, Grid, EdgeValues)
 # Heading, column and format of every table.
-DATA = "truck=vehicle_id; rows=rows .0f; interval [s]=interval_s .1f; no data=silent %; on a road=on_road %; channels=channels"
-WORK = (
-    "truck=vehicle_id; hours=hours .2f; tasks=tasks .0f; tasks/h=tasks/h .1f; trips=trips .0f; trips/h=trips/h .1f; "
-    "km=km .2f; km/h=km/h .2f"
+DATA = (
+    "truck=vehicle_id; rows=rows .0f; interval [s]=interval_s .1f; no data=silent %; on a road=on_road %; "
+    "channels=channels"
 )
-FLOWS = "from=from_place; to=to_place; trips=trips .0f; mean distance [m]=distance_mean .0f; mean duration [s]=duration_mean .0f"
+WORK = (
+    "truck=vehicle_id; hours=hours .2f; tasks=tasks .0f; tasks/h=tasks/h .1f; trips=trips .0f; "
+    "trips/h=trips/h .1f; km=km .2f; km/h=km/h .2f"
+)
+FLOWS = (
+    "from=from_place; to=to_place; trips=trips .0f; mean distance [m]=distance_mean .0f; "
+    "mean duration [s]=duration_mean .0f"
+)
 ENERGY = (
-    "truck=vehicle_id; used [kWh]=used_kwh .2f; kWh/km=per_km .3f; charged [kWh]=charged_kwh .2f; cost=cost .2f; "
-    "CO2 [kg]=co2_kg .2f; from=source"
+    "truck=vehicle_id; used [kWh]=used_kwh .2f; kWh/km=per_km .3f; charged [kWh]=charged_kwh .2f; "
+    "cost=cost .2f; CO2 [kg]=co2_kg .2f; from=source"
 )
 CHARGE = (
     "truck=vehicle_id; at the start=first %; lowest=lowest %; at the end=last %; times charged=visits .0f; "
     "hours charged=hours .2f"
 )
 BUSY = (
-    "place=place; visits=visits .0f; trucks=vehicles .0f; median stop [s]=dwell_median .0f; truck hours=hours .2f; "
-    "x [m]=x .1f; y [m]=y .1f"
+    "place=place; visits=visits .0f; trucks=vehicles .0f; median stop [s]=dwell_median .0f; "
+    "truck hours=hours .2f; x [m]=x .1f; y [m]=y .1f"
 )
 AREAS = "area=area; roads=roads; delay [s]=delay .0f; episodes=episodes .0f; trucks=vehicles .0f"
 NEAR = (
@@ -46,8 +52,8 @@ NEAR = (
     "post-encroachment time [s]=pet_s .1f; closing speed [m/s]=closing_speed .1f"
 )
 OVER = (
-    "time=start t; truck=vehicle_id; road or zone=place; duration [s]=duration .1f; top speed [m/s]=top_speed .2f; "
-    "limit [m/s]=limit .2f"
+    "time=start t; truck=vehicle_id; road or zone=place; duration [s]=duration .1f; "
+    "top speed [m/s]=top_speed .2f; limit [m/s]=limit .2f"
 )
 
 
@@ -136,8 +142,8 @@ def energy_part(f: Facts) -> Part:
     part = Part([], [table(trucks, ENERGY, f"Energy by truck{money}")])
     if not known.all():
         part.lines.append(
-            f"The energy of {', '.join(trucks.loc[~known, 'vehicle_id'])} is unknown: the log has no power channel. "
-            "With --truck it is that of the truck's model."
+            f"The energy of {', '.join(trucks.loc[~known, 'vehicle_id'])} is unknown: the log has no power "
+            "channel. With --truck it is that of the truck's model."
         )
     if "energy" in f.results:
         result = f.results["energy"]
@@ -167,7 +173,8 @@ def _model_lines(f: Facts, result: Result) -> list[str]:
     if measured > 0.0:
         how = "more" if model > measured else "less"
         out.append(
-            f"Where power is recorded, the model gives {100.0 * abs(model / measured - 1.0):.1f} % {how} than was measured."
+            f"Where power is recorded, the model gives {100.0 * abs(model / measured - 1.0):.1f} % {how} "
+            "than was measured."
         )
     return out
 
@@ -228,7 +235,8 @@ def safety(f: Facts) -> Part:
     """Speeding and near misses."""
     part = Part()
     for name, caption, heads in (
-        ("near_misses", "Near misses, the closest first", NEAR), ("speeding", "Longest drives above the limit", OVER),
+        ("near_misses", "Near misses, the closest first", NEAR),
+        ("speeding", "Longest drives above the limit", OVER),
     ):  # fmt: skip
         result = f.results[name]
         part.lines += result.lines
@@ -260,11 +268,13 @@ def answers(f: Facts) -> list[str]:
 
     doing = (("waiting_share", "waited"), ("handling_share", "handled loads"), ("charging_share", "charged"))
     said = [f"{verb} {of(name)} %" for name, verb in doing if values[name] > 0.0]
-    head = f"{count(len(f.dataset.vehicles), 'truck')} drove {of('driving_share')} % of {of('truck_hours')} truck hours"
+    trucks = count(len(f.dataset.vehicles), "truck")
+    head = f"{trucks} drove {of('driving_share')} % of {of('truck_hours')} truck hours"
     out = [", ".join([head, *said]) + "."]
     if values["tasks"] > 0.0:
         out.append(
-            f"The fleet did {of('tasks')} tasks, {of('tasks_per_hour')} per truck hour, and drove {of('km')} km."
+            f"The fleet did {of('tasks')} tasks, {of('tasks_per_hour')} per truck hour, "
+            f"and drove {of('km')} km."
         )
     if values["kwh"] > 0.0:
         cost = f", at a cost of {of('cost')} {_currency(f)}" if values["cost"] > 0.0 else ""

@@ -31,7 +31,7 @@ SKEWED = 8.0
 class Scale:
     """Limits of a colour map.  ``clipped``: values above ``high`` exist.
 
-    Values beyond the ``knee`` are spread by their logarithm, as a few are many times the others; inf: none are.
+    Values beyond the ``knee`` are spread by their logarithm, as a few are many times the others; inf: none.
     """
 
     low: float
