@@ -12,8 +12,8 @@ from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.curves import UNIT
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, hypotheses
 from fleetlog.discovery.model import Knob, Model
-from fleetlog.discovery.recording.splits import Split
-from fleetlog.discovery.report import fields, words
+from fleetlog.discovery.recording.splits import HELD_OUT, Split
+from fleetlog.discovery.report import fields, traffic, words
 from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import Adjustment, ChannelFit, Finding, Parameter
 from fleetlog.discovery.search.forward import Search, search
@@ -73,11 +73,27 @@ def explain(
     values = {h.term: _values(problem, known, h) for h in named if h.term and (h.field or h.patterns)}
     numbers = _numbers(known)
     findings = [_finding(problem, found, h, final, scores, fit, values, numbers, beside) for h in told]
+    after = final.model
+    lost = channel.lost(after)
+    if lost is not None and traffic.counts(lost, settings):
+        findings.append(traffic.finding_of(lost, channel, _with_traffic(problem, after, fit)))
+        values[findings[-1].term] = traffic.values(lost)
+        after = after.with_field(findings[-1].term, traffic.values(lost).deviation)
     order = sorted(findings, key=lambda f: -f.strength)
     return Explained(
-        problem, before.model, final.model, fit, order, _adjustments(channel, final, told, numbers),
+        problem, before.model, after, fit, order, _adjustments(channel, final, told, numbers),
         values, numbers, _above_floor(fit, max(settings.material, channel.model_error), settings), found.log,
     )  # fmt: skip
+
+
+def _with_traffic(problem: Problem, model: Model, fit: ChannelFit) -> dict[str, Any]:
+    """The error on held-out trips with the windows in which other vehicles were in the way, and without."""
+    off, size = 0.0, 0.0
+    for number, unit in enumerate(problem.channel.units()):
+        use = (problem.folds(number, unit)[0] == HELD_OUT) & (unit.recorded > 0.0)
+        off += float(((unit.recorded - problem.channel.predict(unit, model))[use] ** 2).sum())
+        size += float((unit.recorded[use] ** 2).sum())
+    return {"metric": fit.metric, "before": float(np.sqrt(off / size)) if size else None, "after": fit.after}
 
 
 def _unjudged(problem: Problem, base: Model, reason: str) -> Explained:

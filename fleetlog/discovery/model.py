@@ -47,11 +47,12 @@ class Knob:
 @dataclass(frozen=True)
 class Model:
     """``at[knob]`` in the coordinate in which the model is linear; ``fields[term]`` (C,) deviations from
-    neutral in it."""
+    neutral in it, and ``when[term]`` the part of the time that they are there, where it is not all."""
 
     truck: Truck
     at: dict[Knob, float] = field(default_factory=dict)
     fields: dict[str, Floats] = field(default_factory=dict)
+    when: dict[str, Scope] = field(default_factory=dict)
 
     def moved(self, steps: dict[Knob, float]) -> Model:
         """Return the model with knobs turned by steps of their coordinates."""
@@ -61,9 +62,10 @@ class Model:
         """Return the model with knobs at given coordinates."""
         return replace(self, at={**self.at, **values})
 
-    def with_field(self, term: str, deviation: Floats) -> Model:
+    def with_field(self, term: str, deviation: Floats, when: Scope = FLEET) -> Model:
         """Return the model with one field set."""
-        return replace(self, fields={**self.fields, term: deviation})
+        fields = {**self.fields, term: deviation}
+        return replace(self, fields=fields, when={**self.when, term: when})
 
     def without(self, knobs: set[Knob], terms: set[str]) -> Model:
         """Return the model in which these knobs, and the fields of these terms, are nominal again."""
@@ -120,16 +122,22 @@ class Model:
                 out.append(Own({knob.term: {knob.parameter: value}}, None, s.begin, s.until, s.drift))
         return out
 
+    def share(self, term: str, vehicle: int, time: Floats) -> Floats | float:
+        """Return how far the field of a term is there at some times of a vehicle, (N,)."""
+        scope = self.when.get(term, FLEET)
+        return 1.0 if scope.whole else scope.share(vehicle, time)
+
     def physics(self, vehicle: int, motion: Motion, cells: Callable[[Term], Cells | None]) -> Physics:
         """Return the sum of terms along a motion of one vehicle, fields looked up in their cells."""
         values: dict[str, Values] = {k: dict(v) for k, v in self.values(vehicle).items()}
         for name, deviation in self.fields.items():
             term = all_terms()[name]
             where = cells(term)
-            if term.acts == "wait" or where is None:
+            if term.acts in ("wait", "traffic") or where is None:
                 continue
             first = term.parameters[0]
-            found = field_values(first, along(where, motion, deviation, term.odd))
+            here = along(where, motion, deviation, term.odd) * self.share(name, vehicle, motion.time)
+            found = field_values(first, here)
             values[name] = {**values.get(name, {}), first.name: found}
         return Physics(self.truck, values, own=tuple(o for o in self.own(vehicle) if o.timed))
 

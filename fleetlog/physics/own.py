@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from fleetlog.physics.field import Field
 from fleetlog.physics.term import Floats, Values
 
 
 @dataclass(frozen=True)
 class Own:
-    """``values[term]`` of some ``vehicles`` (names; None: all) from ``begin`` to ``until`` [s since 1970].
+    """``values[term]`` and ``fields[term]`` of some ``vehicles`` (names; None: all) from ``begin`` to ``until`` [s since 1970].
 
     ``drift``: they come in evenly from ``begin`` to ``until``, and hold after it.
     """
@@ -21,6 +22,7 @@ class Own:
     begin: float = -np.inf
     until: float = np.inf
     drift: bool = False
+    fields: dict[str, Field] = field(default_factory=dict)
 
     @property
     def timed(self) -> bool:

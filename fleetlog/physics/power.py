@@ -52,14 +52,14 @@ class Physics:
         mine = [o for o in self.own if o.vehicles is None or vehicle in o.vehicles]
         physics = self
         for o in mine:
-            physics = physics if o.timed else physics.changed(o.values)
+            physics = physics if o.timed else physics.changed(o.values, o.fields)
         timed = [replace(o, begin=o.begin - start, until=o.until - start) for o in mine if o.timed]
         return replace(physics, own=tuple(timed))
 
-    def changed(self, values: Mapping[str, Values]) -> Physics:
-        """Return the physics with some values in place of what it has."""
+    def changed(self, values: Mapping[str, Values], fields: Mapping[str, Field] | None = None) -> Physics:
+        """Return the physics with some values and fields in place of what it has."""
         new = {n: {**self.values.get(n, {}), **v} for n, v in values.items()}
-        return replace(self, values={**self.values, **new})
+        return replace(self, values={**self.values, **new}, fields={**self.fields, **(fields or {})})
 
     def phases(self, time: Floats) -> list[tuple[Floats, Physics]]:
         """Return what holds along the (N,) times of one vehicle's motion: shares (N,), summing to 1, each with a physics.
@@ -69,7 +69,11 @@ class Physics:
         out = [(np.ones(len(time)), replace(self, own=()))]
         for o in self.own:
             part = o.share(time)
-            parts = [(w * s, q) for w, p in out for s, q in ((1.0 - part, p), (part, p.changed(o.values)))]
+            parts = [
+                (w * s, q)
+                for w, p in out
+                for s, q in ((1.0 - part, p), (part, p.changed(o.values, o.fields)))
+            ]
             out = [(w, p) for w, p in parts if w.any()]
         return out
 

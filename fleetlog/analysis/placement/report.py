@@ -135,7 +135,7 @@ def vertex_table(network: Network, w: Weighed) -> pd.DataFrame:
 def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     """The answer for the terminal."""
     unit, r, b = s["unit"], s["reach"], s["baselines"]
-    rows = list(sites.itertuples())
+    rows: list[Any] = list(sites.itertuples())
     what = "Place pick and drop spots" if s["demand"] == "loading" else "Install chargers"
     where = " and ".join(f"{row.vertex} ({count(row.plugs, 'plug')})" for row in rows[:MOST])
     out = [f"{what} at {where}" + (f" and {len(rows) - MOST} more places." if len(rows) > MOST else ".")]

@@ -272,6 +272,9 @@ class EnergyChannel:
                 total += np.bincount(pairs % size, minlength=size)
         return total
 
+    def lost(self, model: Model) -> None:
+        """Return nothing: energy does not tell who was in the way."""
+
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return place, direction, load, pace, time and the nominal energy of every window: what makes two passes alike."""
         block, c = unit.own
@@ -335,7 +338,7 @@ class _About:
     def _field(self, source: FieldSource) -> Floats:
         term, cells = all_terms()[source.term], self.channel.places
         assert cells is not None
-        slope = self._slope(term)
+        slope = self._slope(term) * source.scope.share(self.block.vehicle, self.block.motion.time)
         total = np.zeros((self.cut.count, cells.size(term.odd)))
         for number, weight in cells.parts(self.block.motion, term.odd):
             total += self.cut.energies(self.block, number, cells.size(term.odd), slope * weight)

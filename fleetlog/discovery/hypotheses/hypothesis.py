@@ -58,6 +58,8 @@ class Hypothesis:
     curve: FreeCurve | None = None
     places: bool = False
     variance: float = 1.0
+    when: Scope = FLEET
+    """Of a field: the part of the time that it is there."""
 
     @property
     def name(self) -> str:
@@ -82,7 +84,7 @@ class Hypothesis:
     @property
     def scope(self) -> Scope:
         """Whom and when it is about."""
-        return self.knobs[0].scope if self.knobs else FLEET
+        return self.knobs[0].scope if self.knobs else self.when
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -93,7 +95,7 @@ class Hypothesis:
             return (*(KnobSource(k.column, setting) for k in self.knobs),)
         if self.curve is not None:
             return (CurveSource(self.curve),)
-        return (PlaceSource(),) if self.places else (FieldSource(self.term or ""),)
+        return (PlaceSource(),) if self.places else (FieldSource(self.term or "", self.when),)
 
     @property
     def shapes(self) -> tuple[str, ...]:
@@ -122,13 +124,13 @@ class Hypothesis:
     @property
     def choices(self) -> float:
         """Logarithm of the number of like hypotheses that it was picked from."""
+        s = self.scope
+        scopes = 2.0 * min(len(s.vehicles), 2) + TIME * (np.isfinite(s.begin) + np.isfinite(s.until))
         if self.patterns:
-            return 5.0 * len(self.patterns)
+            return float(5.0 * len(self.patterns) + scopes)
         if self.knobs:
-            s = self.scope
-            scopes = 2.0 * min(len(s.vehicles), 2) + TIME * (np.isfinite(s.begin) + np.isfinite(s.until))
             return float(np.log(SHAPES) * len(self.setting) + np.log(15.0) + scopes)
-        return 1.0 if self.field else float(np.log(35.0))
+        return float(1.0 + scopes) if self.field else float(np.log(35.0))
 
 
 def hypotheses(channel: Channel, only: tuple[str, ...] = ()) -> Iterator[Hypothesis]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from fleetlog.core.result import Result
 from fleetlog.discovery.diagnose import Diagnosis
+from fleetlog.discovery.hypotheses.scope import FLEET
 from fleetlog.discovery.report import fields, maps
 from fleetlog.discovery.report.finding import ChannelFit, Finding
 from fleetlog.discovery.report.html import html
@@ -33,12 +34,16 @@ def physics(d: Diagnosis) -> Physics:
     intervals."""
     found: dict[str, Field] = {}
     intervals: dict[str, dict[str, tuple[float, float]]] = {}
+    timed: list[Own] = []
     for e in d.channels.values():
         for name, values in e.fields.items():
             term = all_terms()[name]
             cells = e.problem.channel.cells(term)
             assert cells is not None
             found[name] = fields.as_field(cells, values, term, d.fleet.network)
+            when = d.found.when.get(name, FLEET)
+            if when.timed:
+                timed.append(Own({}, None, when.begin, when.until, when.drift, {name: found.pop(name)}))
         for knob, n in e.numbers.items():
             if knob.scope.whole:
                 intervals.setdefault(knob.term, {})[knob.parameter] = (n.low, n.high)
@@ -48,7 +53,7 @@ def physics(d: Diagnosis) -> Physics:
         dict(d.found.values()),
         fields=found,
         intervals=intervals,
-        own=_gathered(own, d.fleet.vehicles),
+        own=(*_gathered(own, d.fleet.vehicles), *timed),
     )
 
 

@@ -70,8 +70,9 @@ def statement(
     given: dict[str, Any] = {p.name: p for p in parameters}
     for p in term.parameters:
         given.setdefault(p.name, Parameter(p.name, p.neutral, p.neutral, p.neutral, p.unit, p.neutral))
-    if term.sentence:
-        text = term.sentence.format(where=place(where), **given)
+    own = [d.sentence for p in parameters if (d := term.by_name.get(p.name)) is not None and d.sentence]
+    if own or term.sentence:
+        text = (own or [term.sentence])[0].format(where=place(where), **given)
     else:
         numbers = ", ".join(
             f"{p.name} = {p.value:.4g} ({p.low:.4g} to {p.high:.4g}){'' if p.unit == '1' else ' ' + p.unit}"
