@@ -42,7 +42,10 @@ def runs(sample: Path) -> Iterator[tuple[str, Any]]:
     simulated = fleetlog.simulate(**fleet, output=sample.parent / "simulated")
     yield "simulate", simulated
     yield "simulate", fleetlog.simulate(like=one, truck=truck, duration="10m", recording=False, shadow=False)
-    yield "simulate --same-mission", fleetlog.simulate(like=one, truck=truck, same_mission=True, recording=False)
+    yield (
+        "simulate --same-mission",
+        fleetlog.simulate(like=one, truck=truck, same_mission=True, recording=False),
+    )
     yield "simulate --cycle", fleetlog.simulate(cycle="vdi2198", truck=truck, duration="5m", recording=False)
     yield "simulate --vary", fleetlog.simulate(**{**fleet, "vehicles": "2,4"}, runs=2)
     for name in fleetlog.analyze.lines():
@@ -97,7 +100,9 @@ def page(schemas: dict[str, dict[str, Any]]) -> str:
         "folder of an analysis.\n"
     ]
     for name, schema in schemas.items():
-        out.append(f"\n## fleetlog {name}\n\n[{file_of(name)}](json/{file_of(name)})\n\n| key | type |\n| --- | --- |")
+        out.append(
+            f"\n## fleetlog {name}\n\n[{file_of(name)}](json/{file_of(name)})\n\n| key | type |\n| --- | --- |"
+        )
         for key, value in schema.get("properties", {}).items():
             kind = value.get("type", "")
             kind = kind if isinstance(kind, str) else " or ".join(kind)
