@@ -105,7 +105,8 @@ def free_speed(edge: NDArray[Any], fleet: Fleet) -> Floats:
 def _drives(r: Route, behind: Mask, held: Mask, astray: Mask) -> Iterator[Drive]:
     """Legs of a route, those joined between which it only stood since another truck was in the way."""
     last = np.cumsum(r.size) - 1
-    on = held[last] & (np.diff(r.errand, append=-1) == 0)
+    # Where nothing tells what a stop was for, none is told to be for another truck.
+    on = held[last] & (np.diff(r.errand, append=-1) == 0) & r.known
     first = 0
     for k in range(len(r.legs)):
         if on[k]:
