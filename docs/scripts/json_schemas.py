@@ -31,6 +31,8 @@ TYPES = {str: "string", bool: "boolean", int: "integer", float: "number", type(N
 def runs(sample: Path) -> Iterator[tuple[str, Any]]:
     """What each command answers, with the command."""
     import fleetlog
+    from fleetlog.api.signature import REQUIRED
+    from fleetlog.cli.commands import verb_lines
 
     site, truck = sample / "site.toml", sample / "truck.toml"
     recorded = fleetlog.read_logs(sample / "logs", site=site)
@@ -49,7 +51,8 @@ def runs(sample: Path) -> Iterator[tuple[str, Any]]:
     yield "simulate --cycle", fleetlog.simulate(cycle="vdi2198", truck=truck, duration="5m", recording=False)
     yield "simulate --vary", fleetlog.simulate(**{**fleet, "vehicles": "2,4"}, runs=2)
     for name in fleetlog.analyze.lines():
-        options = {"truck": truck} if name == "energy" else {}
+        needed = {o.name for o in getattr(fleetlog.analyze, name).options if o.default is REQUIRED}
+        options = {"truck": truck} if "truck" in needed else {}
         for data in (recorded, simulated):
             with contextlib.suppress(fleetlog.FleetlogError):
                 yield f"analyze {name}", fleetlog.analyze(name, data, **options)
@@ -57,6 +60,11 @@ def runs(sample: Path) -> Iterator[tuple[str, Any]]:
     yield "analyze chargers", fleetlog.analyze.chargers(one, k=2, check=True, truck=truck, duration="30m")
     yield "diagnose", fleetlog.diagnose(one, truck=truck, output=sample.parent / "diagnosis")
     yield "calibrate", fleetlog.calibrate(one, truck=truck)
+    if "report" in verb_lines():
+        yield "report", fleetlog.report(one, truck=truck, diagnosis=False)
+        yield "report", fleetlog.report([one, simulated])
+    if "learn" in verb_lines():
+        yield "learn", fleetlog.learn(one)
     for to in ("csv", "sumo-net"):
         yield "export", fleetlog.export(one, to=to, output=sample.parent / to)
     yield "view", fleetlog.view(recorded, beside=simulated, save=sample.parent / "both.rrd")

@@ -57,7 +57,8 @@ class Analyses:
         """Answer the question called ``name``."""
         if name not in self.lines():
             raise ArgumentError(f"no analysis {name!r}", do=nearest(name, self.lines()))
-        return self.named(name)(dataset, **options)
+        answer: Answer = self.named(name)(dataset, **options)
+        return answer
 
     def __getattr__(self, name: str) -> Analysis:
         if name.startswith("_") or name not in self.lines():
