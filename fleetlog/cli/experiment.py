@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -12,12 +11,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from fleetlog.cli.options import VEHICLES, existing
+from fleetlog.core.schema import load_toml
+from fleetlog.errors import nearest
 
 if TYPE_CHECKING:
     from fleetlog.core.result import Result
     from fleetlog.simulate.scenario import Scenario
 
 F = TypeVar("F", bound=Callable[..., Any])
+RUNS, WORKERS = click.IntRange(1, 10_000), click.IntRange(1, 1024)
 FILES = ("site", "truck", "like", "tasks", "physics")
 
 
@@ -40,17 +42,13 @@ def _read(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path
     """Take the options that are not given on the command line from the file."""
     if path is None:
         return None
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise click.UsageError(f"{path}: not readable: {error}") from None
+    table = load_toml(path)
     table = {name.replace("-", "_"): value for name, value in table.items()}
-    vary = table.pop("vary", {})
+    if not isinstance(vary := table.pop("vary", {}), dict):
+        raise click.UsageError(f"{path}: vary is not a table; write [vary] and its keys below")
     known = {p.name for p in ctx.command.params if p.name}
     for name in table:
         if name not in known:
-            from fleetlog.errors import nearest
-
             raise click.UsageError(f"{path}: unknown key {name!r}; {nearest(name, sorted(known))}")
     for name in FILES:
         if name in table and (path.parent / str(table[name])).exists():
@@ -74,8 +72,8 @@ def experiment_options(command: F) -> F:
             "--vary", multiple=True, metavar="NAME=VALUES",
             help="Compare: plugs=2..6, close=ROAD,ROAD, policy=..., or room at a place: dock-1=1..3.",
         ),
-        click.option("--runs", default=1, show_default=True, help="Seeds of an experiment, from --seed on."),
-        click.option("--workers", type=int, help="Processes of an experiment; by default one a core."),
+        click.option("--runs", type=RUNS, default=1, show_default=True, help="Seeds of an experiment, from --seed on."),
+        click.option("--workers", type=WORKERS, help="Processes of an experiment; by default one a core."),
     ):  # fmt: skip
         command = option(command)
     return command
@@ -88,8 +86,6 @@ def is_experiment(options: dict[str, Any]) -> bool:
 
 def seeds(options: dict[str, Any]) -> range:
     """Of the runs."""
-    if options["runs"] < 1:
-        raise click.UsageError("--runs needs at least one run")
     return range(options["seed"], options["seed"] + options["runs"])
 
 
