@@ -64,7 +64,9 @@ def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
     columns = dict(
         checked.column(_text(n), v) for n, v in batch.columns.items() if not withheld or n in TARGETS
     )
-    rejects = [r._replace(text="") if withheld else r for r in checked.rejects]
+    rejects = [
+        r._replace(reason=_text(r.reason), text="" if withheld else _text(r.text)) for r in checked.rejects
+    ]
     off = (batch.time < EARLIEST) | (batch.time > LATEST)
     vehicle = _named(batch.vehicle)
     nameless = np.array(

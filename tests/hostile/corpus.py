@@ -818,6 +818,12 @@ def _maps() -> Iterator[Case]:
         for k, value in enumerate(("x", float("nan"), float("inf"), 10**400, [1], 1e308)):
             data = json.dumps(_changed(seeds.LIF, f"layouts.0.{path}", value)).encode()
             yield Case(f"lif {path} {k}", "map.json", data, 1, "map.json", None, "settings")
+    knots = _changed(
+        seeds.LIF,
+        "layouts.0.edges.1.vehicleTypeEdgeProperties.0.trajectory.knotVector",
+        [0, 0, 0, 1e-320, 1, 1],
+    )
+    yield Case("lif knots that nearly coincide", "map.json", json.dumps(knots).encode(), 1, "nearly coincide", None, "settings")  # fmt: skip
     for name, data in seeds.MAPS.items():
         for k in range(1, 10):
             yield Case(f"{name} cut {k}", name, data[: len(data) * k // 10], 1, name, None, "settings")

@@ -303,3 +303,11 @@ def test_a_refused_row_is_kept_as_text(tmp_path: Path) -> None:
     assert (out.status, out.rows) == (3, 39)
     (text,) = pq.read_table(tmp_path / "out" / "rejected.parquet").to_pydict()["text"]
     assert "x=19.5" in text and "note=n39" in text
+
+
+def test_half_a_surrogate_pair_in_a_refused_record_ends_no_import(tmp_path: Path) -> None:
+    data = seeds.vda().replace(b"2026-03-02T05:00:05Z", b"2026\\ud800-03-02T05:00:05Z")
+    out = judge.imported(put(tmp_path / "a.jsonl", data), tmp_path)
+    assert (out.status, out.rows) == (3, seeds.ROWS - 1)
+    (text,) = pq.read_table(tmp_path / "out" / "rejected.parquet").to_pydict()["text"]
+    assert text == "2026\ufffd-03-02T05:00:05Z"
