@@ -27,7 +27,7 @@ def answers(command: Callable[..., tuple[Result, Site]]) -> Callable[..., None]:
 
         with atomic_output(output, "analysis", overwrite=overwrite, inputs=named_files(options)) as folder:
             result, site = command(**options)
-            _write(result, site, folder)
+            write_files(result, site, folder)
         say(result.lines, result.summary, as_json=as_json, quiet=quiet)
 
     return answer_options(run)
@@ -44,11 +44,12 @@ def write_analysis(
     from fleetlog.store.output import atomic_output
 
     with atomic_output(out, "analysis", overwrite=overwrite, inputs=inputs) as folder:
-        _write(result, site, folder)
+        write_files(result, site, folder)
     return Path(out)
 
 
-def _write(result: Result, site: Site, folder: Path) -> None:
+def write_files(result: Result, site: Site, folder: Path) -> None:
+    """Write everything that a result gives into a folder that is there."""
     from fleetlog.store.results import write_result
     from fleetlog.view.picture import write_picture
     from fleetlog.view.results import write_result_recording

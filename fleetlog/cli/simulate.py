@@ -25,7 +25,7 @@ from fleetlog.cli.options import (
     quiet_option,
     say,
 )
-from fleetlog.cli.output import write_analysis
+from fleetlog.cli.output import write_files
 
 if TYPE_CHECKING:
     from fleetlog.core.site import Site
@@ -114,6 +114,7 @@ def command(output: Path, as_json: bool, overwrite: bool, quiet: bool, **options
     """Generate the trajectories of a fleet on a site, as a dataset and its replay."""
     from fleetlog.core.truck import load_truck
     from fleetlog.store import Dataset, DatasetWriter
+    from fleetlog.store.output import atomic_output
     from fleetlog.store.provenance import provenance
 
     truck = load_truck(options["truck"])
@@ -129,12 +130,16 @@ def command(output: Path, as_json: bool, overwrite: bool, quiet: bool, **options
     if is_experiment(options):
         if options["same_mission"] or options["cycle"]:
             raise click.UsageError("an experiment is for a fleet: not with --same-mission or --cycle")
-        with _progress(quiet) as progress:
+        inputs = named_files(options)
+        with (
+            _progress(quiet) as progress,
+            atomic_output(output, "analysis", overwrite=overwrite, inputs=inputs) as folder,
+        ):
             made = [_scenario(options, truck, physics, like, site, seed) for seed in seeds(options)]
             for note in made[0][1]:
                 notice(note, quiet)
             result = run_experiment(options, [scenario for scenario, _ in made], progress)
-        write_analysis(result, site, output, overwrite, named_files(options))
+            write_files(result, site, folder)
         say([*result.lines, f"experiment: {output}"], result.summary, as_json=as_json, quiet=quiet)
         return
     with (

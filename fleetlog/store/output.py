@@ -29,6 +29,8 @@ its kind and digest.
 REMADE = frozenset({MARK, "recording.rrd", ".recording.rrd.partial"})
 """Names in an output that fleetlog may add later."""
 NOREPLACE, EXCHANGE = 1, 2
+_held: set[int] = set()
+"""Descriptors of the locks of this process."""
 AT_FDCWD = -100
 
 
@@ -219,7 +221,17 @@ def _claimed(target: Path) -> Iterator[Path]:
         with suppress(OSError):
             (scratch / "lock").unlink()
             scratch.rmdir()
+        _let_go({lock})
+
+
+def _let_go(locks: set[int]) -> None:
+    for lock in locks & _held:
         os.close(lock)
+    _held.difference_update(locks)
+
+
+if hasattr(os, "register_at_fork"):  # a worker that outlives a killed run must not hold its place
+    os.register_at_fork(after_in_child=lambda: _let_go(set(_held)))
 
 
 def _lock(scratch: Path, target: Path) -> int:
@@ -233,6 +245,7 @@ def _lock(scratch: Path, target: Path) -> int:
             try:
                 _hold(lock, target)
                 if os.fstat(lock).st_ino == (scratch / "lock").stat().st_ino:
+                    _held.add(lock)
                     return lock
             except BaseException:
                 os.close(lock)
