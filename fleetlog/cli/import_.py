@@ -81,12 +81,13 @@ def _import(
 ) -> ImportSummary:  # fmt: skip
     """The import and, unless ``rate`` is None, the replay."""
     from fleetlog.importers._profile import load_profile
+    from fleetlog.ingest.files import expanded
     from fleetlog.ingest.pipeline import import_logs
     from fleetlog.store import DatasetWriter
 
     about = load_profile(profile) if profile else None
     place = _site(site, quiet)
-    inputs = [*map(Path, logs), *filter(None, (site, profile))]
+    inputs = [*expanded(logs), *filter(None, (site, profile))]
     with (
         _progress(quiet) as progress,
         DatasetWriter.create(output, "recorded", place, overwrite=overwrite, inputs=inputs) as writer,

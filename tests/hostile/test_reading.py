@@ -13,13 +13,16 @@ import judge
 import pyarrow.parquet as pq
 import pytest
 import seeds
+from click.testing import CliRunner
 
+from fleetlog.cli.main import cli
 from fleetlog.core.truck import load_truck
-from fleetlog.errors import FleetlogError, InputError
+from fleetlog.errors import FleetlogError, InputError, OutputError
 from fleetlog.importers import mcap as mcap_importer
 from fleetlog.importers._open import FREE, open_bytes
 from fleetlog.importers._profile import load_profile
 from fleetlog.importers.base import importers
+from fleetlog.ingest.files import find_logs
 from fleetlog.physics.model import load_physics
 from fleetlog.roads import load_site
 
@@ -311,3 +314,23 @@ def test_half_a_surrogate_pair_in_a_refused_record_ends_no_import(tmp_path: Path
     assert (out.status, out.rows) == (3, seeds.ROWS - 1)
     (text,) = pq.read_table(tmp_path / "out" / "rejected.parquet").to_pydict()["text"]
     assert text == "2026\ufffd-03-02T05:00:05Z"
+
+
+def test_outputs_among_the_logs_are_not_read_again(tmp_path: Path) -> None:
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    put(logs / "a.csv", seeds.csv())
+    (logs / ".dead.partial" / "new").mkdir(parents=True)
+    put(logs / ".dead.partial" / "new" / "b.csv", seeds.csv().replace(b"\nT", b"\nS"))
+    for _ in range(2):
+        out = judge.imported(logs, logs)
+        assert (out.status, out.rows) == (0, seeds.ROWS), out.text
+    assert [log.path.name for log in find_logs([logs / "*"])] == ["a.csv"]
+    assert judge.imported(logs / "out", tmp_path).rows == seeds.ROWS
+
+
+def test_what_a_pattern_matches_is_an_input(tmp_path: Path) -> None:
+    assert judge.imported(put(tmp_path / "a.csv", seeds.csv()), tmp_path).status == 0
+    words = ["import", str(tmp_path / "out" / "trajectories" / "*" / "*" / "*.parquet")]
+    done = CliRunner().invoke(cli, [*words, "-o", str(tmp_path / "out"), "--overwrite", "--no-recording"])
+    assert isinstance(done.exception, OutputError) and "this run reads" in str(done.exception)
