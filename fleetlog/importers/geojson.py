@@ -137,7 +137,8 @@ class _Reader:
         vehicle = self._vehicle(known, properties)
         for line, stamps in zip_longest(lines, times[: len(lines)]):
             if not isinstance(line, list) or not isinstance(stamps, list) or len(stamps) != len(line):
-                self._geographic.reject(number, "line without a time for every vertex", properties)
+                for vertex in line if isinstance(line, list) else [properties]:
+                    self._geographic.reject(number, "vertex of a line without a time for each", vertex)
                 continue
             for vertex, stamp in zip(line, stamps, strict=True):
                 self._vertex(vertex, stamp, vehicle, number, known)

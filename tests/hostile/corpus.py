@@ -449,10 +449,14 @@ def _parquet() -> Iterator[Case]:
     ):
         yield case(f"time {kind}", 0, "", ROWS, timestamp=pa.array(micro, pa.timestamp("us")).cast(kind))
     yield case("time as text", 0, "", ROWS, timestamp=[iso(i) for i in n])
-    yield case("time as int", 0, "counts us", ROWS, timestamp=micro)
-    yield case("time as float", 0, "counts s", ROWS, timestamp=[m / 1e6 for m in micro])
+    yield case("time as int", 0, "counted in us", ROWS, timestamp=micro)
+    yield case("time as float", 0, "counted in s", ROWS, timestamp=[m / 1e6 for m in micro])
     yield case(
-        "time as unsigned", 0, "counts ms", ROWS, timestamp=pa.array([m // 1000 for m in micro], pa.uint64())
+        "time as unsigned",
+        0,
+        "counted in ms",
+        ROWS,
+        timestamp=pa.array([m // 1000 for m in micro], pa.uint64()),
     )
     for k, value in enumerate(NO_TIMES):
         yield case(f"bad time {k}", 3, "time", ROWS - 1, timestamp=[*[iso(i) for i in n][:-1], value])

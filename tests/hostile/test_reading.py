@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 import struct
 import tracemalloc
@@ -155,6 +156,34 @@ def test_a_time_of_day_has_no_date_until_it_is_given_one(tmp_path: Path) -> None
         profile.write_text(f'[time]\ncolumn = "time"\n{style}origin = "2026-03-02"\nzone = "Europe/Berlin"\n')
         out = judge.imported(path, tmp_path, profile=profile)
         assert out.status == 0 and "2026-03-02T22:59:00" in out.text, out.text
+
+
+@pytest.mark.parametrize("header", ["time [s]", "timestamp_ms", "time"])
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "geojson"])
+def test_a_count_from_an_unknown_start_is_no_date(header: str, suffix: str, tmp_path: Path) -> None:
+    """Seconds since the logger was switched on are not seconds since 1970, whatever the column is called."""
+
+    def log(first: float) -> bytes:
+        times = [first + i for i in range(40)]
+        if suffix == "csv":
+            return f"vehicle_id,{header},x,y\n".encode() + b"".join(
+                b"A,%.1f,%d,0\n" % (t, t % 97) for t in times
+            )
+        if suffix == "parquet":
+            return seeds.parquet(timestamp=None, **{header: times})
+        points = [seeds.feature(i, **{header: t}) for i, t in enumerate(times)]
+        for point in points:
+            del point["properties"]["timestamp"]
+        return seeds.collection(points)
+
+    path = put(tmp_path / f"a.{suffix}", log(0.0))
+    out = judge.read(path)
+    assert out.status == 1 and re.search("unknown start|without a time", out.text), out.text
+    unit = "ms" if "ms" in header else "s"
+    profile = put(tmp_path / "p.toml", f'[time]\nformat = "{unit}"\norigin = 2026-03-02T05:00:00Z\n'.encode())
+    assert judge.read(path, profile).rows == 40
+    since = put(path, log(seeds.START * (1e3 if unit == "ms" else 1.0)))
+    assert judge.read(since).rows == 40
 
 
 def test_midnight_is_the_next_day(tmp_path: Path) -> None:
