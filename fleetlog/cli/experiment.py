@@ -50,9 +50,9 @@ def _read(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path
     for name in table:
         if name not in known:
             raise click.UsageError(f"{path}: unknown key {name!r}; {nearest(name, sorted(known))}")
-    for name in FILES:
-        if name in table and (path.parent / str(table[name])).exists():
-            table[name] = str(path.parent / str(table[name]))
+    for name in table.keys() & {*FILES}:
+        given = str(table[name])
+        table[name] = str(path.parent / given) if (path.parent / given).exists() else given
     ctx.default_map = {**table, "vary": [f"{k}={_values(v)}" for k, v in vary.items()]}
     return path
 

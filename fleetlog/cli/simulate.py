@@ -68,7 +68,7 @@ class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in newer r
     "--same-mission", is_flag=True, help="Drive the trips of --like again, each by itself, for comparison."
 )
 @click.option("--tasks", type=existing, help="CSV: vehicle (or any), from, to, payload [kg], earliest [s].")
-@click.option("--cycle", help="A test cycle on a strip of its own: vdi2198.")
+@click.option("--cycle", type=click.Choice(["vdi2198"]), help="A test cycle on a strip of its own.")
 @click.option("--close", multiple=True, metavar="ROAD", help="Let nobody drive on a road; may be repeated.")
 @click.option("--physics", type=existing, help="model.toml with terms found elsewhere.")
 @click.option(

@@ -157,8 +157,8 @@ class _Reader:
     def nothing(self) -> str:
         """What the file holds instead of motion."""
         found = [plural(self.points, "point") + " without a time"] if self.points else []
-        lines = self._geographic.rejected - self.points
-        found += [plural(lines, "line") + " without times"] if lines > 0 else []
+        vertices = self._geographic.rejected - self.points
+        found += [f"{vertices:,} vertices of lines without times"] if vertices > 0 else []
         found += [f"{n} {kind}" for kind, n in self.left_out.items()]
         return "no position with a time in it" + (f", only {' and '.join(found)}" if found else "")
 
