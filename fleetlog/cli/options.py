@@ -71,8 +71,10 @@ def say(lines: Iterable[str], summary: dict[str, Any], *, as_json: bool, quiet: 
     """The answer on standard output: the lines, or with ``--json`` the summary as one object."""
     from fleetlog.store.documents import json_text
 
-    if as_json:
-        click.echo(json_text(summary))
-    elif not quiet:
-        for line in lines:
-            click.echo(printable(line))
+    text = json_text(summary) if as_json else "\n".join(map(printable, () if quiet else lines))
+    try:
+        click.echo(text, nl=bool(text))
+    except OSError as error:
+        if isinstance(error, BrokenPipeError):
+            raise
+        raise OSError(error.errno, error.strerror, "standard output") from None

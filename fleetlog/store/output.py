@@ -32,6 +32,7 @@ NOREPLACE, EXCHANGE = 1, 2
 _held: set[int] = set()
 """Descriptors of the locks of this process."""
 AT_FDCWD = -100
+NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
 
 
 @contextmanager
@@ -64,7 +65,8 @@ def atomic_output(
         new = scratch / "new"
         if folder:
             new.mkdir()
-        yield new
+        with _full_disk(given):
+            yield new
         mark = _mark(new, kind, target)
         _sync(new)
         with interrupt.held():
@@ -72,6 +74,20 @@ def atomic_output(
             if mark is not None:
                 mark.replace(_mark_of(target))
             _swap(new, target)
+
+
+@contextmanager
+def _full_disk(target: str | Path) -> Iterator[None]:
+    """Say which output has no room; libraries that write leave its name out."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None or error.errno not in NO_ROOM:
+            raise
+        why = os.strerror(error.errno or 0)
+        raise OutputError(
+            f"not written: {why}", where=target, do="make room or write to another disk"
+        ) from error
 
 
 @contextmanager
