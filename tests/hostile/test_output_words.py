@@ -23,9 +23,10 @@ from fleetlog.cli.diagnose import _unjudged
 from fleetlog.cli.main import cli
 from fleetlog.cli.options import printable
 from fleetlog.cli.output import write_analysis
+from fleetlog.core.network import Edge, build_network
 from fleetlog.core.result import Grid, Result
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.discovery.report.finding import ChannelFit, Verdict
 from fleetlog.errors import DataError, InputError, OutputError
 from fleetlog.exporters.base import export_dataset
@@ -185,6 +186,27 @@ def test_analyses_of_nearly_nothing_answer(tmp_path: Path) -> None:
         assert done.exit_code == 0, (words, done.exception)
         assert not re.search(r"\bnan\b|(?<!\+)-0\.0+\b", done.output)
         assert "NaN" not in (tmp_path / words[0] / f"{words[0]}.json").read_text()
+
+
+def test_a_row_of_a_wrong_century_fills_no_memory(tmp_path: Path) -> None:
+    """A logger that jumps to 2261 for its last row: one clear line, no grid of two hundred years."""
+    time = np.append(np.arange(119, dtype=np.int64) * 1_000_000, 9_190_000_000_000_000)
+    columns = {"x": np.minimum(np.arange(120.0), 118.0), "y": np.zeros(120), "speed": np.ones(120)}
+    trip = np.append(np.zeros(119, np.int64), 1)
+    edge = Labels.of(["r"] * 120)
+    site = Site(network=build_network([Edge("r", "a", "b", np.array([[0.0, 0, 0], [200.0, 0, 0]]), "r")]))
+    with DatasetWriter.create(tmp_path / "d", "recorded", site) as writer:
+        writer.write(
+            Trajectory("T1", time, {**columns, "trip_id": trip, "edge_id": edge, "edge_offset": columns["x"]})
+        )
+    data = str(tmp_path / "d")
+    for words in (
+        ["analyze", "density", data],
+        ["simulate", "--like", data, "--truck", "counterbalance-2.5t", "--same-mission", "--no-recording"],
+    ):
+        done = CliRunner().invoke(cli, [*words, "-o", str(tmp_path / "out")])
+        assert isinstance(done.exception, DataError), done.exception
+        assert "days" in str(done.exception) and "wrong time" in str(done.exception)
 
 
 def test_an_unknown_payload_is_not_an_empty_one(tmp_path: Path) -> None:
