@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from scipy import stats
 from simulated_sites import TRUCK, grid, place
 
-from fleetlog.cli.simulate import command
+from fleetlog.cli.commands import load_verb
 from fleetlog.core.result import half_width
 from fleetlog.errors import DataError, InputError, OutputError
 from fleetlog.simulate.engine import Settings
@@ -123,7 +123,7 @@ def plan(tmp_path, project_root):
 
 
 def call(*args):
-    return CliRunner().invoke(command, [str(a) for a in args])
+    return CliRunner().invoke(load_verb("simulate"), [str(a) for a in args])
 
 
 def test_an_experiment_from_a_file(plan):
@@ -138,7 +138,7 @@ def test_an_experiment_from_a_file(plan):
 @pytest.mark.parametrize(
     "arguments, told",
     [
-        (("--runs", "0"), "not in the range"),
+        (("--runs", "0"), "not at least 1"),
         (("--vary", "vehicles=3..4"), "varied twice"),
         (("--vehicles", "3..x"), "neither a number nor a range"),
         (("--cycle", "vdi2198"), "an experiment is for a fleet"),
@@ -154,8 +154,8 @@ def test_wrong_usage_is_one_line(plan, arguments, told):
     "text, told",
     [
         ('vehicle = "2..3"', "did you mean 'vehicles'"), ("vary = 5", "vary is not a table"),
-        ("site = 5\n[vary]\nplugs = 2", "'5' does not exist"), ("soc = nan", "not a finite number"),
-        ("close = 5", "iterable"), ("duration = [1]", "no duration"),
+        ("soc = nan", "not a finite number"), ("duration = [1]", "takes one value"), ("site = []", "takes one value"), ("rate = {}", "not a number"),
+        ("policy = 5", "not one of"), ("seed = -1", "at least 0"), ("runs = 1e9", "not"),
     ],
 )  # fmt: skip
 def test_a_wrong_file_is_one_line(plan, text, told):
@@ -169,6 +169,15 @@ def test_a_file_that_is_no_toml_is_one_line(plan, data):
     (plan / "bad.toml").write_bytes(data)
     outcome = call("--truck", "counterbalance-2.5t", "--experiment", plan / "bad.toml", "-o", plan / "bad")
     assert isinstance(outcome.exception, InputError) and "TOML" in str(outcome.exception)
+
+
+@pytest.mark.parametrize(
+    "text, told", [("site = 5", "not exist"), ("site = 'site.toml'\nclose = 5", "no edge '5'")]
+)
+def test_what_a_file_names_must_be_there(plan, text, told):
+    (plan / "bad.toml").write_text(f"truck = 'counterbalance-2.5t'\n{text}\n")
+    outcome = call("--experiment", plan / "bad.toml", "-o", plan / "bad")
+    assert isinstance(outcome.exception, InputError) and told in str(outcome.exception)
 
 
 def test_the_place_of_an_experiment_is_checked_before_the_work(plan, monkeypatch):
