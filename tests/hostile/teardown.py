@@ -34,6 +34,8 @@ TRUCK, SITE = "plant/truck.toml", "plant/site.toml"
 POWER = ["--channels", "battery_power"]
 ENV = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "FLEETLOG_DEBUG": ""}
 FORMATS = ("csv", "geojson", "gpx", "kitti", "mcap", "parquet", "sumo-fcd", "sumo-net", "tum")
+ONE = {"kitti": ["--vehicle", "T1"], "tum": ["--vehicle", "T1"]}
+"""Formats of one vehicle."""
 LIMIT = 900.0
 """Longest a run may take [s]; one that takes longer hangs."""
 
@@ -51,7 +53,10 @@ VERBS: dict[str, list[str]] = {
     "calibrate": ["calibrate", "recorded", "--truck", TRUCK, "-o", "OUT.toml"],
     "diagnose": ["diagnose", "recorded", "--truck", TRUCK, *POWER, "-o", "OUT"],
     "against": ["diagnose", "recorded", "--truck", TRUCK, "--against", "simulated", *POWER, "-o", "OUT"],
-    **{f"export-{kind}": ["export", "recorded", "--to", kind, "-o", f"OUT.{kind}"] for kind in FORMATS},
+    **{
+        f"export-{kind}": ["export", "recorded", "--to", kind, *ONE.get(kind, []), "-o", f"OUT.{kind}"]
+        for kind in FORMATS
+    },
     "tasks": ["simulate", "--site", SITE, "--truck", TRUCK, "--tasks", "tasks.csv", "--vehicles", "2", "--duration", "60s", "-o", "OUT"],
     "cycle": ["simulate", "--cycle", "vdi2198", "--truck", TRUCK, "--duration", "60s", "-o", "OUT"],
     "experiment": ["simulate", "--site", SITE, "--truck", TRUCK, "--vehicles", "2,3", "--workers", "2", "--duration", "60s", "-o", "OUT"],
