@@ -186,6 +186,12 @@ def test_a_count_from_an_unknown_start_is_no_date(header: str, suffix: str, tmp_
     assert judge.read(since).rows == 40
 
 
+def test_a_format_that_counts_from_1970_says_where_it_cannot_be_so(tmp_path: Path) -> None:
+    early = b"".join(b"%d.5 %d 2 0 0 0 0 1\n" % (i, i) for i in range(40))
+    assert "unknown start, placed at 1970" in judge.read(put(tmp_path / "a.tum", early)).text
+    assert "unknown start" not in judge.read(put(tmp_path / "b.tum", seeds.tum())).text
+
+
 def test_midnight_is_the_next_day(tmp_path: Path) -> None:
     clock = [b"23:59:%02d" % (50 + i) if i < 10 else b"00:00:%02d" % (i - 10) for i in range(20)]
     rows = b"".join(b"A,%s,%d,0\n" % (time, i) for i, time in enumerate(clock))
