@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from fleetlog.api.answer import Answer as Result
     from fleetlog.api.inputs import as_dataset as open
     from fleetlog.core.trajectory import Trajectory
+    from fleetlog.errors import FleetlogError
     from fleetlog.store import Dataset
     from fleetlog.verbs.analyze import analyze
     from fleetlog.verbs.calibrate import calibrate
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 
 NAMES = {
     "read_logs": "verbs.import_:import_", "Result": "api.answer:Answer", "open": "api.inputs:as_dataset",
-    "Dataset": "store:Dataset", "Trajectory": "core.trajectory:Trajectory",
+    "Dataset": "store:Dataset", "FleetlogError": "errors:FleetlogError", "Trajectory": "core.trajectory:Trajectory",
 }  # fmt: skip
 """What is offered beside the verbs, and where it is."""
 VERBS = (
@@ -50,7 +51,7 @@ VERBS = (
 """The functions behind the commands, each in the module of its name in :mod:`fleetlog.verbs`."""
 
 __all__ = [
-    "FORMAT_VERSION", "Dataset", "Result", "Trajectory", "__version__", "analyze", "calibrate", "demo",
+    "FORMAT_VERSION", "Dataset", "FleetlogError", "Result", "Trajectory", "__version__", "analyze", "calibrate", "demo",
     "diagnose", "export", "import_", "info", "open", "read_logs", "report", "simulate", "view",
 ]  # fmt: skip
 

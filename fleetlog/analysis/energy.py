@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fleetlog import interrupt
 from fleetlog.analysis.energybook.book import Book, keep_book
 from fleetlog.analysis.energybook.doubt import parameter_variance
 from fleetlog.analysis.energybook.tables import (
@@ -93,9 +94,7 @@ def _books(dataset: Dataset, physics: Physics, battery: BatteryModel, processes:
         for job in jobs:
             yield from _vehicle_day(*job, dataset.site)
         return
-    from concurrent.futures import ProcessPoolExecutor
-
-    with ProcessPoolExecutor(processes) as pool:
+    with interrupt.workers(processes) as pool:
         for day in pool.map(_vehicle_day, *zip(*jobs, strict=True)):
             yield from day
 

@@ -57,9 +57,9 @@ def as_dataset(value: DatasetLike) -> Dataset:
 
     if isinstance(value, Dataset):
         return value
-    if hasattr(value, "dataset"):
-        return cast("Dataset", value.dataset)
-    return _imported(value) if _is_frame(value) else Dataset(as_path(value))
+    if _is_frame(value):
+        return _imported(value)
+    return cast("Dataset", value.dataset) if hasattr(value, "dataset") else Dataset(as_path(value))
 
 
 def as_truck(value: TruckLike) -> Truck:

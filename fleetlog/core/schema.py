@@ -55,7 +55,7 @@ def real(low: float = -math.inf, high: float = math.inf, unit: str = "") -> Chec
         if not math.isfinite(number):
             raise Wrong("is not a finite number")
         if not low <= number <= high:
-            raise Wrong(f"is outside {low:g} to {high:g} {unit}".rstrip())
+            raise Wrong(f"is outside {low:g} to {high:g} {'' if unit == '1' else unit}".rstrip())
         return number
 
     return check
