@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from fleetlog.verbs.import_ import import_
     from fleetlog.verbs.import_ import import_ as read_logs
     from fleetlog.verbs.info import info
+    from fleetlog.verbs.report import report
     from fleetlog.verbs.simulate import simulate
     from fleetlog.verbs.view import view
 
@@ -51,7 +52,7 @@ VERBS = (
 
 __all__ = [
     "FORMAT_VERSION", "Dataset", "FleetlogError", "Result", "Trajectory", "__version__", "analyze", "calibrate", "demo",
-    "diagnose", "export", "import_", "info", "open", "read_logs", "simulate", "view",
+    "diagnose", "export", "import_", "info", "open", "read_logs", "report", "simulate", "view",
 ]  # fmt: skip
 
 

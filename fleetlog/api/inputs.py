@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     PhysicsLike: TypeAlias = "PathLike | Physics | Answer"
     LogsLike: TypeAlias = "PathLike | pd.DataFrame | Sequence[PathLike | pd.DataFrame]"
     MeasurementsLike: TypeAlias = "DatasetLike | Sequence[DatasetLike]"
+    DatasetsLike: TypeAlias = "DatasetLike | Sequence[DatasetLike]"
 else:
     PathLike = Annotated[Any, Named("PATH", path=True)]
     DatasetLike = Annotated[Any, Named("DATASET", path=True)]
@@ -39,6 +40,7 @@ else:
     PhysicsLike = Annotated[Any, Named("PATH", path=True)]
     LogsLike = Annotated[tuple[Any, ...], Named("LOG", path=True)]
     MeasurementsLike = Annotated[tuple[Any, ...], Named("MEASUREMENTS", path=True)]
+    DatasetsLike = Annotated[tuple[Any, ...], Named("DATASET", path=True)]
 
 _kept: list[tempfile.TemporaryDirectory[str]] = []
 
