@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from fleetlog.analysis._added import added_results
 from fleetlog.analysis.tariff import load_tariff
 from fleetlog.core.result import EdgeValues, Grid
 from fleetlog.core.schema import Wrong, time_zone
@@ -126,7 +127,16 @@ def _sections(found: Comparison) -> list[Section]:
                 Part(lines, name=f.name) for f, lines in zip(facts, found.left_out, strict=True) if lines
             ]
             out.append(Section("What the truck model leaves out", parts))
-    return out
+    return out + _added_sections(facts)
+
+
+def _added_sections(facts: list[Facts]) -> list[Section]:
+    """A section for each analysis that another package adds: its sentences."""
+    found: dict[str, list[Part]] = {}
+    for f in facts:
+        for result in added_results(f.dataset, f.truck):
+            found.setdefault(result.name, []).append(Part(result.lines, name=f.name))
+    return [Section(name.replace("_", " ").capitalize(), parts) for name, parts in found.items()]
 
 
 def _common(title: str, facts: list[Facts]) -> dict[str, Scale]:
