@@ -81,6 +81,17 @@ def text(value: Any) -> str:
     return value
 
 
+def time_zone(value: Any) -> str:
+    """The IANA name of a time zone."""
+    from zoneinfo import ZoneInfo
+
+    try:
+        ZoneInfo(text(value))
+    except (ValueError, OSError, LookupError):
+        raise Wrong("is no time zone such as Europe/Berlin") from None
+    return str(value)
+
+
 def moment(value: Any) -> float:
     """A date and time with its zone, as seconds since 1970."""
     if not isinstance(value, datetime):

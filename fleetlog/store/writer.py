@@ -150,7 +150,7 @@ class DatasetWriter:
                 "name": self.site.name,
                 "frame": None
                 if frame is None
-                else {k: getattr(frame, k) for k in ("latitude", "longitude", "rotation")},
+                else {k: getattr(frame, k) for k in ("latitude", "longitude", "rotation", "timezone")},
                 "edges": 0 if self.site.network is None else len(self.site.network),
             },
             "vehicles": dict(sorted(self._rows.items())),
