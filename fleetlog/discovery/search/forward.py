@@ -70,18 +70,12 @@ def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | No
     if found.best_untold is None and screened:
         found.best_untold = screened[0].hypothesis
     worth = [s for s in screened if _significant(problem, now, s)]
-    for _ in range(ROUNDS):
-        better = _best(problem, now, found, screened, worth)
-        if better is not None or not worth:
-            return better
-        # What gains most may be spread thinly over the site, and what is material in one place gain less.
-        most = max(s.gain for s in worth)
-        worth = [s for s in worth if s.gain <= _share(s) * most]
-    return None
-
-
-ROUNDS = 2
-"""How often the next best are tried where the best do not count."""
+    better = _best(problem, now, found, screened, worth)
+    if better is not None:
+        return better
+    # What gains most may be spread thinly over the site, and not count; waits gather at few places and gain less.
+    waits = [s for s in worth if s.hypothesis.physics is not None and s.hypothesis.physics.acts == "wait"]
+    return _best(problem, now, found, screened, waits) if waits else None
 
 
 def _share(s: Screened) -> float:
