@@ -26,6 +26,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "import": ("import_", "Read logs, match them to the roads, write a dataset and its replay."),
     "simulate": ("simulate", "Generate the trajectories of a fleet on a site."),
     "analyze": ("analyze", "Trips, stops, energy, density, heat maps, chargers."),
+    "learn": ("learn", "Learn roads, places and zones from traces alone."),
     "calibrate": ("calibrate", "Fit a truck to measured runs."),
     "diagnose": ("diagnose", "Say where model and recording differ, and what physics was left out."),
     "export": ("export", "Write a dataset in another format."),
