@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 @click.option("--format", help="Format of the logs, where their content does not say it.")
 @click.option("--profile", type=existing, help="What the columns are (TOML); see docs/logs.md.")
 @click.option("-o", "--output", type=anywhere, help="Folder of the dataset.")
+@click.option("--align", is_flag=True, help="Fit the log's own frame (x, y) to the roads of --site.")
 @click.option("--dry-run", is_flag=True, help="Show the first rows as they would be read; write nothing.")
 @click.option("--no-recording", is_flag=True, help="Leave the replay out (fleetlog view can make it later).")
 @click.option(
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
 @quiet_option
 def command(
     logs: tuple[str, ...], site: Path | None, format: str | None, profile: Path | None, output: Path | None,
-    dry_run: bool, no_recording: bool, rate: float, overwrite: bool, as_json: bool, quiet: bool,
+    align: bool, dry_run: bool, no_recording: bool, rate: float, overwrite: bool, as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Read LOGs (files, folders, patterns), match them to the roads, write a dataset and its replay."""
     _check_format(format)
@@ -62,7 +63,11 @@ def command(
         return shown.exit_status
     if output is None:
         raise click.UsageError("say where the dataset goes with -o, or look first with --dry-run")
-    summary = _import(logs, site, format, profile, output, None if no_recording else rate, overwrite, quiet)
+    if align and site is None:
+        raise click.UsageError("--align fits a log to the roads of --site; name it")
+    summary = _import(
+        logs, site, format, profile, output, None if no_recording else rate, overwrite, quiet, align
+    )
     if summary.rejected_file:
         summary.rejected_file = str(output / summary.rejected_file)
     lines = [*summary.lines(), f"dataset: {output}"]
@@ -77,7 +82,7 @@ def command(
 
 def _import(
     logs: tuple[str, ...], site: Path | None, format: str | None, profile: Path | None, output: Path,
-    rate: float | None, overwrite: bool, quiet: bool,
+    rate: float | None, overwrite: bool, quiet: bool, align: bool,
 ) -> ImportSummary:  # fmt: skip
     """The import and, unless ``rate`` is None, the replay."""
     from fleetlog.importers._profile import load_profile
@@ -91,7 +96,9 @@ def _import(
         _progress(quiet) as progress,
         DatasetWriter.create(output, "recorded", place, overwrite=overwrite, inputs=inputs) as writer,
     ):
-        summary = import_logs(logs, place, writer, format=format, profile=about, progress=progress)
+        summary = import_logs(
+            logs, place, writer, format=format, profile=about, progress=progress, align=align
+        )
         if rate is not None:
             from fleetlog.view.recording import write_recording
 
