@@ -9,7 +9,10 @@ import click
 from fleetlog.cli.options import existing, json_option, output_option, overwrite_option, quiet_option, say
 from fleetlog.errors import nearest
 
-FORMATS = ("csv", "geojson", "gpx", "kitti", "mcap", "parquet", "sumo-fcd", "sumo-net", "tum")
+FORMATS = (
+    "csv", "geojson", "gpx", "kitti", "mcap", "moving-features", "parquet", "sumo-fcd", "sumo-net", "tum",
+    "vda5050",
+)  # fmt: skip
 
 
 @click.command("export")

@@ -24,6 +24,7 @@ from fleetlog.errors import EXIT_INPUT, EXIT_INTERRUPTED, FleetlogError
 # name: (module, one line); the line stands here so that --help imports nothing else.
 VERBS: dict[str, tuple[str, str]] = {
     "import": ("import_", "Read logs, match them to the roads, write a dataset and its replay."),
+    "record": ("record", "Capture VDA 5050 messages of an MQTT broker."),
     "simulate": ("simulate", "Generate the trajectories of a fleet on a site."),
     "analyze": ("analyze", "Trips, stops, energy, density, heat maps, chargers."),
     "learn": ("learn", "Learn roads, places and zones from traces alone."),

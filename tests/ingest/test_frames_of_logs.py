@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -19,7 +21,7 @@ COURSE = [(0.0, 0.0), (70.0, 0.0), (70.0, 30.0), (40.0, 30.0), (40.0, 55.0), (0.
 
 def network(corners, both: bool):
     edges = []
-    for k, (a, b) in enumerate(zip(corners[:-1], corners[1:], strict=True)):
+    for k, (a, b) in enumerate(pairwise(corners)):
         e = Edge(f"e{k}", str(a), str(b), np.array([[*a, 0.0], [*b, 0.0]]), f"e{k}")
         edges += [e, reversed_edge(e)] if both else [e]
     return build_network(edges)
@@ -92,13 +94,12 @@ def test_a_site_keeps_its_map_frames():
 
 
 def test_an_epsg_code_says_where_easting_and_northing_are():
-    # EPSG guidance note 7-2, Lambert conic conformal (2SP), NAD27 / Texas South Central is in feet; UTM here:
-    # the meridian of zone 32 is 9 degrees east, its false easting 500 km, its scale there 0.9996.
-    latitude, longitude = geographic("EPSG:25832", [500_000.0], [5_500_000.0])
+    # UTM: the meridian of zone 32 is 9 degrees east, its false easting 500 km, its scale there 0.9996.
+    _, longitude = geographic("EPSG:25832", [500_000.0], [5_500_000.0])
     assert longitude[0] == pytest.approx(9.0, abs=1e-9)
     frame = frame_of_crs("EPSG:25832", 500_000.0, 5_500_000.0)
     assert frame.rotation == pytest.approx(0.0, abs=1e-6)
-    x, y = frame.to_local(*geographic("EPSG:25832", [500_000.0], [5_501_000.0]))
+    _, y = frame.to_local(*geographic("EPSG:25832", [500_000.0], [5_501_000.0]))
     assert float(y[0]) == pytest.approx(1000.0 / 0.9996, abs=0.01)
     assert isinstance(frame, Frame)
 
