@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from typing import IO, Any
 from urllib.parse import SplitResult, unquote, urlsplit
 
+from fleetlog import interrupt
 from fleetlog.errors import InputError
 
 PORTS = {"mqtt": 1883, "mqtts": 8883}
@@ -69,6 +70,7 @@ def record(
     except KeyboardInterrupt:
         if not listener.capture.messages:
             raise
+        interrupt.answered()
     finally:
         client.disconnect()
         client.loop_stop()
