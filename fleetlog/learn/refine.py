@@ -24,6 +24,8 @@ HEADED, TILT = 4.0, 0.5
 """A turn by one radian counts as this distance [m]; and how far a cell's heading may be from its road's [rad]."""
 PULL = 0.3
 """Weight of where a junction was against a line through it; keeps roads that meet flatly from sliding along each other."""
+FINE = 0.1
+"""Vertices that are not needed to stay within this of a line are left out [m]."""
 FARTHEST_END = 6.0
 """A dead end is carried on by this at most [m]."""
 FARTHEST = 2.5
@@ -51,7 +53,32 @@ def refined(
     for _ in range(rounds):
         chains = [_resampled(f.chain) for f in fits]
         fits = _meeting(_fitted(chains, driven, cells, reach))
-    return _reaching(fits, cells, reach)
+    fits = _reaching(fits, cells, reach)
+    return [Fit(_simple(f.chain), f.left, f.spread) for f in fits]
+
+
+def _simple(c: Chain) -> Chain:
+    """The chain with as few vertices as stay within ``FINE`` of its line (Douglas and Peucker, 1973)."""
+    keep = np.zeros(len(c.points), bool)
+    keep[[0, -1]] = True
+    spans = [(0, len(c.points) - 1)]
+    while spans:
+        a, b = spans.pop()
+        if b - a < 2:
+            continue
+        gap = _distance(c.points[a + 1 : b], c.points[a], c.points[b])
+        far = int(np.argmax(gap))
+        if gap[far] > FINE:
+            keep[a + 1 + far] = True
+            spans += [(a, a + 1 + far), (a + 1 + far, b)]
+    return Chain(c.start, c.end, c.points[keep])
+
+
+def _distance(points: Floats, a: Floats, b: Floats) -> Floats:
+    """(n,) metres from the segment a to b."""
+    along = b - a
+    share = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
+    return np.asarray(np.hypot(*(points - a - share[:, None] * along).T))
 
 
 def _reaching(fits: list[Fit], cells: Cells, reach: float) -> list[Fit]:

@@ -17,7 +17,7 @@ from fleetlog.learn.consensus import gathered
 from fleetlog.learn.evidence import Evidence, gather_evidence
 from fleetlog.learn.raster import centre_lines
 from fleetlog.learn.refine import Fit, refined
-from fleetlog.learn.shape import ends, joined, pieces, split, tidied
+from fleetlog.learn.shape import apart, ends, joined, pieces, split, tidied
 from fleetlog.learn.skeleton import Chain, chains
 
 Floats = NDArray[np.float64]
@@ -74,7 +74,7 @@ def learn_roads(cells: Cells, noise: float, reread: Reread, settings: Settings) 
     graph = tidied(chains(lines), settings.spur, lines.side * 3.0)
     graph = _driven_only(graph, reread, settings)
     graph = _driven_only(tidied(graph, settings.spur, settings.lane), reread, settings)
-    return _final(graph, cells, reread)
+    return _final(apart(graph, 2.0 * REACH), cells, reread)
 
 
 def _driven_only(graph: list[Chain], reread: Reread, settings: Settings) -> list[Chain]:

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from fleetlog.learn.skeleton import Chain
 
 Floats = NDArray[np.float64]
+BACK = 2.5
+"""A road this many times longer than the straight line between two of its places has turned round."""
 UNLIKE = 4.0
 """A road that this many times fewer trucks go on is another one from there."""
 
@@ -122,6 +124,39 @@ def pieces(chains: list[Chain], longest: float) -> list[Chain]:
 
 def _reversed(c: Chain) -> Chain:
     return Chain(c.end, c.start, c.points[::-1])
+
+
+def apart(chains: list[Chain], near: float) -> list[Chain]:
+    """Roads that come back beside themselves within ``near`` [m] cut where they turn round.
+
+    A place beside both parts would else lie on one edge twice.
+    """
+    out, waiting = [], list(chains)
+    fresh = max((max(c.start, c.end) for c in chains), default=0) + 1
+    while waiting:
+        c = waiting.pop()
+        at = _turning_point(c, near)
+        if at is None:
+            out.append(c)
+            continue
+        waiting += [Chain(c.start, fresh, c.points[: at + 1]), Chain(fresh, c.end, c.points[at:])]
+        fresh += 1
+    return out
+
+
+def _turning_point(c: Chain, near: float) -> int | None:
+    """The vertex half way between the two parts of a chain that are beside one another first; None without."""
+    from scipy.spatial import cKDTree
+
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(c.points, axis=0).T))])
+    i, j = cKDTree(c.points).query_pairs(near, output_type="ndarray").reshape(-1, 2).T
+    driven = np.abs(way[j] - way[i])
+    beside = np.flatnonzero(driven > BACK * near)
+    if not len(beside):
+        return None
+    k = beside[np.argmin(driven[beside])]
+    at = int(np.searchsorted(way, 0.5 * (way[i[k]] + way[j[k]])))
+    return at if 0 < at < len(way) - 1 else None
 
 
 def split(chains: list[Chain], turns: Counter[tuple[int, int]]) -> list[Chain]:
