@@ -70,7 +70,7 @@ def diagnose(
     explained: dict[str, Explained] = {}
     for name in present(fleet, channels):
         progress(name)
-        channel: Channel = channel_of(name, fleet, base, settings)
+        channel: Channel = channel_of(name, fleet, base, settings, split)
         explained[name] = explain(channel, split, base, settings, tuple(terms))
     if not explained:
         raise DataError(
@@ -82,7 +82,13 @@ def diagnose(
 def together(base: Model, explained: dict[str, Explained]) -> Model:
     """Return one model of everything found in any channel."""
     for e in explained.values():
-        base = replace(base, at={**base.at, **e.after.at}, fields={**base.fields, **e.after.fields})
+        new = e.after
+        base = replace(
+            base,
+            at={**base.at, **new.at},
+            fields={**base.fields, **new.fields},
+            when={**base.when, **new.when},
+        )
     return base
 
 

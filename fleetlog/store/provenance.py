@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from fleetlog import __version__
+from fleetlog.version import __version__
 
 
 def sha256(path: Path) -> str:

@@ -14,7 +14,6 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog import FORMAT_VERSION
 from fleetlog.core.site import Site, site_to_dict
 from fleetlog.core.trajectory import Trajectory, to_arrow
 from fleetlog.errors import DataError
@@ -22,6 +21,7 @@ from fleetlog.store.documents import write_json
 from fleetlog.store.events import Tables
 from fleetlog.store.output import atomic_output
 from fleetlog.store.trips import table_of, trip_columns
+from fleetlog.version import FORMAT_VERSION
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from scipy import stats
 from simulated_sites import TRUCK, grid, place
 
-from fleetlog.cli.simulate import command
+from fleetlog.cli.commands import load_verb
 from fleetlog.core.result import half_width
 from fleetlog.errors import DataError
 from fleetlog.simulate.engine import Settings
@@ -122,7 +122,7 @@ def plan(tmp_path, project_root):
 
 
 def call(*args):
-    return CliRunner().invoke(command, [str(a) for a in args])
+    return CliRunner().invoke(load_verb("simulate"), [str(a) for a in args])
 
 
 def test_an_experiment_from_a_file(plan):
@@ -137,7 +137,7 @@ def test_an_experiment_from_a_file(plan):
 @pytest.mark.parametrize(
     "arguments, told",
     [
-        (("--runs", "0"), "at least one run"),
+        (("--runs", "0"), "not at least 1"),
         (("--vary", "vehicles=3..4"), "varied twice"),
         (("--vehicles", "3..x"), "neither a number nor a range"),
         (("--cycle", "vdi2198"), "an experiment is for a fleet"),
