@@ -13,7 +13,10 @@ from fleetlog.errors import FleetlogError
 from fleetlog.exporters.base import exporters
 from fleetlog.verbs._describe import describe
 
-FORMATS = ("csv", "geojson", "gpx", "kitti", "mcap", "parquet", "sumo-fcd", "sumo-net", "tum")
+FORMATS = (
+    "csv", "geojson", "gpx", "kitti", "mcap", "moving-features", "parquet", "sumo-fcd", "sumo-net", "tum",
+    "vda5050",
+)  # fmt: skip
 
 
 def test_help_lists_every_format() -> None:
