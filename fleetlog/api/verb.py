@@ -16,22 +16,35 @@ Fill = Callable[[dict[str, Any]], dict[str, Any]]
 
 
 class Verb:
-    """A callable with checked arguments; ``fill`` adds arguments to those that were given (a file's, say)."""
+    """A callable with checked arguments.
 
-    def __init__(self, function: Callable[..., Any], fill: Fill | None = None, name: str = "") -> None:
+    ``fill`` adds arguments to those that were given (a file's, say).  ``added`` are options that the function
+    does not take itself; :meth:`run` takes them away and does with them what they are for.
+    """
+
+    def __init__(
+        self, function: Callable[..., Any], fill: Fill | None = None, name: str = "",
+        added: tuple[Option, ...] = (),
+    ) -> None:  # fmt: skip
         functools.update_wrapper(self, function)
-        self.function, self.fill = function, fill
+        self.function, self.fill, self.added = function, fill, added
         self.name = name or function.__name__.rstrip("_")
-        self.__signature__ = inspect.signature(function)
+        own = inspect.signature(function)
+        more = [inspect.Parameter(o.name, inspect.Parameter.KEYWORD_ONLY, default=o.default) for o in added]
+        self.__signature__ = own.replace(parameters=[*own.parameters.values(), *more])
 
     @property
     def options(self) -> tuple[Option, ...]:
         """What it asks for."""
-        return options_of(self.function)
+        return (*options_of(self.function), *self.added)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
-        """Check and convert the arguments, then call the function."""
-        return self.function(**self.converted(*args, **options))
+        """Check and convert the arguments, then run the function."""
+        return self.run(self.converted(*args, **options))
+
+    def run(self, given: dict[str, Any]) -> Any:
+        """Call the function with checked arguments."""
+        return self.function(**given)
 
     def converted(self, *args: Any, **options: Any) -> dict[str, Any]:
         """Return the given arguments by name, as the function takes them."""

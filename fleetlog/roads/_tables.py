@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.frames import crs, frame_of_crs
-from fleetlog.core.schema import Keys, Wrong, flag, list_of, one_of, real, table, text, whole
+from fleetlog.core.schema import Keys, Wrong, flag, list_of, one_of, real, table, text, time_zone, whole
 from fleetlog.core.site import Building, Frame, Place, PlaceKind, Zone
 from fleetlog.errors import SiteError
 
@@ -41,6 +42,7 @@ FRAME: Keys = {
     "crs": crs,
     "easting": metres,
     "northing": metres,
+    "timezone": time_zone,
 }
 NETWORK: Keys = {
     "file": text,
@@ -96,15 +98,15 @@ def frame(data: dict[str, Any], where: Path) -> Frame | None:
         return None
     given = data["frame"]
     if not isinstance(given, dict) or "crs" not in given:
-        keys = {k: FRAME[k] for k in ("latitude", "longitude", "rotation")}
+        keys = {k: FRAME[k] for k in ("latitude", "longitude", "rotation", "timezone")}
         return Frame(**table(given, keys, where, "frame", ("latitude", "longitude"), SiteError))
-    keys = {k: FRAME[k] for k in ("crs", "easting", "northing", "rotation")}
+    keys = {k: FRAME[k] for k in ("crs", "easting", "northing", "rotation", "timezone")}
     values = table(given, keys, where, "frame", ("easting", "northing"), SiteError)
     found = frame_of_crs(values["crs"], values["easting"], values["northing"], values.get("rotation"))
     if not math.isfinite(found.latitude + found.longitude):
         raise SiteError("the origin lies outside the reference system", where=where, place="frame",
                         do="correct easting and northing")  # fmt: skip
-    return found
+    return replace(found, timezone=values["timezone"]) if "timezone" in values else found
 
 
 def network(data: dict[str, Any], where: Path) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from fleetlog import interrupt
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import FleetlogError
@@ -67,9 +68,7 @@ def run_all(scenarios: Sequence[Scenario], workers: int) -> Iterable[Summary | s
     if min(workers, len(scenarios)) <= 1:
         yield from map(attempt, scenarios)
         return
-    from concurrent.futures import ProcessPoolExecutor
-
-    with ProcessPoolExecutor(min(workers, len(scenarios))) as pool:
+    with interrupt.workers(min(workers, len(scenarios))) as pool:
         yield from pool.map(attempt, scenarios)
 
 

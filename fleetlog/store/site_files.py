@@ -37,6 +37,8 @@ def _tables(site: Site, frame: Frame) -> dict[str, Any]:
     }
     if frame.rotation:
         out["frame"]["rotation"] = frame.rotation
+    if frame.timezone != "UTC":
+        out["frame"]["timezone"] = frame.timezone
     if site.network is not None:
         out["network"] = {"file": "roads.geojson", "traffic": site.traffic}
     tables = {

@@ -73,12 +73,13 @@ def _written(
     output: PathLike | None, overwrite: bool, align: bool,
 ) -> Answer:  # fmt: skip
     from fleetlog.core.site import Site
+    from fleetlog.ingest.files import expanded
     from fleetlog.ingest.pipeline import import_logs
     from fleetlog.store import DatasetWriter
 
     place = Site() if site is None else as_site(site)
     target = temporary() / "dataset" if output is None else as_path(output)
-    inputs = files_of(*logs, site, profile)
+    inputs = files_of(*expanded(logs), site, profile)
     with DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs) as writer:
         summary = import_logs(
             logs, place, writer, format=format, profile=profile, progress=progress, align=align

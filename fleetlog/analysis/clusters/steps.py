@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory, concatenate
+from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 
@@ -27,6 +28,8 @@ Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
 
 DAY = 86_400_000_000
+MOST = 1_000_000_000
+"""Steps of all vehicles; one takes 21 bytes."""
 COLUMNS = ("edge_id", "edge_offset", "speed", "trip_id", "battery_power", "soc")
 
 
@@ -83,8 +86,14 @@ def on_grid(dataset: Dataset, network: Network, step: float, max_gap: float, sta
     """
     from fleetlog.analysis.clusters.kernels import resample_along
 
-    grid = np.arange(start, stop, round(step * 1e6), dtype=np.int64)
-    vehicles = tuple(dataset.vehicles)
+    vehicles, spacing = tuple(dataset.vehicles), round(step * 1e6)
+    if (stop - start) // spacing * len(vehicles) > MOST:
+        days = (stop - start) / 86_400e6
+        what = f"{days:,.0f} days of {len(vehicles)} vehicles in steps of {step:g} s are too many"
+        raise DataError(
+            what, where=dataset.path, do="choose a larger step, or import it without rows of a wrong time"
+        )
+    grid = np.arange(start, stop, spacing, dtype=np.int64)
     shape = (len(grid), len(vehicles))
     edge, offset = np.full(shape, -1, np.int32), np.zeros(shape)
     speed, idle = np.zeros(shape), np.zeros(shape, np.bool_)
