@@ -9,15 +9,18 @@ A stretch ends where a trip begins, so that no trip is torn and matching starts 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fleetlog.core.site import Site
+from fleetlog.core.site import MapFrame, Site
 from fleetlog.errors import FleetlogError, InputError
 from fleetlog.importers._profile import Profile, load_profile
+from fleetlog.ingest.clean import sort_rows
 from fleetlog.ingest.files import Log, find_logs
 from fleetlog.ingest.reading import Reading
 from fleetlog.ingest.spill import Spill
@@ -31,6 +34,8 @@ if TYPE_CHECKING:
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of all that is done, 0 to 1."""
 READ_SHARE = 0.5
+ALIGN_VEHICLES = 20
+"""Vehicles whose tracks are fitted to the roads."""
 
 
 def import_logs(
@@ -41,12 +46,14 @@ def import_logs(
     format: str | None = None,
     profile: str | Path | Profile | None = None,
     progress: Progress | None = None,
+    align: bool = False,
 ) -> ImportSummary:
     """Read ``paths`` (files, folders, patterns) and write their rows through ``writer``.
 
     ``site`` is None where there is no map: then the frame comes from the data.  The writer's site,
     provenance and summary are
-    set; its ``finish`` is left to the caller.  :class:`~fleetlog.errors.InputError` where nothing usable was
+    set; its ``finish`` is left to the caller.  ``align`` fits the frame of local positions to the roads of
+    ``site``.  :class:`~fleetlog.errors.InputError` where nothing usable was
     found.
     """
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
@@ -57,7 +64,9 @@ def import_logs(
         for i, log in enumerate(logs):
             _read(reading, i, log, len(logs), progress)
         _check_read(reading, logs)
-        summary = _write(reading, site or Site(), writer, progress)
+        site = replace(site or Site(), map_frames=(*(site or Site()).map_frames, *_frames(profile)))
+        every = _aligned(reading, site) if align else _only(profile)
+        summary = _write(reading, site, writer, progress, every)
     finally:
         spill.clear()
     inputs = [f for log in logs for f in ([log.path] if log.path.is_file() else sorted(log.path.rglob("*")))]
@@ -101,7 +110,36 @@ def _check_read(reading: Reading, logs: list[Log]) -> None:
     )
 
 
-def _write(reading: Reading, site: Site, writer: DatasetWriter, progress: Progress | None) -> ImportSummary:
+def _frames(profile: Profile | None) -> tuple[MapFrame, ...]:
+    return profile.map_frames if profile is not None else ()
+
+
+def _only(profile: Profile | None) -> MapFrame | None:
+    """The frame of all rows: that of a profile which states just one."""
+    frames = _frames(profile)
+    return frames[0] if len(frames) == 1 else None
+
+
+def _aligned(reading: Reading, site: Site) -> MapFrame:
+    """The frame of the log, fitted to the roads."""
+    from fleetlog.ingest.align import align
+
+    tracks = []
+    for vehicle in reading.spill.vehicles[:ALIGN_VEHICLES]:
+        for rows, _ in itertools.islice(reading.spill.windows(vehicle), 1):
+            if "latitude" in rows:
+                raise InputError("the log is geographic: it needs no alignment", do="leave --align out")
+            rows = sort_rows(rows)
+            tracks.append((rows.floats("x"), rows.floats("y")))
+    found = align(tracks, site.roads())
+    reading.summary.alignment = found.to_dict()
+    reading.summary.notes.append(found.line())
+    return found.frame
+
+
+def _write(
+    reading: Reading, site: Site, writer: DatasetWriter, progress: Progress | None, every: MapFrame | None
+) -> ImportSummary:
     from fleetlog.ingest.place import check_matched, with_frame
 
     summary = reading.summary
@@ -118,7 +156,7 @@ def _write(reading: Reading, site: Site, writer: DatasetWriter, progress: Progre
         for rows, last in reading.spill.windows(vehicle):
             if work is None:
                 writer.site = site = with_frame(site, rows)
-                work = VehicleImport(site, writer, reading.rejects, summary, reading.spill.own)
+                work = VehicleImport(site, writer, reading.rejects, summary, reading.spill.own, every)
             work.take(rows, last=last)
             done += len(rows)
             if progress:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fleetlog.core.site import Site
+from fleetlog.core.site import MapFrame, Site
 from fleetlog.core.trajectory import Ints, Trajectory
 from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean
@@ -14,7 +14,7 @@ from fleetlog.ingest.channels import join_channels
 from fleetlog.ingest.derive import derive_motion, derive_power, pace_ratio, suspect_unit
 from fleetlog.ingest.edges import Edges
 from fleetlog.ingest.fixes import fill_positions, release_held
-from fleetlog.ingest.place import check_place, looks_like_degrees, place
+from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place
 from fleetlog.ingest.rejects import Rejects
 from fleetlog.ingest.rows import CHANNEL, HELD, INTERNAL, STUCK, join, with_own_columns, without
 from fleetlog.ingest.spill import WINDOW_ROWS
@@ -38,7 +38,9 @@ class VehicleImport:
         rejects: Rejects,
         summary: ImportSummary,
         own: dict[str, bool],
+        every: MapFrame | None = None,
     ) -> None:
+        self.every = every
         self.own = own if site.frame is None else {n: t for n, t in own.items() if n not in GEOGRAPHIC}
         self.site, self.writer, self.rejects, self.summary = site, writer, rejects, summary
         self.edges = Edges(site.network) if site.network is not None else None
@@ -99,6 +101,7 @@ class VehicleImport:
         rows = clean.sort_rows(rows)
         rows = clean.drop_impossible(rows, self.rejects)
         rows = clean.bound_values(rows, self.rejects)
+        rows = into_site(rows, self.site.map_frames, self.every)
         sample = rows
         rows = place(rows, self.site)
         if not self._checked and len(rows):
