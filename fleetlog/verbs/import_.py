@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 from fleetlog.api.answer import Answer, dataset_answer
 from fleetlog.api.inputs import LogsLike, PathLike, SiteLike, as_path, as_site, existing, files_of, temporary
 from fleetlog.api.verb import verb
-from fleetlog.core.arguments import Between
-from fleetlog.errors import ArgumentError, nearest
+from fleetlog.core.arguments import Between, PartOf
 from fleetlog.listening import progress
 
 if TYPE_CHECKING:
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 
 @verb
 def import_(
-    logs: LogsLike, *, site: SiteLike | None = None, format: str | None = None,
+    logs: LogsLike, *, site: SiteLike | None = None, format: Annotated[str, PartOf("fleetlog.importers", "IMPORTER")] | None = None,
     profile: PathLike | None = None, dry_run: bool = False, recording: bool = True,
     rate: Annotated[float, Between(0.0, 1e6, above=True)] = 2.0, output: PathLike | None = None,
     overwrite: bool = False,
@@ -49,10 +48,6 @@ def import_(
     >>> recorded.dataset.read("T1").to_pandas().columns[:3].tolist()
     ['vehicle_id', 'timestamp', 'x']
     """
-    from fleetlog.importers.base import importers
-
-    if format is not None and format not in importers():
-        raise ArgumentError(f"no log format {format!r}", option="--format", do=nearest(format, importers()))
     paths = [as_path(log) for log in cast("Sequence[LogsLike]", logs)]
     if dry_run:
         from fleetlog.ingest.preview import preview
