@@ -21,7 +21,7 @@ FAR = 3000.0
 
 def frame_from(latitude: Floats, longitude: Floats) -> Frame | None:
     """A frame about the median of the first positions, rounded to about a metre; None without positions."""
-    good = np.isfinite(latitude) & np.isfinite(longitude)
+    good = (np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 180.0)
     if not good.any():
         return None
     first = np.flatnonzero(good)[:1000]
