@@ -75,7 +75,7 @@ def chargers(
         alpha, _vertices(dataset, network, (*forced, *existing)), _vertices(dataset, network, forbidden),
         capacity,
     )  # fmt: skip
-    units = read_units(dataset, network, shortest)
+    units = read_units(dataset, shortest)
     if not any(u.visits for u in units):
         raise DataError(
             "no truck was seen to pass from one road to the next", do="check that log and map belong together"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
 
@@ -44,6 +45,28 @@ def answer_options(command: F) -> F:
     for option in (quiet_option, overwrite_option, json_option, output_option("Folder for the answer.")):
         command = option(command)
     return command
+
+
+def engine_options(command: F) -> F:
+    """``--workers`` and ``--scheduler``: where the jobs of a command run."""
+
+    @functools.wraps(command)
+    def run(*given: Any, workers: int | None, scheduler: str | None, **options: Any) -> Any:
+        from fleetlog.engines import using
+
+        if workers is not None and scheduler is not None:
+            raise click.UsageError("--workers and --scheduler do not go together")
+        with using(workers, scheduler):
+            return command(*given, **options)
+
+    for option in (
+        click.option("--scheduler", metavar="ADDRESS", help="Dask cluster to run on: tcp://HOST:PORT."),
+        click.option(
+            "--workers", type=click.IntRange(1, 1024), help="Processes; by default as many as there are cores."
+        ),
+    ):
+        run = option(run)
+    return cast(F, run)
 
 
 def printable(text: str) -> str:

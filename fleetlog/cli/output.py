@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fleetlog.cli.options import answer_options, named_files, say
+from fleetlog.cli.options import answer_options, engine_options, named_files, say
 
 if TYPE_CHECKING:
     from fleetlog.core.result import Result
@@ -30,7 +30,7 @@ def answers(command: Callable[..., tuple[Result, Site]]) -> Callable[..., None]:
             _write(result, site, folder)
         say(result.lines, result.summary, as_json=as_json, quiet=quiet)
 
-    return answer_options(run)
+    return answer_options(engine_options(run))
 
 
 def write_analysis(
