@@ -14,6 +14,7 @@ from fleetlog import interrupt
 from fleetlog.cli.options import (
     Between,
     anywhere,
+    engine_options,
     existing,
     json_option,
     notice,
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 @overwrite_option
 @json_option
 @quiet_option
+@engine_options
 def command(
     logs: tuple[str, ...], site: Path | None, format: str | None, profile: Path | None, output: Path | None,
     dry_run: bool, no_recording: bool, rate: float, overwrite: bool, as_json: bool, quiet: bool,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -40,6 +40,26 @@ all of them cost a fifth of writing.
 """
 
 
+@dataclass
+class Written:
+    """What a writer knows of the rows that it has written, by vehicle."""
+
+    rows: dict[str, int] = field(default_factory=dict)
+    first: dict[str, int] = field(default_factory=dict)
+    last: dict[str, int] = field(default_factory=dict)
+    columns: dict[str, str] = field(default_factory=dict)
+    """The unit of every column."""
+    trips: list[dict[str, NDArray[Any]]] = field(default_factory=list)
+
+    def add(self, other: Written) -> None:
+        """Take in what another writer has written of other vehicles."""
+        self.rows.update(other.rows)
+        self.first.update(other.first)
+        self.last.update(other.last)
+        self.columns.update({n: u for n, u in other.columns.items() if n not in self.columns})
+        self.trips += other.trips
+
+
 class DatasetWriter:
     """A dataset being written in the scratch folder ``path``; made by :meth:`create`.
 
@@ -54,11 +74,7 @@ class DatasetWriter:
         self.provenance: dict[str, Any] = {}
         self.summary: dict[str, Any] = {}
         self.tables = Tables(path)
-        self._rows: dict[str, int] = {}
-        self._first: dict[str, int] = {}
-        self._last: dict[str, int] = {}
-        self._columns: dict[str, str] = {}
-        self._trips: list[dict[str, NDArray[Any]]] = []
+        self.written = Written()
         self._parts: dict[tuple[str, str], int] = {}
 
     @classmethod
@@ -102,21 +118,21 @@ class DatasetWriter:
                 self._write_part(
                     vehicle, int(time[begin]) // DAY, table[piece.start + begin : piece.start + end]
                 )
-            self._first.setdefault(vehicle, int(time[0]))
-            self._last[vehicle] = int(time[-1])
-            self._rows[vehicle] = self._rows.get(vehicle, 0) + each
+            self.written.first.setdefault(vehicle, int(time[0]))
+            self.written.last[vehicle] = int(time[-1])
+            self.written.rows[vehicle] = self.written.rows.get(vehicle, 0) + each
         if rows.has("trip_id"):
-            self._trips.append(trip_columns(rows, vehicles))
+            self.written.trips.append(trip_columns(rows, vehicles))
 
     def _check(self, piece: Trajectory) -> None:
         piece.check()
-        if piece.time[0] <= self._last.get(piece.vehicle_id, -(1 << 62)):
+        if piece.time[0] <= self.written.last.get(piece.vehicle_id, -(1 << 62)):
             raise DataError(f"vehicle {piece.vehicle_id}: rows are not later than those already written")
 
     def _name_columns(self, schema: pa.Schema) -> None:
         for name in schema.names:
-            if name not in self._columns:
-                self._columns[name] = (schema.field(name).metadata or {}).get(b"unit", b"").decode()
+            if name not in self.written.columns:
+                self.written.columns[name] = (schema.field(name).metadata or {}).get(b"unit", b"").decode()
 
     def _write_part(self, vehicle: str, day: int, table: pa.Table) -> None:
         import pyarrow as pa
@@ -143,7 +159,7 @@ class DatasetWriter:
         """Write trips, site and description; :meth:`create` calls it."""
         self._write_trips()
         write_json(self.path / "site.json", site_to_dict(self.site))
-        span = (min(self._first.values()), max(self._last.values())) if self._rows else ()
+        span = (min(self.written.first.values()), max(self.written.last.values())) if self.written.rows else ()
         start, end = (_iso(t) for t in span) if span else (None, None)
         frame = self.site.frame
         description = {
@@ -156,11 +172,11 @@ class DatasetWriter:
                 else {k: getattr(frame, k) for k in ("latitude", "longitude", "rotation")},
                 "edges": 0 if self.site.network is None else len(self.site.network),
             },
-            "vehicles": dict(sorted(self._rows.items())),
+            "vehicles": dict(sorted(self.written.rows.items())),
             "start": start,
             "end": end,
-            "rows": sum(self._rows.values()),
-            "columns": {"vehicle_id": "", **self._columns},
+            "rows": sum(self.written.rows.values()),
+            "columns": {"vehicle_id": "", **self.written.columns},
             "provenance": self.provenance,
             "summary": self.summary,
         }
@@ -174,7 +190,7 @@ class DatasetWriter:
 
         from fleetlog.store.trips import merge_split_trips
 
-        table = table_of(self._trips)
+        table = table_of(self.written.trips)
         trips = merge_split_trips(table) if len(table) else pd.DataFrame({"vehicle_id": [], "trip_id": []})
         trips.to_parquet(self.path / "trips.parquet", index=False)
 
