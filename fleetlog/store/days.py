@@ -63,20 +63,31 @@ def each_part(
     engine = engines.current()
     if not engine.pays(cost * dataset.rows * len(missing) / max(len(parts), 1)):
         engine = engines.Serial()
-    job, new = partial(_do, dataset, work, arguments, kept), {p.name for p in missing}
+    job, new = _Question(dataset, work, arguments, kept), {p.name for p in missing}
     with closing(engine.run(job, missing, partial(_called, str(dataset.path)))) as made:
         for part in parts:
             out = next(made) if kept is None or part.name in new else kept.find(part.name)
             yield job(part) if out is None else out
 
 
-def _do(
-    dataset: Dataset, work: Callable[..., P], arguments: tuple[Any, ...], kept: Partials | None, part: Part
-) -> P:
-    out = work(dataset, *part.key, *arguments)
-    if kept is not None:
-        kept.keep(part.name, dataset.source(part.reads), out)
-    return out
+@dataclass(frozen=True)
+class _Question:
+    """What is done with every part."""
+
+    dataset: Dataset
+    work: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    kept: Partials | None
+
+    @property
+    def __name__(self) -> str:
+        return self.work.__name__
+
+    def __call__(self, part: Part) -> Any:
+        out = self.work(self.dataset, *part.key, *self.arguments)
+        if self.kept is not None:
+            self.kept.keep(part.name, self.dataset.source(part.reads), out)
+        return out
 
 
 def _called(path: str, part: Part) -> str:
