@@ -97,7 +97,12 @@ def _books(dataset: Dataset, physics: Physics, battery: BatteryModel) -> Iterato
 
 
 def _vehicle_day(
-    dataset: Dataset, vehicle: str, date: str, physics: Physics, battery: BatteryModel, _sources: Sequence[str]
+    dataset: Dataset,
+    vehicle: str,
+    date: str,
+    physics: Physics,
+    battery: BatteryModel,
+    _sources: Sequence[str],
 ) -> list[Book]:
     """The books of one vehicle-day, one a piece of whole trips: bounded memory."""
     from fleetlog.physics.motion import measured_channels, reconstruct

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import tomllib
 from collections.abc import Callable, Sequence
@@ -75,7 +74,6 @@ def experiment_options(command: F) -> F:
             help="Compare: plugs=2..6, close=ROAD,ROAD, policy=..., or room at a place: dock-1=1..3.",
         ),
         click.option("--runs", default=1, show_default=True, help="Seeds of an experiment, from --seed on."),
-        click.option("--workers", type=int, help="Processes of an experiment; by default one a core."),
     ):  # fmt: skip
         command = option(command)
     return command
@@ -105,4 +103,4 @@ def run_experiment(
     double = {f.name for f in factors if sum(f.name == g.name for g in factors) > 1}
     if double:
         raise click.UsageError(f"{', '.join(sorted(double))} is varied twice")
-    return experiment(bases, factors, options["workers"] or os.cpu_count() or 1, progress)
+    return experiment(bases, factors, progress)

@@ -62,7 +62,9 @@ def engine_options(command: F) -> F:
     for option in (
         click.option("--scheduler", metavar="ADDRESS", help="Dask cluster to run on: tcp://HOST:PORT."),
         click.option(
-            "--workers", type=click.IntRange(1, 1024), help="Processes; by default as many as there are cores."
+            "--workers",
+            type=click.IntRange(1, 1024),
+            help="Processes; by default as many as there are cores.",
         ),
     ):
         run = option(run)

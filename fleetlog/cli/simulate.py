@@ -16,6 +16,7 @@ from fleetlog.cli.experiment import Counts, experiment_options, is_experiment, r
 from fleetlog.cli.options import (
     SEED,
     Between,
+    engine_options,
     existing,
     json_option,
     named_files,
@@ -110,6 +111,7 @@ class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in newer r
 @json_option
 @overwrite_option
 @quiet_option
+@engine_options
 def command(output: Path, as_json: bool, overwrite: bool, quiet: bool, **options: Any) -> None:
     """Generate the trajectories of a fleet on a site, as a dataset and its replay."""
     from fleetlog.core.truck import load_truck

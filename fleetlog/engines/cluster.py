@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any
 
 from fleetlog.engines.engine import AHEAD, J, R, attempt, successes
@@ -23,7 +23,7 @@ class Cluster:
                 "dask.distributed is not installed", where=address, do="pip install 'fleetlog[cluster]'"
             ) from None
         try:
-            self.client: Any = Client(address, timeout=TIMEOUT, set_as_default=False)
+            self.client: Any = Client(address, timeout=TIMEOUT, set_as_default=False)  # type: ignore[no-untyped-call]
         except (OSError, ValueError, TimeoutError) as error:
             raise InputError(
                 f"no Dask scheduler answers ({error})", where=address, do="check the address"
@@ -32,13 +32,15 @@ class Cluster:
     @property
     def workers(self) -> int:
         """Threads of all workers."""
-        return max(1, sum(self.client.nthreads().values()))
+        return max(1, sum(int(n) for n in self.client.nthreads().values()))
 
     def pays(self, cost: float) -> bool:
         """Always: who names a cluster wants it used."""
         return True
 
-    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str] = str) -> Iterator[R]:
+    def run(
+        self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str] = str
+    ) -> Generator[R, None, None]:
         """Yield the results; see :class:`~fleetlog.engines.engine.Engine`.
 
         The scheduler gives the jobs of a lost worker to others.

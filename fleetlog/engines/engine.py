@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any, Protocol, TypeVar
 
 from fleetlog.errors import DataError, FleetlogError, fault
@@ -25,7 +25,9 @@ class Engine(Protocol):
         """Return whether jobs that would take ``cost`` seconds here are worth handing over."""
         ...
 
-    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str] = str) -> Iterator[R]:
+    def run(
+        self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str] = str
+    ) -> Generator[R, None, None]:
         """Yield ``work(job)`` of every job, in the order of ``jobs``.
 
         A job that fails leaves the rest: the first failure is raised in its turn, after the others were done.
@@ -51,7 +53,7 @@ def _called(work: Callable[..., Any]) -> str:
     return str(getattr(inner, "__name__", type(inner).__name__)).strip("_").replace("_", " ")
 
 
-def successes(outcomes: Iterator[R | FleetlogError]) -> Iterator[R]:
+def successes(outcomes: Iterator[R | FleetlogError]) -> Generator[R, None, None]:
     """Yield results up to the first failure, which is raised when the rest has been done."""
     for outcome in outcomes:
         if isinstance(outcome, FleetlogError):

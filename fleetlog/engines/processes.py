@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -23,6 +23,8 @@ START = 0.5
 """Jobs that take less time than this in all are done here [s]."""
 DEATHS = 3
 """A job whose worker died this often has failed."""
+PATIENCE = 3.0
+"""For a worker to clean up when it is told to end [s]."""
 PR_SET_PDEATHSIG = 1
 
 # A forked worker has all modules and compiled functions at once; elsewhere than on Linux, fork is not safe.
@@ -42,7 +44,9 @@ class Processes:
         """Return whether the work is more than starting processes."""
         return self.workers > 1 and (self.always or cost > START)
 
-    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str] = str) -> Iterator[R]:
+    def run(
+        self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str] = str
+    ) -> Generator[R, None, None]:
         """Yield the results; see :class:`~fleetlog.engines.engine.Engine`."""
         count = min(self.workers, len(jobs))
         if count < 2 or multiprocessing.current_process().daemon:
@@ -126,23 +130,25 @@ def _events(crew: list[_Worker]) -> list[tuple[int, int, tuple[Any] | None]]:
 
 
 def _died(name: str) -> DataError:
-    return DataError(
-        f"its worker died {DEATHS} times", where=name, do="free memory, or use fewer --workers"
-    )
+    return DataError(f"its worker died {DEATHS} times", where=name, do="free memory, or use fewer --workers")
 
 
 def _end(crew: list[_Worker]) -> None:
+    """Let the workers clean up what they are at, and end them."""
     for worker in crew:
-        worker.process.kill()  # what it writes is the parent's scratch folder, which goes or is written anew
+        worker.process.terminate()
     for worker in crew:
+        worker.process.join(PATIENCE)
+        worker.process.kill()
         worker.process.join()
         worker.pipe.close()
 
 
 def _serve(work: Callable[[Any], Any], name: Callable[[Any], str], pipe: Connection, parent: int) -> None:
     """Do jobs until the parent ends."""
-    for number in interrupt.SIGNALS:
-        signal.signal(number, signal.SIG_DFL if number == signal.SIGTERM else signal.SIG_IGN)
+    for number in interrupt.SIGNALS:  # a terminal sends them to all; the parent decides
+        signal.signal(number, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     if sys.platform == "linux":  # siblings hold the other end of the pipe, so it would not close
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 
 from fleetlog.engines.engine import J, R, attempt, successes
 
@@ -16,6 +16,8 @@ class Serial:
         """Never."""
         return False
 
-    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str] = str) -> Iterator[R]:
+    def run(
+        self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str] = str
+    ) -> Generator[R, None, None]:
         """Yield the results; see :class:`~fleetlog.engines.engine.Engine`."""
         return successes(attempt(work, job, name) for job in jobs)

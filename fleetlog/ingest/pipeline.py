@@ -78,6 +78,7 @@ def _read(
     logs: list[Log], scratch: Path, profile: Profile | None, progress: Progress | None
 ) -> Iterator[Read]:
     """What the groups of logs gave."""
+
     def tell(log: Log, share: float) -> None:
         if progress:
             progress(f"reading {log.path.name}", READ_SHARE * (logs.index(log) + share) / len(logs))
@@ -159,7 +160,9 @@ def _vehicles(plan: Plan, down: Down, progress: Progress | None) -> Iterator[Out
     jobs = [(number, vehicle, down.of(vehicle)) for number, vehicle in enumerate(down.vehicles)]
     total, done = max(down.rows, 1), 0
     engine = _engine(ROW_COST * total, len(jobs))
-    with closing(engine.run(partial(import_vehicle, plan), jobs, lambda job: f"vehicle {job[1]}")) as outcomes:
+    with closing(
+        engine.run(partial(import_vehicle, plan), jobs, lambda job: f"vehicle {job[1]}")
+    ) as outcomes:
         for (_, vehicle, mine), outcome in zip(jobs, outcomes, strict=True):
             done += mine.rows
             if progress:

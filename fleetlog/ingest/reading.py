@@ -137,9 +137,7 @@ class Reading:
         """A log that could not be read at all."""
         self.out.errors.append(error)
         name = log.importer.name if log.importer else "unknown format"
-        self.out.files.append(
-            FileSummary(log.path.name, name, damage=[f"nothing is usable: {error.advice}"])
-        )
+        self.out.files.append(FileSummary(log.path.name, name, damage=[f"nothing is usable: {error.advice}"]))
 
 
 def split(batch: RawBatch, number: int, report: ReadReport) -> Iterator[Trajectory]:

@@ -121,7 +121,9 @@ class Down:
 
     def _stretches(self, vehicle: str) -> Iterator[Trajectory]:
         """Day after day, long days in pieces."""
-        for _, slot in sorted(((d, s) for (v, d), s in self.slots.items() if v == vehicle), key=lambda i: i[0]):
+        for _, slot in sorted(
+            ((d, s) for (v, d), s in self.slots.items() if v == vehicle), key=lambda i: i[0]
+        ):
             if slot.rows <= WINDOW_ROWS:
                 yield join([_load(path, vehicle) for path, _, _ in slot.files])
                 continue

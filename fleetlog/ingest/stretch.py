@@ -128,7 +128,7 @@ class VehicleImport:
         """What all this came to."""
         self.summary.derived, self.summary.trips = sorted(self._derived), len(self._trips)
         return Outcome(
-            self.rejects.close(), self.writer.written, self.summary, self.edges and self.edges.tally,
+            self.rejects.close(), self.writer.written, self.summary, self.edges.tally if self.edges is not None else None,
             self._stuck, self._held, self._paces,
         )  # fmt: skip
 
@@ -204,7 +204,11 @@ class VehicleImport:
         """What the rows tell about the sensors."""
         self._stuck += int(np.nansum(rows.floats(STUCK))) if STUCK in rows else 0
         self._held += int(np.nansum(rows.floats(HELD))) if HELD in rows else 0
-        if "speed" not in self._derived and len(self._paces) < MOST_PACES and (pace := pace_ratio(rows)) is not None:
+        if (
+            "speed" not in self._derived
+            and len(self._paces) < MOST_PACES
+            and (pace := pace_ratio(rows)) is not None
+        ):
             self._paces.append(pace)
 
 

@@ -11,7 +11,6 @@ from typing import Any
 
 from fleetlog import __version__
 
-
 ENGINE = ("--workers", "--scheduler")
 
 

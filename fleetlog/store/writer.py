@@ -159,7 +159,9 @@ class DatasetWriter:
         """Write trips, site and description; :meth:`create` calls it."""
         self._write_trips()
         write_json(self.path / "site.json", site_to_dict(self.site))
-        span = (min(self.written.first.values()), max(self.written.last.values())) if self.written.rows else ()
+        span = (
+            (min(self.written.first.values()), max(self.written.last.values())) if self.written.rows else ()
+        )
         start, end = (_iso(t) for t in span) if span else (None, None)
         frame = self.site.frame
         description = {

@@ -102,7 +102,9 @@ def test_the_same_fleet_shows_no_difference_and_another_does(tmp_path):
     stay = compute(b, cells)
     moved = compute(a, cells)
     corner = 2 * cells.columns + 2
-    for k, (cell, time) in enumerate(moved.units):  # the whole fleet now also stands for ten minutes at one corner
+    for k, (cell, time) in enumerate(
+        moved.units
+    ):  # the whole fleet now also stands for ten minutes at one corner
         assert corner not in cell
         at = np.searchsorted(cell, corner)
         moved.units[k] = np.insert(cell, at, corner), np.insert(time, at, 600.0)

@@ -39,7 +39,7 @@ def timeline(c: Crowds, watched: Watched, found: list[Episode], area: NDArray[np
     width = watched.step * max(1, -(-steps // MOST_POINTS))
     time = np.arange(watched.start, watched.stop, width, dtype=np.int64)
     shown = np.where((area > 0) & (area <= SHOWN), area, 0)
-    curves = {}
+    curves: dict[str, NDArray[np.float64]] = {}
     for number in [*sorted({*shown.tolist()} - {0}), 0]:
         of = [k for e, a in zip(found, shown.tolist(), strict=True) if a == number for k in e.clusters]
         at, inverse = np.unique(c.time[of], return_inverse=True)
