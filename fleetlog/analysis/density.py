@@ -162,7 +162,8 @@ class Driven:
 
     def __add__(self, other: Driven) -> Driven:
         key, inverse = np.unique(np.concatenate([self.key, other.key]), return_inverse=True)
-        return Driven(key, np.bincount(inverse, np.concatenate([self.count, other.count]), len(key)) + 0.0)
+        count = np.bincount(inverse, np.concatenate([self.count, other.count]), len(key))
+        return Driven(key, np.asarray(count, np.float64))
 
 
 def _driven(dataset: Dataset, vehicle: str, date: str) -> Driven:

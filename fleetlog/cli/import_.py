@@ -46,13 +46,14 @@ if TYPE_CHECKING:
     show_default=True,
     help="Samples a second of each vehicle in the replay.",
 )
+@click.option("--append", is_flag=True, help="Add the rows to a dataset that is there; its site is used.")
 @overwrite_option
 @json_option
 @quiet_option
 @engine_options
 def command(
     logs: tuple[str, ...], site: Path | None, format: str | None, profile: Path | None, output: Path | None,
-    dry_run: bool, no_recording: bool, rate: float, overwrite: bool, as_json: bool, quiet: bool,
+    dry_run: bool, no_recording: bool, rate: float, append: bool, overwrite: bool, as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Read LOGs (files, folders, patterns), match them to the roads, write a dataset and its replay."""
     _check_format(format)
@@ -64,7 +65,10 @@ def command(
         return shown.exit_status
     if output is None:
         raise click.UsageError("say where the dataset goes with -o, or look first with --dry-run")
-    summary = _import(logs, site, format, profile, output, None if no_recording else rate, overwrite, quiet)
+    if append and (overwrite or site is not None):
+        raise click.UsageError("--append goes with neither --overwrite nor --site: the dataset has its own")
+    shown_at = None if no_recording or append else rate
+    summary = _import(logs, site, format, profile, output, shown_at, append, overwrite, quiet)
     if summary.rejected_file:
         summary.rejected_file = str(output / summary.rejected_file)
     lines = [*summary.lines(), f"dataset: {output}"]
@@ -79,7 +83,7 @@ def command(
 
 def _import(
     logs: tuple[str, ...], site: Path | None, format: str | None, profile: Path | None, output: Path,
-    rate: float | None, overwrite: bool, quiet: bool,
+    rate: float | None, append: bool, overwrite: bool, quiet: bool,
 ) -> ImportSummary:  # fmt: skip
     """The import and, unless ``rate`` is None, the replay."""
     from fleetlog.importers._profile import load_profile
@@ -87,13 +91,14 @@ def _import(
     from fleetlog.store import DatasetWriter
 
     about = load_profile(profile) if profile else None
-    place = _site(site, quiet)
     inputs = [*map(Path, logs), *filter(None, (site, profile))]
-    with (
-        _progress(quiet) as progress,
-        DatasetWriter.create(output, "recorded", place, overwrite=overwrite, inputs=inputs) as writer,
-    ):
-        summary = import_logs(logs, place, writer, format=format, profile=about, progress=progress)
+    target = (
+        DatasetWriter.append(output, inputs=inputs)
+        if append
+        else DatasetWriter.create(output, "recorded", _site(site, quiet), overwrite=overwrite, inputs=inputs)
+    )
+    with _progress(quiet) as progress, target as writer:
+        summary = import_logs(logs, writer.site, writer, format=format, profile=about, progress=progress)
         if rate is not None:
             from fleetlog.view.recording import write_recording
 

@@ -31,8 +31,22 @@ VEHICLES = click.IntRange(1, 100_000)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace an older output.")
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
-existing = click.Path(exists=True, path_type=Path)
-anywhere = click.Path(path_type=Path)
+
+
+class Where(click.Path):
+    """A file or a folder, or a dataset behind a URL (``s3://...``)."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path, or an object that is used like one."""
+        if "://" not in str(value):
+            return super().convert(value, param, ctx)
+        from fleetlog.store.places import located
+
+        return located(value)
+
+
+existing = Where(exists=True, path_type=Path)
+anywhere = Where(path_type=Path)
 
 
 def output_option(what: str) -> Callable[[F], F]:

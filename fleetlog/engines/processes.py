@@ -9,6 +9,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -103,10 +104,8 @@ def _start(work: Callable[[J], R], name: Callable[[J], str]) -> _Worker:
 
 def _give(worker: _Worker, number: int, jobs: Sequence[Any]) -> None:
     worker.number = number
-    try:
+    with suppress(OSError):  # it died before: its end is seen with the next events
         worker.pipe.send((number, jobs[number]))
-    except OSError:  # it died before; its end is seen with the next events
-        pass
 
 
 def _events(crew: list[_Worker]) -> list[tuple[int, int, tuple[Any] | None]]:

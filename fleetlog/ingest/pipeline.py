@@ -27,7 +27,7 @@ from fleetlog.ingest.reading import Group, Read, groups_of, read_group
 from fleetlog.ingest.rejects import NAME, gather
 from fleetlog.ingest.spill import Down
 from fleetlog.ingest.stretch import Outcome, Plan, import_vehicle, probe
-from fleetlog.ingest.summary import ImportSummary
+from fleetlog.ingest.summary import ImportSummary, added_up
 from fleetlog.store.provenance import provenance
 
 if TYPE_CHECKING:
@@ -69,8 +69,11 @@ def import_logs(
     inputs = [f for log in logs for f in ([log.path] if log.path.is_file() else sorted(log.path.rglob("*")))]
     if profile is not None and profile.path:
         inputs.append(Path(profile.path))
-    writer.provenance = provenance(inputs)
-    writer.summary = summary.to_dict()
+    writer.provenance, writer.summary = provenance(inputs), summary.to_dict()
+    if (before := writer.before).provenance:
+        added = [*before.provenance.get("appended", ()), writer.provenance]
+        writer.provenance = {**before.provenance, "appended": added}
+        writer.summary = added_up(before.summary, writer.summary)
     return summary
 
 
@@ -137,7 +140,7 @@ def _write(
         summary.rows_read += read.rows
         down.add(read.down)
     positioned = frozenset(v for read in reads for v in read.positioned)
-    plan = probe(Plan(writer.path, scratch, site, names_of(logs), down.own, positioned), down)
+    plan = probe(Plan(writer.path, scratch, site, names_of(logs), down.own, positioned, writer.before), down)
     writer.site = plan.site
     summary.notes += plan.notes
     outcomes = list(_vehicles(plan, down, progress))
@@ -145,7 +148,11 @@ def _write(
         writer.written.add(outcome.written)
     complete(summary, outcomes)
     check_matched(summary.matched, summary.rows, plan.site)
-    refused = gather([*(r.refused for r in reads), *(o.refused for o in outcomes)], writer.path)
+    refused = gather(
+        [*(r.refused for r in reads), *(o.refused for o in outcomes)],
+        writer.path,
+        older=writer.before.rejected,
+    )
     summary.rejected, summary.rejected_values = dict(refused.rows), dict(refused.values)
     summary.rejected_file = NAME if refused.file else None
     if not summary.rows:

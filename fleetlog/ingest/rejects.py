@@ -84,17 +84,18 @@ class Rejects:
         return Refused(self.rows, self.values, self.file if written else None)
 
 
-def gather(all_refused: Iterable[Refused], folder: Path) -> Refused:
-    """Everything that was refused as one, and its rows in one file of ``folder``."""
+def gather(all_refused: Iterable[Refused], folder: Path, older: Path | None = None) -> Refused:
+    """Everything that was refused as one, and its rows in one file of ``folder``, after those of an ``older`` file."""
     import pyarrow.parquet as pq
 
     whole, writer = Refused(), None
-    for refused in all_refused:
+    before = [Refused(file=older)] if older is not None and older.exists() else []
+    for refused in [*before, *all_refused]:
         whole.rows.update(refused.rows)
         whole.values.update(refused.values)
         if refused.file is None:
             continue
-        with pq.ParquetFile(refused.file) as source:
+        with refused.file.open("rb") as stream, pq.ParquetFile(stream) as source:
             if writer is None:
                 whole.file = folder / NAME
                 writer = pq.ParquetWriter(whole.file, source.schema_arrow, compression="zstd")

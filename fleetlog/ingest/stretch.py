@@ -22,7 +22,8 @@ from fleetlog.ingest.rows import CHANNEL, HELD, INTERNAL, STUCK, join, with_own_
 from fleetlog.ingest.spill import WINDOW_ROWS, Down
 from fleetlog.ingest.summary import ImportSummary
 from fleetlog.store.trips import trip_ids
-from fleetlog.store.writer import DatasetWriter, Written
+from fleetlog.store.writer import DatasetWriter
+from fleetlog.store.written import Before, Written
 
 if TYPE_CHECKING:
     from fleetlog.roads.matching import MatchParameters
@@ -49,6 +50,8 @@ class Plan:
     names: list[str]
     own: dict[str, bool]
     positioned: frozenset[str]
+    before: Before
+    """What the dataset holds that is added to."""
     parameters: MatchParameters | None = None
     notes: tuple[str, ...] = ()
     """What the first rows look like."""
@@ -71,7 +74,7 @@ def import_vehicle(plan: Plan, job: tuple[int, str, Down]) -> Outcome:
     """Clean, place, match and write the rows of one vehicle."""
     number, vehicle, down = job
     rejects = Rejects(plan.scratch / f"vehicle-{number}-{NAME}", plan.names)
-    work = VehicleImport(plan, rejects)
+    work = VehicleImport(plan, rejects, plan.before.next_trip(vehicle))
     for rows, last in down.windows(vehicle):
         if vehicle in plan.positioned:
             work.take(rows, last=last)
@@ -111,14 +114,14 @@ def probe(plan: Plan, down: Down) -> Plan:
 class VehicleImport:
     """The second half of an import for one vehicle; its rows come in order of time."""
 
-    def __init__(self, plan: Plan, rejects: Rejects) -> None:
+    def __init__(self, plan: Plan, rejects: Rejects, trip: int = 0) -> None:
         site, own = plan.site, plan.own
         self.own = own if site.frame is None else {n: t for n, t in own.items() if n not in GEOGRAPHIC}
         self.site, self.rejects, self.summary = site, rejects, ImportSummary()
-        self.writer = DatasetWriter(plan.folder, "recorded", site)
+        self.writer = DatasetWriter(plan.folder, "recorded", site, plan.before)
         self.edges = Edges(site.network, plan.parameters) if site.network is not None else None
         self._kept_back: Trajectory | None = None
-        self._trip = 0
+        self._first_trip = self._trip = trip
         self._stuck = self._held = 0
         self._paces: list[float] = []
         self._derived: set[str] = set()
@@ -147,13 +150,13 @@ class VehicleImport:
         rows = clean.drop_duplicates(clean.sort_rows(rows), self.rejects)
         rows = clean.drop_jumps(release_held(rows), self.rejects)
         if not len(rows):
-            self._kept_back, self._trip = None, 0 if last else self._trip
+            self._kept_back = None
             return
         full = self._derive(rows)
         trips = self._trip_ids(full)
         cut = len(rows) if last else _cut(trips)
         self._write(full[:cut].with_columns(trip_id=trips[:cut]))
-        self._kept_back, self._trip = (None, 0) if last else (rows[cut:], int(trips[cut]))
+        self._kept_back, self._trip = (None, self._trip) if last else (rows[cut:], int(trips[cut]))
 
     def _clean(self, rows: Trajectory, *, check: bool = False) -> Trajectory:
         """What a row tells by itself, and channels."""
@@ -183,7 +186,7 @@ class VehicleImport:
 
     def _trip_ids(self, rows: Trajectory) -> Ints:
         own = rows.trip_ids()
-        if rows.has("trip_id") and bool((own >= 0).all() and (np.diff(own) >= 0).all()):
+        if rows.has("trip_id") and bool((own >= self._first_trip).all() and (np.diff(own) >= 0).all()):
             return own
         return trip_ids(rows, self._trip)
 

@@ -14,7 +14,7 @@ from fleetlog import FORMAT_VERSION
 from fleetlog.core.site import Site, site_from_dict
 from fleetlog.core.trajectory import Trajectory, concatenate, from_arrow
 from fleetlog.errors import DataError, InputError, nearest
-from fleetlog.store.places import located
+from fleetlog.store.places import is_url, located
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,6 +44,10 @@ class Dataset:
     def __reduce__(self) -> tuple[Any, ...]:
         """For another process: by its name; the description tells a dataset that was made again."""
         return _reopened, (str(self.path), self._text)
+
+    def here(self) -> Dataset:
+        """The dataset in this process, where it was handed to it as it was: connections do not fork."""
+        return _reopened(str(self.path), self._text) if is_url(self.path) else self
 
     @property
     def kind(self) -> str:

@@ -84,9 +84,10 @@ class _Question:
         return self.work.__name__
 
     def __call__(self, part: Part) -> Any:
-        out = self.work(self.dataset, *part.key, *self.arguments)
+        dataset = self.dataset.here()
+        out = self.work(dataset, *part.key, *self.arguments)
         if self.kept is not None:
-            self.kept.keep(part.name, self.dataset.source(part.reads), out)
+            self.kept.keep(part.name, dataset.source(part.reads), out)
         return out
 
 

@@ -19,11 +19,12 @@ from typing import TYPE_CHECKING, Any
 
 import fleetlog
 from fleetlog.store.encoding import encode, pack, unpack, whole
+from fleetlog.store.output import PARTIALS
+from fleetlog.store.places import is_url
 
 if TYPE_CHECKING:
     from fleetlog.store.dataset import Dataset
 
-FOLDER = ".partials"
 QUESTIONS = 12
 """So many questions are kept; of more, those that were asked longest ago go."""
 FROM_ROWS = 200_000
@@ -57,6 +58,9 @@ class Partials:
         file = self.folder / name
         new = file.with_name(f"{file.name}.{os.getpid()}.new")
         with suppress(OSError):
+            if is_url(file):  # an object appears whole
+                file.write_bytes(source + pack(value))
+                return
             file.parent.mkdir(parents=True, exist_ok=True)
             new.write_bytes(source + pack(value))
             new.replace(file)
@@ -66,16 +70,18 @@ def partials_of(
     dataset: Dataset, work: Callable[..., Any], arguments: tuple[Any, ...], kinds: tuple[type, ...]
 ) -> Partials | None:
     """Where the results of a question are kept; None for a small dataset or one that cannot be written."""
-    root = dataset.path / FOLDER
-    if dataset.rows < FROM_ROWS or not os.access(dataset.path, os.W_OK):
+    root = dataset.path / PARTIALS
+    remote = is_url(dataset.path)
+    if dataset.rows < FROM_ROWS or not (remote or os.access(dataset.path, os.W_OK)):
         return None
     name = f"{work.__module__}.{work.__qualname__}"
     asked = encode([name, code_digest(), dataset.site_digest, arguments])
     folder = root / hashlib.sha256(asked).hexdigest()[:32]
-    with suppress(OSError):
-        _make_room(root, folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder)
+    if not remote:
+        with suppress(OSError):
+            _make_room(root, folder)
+            folder.mkdir(parents=True, exist_ok=True)
+            os.utime(folder)
     return Partials(folder, kinds)
 
 

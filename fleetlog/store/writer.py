@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,10 +18,13 @@ from fleetlog import FORMAT_VERSION
 from fleetlog.core.site import Site, site_to_dict
 from fleetlog.core.trajectory import Trajectory, to_arrow
 from fleetlog.errors import DataError
+from fleetlog.store.dataset import Dataset
 from fleetlog.store.documents import write_json
 from fleetlog.store.events import Tables
-from fleetlog.store.output import atomic_output
+from fleetlog.store.output import PARTIALS, atomic_output, share
+from fleetlog.store.places import is_url, located, uploaded
 from fleetlog.store.trips import table_of, trip_columns
+from fleetlog.store.written import Before, Written, before_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -40,26 +43,6 @@ all of them cost a fifth of writing.
 """
 
 
-@dataclass
-class Written:
-    """What a writer knows of the rows that it has written, by vehicle."""
-
-    rows: dict[str, int] = field(default_factory=dict)
-    first: dict[str, int] = field(default_factory=dict)
-    last: dict[str, int] = field(default_factory=dict)
-    columns: dict[str, str] = field(default_factory=dict)
-    """The unit of every column."""
-    trips: list[dict[str, NDArray[Any]]] = field(default_factory=list)
-
-    def add(self, other: Written) -> None:
-        """Take in what another writer has written of other vehicles."""
-        self.rows.update(other.rows)
-        self.first.update(other.first)
-        self.last.update(other.last)
-        self.columns.update({n: u for n, u in other.columns.items() if n not in self.columns})
-        self.trips += other.trips
-
-
 class DatasetWriter:
     """A dataset being written in the scratch folder ``path``; made by :meth:`create`.
 
@@ -68,7 +51,10 @@ class DatasetWriter:
     out the same.
     """
 
-    def __init__(self, path: Path, kind: Literal["recorded", "simulated"], site: Site) -> None:
+    def __init__(
+        self, path: Path, kind: Literal["recorded", "simulated"], site: Site, before: Before | None = None
+    ) -> None:
+        self.before = before or Before()
         self.path, self.kind, self.site = path, kind, site
         self.compression: Literal["zstd", "snappy"] = "zstd"
         self.provenance: dict[str, Any] = {}
@@ -91,8 +77,40 @@ class DatasetWriter:
         """A writer whose dataset appears as ``target`` when the block ends well;
         ``inputs`` are what is read.
         """
-        with atomic_output(target, f"{kind} dataset", overwrite=overwrite, inputs=inputs) as scratch:
+        kind_of = f"{kind} dataset"
+        place = (
+            uploaded(located(target), overwrite=overwrite)
+            if is_url(target)
+            else atomic_output(target, kind_of, overwrite=overwrite, inputs=inputs)
+        )
+        with place as scratch:
             writer = cls(scratch, kind, site)
+            yield writer
+            writer.finish()
+
+    @classmethod
+    @contextmanager
+    def append(cls, target: str | Path, *, inputs: Iterable[Path] = ()) -> Iterator[DatasetWriter]:
+        """A writer whose rows are added to the recorded dataset ``target`` when the block ends well.
+
+        No file of its rows is written again: the new dataset takes the place of the older one at once, and
+        shares them with it (as hard links; copies where the file system has none).
+        """
+        old = Dataset(target)
+        if old.kind != "recorded":
+            raise DataError(f"is {old.kind}, not recorded: nothing can be added", where=target)
+        before = before_of(old)
+        remote = is_url(target)
+        place = (
+            uploaded(old.path, new=False)
+            if remote
+            else atomic_output(target, "recorded dataset", overwrite=True, inputs=inputs)
+        )
+        with place as scratch:
+            if not remote:
+                for name in ("trajectories", PARTIALS):
+                    share(old.path / name, scratch / name)
+            writer = cls(scratch, "recorded", old.site, before)
             yield writer
             writer.finish()
 
@@ -126,8 +144,9 @@ class DatasetWriter:
 
     def _check(self, piece: Trajectory) -> None:
         piece.check()
-        if piece.time[0] <= self.written.last.get(piece.vehicle_id, -(1 << 62)):
-            raise DataError(f"vehicle {piece.vehicle_id}: rows are not later than those already written")
+        vehicle = piece.vehicle_id
+        if piece.time[0] <= self.written.last.get(vehicle, self.before.last.get(vehicle, -(1 << 62))):
+            raise DataError(f"vehicle {vehicle}: rows are not later than those already written")
 
     def _name_columns(self, schema: pa.Schema) -> None:
         for name in schema.names:
@@ -140,9 +159,9 @@ class DatasetWriter:
 
         date = str(np.datetime64(day, "D"))
         folder = self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(vehicle, safe='')}"
-        number = self._parts.get((vehicle, date), 0)
+        number = self._parts.get((vehicle, date), self.before.parts.get((vehicle, date), 0))
         self._parts[vehicle, date] = number + 1
-        if not number:
+        if number == self.before.parts.get((vehicle, date), 0):
             if vehicle == HIVE_NULL:
                 raise DataError(
                     f"no vehicle can be called {HIVE_NULL}", do="rename it: readers take it for unknown"
@@ -159,10 +178,12 @@ class DatasetWriter:
         """Write trips, site and description; :meth:`create` calls it."""
         self._write_trips()
         write_json(self.path / "site.json", site_to_dict(self.site))
-        span = (
-            (min(self.written.first.values()), max(self.written.last.values())) if self.written.rows else ()
-        )
-        start, end = (_iso(t) for t in span) if span else (None, None)
+        before, written = self.before, self.written
+        columns = {"vehicle_id": "", **before.columns, **written.columns}
+        rows = {v: before.rows.get(v, 0) + written.rows.get(v, 0) for v in {**before.rows, **written.rows}}
+        first = [*written.first.values(), *([] if before.first is None else [before.first])]
+        last = [*written.last.values(), *before.last.values()]
+        start, end = (_iso(min(first)), _iso(max(last))) if rows else (None, None)
         frame = self.site.frame
         description = {
             "format_version": FORMAT_VERSION,
@@ -174,11 +195,11 @@ class DatasetWriter:
                 else {k: getattr(frame, k) for k in ("latitude", "longitude", "rotation")},
                 "edges": 0 if self.site.network is None else len(self.site.network),
             },
-            "vehicles": dict(sorted(self.written.rows.items())),
+            "vehicles": dict(sorted(rows.items())),
             "start": start,
             "end": end,
-            "rows": sum(self.written.rows.values()),
-            "columns": {"vehicle_id": "", **self.written.columns},
+            "rows": sum(rows.values()),
+            "columns": columns,
             "provenance": self.provenance,
             "summary": self.summary,
         }
@@ -194,6 +215,9 @@ class DatasetWriter:
 
         table = table_of(self.written.trips)
         trips = merge_split_trips(table) if len(table) else pd.DataFrame({"vehicle_id": [], "trip_id": []})
+        if self.before.trips is not None and len(self.before.trips):
+            trips = pd.concat([self.before.trips, trips]) if len(trips) else self.before.trips
+            trips = trips.sort_values(["vehicle_id", "trip_id"], ignore_index=True)
         trips.to_parquet(self.path / "trips.parquet", index=False)
 
 
