@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fleetlog.errors import FleetlogError, FormatError, InputError
+from fleetlog.store.places import is_url
 
 if TYPE_CHECKING:
     from fleetlog.core.site import Site
@@ -24,7 +25,7 @@ def describe(path: Path) -> Described:
     """A dataset, log, map, site, truck or recording; :class:`InputError` says what was tried where nothing
     fits.
     """
-    if (path / "dataset.json").is_file():
+    if is_url(path) or (path / "dataset.json").is_file():
         return _dataset(path)
     suffix = path.suffix.lower()
     if suffix == ".rrd":

@@ -1,7 +1,5 @@
 """A day that is added to a dataset: like the whole imported at once, atomically, and nothing old written again."""
 
-import os
-
 import numpy as np
 import pytest
 
@@ -41,7 +39,10 @@ def test_a_day_is_added(days, site, tmp_path):
     old = first_day(days, site, tmp_path / "d")
     parts = {p: p.stat().st_ino for d in old.vehicle_days for p in old.parts(*d)}
     new = add(days, tmp_path / "d")
-    assert new.dates == ["2026-03-02", "2026-03-03"] and new.rows == sum(new.meta["vehicles"].values()) > old.rows
+    assert (
+        new.dates == ["2026-03-02", "2026-03-03"]
+        and new.rows == sum(new.meta["vehicles"].values()) > old.rows
+    )
     assert {p: p.stat().st_ino for p in parts} == parts, "no row was written again"
     for vehicle in new.vehicles:
         t = new.read(vehicle)
@@ -99,7 +100,7 @@ def test_one_more_day_costs_one_day(days, site, tmp_path, monkeypatch):
     new = add(days, tmp_path / "d")
     kept = heatmap(new)
     assert set(reads) == {"2026-03-03"}, "the first day is not read again"
-    os.rename(new.path / ".partials", tmp_path / "gone")
+    (new.path / ".partials").rename(tmp_path / "gone")
     monkeypatch.setattr(partials, "FROM_ROWS", 1 << 60)
     again = heatmap(Dataset(tmp_path / "d"))
     assert kept.summary == again.summary

@@ -74,18 +74,25 @@ class HeatMap:
 
 @dataclass(frozen=True)
 class Patch:
-    """The sums of one vehicle-day: where it was, (k,) cells and their (6, k) sums; the same of stretches."""
+    """The sums of one vehicle-day: (k,) rows and columns of the lattice of cells that counts from the origin,
+    and their (6, k) sums; the same of stretches.
+    """
 
-    cell: Ints
+    row: Ints
+    column: Ints
     grid: Floats
     stretch: Ints
     edges: Floats
 
     def add_to(self, m: HeatMap) -> None:
         """Add the sums to a map."""
-        m.grid.reshape(6, -1)[:, self.cell] += self.grid
+        c = m.cells
+        row, column = self.row - round(c.y0 / c.cell), self.column - round(c.x0 / c.cell)
+        inside = (row >= 0) & (row < c.rows) & (column >= 0) & (column < c.columns)
+        cell, sums = (row * c.columns + column)[inside], self.grid[:, inside]
+        m.grid.reshape(6, -1)[:, cell] += sums
         m.edges[:, self.stretch] += self.edges
-        m.units.append((self.cell, self.grid[0]))
+        m.units.append((cell, sums[0]))
 
 
 def values(layers: Floats, quantity: Quantity, area: float) -> Floats:
@@ -130,7 +137,10 @@ def extent(dataset: Dataset) -> Box:
 
 def _box(dataset: Dataset, vehicle: str, date: str) -> Box | None:
     """The extent of the positions of one vehicle-day."""
-    t = dataset.read(vehicle, date, ("x", "y"))
+    return _box_of(dataset.read(vehicle, date, ("x", "y")))
+
+
+def _box_of(t: Trajectory) -> Box | None:
     x, y = t.floats("x"), t.floats("y")
     if not np.isfinite(x).any():
         return None
@@ -179,7 +189,7 @@ def compute_by(
     """One map a group, in one pass over the rows; the groups' maps add up to the map of all."""
     out: dict[str, HeatMap] = {}
     days = each_day(
-        dataset, _patches, cells, by, hours, state, kinds=(Patch,), vehicles=vehicles, cost=ROW_COST
+        dataset, _patches, cells.cell, by, hours, state, kinds=(Patch,), vehicles=vehicles, cost=ROW_COST
     )
     for patches in days:
         for name, patch in patches.items():
@@ -193,12 +203,15 @@ def _empty(dataset: Dataset, cells: Cells) -> HeatMap:
 
 
 def _patches(
-    dataset: Dataset, vehicle: str, date: str, cells: Cells, by: Grouping | None,
+    dataset: Dataset, vehicle: str, date: str, cell: float, by: Grouping | None,
     hours: tuple[int, int] | None, state: str,
 ) -> dict[str, Patch]:  # fmt: skip
     """The sums of one vehicle-day, by group."""
     t = dataset.read(vehicle, date, COLUMNS)
-    use = select(t, hours, state)
+    use, box = select(t, hours, state), _box_of(t)
+    if box is None:
+        return {}
+    cells = cells_of([box], cell)
     groups = ((name, use & mine) for name, mine in _GROUPS[by](t))
     return {name: _patch(t, rows, cells, dataset.site.network) for name, rows in groups if rows.any()}
 
@@ -218,13 +231,10 @@ def _patch(t: Trajectory, use: NDArray[np.bool_], c: Cells, network: Network | N
         along_edges(
             edge, offset, t.time, speed, power, STANDING_SPEED, use, stretches(network), STRETCH, MAX_GAP, edges
         )  # fmt: skip
-    return Patch(*_sparse(grid.reshape(6, -1)), *_sparse(edges))
-
-
-def _sparse(sums: Floats) -> tuple[Ints, Floats]:
-    """The columns with time in them, and their sums."""
-    column = np.flatnonzero(sums[0] > 0.0)
-    return column, sums[:, column]
+    seen, driven = np.flatnonzero(grid[0] > 0.0), np.flatnonzero(edges[0] > 0.0)
+    row, column = np.divmod(seen, c.columns)
+    row, column = row + round(c.y0 / c.cell), column + round(c.x0 / c.cell)
+    return Patch(row, column, grid.reshape(6, -1)[:, seen], driven, edges[:, driven])
 
 
 Groups = list[tuple[str, NDArray[np.bool_]]]
