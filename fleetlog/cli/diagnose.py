@@ -11,6 +11,7 @@ import click
 from fleetlog.cli.options import (
     SEED,
     anywhere,
+    engine_options,
     existing,
     json_option,
     named_files,
@@ -52,6 +53,7 @@ CHANNELS = ("battery_power", "soc", "speed")
 @overwrite_option
 @json_option
 @quiet_option
+@engine_options
 @click.pass_context
 def command(
     context: click.Context, dataset: Path, truck: str, site: Path | None, against: Path | None, channels: str,

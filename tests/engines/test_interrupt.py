@@ -5,13 +5,14 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
 
 def descendants(pid):
     try:
-        text = open(f"/proc/{pid}/task/{pid}/children").read()  # noqa: PTH123
+        text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
     except OSError:
         return set()
     mine = {int(p) for p in text.split()}
@@ -20,7 +21,7 @@ def descendants(pid):
 
 def alive(pid):
     try:
-        return open(f"/proc/{pid}/stat").read().rsplit(")", 1)[1].split()[0] != "Z"  # noqa: PTH123
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:
         return False
 

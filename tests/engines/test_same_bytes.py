@@ -3,7 +3,7 @@
 import json
 import os
 import signal
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import pytest
@@ -19,6 +19,17 @@ from fleetlog.engines import processes
 from fleetlog.ingest.pipeline import import_logs
 from fleetlog.store import DatasetWriter
 from fleetlog.store.results import write_result
+
+
+def diagnosed(fleet, truck, folder):
+    """The document of a diagnosis and its tables."""
+    from fleetlog.discovery.diagnose import diagnose
+    from fleetlog.discovery.report.output import write_diagnosis
+
+    folder.mkdir(parents=True)
+    write_diagnosis(diagnose(fleet, truck.with_value("resistance.rolling", 0.01)), folder)
+    return files(folder)
+
 
 ANALYSES = {
     "energy": lambda d, truck: energy(d, truck),
@@ -124,6 +135,19 @@ def _slow(number):
 
     time.sleep(0.1)
     return number
+
+
+@pytest.fixture(scope="module")
+def diagnosed_alone(tmp_path_factory, fleet, truck):
+    return diagnosed(fleet, truck, tmp_path_factory.mktemp("diagnosis") / "out")
+
+
+@pytest.mark.parametrize("how", ["two", "killed", "cluster"])
+def test_diagnose(how, diagnosed_alone, fleet, truck, tmp_path, monkeypatch, request):
+    address = request.getfixturevalue("scheduler") if how == "cluster" else None
+    crime = murder(monkeypatch, tmp_path) if how == "killed" else nullcontext()
+    with crime, engines.using(None if address else 2, address):
+        assert diagnosed(fleet, truck, tmp_path / "out") == diagnosed_alone
 
 
 def test_the_command_that_made_a_dataset_names_no_engine(monkeypatch):
