@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -37,6 +37,7 @@ HOURS = 2
 """Of a day that one job looks at."""
 KINDS = (Crowds, Followed)
 ROW_COST = 2e-6
+SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
 BIN_SPEED, SPEEDS = 0.005, 1 << 16
 """Speeds are counted in steps of this [m/s]; how many steps there are."""
 
@@ -290,7 +291,8 @@ def _arc_lines(c: Crowds, watched: Watched) -> MovingLines:
     time = np.unique(c.arc_time)
     after = time + watched.step
     shown = np.union1d(time, after[after < watched.stop])
-    ranges = [slice(*np.searchsorted(c.arc_time, [t, t + 1])) for t in shown.tolist()]
+    cuts = (np.searchsorted(c.arc_time, shown, side).tolist() for side in SIDES)
+    ranges = [slice(a, b) for a, b in zip(*cuts, strict=True)]
     return MovingLines(
         "clusters", shown, tuple(c.arc_ends[r] for r in ranges), tuple(c.arc_critical[r] for r in ranges)
     )
