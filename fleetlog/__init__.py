@@ -1,4 +1,81 @@
-"""fleetlog: replay, simulate and explain the logs of electric vehicle fleets in a plant."""
+"""fleetlog: replay, simulate and explain the logs of electric forklift and AGV fleets.
 
-__version__ = "0.1.0"
-FORMAT_VERSION = 1
+Every command is a function here, with the same arguments; files may be paths or objects, logs and tables
+DataFrames, and a result has ``tables``, ``summary``, ``save()``, ``show()`` and an HTML form for notebooks:
+
+    import fleetlog
+
+    recorded = fleetlog.read_logs("logs/", site="site.toml")
+    fleetlog.analyze.density(recorded, threshold=20.0).show()
+    fleetlog.diagnose(recorded, truck="truck.toml").save("diagnosis")
+
+Nothing is imported before it is used.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from fleetlog.version import FORMAT_VERSION, __version__
+
+if TYPE_CHECKING:
+    from fleetlog.api.answer import Answer as Result
+    from fleetlog.api.inputs import as_dataset as open
+    from fleetlog.core.trajectory import Trajectory
+    from fleetlog.store import Dataset
+    from fleetlog.verbs.analyze import analyze
+    from fleetlog.verbs.calibrate import calibrate
+    from fleetlog.verbs.demo import demo
+    from fleetlog.verbs.diagnose import diagnose
+    from fleetlog.verbs.export import export
+    from fleetlog.verbs.import_ import import_
+    from fleetlog.verbs.import_ import import_ as read_logs
+    from fleetlog.verbs.info import info
+    from fleetlog.verbs.simulate import simulate
+    from fleetlog.verbs.view import view
+
+NAMES = {
+    "read_logs": "verbs.import_:import_", "Result": "api.answer:Answer", "open": "api.inputs:as_dataset",
+    "Dataset": "store:Dataset", "Trajectory": "core.trajectory:Trajectory",
+}  # fmt: skip
+"""What is offered beside the verbs, and where it is."""
+VERBS = (
+    "import_", "simulate", "analyze", "calibrate", "diagnose", "report", "learn", "record", "export", "info",
+    "view", "demo",
+)  # fmt: skip
+"""The functions behind the commands, each in the module of its name in :mod:`fleetlog.verbs`."""
+
+__all__ = [
+    "FORMAT_VERSION", "Dataset", "Result", "Trajectory", "__version__", "analyze", "calibrate", "demo",
+    "diagnose", "export", "import_", "info", "open", "read_logs", "simulate", "view",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name not in NAMES and name not in VERBS:
+        raise AttributeError(f"module 'fleetlog' has no attribute {name!r}")
+    module, _, attribute = NAMES.get(name, f"verbs.{name}:{name}").partition(":")
+    try:
+        found = getattr(importlib.import_module(f"fleetlog.{module}"), attribute)
+    except ModuleNotFoundError as error:
+        raise AttributeError(f"module 'fleetlog' has no attribute {name!r}: {error}") from error
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return [*__all__]
+
+
+class _Face(ModuleType):
+    """The package as users see it: ``fleetlog.simulate`` stays the function when its package is imported."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name in VERBS and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Face

@@ -5,12 +5,11 @@
     │   ├── FormatError               not of the format it was taken for
     │   ├── SiteError                 a map or a site file
     │   └── TruckError                a truck file
+    ├── ArgumentError                 wrong usage: exit status 2
     ├── DataError                     the files are well formed, the data cannot carry the question
     └── OutputError                   the result cannot be written where it was asked for
 
-``UsageError`` of click (exit status 2) stays with the command line.  ``fleetlog.cli.main`` is the one place
-that
-turns these into a line on standard error.
+``fleetlog.cli.main`` is the one place that turns these into a line on standard error.
 """
 
 from __future__ import annotations
@@ -72,6 +71,14 @@ class SiteError(InputError):
 
 class TruckError(InputError):
     """A truck file is at fault."""
+
+
+class ArgumentError(FleetlogError, ValueError):
+    """An argument of a function, or an option of a command, is wrong, or does not go with another one."""
+
+    def __init__(self, what: str, *, option: str | None = None, do: str | None = None) -> None:
+        self.option = option
+        super().__init__(what, where=option, do=do)
 
 
 class DataError(FleetlogError):

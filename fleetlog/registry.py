@@ -8,11 +8,16 @@ part is adding a file.  Other distributions add parts through entry points of th
 
 from __future__ import annotations
 
+import ast
 import importlib
+import importlib.util
 import pkgutil
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
+
+from fleetlog.errors import InputError
 
 
 def part_names(package: str) -> list[str]:
@@ -20,7 +25,8 @@ def part_names(package: str) -> list[str]:
     ``_private`` modules are no parts.
     """
     folder = importlib.import_module(package)
-    return sorted(m.name for m in pkgutil.iter_modules(folder.__path__) if not m.name.startswith("_"))
+    modules = pkgutil.iter_modules(folder.__path__)
+    return sorted(m.name for m in modules if not (m.ispkg or m.name.startswith("_")))
 
 
 @cache
@@ -35,7 +41,54 @@ def parts(package: str, attribute: str) -> dict[str, Any]:
         part = getattr(importlib.import_module(f"{package}.{module_name}"), attribute, None)
         if part is not None:
             found[getattr(part, "name", module_name)] = part
-    for entry in sorted(entry_points(group=package), key=lambda e: e.name):
-        part = entry.load()
+    for entry in _entries(package):
+        part = _load(entry)
         found.setdefault(getattr(part, "name", entry.name), part)
     return found
+
+
+def part(package: str, attribute: str, name: str) -> Any:
+    """The part called ``name``, importing no other one; KeyError where there is none."""
+    if name in part_names(package):
+        return getattr(importlib.import_module(f"{package}.{name}"), attribute)
+    entry = next((e for e in _entries(package) if e.name == name), None)
+    return parts(package, attribute)[name] if entry is None else _load(entry)
+
+
+def added(package: str) -> list[str]:
+    """Names of the parts that other distributions add, importing none of them."""
+    return [e.name for e in _entries(package)]
+
+
+def _load(entry: EntryPoint) -> Any:
+    """The object of an entry point; one that cannot be loaded is an error that names its distribution."""
+    try:
+        return entry.load()
+    except Exception as error:
+        owner = entry.dist.name if entry.dist else "another package"
+        what = f"the plug-in {entry.name!r} of {owner} cannot be loaded ({type(error).__name__}: {error})"
+        raise InputError(what, do=f"repair or remove {owner}") from error
+
+
+@cache
+def part_lines(package: str, attribute: str) -> dict[str, str]:
+    """Every part by name with the first sentence of its module's docstring, importing none of them."""
+    own = {m: _sentence(f"{package}.{m}", attribute) for m in part_names(package)}
+    lines = {name: line for name, line in own.items() if line is not None}
+    return {e.name: _sentence(e.module, "") or "" for e in _entries(package)} | lines
+
+
+def _entries(package: str) -> list[EntryPoint]:
+    return sorted(entry_points(group=package), key=lambda e: e.name)
+
+
+def _sentence(module: str, attribute: str) -> str | None:
+    """The first sentence of a module's docstring, from its source; None where it has no ``attribute``."""
+    spec = importlib.util.find_spec(module)
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        return None
+    source = Path(spec.origin).read_text(encoding="utf-8")
+    if attribute and f"\n{attribute}" not in source and f"\ndef {attribute}" not in source:
+        return None
+    text = ast.get_docstring(ast.parse(source)) or ""
+    return " ".join(text.split("\n\n")[0].split())

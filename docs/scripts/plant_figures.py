@@ -102,13 +102,14 @@ def one_dock(folder: Path) -> None:
 def plan_checked(data: dict[str, Path]) -> None:
     """The plan tried in the simulator."""
     from fleetlog.analysis.chargers import chargers
-    from fleetlog.analysis.placement.check import Trial
     from fleetlog.core.truck import load_truck
     from fleetlog.store import Dataset
     from fleetlog.view.picture import write_picture
 
     recorded = Dataset(data["recorded"])
-    result = chargers(recorded, k=K, demand="standing", trial=Trial(load_truck(SAMPLE / "truck.toml"), 8))
+    result = chargers(
+        recorded, k=K, demand="standing", truck=load_truck(SAMPLE / "truck.toml"), check=True, vehicles=8
+    )
     print("\n".join(result.lines))
     write_picture(
         replace(result, name="the plan in the simulator"), recorded.site, FIGURES / "plant_check.png"

@@ -1,4 +1,6 @@
-"""Where to charge: a ranking of road vertices by traffic, and at most k of them chosen as sites.
+"""Sites for chargers, and the number of plugs at each.
+
+Road vertices are ranked by traffic, and at most k of them are chosen as sites.
 
 The ranking is PageRank-like over observed moves; the choice is a p-median by default.  What is known of the
 method that inspired it, and what is our own, is told in docs/chargers.md.
@@ -6,7 +8,7 @@ method that inspired it, and what is our own, is told in docs/chargers.md.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -17,10 +19,11 @@ from fleetlog.analysis.placement.costs import Metric, driving_costs
 from fleetlog.analysis.placement.demand import read_units
 from fleetlog.analysis.placement.plan import Demand, Method, Question, Variant, choose, stability, weigh
 from fleetlog.analysis.placement.report import lines_of, site_table, summarise, vertex_table
+from fleetlog.core.arguments import Between, Count, Duration, Seed
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, Grid, Marks, Result, Shape
 from fleetlog.core.truck import Truck
-from fleetlog.errors import DataError, nearest
+from fleetlog.errors import ArgumentError, DataError, nearest
 from fleetlog.store import Dataset
 
 Ints = NDArray[np.int64]
@@ -29,41 +32,55 @@ Ints = NDArray[np.int64]
 def chargers(
     dataset: Dataset,
     *,
-    k: int = 5,
+    k: Annotated[int, Between(1, 10_000, whole=True)] = 5,
     method: Method = "pmedian",
     variant: Variant = "flow",
     demand: Demand = "urgency",
     metric: Metric = "distance",
-    shortest: float = 60.0,
-    spacing: float = 30.0,
-    radius: float = 30.0,
-    alpha: float = 0.85,
-    forced: tuple[str, ...] = (),
-    forbidden: tuple[str, ...] = (),
+    shortest: Annotated[float, Between(0.0, 1e6)] = 60.0,
+    spacing: Annotated[float, Between(0.0, 1e6)] = 30.0,
+    radius: Annotated[float, Between(0.0, 1e6)] = 30.0,
+    alpha: Annotated[float, Between(0.0, 1.0, below=True)] = 0.85,
+    force: tuple[str, ...] = (),
+    forbid: tuple[str, ...] = (),
     keep_existing: bool = False,
-    capacity: float | None = None,
+    capacity: Annotated[float, Between(0.0, 1.0, above=True)] | None = None,
     truck: Truck | None = None,
-    trial: Trial | None = None,
+    check: bool = False,
+    vehicles: Count | None = None,
+    duration: Annotated[float | str, Duration()] = "8h",
+    seed: Seed = 0,
+    soc: Annotated[float, Between(0.05, 1.0)] = 0.6,
 ) -> Result:
-    """Sites for at most ``k`` chargers (or, with demand ``loading``, for pick and drop places).
+    """Choose sites for chargers and the number of plugs, and say how good the choice is.
 
     Parameters
     ----------
+    k : largest number of sites.
     method : how sites are chosen from demand or rank.
     variant : how vertices are ranked.
-    demand : what a vertex weighs: standing time weighted by urgency of the charge, standing time, visits, the
-        rank, or load changes.  Where nothing is urgent it falls back to standing, then to visits, and says
-        so.
-    metric : driving distance [m], driving time at the speed limits [s], or energy of the empty ``truck``
-        [Wh].
-    shortest : the least standstill in which plugging in is worth it [s].
-    spacing : least distance between sites for ``spaced``;  radius : reach of a site for ``cover`` [m].
-    forced, forbidden : vertex names (or ids of charging places of the site) that must, or must not, be
-        chosen.
-    keep_existing : the site's charging places are forced too; they count among the ``k``.
+    demand : what a vertex weighs: standing time by urgency of the charge, standing time, visits, the rank, or
+        load changes (then the sites are pick and drop places).  Where nothing is urgent it falls back to
+        standing, then to visits, and says so.
+    metric : what is minimised: driving distance, driving time at the speed limits, or energy of the empty
+        truck, which needs --truck.
+    shortest : shortest stop in which plugging in is worth it [s].
+    spacing : least distance between sites, for --method spaced [m].
+    radius : reach of a site, for --method cover [m].
+    alpha : damping of the rank.
+    force : a vertex or place that must be a site; may be repeated.
+    forbid : a vertex or place that must not be a site; may be repeated.
+    keep_existing : keep the site's own chargers; they count among the k.
     capacity : largest share of the demand that one site may serve.
-    trial : try the plan in the simulator, before against after.
+    truck : truck file, or name of a preset; for --metric energy and --check.
+    check : simulate the plan: the same tasks, before and after.
+    vehicles : trucks in the simulation; by default as many as recorded.
+    duration : of the simulation: 8h, 90m.
+    seed : of the simulation.
+    soc : state of charge at the start of the simulation.
     """
+    if truck is None and (check or metric == "energy"):
+        raise ArgumentError("--check and --metric energy need a truck", do="name one with --truck")
     network = dataset.site.network
     if network is None:
         raise DataError(
@@ -72,7 +89,7 @@ def chargers(
     existing = tuple(p.id for p in dataset.site.places if p.kind == "charge") if keep_existing else ()
     q = Question(
         network, driving_costs(network, metric, truck), k, method, variant, demand, metric, spacing, radius,
-        alpha, _vertices(dataset, network, (*forced, *existing)), _vertices(dataset, network, forbidden),
+        alpha, _vertices(dataset, network, (*force, *existing)), _vertices(dataset, network, forbid),
         capacity,
     )  # fmt: skip
     units = read_units(dataset, shortest)
@@ -85,7 +102,8 @@ def chargers(
     summary = summarise(units, q, weighed, choice)
     summary["stability"] = stability(units, choice, q)
     sites = site_table(units, q, weighed, choice)
-    if trial is not None:
+    if check and truck is not None:
+        trial = Trial(truck, vehicles or len(dataset.vehicles), Duration()(duration), seed, soc)
         summary["check"] = try_plan(dataset, sites, trial)
     return Result(
         "chargers", summary, tables={"vertices": vertex_table(network, weighed)}, places={"sites": sites},

@@ -1,4 +1,4 @@
-"""Where it is tight: clusters of critically high traffic density.
+"""Congestion: clusters of critically high traffic density.
 
 The rule of the clusters is stated in :mod:`fleetlog.analysis.clusters.steps`.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -25,8 +25,10 @@ from fleetlog.analysis.clusters.areas import (
 from fleetlog.analysis.clusters.crowds import Crowds, Rule, as_figures, find_crowds, together
 from fleetlog.analysis.clusters.timeline import area_of, timeline
 from fleetlog.analysis.clusters.tracking import Episode, Followed, episodes, follow
+from fleetlog.core.arguments import Between
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
+from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 from fleetlog.store.days import Part, each_day, each_part
@@ -47,23 +49,21 @@ Floats = NDArray[np.float64]
 def density(
     dataset: Dataset,
     *,
-    threshold: float = 15.0,
-    speed: float = 1.4,
-    step: float = 1.0,
-    min_duration: float = 5.0,
+    threshold: Annotated[float, Between(0.01, 1e6)] = 15.0,
+    speed: Annotated[float, Between(0.01, 100.0)] = 1.4,
+    step: Annotated[float, Between(0.01, 3600.0)] = 1.0,
+    min_duration: Annotated[float, Between(0.0, 1e6)] = 5.0,
     include_standing: bool = False,
 ) -> Result:
-    """Critical clusters, their episodes and areas.
+    """Find congestion: clusters of trucks along the roads, episodes, critical areas.
 
     Parameters
     ----------
-    dataset : matched to roads.
-    threshold : driving distance within which trucks belong together [m].
+    threshold : driving distance within which trucks belong to one cluster [m].
     speed : a cluster whose mean speed is under this is critical [m/s].
-    step : of the common time grid [s].
-    min_duration : shorter episodes are passed over [s].
-    include_standing : count trucks that are parked, charging or handling too; both ways are reported in any
-        case.
+    step : time step [s].
+    min_duration : ignore episodes shorter than this [s].
+    include_standing : count parked, charging and handling trucks too.
     """
     network = dataset.site.network
     if network is None:
@@ -302,17 +302,18 @@ def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
     used = s["clusters"][s["used"]]
     other = s["clusters"]["all" if s["used"] == "moving_only" else "moving_only"]
     out = [
-        f"{s['vehicles']} trucks, {s['hours']:.2f} h: {s['episodes']} critical episodes, "
-        f"{s['delay_s']:.0f} s of delay",
-        f"  in critical clusters: {used['critical_vehicle_seconds']:.0f} truck-seconds "
+        f"Congestion delayed {count(s['vehicles'], 'truck')} by {s['delay_s']:.0f} s in {s['hours']:.2f} h, "
+        f"in {count(s['episodes'], 'critical episode')}.",
+        f"Trucks spent {used['critical_vehicle_seconds']:.0f} truck-seconds in critical clusters "
         f"({other['critical_vehicle_seconds']:.0f} when standing trucks are "
         f"{'left out' if s['used'] == 'all' else 'counted too'}), "
-        f"largest {used['largest']} trucks",
+        f"at most {count(used['largest'], 'truck')} in one.",
     ]
     for row in areas.head(5).itertuples():
         out.append(
             f"  area {row.area} at ({row.x:.0f}, {row.y:.0f}) m, {row.roads}: {row.delay:.0f} s delay "
-            f"[{row.delay_low:.0f}, {row.delay_high:.0f}], {row.episodes} episodes, {row.vehicles} trucks"
+            f"({row.delay_low:.0f} to {row.delay_high:.0f}), {count(row.episodes, 'episode')}, "
+            f"{count(row.vehicles, 'truck')}"
         )
     return out
 

@@ -1,13 +1,11 @@
-"""What every trip costs and why: energy by trip, vehicle, shift, hour, stretch of road and zone,
-with the ledger of terms.
-"""
+"""Energy per trip, truck, shift and road, and its breakdown by physical cause."""
 
 from __future__ import annotations
 
 import inspect
 import sys
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -24,8 +22,10 @@ from fleetlog.analysis.energybook.tables import (
     with_soc,
     zone_table,
 )
+from fleetlog.core.arguments import ShiftHours
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
 from fleetlog.core.truck import Truck
+from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError
 from fleetlog.physics.battery import BatteryModel, battery_of
 from fleetlog.physics.power import Physics
@@ -46,18 +46,17 @@ COLUMNS = (
 
 
 def energy(
-    dataset: Dataset, truck: Truck, physics: Physics | None = None, *, shifts: Sequence[int] = SHIFTS,
-    chemistry: str = "constant",
+    dataset: Dataset, truck: Truck, physics: Physics | None = None, *,
+    shifts: Annotated[tuple[int, ...], ShiftHours()] = SHIFTS,
+    chemistry: Literal["constant", "lfp", "lead"] = "constant",
 ) -> Result:  # fmt: skip
-    """The energy of a dataset as the truck's model makes it, beside what was measured.
+    """Compute the energy of every trip by physical cause, beside what was measured.
 
     Parameters
     ----------
-    dataset : recorded or simulated.
-    truck : the vehicle type.
-    physics : added and changed terms; the nominal model by default.
-    shifts : hours of the day (UTC) at which shifts begin, growing.
-    chemistry : of the battery, ``constant``, ``lfp`` or ``lead``; see :mod:`fleetlog.physics.battery`.
+    physics : physics that diagnose found (model.toml or its folder); the nominal model by default.
+    shifts : hours of the day (UTC) at which shifts begin.
+    chemistry : of the battery: shape of its voltage over the state of charge.
     """
     if not dataset.rows:
         raise DataError(f"{dataset.path} has no rows")
@@ -107,10 +106,11 @@ def _vehicle_day(
     """The books of one vehicle-day, one a piece of whole trips: bounded memory."""
     from fleetlog.physics.motion import measured_channels, reconstruct
 
-    books, own = [], physics.of(vehicle)
+    books = []
     for piece in dataset.pieces(vehicle, date, COLUMNS):
         if len(piece) > 1:
-            found = reconstruct(measured_channels(piece, dataset.meta), dataset.site.network, own.truck)
+            found = reconstruct(measured_channels(piece, dataset.meta), dataset.site.network, physics.truck)
+            own = physics.of(vehicle, piece.time[0] * 1e-6)
             books.append(keep_book(piece, found, own, dataset.site, battery))
     return books
 
@@ -161,40 +161,37 @@ def _lines(
 ) -> list[str]:
     total = whole["energy_kwh"]
     per_km = f", {whole['kwh_per_km']:.3f} kWh/km" if np.isfinite(whole["kwh_per_km"]) else ""
-    of_it = (
-        f"auxiliary share {whole['auxiliary_share']:.0%}; " if np.isfinite(whole["auxiliary_share"]) else ""
-    )
+    trips = count(len(tables["trips"]), "trip")
     out = [
-        f"{len(tables['trips'])} trips of {len(tables['vehicles'])} vehicles: {total:.2f} kWh"
-        f" (+-{1.96 * whole['deviation_kwh']:.2f}) for {whole['distance_km']:.1f} km"
-        f" in {whole['duration_h']:.1f} h{per_km}"
+        f"{trips} of {count(len(tables['vehicles']), 'truck')} took {total:.2f} kWh"
+        f" (± {1.96 * whole['deviation_kwh']:.2f}): {whole['distance_km']:.1f} km"
+        f" in {whole['duration_h']:.1f} h{per_km}."
     ]
     shares = ", ".join(f"{t.replace('_', ' ')} {whole[f'{t}_kwh']:.2f}" for t in terms if whole[f"{t}_kwh"])
-    out.append(f"ledger in kWh: {shares}")
+    out.append(f"Breakdown in kWh: {shares}.")
+    auxiliary = whole["auxiliary_share"]
     out.append(
-        f"{whole['regenerated_kwh'] + 0.0:.2f} kWh flowed back; {of_it}"
-        f"highest power {whole['peak_power_kw']:.1f} kW"
+        f"Recovered: {whole['regenerated_kwh'] + 0.0:.2f} kWh; highest power {whole['peak_power_kw']:.1f} kW"
+        + (f"; auxiliary loads take {percent(auxiliary)}." if np.isfinite(auxiliary) else ".")
     )
     if np.isfinite(whole["measured_kwh"]) and whole["measured_kwh"]:
         share = whole["difference_kwh"] / whole["measured_kwh"]
         out.append(
-            f"measured {whole['measured_kwh']:.2f} kWh, model there {whole['model_beside_measured_kwh']:.2f} "
-            "kWh:"
-            f" {share:+.1%}"
+            f"Where energy was measured: {whole['measured_kwh']:.2f} kWh measured, "
+            f"{whole['model_beside_measured_kwh']:.2f} kWh modelled ({100.0 * share:+.1f} %)."
         )
     if whole["collapsed_s"] > 0.0:
         out.append(
-            f"the voltage collapses (to {whole['lowest_voltage_v']:.1f} V) for {whole['collapsed_s']:.0f} s: "
-            "the model asks for"
-            " more power than the battery can give"
+            f"The voltage collapses (to {whole['lowest_voltage_v']:.1f} V) for {whole['collapsed_s']:.0f} s: "
+            "the model asks for more power than the battery can give."
         )
-    known = [f"{SAID[s]} ({n} trips)" for s, n in sources.items() if s != "nothing"]
+    known = [f"{SAID[s]} ({count(n, 'trip')})" for s, n in sources.items() if s != "nothing"]
     without = sources.get("nothing", 0)
     if known:
-        rest = f"; {without} trips have no electrical channel" if without else ""
-        out.append(f"measured energy is taken from {', '.join(known)}{rest}")
+        rest = f"; {count(without, 'trip')} had none" if without else ""
+        out.append(f"Measured energy comes from {', '.join(known)}{rest}.")
     else:
-        out.append("the log has no electrical channel: nothing was measured, the figures are the model's")
+        out.append("The log has no electrical channel: nothing was measured, the figures are the model's.")
     return out
 
 
@@ -253,3 +250,6 @@ def _curves(books: Sequence[Book], terms: Sequence[str]) -> list[Shape]:
         }
         out.append(Series("power", middle, both, "time", "power [kW]", over_time=True))
     return out
+
+
+ANALYSIS = energy

@@ -1,5 +1,4 @@
-"""Where it is busy: time-weighted occupancy, passages, mean speed, energy and standing time, per cell and
-stretch of road.
+"""Heat maps: time, passages, mean speed, energy and standing time, on the floor and on the roads.
 
 The sums are those of :mod:`fleetlog.analysis.occupancy.maps`; they add over days, vehicles and shifts.
 """
@@ -7,7 +6,7 @@ The sums are those of :mod:`fleetlog.analysis.occupancy.maps`; they add over day
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -29,9 +28,11 @@ from fleetlog.analysis.occupancy.maps import (
     stretches,
     values,
 )
+from fleetlog.core.arguments import Between, HourRange
 from fleetlog.core.network import Network
 from fleetlog.core.result import EdgeValues, Grid, Result, Shape
-from fleetlog.errors import DataError
+from fleetlog.core.words import count, percent
+from fleetlog.errors import ArgumentError, DataError
 from fleetlog.store import Dataset
 
 Floats = NDArray[np.float64]
@@ -40,35 +41,34 @@ Floats = NDArray[np.float64]
 def heatmap(
     dataset: Dataset,
     *,
-    cell: float = 1.0,
+    cell: Annotated[float, Between(0.01, 1e6)] = 1.0,
     quantity: Quantity = "occupancy",
-    smooth: float = 0.0,
-    hours: tuple[int, int] | None = None,
-    vehicles: tuple[str, ...] = (),
-    state: str = "all",
+    smooth: Annotated[float, Between(0.0, 1e4)] = 0.0,
+    hours: Annotated[tuple[int, int], HourRange()] | None = None,
+    vehicle: tuple[str, ...] = (),
+    load: Literal["all", "laden", "empty"] = "all",
     compare: Dataset | None = None,
     by: Grouping | None = None,
 ) -> Result:
-    """A heat map over floor and roads.
+    """Draw how much time trucks spend where, on the floor and on the roads.
 
     Parameters
     ----------
     cell : size of a square cell [m].
     quantity : what is drawn; the tables hold all.
     smooth : standard deviation of a Gaussian blur [m]; 0 for none.
-    hours : first and last hour of the day (UTC), the last one excluded.
-    state : ``all``, ``laden`` or ``empty``.
-    compare : another dataset; the map is then the difference of time shares, with a significance mask.
-    by : one map for each hour of the day (UTC), vehicle or load state, all in one colour scale; they add up
-        to the whole.
+    hours : hours of the day (UTC), as 6-14; the last one is excluded.
+    load : only trucks in this load state.
+    compare : another dataset: draw the difference of time shares, with a significance mask.
+    by : one map for each hour of the day (UTC), vehicle or load state, in one colour scale.
     """
     if by is not None and compare is not None:
-        raise DataError("a comparison is of whole datasets", do="leave --by or --compare out")
-    for v in vehicles:
+        raise ArgumentError("--by and --compare do not go together", do="leave one of them out")
+    for v in vehicle:
         dataset.parts(v)
     boxes = [extent(dataset)] + ([extent(compare)] if compare else [])
     cells = cells_of(boxes, cell)
-    maps = compute_by(dataset, cells, by, hours, vehicles, state)
+    maps = compute_by(dataset, cells, by, hours, vehicle, load)
     if not maps:
         raise DataError("no row is left by this choice of hours, vehicles and load", do="choose a wider one")
     here = _sum(list(maps.values()))
@@ -81,7 +81,7 @@ def heatmap(
             [_cell_table(m).assign(**{by: name}) for name, m in maps.items()], ignore_index=True
         )
     if compare is not None:
-        other = compute(compare, cells, hours, (), state)
+        other = compute(compare, cells, hours, (), load)
         grids = [_compared(here, other, summary, table, str(compare.path))]
     shapes: list[Shape] = [*grids]
     tables = {"cells": table}
@@ -193,25 +193,25 @@ def _energy(s: dict[str, Any]) -> str:
         return "energy unknown"
     part = s["energy_known_share"]
     return f"{s['energy_kwh']:.1f} kWh" + (
-        f" (power known for {part:.0%} of the time)" if part < 0.995 else ""
+        f" (power known for {percent(part)} of the time)" if part < 0.995 else ""
     )
 
 
 def _lines(s: dict[str, Any]) -> list[str]:
     b = s["busiest"]
     out = [
-        f"{s['vehicle_hours']:.1f} vehicle hours on {s['visited_cells']} cells of {s['cell_m']:g} m, "
-        f"{s['distance_km']:.1f} km, {_energy(s)}, {s['standing_hours']:.1f} h standing",
-        f"  busiest cell at ({b['x']:.0f}, {b['y']:.0f}) m: {b['hours']:.2f} h",
+        f"The busiest place is at ({b['x']:.0f}, {b['y']:.0f}) m: {b['hours']:.2f} truck hours.",
+        f"In all {s['vehicle_hours']:.1f} truck hours on {count(s['visited_cells'], 'cell')} of {s['cell_m']:g} m, "
+        f"{s['distance_km']:.1f} km, {_energy(s)}, {s['standing_hours']:.1f} h standing.",
     ]
     if "by" in s:
         parts = ", ".join(f"{name} {v['vehicle_hours']:.2f} h" for name, v in list(s["by"].items())[:24])
-        out.append(f"  of these {parts}")
+        out.append(f"Of these {parts}.")
     if "compare" in s:
         c = s["compare"]
         out.append(
-            f"  against {c['other']}: {c['significant_cells']} cells differ significantly, "
-            f"{c['moved_share']:.1%} of the time lies elsewhere"
+            f"Compared with {c['other']}, {count(c['significant_cells'], 'cell')} differ significantly; "
+            f"{percent(c['moved_share'], 1)} of the time is spent elsewhere."
         )
     return out
 

@@ -1,21 +1,26 @@
-"""Where trucks stand again and again, and what for: dwell clusters as places of the site."""
+"""Places where trucks stop regularly, and what for."""
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
+from fleetlog.core.arguments import Between
 from fleetlog.core.result import Marks, Result
+from fleetlog.core.words import count
 from fleetlog.simulate.places import carried, clusters, find_stands, mined_site, place_table
 from fleetlog.store import Dataset
 
 
-def stops(dataset: Dataset, *, min_visits: int = 3) -> Result:
-    """Places that the trucks of a dataset visit regularly.
+def stops(
+    dataset: Dataset, *, min_visits: Annotated[int, Between(1, 1_000_000_000, whole=True)] = 3
+) -> Result:
+    """Find the places where trucks stop regularly, and what for.
 
     Parameters
     ----------
-    dataset : recorded or simulated; one pass over its rows, linear in their number.
-    min_visits : a place was visited at least so often.
+    min_visits : least number of visits that makes a place.
 
     Returns
     -------
@@ -53,15 +58,16 @@ def stops(dataset: Dataset, *, min_visits: int = 3) -> Result:
         "site_toml": site_text(table),
     }
     lines = [
-        f"{len(stands)} stops, {int((cluster >= 0).sum())} of them at {len(table)} places: "
-        + ", ".join(f"{n} {k}" for k, n in kinds.items()),
-        f"{len(tasks)} loads carried between {len(flows)} pairs of places"
+        f"{count(int((cluster >= 0).sum()), 'stop')} of {len(stands):,} are at {count(len(table), 'place')}: "
+        + ", ".join(f"{n} {k}" for k, n in kinds.items())
+        + ".",
+        f"{count(len(tasks), 'load')} went between {count(len(flows), 'pair')} of places."
         if weighed
-        else "loads are unknown: the dataset has no payload, so no place is known to be a pick or a drop",
+        else "Loads are unknown: the dataset has no payload, so no place is known to be a pick or a drop.",
     ]
     for row in table.sort_values("dwell_total", ascending=False, kind="stable").head(5).itertuples():
         lines.append(
-            f"{row.place}: {row.visits} visits of {row.vehicles} trucks, "
+            f"  {row.place}: {count(row.visits, 'visit')} of {count(row.vehicles, 'truck')}, "
             f"median {row.dwell_median:.0f} s, at ({row.x:.1f}, {row.y:.1f})"
         )
     marks = Marks(

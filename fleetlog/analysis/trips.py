@@ -1,12 +1,14 @@
-"""Where trucks drive from and to, how far, how long and at what cost."""
+"""Trips: from where to where, how far, how long, how much energy."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
+from fleetlog.core.arguments import Between
 from fleetlog.core.result import Bars, Marks, Result
+from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 
@@ -18,14 +20,12 @@ NEAR = 8.0
 """Trip ends this close to a place are at it [m]."""
 
 
-def trips(dataset: Dataset, *, min_distance: float = 5.0) -> Result:
-    """The trips of a dataset: table, distances, durations, energy, and how often which pair of places is
-    driven.
+def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)] = 5.0) -> Result:
+    """List the trips: from where to where, how far, how long, how much energy.
 
     Parameters
     ----------
-    dataset : recorded or simulated.
-    min_distance : trips shorter than this [m] are shunting: counted, but left out of the means.
+    min_distance : shorter trips are shunting: counted, but left out of the means [m].
     """
     table = dataset.trips
     if not len(table):
@@ -68,23 +68,23 @@ def trips(dataset: Dataset, *, min_distance: float = 5.0) -> Result:
 
 def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
     out = [
-        f"{s['trips']} trips of {s['vehicles']} vehicles, {s['distance_m'] / 1000.0:.1f} km"
-        f" in {s['driving_time_s'] / 3600.0:.1f} h of driving"
+        f"{count(s['vehicles'], 'truck')} made {count(s['trips'], 'trip')}: {s['distance_m'] / 1000.0:.1f} km"
+        f" in {s['driving_time_s'] / 3600.0:.1f} h of driving."
     ]
     if s["mean_distance_m"] is not None:
         out.append(
-            f"mean trip {s['mean_distance_m']:.0f} m in {s['mean_duration_s']:.0f} s, "
-            f"{s['mean_speed_m_s']:.2f} m/s while driving"
+            f"The mean trip is {s['mean_distance_m']:.0f} m in {s['mean_duration_s']:.0f} s, "
+            f"at {s['mean_speed_m_s']:.2f} m/s while driving."
         )
     if s["energy_wh"] is not None:
         out.append(
-            f"energy {s['energy_wh'] / 1000.0:.2f} kWh, {s['energy_wh_per_km']:.0f} Wh/km, "
-            "stops at the ends included"
+            f"Energy: {s['energy_wh'] / 1000.0:.2f} kWh, {s['energy_wh_per_km']:.0f} Wh/km, "
+            "with the stops at the ends."
         )
     for r in pairs.head(5).to_dict("records"):
         if r["from_place"] and r["to_place"]:
             out.append(
-                f"{r['from_place']} to {r['to_place']}: {r['trips']} trips, {r['distance_mean']:.0f} m"
+                f"  {r['from_place']} to {r['to_place']}: {count(r['trips'], 'trip')}, {r['distance_mean']:.0f} m"
             )
     return out
 

@@ -11,42 +11,21 @@ import sys
 import warnings
 from contextlib import suppress
 from io import StringIO, TextIOWrapper
-from typing import ClassVar
 
 import click
 
 from fleetlog import __version__, interrupt
+from fleetlog.cli.commands import Listed, load_verb, verb_lines
 from fleetlog.cli.compiled import find_place
-from fleetlog.cli.lazy import LazyGroup
-from fleetlog.cli.options import notice
+from fleetlog.cli.tell import notice
 from fleetlog.errors import EXIT_INPUT, EXIT_INTERRUPTED, FleetlogError
 
-# name: (module, one line); the line stands here so that --help imports nothing else.
-VERBS: dict[str, tuple[str, str]] = {
-    "import": ("import_", "Read logs, match them to the roads, write a dataset and its replay."),
-    "simulate": ("simulate", "Generate the trajectories of a fleet on a site."),
-    "analyze": ("analyze", "Trips, stops, energy, density, heat maps, chargers."),
-    "calibrate": ("calibrate", "Fit a truck to measured runs."),
-    "diagnose": ("diagnose", "Say where model and recording differ, and what physics was left out."),
-    "export": ("export", "Write a dataset in another format."),
-    "info": ("info", "Describe a dataset, log, map or recording."),
-    "view": ("view", "Open a replay in the Rerun viewer."),
-    "demo": ("demo", "Do the whole job on sample data."),
-}
-
-
-class Verbs(LazyGroup):
-    """The verbs of ``fleetlog``."""
-
-    verbs: ClassVar[dict[str, tuple[str, str]]] = {
-        name: (f"fleetlog.cli.{module}", line) for name, (module, line) in VERBS.items()
-    }
-
-
-@click.command(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]}, no_args_is_help=True)
-@click.version_option(__version__, "-V", "--version", message="fleetlog %(version)s")
-def cli() -> None:
-    """Replay, simulate and explain the logs of electric vehicle fleets."""
+cli = Listed(
+    verb_lines, load_verb, name="fleetlog", no_args_is_help=True,
+    help="Replay, simulate and explain the logs of electric vehicle fleets.",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)  # fmt: skip
+cli = click.version_option(__version__, "-V", "--version", message="fleetlog %(version)s")(cli)
 
 
 def entry() -> None:

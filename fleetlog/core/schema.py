@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,15 @@ def text(value: Any) -> str:
     if not isinstance(value, str) or not value:
         raise Wrong("is not a text")
     return value
+
+
+def moment(value: Any) -> float:
+    """A date and time with its zone, as seconds since 1970."""
+    if not isinstance(value, datetime):
+        raise Wrong("is not a date and time, as 2026-03-14T09:00:00Z")
+    if value.tzinfo is None:
+        raise Wrong("has no time zone; put Z behind it for UTC")
+    return value.timestamp()
 
 
 def flag(value: Any) -> bool:

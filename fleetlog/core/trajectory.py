@@ -13,7 +13,11 @@ from fleetlog.core import columns as cols
 from fleetlog.errors import DataError
 
 if TYPE_CHECKING:
+    import geopandas as gpd
+    import pandas as pd
     import pyarrow as pa
+
+    from fleetlog.core.site import Frame
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -120,6 +124,32 @@ class Trajectory:
     def with_columns(self, **new: Values) -> Trajectory:
         """A copy with columns added or replaced."""
         return Trajectory(self.vehicle_id, self.time, {**self.columns, **new})
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The rows as a DataFrame: ``vehicle_id``, ``timestamp`` (UTC), then every column that is known.
+
+        Unknown is NaN, or None for a label.
+        """
+        known = [n for n in cols.NAMES if n in self.columns or n in ("vehicle_id", "timestamp")]
+        own = sorted(set(self.columns) - set(cols.NAMES))
+        frame: pd.DataFrame = to_arrow(self).select([*known, *own]).to_pandas()
+        return frame
+
+    def to_geopandas(self, frame: Frame | None = None) -> gpd.GeoDataFrame:
+        """The rows as points: WGS 84 where ``frame`` (a site's) is given, else metres without a system.
+
+        Needs geopandas: ``pip install geopandas``.
+        """
+        try:
+            import geopandas as gpd
+        except ImportError:
+            raise DataError("geopandas is not installed", do="pip install 'fleetlog[geo]'") from None
+        x, y = self.floats("x"), self.floats("y")
+        if frame is None:
+            return gpd.GeoDataFrame(self.to_pandas(), geometry=gpd.points_from_xy(x, y))
+        latitude, longitude = frame.to_geographic(x, y)
+        points = gpd.points_from_xy(longitude, latitude, crs="EPSG:4326")
+        return gpd.GeoDataFrame(self.to_pandas(), geometry=points)
 
     def check(self) -> None:
         """Raise :class:`DataError` unless lengths agree and time increases strictly."""

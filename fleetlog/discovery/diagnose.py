@@ -94,14 +94,20 @@ def _explained(
     fleet: Fleet, split: Split, base: Model, settings: Settings, terms: tuple[str, ...], name: str
 ) -> Explained:
     """Explain one channel."""
-    channel: Channel = channel_of(name, fleet, base, settings)
+    channel: Channel = channel_of(name, fleet, base, settings, split)
     return explain(channel, split, base, settings, terms)
 
 
 def together(base: Model, explained: dict[str, Explained]) -> Model:
     """Return one model of everything found in any channel."""
     for e in explained.values():
-        base = replace(base, at={**base.at, **e.after.at}, fields={**base.fields, **e.after.fields})
+        new = e.after
+        base = replace(
+            base,
+            at={**base.at, **new.at},
+            fields={**base.fields, **new.fields},
+            when={**base.when, **new.when},
+        )
     return base
 
 

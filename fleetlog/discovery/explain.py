@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,8 @@ from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.curves import UNIT
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, hypotheses
 from fleetlog.discovery.model import Knob, Model
-from fleetlog.discovery.recording.splits import Split
-from fleetlog.discovery.report import fields, words
+from fleetlog.discovery.recording.splits import HELD_OUT, Split
+from fleetlog.discovery.report import fields, traffic, words
 from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import Adjustment, ChannelFit, Finding, Parameter
 from fleetlog.discovery.search.forward import Search, search
@@ -73,11 +73,27 @@ def explain(
     values = {h.term: _values(problem, known, h) for h in named if h.term and (h.field or h.patterns)}
     numbers = _numbers(known)
     findings = [_finding(problem, found, h, final, scores, fit, values, numbers, beside) for h in told]
+    after = final.model
+    lost = channel.lost(after)
+    if lost is not None and traffic.counts(lost, settings):
+        findings.append(traffic.finding_of(lost, channel, _with_traffic(problem, after, fit)))
+        values[findings[-1].term] = traffic.values(lost)
+        after = after.with_field(findings[-1].term, traffic.values(lost).deviation)
     order = sorted(findings, key=lambda f: -f.strength)
     return Explained(
-        problem, before.model, final.model, fit, order, _adjustments(channel, final, told, numbers),
+        problem, before.model, after, fit, order, _adjustments(channel, final, told, numbers),
         values, numbers, _above_floor(fit, max(settings.material, channel.model_error), settings), found.log,
     )  # fmt: skip
+
+
+def _with_traffic(problem: Problem, model: Model, fit: ChannelFit) -> dict[str, Any]:
+    """The error on held-out trips with the windows in which other vehicles were in the way, and without."""
+    off, size = 0.0, 0.0
+    for number, unit in enumerate(problem.channel.units()):
+        use = (problem.folds(number, unit)[0] == HELD_OUT) & (unit.recorded > 0.0)
+        off += float(((unit.recorded - problem.channel.predict(unit, model))[use] ** 2).sum())
+        size += float((unit.recorded[use] ** 2).sum())
+    return {"metric": fit.metric, "before": float(np.sqrt(off / size)) if size else None, "after": fit.after}
 
 
 def _unjudged(problem: Problem, base: Model, reason: str) -> Explained:
@@ -90,9 +106,10 @@ def _within_tolerance(base: Model, model: Model, h: Hypothesis) -> bool:
     if len(h.knobs) != 1 or h.setting:
         return False
     knob = h.knobs[0]
-    p, term = knob.definition, h.physics
-    assert term is not None
-    off = model.value(term, knob.parameter, knob.vehicle) - base.value(term, knob.parameter)
+    if knob.scope.timed:  # A truck file that is a little off is off all the time.
+        return False
+    p = knob.definition
+    off = model.value(knob) - base.value(knob.fleet)
     return abs(off) <= p.allowance(model.truck) or (p.ceiling and off > 0.0)
 
 
@@ -127,8 +144,7 @@ def _numbers(known: Known) -> dict[Knob, Parameter]:
         if atom.knob is None:
             continue
         knob, p = atom.knob, atom.knob.definition
-        fleet = model.coordinate(replace(knob, vehicle=None))
-        at = fleet + (model.coordinate(knob) if knob.vehicle is not None else 0.0)
+        at = model.total(knob)
         ends = sorted(p.value_of(at + s * NORMAL * error) for s in (-1.0, 1.0))
         out[knob] = Parameter(p.name, p.value_of(at), ends[0], ends[1], p.unit, p.nominal(model.truck))
     return out
@@ -151,13 +167,13 @@ def _finding(
     values: dict[str, Values], numbers: dict[Knob, Parameter], beside: dict[Hypothesis, Joint],
 ) -> Finding:  # fmt: skip
     channel, term = problem.channel, h.physics
-    named_vehicle = None if h.vehicle is None else channel.vehicles[h.vehicle]
+    scope = words.scope(h.scope, channel.vehicles)
     rivals = _open(found, h)
     where, parameters = _where(problem, found, h, values, numbers)
     text = (
         words.unknown(h.depends_on, where)
         if term is None
-        else words.statement(term, parameters, where, named_vehicle)
+        else words.statement(term, parameters, where, scope)
     )
     # A free curve is no part of the model that is written: it is judged beside it.
     unfitted = fit.after if term is None else scores.without.get(h, fit.before)
@@ -166,7 +182,7 @@ def _finding(
     return Finding(
         h.term or "unknown", channel.name, text, rivals, words.needs(h.term, rivals), list(h.depends_on), where,
         _classes(problem, beside[h]) if h in beside else _when(h),
-        {"vehicles": None if named_vehicle is None else [named_vehicle], "from": None, "until": None},
+        scope,
         parameters,
         {"p_value": scores.p_values.get(h, fit.p_value), "held_out_gain": gain, "alternatives": _alternatives(found, h, gain)},
         {"metric": channel.metric, "before": unfitted, "after": fitted}, gain or 0.0,
@@ -203,7 +219,7 @@ def _where(
     out = [numbers[k] for k in h.knobs if k in numbers]
     for name, _ in h.setting:
         p = term.by_name[name]
-        value = found.joint.model.value(term, name)
+        value = found.joint.model.value(Knob(term.name, name))
         half = 0.5 * (p.high - p.low) / 12.0
         out.append(
             Parameter(name, value, max(value - half, p.low), min(value + half, p.high), p.unit, p.neutral)
@@ -244,6 +260,6 @@ def _adjustments(
     out = []
     for knob, n in numbers.items():
         if knob not in taken and knob in final.model.at:
-            vehicle = None if knob.vehicle is None else channel.vehicles[knob.vehicle]
+            vehicle = None if knob.scope.one is None else channel.vehicles[knob.scope.one]
             out.append(Adjustment(f"{knob.term}.{knob.parameter}", vehicle, n.value, n.low, n.high, n.unit))
     return out

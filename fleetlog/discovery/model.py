@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
+from fleetlog.discovery.hypotheses.scope import FLEET, Scope
 from fleetlog.discovery.hypotheses.stretches import Cells, along
+from fleetlog.physics.own import Own
 from fleetlog.physics.power import Physics, all_terms
 from fleetlog.physics.term import Parameter, Term, Values
 
@@ -20,26 +22,37 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, order=True)
 class Knob:
-    """A number of a term: the fleet's, or the deviation of one vehicle's from it."""
+    """A number of a term: the fleet's, or the deviation from it within a scope."""
 
     term: str
     parameter: str
-    vehicle: int | None = None
+    scope: Scope = FLEET
 
     @property
     def definition(self) -> Parameter:
         """The parameter that it turns."""
         return all_terms()[self.term].by_name[self.parameter]
 
+    @property
+    def fleet(self) -> Knob:
+        """The fleet's number."""
+        return replace(self, scope=FLEET)
+
+    @property
+    def column(self) -> Knob:
+        """The knob whose column serves: that of one vehicle is the fleet's, in the rows of the vehicle."""
+        return self if self.scope.one is None else self.fleet
+
 
 @dataclass(frozen=True)
 class Model:
     """``at[knob]`` in the coordinate in which the model is linear; ``fields[term]`` (C,) deviations from
-    neutral in it."""
+    neutral in it, and ``when[term]`` the part of the time that they are there, where it is not all."""
 
     truck: Truck
     at: dict[Knob, float] = field(default_factory=dict)
     fields: dict[str, Floats] = field(default_factory=dict)
+    when: dict[str, Scope] = field(default_factory=dict)
 
     def moved(self, steps: dict[Knob, float]) -> Model:
         """Return the model with knobs turned by steps of their coordinates."""
@@ -49,9 +62,10 @@ class Model:
         """Return the model with knobs at given coordinates."""
         return replace(self, at={**self.at, **values})
 
-    def with_field(self, term: str, deviation: Floats) -> Model:
+    def with_field(self, term: str, deviation: Floats, when: Scope = FLEET) -> Model:
         """Return the model with one field set."""
-        return replace(self, fields={**self.fields, term: deviation})
+        fields = {**self.fields, term: deviation}
+        return replace(self, fields=fields, when={**self.when, term: when})
 
     def without(self, knobs: set[Knob], terms: set[str]) -> Model:
         """Return the model in which these knobs, and the fields of these terms, are nominal again."""
@@ -62,35 +76,56 @@ class Model:
         )
 
     def coordinate(self, knob: Knob) -> float:
-        """Return where a knob stands; a vehicle's knob at zero where nothing was found."""
-        if knob.vehicle is not None:
+        """Return where a knob stands; zero for the deviation of a scope where nothing was found."""
+        if not knob.scope.whole:
             return self.at.get(knob, 0.0)
         return self.at.get(knob, knob.definition.scaled_nominal(self.truck))
 
-    def value(self, term: Term, parameter: str, vehicle: int | None = None) -> float:
-        """Return the number of a parameter, for one vehicle or the fleet."""
-        total = self.coordinate(Knob(term.name, parameter))
-        if vehicle is not None:
-            total += self.at.get(Knob(term.name, parameter, vehicle), 0.0)
-        return term.by_name[parameter].value_of(total)
+    def total(self, knob: Knob) -> float:
+        """Return the coordinate in force within the knob's scope: the fleet's and its own deviation."""
+        fleet = self.coordinate(knob.fleet)
+        return fleet if knob.scope.whole else fleet + self.coordinate(knob)
 
-    def values(self, vehicle: int | None) -> dict[str, dict[str, float]]:
-        """Return every number that is not nominal, by term and parameter."""
+    def of_vehicle(self, knob: Knob, vehicle: int) -> float:
+        """Return the coordinate of one vehicle's number at all times, whatever holds for a while."""
+        own = (k for k in self.at if k.fleet == knob.fleet and not k.scope.whole and not k.scope.timed)
+        return self.coordinate(knob.fleet) + sum(self.at[k] for k in own if k.scope.covers(vehicle))
+
+    def value(self, knob: Knob) -> float:
+        """Return the number in force within the knob's scope."""
+        return knob.definition.value_of(self.total(knob))
+
+    def values(self, vehicle: int | None = None) -> dict[str, dict[str, float]]:
+        """Return every number that is not nominal at all times, by term and parameter, of a vehicle or the fleet."""
         out: dict[str, dict[str, float]] = {}
         for knob in self.at:
-            if knob.vehicle in (None, vehicle):
-                term = all_terms()[knob.term]
-                out.setdefault(knob.term, {})[knob.parameter] = self.value(term, knob.parameter, vehicle)
+            if knob.scope.whole or (
+                vehicle is not None and knob.scope.covers(vehicle) and not knob.scope.timed
+            ):
+                at = self.coordinate(knob) if vehicle is None else self.of_vehicle(knob, vehicle)
+                out.setdefault(knob.term, {})[knob.parameter] = knob.definition.value_of(at)
         return out
 
-    def own_values(self, vehicle: int) -> dict[str, dict[str, float]]:
-        """Return the numbers of one vehicle that differ from the fleet's."""
-        out: dict[str, dict[str, float]] = {}
+    def own(self, vehicle: int) -> list[Own]:
+        """Return what one vehicle has for itself, and what holds for a while."""
+        always: dict[str, Values] = {}
+        fleet = self.values()
+        for name, values in self.values(vehicle).items():
+            other = {k: v for k, v in values.items() if fleet.get(name, {}).get(k) != v}
+            if other:
+                always[name] = other
+        out = [Own(always)] if always else []
         for knob in self.at:
-            if knob.vehicle == vehicle:
-                value = self.value(all_terms()[knob.term], knob.parameter, vehicle)
-                out.setdefault(knob.term, {})[knob.parameter] = value
+            s = knob.scope
+            if s.timed and s.covers(vehicle):
+                value = knob.definition.value_of(self.of_vehicle(knob, vehicle) + self.at[knob])
+                out.append(Own({knob.term: {knob.parameter: value}}, None, s.begin, s.until, s.drift))
         return out
+
+    def share(self, term: str, vehicle: int, time: Floats) -> Floats | float:
+        """Return how far the field of a term is there at some times of a vehicle, (N,)."""
+        scope = self.when.get(term, FLEET)
+        return 1.0 if scope.whole else scope.share(vehicle, time)
 
     def physics(self, vehicle: int, motion: Motion, cells: Callable[[Term], Cells | None]) -> Physics:
         """Return the sum of terms along a motion of one vehicle, fields looked up in their cells."""
@@ -98,12 +133,13 @@ class Model:
         for name, deviation in self.fields.items():
             term = all_terms()[name]
             where = cells(term)
-            if term.acts == "wait" or where is None:
+            if term.acts in ("wait", "traffic") or where is None:
                 continue
             first = term.parameters[0]
-            found = field_values(first, along(where, motion, deviation, term.odd))
+            here = along(where, motion, deviation, term.odd) * self.share(name, vehicle, motion.time)
+            found = field_values(first, here)
             values[name] = {**values.get(name, {}), first.name: found}
-        return Physics(self.truck, values)
+        return Physics(self.truck, values, own=tuple(o for o in self.own(vehicle) if o.timed))
 
 
 def field_values(parameter: Parameter, deviation: Floats) -> Floats:

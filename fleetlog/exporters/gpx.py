@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, TextIO
 from xml.sax.saxutils import escape, quoteattr
 
-from fleetlog import __version__
 from fleetlog.core.site import Frame
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.exporters.base import Exporter, Selection, cells, iso_times
+from fleetlog.version import __version__
 
 SPACE = "urn:fleetlog:trajectory:1"
 _HEAD = (

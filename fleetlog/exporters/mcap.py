@@ -31,7 +31,7 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
     """Vehicle by vehicle; readers sort by time through the index."""
     from mcap.writer import CompressionType, Writer
 
-    from fleetlog import __version__
+    from fleetlog.version import __version__
 
     rows = left_out = 0
     with path.open("wb") as stream:

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from fleetlog.core.words import count
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
 
 
@@ -74,8 +75,8 @@ class ImportSummary:
         """For a person."""
         out = [line for group in _grouped(self.files) for line in group]
         if self.rows:
-            whose = f"{_count(len(self.vehicles), 'vehicle')}, {_count(self.trips, 'trip')}"
-            out.append(f"{_count(self.rows, 'row')} of {whose}, {self.start} to {self.end}")
+            whose = f"{count(len(self.vehicles), 'vehicle')}, {count(self.trips, 'trip')}"
+            out.append(f"{count(self.rows, 'row')} of {whose}, {self.start} to {self.end}")
         if self.rows_joined:
             out.append(f"{self.rows_joined:,} rows without a position were joined to those with one")
         if self.derived:
@@ -97,10 +98,6 @@ class ImportSummary:
         return out
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
-
-
 def _grouped(files: list[FileSummary]) -> list[list[str]]:
     """Lines of every file; files that tell the same are told once."""
     groups: dict[str, list[FileSummary]] = {}
@@ -112,8 +109,8 @@ def _grouped(files: list[FileSummary]) -> list[list[str]]:
 
 def _file_lines(group: list[FileSummary]) -> list[str]:
     one = group[0]
-    name = one.file if len(group) == 1 else f"{one.file} and {_count(len(group) - 1, 'more file')}"
-    out = [f"{name}: {one.format}, {_count(sum(f.rows for f in group), 'row')}"]
+    name = one.file if len(group) == 1 else f"{one.file} and {count(len(group) - 1, 'more file')}"
+    out = [f"{name}: {one.format}, {count(sum(f.rows for f in group), 'row')}"]
     out += [f"  {source} is {meaning}" for source, meaning in one.recognised.items()]
     out += [f"  {note}" for note in one.notes]
     out += [f"  damaged: {text}" for text in one.damage]

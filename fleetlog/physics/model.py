@@ -10,24 +10,45 @@ power = 661.0
 field = "fields/grade.parquet"     # the first parameter per stretch of road
 [interval.auxiliary_load]
 power = [640.0, 690.0]
-[vehicle.T3.term.rolling_resistance]   # of one vehicle, in place of the fleet's
+[[own]]                            # what some vehicles, or some hours, have in place of that
+vehicles = ["T3"]                  # absent: all
+from = 2026-03-14T09:00:00Z        # absent: from the first row on
+until = 2026-03-14T17:00:00Z       # absent: to the last row
+drift = true                       # comes in evenly from the one to the other
+[own.term.rolling_resistance]
 coefficient = 0.019
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fleetlog.core.network import Network
-from fleetlog.core.schema import Wrong, list_of, load_toml, real, shown, table, tables, text, whole
+from fleetlog.core.schema import (
+    Wrong,
+    anything,
+    flag,
+    list_of,
+    load_toml,
+    moment,
+    real,
+    shown,
+    table,
+    tables,
+    text,
+    whole,
+)
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
 from fleetlog.physics.field import COLUMNS, Field, field_table, mirrored
+from fleetlog.physics.own import Own
 from fleetlog.physics.power import Physics, all_terms
-from fleetlog.physics.term import Term
+from fleetlog.physics.term import Term, Values
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,8 +60,9 @@ KEYS = {
     "off": list_of(text),
     "term": tables,
     "interval": tables,
-    "vehicle": tables,
+    "own": list_of(anything),
 }
+OWN_KEYS = {"vehicles": list_of(text, 1), "from": moment, "until": moment, "drift": flag, "term": tables}
 _number_check = real(-1e12, 1e12)
 
 
@@ -51,23 +73,12 @@ def save_physics(path: str | Path, physics: Physics, network: Network | None = N
     import tomli_w
 
     folder = Path(path)
-    term: dict[str, dict[str, Any]] = {
-        n: {k: float(v) for k, v in values.items()} for n, values in physics.values.items()
-    }
-    if physics.fields:
-        (folder / "fields").mkdir(exist_ok=True)
-    for name, found in physics.fields.items():
-        place = f"fields/{name}.parquet"
-        field_table(found, network).to_parquet(folder / place, index=False)
-        term.setdefault(name, {})["field"] = place
+    term = _term_tables(physics.values, physics.fields, folder, network)
     data = {"format_version": 1, "truck": physics.truck.name, "off": sorted(physics.off), "term": term}
     if physics.intervals:
         data["interval"] = {n: {k: list(v) for k, v in p.items()} for n, p in physics.intervals.items()}
-    if physics.vehicles:
-        data["vehicle"] = {
-            v: {"term": {n: {k: float(x) for k, x in values.items()} for n, values in terms.items()}}
-            for v, terms in physics.vehicles.items()
-        }
+    if physics.own:
+        data["own"] = [_own_table(o, folder, network) for o in physics.own]
     (folder / FILE).write_text(tomli_w.dumps(data), encoding="utf-8")
 
 
@@ -83,28 +94,64 @@ def load_physics(path: str | Path, truck: Truck, network: Network | None = None)
     data = table(load_toml(file, do=do), KEYS, file, "")
     if data.get("format_version", 1) != 1:
         raise InputError(f"format version {data['format_version']}, this fleetlog reads 1", where=file)
-    values: dict[str, dict[str, float]] = {}
-    found: dict[str, Field] = {}
-    for name, entries in data.get("term", {}).items():
-        term = _term(name, file)
-        values[name] = {k: _number(term, k, v, file) for k, v in entries.items() if k != "field"}
-        if "field" in entries:
-            found[name] = _field(term, _beside(file, str(entries["field"]), name), network, file)
+    values, found = _read_terms(data.get("term", {}), network, file)
     off = frozenset(_term(name, file).name for name in data.get("off", ()))
     intervals = {
         _term(n, file).name: table(p, dict.fromkeys(p, list_of(_number_check, 2, 2)), file, f"interval.{n}")
         for n, p in data.get("interval", {}).items()
     }
-    # A field needs no entry of numbers of its own.
-    numbers_of = {n: v for n, v in values.items() if v or n not in found}
-    vehicles = {
-        v: {
-            _term(n, file).name: {k: _number(_term(n, file), k, x, file) for k, x in given.items()}
-            for n, given in own.get("term", {}).items()
-        }
-        for v, own in data.get("vehicle", {}).items()
+    own = tuple(_own(o, f"own.{i}", network, file) for i, o in enumerate(data.get("own", ())))
+    return Physics(truck, values, off, found, intervals, own)
+
+
+def _term_tables(
+    values: Mapping[str, Values], found: Mapping[str, Field], folder: Path, network: Network | None
+) -> dict[str, dict[str, Any]]:
+    """The tables of terms as TOML has them; their fields are written beside the model."""
+    out: dict[str, dict[str, Any]] = {
+        n: {k: float(np.asarray(x)) for k, x in v.items()} for n, v in values.items()
     }
-    return Physics(truck, dict(numbers_of), off, found, intervals, dict(vehicles))
+    for name, field in found.items():
+        (folder / "fields").mkdir(exist_ok=True)
+        place = f"fields/{name}.parquet"
+        field_table(field, network).to_parquet(folder / place, index=False)
+        out.setdefault(name, {})["field"] = place
+    return out
+
+
+def _own_table(own: Own, folder: Path, network: Network | None) -> dict[str, Any]:
+    out: dict[str, Any] = {} if own.vehicles is None else {"vehicles": list(own.vehicles)}
+    for key, at in (("from", own.begin), ("until", own.until)):
+        if np.isfinite(at):
+            out[key] = datetime.fromtimestamp(at, UTC)
+    terms = _term_tables(own.values, own.fields, folder, network)
+    return {**out, **({"drift": True} if own.drift else {}), "term": terms}
+
+
+def _read_terms(
+    tables: Mapping[str, Mapping[str, Any]], network: Network | None, file: Path
+) -> tuple[dict[str, Values], dict[str, Field]]:
+    values: dict[str, Values] = {}
+    found: dict[str, Field] = {}
+    for name, entries in tables.items():
+        term = _term(name, file)
+        if "field" in entries:
+            found[name] = _field(term, _beside(file, str(entries["field"]), name), network, file)
+        numbers = {k: _number(term, k, v, file) for k, v in entries.items() if k != "field"}
+        if numbers or name not in found:  # A field needs no entry of numbers of its own.
+            values[name] = numbers
+    return values, found
+
+
+def _own(data: Any, place: str, network: Network | None, file: Path) -> Own:
+    given = table(data, OWN_KEYS, file, place)
+    begin, until = given.get("from", -np.inf), given.get("until", np.inf)
+    drift = given.get("drift", False)
+    if begin >= until or (drift and not np.isfinite(until - begin)):
+        do = "give from and until, the later one last"
+        raise InputError("no time lies between from and until", where=file, place=place, do=do)
+    values, found = _read_terms(given.get("term", {}), network, file)
+    return Own(values, given.get("vehicles"), begin, until, drift, found)
 
 
 def _beside(file: Path, place: str, term: str) -> Path:

@@ -11,6 +11,7 @@ adds the loss inside the battery, so its rows add up to P_cell.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ import numpy as np
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.physics.field import Field
+from fleetlog.physics.own import Own
 from fleetlog.physics.term import Floats, Term, Values
 from fleetlog.registry import parts
 
@@ -34,8 +36,8 @@ class Physics:
     ``values[term]`` maps the term's parameters to numbers, or to (N,) arrays along a given motion.  Terms in
     ``off`` are left out of the sum, nominal or not.  ``fields[term]`` holds the first parameter of a field
     term where it varies over the roads; its edges are those of the network that the motions lie on.
-    ``intervals[term][parameter]`` is (low, high).  ``vehicles[vehicle][term]`` holds the values of single
-    vehicles; see :meth:`of`.
+    ``intervals[term][parameter]`` is (low, high).  ``own`` holds what some vehicles, or some hours, have in
+    place of that; see :meth:`of` and :meth:`phases`.
     """
 
     truck: Truck
@@ -43,14 +45,41 @@ class Physics:
     off: frozenset[str] = frozenset()
     fields: dict[str, Field] = field(default_factory=dict)
     intervals: dict[str, dict[str, tuple[float, float]]] = field(default_factory=dict)
-    vehicles: dict[str, dict[str, Values]] = field(default_factory=dict)
+    own: tuple[Own, ...] = ()
 
-    def of(self, vehicle: str) -> Physics:
-        """Return the physics of one vehicle, by its name: its own values in place of the fleet's."""
-        if vehicle not in self.vehicles:
-            return self
-        own = {n: {**self.values.get(n, {}), **v} for n, v in self.vehicles[vehicle].items()}
-        return replace(self, values={**self.values, **own})
+    def of(self, vehicle: str, start: float = 0.0) -> Physics:
+        """Return the physics of one vehicle, by its name; times count from ``start`` [s since 1970]."""
+        mine = [o for o in self.own if o.vehicles is None or vehicle in o.vehicles]
+        physics = self
+        for o in mine:
+            physics = physics if o.timed else physics.changed(o.values, o.fields)
+        timed = [replace(o, begin=o.begin - start, until=o.until - start) for o in mine if o.timed]
+        return replace(physics, own=tuple(timed))
+
+    def changed(self, values: Mapping[str, Values], fields: Mapping[str, Field] | None = None) -> Physics:
+        """Return the physics with some values and fields in place of what it has."""
+        new = {n: {**self.values.get(n, {}), **v} for n, v in values.items()}
+        return replace(self, values={**self.values, **new}, fields={**self.fields, **(fields or {})})
+
+    def phases(self, time: Floats) -> list[tuple[Floats, Physics]]:
+        """Return what holds along the (N,) times of one vehicle's motion: shares (N,), summing to 1, each with a physics.
+
+        A drift is told by its two ends, so that power in between is a mean of both.
+        """
+        out = [(np.ones(len(time)), replace(self, own=()))]
+        for o in self.own:
+            part = o.share(time)
+            parts = [
+                (w * s, q)
+                for w, p in out
+                for s, q in ((1.0 - part, p), (part, p.changed(o.values, o.fields)))
+            ]
+            out = [(w, p) for w, p in parts if w.any()]
+        return out
+
+    def at(self, time: float) -> Physics:
+        """Return what holds most at a time."""
+        return max(self.phases(np.array([time])), key=lambda phase: float(phase[0][0]))[1]
 
     def active(self) -> list[Term]:
         """Nominal terms and added ones, in the order of their names."""
@@ -98,6 +127,8 @@ def ledger(motion: Motion, physics: Physics, forces: dict[str, Floats] | None = 
 
     ``forces`` are the :func:`term_forces` where they are at hand already.
     """
+    if physics.own:
+        return _over_phases(motion, physics, lambda p: ledger(motion, p))
     forces = term_forces(motion, physics) if forces is None else forces
     powers = _evaluate(motion, physics, "power")
     drive = physics.actual_truck().drive
@@ -106,7 +137,20 @@ def ledger(motion: Motion, physics: Physics, forces: dict[str, Floats] | None = 
     return {**{n: f * conversion for n, f in forces.items()}, **powers}
 
 
+def _over_phases(
+    motion: Motion, physics: Physics, of: Callable[[Physics], dict[str, Floats]]
+) -> dict[str, Floats]:
+    """The mean over the phases of a motion, by their shares."""
+    total: dict[str, Floats] = {}
+    for weight, phase in physics.phases(motion.time):
+        for name, values in of(phase).items():
+            total[name] = total.get(name, 0.0) + weight * values
+    return total
+
+
 def _evaluate(motion: Motion, physics: Physics, acts: str) -> dict[str, Floats]:
+    if physics.own:
+        return _over_phases(motion, physics, lambda p: _evaluate(motion, p, acts))
     truck, motion = physics.actual_truck(), physics.actual_motion(motion)
     return {
         t.name: t.function(motion, truck, physics.values_along(t, motion))

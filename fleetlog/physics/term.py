@@ -45,6 +45,8 @@ class Parameter:
     usual : how far values of a field are usually apart from place to place, in the coordinate of
         :meth:`scaled`.
     ceiling : the nominal value is what is allowed; a larger one is a habit, not a finding.
+    reach : a limit acts only once it is so far below the nominal value; its slope there is taken over that.
+    sentence : the finding in one sentence where this number is what was found, in place of the term's.
     added : the difference from the nominal value is reported beside the value.
     """
 
@@ -61,6 +63,8 @@ class Parameter:
     usual: float = 1.0
     ceiling: bool = False
     added: bool = False
+    reach: float = 0.0
+    sentence: str = ""
 
     def nominal(self, truck: Truck) -> float:
         """Return the value in the nominal model."""
@@ -101,6 +105,7 @@ class Term:
     speed      the highest speed that this effect allows, m/s (inf: any), ``motion.speed`` being
                what road and truck allow; no function where it only changes values of the truck
     wait       nothing of its own: its first parameter is the time that every passage stands still, s
+    traffic    nothing of its own: time lost while other vehicles were in the way, as their positions show
     sensor     what the log shows of the channel in place of the truth; a fault of the recording, not of the
                vehicle
     =========  ==========================================================================================
@@ -112,7 +117,7 @@ class Term:
     """
 
     name: str
-    acts: Literal["force", "power", "load", "truck", "loss", "speed", "wait", "sensor"]
+    acts: Literal["force", "power", "load", "truck", "loss", "speed", "wait", "traffic", "sensor"]
     statement: str
     """What it is, for a fleet engineer; a clause without a full stop."""
     parameters: tuple[Parameter, ...] = ()

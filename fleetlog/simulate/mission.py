@@ -90,7 +90,7 @@ def replay(
         if len(recorded) < 2:
             continue
         found = reconstruct(measured_channels(recorded, dataset.meta), site.network, truck)
-        replayer = VehicleReplay(recorded, found, site, physics.of(vehicle), writer)
+        replayer = VehicleReplay(recorded, found, site, physics.of(vehicle, recorded.time[0] * 1e-6), writer)
         replayer.run()
         total += replayer.totals
         rows, trips, own = rows + replayer.written, trips + replayer.trips, own + replayer.own
@@ -154,7 +154,7 @@ class VehicleReplay:
         self.trips += 1
         self.own += int((leg.path.edge < 0).all())
         self.totals[:3] += leg.distance[-1], leg.duration, self.energy[a:b].sum()
-        profile = free_flow(leg, self.physics, self._limits(leg.path))
+        profile = free_flow(leg, self.physics.at(leg.path.time[0]), self._limits(leg.path))
         payload = float(np.median(leg.path.payload))
         return Trip(number, rows, float(leg.path.time[0]), float(leg.path.time[-1]), leg, profile, payload)
 
@@ -203,8 +203,9 @@ class VehicleReplay:
         power = battery_power(motion, self.physics)
         charging = motion.power < CHARGING
         power = np.where(charging & (motion.speed == 0.0), motion.power, power)
-        cell = cell_power(power, self.physics.actual_truck()).reshape(-1, steps).mean(axis=1)
-        used = np.cumsum(cell) * self.interval / (3600.0 * self.physics.actual_truck().battery.capacity_wh)
+        truck = self.physics.at(fine[0]).actual_truck()
+        cell = cell_power(power, truck).reshape(-1, steps).mean(axis=1)
+        used = np.cumsum(cell) * self.interval / (3600.0 * truck.battery.capacity_wh)
         soc = np.clip(self.soc - np.concatenate([[0.0], used[:-1]]), 0.0, 1.0)
         self.soc = float(np.clip(self.soc - used[-1], 0.0, 1.0))
         mean = power.reshape(-1, steps).mean(axis=1)

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
-from fleetlog import FORMAT_VERSION
 from fleetlog.core.site import Site, site_from_dict
 from fleetlog.core.trajectory import Trajectory, concatenate, from_arrow
 from fleetlog.errors import DataError, InputError, nearest
 from fleetlog.store.places import is_url, located
+from fleetlog.version import FORMAT_VERSION
 
 if TYPE_CHECKING:
     import pandas as pd

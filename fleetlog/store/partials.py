@@ -17,7 +17,6 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import fleetlog
 from fleetlog.store.encoding import encode, pack, unpack, whole
 from fleetlog.store.output import PARTIALS
 from fleetlog.store.places import is_url
@@ -96,7 +95,7 @@ def _make_room(root: Path, folder: Path) -> None:
 @cache
 def code_digest() -> str:
     """The digest of fleetlog's own code: a partial result of another version is none."""
-    package, digest = Path(fleetlog.__file__).parent, hashlib.sha256()
+    package, digest = Path(__file__).parents[1], hashlib.sha256()
     for file in sorted(package.rglob("*.py")):
         digest.update(str(file.relative_to(package)).encode())
         digest.update(file.read_bytes())

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from fleetlog import __version__
+from fleetlog.version import __version__
 
 ENGINE = ("--workers", "--scheduler")
 

@@ -14,7 +14,6 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog import FORMAT_VERSION
 from fleetlog.core.site import Site, site_to_dict
 from fleetlog.core.trajectory import Trajectory, to_arrow
 from fleetlog.errors import DataError
@@ -25,6 +24,7 @@ from fleetlog.store.output import PARTIALS, atomic_output, share
 from fleetlog.store.places import is_url, located, uploaded
 from fleetlog.store.trips import table_of, trip_columns
 from fleetlog.store.written import Before, Written, before_of
+from fleetlog.version import FORMAT_VERSION
 
 if TYPE_CHECKING:
     import pyarrow as pa

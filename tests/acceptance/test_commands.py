@@ -34,7 +34,7 @@ def test_json_is_one_object_and_nothing_else(run: Run, tmp_path: Path, road: Pat
         (["import", "log.csv"], 2, "-o"),
         (["import", "log.csv", "-o", "q", "--bogus"], 2, "--bogus"),
         (["import", "log.csv", "-o", "q", "--format", "cvs"], 2, "csv"),
-        (["import", "log.csv", "-o", "q", "--site", "nope"], 2, "nope"),
+        (["import", "log.csv", "-o", "q", "--site", "nope"], 1, "nope"),
         (["import", "nope.csv", "-o", "q"], 1, "no such file"),
         (["import", "empty.csv", "-o", "q"], 1, "empty"),
         (["import", "header.csv", "-o", "q"], 1, "no usable row"),

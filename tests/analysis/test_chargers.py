@@ -35,12 +35,12 @@ def test_every_method_gives_at_most_k(fleet, method, variant):
 
 def test_forced_and_forbidden(fleet):
     free = chargers(fleet, k=2).summary["sites"]
-    s = chargers(fleet, k=2, forced=("charger-1",), forbidden=(free[0],)).summary["sites"]
+    s = chargers(fleet, k=2, force=("charger-1",), forbid=(free[0],)).summary["sites"]
     assert "n00" in s and (free[0] not in s or free[0] == "n00")
     with pytest.raises(DataError, match="did you mean"):
-        chargers(fleet, forced=("n0",))
+        chargers(fleet, force=("n0",))
     with pytest.raises(DataError, match="forced"):
-        chargers(fleet, k=1, forced=("n00", "n11"))
+        chargers(fleet, k=1, force=("n00", "n11"))
 
 
 def test_falling_back_is_said_aloud(fleet, tmp_path):

@@ -124,7 +124,7 @@ def test_result_and_errors(fleet, tmp_path):
     with pytest.raises(DataError, match="larger --cell"):
         heatmap(fleet, cell=0.001)
     with pytest.raises(DataError, match="did you mean"):
-        heatmap(fleet, vehicles=("T9",))
+        heatmap(fleet, vehicle=("T9",))
 
 
 @pytest.mark.parametrize("by", ["hour", "vehicle", "load"])

@@ -107,7 +107,7 @@ def test_more_plugs_shorten_the_wait_and_the_trial_repeats_itself(tmp_path):
 
 def test_the_check_is_in_summary_lines_and_picture(tmp_path):
     data = write(tmp_path / "d", range(3), 600, site=one_charger())
-    r = chargers(data, k=2, trial=Trial(TRUCK, 3, 600.0))
+    r = chargers(data, k=2, truck=TRUCK, check=True, vehicles=3, duration=600.0)
     assert {"before", "after"} <= set(r.summary["check"])
     assert any("planned chargers" in line for line in r.lines)
     assert sum(s.name.startswith("simulated_") for s in r.shapes) == 3

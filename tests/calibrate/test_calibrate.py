@@ -15,7 +15,7 @@ from fleetlog.calibrate.observe import of_motion, of_runs, together
 from fleetlog.calibrate.parameters import UNKNOWNS
 from fleetlog.calibrate.report import blind_line, lines, summary, truck_toml
 from fleetlog.calibrate.runs import Run, read_runs
-from fleetlog.cli.calibrate import command
+from fleetlog.cli.commands import load_verb
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck, load_truck, truck_from_dict
 from fleetlog.errors import InputError
@@ -219,7 +219,7 @@ def test_the_command_writes_a_truck_file_and_says_what_is_not_known(tmp_path) ->
     table, out = tmp_path / "runs.csv", tmp_path / "fitted.toml"
     table.write_text(TABLE)
     args = [str(table), "--truck", "three-wheel-2t", "-o", str(out)]
-    answer = CliRunner().invoke(command, [*args, "--json"])
+    answer = CliRunner().invoke(load_verb("calibrate"), [*args, "--json"])
     assert answer.exit_code == 0, answer.output
     said = json.loads(answer.stdout)
     parameters = {p["key"]: p for p in said["parameters"]}

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from shuttle import LENGTH, recorded, street, truth
 
 from fleetlog.analysis.energy import energy
-from fleetlog.cli.analyses.energy import command
+from fleetlog.cli.commands import command_of
 from fleetlog.core.motion import Motion
 from fleetlog.core.result import EdgeValues, Result, Series
 from fleetlog.core.site import Site, Zone
@@ -20,6 +20,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, battery_power, ledger
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.writer import DatasetWriter
+from fleetlog.verbs.analyze import analyze
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +184,7 @@ def test_points_of_a_polygon() -> None:
 def test_the_command_writes_everything(day: tuple[Dataset, Motion], tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = [str(day[0].path), "--truck", "counterbalance-2.5t", "-o", str(out), "--json"]
-    done = CliRunner().invoke(command, arguments)
+    done = CliRunner().invoke(command_of(analyze.energy), arguments)
     assert done.exit_code == 0, done.output
     said = json.loads(done.stdout)
     assert said["trips"] == 48 and LENGTH == 120.0
@@ -203,7 +204,7 @@ def test_a_battery_that_cannot_give_the_power_is_reported(
     assert answer.summary["collapsed_s"] == 0.0 and "collapses" not in " ".join(answer.lines)
     weak = energy(day[0], truck.with_value("battery.internal_resistance", 0.2), chemistry="lead")
     assert weak.summary["collapsed_s"] > 0.0
-    assert any("the voltage collapses" in line for line in weak.lines)
+    assert any("The voltage collapses" in line for line in weak.lines)
     trips = weak.tables["energy_trips"]
     assert np.isfinite(trips["lowest_voltage_v"]).all() and np.isfinite(trips["soc_end_model"]).all()
     assert (trips["soc_end_model"] < trips["soc_start"]).all()

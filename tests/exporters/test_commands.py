@@ -8,16 +8,18 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from fleetlog.cli.describe import describe
-from fleetlog.cli.export import FORMATS
-from fleetlog.cli.export import command as export_command
-from fleetlog.cli.info import command as info_command
+from fleetlog.cli.commands import load_verb
 from fleetlog.errors import FleetlogError
 from fleetlog.exporters.base import exporters
+from fleetlog.verbs._describe import describe
+
+FORMATS = ("csv", "geojson", "gpx", "kitti", "mcap", "parquet", "sumo-fcd", "sumo-net", "tum")
 
 
 def test_help_lists_every_format() -> None:
     assert tuple(sorted(exporters())) == FORMATS
+    text = next(p.help for p in load_verb("export").params if p.name == "to")
+    assert all(name in text for name in FORMATS)
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -25,7 +27,9 @@ def test_every_format_from_the_command(name: str, make_dataset, tmp_path: Path) 
     dataset = make_dataset(vehicles=1)
     out = tmp_path / "out"
     done = CliRunner().invoke(
-        export_command, [str(dataset.path), "--to", name, "-o", str(out), "--json"], catch_exceptions=False
+        load_verb("export"),
+        [str(dataset.path), "--to", name, "-o", str(out), "--json"],
+        catch_exceptions=False,
     )
     summary = json.loads(done.stdout)
     assert done.exit_code == 0
@@ -41,10 +45,10 @@ def test_info_of_a_dataset_and_of_its_exports(make_dataset, tmp_path: Path) -> N
     for name in ("csv", "gpx", "geojson", "mcap", "parquet", "sumo-fcd"):
         out = tmp_path / f"x{exporters()[name].suffix}"
         CliRunner().invoke(
-            export_command, [str(dataset.path), "--to", name, "-o", str(out)], catch_exceptions=False
+            load_verb("export"), [str(dataset.path), "--to", name, "-o", str(out)], catch_exceptions=False
         )
         done = CliRunner().invoke(
-            info_command, [str(out), "--json"], catch_exceptions=False, standalone_mode=False
+            load_verb("info"), [str(out), "--json"], catch_exceptions=False, standalone_mode=False
         )
         told = json.loads(done.stdout)
         assert (told["kind"], told["format"], told["rows"]) == ("log", name, dataset.rows)
@@ -101,6 +105,16 @@ def test_info_of_nothing_known(tmp_path: Path) -> None:
 def test_info_says_3_for_a_damaged_log(tmp_path: Path) -> None:
     path = tmp_path / "a.tum"
     path.write_text("1772431200.5 1 2 3 0 0 0 1\n1772431201.5 1 2 3 0 0 0 1\nbroken\n")
-    done = CliRunner().invoke(info_command, [str(path)], standalone_mode=False)
+    done = CliRunner().invoke(load_verb("info"), [str(path)], standalone_mode=False)
     assert done.return_value == 3
     assert "rejected  1" in done.stdout
+
+
+def test_info_of_a_folder_of_results(make_dataset, tmp_path: Path) -> None:
+    import fleetlog
+
+    out = tmp_path / "trips"
+    answer = fleetlog.analyze.trips(make_dataset(vehicles=2).path, output=out)
+    told, lines = describe(out)
+    assert told["kind"] == "analysis" and told["summary"]["trips"] == answer.summary["trips"]
+    assert "trips.json" in told["files"] and any("trips: " in line for line in lines)

@@ -19,10 +19,9 @@ from hypothesis import strategies as st
 from fleetlog.analysis.heatmap import heatmap
 from fleetlog.analysis.stops import stops
 from fleetlog.analysis.trips import trips
-from fleetlog.cli.diagnose import _unjudged
+from fleetlog.api.answer import Answer
 from fleetlog.cli.main import cli
-from fleetlog.cli.options import printable
-from fleetlog.cli.output import write_analysis
+from fleetlog.cli.tell import printable
 from fleetlog.core.result import Grid, Result
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
@@ -33,6 +32,7 @@ from fleetlog.exporters.csv import defused
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.store.documents import json_text
 from fleetlog.store.results import file_name
+from fleetlog.verbs.diagnose import unjudged
 from fleetlog.view.stream import check_whole, open_stream, verbatim
 
 NAMES = [
@@ -137,10 +137,10 @@ def test_json_has_no_nan_and_no_infinity(value: object) -> None:
 def test_unknown_energy_is_null_and_not_zero(tmp_path: Path) -> None:
     unknown, known = dataset(tmp_path / "a", ["T1"]), dataset(tmp_path / "b", ["T1"], power=3600.0)
     result = heatmap(unknown, quantity="energy")
-    assert result.summary["energy_kwh"] is None and "energy unknown" in result.lines[0]
+    assert result.summary["energy_kwh"] is None and "energy unknown" in result.lines[1]
     assert result.tables["cells"]["energy"].isna().all()
     assert all(not np.isfinite(s.values).any() for s in result.shapes if isinstance(s, Grid))
-    write_analysis(result, Site(), tmp_path / "out")
+    Answer.of(result, Site()).save(tmp_path / "out")
     result = heatmap(known, quantity="energy")
     assert result.summary["energy_kwh"] == pytest.approx(3600.0 * 39 / 3.6e6)
     assert result.summary["energy_known_share"] == pytest.approx(1.0)
@@ -150,9 +150,9 @@ def test_a_gate_stays_shut_for_what_was_not_judged() -> None:
     soc = ChannelFit("soc", "nrmse", 0.1, 0.1, 0.1)
     speed, power = replace(soc, name="speed", floor=math.nan), replace(soc, name="battery_power", after=None)
     assert Verdict([soc], [], []).passes and not Verdict([soc, speed], [], []).passes
-    assert _unjudged(Verdict([soc], [], []), ["soc"]) == []
-    assert _unjudged(Verdict([soc], [], []), ["soc", "speed"]) == ["speed"]
-    assert _unjudged(Verdict([soc, speed, power], [], []), []) == ["speed", "battery_power"]
+    assert unjudged(Verdict([soc], [], []), ["soc"]) == []
+    assert unjudged(Verdict([soc], [], []), ["soc", "speed"]) == ["speed"]
+    assert unjudged(Verdict([soc, speed, power], [], []), []) == ["speed", "battery_power"]
 
 
 @pytest.mark.parametrize(
@@ -240,8 +240,7 @@ def test_a_recording_is_whole_or_an_error(tmp_path: Path) -> None:
 
 def test_results_with_strange_names_are_written(tmp_path: Path) -> None:
     grid = Grid("a/b$c^$", np.ones((2, 2)), 0.0, 0.0, 1.0, "l")
-    write_analysis(
-        Result("r", {"x": math.nan}, shapes=[grid], lines=["![p](http://h)"]), Site("$s^$"), tmp_path / "r"
-    )
+    result = Result("r", {"x": math.nan}, shapes=[grid], lines=["![p](http://h)"])
+    Answer.of(result, Site("$s^$")).save(tmp_path / "r")
     assert json.loads((tmp_path / "r" / "r.json").read_text())["x"] is None
     assert (tmp_path / "r" / "a%2Fb$c^$.tif").is_file()

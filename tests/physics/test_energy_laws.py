@@ -16,6 +16,7 @@ from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.truck import SECTIONS, Chassis, Truck, load_truck
 from fleetlog.physics.cycles import vdi2198
 from fleetlog.physics.field import Field, stretches
+from fleetlog.physics.own import Own
 from fleetlog.physics.power import Physics, all_terms, battery_power, ledger, soc_change, term_forces
 
 TRUCK = load_truck("three-wheel-2t")
@@ -52,6 +53,27 @@ def test_energy_adds_up_over_any_split(seed: int, cuts: list[int]) -> None:
     edges = [0, *sorted(cuts), len(motion)]
     parts = sum(energy(motion[a:b], physics) for a, b in itertools.pairwise(edges) if b > a)
     assert parts == pytest.approx(energy(motion, physics), rel=1e-10)
+
+
+@given(seeds, st.integers(0, 300))
+def test_what_holds_from_a_time_on_is_the_sum_of_before_and_after(seed: int, change: int) -> None:
+    motion = motions(seed).replaced(time=np.arange(300.0))
+    new = {"drivetrain_efficiency": {"efficiency": 0.6}, "viscous_drag": {"coefficient": 50.0}}
+    plain = Physics(TRUCK, RICH)
+    timed = replace(plain, own=(Own(new, None, float(change)),))
+    parts = [(motion[:change], plain), (motion[change:], plain.changed(new))]
+    expected = sum(energy(m, p) for m, p in parts if len(m))
+    assert energy(motion, timed) == pytest.approx(expected, rel=1e-9, abs=1e-6)
+
+
+def test_a_drift_comes_in_evenly_and_concerns_its_vehicles_alone() -> None:
+    still = Motion.of(101, dt=1.0, time=np.arange(101.0) + 50.0)
+    load = {"auxiliary_load": {"power": 900.0}}
+    physics = Physics(TRUCK, own=(Own(load, ("T1",), 1000.0 + 50.0, 1000.0 + 150.0, True),))
+    others = battery_power(still, physics.of("T2", 1000.0))
+    drifting = battery_power(still, physics.of("T1", 1000.0))
+    np.testing.assert_allclose(others, TRUCK.auxiliary.power)
+    np.testing.assert_allclose(drifting, np.linspace(TRUCK.auxiliary.power, 900.0, 101))
 
 
 @given(seeds)

@@ -13,6 +13,7 @@ from fleetlog.core.truck import Chassis, Truck
 from fleetlog.errors import InputError
 from fleetlog.physics.field import Field, stretches
 from fleetlog.physics.model import load_physics, save_physics
+from fleetlog.physics.own import Own
 from fleetlog.physics.power import (
     Physics,
     all_terms,
@@ -173,3 +174,29 @@ def test_the_lowest_of_the_allowed_speeds_counts() -> None:
     field = stretches(network, np.array([0], np.int32), np.array([0.0]), np.array([10.0]), np.array([0.25]))
     physics = Physics(TRUCK, {"laden_speed": {"factor": 0.5}}, fields={"speed_zone": field})
     assert allowed_speed(motion, physics) == pytest.approx([1.0, 1.0, 2.0])
+
+
+def test_what_some_vehicles_and_hours_have_of_their_own_is_read_as_written(tmp_path) -> None:
+    own = (
+        Own({"rolling_resistance": {"coefficient": 0.019}}, ("T3", "T4"), 1773478800.0),
+        Own({"auxiliary_load": {"power": 700.0}}, None, 1773478800.0, 1773482400.0, True),
+        Own({"mass": {"mass": 4200.0}}, ("T1",)),
+    )
+    save_physics(tmp_path, Physics(TRUCK, own=own))
+    assert load_physics(tmp_path, TRUCK).own == own
+
+
+@pytest.mark.parametrize(
+    ("lines", "complaint"),
+    [
+        ("from = 2026-03-14T09:00:00", "has no time zone"),
+        ("from = 2026-03-14T09:00:00Z\nuntil = 2026-03-14T08:00:00Z", "no time lies between"),
+        ("drift = true", "no time lies between"),
+        ("since = 3", "unknown key"),
+        ("[own.term.rolling_resistance]\ncoeficient = 0.01", "unknown parameter"),
+    ],
+)
+def test_a_wrong_scope_is_named(lines: str, complaint: str, tmp_path) -> None:
+    (tmp_path / "model.toml").write_text(f"[[own]]\n{lines}\n")
+    with pytest.raises(InputError, match=complaint):
+        load_physics(tmp_path, TRUCK)

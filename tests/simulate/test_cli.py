@@ -5,10 +5,10 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from fleetlog.cli.describe import describe
-from fleetlog.cli.simulate import command
+from fleetlog.cli.commands import load_verb
 from fleetlog.errors import FleetlogError
 from fleetlog.store import Dataset
+from fleetlog.verbs._describe import describe
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def sample(project_root):
 
 
 def run(*arguments):
-    return CliRunner().invoke(command, [str(a) for a in arguments])
+    return CliRunner().invoke(load_verb("simulate"), [str(a) for a in arguments])
 
 
 def test_a_fleet_on_the_sample_plant(sample, tmp_path):
@@ -104,7 +104,7 @@ def test_the_cycle_agrees_with_the_energy_worked_out_by_hand(tmp_path):
         (["--without", "gravity"], "gravity"),
         (["--rate", 3.0], "--rate"),
         (["--physics", "nothing"], "does not exist"),
-        (["--duration", "soon"], "no duration"),
+        (["--duration", "soon"], "not a duration"),
     ],
 )
 def test_faults_are_one_line(sample, tmp_path, arguments, told):

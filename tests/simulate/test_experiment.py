@@ -10,7 +10,7 @@ from scipy import stats
 from simulated_sites import TRUCK, grid, place
 
 from fleetlog import engines
-from fleetlog.cli.simulate import command
+from fleetlog.cli.commands import load_verb
 from fleetlog.core.result import half_width
 from fleetlog.errors import DataError
 from fleetlog.simulate.engine import Settings
@@ -124,7 +124,7 @@ def plan(tmp_path, project_root):
 
 
 def call(*args):
-    return CliRunner().invoke(command, [str(a) for a in args])
+    return CliRunner().invoke(load_verb("simulate"), [str(a) for a in args])
 
 
 def test_an_experiment_from_a_file(plan):
@@ -139,7 +139,7 @@ def test_an_experiment_from_a_file(plan):
 @pytest.mark.parametrize(
     "arguments, told",
     [
-        (("--runs", "0"), "at least one run"),
+        (("--runs", "0"), "not at least 1"),
         (("--vary", "vehicles=3..4"), "varied twice"),
         (("--vehicles", "3..x"), "neither a number nor a range"),
         (("--cycle", "vdi2198"), "an experiment is for a fleet"),

@@ -10,14 +10,14 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from fleetlog.cli.view import command
+from fleetlog.cli.commands import load_verb
 from fleetlog.errors import FleetlogError
 from fleetlog.view import headless, viewer
 from fleetlog.view.headless import ViewerError
 
 
 def run(*arguments: str) -> str:
-    outcome = CliRunner().invoke(command, list(arguments), standalone_mode=False)
+    outcome = CliRunner().invoke(load_verb("view"), list(arguments), standalone_mode=False)
     if outcome.exception:
         raise outcome.exception
     return outcome.output
@@ -69,7 +69,7 @@ def test_two_datasets_side_by_side(dataset: Path, tmp_path: Path) -> None:
 def test_anything_else_is_one_clear_line(tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "thing"
     path.mkdir() if content is None else path.write_bytes(content)
-    with pytest.raises(FleetlogError, match=r"thing.*dataset") as error:
+    with pytest.raises(FleetlogError, match=r"thing.*(dataset|log)") as error:
         run(str(path))
     assert "\n" not in error.value.line()
 
@@ -88,3 +88,17 @@ def test_screenshot(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     out = tmp_path / "shot.png"
     run(str(dataset), "--screenshot", str(out), "--at", "2026-03-02T06:01:18")
     assert headless.colour_ink(out.read_bytes()) > 5 * headless.INK
+
+
+@pytest.mark.parametrize("name", ["site.toml", "roads.geojson", "logs/T8.nmea.gz"])
+def test_maps_and_logs_are_seen_before_an_import(
+    project_root: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import rrd
+
+    from fleetlog.view import viewer
+
+    shown: list[Path] = []
+    monkeypatch.setattr(viewer, "show", shown.append)
+    run(str(project_root / "sample_data" / name))
+    assert ("/trucks/T8" if "T8" in name else "/site/roads/surface") in rrd.entities(shown[0])

@@ -16,7 +16,7 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 from shapes import every_shape
 
-from fleetlog.cli.output import write_analysis
+from fleetlog.api.answer import Answer
 from fleetlog.core.result import (
     Bars,
     EdgeValues,
@@ -139,21 +139,21 @@ def test_maps_of_one_label_share_their_scale() -> None:
 
 
 def test_folder_of_an_analysis(tmp_path: Path) -> None:
-    folder = write_analysis(every_shape(), plant(), tmp_path / "out")
+    folder = Answer.of(every_shape(), plant()).save(tmp_path / "out")
     assert {p.name for p in folder.iterdir()} >= {
         "everything.json", "everything.png", "recording.rrd", "numbers.parquet", "sites.parquet", "sites.geojson",
     }  # fmt: skip
     assert json.loads((folder / "everything.json").read_text())["share"] is None
     with pytest.raises(OutputError, match="--overwrite"):
-        write_analysis(every_shape(), plant(), folder)
+        Answer.of(every_shape(), plant()).save(folder)
 
 
 def test_folder_is_whole_or_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = write_analysis(every_shape(), plant(), tmp_path / "out")
+    folder = Answer.of(every_shape(), plant()).save(tmp_path / "out")
     before = (folder / "everything.json").read_bytes()
     monkeypatch.setattr("fleetlog.view.results.write_result_recording", lambda *a: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        write_analysis(replace(every_shape(), summary={"rows": 1}), plant(), folder, overwrite=True)
+        Answer.of(replace(every_shape(), summary={"rows": 1}), plant()).save(folder, overwrite=True)
     assert (folder / "everything.json").read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 

@@ -13,10 +13,13 @@ from fleetlog.analysis.placement.demand import Unit, peak
 from fleetlog.analysis.placement.plan import Question, Weighed, total
 from fleetlog.analysis.placement.select import Choice, top_k
 from fleetlog.core.network import Network
+from fleetlog.core.words import count, percent
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 DRAWS = 200
+MOST = 4
+"""Sites in the first sentence."""
 
 
 def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:
@@ -132,41 +135,41 @@ def vertex_table(network: Network, w: Weighed) -> pd.DataFrame:
 def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     """The answer for the terminal."""
     unit, r, b = s["unit"], s["reach"], s["baselines"]
-    gap = "optimal" if s["proven_gap"] == 0 else f"within {s['proven_gap']:.2%} of the best possible"
-    out = [
-        f"{len(sites)} sites by {s['method']} from {s['demand']}: "
-        f"{r['mean']:.1f} {unit} to the nearest on average, "
-        f"95 % within {r['p95']:.1f} {unit}" + (f" ({gap})" if s["method"] == "pmedian" else ""),
-        f"  against {b['random']['mean']:.1f} {unit} for random sites, "
-        f"{b['hottest']['mean']:.1f} {unit} for the hottest vertices",
-    ]
+    rows: list[Any] = list(sites.itertuples())
+    what = "Place pick and drop spots" if s["demand"] == "loading" else "Install chargers"
+    where = " and ".join(f"{row.vertex} ({count(row.plugs, 'plug')})" for row in rows[:MOST])
+    out = [f"{what} at {where}" + (f" and {len(rows) - MOST} more places." if len(rows) > MOST else ".")]
     out += [
-        f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {row.served_share:.0%}, "
-        f"{row.plugs} plug{'s' if row.plugs != 1 else ''}"
-        for row in sites.itertuples()
+        f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {percent(row.served_share)}, "
+        f"{count(row.plugs, 'plug')}"
+        for row in rows
     ]
+    gap = "optimal" if s["proven_gap"] == 0 else f"within {percent(s['proven_gap'], 2)} of the optimum"
+    out.append(
+        f"The nearest site is {r['mean']:.1f} {unit} away on average (95 % of the demand: {r['p95']:.1f} {unit}); "
+        f"random sites: {b['random']['mean']:.1f} {unit}, hottest vertices: {b['hottest']['mean']:.1f} {unit}."
+        + (f" This choice is {gap}." if s["method"] == "pmedian" else "")
+    )
     st = s["stability"]
     if st["runs"]:
         out.append(
-            f"  {st['mean_kept_share']:.0%} of the sites stay when a {st['left_out']} is left out (worst "
-            f"{st['worst_kept_share']:.0%})"
+            f"If one {st['left_out']} is left out, {percent(st['mean_kept_share'])} of the sites stay "
+            f"(worst case {percent(st['worst_kept_share'])})."
         )
-    out.append(
-        f"  rank and heat share correlate at {s['rank_heat_spearman']:.2f}"
-        + (f": {s['rank_heat_note']}" if s["rank_heat_note"] else "")
-    )
+    if s["rank_heat_note"]:
+        out.append(f"Rank and heat share correlate at {s['rank_heat_spearman']:.2f}: {s['rank_heat_note']}.")
     if "check" in s:
         out += _check_lines(s["check"])
-    return out + [f"  note: {n}" for n in s["notices"]]
+    return out + [f"Note: {n}" for n in s["notices"]]
 
 
 def _check_lines(c: dict[str, Any]) -> list[str]:
     rows = [(c["before"], "present"), (c["after"], "planned")]
-    return [f"  simulated, {c['vehicles']} trucks, {c['hours']:g} h from {c['soc_start']:.0%} charge:"] + [
-        f"    {name} chargers ({r['plugs']} plugs): charge lowest {r['soc_lowest']:.0%}, "
-        f"mean {r['soc_mean']:.0%}, at the end "
-        f"{r['soc_end_mean']:.0%}; {r['waiting_for_plug_h']:.1f} h waiting for a plug; "
-        f"{r['empty_trucks']} trucks empty; "
-        f"{r['tasks_done']} of {r['tasks_given']} tasks"
+    head = f"Simulated: {count(c['vehicles'], 'truck')}, {c['hours']:g} h, {percent(c['soc_start'])} charge at the start."
+    return [head] + [
+        f"  {name} chargers ({count(r['plugs'], 'plug')}): lowest charge {percent(r['soc_lowest'])}, "
+        f"mean {percent(r['soc_mean'])}, at the end {percent(r['soc_end_mean'])}; "
+        f"{r['waiting_for_plug_h']:.1f} h waiting for a plug; {count(r['empty_trucks'], 'truck')} empty; "
+        f"{r['tasks_done']} of {count(r['tasks_given'], 'task')} done"
         for r, name in rows
     ]

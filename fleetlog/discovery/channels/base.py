@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.truck import Truck
+from fleetlog.discovery.channels.lost import Lost
 from fleetlog.discovery.hypotheses.curves import FreeCurve
 from fleetlog.discovery.hypotheses.sources import ErrorSource, Source
 from fleetlog.discovery.hypotheses.stretches import Cells
@@ -63,6 +64,10 @@ class Channel(Protocol):
         """Names by code."""
         ...
 
+    def moments(self, count: int) -> Floats:
+        """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
+        ...
+
     def units(self) -> Iterator[Unit]:
         """Yield the recording, piece by piece."""
         ...
@@ -102,6 +107,10 @@ class Channel(Protocol):
 
     def passes(self, term: Term) -> NDArray[np.int64]:
         """Return how many windows touch each value of a field."""
+        ...
+
+    def lost(self, model: Model) -> Lost | None:
+        """Return what other vehicles cost beyond a model; None where the channel cannot see that."""
         ...
 
     def features(self, unit: Unit, model: Model) -> Floats:

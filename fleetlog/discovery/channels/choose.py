@@ -13,6 +13,7 @@ from fleetlog.discovery.hypotheses.squares import make_squares
 from fleetlog.discovery.hypotheses.stretches import Cells, make_stretches
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.fleet import Fleet
+from fleetlog.discovery.recording.splits import Split
 from fleetlog.discovery.settings import Settings
 
 CHANNELS = ("battery_power", "soc", "speed")
@@ -33,10 +34,10 @@ def present(fleet: Fleet, wanted: Sequence[str]) -> list[str]:
     return [c for c in have if not wanted or c in wanted]
 
 
-def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings) -> Channel:
+def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: Split) -> Channel:
     """Return one channel."""
     if name == "speed":
-        return travel_channel(fleet, base, settings)
+        return travel_channel(fleet, base, settings, split)
     measured = name == "soc" and fleet.has("battery_power")
     step = _charge_step(fleet) if name == "soc" else 0.0
     window = _window(fleet, name, settings, step)

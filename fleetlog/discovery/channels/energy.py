@@ -80,6 +80,10 @@ class EnergyChannel:
         """Names by code."""
         return self.fleet.vehicles
 
+    def moments(self, count: int) -> Floats:
+        """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
+        return self.fleet.moments(count)
+
     def units(self) -> Iterator[Unit]:
         """Yield blocks with their windows; they stay in memory where the recording is small."""
         if self._kept:
@@ -268,8 +272,11 @@ class EnergyChannel:
                 total += np.bincount(pairs % size, minlength=size)
         return total
 
+    def lost(self, model: Model) -> None:
+        """Return nothing: energy does not tell who was in the way."""
+
     def features(self, unit: Unit, model: Model) -> Floats:
-        """Return place, direction, load, pace and the nominal energy of every window: what makes two passes alike."""
+        """Return place, direction, load, pace, time and the nominal energy of every window: what makes two passes alike."""
         block, c = unit.own
         m, w = block.motion, unit.windows
         sample = (c.begin + np.append(c.begin[1:], len(m)) - 1) // 2
@@ -284,7 +291,7 @@ class EnergyChannel:
             * moving,
             np.sin(m.heading[sample]) * moving, m.payload[sample] / 500.0, w.distance / wide / 0.5, wide / self.seconds * 3.0,
             rise / scale * 2.0, tried / scale * 2.0, lift / scale * 2.0,
-            np.nan_to_num(m.ambient_temperature[sample]) / 4.0, w.vehicle * 3.0,
+            np.nan_to_num(m.ambient_temperature[sample]) / 4.0, w.time / (self.fleet.moments(1) @ [-1.0, 1.0]) * 3.0, w.vehicle * 3.0,
         ])  # fmt: skip
 
 
@@ -312,7 +319,9 @@ class _About:
         """Derivative about where the vehicle's own number stands; of an effect with a shape, about nothing at another shape."""
         knob, vehicle = source.knob, self.block.vehicle
         term, parameter = all_terms()[knob.term], knob.definition
-        now = self.model.coordinate(knob) + self.model.at.get(replace(knob, vehicle=vehicle), 0.0)
+        now = self.model.of_vehicle(knob, vehicle) + (
+            self.model.coordinate(knob) if knob.scope.timed else 0.0
+        )
         low, high = sorted((parameter.scaled(parameter.low), parameter.scaled(parameter.high)))
         step = STEP * (high - low)
         step = -step if now + step > high else step
@@ -320,12 +329,16 @@ class _About:
         change = self.e.change(term, moved)
         if source.setting and term.name in self.e.physics.values:
             change = change - self.e.change(term, dict(source.setting))
+        elif self.e.physics.own:
+            change = change - self.e.change(term, {parameter.name: parameter.value_of(now)})
+        if not knob.scope.whole:
+            change = change * knob.scope.share(vehicle, self.block.motion.time)
         return self.cut.energy(self.block, change)[:, None] / step
 
     def _field(self, source: FieldSource) -> Floats:
         term, cells = all_terms()[source.term], self.channel.places
         assert cells is not None
-        slope = self._slope(term)
+        slope = self._slope(term) * source.scope.share(self.block.vehicle, self.block.motion.time)
         total = np.zeros((self.cut.count, cells.size(term.odd)))
         for number, weight in cells.parts(self.block.motion, term.odd):
             total += self.cut.energies(self.block, number, cells.size(term.odd), slope * weight)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +19,7 @@ Index = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Evaluation:
-    """A motion under the physics of a model.
+    """A motion under the physics of a model; where that changes with time, a mean over its phases.
 
     ``charge``: the channel is what the state of charge pays, not the power at the terminals; ``measured``
     (n,): that power
@@ -29,6 +30,15 @@ class Evaluation:
     physics: Physics
     charge: bool = False
     measured: Floats | None = None
+
+    @cached_property
+    def phases(self) -> list[tuple[Floats, Evaluation]]:
+        """Shares (n,) and the evaluations of what holds at one time or another."""
+        found = self.physics.phases(self.recorded.time)
+        return [(share, replace(self, physics=physics)) for share, physics in found]
+
+    def _mean(self, value: Callable[[Evaluation], Floats]) -> Floats:
+        return np.asarray(sum(share * value(e) for share, e in self.phases))
 
     @cached_property
     def truck(self) -> Truck:
@@ -43,7 +53,7 @@ class Evaluation:
     @cached_property
     def force(self) -> Floats:
         """(n,) total force against the motion [N]."""
-        return self._sum("force")
+        return self._mean(lambda e: e.force) if self.physics.own else self._sum("force")
 
     @cached_property
     def gain(self) -> Floats:
@@ -54,6 +64,8 @@ class Evaluation:
     @cached_property
     def power(self) -> Floats:
         """(n,) the channel's power [W]."""
+        if self.physics.own:
+            return self._mean(lambda e: e.power)
         if self.measured is not None:
             return self._seen(self.measured)
         return self._seen(self._driven(self.force) + self._powers)
@@ -90,6 +102,8 @@ class Evaluation:
     def change(self, term: Term, setting: Values) -> Floats:
         """Return the channel's power with ``term`` set to ``setting`` (its other parameters as they are)
         minus that without."""
+        if self.physics.own:
+            return self._mean(lambda e: e.change(term, setting))
         before = self.physics.values.get(term.name, {})
         after = {**before, **setting}
         simple = term.acts in ("force", "power") and all(p.truck_key is None for p in term.parameters)

@@ -2,73 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.motion import Motion, join
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.channels.base import Columns, Unit
+from fleetlog.discovery.channels.lost import Lost, lost_time
+from fleetlog.discovery.channels.paths import Day, Path, days, lay_out
+from fleetlog.discovery.channels.travel_columns import About, drive_times, summed
 from fleetlog.discovery.hypotheses import curves
-from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
-from fleetlog.discovery.hypotheses.sources import (
-    CurveSource,
-    ErrorSource,
-    FieldSource,
-    KnobSource,
-    PlaceSource,
-    Source,
-)
+from fleetlog.discovery.hypotheses.curves import FreeCurve
+from fleetlog.discovery.hypotheses.sources import CurveSource, ErrorSource, FieldSource, PlaceSource, Source
 from fleetlog.discovery.hypotheses.stretches import Stretches, make_stretches
 from fleetlog.discovery.model import Knob, Model
-from fleetlog.discovery.recording.blocks import Block
 from fleetlog.discovery.recording.fleet import Fleet
-from fleetlog.discovery.recording.windows import Windows
+from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.settings import Settings
-from fleetlog.physics.motion.legs import Leg, legs
-from fleetlog.physics.power import Physics, all_terms, allowed_speed
+from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
-SHORTEST = 8.0
-"""A shorter leg says nothing of how fast one drives [m]."""
-PURPOSE = 90.0
-"""A longer standstill has a purpose of its own [s]."""
-LOAD, LIFT = 25.0, 0.08
-"""Change of payload [kg] and fork height [m] that show a purpose."""
-SLOWEST = 0.05
-"""Speed that every cap leaves [m/s]."""
-STEP = 0.02
-"""Finite differences, as a share of a parameter's range."""
+FEW = 3
+"""Stops from which on trucks wait at a place."""
+
 ERRORS = (ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), ErrorSource("slowing down", 0.25))
 """Nobody sets off, stops or takes a slow corner with the sharp bends of a profile of constant accelerations [s each]."""
-
-
-@dataclass(frozen=True)
-class Path:
-    """Legs of a vehicle-day laid end to end: G nodes.
-
-    ``motion`` (G,) with ``speed`` that road and truck allow; ``s`` (G,) [m]; ``inside`` (G,) whether the
-    node has a
-    predecessor in its leg; ``of`` (G,) window.
-    """
-
-    motion: Motion
-    s: Floats
-    inside: Mask
-    of: Ints
-    share: Floats
-    """(G,) part of the passage of its lane that belongs to a step."""
-
-    @property
-    def last(self) -> Mask:
-        """(G,) whether the node is the last of its leg."""
-        return np.append(~self.inside[1:], True)
 
 
 @dataclass
@@ -77,6 +39,7 @@ class TravelChannel:
 
     fleet: Fleet
     base: Model
+    split: Split
     length: float
     roads: Stretches
     lanes: Stretches
@@ -101,95 +64,62 @@ class TravelChannel:
         """Names by code."""
         return self.fleet.vehicles
 
+    def moments(self, count: int) -> Floats:
+        """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
+        return self.fleet.moments(count)
+
     def units(self) -> Iterator[Unit]:
         """Yield vehicle-days; their paths are small and stay in memory."""
         if not self._kept:
-            made = (self._unit(block) for block in self.fleet.each_block())
-            self._kept = [u for u in made if u is not None]
+            made = (self._unit(day) for day in days(self.fleet, self.split))
+            self._kept = self._with_stands([u for u in made if u is not None])
         yield from self._kept
 
-    def _unit(self, block: Block) -> Unit | None:
-        found = [(leg, _wait(block, leg, after)) for leg, after in _with_next(legs(block.known))]
-        good = [
-            (leg, wait)
-            for leg, wait in found
-            if leg.whole and leg.distance[-1] >= SHORTEST and (leg.path.edge >= 0).all()
-        ]
-        if not good:
+    def _with_stands(self, made: list[Unit]) -> list[Unit]:
+        """The units, told where trucks stood for no purpose: only there can they have waited, and there times scatter as waits do."""
+        n = len(self.lanes)
+        passed, stops, seconds, squares = np.zeros((4, n))
+        cells = [self.lanes.at(u.own.motion)[0].astype(np.int64) for u in made]
+        for u, cell in zip(made, cells, strict=True):
+            seen = (u.whole & (self.split.fold(u.windows) != HELD_OUT))[u.own.of]
+            begin = np.append(True, np.diff(cell) != 0)
+            passed += np.bincount(cell[seen & begin], minlength=n)
+            wait = np.where(seen, u.own.standing, 0.0)
+            stops += np.bincount(cell[wait > 0.0], minlength=n)
+            seconds += np.bincount(cell, wait, n)
+            squares += np.bincount(cell, wait**2, n)
+        passed = np.maximum(passed, stops + 1.0)
+        scatter = np.where(stops >= FEW, squares / passed - (seconds / passed) ** 2, 0.0)
+        out = []
+        for u, cell in zip(made, cells, strict=True):
+            noise = np.zeros(len(u.recorded))
+            np.maximum.at(noise, u.own.of, scatter[cell])
+            path = replace(u.own, share=np.where(stops[cell] >= FEW, u.own.share, 0.0))
+            out.append(replace(u, own=path, noise=noise))
+        return out
+
+    def _unit(self, day: Day) -> Unit | None:
+        found = lay_out(day, self.fleet, self.lanes, self.length)
+        if found is None:
             return None
-        path, windows, recorded = self._laid_out(block, good)
-        unit = Unit(windows, recorded, recorded > 0.0, np.zeros(len(recorded)), recorded, path)
+        path, windows, recorded, whole = found
+        unit = Unit(windows, recorded, whole, np.zeros(len(recorded)), recorded, path)
         return replace(unit, level=self.predict(unit, self.base))
-
-    def _laid_out(self, block: Block, found: list[tuple[Leg, float]]) -> tuple[Path, Windows, Floats]:
-        size = np.array([len(leg.distance) for leg, _ in found])
-        motion = join([leg.path for leg, _ in found])
-        inside = np.ones(len(motion), bool)
-        inside[np.concatenate([[0], np.cumsum(size)[:-1]])] = False
-        base = np.cumsum([0.0, *(leg.distance[-1] + 1.0 for leg, _ in found)])
-        s = np.concatenate([leg.distance + b for (leg, _), b in zip(found, base, strict=False)])
-        of = _windows(found, self.length)
-        network = self.fleet.network
-        assert network is not None
-        limit = np.nan_to_num(network.speed_limit, nan=np.inf)[motion.edge]
-        seconds = np.where(inside, np.diff(motion.time, prepend=motion.time[:1]), 0.0)
-        recorded = np.asarray(np.bincount(of, seconds), dtype=np.float64)
-        ends = of[np.cumsum(size) - 1]
-        np.add.at(recorded, ends, np.array([w for _, w in found]))
-        motion = motion.replaced(
-            speed=limit, time=motion.time + block.time[0], vehicle=np.full(len(motion), block.vehicle)
-        )
-        metres = np.asarray(
-            np.bincount(of, np.where(inside, np.diff(s, prepend=s[:1]), 0.0)), dtype=np.float64
-        )
-        middle = np.searchsorted(of, np.arange(len(recorded))) + np.bincount(of) // 2
-        windows = Windows(
-            trip=block.trip[np.concatenate([leg.row for leg, _ in found])[middle]],
-            vehicle=motion.vehicle[middle],
-            day=np.full(len(middle), block.day), edge=motion.edge[middle].astype(np.int64), duration=np.maximum(metres, 0.5),
-            distance=metres, x=motion.x[middle], y=motion.y[middle], time=motion.time[middle],
-        )  # fmt: skip
-        share = _shares(
-            self.lanes,
-            motion,
-            np.where(inside, np.diff(s, prepend=s[:1]), 0.0),
-            inside,
-            [w for _, w in found],
-        )
-        return Path(motion, s, inside, of, share), windows, recorded
-
-    def seconds(self, path: Path, physics: Physics) -> tuple[Floats, Mask]:
-        """Return the time of the step to each node, (G,) [s], and whether a cap holds the speed down there."""
-        from fleetlog.physics.motion.kernels.profile import clock, passes
-
-        truck = physics.actual_truck()
-        drive = truck.drive
-        allowed = np.minimum(path.motion.speed * drive.speed_factor, drive.max_speed)
-        cap = np.maximum(
-            np.minimum(allowed, allowed_speed(path.motion.replaced(speed=allowed), physics)), SLOWEST
-        )
-        ends = ~path.inside | path.last
-        mass = truck.chassis.mass + path.motion.payload
-        speed = passes(
-            path.s, np.where(ends, 0.0, cap), path.motion.slope, mass, drive.max_acceleration,
-            drive.max_deceleration,
-            drive.max_power, truck.resistance.rolling,
-        )  # fmt: skip
-        time = clock(path.s, speed, np.zeros(len(cap)), drive.max_acceleration, drive.max_deceleration)
-        return np.where(path.inside, np.diff(time, prepend=0.0), 0.0), (speed > 0.97 * cap) & path.inside
 
     def predict(self, unit: Unit, model: Model) -> Floats:
         """Return the modelled time, (W,) [s]."""
         path = unit.own
-        seconds, _ = self.seconds(path, model.physics(int(path.motion.vehicle[0]), path.motion, self.cells))
-        return _summed(path, seconds + self._waits(path, model))
+        seconds, _ = drive_times(path, model.physics(int(path.motion.vehicle[0]), path.motion, self.cells))
+        return summed(path, seconds + self._waits(path, model))
 
     def _waits(self, path: Path, model: Model) -> Floats:
         total = np.zeros(len(path.s))
         for name, deviation in model.fields.items():
             term = all_terms()[name]
             if term.acts == "wait":
-                total += np.maximum(deviation, 0.0)[self.lanes.at(path.motion)[0]] * path.share
+                m = path.motion
+                there = model.share(name, int(m.vehicle[0]), m.time)
+                total += np.maximum(deviation, 0.0)[self.lanes.at(m)[0]] * path.share * there
         return total
 
     def columns(self, unit: Unit, model: Model, sources: Sequence[Source]) -> tuple[Floats, Columns]:
@@ -197,9 +127,9 @@ class TravelChannel:
         path = unit.own
         vehicle = int(path.motion.vehicle[0])
         physics = model.physics(vehicle, path.motion, self.cells)
-        about = _About(self, path, model, physics, vehicle, *self.seconds(path, physics))
+        about = About(self, path, model, physics, vehicle, *drive_times(path, physics))
         parts = [about.columns(s) for s in sources]
-        modelled = _summed(path, about.seconds + self._waits(path, model))
+        modelled = summed(path, about.seconds + self._waits(path, model))
         return modelled, np.concatenate(parts, axis=1).astype(np.float32)
 
     def width(self, source: Source) -> int:
@@ -264,6 +194,17 @@ class TravelChannel:
             total += np.bincount(pairs % len(cells), minlength=len(cells))
         return total
 
+    def lost(self, model: Model) -> Lost | None:
+        """Return what other vehicles cost beyond a model."""
+        term = next((t for t in all_terms().values() if t.acts == "traffic"), None)
+        known = None if term is None else self.base.fields.get(term.name)
+
+        def free(path: Path) -> Floats:
+            physics = model.physics(int(path.motion.vehicle[0]), path.motion, self.cells)
+            return drive_times(path, physics)[0]
+
+        return lost_time(((u.own, u.whole, u.windows.trip) for u in self.units()), self.lanes, free, known)
+
     def features(self, unit: Unit, model: Model) -> Floats:
         """Return place, direction, load and the modelled time of every window: what makes two passes alike."""
         path, w = unit.own, unit.windows
@@ -277,146 +218,13 @@ class TravelChannel:
         ])  # fmt: skip
 
 
-@dataclass
-class _About:
-    """Columns of a path about a model."""
-
-    channel: TravelChannel
-    path: Path
-    model: Model
-    physics: Physics
-    vehicle: int
-    seconds: Floats
-    capped: Mask
-
-    def columns(self, source: Source) -> Floats:
-        kinds: dict[type, Callable[[], Floats]] = {
-            KnobSource: lambda: self._knob(source),  # type: ignore[arg-type]
-            FieldSource: lambda: self._field(all_terms()[source.term]),  # type: ignore[union-attr]
-            CurveSource: lambda: self._curve(source.curve),  # type: ignore[union-attr]
-            PlaceSource: self._place,
-            ErrorSource: lambda: self._moments(source.name),  # type: ignore[union-attr]
-        }
-        return kinds[type(source)]()
-
-    def _knob(self, source: KnobSource) -> Floats:
-        knob = source.knob
-        term, p = all_terms()[knob.term], knob.definition
-        now = self.model.coordinate(knob) + self.model.at.get(replace(knob, vehicle=self.vehicle), 0.0)
-        low, high = sorted((p.scaled(p.low), p.scaled(p.high)))
-        step = STEP * min(high - low, 4.0 * abs(now))
-        times = [
-            self._set(term, {**dict(source.setting), p.name: p.value_of(now + s * step)}) for s in (1.0, -1.0)
-        ]
-        return _summed(self.path, times[0] - times[1])[:, None] / (2.0 * step)
-
-    def _set(self, term: Term, setting: dict[str, float]) -> Floats:
-        values = {**self.physics.values, term.name: {**self.physics.values.get(term.name, {}), **setting}}
-        return self.channel.seconds(self.path, replace(self.physics, values=values))[0]
-
-    def _field(self, term: Term) -> Floats:
-        cells = self.channel.cells(term)
-        if term.acts == "wait":
-            return self._by_cell(cells, self.path.share) @ cells.root(False)
-        first = term.parameters[0]
-        now = np.asarray(self.physics.values.get(term.name, {}).get(first.name, first.neutral), dtype=float)
-        # Where a cap binds, time goes with the inverse of the share of it that is driven.
-        slope = np.where(self.capped, self.seconds * now, 0.0)
-        return np.asarray(self._by_cell(cells, slope) @ cells.root(term.odd))
-
-    def _place(self) -> Floats:
-        roads = self.channel.roads
-        return np.asarray(self._by_cell(roads, UNIT["time"] * self.seconds) @ roads.root(False))
-
-    def _by_cell(self, cells: Stretches, values: Floats) -> Floats:
-        return self._sorted(cells.at(self.path.motion)[0].astype(np.int64), len(cells), values)
-
-    def _sorted(self, column: Ints, count: int, values: Floats) -> Floats:
-        windows = int(self.path.of[-1]) + 1
-        total = np.bincount(self.path.of * count + column, values, windows * count)
-        return np.asarray(total.reshape(windows, count), dtype=np.float64)
-
-    def _curve(self, curve: FreeCurve) -> Floats:
-        parts = [
-            self._sorted(column, curve.width, UNIT["time"] * self.seconds * share)
-            for column, share in curve.hats(self.channel.state(self.path))
-        ]
-        return np.asarray(np.sum(parts, axis=0))
-
-    def _moments(self, name: str) -> Floats:
-        step = np.diff(self.path.s, prepend=self.path.s[:1])
-        pace = np.where(self.path.inside, self.seconds / np.maximum(step, 1e-9), 0.0)
-        dip = (
-            self.path.inside
-            & (pace >= np.roll(pace, 1))
-            & (pace > np.roll(pace, -1))
-            & ~np.roll(~self.path.inside, 1)
-        )
-        which = {
-            "setting off": ~self.path.inside,
-            "stopping": self.path.last,
-            "slowing down": dip & ~self.path.last,
-        }[name]
-        return _summed(self.path, which.astype(float))[:, None]
-
-
-def _shares(lanes: Stretches, motion: Motion, step: Floats, inside: Mask, waits: list[float]) -> Floats:
-    """(G,) part of the passage of a lane that each step is; the parts of a passage add up to one.
-
-    Of a passage with a stop on the way all belongs to the window that ends in the stop, whose time has the wait.
-    """
-    lane = lanes.at(motion)[0]
-    begin = np.flatnonzero(~inside)
-    run = np.cumsum((np.diff(lane, prepend=-1) != 0) | ~inside) - 1
-    passage, stop = np.arange(int(run[-1]) + 1), np.full(int(run[-1]) + 1, -1)
-    for k in range(len(begin) - 1):
-        start, end = begin[k + 1], begin[k + 1] - 1
-        if waits[k] > 0.0 and lane[start] == lane[end]:
-            passage[run[start]] = passage[run[end]]
-            stop[passage[run[end]]] = end
-    of = passage[run]
-    share = step / np.maximum(np.bincount(of, step, len(passage)), 1e-9)[of]
-    share[stop[of] >= 0] = 0.0
-    share[stop[stop >= 0]] = 1.0
-    return np.asarray(share)
-
-
-def _summed(path: Path, values: Floats) -> Floats:
-    return np.asarray(np.bincount(path.of, values, int(path.of[-1]) + 1), dtype=np.float64)
-
-
-def _windows(found: list[tuple[Leg, float]], length: float) -> Ints:
-    """(G,) window of each node: ``length`` metres of one leg; the last takes the rest."""
-    out, base = [], 0
-    for leg, _ in found:
-        parts = max(int(leg.distance[-1] // length), 1)
-        out.append(base + np.minimum((leg.distance // length).astype(np.int64), parts - 1))
-        base += parts
-    return np.concatenate(out)
-
-
-def _with_next(found: list[Leg]) -> Iterator[tuple[Leg, Leg | None]]:
-    yield from zip(found, [*found[1:], None], strict=True)
-
-
-def _wait(block: Block, leg: Leg, after: Leg | None) -> float:
-    """Seconds of the standstill after a leg; 0 where it served a purpose, or nothing tells whether it did."""
-    if after is None or not np.isfinite(leg.wait) or leg.wait > PURPOSE:
-        return 0.0
-    m = block.motion
-    if not m.payload.any() and not m.fork_height.any():
-        return 0.0
-    rows = block.first[leg.row[-1] : after.row[0] + 2]
-    worked = len(rows) and (np.ptp(m.payload[rows]) > LOAD or np.ptp(m.fork_height[rows]) > LIFT)
-    return 0.0 if worked else float(leg.wait)
-
-
-def travel_channel(fleet: Fleet, base: Model, settings: Settings) -> TravelChannel:
+def travel_channel(fleet: Fleet, base: Model, settings: Settings, split: Split) -> TravelChannel:
     """Return the travel times of a fleet with a map."""
     assert fleet.network is not None
     return TravelChannel(
         fleet,
         base,
+        split,
         settings.stretch,
         make_stretches(fleet.network),
         make_stretches(fleet.network, apart=True),

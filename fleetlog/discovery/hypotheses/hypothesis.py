@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.truck import Truck
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.curves import SLOW, FreeCurve
+from fleetlog.discovery.hypotheses.scope import FLEET, Scope, of_one
 from fleetlog.discovery.hypotheses.sources import CurveSource, FieldSource, KnobSource, PlaceSource, Source
 from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Knob
@@ -21,6 +21,9 @@ Floats = NDArray[np.float64]
 
 SHAPES = 13
 """Values of a shape parameter that are scanned; the joint fit refines the best."""
+
+TIME = 4.0
+"""Logarithm of the number of moments at which something may begin, or end."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +58,15 @@ class Hypothesis:
     curve: FreeCurve | None = None
     places: bool = False
     variance: float = 1.0
+    when: Scope = FLEET
+    """Of a field: the part of the time that it is there."""
 
     @property
     def name(self) -> str:
         """For tables and logs."""
-        scope = f" of vehicle {self.vehicle}" if self.vehicle is not None else ""
+        s = self.scope
+        scope = f" of {s.vehicles}" if s.vehicles else ""
+        scope += f" {'growing' if s.drift else 'from'} {s.begin:.0f} to {s.until:.0f}" if s.timed else ""
         form = (
             f" ({', '.join(p.label for p in self.patterns)})"
             if self.patterns
@@ -75,9 +82,9 @@ class Hypothesis:
         return all_terms()[self.term] if self.term else None
 
     @property
-    def vehicle(self) -> int | None:
-        """The one vehicle that it is about."""
-        return self.knobs[0].vehicle if self.knobs else None
+    def scope(self) -> Scope:
+        """Whom and when it is about."""
+        return self.knobs[0].scope if self.knobs else self.when
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -85,11 +92,10 @@ class Hypothesis:
         if self.knobs:
             shapes = tuple((n, 0.0) for n in self.shapes)
             setting = self.setting if shapes else ()
-            fleet = [replace(k, vehicle=None) for k in self.knobs]
-            return (*(KnobSource(k, setting) for k in fleet),)
+            return (*(KnobSource(k.column, setting) for k in self.knobs),)
         if self.curve is not None:
             return (CurveSource(self.curve),)
-        return (PlaceSource(),) if self.places else (FieldSource(self.term or ""),)
+        return (PlaceSource(),) if self.places else (FieldSource(self.term or "", self.when),)
 
     @property
     def shapes(self) -> tuple[str, ...]:
@@ -102,7 +108,8 @@ class Hypothesis:
         if self.curve is not None:
             return self.curve.variables or ("standing",)
         own = self.physics.depends_on if self.physics else ("x", "y")
-        return own if self.vehicle is None else (*own, "vehicle_id")
+        own = (*own, "vehicle_id") if self.scope.vehicles else own
+        return (*own, "time") if self.scope.timed and "time" not in own else own
 
     @property
     def slow(self) -> bool:
@@ -117,13 +124,13 @@ class Hypothesis:
     @property
     def choices(self) -> float:
         """Logarithm of the number of like hypotheses that it was picked from."""
+        s = self.scope
+        scopes = 2.0 * min(len(s.vehicles), 2) + TIME * (np.isfinite(s.begin) + np.isfinite(s.until))
         if self.patterns:
-            return 5.0 * len(self.patterns)
+            return float(5.0 * len(self.patterns) + scopes)
         if self.knobs:
-            return float(
-                np.log(SHAPES) * len(self.setting) + np.log(15.0) + (2.0 if self.vehicle is not None else 0.0)
-            )
-        return 1.0 if self.field else float(np.log(35.0))
+            return float(np.log(SHAPES) * len(self.setting) + np.log(15.0) + scopes)
+        return float(1.0 + scopes) if self.field else float(np.log(35.0))
 
 
 def hypotheses(channel: Channel, only: tuple[str, ...] = ()) -> Iterator[Hypothesis]:
@@ -133,29 +140,29 @@ def hypotheses(channel: Channel, only: tuple[str, ...] = ()) -> Iterator[Hypothe
         if term.field:
             yield Hypothesis(term.name, field=True)
         else:
-            yield from _numbers(term, None, channel.truck)
+            yield from _numbers(term, FLEET)
             if len(channel.vehicles) > 1:
                 for v in range(len(channel.vehicles)):
-                    yield from _numbers(term, v, channel.truck)
+                    yield from _numbers(term, of_one(v))
     for curve in channel.curves():
         yield Hypothesis(curve=curve)
     if channel.cells(None) is not None:
         yield Hypothesis(places=True)
 
 
-def _numbers(term: Term, vehicle: int | None, truck: Truck) -> Iterator[Hypothesis]:
+def _numbers(term: Term, scope: Scope) -> Iterator[Hypothesis]:
     """The numbers of a term: a vector's together, every amplitude with every setting of the shapes beside
     it."""
     amplitudes = [p for p in term.parameters if not p.shape]
     if term.vector:
-        yield Hypothesis(term.name, tuple(Knob(term.name, p.name, vehicle) for p in amplitudes))
+        yield Hypothesis(term.name, tuple(Knob(term.name, p.name, scope) for p in amplitudes))
         return
     grid: list[tuple[tuple[str, float], ...]] = [()]
     for p in (p for p in term.parameters if p.shape):
         grid = [(*g, (p.name, float(v))) for g in grid for v in np.linspace(p.low, p.high, SHAPES)]
     for p in amplitudes:
         for setting in grid:
-            yield Hypothesis(term.name, (Knob(term.name, p.name, vehicle),), setting)
+            yield Hypothesis(term.name, (Knob(term.name, p.name, scope),), setting)
 
 
 def planes(term: Term, cells: Cells) -> tuple[Pattern, ...]:

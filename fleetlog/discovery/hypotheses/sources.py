@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from fleetlog.discovery.hypotheses.curves import FreeCurve
+from fleetlog.discovery.hypotheses.scope import FLEET, Scope
 from fleetlog.discovery.model import Knob
 
 
@@ -21,9 +22,10 @@ class KnobSource:
 
 @dataclass(frozen=True)
 class FieldSource:
-    """The derivatives with respect to a field term's values, in the basis of the cells' prior."""
+    """The derivatives with respect to a field term's values within a scope, in the basis of the cells' prior."""
 
     term: str
+    scope: Scope = FLEET
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
@@ -106,6 +107,11 @@ class Fleet:
     def seen_once(self, window: float) -> bool:
         """Return whether most of what there is to learn is seen in one pass, or in one trip, only."""
         return bool(self.own_trips) or passed_once(self.days, window)
+
+    def moments(self, count: int) -> NDArray[np.float64]:
+        """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
+        time = np.concatenate([t.time[:: max(1, len(t) // 5000)] for _, t in self.days]) * 1e-6
+        return np.quantile(time, np.linspace(0.0, 1.0, count + 1))
 
     @cached_property
     def trips(self) -> int:

@@ -90,8 +90,8 @@ def _size(v: Values, mask: NDArray[np.bool_], term: Term) -> Parameter:
     error = float((spread @ (weight / weight.sum())).std())
     if term.acts == "wait":
         # Seconds add up along a passage: the longest wait is that of the worst run of cells.
-        runs = _runs(mask, np.sign(v.deviation))
-        worst = max(runs, key=lambda r: float(v.deviation[r].sum()))
+        found = runs(mask, np.sign(v.deviation))
+        worst = max(found, key=lambda r: float(v.deviation[r].sum()))
         mean = float(v.deviation[worst].sum())
         error = float((draws @ v.basis[worst].sum(axis=0)).std())
     at = first.scaled(first.neutral) + mean
@@ -118,7 +118,7 @@ def _merged(cells: Stretches, v: Values, mask: NDArray[np.bool_], term: Term) ->
         keep, sign = mask[on].copy(), np.sign(v.deviation[on])
         # A single quiet stretch between two of the same sign is part of the place.
         keep[1:-1] |= keep[:-2] & keep[2:] & (sign[:-2] == sign[2:])
-        for run in _runs(keep, sign):
+        for run in runs(keep, sign):
             c = on[run]
             weight = np.maximum(v.samples[c], 1).astype(float)
             weight = np.ones(len(c)) if term.acts == "wait" else weight / weight.sum()
@@ -133,8 +133,8 @@ def _merged(cells: Stretches, v: Values, mask: NDArray[np.bool_], term: Term) ->
     return sorted(out, key=lambda r: -abs(r["value"] - first.neutral) * (r["to"] - r["from"]))
 
 
-def _runs(keep: NDArray[np.bool_], sign: Floats) -> list[NDArray[np.intp]]:
-    """Index runs of kept stretches of one sign."""
+def runs(keep: NDArray[np.bool_], sign: Floats) -> list[NDArray[np.intp]]:
+    """Return index runs of kept stretches of one sign."""
     runs: list[list[int]] = []
     for i in np.flatnonzero(keep):
         if runs and i == runs[-1][-1] + 1 and sign[i] == sign[runs[-1][-1]]:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from fleetlog.core.result import Result
 from fleetlog.discovery.diagnose import Diagnosis
+from fleetlog.discovery.hypotheses.scope import FLEET
 from fleetlog.discovery.report import fields, maps
 from fleetlog.discovery.report.finding import ChannelFit, Finding
 from fleetlog.discovery.report.html import html
 from fleetlog.physics.field import Field
 from fleetlog.physics.model import save_physics
+from fleetlog.physics.own import Own
 from fleetlog.physics.power import Physics, all_terms
 from fleetlog.store.documents import plain, write_json
 
@@ -31,24 +34,39 @@ def physics(d: Diagnosis) -> Physics:
     intervals."""
     found: dict[str, Field] = {}
     intervals: dict[str, dict[str, tuple[float, float]]] = {}
+    timed: list[Own] = []
     for e in d.channels.values():
         for name, values in e.fields.items():
             term = all_terms()[name]
             cells = e.problem.channel.cells(term)
             assert cells is not None
             found[name] = fields.as_field(cells, values, term, d.fleet.network)
+            when = d.found.when.get(name, FLEET)
+            if when.timed:
+                timed.append(Own({}, None, when.begin, when.until, when.drift, {name: found.pop(name)}))
         for knob, n in e.numbers.items():
-            if knob.vehicle is None:
+            if knob.scope.whole:
                 intervals.setdefault(knob.term, {})[knob.parameter] = (n.low, n.high)
-    fleet = d.found.values(None)
-    own = {v: d.found.own_values(i) for i, v in enumerate(d.fleet.vehicles)}
+    own = [replace(o, vehicles=(v,)) for i, v in enumerate(d.fleet.vehicles) for o in d.found.own(i)]
     return Physics(
         d.fleet.truck,
-        dict(fleet),
+        dict(d.found.values()),
         fields=found,
         intervals=intervals,
-        vehicles={v: dict(t) for v, t in own.items() if t},
+        own=(*_gathered(own, d.fleet.vehicles), *timed),
     )
+
+
+def _gathered(own: list[Own], vehicles: tuple[str, ...]) -> tuple[Own, ...]:
+    """What vehicles have in common told once, of all where it is all."""
+    alike: list[Own] = []
+    for o in own:
+        same = [i for i, a in enumerate(alike) if replace(a, vehicles=o.vehicles) == o]
+        if same:
+            alike[same[0]] = replace(o, vehicles=(*(alike[same[0]].vehicles or ()), *(o.vehicles or ())))
+        else:
+            alike.append(o)
+    return tuple(replace(a, vehicles=None) if a.vehicles == vehicles else a for a in alike)
 
 
 def shapes(d: Diagnosis) -> list[Any]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import UTC, datetime
+from math import isfinite
 from typing import Any
 
+from fleetlog.discovery.hypotheses.scope import Scope
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
@@ -31,15 +34,45 @@ def place(where: dict[str, Any] | None) -> str:
     return f"on {'road' if len(roads) == 1 else 'roads'} {named}" + (f" and {more} more" if more > 0 else "")
 
 
+def scope(s: Scope, vehicles: Sequence[str]) -> dict[str, Any]:
+    """Return whom and when a finding concerns, as the contract writes it."""
+    out: dict[str, Any] = {
+        "vehicles": [vehicles[v] for v in s.vehicles] or None,
+        "from": _moment(s.begin), "until": _moment(s.until),
+    }  # fmt: skip
+    return {**out, "drift": True} if s.drift else out
+
+
+def _moment(time: float) -> str | None:
+    return datetime.fromtimestamp(round(time), UTC).isoformat() if isfinite(time) else None
+
+
+def _whom(scope: dict[str, Any]) -> str:
+    """Return the scope in front of a sentence: ``Truck T3, since 14 March 2026, 09:00 UTC: ``; empty for all, always."""
+    trucks, begin, until = scope["vehicles"], scope["from"], scope["until"]
+    who = f"truck{'s' if len(trucks) > 1 else ''} {', '.join(trucks)}" if trucks else ""
+    word = "growing from" if scope.get("drift") else "from" if until else "since"
+    when = f"{word} {_said(begin)}" if begin else ""
+    when += f"{' to' if when else 'until'} {_said(until)}" if until else ""
+    text = ", ".join(t for t in (who, when) if t)
+    return f"{text[:1].upper()}{text[1:]}: " if text else ""
+
+
+def _said(moment: str) -> str:
+    t = datetime.fromisoformat(moment)
+    return f"{t.day} {t:%B %Y, %H:%M} UTC"
+
+
 def statement(
-    term: Term, parameters: list[Parameter], where: dict[str, Any] | None, truck: str | None
+    term: Term, parameters: list[Parameter], where: dict[str, Any] | None, scope: dict[str, Any] | None
 ) -> str:
     """Return the sentence of a term; a term without one gets a plain one."""
     given: dict[str, Any] = {p.name: p for p in parameters}
     for p in term.parameters:
         given.setdefault(p.name, Parameter(p.name, p.neutral, p.neutral, p.neutral, p.unit, p.neutral))
-    if term.sentence:
-        text = term.sentence.format(where=place(where), **given)
+    own = [d.sentence for p in parameters if (d := term.by_name.get(p.name)) is not None and d.sentence]
+    if own or term.sentence:
+        text = (own or [term.sentence])[0].format(where=place(where), **given)
     else:
         numbers = ", ".join(
             f"{p.name} = {p.value:.4g} ({p.low:.4g} to {p.high:.4g}){'' if p.unit == '1' else ' ' + p.unit}"
@@ -47,7 +80,8 @@ def statement(
         )
         at = f" {place(where)}" if where else ""
         text = f"{term.statement[:1].upper()}{term.statement[1:]}{at}: {numbers}"
-    return f"Truck {truck}: {text[:1].lower()}{text[1:]}" if truck else text
+    whom = _whom(scope) if scope else ""
+    return f"{whom}{text[:1].lower()}{text[1:]}" if whom else text
 
 
 def unknown(depends_on: Sequence[str], where: dict[str, Any] | None) -> str:

@@ -12,6 +12,7 @@ from scipy import sparse
 
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
+from fleetlog.discovery.hypotheses.scope import of_one
 from fleetlog.discovery.hypotheses.sources import KnobSource, Layout, Source
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.search.ridge import Normal, Prior
@@ -44,7 +45,7 @@ class Atom:
     @property
     def of_truck_file(self) -> bool:
         """Whether it is a number of the truck file that may be a little off."""
-        return self.owner is None and self.knob is not None and self.vehicle is None
+        return self.owner is None and self.knob is not None and self.knob.scope.whole
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,14 @@ class Design:
             self._vehicles(sums, basis, fleet, apart, gram, moment)
         return Normal(gram, moment, square)
 
+    def columns(self, x: NDArray[np.float32], vehicle: NDArray[np.int64]) -> Floats:
+        """Return the columns of the coefficients, (W, k), from those of the layout, (W, P), and the windows' vehicles."""
+        out = np.empty((len(x), len(self.atoms)))
+        for j, atom in enumerate(self.atoms):
+            own = x[:, atom.columns] @ atom.weights
+            out[:, j] = own if atom.vehicle is None else own * (vehicle == atom.vehicle)
+        return out
+
     def _basis(self, chosen: list[int], p: int) -> sparse.csr_matrix:
         rows = np.concatenate([self.atoms[i].columns for i in chosen])
         cols = np.repeat(np.arange(len(chosen)), [len(self.atoms[i].columns) for i in chosen])
@@ -139,7 +148,7 @@ def make_design(
     if by_vehicle and len(channel.vehicles) > 1:
         for knob in channel.adjustable():
             for v in range(len(channel.vehicles)):
-                own = replace(knob, vehicle=v)
+                own = replace(knob, scope=of_one(v))
                 if own not in freed:
                     atoms.append(_tolerance(channel, layout, model, own))
     for source in channel.errors():
@@ -160,15 +169,15 @@ def make_design(
 
 def _tolerance(channel: Channel, layout: Layout, model: Model, knob: Knob) -> Atom:
     p = knob.definition
-    zero = channel.base.coordinate(replace(knob, vehicle=None))
+    zero = channel.base.coordinate(knob.fleet)
     width = abs(p.scaled(p.value_of(zero) + p.allowance(channel.truck)) - zero)
-    if knob.vehicle is not None:
+    if not knob.scope.whole:
         zero, width = 0.0, ALIKE * width
     now = model.coordinate(knob)
-    column = layout.at(KnobSource(replace(knob, vehicle=None)))[0]
+    column = layout.at(KnobSource(knob.column))[0]
     return Atom(
         np.array([column]), np.ones(1), (CERTAIN / width) ** 2, zero - now, zero - width - now, zero + width - now,
-        knob.vehicle, knob,
+        knob.scope.one, knob,
     )  # fmt: skip
 
 
@@ -193,9 +202,7 @@ def _free(layout: Layout, model: Model, h: Hypothesis, knob: Knob, source: Sourc
     """A number that may be anything plausible."""
     p = all_terms()[knob.term].by_name[knob.parameter]
     low, high = sorted((p.scaled(p.low), p.scaled(p.high)))
-    column, now = layout.at(source)[0], model.coordinate(knob)
-    if knob.vehicle is not None:
-        now += model.coordinate(replace(knob, vehicle=None))
+    column, now = layout.at(source)[0], model.total(knob)
     return Atom(
         np.array([column]),
         np.ones(1),
@@ -203,7 +210,7 @@ def _free(layout: Layout, model: Model, h: Hypothesis, knob: Knob, source: Sourc
         0.0,
         low - now,
         high - now,
-        knob.vehicle,
+        knob.scope.one,
         knob,
         h,
     )

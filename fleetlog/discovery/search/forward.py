@@ -14,6 +14,7 @@ from fleetlog.discovery.model import Model, field_values
 from fleetlog.discovery.search.joint import Joint, refit, scored, verified
 from fleetlog.discovery.search.places import pattern_hypotheses
 from fleetlog.discovery.search.problem import Problem
+from fleetlog.discovery.search.scopes import narrowed, scoped
 from fleetlog.discovery.search.screen import Screened, screen
 from fleetlog.discovery.search.sizes import Size, local, size_of, without
 from fleetlog.discovery.search.sums import Sums
@@ -65,11 +66,34 @@ def _all(problem: Problem, chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
 def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | None:
     """Return the model with the best hypothesis added, None where none is worth it."""
     screened = screen(problem, sums, now, _candidates(problem, sums, now))
+    screened = sorted([*screened, *scoped(problem, now, screened)], key=lambda s: -s.gain)
     if found.best_untold is None and screened:
         found.best_untold = screened[0].hypothesis
     worth = [s for s in screened if _significant(problem, now, s)]
+    for _ in range(ROUNDS):
+        better = _best(problem, now, found, screened, worth)
+        if better is not None or not worth:
+            return better
+        # What gains most may be spread thinly over the site, and what is material in one place gain less.
+        most = max(s.gain for s in worth)
+        worth = [s for s in worth if s.gain <= _share(s) * most]
+    return None
+
+
+ROUNDS = 2
+"""How often the next best are tried where the best do not count."""
+
+
+def _share(s: Screened) -> float:
+    return NUMBERS if s.hypothesis.knobs else OTHERS
+
+
+def _best(
+    problem: Problem, now: Joint, found: Search, screened: list[Screened], worth: list[Screened]
+) -> Joint | None:
+    """Return the model with the best of some hypotheses added, None where none of them counts."""
     best = max((s.gain for s in worth), default=0.0)
-    near = [s.hypothesis for s in worth if s.gain > (NUMBERS if s.hypothesis.knobs else OTHERS) * best]
+    near = [s.hypothesis for s in worth if s.gain > _share(s) * best]
     rivals = _close(problem, screened, worth)
     tried = _exact(problem, now, [*near, *_on_edge(problem, now), *rivals])
     slow = {replace(s.hypothesis, variance=1.0): s for s in screened if s.hypothesis.slow}
@@ -82,9 +106,31 @@ def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | No
         size = size_of(problem, now, joint)
         found.log.append(f"{joint.chosen[-1].name}: share {size.share:.4f} verified {size.verified:.4f}")
         if now.score - joint.score >= problem.settings.evidence and _counts(problem, joint.chosen[-1], size):
+            joint, ranked = _in_their_time(problem, now, joint, ranked)
             found.rivals[joint.chosen[-1]] = _rivals(problem, now, joint, ranked)
             return joint
     return None
+
+
+def _in_their_time(
+    problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]
+) -> tuple[Joint, list[Joint]]:
+    """The new field limited to a part of the time, where that is more likely; its rivals then are, too."""
+    timed = _in_its_time(problem, now, joint)
+    if timed is None:
+        return joint, ranked
+    others = [_in_its_time(problem, now, j) or j for j in ranked if j is not joint]
+    ranked = sorted([timed, *others], key=lambda j: j.score)
+    likely = [j for j in ranked if j.chosen[-1].when.timed and not _on_bound(problem, j)]
+    return next(iter(_by_simplicity(problem, likely)), timed), ranked
+
+
+def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
+    h = narrowed(problem, now, joint)
+    if h is None:
+        return None
+    timed = refit(problem, now.model, [*now.chosen, h], 2)
+    return timed if joint.score - timed.score > problem.settings.evidence else None
 
 
 NUMBERS, OTHERS = 0.1, 0.3
@@ -103,9 +149,10 @@ def _candidates(problem: Problem, sums: Sums, now: Joint) -> list[Hypothesis]:
     """Every hypothesis that may be added to the model, places in simple shapes among them."""
     knobs = {k for h in now.chosen for k in h.knobs}
     taken = {replace(h, variance=1.0) for h in now.chosen}
+    placed = {h.term for h in now.chosen if h.when.timed}
     out = []
     for h in problem.rest:
-        if h not in taken and not set(h.knobs) & knobs:
+        if h not in taken and not set(h.knobs) & knobs and h.term not in placed:
             out.append(h)
             if h.field:
                 out += pattern_hypotheses(problem, sums, now, h)
@@ -146,7 +193,7 @@ def _exact(problem: Problem, now: Joint, worth: list[Hypothesis]) -> list[Joint]
     short: list[Joint] = []
     seen: dict[object, int] = {}
     for h in worth:
-        key = (h.term, h.vehicle) if h.term else "free"
+        key = (h.term, h.scope) if h.term else "free"
         most = 3 if h.term is None or (h.physics and h.physics.field) else 1
         if seen.get(key, 0) < most and (key in seen or len(seen) < problem.settings.shortlist or h.knobs):
             seen[key] = seen.get(key, 0) + 1
@@ -157,10 +204,24 @@ def _exact(problem: Problem, now: Joint, worth: list[Hypothesis]) -> list[Joint]
 
 def _by_simplicity(problem: Problem, ranked: list[Joint]) -> list[Joint]:
     """The candidates in the order in which they may be taken: the simplest of those that the model's own
-    error may exchange."""
+    error may exchange.
+
+    That error is alike in all trucks and hours, so between a part of them and all of them evidence decides.
+    """
     if not ranked:
         return []
-    equal = [j for j in ranked if verified(j, ranked[0]) < problem.channel.model_error]
+    best = ranked[0]
+    wider = [
+        j.chosen[-1].scope.whole
+        and not best.chosen[-1].scope.whole
+        and j.score - best.score > problem.settings.evidence
+        for j in ranked
+    ]
+    equal = [
+        j
+        for j, w in zip(ranked, wider, strict=True)
+        if not w and verified(j, best) < problem.channel.model_error
+    ]
     equal.sort(key=lambda j: (simplicity(j), j.score))
     return [*equal, *(j for j in ranked if all(j is not e for e in equal))]
 
@@ -169,8 +230,8 @@ def simplicity(joint: Joint) -> int:
     """Return how simple the last hypothesis is: numbers before places before fields before free curves."""
     h = joint.chosen[-1]
     if h.knobs:
-        return 0 if h.vehicle is None else 1
-    return 2 if h.patterns else 3 if h.field else 4
+        return bool(h.scope.vehicles) + h.scope.timed
+    return 3 if h.patterns else 4 if h.field else 5
 
 
 def _on_bound(problem: Problem, joint: Joint) -> bool:
@@ -210,7 +271,7 @@ def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> 
     for other in ranked:
         h = other.chosen[-1]
         # A free curve that only repeats what the finding says is no rival to it.
-        if (h.term, h.vehicle) == (own.term, own.vehicle) or (
+        if (h.term, h.scope) == (own.term, own.scope) or (
             h.term is None and verified(joint, other) < problem.channel.model_error
         ):
             continue

@@ -60,7 +60,7 @@ def _meat(problem: Problem, joint: Joint) -> tuple[Floats, Floats]:
     total, clusters, shift = np.zeros((k, k)), 0, np.zeros(k)
     for i, unit in problem.training():
         modelled, x = problem.channel.columns(unit, joint.model, layout.sources)
-        own = _atoms(joint, x, unit.windows.vehicle)
+        own = joint.design.columns(x, unit.windows.vehicle)
         scores = own * ((unit.recorded - modelled) * problem.noise.weight(i, unit) * unit.whole)[:, None]
         weight = problem.noise.weight(i, unit) * unit.whole
         shift += own.T @ (problem.channel.model_error * np.abs(modelled) * weight)
@@ -70,13 +70,3 @@ def _meat(problem: Problem, joint: Joint) -> tuple[Floats, Floats]:
         total += sums.T @ sums
         clusters += len(sums)
     return total * clusters / max(clusters - 1.0, 1.0), shift
-
-
-def _atoms(joint: Joint, x: NDArray[np.float32], vehicle: NDArray[np.int64]) -> Floats:
-    """(W, k) the columns of the coefficients."""
-    assert joint.design is not None
-    out = np.empty((len(x), len(joint.design.atoms)))
-    for j, atom in enumerate(joint.design.atoms):
-        own = x[:, atom.columns] @ atom.weights
-        out[:, j] = own if atom.vehicle is None else own * (vehicle == atom.vehicle)
-    return out

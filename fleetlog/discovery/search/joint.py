@@ -102,7 +102,8 @@ def moved(joint: Joint, problem: Problem) -> tuple[Model, float]:
                 model = model.with_at({knob: all_terms()[knob.term].by_name[name].scaled(value)})
     for term, deviation in fields.items():
         before = joint.model.fields.get(term)
-        model = model.with_field(term, deviation if before is None else before + deviation)
+        when = next(h.when for h in joint.chosen if h.term == term)
+        model = model.with_field(term, deviation if before is None else before + deviation, when)
     return model, far
 
 

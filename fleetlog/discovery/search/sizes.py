@@ -18,8 +18,8 @@ Floats = NDArray[np.float64]
 
 
 def local(h: Hypothesis) -> bool:
-    """Return whether an effect may touch a part of the recording only: some places, or one truck."""
-    return bool({"x", "y"} & set(h.depends_on)) or h.vehicle is not None
+    """Return whether an effect may touch a part of the recording only: some places, trucks, or hours."""
+    return bool({"x", "y"} & set(h.depends_on)) or not h.scope.whole
 
 
 @dataclass(frozen=True)

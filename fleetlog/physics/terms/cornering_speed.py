@@ -28,6 +28,7 @@ TERM = Term(
             8.0,
             truck_key="drive.max_lateral_acceleration",
             tolerance=0.15,
+            inverse=True,
             ceiling=True,
         ),
     ),

@@ -11,17 +11,31 @@ LADEN = 25.0
 
 
 def speed(motion: Motion, truck: Truck, values: Values) -> Floats:
-    """v = factor times the speed that the road allows (``motion.speed``) where there is a load,
-    inf elsewhere [m/s].
+    """Where there is a load, ``factor`` times the speed that the road allows (``motion.speed``), and no
+    more than the share ``top`` of the truck's top speed; inf elsewhere [m/s].
     """
-    return np.where(motion.payload > LADEN, values.get("factor", 1.0) * motion.speed, np.inf)
+    cap = np.minimum(values.get("factor", 1.0) * motion.speed, values.get("top", 1.0) * truck.drive.max_speed)
+    return np.where(motion.payload > LADEN, cap, np.inf)
 
 
 TERM = Term(
     "laden_speed",
     "speed",
     "trucks drive more slowly with a load",
-    (Parameter("factor", "1", 0.1, 2.0, neutral=1.0, tolerance=0.03, inverse=True, ceiling=True),),
+    (
+        Parameter("factor", "1", 0.1, 2.0, neutral=1.0, tolerance=0.03, inverse=True, ceiling=True),
+        Parameter(
+            "top",
+            "1",
+            0.1,
+            1.05,
+            neutral=1.0,
+            inverse=True,
+            reach=0.4,
+            sentence="With a load, trucks drive at no "
+            "more than {top.value:.0%} ({top.low:.0%} to {top.high:.0%}) of their top speed",
+        ),
+    ),
     speed,
     depends_on=("payload",),
     sentence="With a load, trucks drive at {factor.value:.0%} ({factor.low:.0%} to {factor.high:.0%}) of "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
@@ -9,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fleetlog.core.words import count
 from fleetlog.errors import FleetlogError, FormatError, InputError
+from fleetlog.store.output import MARK
 from fleetlog.store.places import is_url
 
 if TYPE_CHECKING:
@@ -22,11 +25,13 @@ LISTED = 10
 
 
 def describe(path: Path) -> Described:
-    """A dataset, log, map, site, truck or recording; :class:`InputError` says what was tried where nothing
-    fits.
+    """A dataset, log, map, site, truck or recording, or another folder that fleetlog wrote;
+    :class:`InputError` says what was tried where nothing fits.
     """
     if is_url(path) or (path / "dataset.json").is_file():
         return _dataset(path)
+    if (path / MARK).is_file():
+        return _output(path)
     suffix = path.suffix.lower()
     if suffix == ".rrd":
         return _recording(path)
@@ -35,6 +40,23 @@ def describe(path: Path) -> Described:
     if suffix in MAPS:
         return _map(path)
     return _log_or_map(path)
+
+
+def _output(path: Path) -> Described:
+    """A folder of results: what it is, its files, and the figures of its summary."""
+    made = json.loads((path / MARK).read_text(encoding="utf-8"))
+    names = sorted(p.name for p in path.iterdir() if not p.name.startswith("."))
+    documents = [n for n in names if n.endswith(".json") and (path / n).is_file()]
+    figures = json.loads((path / documents[0]).read_text(encoding="utf-8")) if documents else {}
+    kind = str(made["kind"])
+    summary = {"kind": kind, "path": str(path), "files": names, "summary": figures}
+    lines = [f"{path}: {'an' if kind[0] in 'aeiou' else 'a'} {kind}", f"  files     {', '.join(names)}"]
+    for key, value in figures.items():
+        if isinstance(value, list) and value:
+            lines.append(f"  {key}: {count(len(value), 'entry', 'entries')}")
+        elif isinstance(value, str | int | float) and "\n" not in str(value) and key != "format_version":
+            lines.append(f"  {key}: {value:.6g}" if isinstance(value, float) else f"  {key}: {value}")
+    return summary, lines
 
 
 def _log_or_map(path: Path) -> Described:
@@ -75,8 +97,8 @@ def _dataset(path: Path) -> Described:
     summary |= events
     lines = [
         f"{path}: a {d.kind} dataset (format {meta['format_version']})",
-        f"  rows      {d.rows:,} of {_some(d.vehicles, 'vehicle')}, {_count(len(d.trips), 'trip')}",
-        f"  span      {meta['start']} to {meta['end']} ({_count(len(d.dates), 'day')})",
+        f"  rows      {d.rows:,} of {_some(d.vehicles, 'vehicle')}, {count(len(d.trips), 'trip')}",
+        f"  span      {meta['start']} to {meta['end']} ({count(len(d.dates), 'day')})",
         f"  site      {where['name']}, {where['edges']} directed edges, " + _place(where.get("frame")),
         f"  columns   {', '.join(n + (f' [{u}]' if u else '') for n, u in meta['columns'].items())}",
         f"  replay    {'recording.rrd' if summary['replay'] else 'none'}",
@@ -109,9 +131,8 @@ def _events(dataset: Dataset) -> Described:
     lines = [
         f"  time      {', '.join(f'{name} {100.0 * share:.0f} %' for name, share in shares.items())}",
         f"  tasks     {status.get('done', 0):,} done of {len(tasks):,}" + (f" ({open_})" if open_ else ""),
-        f"  charging  {_count(len(charging), 'visit')} of "
-        f"{_count(charging['vehicle_id'].nunique(), 'truck')}",
-        f"  reserved  {_count(reserved, 'reservation')} of pieces of road",
+        f"  charging  {count(len(charging), 'visit')} of {count(charging['vehicle_id'].nunique(), 'truck')}",
+        f"  reserved  {count(reserved, 'reservation')} of pieces of road",
     ]
     return summary, lines
 
@@ -120,13 +141,9 @@ def _place(frame: dict[str, Any] | None) -> str:
     return f"at {frame['latitude']:.5f}, {frame['longitude']:.5f}" if frame else "not placed on earth"
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
-
-
 def _some(names: list[str], noun: str) -> str:
     shown = ", ".join(names[:LISTED]) + (f" and {len(names) - LISTED} more" if len(names) > LISTED else "")
-    return f"{_count(len(names), noun)} ({shown})"
+    return f"{count(len(names), noun)} ({shown})"
 
 
 def _log(path: Path) -> Described:

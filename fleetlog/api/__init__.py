@@ -1,0 +1,1 @@
+"""What the functions of the library have in common: arguments, inputs, results."""

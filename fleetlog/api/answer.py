@@ -1,0 +1,200 @@
+"""The result of a function of the library: numbers, tables, and how to write and show them."""
+
+from __future__ import annotations
+
+import base64
+import html
+import os
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fleetlog.api.inputs import temporary
+from fleetlog.core.result import Result
+from fleetlog.core.site import Site
+from fleetlog.errors import DataError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from fleetlog.store import Dataset
+
+HEAD = 5
+"""Rows of a table in a notebook."""
+
+
+@dataclass
+class Answer(Result):
+    """The result of a function of the library.
+
+    Attributes
+    ----------
+    name : of the question, as ``density``.
+    summary : JSON-ready figures; what ``--json`` prints.
+    tables : DataFrames by name.
+    lines : the answer in a few sentences; what the command prints.
+    status : exit status of the command: 0, or 3 where some of the data were damaged or rejected.
+    warning : what even a quiet command says.
+    output : where it was written, if it was.
+    value : the object behind it: a Dataset, a Diagnosis, a fitted truck.
+    """
+
+    site: Site | None = None
+    status: int = 0
+    output: Path | None = None
+    value: Any = None
+    kind: str = "analysis"
+    folder: bool = True
+    write: Callable[[Path], object] | None = None
+    page: str = ""
+    warning: str = ""
+    inputs: tuple[Path, ...] = ()
+
+    @classmethod
+    def of(cls, result: Result, site: Site | None = None, **more: Any) -> Answer:
+        """Return the answer of an analysis: its folder has JSON, tables, a picture and a recording."""
+        own = {f.name: getattr(result, f.name) for f in fields(Result)}
+        answer = cls(**own, site=site, **more)
+        answer.write = answer.write or (lambda folder: write_folder(result, site or Site(), folder))
+        return answer
+
+    @property
+    def dataset(self) -> Dataset:
+        """The dataset that an import or a simulation made."""
+        from fleetlog.store import Dataset
+
+        if isinstance(self.value, Dataset):
+            return self.value
+        raise DataError(f"{self.name} gives no dataset", do="use the result of read_logs or simulate")
+
+    def save(self, output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+        """Write everything to ``output``, as the command does with ``-o``; whole or not at all."""
+        with destination(output, self.kind, overwrite, self.inputs, self.folder) as keep:
+            keep(self)
+        return Path(output)
+
+    def show(self) -> None:
+        """Open the recording in the Rerun viewer, or the page in a browser."""
+        if self.page:
+            import webbrowser
+
+            file = temporary() / "page.html"
+            file.write_text(self.page, encoding="utf-8")
+            webbrowser.open(file.as_uri())
+            return
+        from fleetlog.view import viewer
+
+        viewer.show(viewer.recording_of(self._written()))
+
+    def _written(self) -> Path:
+        if self.output is not None and self.output.exists():
+            return self.output
+        if not self.folder or self.write is None:
+            raise DataError(f"{self.name} has no recording to show", do="print it, or look at its tables")
+        return self.save(temporary() / self.name)
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines)
+
+    def __repr__(self) -> str:
+        return f"<Result {self.name}: tables {', '.join(self.tables) or 'none'}>\n{self}"
+
+    def _repr_html_(self) -> str:
+        """The answer for a notebook: sentences, the picture, the head of every table."""
+        if self.page:
+            return f'<iframe srcdoc="{html.escape(self.page)}" width="100%" height="700"></iframe>'
+        lines = "".join(f"<li>{html.escape(line.strip())}</li>" for line in self.lines)
+        tables = "".join(_table(name, table) for name, table in self.tables.items())
+        return f"<h3>{html.escape(self.name)}</h3><ul>{lines}</ul>{self._picture()}{tables}"
+
+    def _picture(self) -> str:
+        if not self.shapes:
+            return ""
+        from fleetlog.view.picture import write_picture
+
+        png = write_picture(self, self.site or Site(), temporary() / "picture.png").read_bytes()
+        return f'<img style="max-width:100%" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+
+
+def _table(name: str, table: pd.DataFrame) -> str:
+    head = table.head(HEAD).to_html(max_cols=12, border=0)
+    count = f"{len(table):,} row{'' if len(table) == 1 else 's'}"
+    return f"<details><summary>{html.escape(name)} ({count})</summary>{head}</details>"
+
+
+@contextmanager
+def destination(
+    output: str | os.PathLike[str] | None, kind: str, overwrite: bool = False, inputs: Iterable[Path] = (),
+    folder: bool = True,
+) -> Iterator[Callable[[Answer], Answer]]:  # fmt: skip
+    """Check and hold the place of an output; the function that is given writes an answer there.
+
+    Without ``output`` the answer stays in memory.
+    """
+    inputs = tuple(inputs)
+
+    def keep(answer: Answer, scratch: Path | None = None) -> Answer:
+        answer.kind, answer.folder, answer.inputs = kind, folder, inputs
+        if scratch is not None and output is not None and answer.write is not None:
+            answer.write(scratch)
+            answer.output = Path(output)
+        return answer
+
+    if output is None:
+        yield keep
+        return
+    from fleetlog.errors import OutputError
+    from fleetlog.store.output import atomic_output
+
+    if "://" in str(output):
+        raise OutputError("only datasets are written to a URL", where=str(output), do="name a folder")
+    with atomic_output(Path(output), kind, overwrite=overwrite, folder=folder, inputs=inputs) as scratch:
+        yield lambda answer: keep(answer, scratch)
+
+
+def write_folder(result: Result, site: Site, folder: Path) -> None:
+    """Write ``NAME.json``, tables as Parquet, places as GeoJSON, ``NAME.png`` and ``recording.rrd``."""
+    from fleetlog.store.results import write_result
+    from fleetlog.view.picture import write_picture
+    from fleetlog.view.results import write_result_recording
+
+    write_result(result, folder, site.frame)
+    write_picture(result, site, folder / f"{result.name}.png")
+    write_result_recording(result, site, folder / "recording.rrd")
+
+
+def dataset_answer(
+    name: str, path: Path, output: Path | None, summary: Mapping[str, Any], lines: list[str], status: int = 0
+) -> Answer:
+    """Return the answer of a run that has written a dataset to ``path``, be it a temporary one."""
+    from fleetlog.store import Dataset
+
+    data = Dataset(path)
+    figures = {**summary, **({"dataset": str(output)} if output else {})}
+    return Answer(
+        name, figures, Tables(path), lines=lines, site=data.site, status=status, output=output, value=data,
+        kind=f"{data.kind} dataset",
+        write=lambda folder: shutil.copytree(path, folder, dirs_exist_ok=True),
+    )  # fmt: skip
+
+
+class Tables(dict[str, "pd.DataFrame"]):
+    """The Parquet tables of a folder by name, read when asked for."""
+
+    def __init__(self, folder: Path) -> None:
+        self._files = {p.stem: p for p in sorted(folder.glob("*.parquet"))}
+        super().__init__(dict.fromkeys(self._files))  # type: ignore[arg-type]
+
+    def __getitem__(self, name: str) -> pd.DataFrame:
+        import pandas as pd
+
+        if super().__getitem__(name) is None:
+            self[name] = pd.read_parquet(self._files[name])
+        return super().__getitem__(name)
+
+    def items(self) -> Any:
+        """Names and tables."""
+        return [(name, self[name]) for name in self]

@@ -1,0 +1,157 @@
+"""What functions of the library take: paths, objects, DataFrames; each becomes one kind of thing."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, cast
+
+from fleetlog.core.arguments import Named
+from fleetlog.errors import InputError
+from fleetlog.listening import notice
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from fleetlog.api.answer import Answer
+    from fleetlog.core.network import Network
+    from fleetlog.core.site import Site
+    from fleetlog.core.truck import Truck
+    from fleetlog.physics.power import Physics
+    from fleetlog.store import Dataset
+
+    PathLike: TypeAlias = "str | os.PathLike[str]"
+    DatasetLike: TypeAlias = "PathLike | Dataset | Answer | pd.DataFrame"
+    TableLike: TypeAlias = "PathLike | pd.DataFrame"
+    TruckLike: TypeAlias = "PathLike | Truck | Answer"
+    SiteLike: TypeAlias = "PathLike | Site"
+    PhysicsLike: TypeAlias = "PathLike | Physics | Answer"
+    LogsLike: TypeAlias = "PathLike | pd.DataFrame | Sequence[PathLike | pd.DataFrame]"
+    MeasurementsLike: TypeAlias = "DatasetLike | Sequence[DatasetLike]"
+else:
+    PathLike = Annotated[Any, Named("PATH", path=True)]
+    DatasetLike = Annotated[Any, Named("DATASET", path=True)]
+    TableLike = Annotated[Any, Named("FILE", path=True)]
+    TruckLike = Annotated[Any, Named("TRUCK", path=True)]
+    SiteLike = Annotated[Any, Named("FILE", path=True)]
+    PhysicsLike = Annotated[Any, Named("PATH", path=True)]
+    LogsLike = Annotated[tuple[Any, ...], Named("LOG", path=True)]
+    MeasurementsLike = Annotated[tuple[Any, ...], Named("MEASUREMENTS", path=True)]
+
+_kept: list[tempfile.TemporaryDirectory[str]] = []
+
+
+def temporary() -> Path:
+    """Make a folder that is kept until Python ends."""
+    _kept.append(tempfile.TemporaryDirectory(prefix="fleetlog-", ignore_cleanup_errors=True))
+    return Path(_kept[-1].name)
+
+
+def as_dataset(value: DatasetLike) -> Dataset:
+    """Open a dataset; a DataFrame is imported first, into a temporary folder."""
+    from fleetlog.store import Dataset
+
+    if isinstance(value, Dataset):
+        return value
+    if hasattr(value, "dataset"):
+        return cast("Dataset", value.dataset)
+    return _imported(value) if _is_frame(value) else Dataset(as_path(value))
+
+
+def as_truck(value: TruckLike) -> Truck:
+    """Load a truck, a preset by its name, or take that of a calibration."""
+    from fleetlog.core.truck import Truck, load_truck
+
+    if isinstance(value, Truck):
+        return value
+    return cast("Truck", value.value.truck) if hasattr(value, "value") else load_truck(as_path(value))
+
+
+def as_site(value: SiteLike) -> Site:
+    """Load a site or map; what was read of the map is a notice."""
+    from fleetlog.core.site import Site
+
+    if isinstance(value, Site):
+        return value
+    from fleetlog.roads import load_site
+
+    site, reports = load_site(existing(value))
+    for report in reports:
+        notice(report.line())
+    return site
+
+
+def as_physics(value: PhysicsLike, truck: Truck, network: Network | None = None) -> Physics:
+    """Load a model file, or take the physics that a diagnosis found."""
+    from fleetlog.physics.power import Physics
+
+    if isinstance(value, Physics):
+        return value
+    if hasattr(value, "value"):
+        from fleetlog.discovery.report.output import physics
+
+        return physics(value.value)
+    from fleetlog.physics.model import load_physics
+
+    return load_physics(existing(value), truck, network)
+
+
+def as_path(value: Any) -> Path:
+    """Return a path; a DataFrame is written to a temporary file first, a dataset is its folder."""
+    if _is_frame(value):
+        file = temporary() / "table.parquet"
+        _plain(value).to_parquet(file, index=False)
+        return file
+    if hasattr(value, "dataset"):
+        value = value.dataset
+    where = value if "://" in str(value) else getattr(value, "path", value)
+    if "://" not in str(where):
+        return Path(where)
+    from fleetlog.store.places import located
+
+    return located(where)
+
+
+def as_csv(value: TableLike) -> Path:
+    """Return the path of a CSV file; a DataFrame is written to a temporary one first."""
+    if not _is_frame(value):
+        return existing(value)
+    file = temporary() / "table.csv"
+    _plain(value).to_csv(file, index=False)
+    return file
+
+
+def existing(value: Any) -> Path:
+    """Return the path of something that is there; :class:`InputError` where nothing is."""
+    path = as_path(value)
+    if not path.exists():
+        raise InputError("does not exist", where=path, do="check the name")
+    return path
+
+
+def files_of(*values: Any) -> list[Path]:
+    """Return the paths among arguments: what a run reads and must not write over."""
+    some = [v for value in values for v in (value if isinstance(value, list | tuple) else (value,))]
+    return [as_path(v) for v in some if isinstance(v, str | os.PathLike) or hasattr(v, "path")]
+
+
+def _is_frame(value: Any) -> bool:
+    return hasattr(value, "to_parquet") and hasattr(value, "columns")
+
+
+def _plain(frame: Any) -> pd.DataFrame:
+    """The frame with a named index (of time, say) as a column."""
+    return cast("pd.DataFrame", frame.reset_index() if any(frame.index.names) else frame)
+
+
+def _imported(frame: Any) -> Dataset:
+    from fleetlog.core.site import Site
+    from fleetlog.ingest.pipeline import import_logs
+    from fleetlog.store import Dataset, DatasetWriter
+
+    folder = temporary() / "dataset"
+    with DatasetWriter.create(folder, "recorded", Site()) as writer:
+        import_logs([as_path(frame)], None, writer)
+    return Dataset(folder)

@@ -1,0 +1,176 @@
+"""What a function asks for, read from its signature and docstring: the one source of commands and pages.
+
+A parameter is described in the section ``Parameters`` of the docstring as ``name : text``; one that several
+functions share and that a docstring leaves out is described in :data:`SHARED`.
+"""
+
+from __future__ import annotations
+
+import inspect
+import types
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from fleetlog.core.arguments import Between, Named
+from fleetlog.errors import ArgumentError
+
+SHARED = {
+    "dataset": "A dataset: its folder; in Python also a Dataset, a Result or a DataFrame.",
+    "site": "Site file, or a road map directly.",
+    "truck": "Truck file, or name of a preset.",
+    "physics": "Physics that diagnose found: model.toml or its folder.",
+    "output": "Where to write.",
+    "overwrite": "Replace an older output.",
+    "seed": "Seed of the random numbers: the same seed gives the same bytes.",
+    "vehicle": "Only this vehicle; may be given several times.",
+    "workers": "Processes that work at once; by default one per core. The result does not depend on it.",
+    "scheduler": "Address of a Dask cluster, tcp://HOST:PORT.",
+}
+"""Options that several functions have, described once; a docstring of one's own goes first."""
+LOADED = {"Dataset": "DATASET", "Truck": "TRUCK", "Site": "FILE", "Physics": "PATH"}
+"""Types that an analysis takes, and that the library loads for it from a path."""
+Function = Callable[..., Any]
+REQUIRED = inspect.Parameter.empty
+
+
+@dataclass(frozen=True)
+class Option:
+    """One argument: ``default`` is :data:`REQUIRED` where there is none, ``many`` a sequence of values."""
+
+    name: str
+    default: Any
+    help: str
+    positional: bool = False
+    many: bool = False
+    flag: bool = False
+    choices: tuple[str, ...] = ()
+    check: Callable[[Any], Any] = field(default_factory=Named)
+    type: Any = None
+
+    @property
+    def spelling(self) -> str:
+        """As a command line has it; of a flag that is on by default, what turns it off."""
+        word = self.name.replace("_", "-")
+        if self.positional:
+            return self.name.upper()
+        return f"-{word}" if len(word) == 1 else f"--no-{word}" if self.default is True else f"--{word}"
+
+    @property
+    def is_input(self) -> bool:
+        """Whether it is (also) the path of something that is read."""
+        return bool(getattr(self.check, "path", False)) and self.name != "output"
+
+    @property
+    def metavar(self) -> str:
+        """The kind of value."""
+        return str(getattr(self.check, "metavar", "TEXT"))
+
+    def convert(self, value: Any) -> Any:
+        """Return what the function takes; :class:`ArgumentError` says what is wrong with the value."""
+        if value is None and self.default is None:
+            return None
+        if self.flag:
+            return bool(value)
+        if self.many:
+            values = (value,) if not isinstance(value, list | tuple) else value
+            return tuple(self._one(v) for v in values)
+        return self._one(value)
+
+    def _one(self, value: Any) -> Any:
+        if self.choices and value not in self.choices:
+            raise ArgumentError(f"{value!r} is not one of {', '.join(self.choices)}", option=self.spelling)
+        try:
+            return self.check(value)
+        except ValueError as error:
+            raise ArgumentError(str(error), option=self.spelling) from None
+
+
+@cache
+def options_of(function: Function) -> tuple[Option, ...]:
+    """Return what ``function`` asks for, in its order."""
+    hints = get_type_hints(inspect.unwrap(function), include_extras=True)
+    texts = {**SHARED, **parameter_texts(function.__doc__)}
+    parameters = list(inspect.signature(function).parameters.values())
+    return tuple(
+        _option(p, hints.get(p.name, Any), texts.get(p.name, ""), p is parameters[0]) for p in parameters
+    )
+
+
+def _option(parameter: inspect.Parameter, hint: Any, text: str, first: bool) -> Option:
+    kind, check = _peeled(hint)
+    many = get_origin(kind) is tuple and (check is None or isinstance(check, Named))
+    if get_origin(kind) is tuple:
+        kind, inner = _peeled(get_args(kind)[0])
+        check = check or inner
+    if check is None:
+        check = _usual(kind)
+    choices = tuple(get_args(kind)) if get_origin(kind) is Literal else ()
+    positional = first and parameter.kind is not parameter.KEYWORD_ONLY
+    return Option(
+        parameter.name, parameter.default, text, positional, many, kind is bool, choices, check, kind
+    )  # fmt: skip
+
+
+def _usual(kind: Any) -> Callable[[Any], Any]:
+    """The check of a type whose annotation carries none."""
+    loaded = LOADED.get(getattr(kind, "__name__", ""))
+    if loaded is not None:
+        return Named(loaded, path=True)
+    return Between(whole=kind is int) if kind in (int, float) else Named()
+
+
+def _peeled(hint: Any) -> tuple[Any, Any]:
+    """Return a type without ``Annotated`` and ``| None``, and the check that its annotation carries."""
+    check = None
+    while True:
+        if get_origin(hint) is Annotated:
+            hint, *more = get_args(hint)
+            check = check or next((m for m in more if callable(m)), None)
+        elif get_origin(hint) in (Union, types.UnionType):
+            some = [a for a in get_args(hint) if a is not type(None)]
+            if len(some) != 1:
+                return hint, check
+            hint = some[0]
+        else:
+            return hint, check
+
+
+def parameter_texts(docstring: str | None) -> dict[str, str]:
+    """Return the description of every parameter by name, each in one line."""
+    found: dict[str, str] = {}
+    names: list[str] = []
+    for line in _section(docstring, "Parameters"):
+        head, colon, text = line.partition(" : ")
+        if colon and not line.startswith(" "):
+            names = [n.strip(" *") for n in head.split(",")]
+            found |= dict.fromkeys(names, text.strip())
+        else:
+            found |= {n: f"{found[n]} {line.strip()}".strip() for n in names}
+    return {name: _sentence(text) for name, text in found.items()}
+
+
+def _sentence(text: str) -> str:
+    plain = text.replace("``", "").replace(":mod:", "").replace(":func:", "").strip("`")
+    first = plain.split(" ")[0]
+    # A file's name stays as it is.
+    start = plain[:1] if "." in first.rstrip(".:,") else plain[:1].upper()
+    return f"{start}{plain[1:].rstrip('.')}." if plain else ""
+
+
+def _section(docstring: str | None, title: str) -> list[str]:
+    lines = inspect.cleandoc(docstring or "").splitlines()
+    rules = [i for i, line in enumerate(lines) if line and not line.strip("-")]
+    starts = [i for i in rules if lines[i - 1] == title]
+    if not starts:
+        return []
+    end = next((i - 1 for i in rules if i > starts[0]), len(lines))
+    return [line for line in lines[starts[0] + 1 : end] if line.strip()]
+
+
+def description(docstring: str | None) -> str:
+    """Return a docstring without its sections: what a command's help says first."""
+    lines = inspect.cleandoc(docstring or "").splitlines()
+    rule = next((i - 1 for i, line in enumerate(lines) if line and not line.strip("-")), len(lines))
+    return "\n".join(lines[:rule]).replace("``", "").strip()

@@ -1,0 +1,147 @@
+"""Commands read from the functions of the library: their options are its arguments.
+
+A command adds only how its answer is told: ``--json``, ``-q``, ``-v``.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from fleetlog import VERBS
+from fleetlog.api.signature import REQUIRED, Option, description
+from fleetlog.api.verb import Verb
+from fleetlog.cli.tell import asked, tell
+from fleetlog.errors import ArgumentError, nearest
+from fleetlog.registry import part_lines
+
+TELLING = (
+    click.Option(["--json", "as_json"], is_flag=True, help="Print the summary as one JSON object."),
+    click.Option(["-q", "--quiet"], is_flag=True, help="Print nothing but errors."),
+    click.Option(["-v", "--verbose"], is_flag=True, help="Tell every step, with its time."),
+)
+OPTIONAL_OUTPUT = {"import", "demo", "view", "info"}
+"""Commands that write nothing, or only when asked to; the others must be told where."""
+
+
+class Listed(click.Group):
+    """A group whose commands are imported only when called; ``lines`` has each with its line of help."""
+
+    def __init__(
+        self, lines: Callable[[], dict[str, str]], load: Callable[[str], click.Command], **more: Any
+    ) -> None:
+        super().__init__(**more)
+        self.lines, self.load = lines, load
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """In the order of a first visit, not of the alphabet."""
+        return list(self.lines())
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command, or None."""
+        return self.load(cmd_name) if cmd_name in self.lines() else None
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
+        """The command that the first word names; the nearest one is suggested for another word."""
+        if args and args[0] not in self.lines() and not args[0].startswith("-"):
+            raise click.UsageError(f"No such command {args[0]!r}; {nearest(args[0], self.lines())}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The list of commands without importing any."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(self.lines().items()))
+
+
+class Value(click.ParamType):  # type: ignore[type-arg]  # generic in newer releases of click only
+    """The value of an option, checked as the function's argument is."""
+
+    def __init__(self, option: Option) -> None:
+        self.option, self.name = option, option.metavar
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Check the text; the function converts it."""
+        try:
+            self.option.check(value)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+        return value
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
+        """File names, where the value may be one."""
+        from click.shell_completion import CompletionItem
+
+        path = getattr(self.option.check, "path", False)
+        return [CompletionItem(incomplete, type="file")] if path else []
+
+
+def verb_lines() -> dict[str, str]:
+    """Every verb with its line of help, in the order of a first visit."""
+    found = part_lines("fleetlog.verbs", "")
+    order = [n for n in VERBS if n in found] + sorted(found.keys() - set(VERBS))
+    return {n.rstrip("_"): found[n] for n in order}
+
+
+def load_verb(name: str) -> click.Command:
+    """The command ``name``."""
+    module = importlib.import_module(f"fleetlog.verbs.{'import_' if name == 'import' else name}")
+    found = vars(module)["import_" if name == "import" else name]
+    if isinstance(found, Verb):
+        return command_of(found)
+    return Listed(
+        found.lines, lambda n: command_of(found.named(n)), name=name, help=verb_lines()[name],
+        no_args_is_help=True,
+    )  # fmt: skip
+
+
+def command_of(verb: Verb) -> click.Command:
+    """The command of a function."""
+    params = [_parameter(o, verb.name) for o in verb.options]
+    text = description(verb.function.__doc__)
+    return click.Command(
+        verb.name, params=[*params, *TELLING], help=text, short_help=text.split("\n\n")[0],
+        callback=functools.partial(_run, verb),
+    )  # fmt: skip
+
+
+def _parameter(option: Option, verb: str) -> click.Parameter:
+    required = option.default is REQUIRED or (option.name == "output" and verb not in OPTIONAL_OUTPUT)
+    kind: Any = click.Choice(option.choices) if option.choices else Value(option)
+    if option.positional:
+        return click.Argument([option.name], type=kind, nargs=-1 if option.many else 1, required=required)
+    names = [option.name, option.spelling, *(["-o"] if option.name == "output" else [])]
+    text = option.help
+    if option.default is True:
+        text = f"Do not {text[:1].lower()}{text[1:]}"
+    if option.flag:
+        return click.Option(names, is_flag=True, help=text)
+    default = None if option.default in (REQUIRED, ()) else option.default
+    if isinstance(default, tuple):
+        default = ",".join(map(str, default))
+    return click.Option(
+        names,
+        type=kind,
+        multiple=option.many,
+        required=required,
+        help=text,
+        default=default,
+        show_default=True,
+    )
+
+
+def _run(verb: Verb, as_json: bool, quiet: bool, verbose: bool, **values: Any) -> int:
+    """Call the function with what was given, tell its answer; return the exit status."""
+    context = click.get_current_context()
+    given = {n: v for n, v in values.items() if asked(context, n)}
+    defaults = {o.name: o.default for o in verb.options}
+    given = {n: not v if defaults[n] is True else v for n, v in given.items()}
+    if verb.name == "import" and not {"output", "dry_run"} & given.keys():
+        raise click.UsageError("say where the dataset goes with -o, or look first with --dry-run", context)
+    try:
+        return tell(verb, given, as_json=as_json, quiet=quiet, verbose=verbose)
+    except ArgumentError as error:
+        raise click.UsageError(error.line(), context) from None

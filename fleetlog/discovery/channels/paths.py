@@ -1,0 +1,206 @@
+"""The paths of a fleet as the speed channel sees them: nodes in windows, where others were in the way, what every piece took."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.motion import Motion, join
+from fleetlog.discovery.hypotheses.stretches import Stretches
+from fleetlog.discovery.recording.blocks import TRIP
+from fleetlog.discovery.recording.conflicts import hindered
+from fleetlog.discovery.recording.fleet import Fleet
+from fleetlog.discovery.recording.routes import Route, by_day, on_road, routes
+from fleetlog.discovery.recording.splits import HELD_OUT, Split
+from fleetlog.discovery.recording.turns import measure
+from fleetlog.discovery.recording.windows import Windows
+from fleetlog.physics.motion.legs import Leg, joined
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+SHORTEST = 8.0
+"""A shorter leg says nothing of how fast one drives [m]."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """Legs of a vehicle-day laid end to end: G nodes.
+
+    ``motion`` (G,) with ``speed`` that road and truck allow; ``s`` (G,) [m]; ``inside`` (G,) whether the node has a
+    predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane that belongs to a step;
+    ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at the node, neither for a purpose nor for
+    another truck; ``behind`` (W,) whether another truck was in the
+    way in a window.
+    """
+
+    motion: Motion
+    s: Floats
+    inside: Mask
+    of: Ints
+    share: Floats
+    took: Floats
+    standing: Floats
+    behind: Mask
+
+    @property
+    def last(self) -> Mask:
+        """(G,) whether the node is the last of its leg."""
+        return np.append(~self.inside[1:], True)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A leg, and of its nodes whether another truck was in the way, (N,), and whether it was beside its road, (N,)."""
+
+    leg: Leg
+    behind: Mask
+    astray: Mask
+    wait: float
+    """Seconds of the standstill after it that served no purpose."""
+
+
+@dataclass(frozen=True)
+class Day:
+    """What one vehicle drove on one day."""
+
+    route: Route
+    drives: tuple[Drive, ...]
+
+
+def days(fleet: Fleet, split: Split) -> list[Day]:
+    """Return what every vehicle drove, its turns as they are driven where nobody is in the way."""
+    out: list[Day] = []
+    for group in by_day(routes(fleet)).values():
+        group = [r for r in group if not all((leg.path.edge < 0).all() for leg in r.legs)]
+        if group:
+            out += _group(group, fleet)
+    turns = measure(_undisturbed(out, fleet, split), fleet.truck)
+    return [replace(d, drives=tuple(replace(v, leg=turns.on(v.leg)) for v in d.drives)) for d in out]
+
+
+def _group(group: list[Route], fleet: Fleet) -> list[Day]:
+    placed = [[on_road(leg) for leg in r.legs] for r in group]
+    group = [replace(r, legs=tuple(leg for leg, _ in p)) for r, p in zip(group, placed, strict=True)]
+    flags = hindered(group, [free_speed(r.nodes("edge"), fleet) for r in group], fleet.truck)
+    return [
+        Day(r, tuple(_drives(r, *f, np.concatenate([a for _, a in p]))))
+        for r, f, p in zip(group, flags, placed, strict=True)
+    ]
+
+
+def free_speed(edge: NDArray[Any], fleet: Fleet) -> Floats:
+    """(N,) what road and truck allow on edges [m/s]."""
+    assert fleet.network is not None
+    drive = fleet.truck.drive
+    limit = np.nan_to_num(fleet.network.speed_limit, nan=np.inf)[np.maximum(edge.astype(np.int64), 0)]
+    return np.minimum(limit * drive.speed_factor, drive.max_speed)
+
+
+def _drives(r: Route, behind: Mask, held: Mask, astray: Mask) -> Iterator[Drive]:
+    """Legs of a route, those joined between which it only stood since another truck was in the way."""
+    last = np.cumsum(r.size) - 1
+    # Where nothing tells what a stop was for, none is told to be for another truck.
+    on = held[last] & (np.diff(r.errand, append=-1) == 0) & r.known
+    first = 0
+    for k in range(len(r.legs)):
+        if on[k]:
+            continue
+        nodes = slice(int(last[first] - r.size[first] + 1), int(last[k]) + 1)
+        purpose = k + 1 < len(r.legs) and r.errand[k + 1] != r.errand[k]
+        wait = 0.0 if purpose or not r.known or not np.isfinite(r.wait[k]) else float(r.wait[k])
+        yield Drive(joined(list(r.legs[first : k + 1])), behind[nodes], astray[nodes], wait)
+        first = k + 1
+
+
+def _undisturbed(found: list[Day], fleet: Fleet, split: Split) -> Iterator[tuple[Leg, Floats, Mask]]:
+    """Legs with their free speeds and the nodes that the search may look at."""
+    for d in found:
+        for v in d.drives:
+            path, vehicle = v.leg.path, d.route.vehicle
+            fold = split.rows(path.trip + TRIP * vehicle, path.time + d.route.start, vehicle, d.route.day)
+            yield v.leg, free_speed(path.edge, fleet), ~v.behind & ~v.astray & (fold != HELD_OUT)
+
+
+def lay_out(
+    day: Day, fleet: Fleet, lanes: Stretches, length: float
+) -> tuple[Path, Windows, Floats, Mask] | None:
+    """Return the path of a day, its windows, what they took (W,) [s], and which of them count (W,)."""
+    found = [v for v in day.drives if v.leg.whole and v.leg.distance[-1] >= SHORTEST]
+    if not found:
+        return None
+    parts = [v.leg for v in found]
+    wait = np.array([v.wait for v in found])
+    size = np.array([len(leg.distance) for leg in parts])
+    motion = join([leg.path for leg in parts])
+    inside = np.ones(len(motion), bool)
+    inside[np.concatenate([[0], np.cumsum(size)[:-1]])] = False
+    base = np.cumsum([0.0, *(leg.distance[-1] + 1.0 for leg in parts)])
+    s = np.concatenate([leg.distance + b for leg, b in zip(parts, base, strict=False)])
+    of = _windows(parts, length)
+    count = int(of[-1]) + 1
+    took = np.where(inside, np.diff(motion.time, prepend=motion.time[:1]), 0.0)
+    standing = np.zeros(len(took))
+    standing[np.cumsum(size) - 1] = wait
+    took += standing
+    recorded = np.asarray(np.bincount(of, took, count), dtype=np.float64)
+    step = np.where(inside, np.diff(s, prepend=s[:1]), 0.0)
+    share = _shares(lanes, motion, step, inside, wait)
+    assert fleet.network is not None
+    limit = np.nan_to_num(fleet.network.speed_limit, nan=np.inf)[motion.edge]
+    motion = motion.replaced(
+        speed=limit, time=motion.time + day.route.start, vehicle=np.full(len(motion), day.route.vehicle)
+    )
+    behind, astray = (
+        np.bincount(of, np.concatenate([getattr(v, n) for v in found]), count) > 0
+        for n in ("behind", "astray")
+    )
+    metres = np.asarray(np.bincount(of, step, count), dtype=np.float64)
+    middle = np.searchsorted(of, np.arange(count)) + np.bincount(of) // 2
+    windows = Windows(
+        trip=motion.trip[middle] + TRIP * day.route.vehicle, vehicle=motion.vehicle[middle], day=np.full(count, day.route.day),
+        edge=motion.edge[middle].astype(np.int64), duration=np.maximum(metres, 0.5), distance=metres,
+        x=motion.x[middle], y=motion.y[middle], time=motion.time[middle],
+    )  # fmt: skip
+    return (
+        Path(motion, s, inside, of, share, took, standing, behind),
+        windows,
+        recorded,
+        (recorded > 0.0) & ~behind & ~astray,
+    )
+
+
+def _shares(lanes: Stretches, motion: Motion, step: Floats, inside: Mask, waits: Floats) -> Floats:
+    """(G,) part of the passage of a lane that each step is; the parts of a passage add up to one.
+
+    Of a passage with a stop on the way all belongs to the window that ends in the stop, whose time has the wait.
+    """
+    lane = lanes.at(motion)[0]
+    begin = np.flatnonzero(~inside)
+    run = np.cumsum((np.diff(lane, prepend=-1) != 0) | ~inside) - 1
+    passage, stop = np.arange(int(run[-1]) + 1), np.full(int(run[-1]) + 1, -1)
+    for k in range(len(begin) - 1):
+        start, end = begin[k + 1], begin[k + 1] - 1
+        if waits[k] > 0.0 and lane[start] == lane[end]:
+            passage[run[start]] = passage[run[end]]
+            stop[passage[run[end]]] = end
+    of = passage[run]
+    share = step / np.maximum(np.bincount(of, step, len(passage)), 1e-9)[of]
+    share[stop[of] >= 0] = 0.0
+    share[stop[stop >= 0]] = 1.0
+    return np.asarray(share)
+
+
+def _windows(parts: list[Leg], length: float) -> Ints:
+    """(G,) window of each node: ``length`` metres of one leg; the last takes the rest."""
+    out, base = [], 0
+    for leg in parts:
+        count = max(int(leg.distance[-1] // length), 1)
+        out.append(base + np.minimum((leg.distance // length).astype(np.int64), count - 1))
+        base += count
+    return np.concatenate(out)

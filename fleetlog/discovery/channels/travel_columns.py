@@ -1,0 +1,170 @@
+"""Columns of the speed channel: how the time on a path changes with each number, field and free curve."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.channels.paths import Path
+from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
+from fleetlog.discovery.hypotheses.sources import (
+    CurveSource,
+    ErrorSource,
+    FieldSource,
+    KnobSource,
+    PlaceSource,
+    Source,
+)
+from fleetlog.discovery.hypotheses.stretches import Stretches
+from fleetlog.discovery.model import Model
+from fleetlog.physics.power import Physics, all_terms, allowed_speed
+from fleetlog.physics.term import Term
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+SLOWEST = 0.05
+"""Speed that every cap leaves [m/s]."""
+STEP = 0.02
+"""Finite differences, as a share of a parameter's range."""
+
+
+def drive_times(path: Path, physics: Physics) -> tuple[Floats, Mask]:
+    """Return the time of the step to each node, (G,) [s], and whether a cap holds the speed down there."""
+    from fleetlog.physics.motion.kernels.profile import clock, passes
+
+    if physics.own:
+        parts = [(w, *drive_times(path, p)) for w, p in physics.phases(path.motion.time)]
+        held = np.any([capped & (w > 0.5) for w, _, capped in parts], axis=0)
+        return np.asarray(sum(w * time for w, time, _ in parts)), held
+    truck = physics.actual_truck()
+    drive = truck.drive
+    allowed = np.minimum(path.motion.speed * drive.speed_factor, drive.max_speed)
+    cap = np.maximum(
+        np.minimum(allowed, allowed_speed(path.motion.replaced(speed=allowed), physics)), SLOWEST
+    )
+    ends = ~path.inside | path.last
+    mass = truck.chassis.mass + path.motion.payload
+    speed = passes(
+        path.s, np.where(ends, 0.0, cap), path.motion.slope, mass, drive.max_acceleration,
+        drive.max_deceleration,
+        drive.max_power, truck.resistance.rolling,
+    )  # fmt: skip
+    time = clock(path.s, speed, np.zeros(len(cap)), drive.max_acceleration, drive.max_deceleration)
+    return np.where(path.inside, np.diff(time, prepend=0.0), 0.0), (speed > 0.97 * cap) & path.inside
+
+
+def summed(path: Path, values: Floats) -> Floats:
+    """Return the sums of values at nodes over windows, (W,)."""
+    return np.asarray(np.bincount(path.of, values, int(path.of[-1]) + 1), dtype=np.float64)
+
+
+class Places(Protocol):
+    """What columns need of the channel."""
+
+    roads: Stretches
+
+    def cells(self, term: Term | None) -> Stretches:
+        """Return the cells of a field."""
+        ...
+
+    def state(self, path: Path) -> dict[str, Floats]:
+        """Return the recorded variables that a mismatch may follow, by node."""
+        ...
+
+
+@dataclass
+class About:
+    """Columns of a path about a model."""
+
+    channel: Places
+    path: Path
+    model: Model
+    physics: Physics
+    vehicle: int
+    seconds: Floats
+    capped: Mask
+
+    def columns(self, source: Source) -> Floats:
+        """Return the columns of one source, (W, k)."""
+        kinds: dict[type, Callable[[], Floats]] = {
+            KnobSource: lambda: self._knob(source),  # type: ignore[arg-type]
+            FieldSource: lambda: self._field(source),  # type: ignore[arg-type]
+            CurveSource: lambda: self._curve(source.curve),  # type: ignore[union-attr]
+            PlaceSource: self._place,
+            ErrorSource: lambda: self._moments(source.name),  # type: ignore[union-attr]
+        }
+        return kinds[type(source)]()
+
+    def _knob(self, source: KnobSource) -> Floats:
+        knob = source.knob
+        term, p = all_terms()[knob.term], knob.definition
+        now = self.model.of_vehicle(knob, self.vehicle)
+        now += self.model.coordinate(knob) if knob.scope.timed else 0.0
+        low, high = sorted((p.scaled(p.low), p.scaled(p.high)))
+        step = STEP * min(high - low, 4.0 * abs(now))
+        ends = [now + step, now - step]
+        if p.reach and now == p.scaled(p.neutral):
+            ends = [p.scaled(p.neutral - p.reach), now]
+        times = [self._set(term, {**dict(source.setting), p.name: p.value_of(e)}) for e in ends]
+        change = times[0] - times[1]
+        if not knob.scope.whole:
+            change = change * knob.scope.share(self.vehicle, self.path.motion.time)
+        return np.asarray(summed(self.path, change)[:, None] / (ends[0] - ends[1]))
+
+    def _set(self, term: Term, setting: dict[str, float]) -> Floats:
+        phases = self.physics.phases(self.path.motion.time)
+        return np.asarray(
+            sum(w * drive_times(self.path, p.changed({term.name: setting}))[0] for w, p in phases)
+        )
+
+    def _field(self, source: FieldSource) -> Floats:
+        term = all_terms()[source.term]
+        cells, there = self.channel.cells(term), source.scope.share(self.vehicle, self.path.motion.time)
+        if term.acts == "wait":
+            return self._by_cell(cells, self.path.share * there) @ cells.root(False)
+        first = term.parameters[0]
+        now = np.asarray(self.physics.values.get(term.name, {}).get(first.name, first.neutral), dtype=float)
+        # Where a cap binds, time goes with the inverse of the share of it that is driven.
+        slope = np.where(self.capped, self.seconds * now, 0.0)
+        return np.asarray(self._by_cell(cells, slope * there) @ cells.root(term.odd))
+
+    def _place(self) -> Floats:
+        roads = self.channel.roads
+        return np.asarray(self._by_cell(roads, UNIT["time"] * self.seconds) @ roads.root(False))
+
+    def _by_cell(self, cells: Stretches, values: Floats) -> Floats:
+        return self._sorted(cells.at(self.path.motion)[0].astype(np.int64), len(cells), values)
+
+    def _sorted(self, column: Ints, count: int, values: Floats) -> Floats:
+        windows = int(self.path.of[-1]) + 1
+        total = np.bincount(self.path.of * count + column, values, windows * count)
+        return np.asarray(total.reshape(windows, count), dtype=np.float64)
+
+    def _curve(self, curve: FreeCurve) -> Floats:
+        parts = [
+            self._sorted(column, curve.width, UNIT["time"] * self.seconds * share)
+            for column, share in curve.hats(self.channel.state(self.path))
+        ]
+        return np.asarray(np.sum(parts, axis=0))
+
+    def _moments(self, name: str) -> Floats:
+        step = np.diff(self.path.s, prepend=self.path.s[:1])
+        pace = np.where(self.path.inside, self.seconds / np.maximum(step, 1e-9), 0.0)
+        dip = (
+            self.path.inside
+            & (pace >= np.roll(pace, 1))
+            & (pace > np.roll(pace, -1))
+            & ~np.roll(~self.path.inside, 1)
+        )
+        which = {
+            "setting off": ~self.path.inside,
+            "stopping": self.path.last,
+            "slowing down": dip & ~self.path.last,
+        }[name]
+        return summed(self.path, which.astype(float))[:, None]

@@ -1,0 +1,146 @@
+"""Where trucks were in one another's way.
+
+A truck is hindered on the stretch before a place that another leaves after it has come within reach of that place: close behind
+another, before a crossing that another is to pass, behind one that stands.  The time between the two at one place is the
+post-encroachment time of traffic safety (Allen, Shin and Cooper 1978).  Only positions decide, never how long anything took.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.truck import Truck
+from fleetlog.discovery.recording.routes import Route
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+WIDTH, ABREAST = 2.0, 1.2
+"""Two trucks cannot be at places nearer than this at once; than that, where they meet head-on [m]."""
+BODY, REACTION = 6.0, 2.0
+"""Length of a truck with the gap that it keeps [m], and the headway that drivers keep [s]."""
+CLOSE = 3.0
+"""A driver heeds a truck that passes the crossing so soon after him [s]."""
+ALONG, AGAINST = 0.7, -0.7
+"""Cosine of the angle between two courses above which one follows, below which they meet head-on."""
+RELEASE = 6.0
+"""Whoever waits for another sets off so soon after the way is free [s]."""
+FARTHEST = 60.0
+"""No truck is heeded from farther away [m]."""
+PASSING = 2.0
+"""Who is at a place for longer stands there [s]."""
+
+
+@dataclass(frozen=True)
+class _Nodes:
+    """Nodes of all routes of a day, (N,) each; ``first`` node of the errand of each."""
+
+    vehicle: Ints
+    way: Floats
+    x: Floats
+    y: Floats
+    arrive: Floats
+    leave: Floats
+    course: Floats
+    speed: Floats
+    first: Ints
+
+
+def hindered(found: Sequence[Route], free: Sequence[Floats], truck: Truck) -> list[tuple[Mask, Mask]]:
+    """Return of each route of one day whether another truck was in the way at its nodes, and held it up until it left them, (N,).
+
+    ``free`` (N,) of each is the speed that its roads allow [m/s].
+    """
+    n = _nodes(found)
+    v = np.concatenate(free)
+    drive = truck.drive
+    i, j = _met(n, BODY + REACTION * v + v**2 / (2.0 * drive.max_deceleration))
+    cosine = np.cos(n.course[i] - n.course[j])
+    apart = np.hypot(n.x[i] - n.x[j], n.y[i] - n.y[j])
+    ahead = n.speed[j] * np.maximum(cosine, 0.0)
+    reach = BODY + REACTION * v[i] + np.maximum(v[i] ** 2 - ahead**2, 0.0) / (2.0 * drive.max_deceleration)
+    crossing = (np.abs(cosine) < ALONG) & (n.leave[j] - n.arrive[j] < PASSING)
+    late = n.arrive[i] + np.where(crossing, CLOSE, 0.0)
+    begin = _before(n, i, reach)
+    real = (
+        (n.leave[j] > n.arrive[begin])
+        & (n.leave[j] < late)
+        & (apart < np.where(cosine < AGAINST, ABREAST, WIDTH))
+    )
+    i, j, begin = i[real], j[real], begin[real]
+    end = np.searchsorted(n.way, n.way[i] + v[i] ** 2 / (2.0 * drive.max_acceleration), side="right")
+    flags, held = _spans(begin, end, len(v)), _held(n, begin, i, n.leave[j])
+    parts = np.cumsum([len(r.of) for r in found])[:-1]
+    return list(zip(np.split(flags, parts), np.split(held, parts), strict=True))
+
+
+def _spans(begin: Ints, end: Ints, count: int) -> Mask:
+    """(count,) whether a node lies in any span."""
+    change = np.bincount(begin, minlength=count + 1) - np.bincount(end, minlength=count + 1)
+    return np.asarray(np.cumsum(change)[:count] > 0)
+
+
+def _held(n: _Nodes, begin: Ints, i: Ints, freed: Floats) -> Mask:
+    """(N,) whether the way ahead was freed just before a truck set off from a node where it stood."""
+    out = np.zeros(len(n.way), bool)
+    order = np.argsort(i, kind="stable")
+    begin, freed = begin[order], freed[order]
+    for node in np.flatnonzero(n.leave - n.arrive > 0.0):
+        a, b = np.searchsorted(i[order], [node, np.searchsorted(n.way, n.way[node] + FARTHEST)])
+        out[node] = bool((freed[a:b][begin[a:b] <= node] > n.leave[node] - RELEASE).any())
+    return out
+
+
+def _nodes(found: Sequence[Route]) -> _Nodes:
+    def all_of(values: list[Floats]) -> Floats:
+        return np.concatenate(values)
+
+    # Ways of different trucks are set far apart too, so that one array serves all.
+    base = np.cumsum([0.0, *(r.way[-1] + 1e4 for r in found)])
+    way = all_of([r.way + b for r, b in zip(found, base, strict=False)])
+    first = np.flatnonzero(np.diff(way, prepend=-np.inf) > 500.0)
+    return _Nodes(
+        np.repeat([r.vehicle for r in found], [len(r.of) for r in found]), way,
+        all_of([r.nodes("x") for r in found]), all_of([r.nodes("y") for r in found]),
+        all_of([r.arrive for r in found]), all_of([r.leave for r in found]), all_of([r.course for r in found]),
+        all_of([r.nodes("speed") for r in found]),
+        first[np.searchsorted(first, np.arange(len(way)), side="right") - 1],
+    )  # fmt: skip
+
+
+def _before(n: _Nodes, i: Ints, reach: Floats) -> Ints:
+    """The node that lies ``reach`` before node ``i``, within its errand."""
+    return np.maximum(np.searchsorted(n.way, n.way[i] - reach), n.first[i])
+
+
+def _met(n: _Nodes, reach: Floats) -> tuple[Ints, Ints]:
+    """Pairs of a node and one of another vehicle near it that was left in the time that may matter."""
+    column, row = np.floor(n.x / WIDTH).astype(np.int64), np.floor(n.y / WIDTH).astype(np.int64)
+    origin = n.arrive.min()
+    everyone = np.arange(len(reach))
+    early, late = n.arrive[_before(n, everyone, reach)] - origin, n.arrive - origin + CLOSE
+    left = n.leave - origin
+    span = float(max(left.max(), late.max())) + 1.0
+
+    def key(dx: int, dy: int, time: Floats) -> Floats:
+        cell = (column + dx - column.min() + 1) * (np.ptp(row) + 3) + (row + dy - row.min() + 1)
+        return np.asarray(cell * span + time, dtype=np.float64)
+
+    own = key(0, 0, left)
+    order = np.argsort(own, kind="stable")
+    own = own[order]
+    pairs = []
+    for dx in (-1, 0, 1):
+        for dy in (-1, 0, 1):
+            a, b = np.searchsorted(own, key(dx, dy, early)), np.searchsorted(own, key(dx, dy, late))
+            count = np.maximum(b - a, 0)
+            i = np.repeat(everyone, count)
+            j = order[np.arange(len(i)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(a, count)]
+            other = n.vehicle[i] != n.vehicle[j]
+            pairs.append((i[other], j[other]))
+    return np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])

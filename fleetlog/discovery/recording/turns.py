@@ -1,0 +1,160 @@
+"""How each way over a junction is driven: maps hold neither lanes nor curves, so turns are measured on the trucks themselves.
+
+Undisturbed passages tell the speed, positions where the bend lies.  Only how one way over a junction differs from another is taken
+from there; what all have in common stays the model's to explain.  Where the corners of the map, rounded with the radius of the
+truck, explain the speeds seen, they are kept as they are.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.truck import Truck
+from fleetlog.physics.motion.legs import Leg
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Way = tuple[int, int]
+"""Edges before and behind a junction."""
+
+FEWEST = 3
+"""Passages from which on a way over a junction is known."""
+REACH = 9.0
+"""Half the way on which a junction is crossed [m]."""
+CLEAR = 14.0
+"""Nearer to a stop, the speed at a junction is that of setting off or stopping [m]."""
+BEND, BACK = 0.6, 2.6
+"""A smaller turn is none; a larger one is a turn on the spot [rad]."""
+DRIVEN = 0.7
+"""Quantile of the speeds of undisturbed passages that is the one intended: some dawdle, or meet what nobody recorded."""
+SHORTEST = 1.0
+"""Shortest bend [m]; and a quarter of one where a truck goes straight on."""
+BLUR = 1.0 / 3.0
+"""Variance of the stretch over which a course is taken here [m2]."""
+EXPLAINED = 0.1
+"""Share of the speed by which corners of the map may miss that of turns."""
+ALIKE = 0.65
+"""Share of the nominal lateral acceleration above which a map without curves cannot tell it from that of the truck file."""
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A way over a junction.
+
+    ``angle`` [rad]; ``middle`` (about the meeting of the edges) and ``length`` of its bend [m]; ``speed`` driven and ``free``
+    speed [m/s]; ``curvature`` by the map [1/m].
+    """
+
+    angle: float
+    middle: float
+    length: float
+    speed: float
+    free: float
+    curvature: float
+
+
+@dataclass(frozen=True)
+class Turns:
+    """Ways over junctions, and the lateral acceleration at which their speeds are those driven [m/s2]."""
+
+    by_way: dict[Way, Turn]
+    lateral: float
+
+    def on(self, leg: Leg) -> Leg:
+        """Return a leg with the curvature that its turns have by their speed."""
+        if not self.by_way:
+            return leg
+        s, curvature = leg.distance, leg.path.curvature.copy()
+        found = [(s[i], self.by_way.get(_way(leg, i))) for i in junctions(leg)]
+        known = [(place, turn) for place, turn in found if turn is not None]
+        for place, _ in known:
+            curvature[np.abs(s - place) < 0.7 * REACH] = 0.0
+        for place, turn in known:
+            bend = np.abs(s - place - turn.middle) <= max(0.5 * turn.length, 0.3)
+            curvature[bend] = np.maximum(curvature[bend], self.lateral / turn.speed**2)
+        return replace(leg, path=leg.path.replaced(curvature=curvature))
+
+
+@dataclass(frozen=True)
+class _Pass:
+    speed: float
+    free: float
+    curvature: float
+    turned: Floats
+    at: Floats
+    spacing: float
+
+
+def measure(drives: Iterable[tuple[Leg, Floats, Mask]], truck: Truck) -> Turns:
+    """Return the turns of legs, each with its free speed (N,) and the nodes that count (N,)."""
+    passes: dict[Way, list[_Pass]] = defaultdict(list)
+    for leg, free, use in drives:
+        for i in junctions(leg):
+            one = _pass(leg, free, use, i)
+            if one is not None:
+                passes[_way(leg, i)].append(one)
+    known = {way: _turn(p) for way, p in passes.items() if len(p) >= FEWEST}
+    bends = [t for t in known.values() if BEND < abs(t.angle) < BACK]
+    if len(bends) < FEWEST or _map_explains(list(known.values())):
+        return Turns({}, 0.0)
+    nominal = truck.drive.max_lateral_acceleration
+    level = float(np.median([t.speed**2 for t in bends])) / truck.chassis.turn_radius
+    return Turns(known, level if level < ALIKE * nominal else nominal)
+
+
+def junctions(leg: Leg) -> Iterator[int]:
+    """Yield the last node before each change of edge."""
+    yield from np.flatnonzero(np.diff(leg.path.edge) != 0).tolist()
+
+
+def _way(leg: Leg, i: int) -> Way:
+    return int(leg.path.edge[i]), int(leg.path.edge[i + 1])
+
+
+def _pass(leg: Leg, free: Floats, use: Mask, i: int) -> _Pass | None:
+    s = leg.distance - leg.distance[i]
+    near = np.flatnonzero(np.abs(s) < REACH)
+    if -s[0] < CLEAR or s[-1] < CLEAR or not use[near].all():
+        return None
+    x, y, speed = leg.path.x[near], leg.path.y[near], leg.path.speed[near]
+    course = np.unwrap(np.arctan2(y[4:] - y[:-4], x[4:] - x[:-4]))
+    at = s[near][2:-2]
+    curvature = float(np.abs(leg.path.curvature[near]).max())
+    turned, middle = np.diff(course), 0.5 * (at[1:] + at[:-1])
+    return _Pass(
+        float(speed.min()), float(free[near].min()), curvature, turned, middle, float(np.median(speed))
+    )
+
+
+def _turn(passes: list[_Pass]) -> Turn:
+    """What passages have in common."""
+    angle = float(np.median([p.turned.sum() for p in passes]))
+    speed = max(float(np.quantile([p.speed for p in passes], DRIVEN)), 0.1)
+    free, curvature = (float(np.median([getattr(p, n) for p in passes])) for n in ("free", "curvature"))
+    if abs(angle) < BEND:
+        return Turn(angle, 0.0, 4.0 * SHORTEST, speed, free, curvature)
+    turned, at = np.concatenate([p.turned for p in passes]), np.concatenate([p.at for p in passes])
+    weight = turned / turned.sum()
+    middle = float(np.clip(weight @ at, -0.5 * REACH, 0.5 * REACH))
+    # Between two rows the way is straight here: that widens the bend.
+    blur = BLUR + float(np.mean([p.spacing**2 for p in passes])) / 6.0
+    variance = float(weight @ (at - middle) ** 2) - blur
+    length = float(np.clip(np.sqrt(12.0 * max(variance, 0.0)), SHORTEST, REACH))
+    return Turn(angle, middle, length, speed, free, curvature)
+
+
+def _map_explains(known: list[Turn]) -> bool:
+    """Whether one lateral acceleration on the corners of the map gives the speeds driven."""
+    speed, free, bend = (np.array([getattr(t, n) for t in known]) for n in ("speed", "free", "curvature"))
+    misses = [
+        float(
+            np.sqrt(np.mean((np.minimum(free, np.sqrt(lateral / np.maximum(bend, 1e-6))) / speed - 1.0) ** 2))
+        )
+        for lateral in np.geomspace(0.1, 10.0, 60)
+    ]
+    return min(misses) < EXPLAINED

@@ -1,0 +1,241 @@
+"""Whom and when: every number tried for kinds of trucks, parts of the time, and a truck's part of the time.
+
+The products of a number's column are summed by truck and by slot of time.  Those of any scope are sums of
+them, so that all sets of trucks that stand out, all pairs of a begin and an end, and a drift are compared at
+once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.hypotheses.hypothesis import TIME, Hypothesis, Pattern
+from fleetlog.discovery.hypotheses.scope import Scope
+from fleetlog.discovery.model import Knob
+from fleetlog.discovery.search.design import Design, make_design, of_hypothesis
+from fleetlog.discovery.search.joint import Joint
+from fleetlog.discovery.search.problem import Problem
+from fleetlog.discovery.search.ridge import Prior
+from fleetlog.discovery.search.screen import Screened
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SLOTS = 48
+"""Of the recorded time: a change is placed within a hundredth of it."""
+GROUPS = 600
+"""Trucks times slots at most: of large fleets the slots are wider."""
+SHORTEST = 3
+"""Slots that a period lasts at least: a sixteenth of the recording."""
+DISTINCT = 1e-3
+"""Share of a column's square that the model must leave of it: of less, nothing is learnt."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column beside a model of K coefficients: products by slow fold F, truck V and slot S.
+
+    ``gram`` (F, K, K) and ``moment`` (F, K) of the model; ``cross`` (F, V, S, K), ``along`` (F, V, S) with the
+    residual and ``own`` (F, V, S) of the column; ``unit`` of the losses.
+    """
+
+    gram: Floats
+    moment: Floats
+    cross: Floats
+    along: Floats
+    own: Floats
+    prior: Prior
+    unit: float
+
+    def beside(self, without: int | None = None) -> tuple[Floats, Floats]:
+        """Return the (K, K) inverse of the model's products and its (K,) fit, on all folds or all but one."""
+        keep = np.arange(len(self.gram)) != (-1 if without is None else without)
+        gram, prior = self.gram[keep].sum(axis=0), self.prior
+        inverse = np.linalg.pinv(gram + np.diag(prior.precision + 1e-9 * np.maximum(np.diag(gram), 1e-12)))
+        return inverse, inverse @ (self.moment[keep].sum(axis=0) + prior.precision * prior.centre)
+
+    def gain(self, weights: Floats) -> tuple[Floats, Floats]:
+        """Return the (N,) gains, in natural logarithms, and steps of the column with (N, V, S) weights."""
+        inverse, beta = self.beside()
+        cross, along, own = (a.sum(axis=0) for a in (self.cross, self.along, self.own))
+        flat = weights.reshape(len(weights), -1)
+        c, a, o = flat @ cross.reshape(flat.shape[1], -1), flat @ along.ravel(), flat**2 @ own.ravel()
+        size = o - np.einsum("ni,ni->n", c @ inverse, c)
+        known, moment = size > DISTINCT * o, a - c @ beta
+        step = np.where(known, moment / np.where(known, size, 1.0), 0.0)
+        return step * moment / self.unit, step
+
+    def validated(self, weight: Floats) -> tuple[Floats, float]:
+        """Return what the column with (V, S) weights gains on each unseen fold, (F,), and what it saves the prior."""
+        cross = np.einsum("vs,fvsk->fk", weight, self.cross)
+        along, own = (np.einsum("vs,fvs->f", w, p) for w, p in ((weight, self.along), (weight**2, self.own)))
+        gains = np.zeros(len(self.gram))
+        for f in range(len(gains)):
+            keep = np.arange(len(gains)) != f
+            _, beta, by, step = self._step(f, *(p[keep].sum(axis=0) for p in (cross, along, own)))
+            # Of the fold held out: its products once the fit on the others is taken away.
+            size = own[f] - 2.0 * cross[f] @ by + by @ self.gram[f] @ by
+            left = along[f] - cross[f] @ beta - by @ (self.moment[f] - self.gram[f] @ beta)
+            gains[f] = 2.0 * step * left - step**2 * size
+        _, beta, by, step = self._step(None, *(p.sum(axis=0) for p in (cross, along, own)))
+        return gains / self.unit, self.prior.penalty(beta) - self.prior.penalty(beta - by * step)
+
+    def _step(
+        self, without: int | None, cross: Floats, along: float, own: float
+    ) -> tuple[Floats, Floats, Floats, float]:
+        inverse, beta = self.beside(without)
+        by = inverse @ cross
+        size = own - cross @ by
+        step = float((along - cross @ beta) / size) if size > DISTINCT * own else 0.0
+        return inverse, beta, by, step
+
+
+@dataclass(frozen=True)
+class Slotted:
+    """Products of J columns, see :class:`Column`, and the model's K coefficients: ``beta``, and which are ``free``."""
+
+    edges: Floats
+    gram: Floats
+    moment: Floats
+    cross: Floats
+    along: Floats
+    own: Floats
+    prior: Prior
+    beta: Floats
+    free: Mask
+    knobs: tuple[Knob | None, ...]
+    unit: float
+
+    def column(self, j: int, loose: Knob | None = None) -> Column:
+        """Return one column; coefficients of the model on a bound stay there, but those of the ``loose`` number."""
+        free = self.free | [loose is not None and k is not None and k.fleet == loose for k in self.knobs]
+        held = np.where(free, 0.0, self.beta)
+        cross, p = self.cross[..., j, :], self.prior
+        return Column(
+            self.gram[:, free][:, :, free], (self.moment - self.gram @ held)[:, free], cross[..., free],
+            self.along[..., j] - cross @ held, self.own[..., j],
+            Prior(p.precision[free], p.centre[free], p.low[free], p.high[free]), self.unit,
+        )  # fmt: skip
+
+
+def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[Screened]:
+    """Return each number at its best for a kind of trucks, a part of the time, and one truck's part of the time."""
+    numbers = _numbers(now, screened)
+    if not numbers:
+        return []
+    s = _slotted(problem, now, numbers)
+    out = []
+    for j, h in enumerate(numbers):
+        for column, scope, weight in _likely(s, j, h.knobs[0]):
+            own = replace(h, knobs=tuple(replace(k, scope=scope) for k in h.knobs))
+            gains, relieved = column.validated(weight)
+            cost = problem.settings.parameter * own.numbers + own.choices
+            out.append(Screened(own, float(gains.sum()) + relieved - cost, gains))
+    return out
+
+
+def narrowed(problem: Problem, now: Joint, joint: Joint) -> Hypothesis | None:
+    """Return the field that a joint model adds, in its likeliest part of the time; None where it adds none."""
+    h = joint.chosen[-1]
+    if not (h.field or h.patterns) or h.term is None:
+        return None
+    shape = Pattern(joint.model.fields[h.term].tobytes(), "as found")
+    s = _slotted(problem, now, [Hypothesis(h.term, patterns=(shape,))])
+    every = tuple(range(len(problem.channel.vehicles)))
+    return replace(h, when=max(_parts(s.column(0), s.edges, every), key=lambda p: p[0])[1])
+
+
+def _numbers(now: Joint, screened: Sequence[Screened]) -> list[Hypothesis]:
+    """Every number of the fleet whose changes are not in the model yet, in its most likely shape."""
+    taken = {k.fleet for h in now.chosen for k in h.knobs if k.scope.timed}
+    best: dict[Knob, Hypothesis] = {}
+    for h in (s.hypothesis for s in screened):
+        if len(h.knobs) == 1 and h.scope.whole and h.knobs[0] not in taken:
+            best.setdefault(h.knobs[0], h)
+    return list(best.values())
+
+
+def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slotted:
+    assert now.design is not None and now.fitted is not None and problem.noise is not None
+    layout, _ = problem.layout([*now.chosen, *numbers])
+    design = make_design(problem.channel, layout, now.model, now.chosen)
+    added = Design(tuple(of_hypothesis(problem.channel, layout, now.model, h)[0] for h in numbers))
+    vehicles, folds = len(problem.channel.vehicles), problem.settings.folds
+    slots = int(np.clip(GROUPS // vehicles, 12, SLOTS))
+    edges = problem.channel.moments(slots)
+    k, j, groups = len(design.atoms), len(numbers), folds * vehicles * slots
+    gram, moment = np.zeros((folds, k, k)), np.zeros((folds, k))
+    cross, along, own = np.zeros((groups, j, k)), np.zeros((groups, j)), np.zeros((groups, j))
+    for i, unit in problem.training():
+        use, w = unit.whole, unit.windows[unit.whole]
+        modelled, x = problem.channel.columns(unit, now.model, layout.sources)
+        root = np.sqrt(problem.noise.weight(i, unit)[use])[:, None]
+        base, new = (d.columns(x[use], w.vehicle) * root for d in (design, added))
+        left = (unit.recorded - modelled)[use] * root[:, 0]
+        slot = np.clip(np.searchsorted(edges, w.time, side="right") - 1, 0, slots - 1)
+        code = (problem.folds(i, unit)[1][use] * vehicles + w.vehicle) * slots + slot
+        for c in np.unique(code):
+            rows = code == c
+            b, n, r = base[rows], new[rows], left[rows]
+            gram[c // (vehicles * slots)] += b.T @ b
+            moment[c // (vehicles * slots)] += b.T @ r
+            cross[c] += n.T @ b
+            along[c] += n.T @ r
+            own[c] += np.einsum("ij,ij->j", n, n)
+    prior, beta, shape = now.design.prior, now.fitted.beta, (folds, vehicles, slots, j)
+    return Slotted(
+        edges, gram, moment, cross.reshape(*shape, k), along.reshape(shape), own.reshape(shape), prior, beta,
+        (beta > prior.low) & (beta < prior.high), tuple(a.knob for a in design.atoms),
+        2.0 * problem.noise.design,
+    )  # fmt: skip
+
+
+def _likely(s: Slotted, j: int, knob: Knob) -> list[tuple[Column, Scope, Floats]]:
+    """The likeliest scopes of each kind: the column, the scope, and its weight by truck and slot, (V, S)."""
+    column, loose = s.column(j), s.column(j, knob)
+    vehicles = column.along.shape[1]
+    out = [(column, scope, weight) for scope, weight in _kind(column)]
+    best = _parts(loose, s.edges, tuple(range(vehicles)))
+    if vehicles > 1:
+        single = [part for v in range(vehicles) for part in _parts(loose, s.edges, (v,))]
+        best += sorted(single, key=lambda p: -p[0])[:2]
+    return out + [(loose, scope, weight) for _, scope, weight in best]
+
+
+def _kind(column: Column) -> list[tuple[Scope, Floats]]:
+    """The two or more trucks, but not all, with the largest or smallest numbers that stand out most."""
+    _, vehicles, slots = column.along.shape
+    if vehicles < 3:
+        return []
+    each = np.repeat(np.eye(vehicles)[:, :, None], slots, axis=2)
+    order = np.argsort(column.gain(each)[1])
+    sets = [np.sort(o[:n]) for o in (order, order[::-1]) for n in range(2, vehicles)]
+    weights = np.stack([each[who].sum(axis=0) for who in sets])
+    k = int(np.argmax(column.gain(weights)[0]))
+    return [(Scope(tuple(int(v) for v in sets[k])), weights[k])]
+
+
+def _parts(column: Column, edges: Floats, who: tuple[int, ...]) -> list[tuple[float, Scope, Floats]]:
+    """The likeliest part of the time in some trucks, and a drift: gain less the cost of the choice, scope, weight."""
+    _, vehicles, slots = column.along.shape
+    first, last = np.triu_indices(slots + 1, SHORTEST)
+    part = (first > 0) | (last < slots)
+    first, last, number = first[part], last[part], np.arange(slots)
+    there = (number >= first[:, None]) & (number < last[:, None])
+    ramp = (number + 0.5) / slots
+    trucks = np.isin(np.arange(vehicles), who).astype(float)
+    weights = trucks[:, None] * np.concatenate([there, ramp[None]])[:, None, :]
+    gains = column.gain(weights)[0]
+    ends = np.append(TIME * ((first > 0).astype(float) + (last < slots)), 2.0 * TIME)
+    k, scope = int(np.argmax((gains - ends)[:-1])), Scope(who if len(who) < vehicles else ())
+    begin = float(edges[first[k]]) if first[k] else -np.inf
+    until = float(edges[last[k]]) if last[k] < slots else np.inf
+    drift = replace(scope, begin=float(edges[0]), until=float(edges[-1]), drift=True)
+    return [
+        (float(gains[k] - ends[k]), replace(scope, begin=begin, until=until), weights[k]),
+        (float(gains[-1] - ends[-1]), drift, weights[-1]),
+    ]

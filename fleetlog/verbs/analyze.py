@@ -1,0 +1,91 @@
+"""Trips, stops, energy, density, heat maps, chargers of a dataset."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from fleetlog.api.answer import Answer, destination
+from fleetlog.api.inputs import as_dataset, as_physics, as_truck, files_of
+from fleetlog.api.signature import SHARED, Option, options_of
+from fleetlog.api.verb import JOBS, Verb, on_engine
+from fleetlog.core.arguments import Named
+from fleetlog.errors import ArgumentError, nearest
+from fleetlog.registry import part, part_lines
+
+PACKAGE = "fleetlog.analysis"
+OUTPUT = (
+    Option("output", None, "Folder to write.", check=Named("PATH", path=True)),
+    Option("overwrite", False, SHARED["overwrite"], flag=True),
+)
+
+
+class Analysis(Verb):
+    """An analysis as a function of the library: inputs may be paths, and the result can be saved and shown."""
+
+    def __init__(self, name: str, function: Callable[..., Any]) -> None:
+        super().__init__(function, name=name, added=(*JOBS, *OUTPUT))
+
+    def __call__(self, *args: Any, **options: Any) -> Answer:
+        """Answer the question; write the answer to ``output`` where one is given."""
+        given = self.converted(*args, **options)
+        output, overwrite = given.pop("output", None), given.pop("overwrite", False)
+        inputs = files_of(*(given[o.name] for o in self.options if o.name in given and o.is_input))
+        with on_engine(given), destination(output, "analysis", overwrite, inputs) as keep:
+            loaded = self._loaded(given)
+            return keep(Answer.of(self.function(**loaded), loaded["dataset"].site))
+
+    def _loaded(self, given: dict[str, Any]) -> dict[str, Any]:
+        """Paths as what they hold; physics last, as it is read for a truck and a map."""
+        kinds = {o.name: o.type.__name__ for o in options_of(self.function) if inspect.isclass(o.type)}
+        loaded = dict(given)
+        for name, load in (("Dataset", as_dataset), ("Truck", as_truck)):
+            loaded |= {k: load(v) for k, v in loaded.items() if kinds.get(k) == name and v is not None}
+        for k, v in given.items():
+            if kinds.get(k) == "Physics" and v is not None:
+                loaded[k] = as_physics(v, loaded["truck"], loaded["dataset"].site.network)
+        return loaded
+
+
+class Analyses:
+    """Every analysis by its name: ``analyze.density(dataset)``, or ``analyze("density", dataset)``."""
+
+    __name__ = "analyze"
+
+    def __call__(self, name: str, dataset: Any, **options: Any) -> Answer:
+        """Answer the question called ``name``."""
+        if name not in self.lines():
+            raise ArgumentError(f"no analysis {name!r}", do=nearest(name, self.lines()))
+        return self.named(name)(dataset, **options)
+
+    def __getattr__(self, name: str) -> Analysis:
+        if name.startswith("_") or name not in self.lines():
+            raise AttributeError(f"no analysis {name!r}; {nearest(name, self.lines())}")
+        return self.named(name)
+
+    def __dir__(self) -> list[str]:
+        return [*self.lines()]
+
+    @staticmethod
+    def lines() -> dict[str, str]:
+        """Every analysis with its one line, without importing any."""
+        return part_lines(PACKAGE, "ANALYSIS")
+
+    @staticmethod
+    def named(name: str) -> Analysis:
+        """The analysis called ``name``, imported when first used."""
+        return _named(name)
+
+    def __repr__(self) -> str:
+        return f"<fleetlog.analyze: {', '.join(self.lines())}>"
+
+
+@cache
+def _named(name: str) -> Analysis:
+    return Analysis(name, part(PACKAGE, "ANALYSIS", name))
+
+
+analyze = Analyses()
+"""The analyses; see :class:`Analyses`."""

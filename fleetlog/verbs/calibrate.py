@@ -1,0 +1,59 @@
+"""Fit a truck to measured runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast
+
+from fleetlog.api.answer import Answer, destination
+from fleetlog.api.inputs import (
+    DatasetLike,
+    MeasurementsLike,
+    PathLike,
+    PhysicsLike,
+    TruckLike,
+    as_csv,
+    as_dataset,
+    as_physics,
+    as_truck,
+    files_of,
+)
+from fleetlog.api.verb import verb
+
+
+@verb
+def calibrate(
+    measurements: MeasurementsLike, *, truck: TruckLike, physics: PhysicsLike | None = None,
+    output: PathLike | None = None, overwrite: bool = False,
+) -> Answer:  # fmt: skip
+    """Fit a truck to MEASUREMENTS: tables of measured runs (CSV) or recorded datasets with power.
+
+    Parameters that the runs do not determine keep their values; the answer says which run would.
+
+    Parameters
+    ----------
+    measurements : tables of runs (CSV; in Python also DataFrames), or datasets.
+    truck : truck file, or name of a preset, to start from.
+    physics : model with terms known beforehand (model.toml).
+    output : truck file to write.
+    """
+    from fleetlog.calibrate.calibrate import calibrate as fitted
+    from fleetlog.calibrate.report import lines, summary, truck_toml
+
+    nominal = as_truck(truck)
+    known = None if physics is None else as_physics(physics, nominal)
+    inputs = files_of(measurements, truck, physics)
+    with destination(output, "calibrated truck", overwrite, inputs, folder=False) as keep:
+        fit = fitted([_path(m) for m in cast("Sequence[DatasetLike]", measurements)], nominal, known)
+        answer = Answer("calibrate", summary(fit), lines=lines(fit), value=fit)
+        answer.write = lambda file: file.write_text(truck_toml(fit), encoding="utf-8")
+        return keep(answer)
+
+
+def _path(value: DatasetLike) -> str:
+    """The path of a table or of a dataset's folder."""
+    from fleetlog.store import Dataset
+
+    if isinstance(value, Dataset) or hasattr(value, "dataset"):
+        return str(as_dataset(value).path)
+    return str(as_csv(value))

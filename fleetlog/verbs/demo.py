@@ -1,0 +1,117 @@
+"""Do the whole job on sample data."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import fleetlog
+from fleetlog.api.answer import Answer
+from fleetlog.api.inputs import PathLike, as_path
+from fleetlog.api.verb import verb
+from fleetlog.listening import notice
+from fleetlog.store.output import atomic_output
+
+Step = tuple[str, str, tuple[Any, ...], dict[str, Any]]
+"""What is done in words, the command, its arguments and its options."""
+WHERE = {
+    "recorded": "the replay: fleetlog view",
+    "simulated": "the simulated fleet: fleetlog view",
+    "diagnosis/report.html": "what the model leaves out, for a person: a browser",
+    "density/density.png": "where trucks crowd: a picture",
+}
+
+
+def sample_folder() -> Path:
+    """The sample data: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).resolve().parent.parent
+    inside = package / "sample_data"
+    return inside if inside.is_dir() else package.parent / "sample_data"
+
+
+@verb
+def demo(
+    *, data: PathLike | None = None, output: PathLike = "fleetlog-demo", overwrite: bool = False
+) -> Answer:
+    """Import, simulate, analyze and diagnose half an hour of a sample plant; needs no network and no screen.
+
+    Parameters
+    ----------
+    data : only write the sample data (logs, site, truck) to this folder; the tutorials begin with them.
+    output : folder for everything that is made.
+    """
+    if data is not None:
+        return _data(as_path(data), overwrite)
+    target = as_path(output)
+    lines: list[str] = []
+    with atomic_output(target, "demo", overwrite=overwrite) as scratch, contextlib.chdir(scratch):
+        for number, (what, name, given, options) in enumerate(steps(sample_folder()), start=1):
+            for line in ("", f"{number}. {what}", f"$ fleetlog {command_line(name, given, options)}"):
+                notice(line)
+            verb_, _, analysis = name.partition(" ")
+            function = getattr(
+                getattr(fleetlog, "import_" if verb_ == "import" else verb_), analysis or "__call__"
+            )
+            lines = function(*given, **options).lines
+            for line in lines:
+                notice(line)
+    notice("")
+    where = [f"  {target / path!s:40s} {what}" for path, what in WHERE.items()]
+    return Answer(
+        "demo", {"output": str(target)}, lines=["Where to look", *where], output=target, kind="demo"
+    )
+
+
+def _data(target: Path, overwrite: bool) -> Answer:
+    """Write the sample data; not the scripts that made them."""
+    sample = sample_folder()
+    with atomic_output(target, "sample data", overwrite=overwrite) as scratch:
+        shutil.copytree(
+            sample, scratch, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.py", "__pycache__")
+        )  # fmt: skip
+    names = sorted(p.name for p in target.iterdir() if not p.name.startswith("."))
+    return Answer(
+        "demo",
+        {"output": str(target), "files": names},
+        lines=[", ".join(names)],
+        output=target,
+        kind="sample data",
+    )
+
+
+def steps(sample: Path) -> Iterator[Step]:
+    """What the demo does; outputs are names in the folder that it works in."""
+    site, truck = sample / "site.toml", sample / "truck.toml"
+    logs = tuple(sorted((sample / "logs").iterdir()))
+    again = {"site": site, "truck": truck, "like": "recorded", "seed": 1}
+    yield "Logs of eight trucks in five formats become one dataset", "import", (logs,), {
+        "site": site, "output": "recorded",
+    }  # fmt: skip
+    yield "Where trucks crowd", "analyze density", ("recorded",), {"output": "density"}
+    yield "Where chargers belong", "analyze chargers", ("recorded",), {"k": 2, "output": "chargers"}
+    yield "A fleet of the same kind, simulated", "simulate", (), {
+        **again, "vehicles": 8, "duration": "30m", "output": "simulated",
+    }  # fmt: skip
+    yield "What physics does the model leave out?", "diagnose", ("recorded",), {
+        "truck": truck, "output": "diagnosis",
+    }  # fmt: skip
+    yield "The recorded trips again, with what was found", "simulate", (), {
+        **again, "same_mission": True, "physics": "diagnosis/model.toml", "output": "resimulated",
+    }  # fmt: skip
+    yield "Is the mismatch gone?", "diagnose", ("recorded",), {
+        "truck": truck, "against": "resimulated", "output": "after",
+    }  # fmt: skip
+
+
+def command_line(name: str, given: tuple[Any, ...], options: dict[str, Any]) -> str:
+    """What a person would type, with the folder of the sample data as SAMPLE."""
+    words = [*name.split(), *(str(v) for g in given for v in (g if isinstance(g, tuple) else (g,)))]
+    for option, value in options.items():
+        dashes = "-" if len(option) == 1 or option == "output" else "--"
+        words.append(dashes + ("o" if option == "output" else option.replace("_", "-")))
+        words += [] if value is True else [str(value)]
+    return shlex.join(words).replace(str(sample_folder()), "SAMPLE")

@@ -1,0 +1,104 @@
+"""Find where model and recording differ, and what physics the model leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from fleetlog.api.answer import Answer, destination
+from fleetlog.api.inputs import (
+    DatasetLike,
+    PathLike,
+    SiteLike,
+    TruckLike,
+    as_dataset,
+    as_site,
+    as_truck,
+    files_of,
+)
+from fleetlog.api.verb import verb_with_jobs
+from fleetlog.core.arguments import Names, Seed
+from fleetlog.errors import EXIT_DONE, EXIT_INPUT, ArgumentError, nearest
+from fleetlog.listening import notice, progress
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from fleetlog.core.site import Site
+    from fleetlog.discovery.diagnose import Diagnosis
+    from fleetlog.discovery.report.finding import Verdict
+
+CHANNELS = ("battery_power", "soc", "speed")
+
+
+@verb_with_jobs
+def diagnose(
+    dataset: DatasetLike, *, truck: TruckLike, site: SiteLike | None = None,
+    against: DatasetLike | None = None,
+    channels: Annotated[tuple[str, ...], Names()] = (), terms: Annotated[tuple[str, ...], Names()] = (),
+    holdout: Literal["trips", "vehicles", "days"] = "trips", gate: bool = False, seed: Seed = 0,
+    output: PathLike | None = None, overwrite: bool = False,
+) -> Answer:  # fmt: skip
+    """Find where the recording DATASET and the model differ, and what physics the model leaves out.
+
+    Writes diagnosis.json, model.toml with fields/, report.html and recording.rrd.
+
+    Parameters
+    ----------
+    dataset : the recording.
+    truck : truck file, or name of a preset: the nominal model.
+    site : site or map in place of the one that the dataset was made with.
+    against : simulated dataset to compare with, in place of the nominal model alone.
+    channels : comma-separated: battery_power, soc, speed; all by default.
+    terms : comma-separated terms that may be named; all by default.
+    holdout : what is held out of the search, and judges its result.
+    gate : exit with 0 only if every channel was judged and nothing is missing.
+    seed : seed of the cross-validation splits.
+    output : folder to write.
+    """
+    from fleetlog.discovery.diagnose import diagnose as diagnosed
+    from fleetlog.physics.power import all_terms
+
+    _check("--channels", channels, CHANNELS)
+    _check("--terms", terms, all_terms())
+    recording, nominal = as_dataset(dataset), as_truck(truck)
+    given = None if site is None else as_site(site)
+    simulated = None if against is None else as_dataset(against)
+    with destination(output, "diagnosis", overwrite, files_of(dataset, truck, site, against)) as keep:
+        found = diagnosed(
+            recording, nominal, site=given, against=simulated, channels=channels, terms=terms,
+            holdout=holdout, seed=seed, progress=lambda step: progress(step, 0.0),
+        )  # fmt: skip
+        return keep(_answer(found, given or recording.site, gate, channels))
+
+
+def _answer(found: Diagnosis, site: Site, gate: bool, channels: tuple[str, ...]) -> Answer:
+    from fleetlog.discovery.report.output import as_result, write_diagnosis
+    from fleetlog.view.results import write_result_recording
+
+    def write(folder: Path) -> None:
+        write_diagnosis(found, folder)
+        write_result_recording(as_result(found), site, folder / "recording.rrd")
+
+    status = gate_status(found.verdict, channels) if gate else EXIT_DONE
+    return Answer.of(as_result(found), site, value=found, write=write, status=status)
+
+
+def gate_status(verdict: Verdict, wanted: Collection[str]) -> int:
+    """Return 0 if every channel was judged and nothing is missing, else 1."""
+    missing = unjudged(verdict, wanted)
+    if missing:
+        notice(f"the gate stays shut: {', '.join(missing)} could not be judged")
+    return EXIT_INPUT if missing or not verdict.passes else EXIT_DONE
+
+
+def unjudged(verdict: Verdict, wanted: Collection[str]) -> list[str]:
+    """Return the channels that the recording has or the user wants, and that lack a figure."""
+    judged = {c.name for c in verdict.channels if c.judged}
+    return [n for n in dict.fromkeys([*(c.name for c in verdict.channels), *wanted]) if n not in judged]
+
+
+def _check(option: str, names: Collection[str], known: Collection[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise ArgumentError(f"unknown {name!r}", option=option, do=nearest(name, known))

@@ -1,0 +1,32 @@
+"""Write a dataset in another format."""
+
+from __future__ import annotations
+
+from fleetlog.api.answer import Answer
+from fleetlog.api.inputs import DatasetLike, PathLike, as_dataset, as_path
+from fleetlog.api.verb import verb
+from fleetlog.errors import ArgumentError, nearest
+
+
+@verb
+def export(
+    dataset: DatasetLike, *, to: str, output: PathLike, vehicle: tuple[str, ...] = (), overwrite: bool = False
+) -> Answer:
+    """Write DATASET in another format: tables, tracks, recordings, SUMO.
+
+    Parameters
+    ----------
+    to : format: csv, geojson, gpx, kitti, mcap, parquet, sumo-fcd, sumo-net or tum.
+    output : file to write.
+    """
+    from fleetlog.exporters.base import export_dataset, exporters
+
+    if to not in exporters():
+        raise ArgumentError(f"no export format {to!r}", option="--to", do=nearest(to, exporters()))
+    data, file = as_dataset(dataset), as_path(output)
+    summary = export_dataset(data, to, file, vehicles=vehicle, overwrite=overwrite)
+    what = "edges" if "edges" in summary else "rows"
+    lines = [f"{summary['rows']:,} {what} of {data.path}, {summary['bytes']:,} bytes of {to}"]
+    if left_out := summary.get("rows_without_position"):
+        lines.append(f"{left_out:,} rows have no position and were left out")
+    return Answer("export", summary, lines=lines, output=file, kind=f"{to} export", folder=False)

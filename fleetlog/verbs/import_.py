@@ -1,0 +1,105 @@
+"""Read logs, match them to the roads, write a dataset and its replay."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, cast
+
+from fleetlog.api.answer import Answer, dataset_answer
+from fleetlog.api.inputs import LogsLike, PathLike, SiteLike, as_path, as_site, existing, files_of, temporary
+from fleetlog.api.verb import verb_with_jobs
+from fleetlog.core.arguments import Between
+from fleetlog.errors import ArgumentError, nearest
+from fleetlog.listening import progress
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from fleetlog.store import DatasetWriter
+
+
+@verb_with_jobs
+def import_(
+    logs: LogsLike, *, site: SiteLike | None = None, format: str | None = None,
+    profile: PathLike | None = None, dry_run: bool = False, recording: bool = True,
+    rate: Annotated[float, Between(0.0, 1e6, above=True)] = 2.0, append: bool = False,
+    output: PathLike | None = None, overwrite: bool = False,
+) -> Answer:  # fmt: skip
+    """Read LOGs (files, folders, patterns), match them to the roads, write a dataset and its replay.
+
+    In Python also ``read_logs``; a log may be a DataFrame with the columns of a raw log.
+
+    Parameters
+    ----------
+    logs : files, folders and patterns.
+    site : site file, or a road map directly; without it nothing is matched.
+    format : format of the logs, where their content does not say it.
+    profile : what the columns are (TOML); see docs/logs.md.
+    dry_run : show the first rows as they would be read; write nothing.
+    recording : write the replay (``fleetlog view`` can make it later).
+    rate : samples per second of each vehicle in the replay.
+    append : add the rows to a dataset that is there, of which the site is used; no replay is written.
+    output : folder of the dataset, or a URL (``s3://...``).
+
+    Examples
+    --------
+    >>> import fleetlog
+    >>> recorded = fleetlog.read_logs("sample/logs", site="sample/site.toml", recording=False)
+    >>> recorded.summary["trips"], sorted(recorded.summary["vehicles"])[:3]
+    (180, ['T1', 'T2', 'T3'])
+    >>> recorded.dataset.read("T1").to_pandas().columns[:3].tolist()
+    ['vehicle_id', 'timestamp', 'x']
+    """
+    from fleetlog.importers.base import importers
+
+    if format is not None and format not in importers():
+        raise ArgumentError(f"no log format {format!r}", option="--format", do=nearest(format, importers()))
+    if append and (overwrite or site is not None or output is None):
+        raise ArgumentError("goes with an output, not with --overwrite or --site", option="--append")
+    paths = [as_path(log) for log in cast("Sequence[LogsLike]", logs)]
+    if dry_run:
+        from fleetlog.ingest.preview import preview
+
+        shown = preview(paths, format=format, profile=None if profile is None else existing(profile))
+        return Answer("import", shown.to_dict(), lines=shown.lines(), status=shown.exit_status)
+    return _written(
+        paths, site, format, None if profile is None else existing(profile), rate if recording and not append else None,
+        output, append, overwrite,
+    )  # fmt: skip
+
+
+def _written(
+    logs: list[Path], site: SiteLike | None, format: str | None, profile: Path | None, rate: float | None,
+    output: PathLike | None, append: bool, overwrite: bool,
+) -> Answer:  # fmt: skip
+    from fleetlog.core.site import Site
+    from fleetlog.ingest.pipeline import import_logs
+    from fleetlog.store import DatasetWriter
+
+    target = temporary() / "dataset" if output is None else as_path(output)
+    inputs = files_of(*logs, site, profile)
+    if append:
+        opened = DatasetWriter.append(target, inputs=inputs)
+    else:
+        place = Site() if site is None else as_site(site)
+        opened = DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs)
+    with opened as writer:
+        summary = import_logs(logs, writer.site, writer, format=format, profile=profile, progress=progress)
+        if rate is not None:
+            _replay(writer, rate)
+    if summary.rejected_file:
+        summary.rejected_file = str(target / summary.rejected_file)
+    where = None if output is None else target
+    answer = dataset_answer("import", target, where, summary.to_dict(), summary.lines(), summary.exit_status)
+    if summary.damaged:
+        kept = summary.rejected_file or target
+        answer.warning = f"{summary.rows_rejected:,} rows were rejected or damaged; see {kept}"
+    return answer
+
+
+def _replay(writer: DatasetWriter, rate: float) -> None:
+    from fleetlog.view.recording import write_recording
+
+    progress("writing the replay", 1.0)
+    writer.finish()
+    write_recording(writer.path, writer.path / "recording.rrd", rate_hz=rate)

@@ -1,0 +1,115 @@
+"""Open a replay, an analysis, a map or a log in the Rerun viewer."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Annotated
+
+from fleetlog.api.answer import Answer
+from fleetlog.api.inputs import DatasetLike, PathLike, as_path, as_site, existing, files_of, temporary
+from fleetlog.api.verb import verb
+from fleetlog.core.arguments import Between
+from fleetlog.errors import ArgumentError, InputError
+from fleetlog.listening import notice
+
+
+@verb
+def view(
+    path: DatasetLike, *, beside: DatasetLike | None = None, save: PathLike | None = None,
+    screenshot: PathLike | None = None, at: str | None = None,
+    rate: Annotated[float, Between(0.01, 100.0)] | None = None, overwrite: bool = False,
+) -> Answer:  # fmt: skip
+    """Open PATH in the Rerun viewer: a dataset, an analysis, an .rrd file, a map, a site or a log.
+
+    The replay of a dataset is made again where it is missing or older than the dataset, or when --rate is
+    given. With --beside, PATH is the recorded fleet (orange) and the other one the simulated (blue).
+
+    Parameters
+    ----------
+    path : what is to be shown.
+    beside : another dataset, drawn on the same timeline with the differences.
+    save : keep the recording of --beside in this .rrd file.
+    screenshot : draw it without a screen into this PNG file.
+    at : time of the screenshot (UTC, ISO 8601); the middle of the recording by default.
+    rate : samples per second when the replay is made again.
+    """
+    if save is not None and beside is None:
+        raise ArgumentError("--save goes with --beside")
+    from fleetlog.view import viewer
+
+    when = None if at is None else viewer.nanoseconds_of(at)
+    source, inputs = existing(path), files_of(path, beside)
+    with (
+        _written(screenshot, "picture", overwrite, inputs) as picture,
+        _written(save, "recording", overwrite, inputs) as kept,
+    ):
+        if beside is None:
+            rrd = _recording(source, rate)
+            if screenshot is not None and when is None:
+                when = viewer.middle_of_driving(source)
+        else:
+            rrd = _comparison(source, existing(beside), kept, rate)
+        if beside is None or kept is None or picture is not None:
+            _open(rrd, picture, when)
+    wrote = [str(as_path(p)) for p in (screenshot, save) if p is not None]
+    lines = [f"wrote {name}" for name in wrote]
+    return Answer("view", {"path": str(source), "wrote": wrote}, lines=lines)
+
+
+def _written(
+    target: PathLike | None, kind: str, overwrite: bool, inputs: list[Path]
+) -> AbstractContextManager[Path | None]:
+    """The scratch file of an output that was asked for."""
+    from fleetlog.store.output import atomic_output
+
+    if target is None:
+        return nullcontext()
+    return atomic_output(as_path(target), kind, overwrite=overwrite, folder=False, inputs=inputs)
+
+
+def _recording(path: Path, rate: float | None) -> Path:
+    """The recording of a folder or file; one is made of a map, a site or a log."""
+    from fleetlog.view import viewer
+
+    if path.is_file() and path.suffix.lower() != ".rrd":
+        return _drawn(path)
+    return viewer.recording_of(path, rate_hz=rate, say=notice)
+
+
+def _drawn(path: Path) -> Path:
+    from fleetlog.core.result import Result
+    from fleetlog.verbs._describe import describe
+    from fleetlog.verbs.import_ import import_
+    from fleetlog.view.results import write_result_recording
+
+    summary, lines = describe(path)
+    if summary["kind"] == "log":
+        return import_(path).dataset.path / "recording.rrd"
+    if summary["kind"] not in ("site", "map"):
+        what = f"is a {summary['kind']}: nothing to draw"
+        raise InputError(what, where=path, do="name a dataset, an analysis, a map, a site or a log")
+    site = as_site(path)
+    target = temporary() / "site.rrd"
+    return write_result_recording(Result(site.name, {}, lines=[line.strip() for line in lines]), site, target)
+
+
+def _comparison(path: Path, beside: Path, kept: Path | None, rate: float | None) -> Path:
+    """Make the recording of two datasets."""
+    from fleetlog.view.comparison import write_comparison
+    from fleetlog.view.recording import RATE
+
+    notice("making the comparison")
+    both = kept or temporary() / "comparison.rrd"
+    write_comparison(path, beside, both, rate_hz=rate or RATE)
+    return both
+
+
+def _open(rrd: Path, picture: Path | None, when: int | None) -> None:
+    """Show a recording in a window, or draw it into a file."""
+    from fleetlog.view import headless, viewer
+
+    if picture is None:
+        viewer.show(rrd)
+    else:
+        headless.screenshot(rrd, picture, at=when)
