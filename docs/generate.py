@@ -12,11 +12,13 @@ from pathlib import Path
 
 import click
 
+from fleetlog.cli.commands import verb_lines
 from fleetlog.cli.main import cli
 from fleetlog.core.columns import COLUMNS
 from fleetlog.core.truck import SECTIONS
 from fleetlog.physics.power import all_terms
 from fleetlog.store.events import ACTIVITIES, TABLES, WAYS
+from fleetlog.verbs.analyze import analyze
 
 HERE = Path(__file__).parent / "reference"
 MADE = "<!-- made by docs/generate.py -->\n\n"
@@ -102,11 +104,30 @@ def commands() -> str:
     return "\n".join(out) + "\n"
 
 
+def python() -> str:
+    """The functions of the library, as directives of mkdocstrings."""
+    out = [MADE + (HERE / "_python_head.md").read_text(encoding="utf-8") + "\n## Functions\n"]
+    for name in verb_lines():
+        if name == "analyze":
+            continue
+        own = "import_" if name == "import" else name
+        shown = "read_logs" if name == "import" else name
+        out.append(
+            f'::: fleetlog.verbs.{own}.{own}\n    options: {{heading: "{shown}", toc_label: "{shown}"}}'
+        )
+    out.append(
+        "\n## Analyses\n\nEach is `fleetlog.analyze.NAME(dataset, ...)`; all of them "
+        "take `output` and `overwrite` too.\n"
+    )
+    out += [f"::: fleetlog.analysis.{name}.{name}" for name in analyze.lines()]
+    return "\n".join(out) + "\n\n" + (HERE / "_python_tail.md").read_text(encoding="utf-8")
+
+
 def main() -> None:
     """Write or check."""
     stale = []
     HERE.mkdir(exist_ok=True)
-    for make in (columns, tables, truck, terms, commands):
+    for make in (columns, tables, truck, terms, commands, python):
         page, text = HERE / f"{make.__name__}.md", make()
         if "--check" in sys.argv:
             if not page.is_file() or page.read_text(encoding="utf-8") != text:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from fleetlog.api.answer import Answer as Result
     from fleetlog.api.inputs import as_dataset as open
     from fleetlog.core.trajectory import Trajectory
+    from fleetlog.errors import FleetlogError
     from fleetlog.store import Dataset
     from fleetlog.verbs.analyze import analyze
     from fleetlog.verbs.calibrate import calibrate
@@ -34,12 +35,13 @@ if TYPE_CHECKING:
     from fleetlog.verbs.import_ import import_
     from fleetlog.verbs.import_ import import_ as read_logs
     from fleetlog.verbs.info import info
+    from fleetlog.verbs.report import report
     from fleetlog.verbs.simulate import simulate
     from fleetlog.verbs.view import view
 
 NAMES = {
     "read_logs": "verbs.import_:import_", "Result": "api.answer:Answer", "open": "api.inputs:as_dataset",
-    "Dataset": "store:Dataset", "Trajectory": "core.trajectory:Trajectory",
+    "Dataset": "store:Dataset", "FleetlogError": "errors:FleetlogError", "Trajectory": "core.trajectory:Trajectory",
 }  # fmt: skip
 """What is offered beside the verbs, and where it is."""
 VERBS = (
@@ -49,8 +51,8 @@ VERBS = (
 """The functions behind the commands, each in the module of its name in :mod:`fleetlog.verbs`."""
 
 __all__ = [
-    "FORMAT_VERSION", "Dataset", "Result", "Trajectory", "__version__", "analyze", "calibrate", "demo",
-    "diagnose", "export", "import_", "info", "open", "read_logs", "simulate", "view",
+    "FORMAT_VERSION", "Dataset", "FleetlogError", "Result", "Trajectory", "__version__", "analyze", "calibrate", "demo",
+    "diagnose", "export", "import_", "info", "open", "read_logs", "report", "simulate", "view",
 ]  # fmt: skip
 
 

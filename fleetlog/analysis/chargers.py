@@ -8,7 +8,7 @@ method that inspired it, and what is our own, is told in docs/chargers.md.
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -26,6 +26,8 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import ArgumentError, DataError, nearest
 from fleetlog.store import Dataset
 
+NEAR = 8.0
+"""A charger that stands this close to a chosen vertex is the one that the plan means [m]."""
 Ints = NDArray[np.int64]
 
 
@@ -102,6 +104,7 @@ def chargers(
     summary = summarise(units, q, weighed, choice)
     summary["stability"] = stability(units, choice, q)
     sites = site_table(units, q, weighed, choice)
+    sites["existing"] = _standing(dataset, sites, demand)
     if check and truck is not None:
         trial = Trial(truck, vehicles or len(dataset.vehicles), Duration()(duration), seed, soc)
         summary["check"] = try_plan(dataset, sites, trial)
@@ -129,11 +132,26 @@ def _vertices(dataset: Dataset, network: Network, names: tuple[str, ...]) -> Int
     return np.array(sorted(set(out)), dtype=np.int64)
 
 
+def _standing(dataset: Dataset, sites: pd.DataFrame, demand: Demand) -> list[str]:
+    """The site's chargers that stand where one is chosen: these are kept, not built a second time."""
+    chargers = [p for p in dataset.site.places if p.kind == "charge" and demand != "loading"]
+    near = [
+        [p.id for p in chargers if np.hypot(p.x - x, p.y - y) <= NEAR]
+        for x, y in sites[["x", "y"]].to_numpy()
+    ]
+    return [", ".join(ids) for ids in near]
+
+
+def _marks(name: str, sites: pd.DataFrame, kind: Literal["charger", "charge"]) -> Marks:
+    return Marks(name, sites[["x", "y"]].to_numpy(), tuple(sites["label"]), np.full(len(sites), 2.0), kind)
+
+
 def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> list[Shape]:
-    labels = tuple(sites["label"])
+    labels, stands = tuple(sites["label"]), sites["existing"] != ""
     shapes: list[Shape] = [
         _heat(dataset),
-        Marks("chargers", sites[["x", "y"]].to_numpy(), labels, np.full(len(sites), 2.0), "charger"),
+        _marks("chargers", sites[~stands], "charger"),
+        _marks("kept chargers", sites[stands], "charge"),
         Bars("demand_by_site", labels, 100.0 * sites["served_share"].to_numpy(), "demand served [%]"),
     ]
     if "check" in summary:

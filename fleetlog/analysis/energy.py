@@ -78,7 +78,8 @@ def energy(
         "zones": zone_table(books, terms, dataset.site),
     }
     whole = summed(segments.assign(all="all"), ["all"], doubt).iloc[0]
-    sources = {s: int((segments["source"] == s).sum()) for s in sorted(set(segments["source"]))}
+    trips = segments.drop_duplicates(["vehicle_id", "trip_id"])["source"].value_counts().sort_index()
+    sources = {str(s): int(n) for s, n in trips.items()}
     summary = _summary(whole, terms, sources, tables)
     shapes = _shapes(books, terms, whole, tables)
     kept = {f"energy_{name}": table for name, table in tables.items() if len(table)}
@@ -164,7 +165,7 @@ def _lines(
     trips = count(len(tables["trips"]), "trip")
     out = [
         f"{trips} of {count(len(tables['vehicles']), 'truck')} took {total:.2f} kWh"
-        f" (± {1.96 * whole['deviation_kwh']:.2f}): {whole['distance_km']:.1f} km"
+        f" (95 % interval ± {1.96 * whole['deviation_kwh']:.2f}): {whole['distance_km']:.1f} km"
         f" in {whole['duration_h']:.1f} h{per_km}."
     ]
     shares = ", ".join(f"{t.replace('_', ' ')} {whole[f'{t}_kwh']:.2f}" for t in terms if whole[f"{t}_kwh"])
@@ -242,11 +243,11 @@ def _curves(books: Sequence[Book], terms: Sequence[str]) -> list[Shape]:
     out: list[Shape] = [
         Series("ledger_power", middle, rows, "time", "power [kW]", over_time=True, stacked=True)
     ]
-    known = mean([b.bin_measured[:, 1] for b in books])
+    measured, beside, known = (mean([b.bin_measured[:, k] for b in books]) for k in range(3))
     if known.any():
+        # The model of the trucks and times that were measured, and of no others.
         both = {
-            "measured": np.where(known > 0.0, mean([b.bin_measured[:, 0] for b in books]), np.nan),
-            "model": np.sum(list(rows.values()), axis=0),
+            name: np.where(known > 0.0, v, np.nan) for name, v in (("measured", measured), ("model", beside))
         }
         out.append(Series("power", middle, both, "time", "power [kW]", over_time=True))
     return out

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from fleetlog.core.arguments import Between
-from fleetlog.core.result import Marks, Result
+from fleetlog.core.result import Marks, Result, Shape
+from fleetlog.core.site import PlaceKind
 from fleetlog.core.words import count
 from fleetlog.simulate.places import carried, clusters, find_stands, mined_site, place_table
 from fleetlog.store import Dataset
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+KINDS: tuple[PlaceKind, ...] = ("pick", "drop", "park", "charge")
 
 
 def stops(
@@ -47,7 +53,7 @@ def stops(
         loads=("payload", "size"), payload_mean=("payload", "mean")
     )
     weighed = bool(dataset.trips.get("payload", pd.Series(dtype=float)).notna().any())
-    kinds = {k: int((table.kind == k).sum()) for k in ("pick", "drop", "park", "charge")}
+    kinds = {k: int((table.kind == k).sum()) for k in KINDS}
     summary = {
         "stops": len(stands),
         "in_places": int((cluster >= 0).sum()),
@@ -70,12 +76,23 @@ def stops(
             f"  {row.place}: {count(row.visits, 'visit')} of {count(row.vehicles, 'truck')}, "
             f"median {row.dwell_median:.0f} s, at ({row.x:.1f}, {row.y:.1f})"
         )
-    marks = Marks(
-        "places", table[["x", "y"]].to_numpy(float).reshape(-1, 2), tuple(table.place),
-        np.sqrt(table.dwell_total.to_numpy(float) / max(float(table.dwell_total.max()), 1.0)) * 4.0, "place",
-    ) if len(table) else None  # fmt: skip
-    shapes = [marks] if marks is not None else []
-    return Result("stops", summary, {"flows": flows}, {"places": table}, list(shapes), lines)
+    return Result("stops", summary, {"flows": flows}, {"places": table}, _marks(table), lines)
+
+
+def _marks(table: pd.DataFrame) -> list[Shape]:
+    """The places by kind, the larger the longer trucks stand there."""
+    size = 3.0 * np.sqrt(table.dwell_total / max(float(table.dwell_total.max() or 0.0), 1.0))
+    return [
+        Marks(
+            f"{kind} places",
+            of[["x", "y"]].to_numpy(float),
+            tuple(of.place),
+            size[of.index].to_numpy(float),
+            kind,
+        )
+        for kind in KINDS
+        if len(of := table[table.kind == kind])
+    ]
 
 
 def site_text(table: object) -> str:

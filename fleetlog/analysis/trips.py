@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from fleetlog.core.arguments import Between
-from fleetlog.core.result import Bars, Marks, Result
+from fleetlog.core.result import Bars, Flows, Marks, Result, Shape
 from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 JOULES = 3600.0
 NEAR = 8.0
 """Trip ends this close to a place are at it [m]."""
+SQUARE, MOST_FLOWS = 10.0, 25
+"""Side of the squares that stand for places where the site has none [m]; arrows that are drawn."""
 
 
 def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)] = 5.0) -> Result:
@@ -58,12 +60,25 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
         "trip ends",
         real[["x_end", "y_end"]].to_numpy(float),
         tuple("" for _ in range(len(real))),
-        np.full(len(real), 0.6),
+        np.full(len(real), 0.3),
     )
     bars = Bars("distance by vehicle", tuple(map(str, per.index)), per.to_numpy(float), "distance [km]")
-    return Result(
-        "trips", summary, {"trips": table, "pairs": pairs}, {}, [ends, bars], _lines(summary, pairs)
-    )
+    shapes: list[Shape] = [_flows(dataset, real), ends, bars]
+    return Result("trips", summary, {"trips": table, "pairs": pairs}, {}, shapes, _lines(summary, pairs))
+
+
+def _flows(dataset: Dataset, table: pd.DataFrame) -> Flows:
+    """The most frequent trips as arrows between places; where there is no place, between squares of the floor."""
+    spots = {p.id: (p.x, p.y) for p in dataset.site.places}
+    ends = []
+    for name, side in (("from_place", "start"), ("to_place", "end")):
+        square = np.floor(table[[f"x_{side}", f"y_{side}"]].to_numpy(float) / SQUARE) * SQUARE + 0.5 * SQUARE
+        known = [spots.get(p, (np.nan, np.nan)) for p in table[name]]
+        ends.append(np.where(np.isfinite(known), known, square).reshape(-1, 2))
+    way, count = np.unique(np.hstack(ends).reshape(-1, 4), axis=0, return_counts=True)
+    real = (way[:, :2] != way[:, 2:]).any(axis=1) & np.isfinite(way).all(axis=1)
+    most = np.flatnonzero(real)[np.argsort(-count[real], kind="stable")][:MOST_FLOWS]
+    return Flows("trips between places", way[most, :2], way[most, 2:], count[most].astype(float), "trips")
 
 
 def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:

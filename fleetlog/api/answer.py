@@ -70,9 +70,19 @@ class Answer(Result):
             return self.value
         raise DataError(f"{self.name} gives no dataset", do="use the result of read_logs or simulate")
 
+    def write_to(self, scratch: Path) -> None:
+        """Write into an empty folder or a file; an answer that has no more to write gives its summary as JSON."""
+        if self.write is not None:
+            self.write(scratch)
+        else:
+            from fleetlog.store.documents import write_json
+
+            write_json(scratch, self.summary, indent=1)
+
     def save(self, output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
         """Write everything to ``output``, as the command does with ``-o``; whole or not at all."""
-        with destination(output, self.kind, overwrite, self.inputs, self.folder) as keep:
+        folder = self.folder and self.write is not None
+        with destination(output, self.kind, overwrite, self.inputs, folder) as keep:
             keep(self)
         return Path(output)
 
@@ -138,8 +148,8 @@ def destination(
 
     def keep(answer: Answer, scratch: Path | None = None) -> Answer:
         answer.kind, answer.folder, answer.inputs = kind, folder, inputs
-        if scratch is not None and output is not None and answer.write is not None:
-            answer.write(scratch)
+        if scratch is not None and output is not None:
+            answer.write_to(scratch)
             answer.output = Path(output)
         return answer
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     PhysicsLike: TypeAlias = "PathLike | Physics | Answer"
     LogsLike: TypeAlias = "PathLike | pd.DataFrame | Sequence[PathLike | pd.DataFrame]"
     MeasurementsLike: TypeAlias = "DatasetLike | Sequence[DatasetLike]"
+    DatasetsLike: TypeAlias = "DatasetLike | Sequence[DatasetLike]"
 else:
     PathLike = Annotated[Any, Named("PATH", path=True)]
     DatasetLike = Annotated[Any, Named("DATASET", path=True)]
@@ -39,6 +40,7 @@ else:
     PhysicsLike = Annotated[Any, Named("PATH", path=True)]
     LogsLike = Annotated[tuple[Any, ...], Named("LOG", path=True)]
     MeasurementsLike = Annotated[tuple[Any, ...], Named("MEASUREMENTS", path=True)]
+    DatasetsLike = Annotated[tuple[Any, ...], Named("DATASET", path=True)]
 
 _kept: list[tempfile.TemporaryDirectory[str]] = []
 
@@ -55,9 +57,9 @@ def as_dataset(value: DatasetLike) -> Dataset:
 
     if isinstance(value, Dataset):
         return value
-    if hasattr(value, "dataset"):
-        return cast("Dataset", value.dataset)
-    return _imported(value) if _is_frame(value) else Dataset(as_path(value))
+    if _is_frame(value):
+        return _imported(value)
+    return cast("Dataset", value.dataset) if hasattr(value, "dataset") else Dataset(as_path(value))
 
 
 def as_truck(value: TruckLike) -> Truck:

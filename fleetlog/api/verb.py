@@ -26,16 +26,20 @@ JOBS = (
 
 
 class Verb:
-    """A callable with checked arguments; ``fill`` adds arguments to those that were given (a file's, say)."""
+    """A callable with checked arguments.
+
+    ``fill`` adds arguments to those that were given (a file's, say).  ``added`` are options that the function
+    does not take itself; :meth:`run` takes them away and does with them what they are for.
+    """
 
     def __init__(
         self, function: Callable[..., Any], fill: Fill | None = None, name: str = "",
         added: tuple[Option, ...] = (),
     ) -> None:  # fmt: skip
         functools.update_wrapper(self, function)
-        self.function, self.fill = function, fill
+        self.function, self.fill, self.added = function, fill, added
         self.name = name or function.__name__.rstrip("_")
-        own, self.added = inspect.signature(function), added
+        own = inspect.signature(function)
         more = [inspect.Parameter(o.name, inspect.Parameter.KEYWORD_ONLY, default=o.default) for o in added]
         self.__signature__ = own.replace(parameters=[*own.parameters.values(), *more])
 
@@ -45,8 +49,11 @@ class Verb:
         return (*options_of(self.function), *self.added)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
-        """Check and convert the arguments, then call the function."""
-        given = self.converted(*args, **options)
+        """Check and convert the arguments, then run the function."""
+        return self.run(self.converted(*args, **options))
+
+    def run(self, given: dict[str, Any]) -> Any:
+        """Call the function with checked arguments; its jobs run where ``workers`` and ``scheduler`` say."""
         with on_engine(given):
             return self.function(**given)
 

@@ -28,6 +28,29 @@ OPTIONAL_OUTPUT = {"import", "demo", "view", "info"}
 """Commands that write nothing, or only when asked to; the others must be told where."""
 
 
+class Formatter(click.HelpFormatter):
+    """Help whose lines break between words only, not at the hyphens of options and names."""
+
+    def write_text(self, text: str) -> None:
+        """Write a paragraph."""
+        super().write_text(_whole(text))
+
+    def write_dl(self, rows: Any, *args: Any, **options: Any) -> None:
+        """Write names with their descriptions."""
+        super().write_dl([(_whole(a), _whole(b)) for a, b in rows], *args, **options)
+
+    def getvalue(self) -> str:
+        """The help with its hyphens."""
+        return super().getvalue().replace("\N{NON-BREAKING HYPHEN}", "-")
+
+
+click.Context.formatter_class = Formatter
+
+
+def _whole(text: str) -> str:
+    return text.replace("-", "\N{NON-BREAKING HYPHEN}")
+
+
 class Listed(click.Group):
     """A group whose commands are imported only when called; ``lines`` has each with its line of help."""
 

@@ -27,6 +27,16 @@ def tell(verb: Verb, given: dict[str, Any], *, as_json: bool, quiet: bool, verbo
     """Call ``verb`` with ``given``, print its answer, return the exit status."""
     with _listening(verb.name, quiet, verbose):
         answer: Answer = verb(**given)
+    try:
+        _print(answer, as_json, quiet)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, "standard output") from None
+    return answer.status
+
+
+def _print(answer: Answer, as_json: bool, quiet: bool) -> None:
     if as_json:
         from fleetlog.store.documents import json_text
 
@@ -39,7 +49,6 @@ def tell(verb: Verb, given: dict[str, Any], *, as_json: bool, quiet: bool, verbo
             click.echo(wrapped(printable(line)))
         if answer.output is not None:
             click.echo(printable(f"{answer.kind}: {answer.output}"))
-    return answer.status
 
 
 def asked(context: click.Context, name: str) -> bool:

@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pyarrow as pa
 
+HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
+"""The name of a partition that Hive, and every reader of its layout, takes for null."""
+
 
 @dataclass(frozen=True, slots=True)
 class Column:

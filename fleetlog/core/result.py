@@ -62,8 +62,19 @@ class Marks:
     xy: Floats
     labels: tuple[str, ...]
     size: Floats
-    kind: Literal["place", "charger", "critical", "point"] = "point"
+    kind: Literal["place", "charger", "critical", "point", "pick", "drop", "park", "charge"] = "point"
     on: str | None = None
+
+
+@dataclass(frozen=True)
+class Flows:
+    """Arrows over the floor, from ``start`` to ``end`` ((N, 2) m), the wider the greater their ``weight`` (N,)."""
+
+    name: str
+    start: Floats
+    end: Floats
+    weight: Floats
+    label: str
 
 
 @dataclass(frozen=True)
@@ -93,12 +104,13 @@ class Series:
 
 @dataclass(frozen=True)
 class Bars:
-    """Labelled bars."""
+    """Labelled bars; ``parts`` are what each is made up of, by name, in order."""
 
     name: str
     labels: tuple[str, ...]
     values: Floats
     label: str
+    parts: dict[str, Floats] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -120,7 +132,7 @@ def half_width(values: Floats) -> float:
     return float(t.ppf(0.975, n - 1) * values.std(ddof=1) / np.sqrt(n)) if n > 1 else float("nan")
 
 
-Shape = Grid | EdgeValues | Marks | MovingLines | Series | Bars | Spread
+Shape = Grid | EdgeValues | Marks | Flows | MovingLines | Series | Bars | Spread
 
 
 @dataclass

@@ -55,7 +55,7 @@ def real(low: float = -math.inf, high: float = math.inf, unit: str = "") -> Chec
         if not math.isfinite(number):
             raise Wrong("is not a finite number")
         if not low <= number <= high:
-            raise Wrong(f"is outside {low:g} to {high:g} {unit}".rstrip())
+            raise Wrong(f"is outside {low:g} to {high:g} {'' if unit == '1' else unit}".rstrip())
         return number
 
     return check
@@ -79,6 +79,17 @@ def text(value: Any) -> str:
     if not isinstance(value, str) or not value:
         raise Wrong("is not a text")
     return value
+
+
+def time_zone(value: Any) -> str:
+    """The IANA name of a time zone."""
+    from zoneinfo import ZoneInfo
+
+    try:
+        ZoneInfo(text(value))
+    except (ValueError, OSError, LookupError):
+        raise Wrong("is no time zone such as Europe/Berlin") from None
+    return str(value)
 
 
 def moment(value: Any) -> float:

@@ -21,12 +21,13 @@ class Frame:
     """Right-handed local metres, x east, y north, z up, about an origin on the WGS 84 ellipsoid.
 
     Azimuthal equidistant about (``latitude``, ``longitude``) [degrees]; ``rotation`` [rad] turns the local x
-    axis counter-clockwise from east.
+    axis counter-clockwise from east.  ``timezone`` (IANA name) is that of the hours in reports; data stay UTC.
     """
 
     latitude: float
     longitude: float
     rotation: float = 0.0
+    timezone: str = "UTC"
 
     @cached_property
     def _projection(self) -> Any:
@@ -109,6 +110,11 @@ class Site:
     source: dict[str, Any] = field(default_factory=dict)
     """Where it was read from: file names and sha256, for provenance."""
 
+    @property
+    def timezone(self) -> str:
+        """IANA name of the zone of the hours in reports."""
+        return "UTC" if self.frame is None else self.frame.timezone
+
     def roads(self) -> Network:
         """The network, or :class:`SiteError` where the site has none."""
         if self.network is None:
@@ -122,7 +128,7 @@ def site_to_dict(site: Site) -> dict[str, Any]:
     """
     out: dict[str, Any] = {"name": site.name, "traffic": site.traffic, "source": site.source}
     if site.frame:
-        out["frame"] = {k: getattr(site.frame, k) for k in ("latitude", "longitude", "rotation")}
+        out["frame"] = {k: getattr(site.frame, k) for k in ("latitude", "longitude", "rotation", "timezone")}
     out["place"] = [
         {k: _json(getattr(p, k)) for k in ("id", "kind", "x", "y", "plugs", "power")} for p in site.places
     ]

@@ -10,6 +10,6 @@ def count(number: Any, noun: str, plural: str = "") -> str:
     return f"{number:,} {noun if number == 1 else plural or f'{noun}s'}"
 
 
-def percent(share: float, digits: int = 0) -> str:
+def percent(share: Any, digits: int = 0) -> str:
     """``84 %`` of 0.84."""
     return f"{100.0 * share:.{digits}f} %"

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,8 +89,19 @@ class Model:
 
     def of_vehicle(self, knob: Knob, vehicle: int) -> float:
         """Return the coordinate of one vehicle's number at all times, whatever holds for a while."""
-        own = (k for k in self.at if k.fleet == knob.fleet and not k.scope.whole and not k.scope.timed)
-        return self.coordinate(knob.fleet) + sum(self.at[k] for k in own if k.scope.covers(vehicle))
+        own = self._own.get((knob.term, knob.parameter), {}).get(vehicle, 0.0)
+        return self.coordinate(knob.fleet) + own
+
+    @cached_property
+    def _own(self) -> dict[tuple[str, str], dict[int, float]]:
+        """Deviations of single vehicles at all times, by number and vehicle."""
+        out: dict[tuple[str, str], dict[int, float]] = {}
+        for knob, at in self.at.items():
+            if not knob.scope.timed:
+                mine = out.setdefault((knob.term, knob.parameter), {})
+                for v in knob.scope.vehicles:
+                    mine[v] = mine.get(v, 0.0) + at
+        return out
 
     def value(self, knob: Knob) -> float:
         """Return the number in force within the knob's scope."""

@@ -19,6 +19,8 @@ SIZE = 8 << 20
 """Bytes in a block."""
 LONGEST = 8 << 20
 """Bytes in a line."""
+TORN = 1 << 20
+"""Bytes of a quoted cell of several lines that the end of a block would tear apart."""
 
 
 @dataclass(frozen=True)
@@ -76,18 +78,29 @@ def blocks(path: Path, encoding: str, report: ReadReport, size: int = SIZE) -> I
     with stream:
         while not ended:
             data = stream.read(size)
-            ended = not data
+            ended = not stream.peek(1)
             text = rest + (decoder.decode(data, ended).encode("utf-8", "replace") if decoder else data)
             # A carriage return at the very end may be half of a line end.
             half = b"\r" if text.endswith(b"\r") and not ended else b""
             text = with_line_feeds(text.removesuffix(half), report) + half
-            end = text.rfind(b"\n") + 1
+            last = text.rfind(b"\n") + 1
+            end = last if ended else _end_of_record(text, last)
             if end:
                 yield Block(text[:end], first, raw.share)
                 first += text.count(b"\n", 0, end)
             rest = text[end:]
-            if len(rest) > LONGEST:
-                what = f"the line is longer than {LONGEST >> 20} MB"
-                raise FormatError(what, where=path, place=f"line {first}", do="check the format")
+            if len(text) - last > LONGEST:
+                what, place = f"the line is longer than {LONGEST >> 20} MB", first + rest.count(b"\n")
+                raise FormatError(what, where=path, place=f"line {place}", do="check the format")
         if rest:
             yield Block(rest, first, 1.0, cut=True)
+
+
+def _end_of_record(text: bytes, last: int) -> int:
+    """The last line end outside of quotes; ``last``, the end of the last line, where quotes make no sense."""
+    end, odd = last, text.count(b'"', 0, last) % 2
+    while odd and last - end < TORN:
+        line = text.rfind(b"\n", 0, end - 1) + 1
+        odd ^= text.count(b'"', line, end) % 2
+        end = line
+    return end if not odd and last - end < TORN else last

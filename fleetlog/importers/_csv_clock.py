@@ -22,6 +22,7 @@ from fleetlog.importers._times import (
     from_counts,
     from_format,
     from_iso,
+    median,
     microseconds,
     of_day,
 )
@@ -33,15 +34,15 @@ Mask = NDArray[np.bool_]
 
 
 class Clock:
-    """Times of one file, block by block; ``names`` are the columns that hold them, ``epoch`` the unit of a
-    count, if known.
+    """Times of one file, block by block; ``names`` are the columns that hold them, ``unit`` that of a count,
+    where a name says it.
     """
 
     def __init__(
-        self, names: tuple[str, ...], epoch: str | None, path: Path, profile: Profile, report: ReadReport
+        self, names: tuple[str, ...], unit: str | None, path: Path, profile: Profile, report: ReadReport
     ) -> None:
         self.names, self.path, self.profile, self.report = names, path, profile, report
-        self.style = profile.time_format or epoch or ""
+        self.unit, self.style = unit, profile.time_format or ""
         self.local = LocalClock(profile.zone) if profile.zone else None
         self.days: Days | None = None
         self.missing: Mask = np.zeros(0, bool)
@@ -96,7 +97,7 @@ class Clock:
             return ""
         figures = _figures(sample)
         if np.isfinite(figures).mean() > 0.5:
-            return self._decide_count(figures, str(sample[0]))
+            return self.decide_count(figures)
         if (of_day(sample, "of day") != NONE).mean() > 0.5:
             return "of day"
         time, _ = from_iso(sample)
@@ -106,18 +107,23 @@ class Clock:
         shown = str(sample[0])[:60]
         raise FormatError(f"times as {shown!r} can be read in several ways", where=self.path, do=do)
 
-    def _decide_count(self, figures: NDArray[np.float64], first: str) -> str:
-        unit = epoch_unit(figures)
-        name = self.names[0]
-        if unit is None or self.profile.time_origin:
-            do = 'state both in a profile: [time] format = "s", origin = "2026-03-02T05:00:00Z"'
+    def decide_count(self, figures: NDArray[np.float64]) -> str:
+        """The unit of a count from 1970, or from the profile's origin: a start is never made up."""
+        middle, origin, name = median(figures), self.profile.time_origin, self.names[0]
+        likely = epoch_unit(middle)
+        if self.unit is not None and (origin is not None or likely == self.unit):
+            self.report.recognised[name] = f"timestamp, counted in {self.unit} from {origin or 1970}"
+            return self.unit
+        if likely is None or origin is not None or self.unit is not None:
+            unit = self.unit or "in an unknown unit"
             raise FormatError(
-                f"the time {first} counts in an unknown unit from an unknown start", where=self.path, do=do
-            )
+                f"the time {middle:.12g} counts {unit} from an unknown start", where=self.path,
+                do='state both in a profile: [time] format = "s", origin = "2026-03-02T05:00:00Z"',
+            )  # fmt: skip
         self.report.recognised[name] = (
-            f"timestamp, counted in {unit} from 1970 (no other unit gives a date near ours)"
+            f"timestamp, counted in {likely} from 1970 (no other unit gives a date near ours)"
         )
-        return unit
+        return likely
 
     def _counted(self, cells: pa.Array) -> Ints:
         import pyarrow as pa

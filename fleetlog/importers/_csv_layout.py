@@ -131,7 +131,6 @@ def _from_profile(layout: Layout, profile: Profile, report: ReadReport) -> None:
         _must_have(layout, name, "time.column", profile)
         report.recognised[name] = "timestamp (profile)"
     layout.time = profile.time
-    layout.epoch = profile.time_format if profile.time_format in ("s", "ms", "us", "ns") else None
 
 
 def _must_have(layout: Layout, name: str, place: str, profile: Profile) -> None:
@@ -175,7 +174,7 @@ def _take(layout: Layout, name: str, meaning: Meaning, report: ReadReport) -> No
 
 def _unit_text(target: str, meaning: Meaning) -> str:
     if target == "timestamp":
-        return f", counted in {meaning.epoch} from 1970" if meaning.epoch else ""
+        return f", counted in {meaning.epoch}" if meaning.epoch else ""
     if target not in KINDS or target in ("latitude", "longitude"):
         return ""
     if meaning.unit is None:

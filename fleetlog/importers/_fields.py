@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fleetlog.importers._names import EPOCH_UNITS, recognise
 from fleetlog.importers._profile import Profile, has_date
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._times import microseconds
+from fleetlog.importers._times import epoch_unit, microseconds
 from fleetlog.importers._units import Unit
 
 _PER = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
@@ -58,18 +58,19 @@ class Fields:
         """Microseconds UTC of one time: a text, or a number that counts from 1970 or from the profile's
         origin.
 
-        :class:`ValueError` where it is none.  ``epoch`` is the unit of a count, None for that which its size
-        tells.
+        :class:`ValueError` where it is none.  ``epoch`` is the unit of a count, None for the one that gives
+        a likely date.
         """
         if isinstance(value, str):
             return self._of_text(value)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError("no time")
-        unit = self.epoch if epoch == "" else epoch
-        if unit is None:
-            unit = next((u for u, top in (("s", 1e11), ("ms", 1e14), ("us", 1e17)) if abs(value) < top), "ns")
-        if not abs(value) < 1e19:
-            raise ValueError("no time")
+        unit, likely = self.epoch if epoch == "" else epoch, epoch_unit(value)
+        stated = self.profile.time_format or self.profile.time_origin
+        if not stated:
+            unit = likely if unit in (None, likely) else None
+        if unit is None or not abs(value) < 1e19:
+            raise ValueError("no time, or one that counts from an unknown start")
         whole = value // 1000 if unit == "ns" and isinstance(value, int) else round(value * _PER[unit])
         return self.profile.origin + whole
 
@@ -125,11 +126,3 @@ def _say(found: Fields, report: ReadReport) -> None:
     for name, target in ((found.time, "timestamp"), (found.vehicle, "vehicle_id")):
         if name and name != target:
             report.recognised[name] = target
-
-
-def epoch_unit(values: NDArray[np.float64], report: ReadReport, name: str) -> str:
-    """The unit of times that count from 1970, told by their size, which is said aloud: s, ms, us or ns."""
-    size = float(np.nanmedian(np.abs(values))) if np.isfinite(values).any() else 0.0
-    unit = next((u for u, top in (("s", 1e11), ("ms", 1e14), ("us", 1e17)) if size < top), "ns")
-    report.note(f"{name} counts {unit} from 1970, by the size of its values")
-    return unit

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.columns import BY_NAME
+from fleetlog.core.columns import BY_NAME, HIVE_NULL
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT, FleetlogError, FormatError, fault
 from fleetlog.importers._profile import TARGETS
@@ -21,7 +21,7 @@ from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadO
 
 LONGEST_ID = 200
 """Characters of a vehicle's id as the name of a folder."""
-NO_NAME = f"the vehicle id is missing, or longer than {LONGEST_ID} characters"
+NO_NAME = f"the vehicle id is missing, longer than {LONGEST_ID} characters, or the word for unknown"
 
 
 def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -64,11 +64,16 @@ def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
     columns = dict(
         checked.column(_text(n), v) for n, v in batch.columns.items() if not withheld or n in TARGETS
     )
-    rejects = [r._replace(text="") if withheld else r for r in checked.rejects]
+    rejects = [
+        r._replace(reason=_text(r.reason), text="" if withheld else _text(r.text)) for r in checked.rejects
+    ]
     off = (batch.time < EARLIEST) | (batch.time > LATEST)
     vehicle = _named(batch.vehicle)
     nameless = np.array(
-        [*(not 0 < len(quote(n.strip(), safe="")) <= LONGEST_ID for n in vehicle.names), True]
+        [
+            *(not 0 < len(quote(n.strip(), safe="")) <= LONGEST_ID or n == HIVE_NULL for n in vehicle.names),
+            True,
+        ]
     )[vehicle.codes]
     keep = ~(off | checked.nowhere | nameless)
     if keep.all():

@@ -90,20 +90,18 @@ def _epoch(stamps: Any) -> Ints:
     )
 
 
-def epoch_unit(values: NDArray[np.float64]) -> str | None:
-    """The unit in which plausible dates (1975 to 2100) would be counted like ``values``; None where none
-    fits.
-    """
-    good = values[np.isfinite(values)]
-    if not len(good):
-        return None
-    middle = float(np.median(good))
-    fits = [
-        u
-        for u, us in EPOCH_UNITS.items()
-        if _EARLIEST <= (middle * us if us > 0 else middle / -us) <= _LATEST
-    ]
-    return fits[0] if len(fits) == 1 else None
+def epoch_unit(count: float) -> str | None:
+    """The unit in which a count from 1970 gives a date from 1975 to 2100; None where none does."""
+    for unit, us in EPOCH_UNITS.items():
+        if _EARLIEST <= (count * us if us > 0 else count / -us) <= _LATEST:
+            return unit
+    return None
+
+
+def median(values: NDArray[np.float64]) -> float:
+    """The one in the middle of the finite ones, NaN where there are none."""
+    known = np.sort(values[np.isfinite(values)])
+    return float(known[len(known) // 2]) if len(known) else np.nan
 
 
 def from_counts(values: NDArray[np.float64] | Ints, unit: str, origin: int = 0) -> Ints:

@@ -137,7 +137,8 @@ class _Reader:
         vehicle = self._vehicle(known, properties)
         for line, stamps in zip_longest(lines, times[: len(lines)]):
             if not isinstance(line, list) or not isinstance(stamps, list) or len(stamps) != len(line):
-                self._geographic.reject(number, "line without a time for every vertex", properties)
+                for vertex in line if isinstance(line, list) else [properties]:
+                    self._geographic.reject(number, "vertex of a line without a time for each", vertex)
                 continue
             for vertex, stamp in zip(line, stamps, strict=True):
                 self._vertex(vertex, stamp, vehicle, number, known)
@@ -156,8 +157,8 @@ class _Reader:
     def nothing(self) -> str:
         """What the file holds instead of motion."""
         found = [plural(self.points, "point") + " without a time"] if self.points else []
-        lines = self._geographic.rejected - self.points
-        found += [plural(lines, "line") + " without times"] if lines > 0 else []
+        vertices = self._geographic.rejected - self.points
+        found += [f"{vertices:,} vertices of lines without times"] if vertices > 0 else []
         found += [f"{n} {kind}" for kind, n in self.left_out.items()]
         return "no position with a time in it" + (f", only {' and '.join(found)}" if found else "")
 

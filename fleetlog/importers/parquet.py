@@ -19,7 +19,7 @@ from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._csv_cells import degrees, numbers
 from fleetlog.importers._csv_clock import Clock
 from fleetlog.importers._csv_layout import unique
-from fleetlog.importers._fields import Field, epoch_unit, fields_of
+from fleetlog.importers._fields import Field, fields_of
 from fleetlog.importers._names import EPOCH_UNITS
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers._profile import Profile
@@ -177,7 +177,7 @@ class _Reader:
         if pa.types.is_integer(kind) or pa.types.is_floating(kind):
             if self.clock.style not in EPOCH_UNITS:
                 figures = array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
-                self.clock.style = epoch_unit(figures, self.options.report, str(self.fields.time))
+                self.clock.style = self.clock.decide_count(figures)
             return _counted(array, self.clock.style, self.clock.profile.origin)
         texts = _values(array)
         cells = pa.array(texts.strings() if isinstance(texts, Labels) else [None] * len(array), pa.string())

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from fleetlog.errors import FleetlogError, InputError
 from fleetlog.importers.base import Importer, by_name, detect, find
+from fleetlog.store.output import MARK
 
 
 @dataclass(frozen=True)
@@ -26,13 +28,12 @@ def find_logs(paths: Sequence[str | Path], format: str | None = None) -> list[Lo
     """The logs among ``paths`` in order of their names, so that the order of the command line changes
     nothing.
 
-    A folder stands for the logs in it, recursively; files in it that no format fits are passed over.  A
-    pattern
-    (``*``, ``?``, ``[``) stands for what it matches.
+    A folder stands for the logs in it, recursively; files in it that no format fits, and outputs of
+    fleetlog, are passed over.  A pattern (``*``, ``?``, ``[``) stands for what it matches.
     """
     importer = by_name(format) if format else None
     logs: dict[Path, Log] = {}
-    for given in _expanded(paths):
+    for given in expanded(paths):
         for log in _in_folder(given, importer) if given.is_dir() else [_named(given, importer)]:
             logs.setdefault(log.path.resolve(), log)
     if not logs:
@@ -54,7 +55,8 @@ def names_of(logs: Sequence[Log]) -> list[str]:
     return names if len(set(names)) == len(names) else [str(log.path) for log in logs]
 
 
-def _expanded(paths: Sequence[str | Path]) -> list[Path]:
+def expanded(paths: Sequence[str | Path]) -> list[Path]:
+    """Files and folders that exist; of what a pattern matches, all but outputs of fleetlog."""
     out = []
     for path in map(Path, paths):
         if path.exists():
@@ -63,7 +65,7 @@ def _expanded(paths: Sequence[str | Path]) -> list[Path]:
         matches = glob.glob(str(path), recursive=True)  # noqa: PTH207 - Path.glob takes no absolute pattern
         if not matches:
             raise InputError("no such file", where=path, do="check the name")
-        out += map(Path, matches)
+        out += [path for path in map(Path, matches) if not (path / MARK).exists()]
     return out
 
 
@@ -80,7 +82,7 @@ def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
     if whole is not None and importer in (None, whole):
         return [Log(folder, whole)]
     found = []
-    for path in sorted(p for p in folder.rglob("*") if p.is_file() and not p.name.startswith(".")):
+    for path in sorted(_files(folder)):
         try:
             one = find(path) if path.stat().st_size else None
         except FleetlogError as error:
@@ -89,3 +91,15 @@ def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
         if one is not None and importer in (None, one):
             found.append(Log(path, one))
     return found
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    """The files below a folder but hidden ones and those of fleetlog's own outputs, which may lie among logs.
+
+    Of a dataset that is named itself they are its rows.
+    """
+    rows = folder / "trajectories"
+    for top, folders, files in os.walk(rows if (folder / "dataset.json").is_file() else folder):
+        here = Path(top)
+        folders[:] = [n for n in folders if not n.startswith(".") and not (here / n / MARK).exists()]
+        yield from (here / n for n in files if not n.startswith(".") and (here / n).is_file())

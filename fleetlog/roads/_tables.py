@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.schema import Keys, Wrong, flag, list_of, one_of, real, table, text, whole
+from fleetlog.core.schema import Keys, Wrong, flag, list_of, one_of, real, table, text, time_zone, whole
 from fleetlog.core.site import Building, Frame, Place, PlaceKind, Zone
 from fleetlog.errors import SiteError
 
@@ -37,6 +37,7 @@ FRAME: Keys = {
     "latitude": real(-90, 90),
     "longitude": real(-180, 180),
     "rotation": real(-2 * math.pi, 2 * math.pi),
+    "timezone": time_zone,
 }
 NETWORK: Keys = {
     "file": text,

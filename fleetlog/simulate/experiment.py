@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,6 +27,8 @@ MEASURES = {
     "energy_per_task_wh": "energy per task done [Wh]",
 }  # fmt: skip
 """What is drawn and compared, and how it is called."""
+MOST = 10_000
+"""Variants of an experiment; a number of trucks, plugs or places is below a hundred thousand."""
 NONE = "none"
 """The value of a factor that leaves the scenario as it is."""
 
@@ -50,7 +53,7 @@ def factor(text: str) -> Factor:
 
 
 def _values(part: str) -> Iterator[str]:
-    found = re.fullmatch(r"(\d+)\.\.(\d+)(?:\.\.(\d+))?", part)
+    found = re.fullmatch(r"(\d{1,5})\.\.(\d{1,5})(?:\.\.(\d{1,5}))?", part)
     if not found:
         yield part
         return
@@ -61,8 +64,10 @@ def _values(part: str) -> Iterator[str]:
 
 
 def _whole(value: str, name: str) -> int:
-    if not value.isdigit() or int(value) < 1:
-        raise DataError(f"{name}={value} is no number of at least 1", do=f"write {name}=2..6 or {name}=1,2,4")
+    if not re.fullmatch("[0-9]{1,5}", value) or int(value) < 1:
+        raise DataError(
+            f"{name}={value[:40]} is no number from 1 to 99,999", do=f"write {name}=2..6 or {name}=1,2,4"
+        )
     return int(value)
 
 
@@ -116,7 +121,9 @@ def varied(scenario: Scenario, name: str, value: str) -> Scenario:
 
 def variants(base: Scenario, factors: Sequence[Factor]) -> list[tuple[dict[str, str], Scenario]]:
     """Every combination of values, and the scenario that it makes of ``base``."""
-    fleets = [int(v) for f in factors if f.name == "vehicles" for v in f.values if v.isdigit()]
+    if math.prod(len(f.values) for f in factors) > MOST:
+        raise DataError(f"these values make more than {MOST:,} variants", do="vary less at once")
+    fleets = [_whole(v, f.name) for f in factors if f.name == "vehicles" for v in f.values]
     base = replace(base, settings=replace(base.settings, room=max([base.settings.vehicles, *fleets])))
     out = []
     for values in itertools.product(*(f.values for f in factors)):

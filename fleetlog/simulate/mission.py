@@ -32,6 +32,8 @@ from fleetlog.store.writer import DatasetWriter
 Floats = NDArray[np.float64]
 FINE = 0.1
 """Length of the steps that power is worked out in [s]."""
+MOST = 100_000_000
+"""Rows of one truck between two of its trips."""
 CHARGING = -300.0
 """A standing truck whose battery takes more than this is being charged: that is taken over as recorded
 [W]."""
@@ -142,6 +144,9 @@ class VehicleReplay:
             last = k + 1 == len(found)
             until = max(ready, float(self.time[-1])) if last else max(ready, found[k + 1].leave)
             end = int(np.ceil((until - 1e-9) / self.interval)) + (1 if last else 0)
+            if end - row > MOST:
+                what = f"a truck stands for {(end - row) * self.interval / 86400.0:,.0f} days"
+                raise DataError(what, place=f"trip {trip.number}", do="take out the rows with a wrong time")
             self._write(trip, leave, arrival, np.arange(row, max(end, row), dtype=np.float64) * self.interval)
             clock, row = until, max(end, row)
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+import difflib
+import io
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
@@ -106,24 +109,41 @@ def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0) -> lis
     """
     path = Path(path)
     rng = np.random.default_rng(seed)
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream)
-            for column in ("from", "to"):
-                if column not in (reader.fieldnames or ()):
-                    do = f"the columns are {', '.join(COLUMNS)}"
-                    raise InputError(f"has no column {column!r}", where=path, place="line 1", do=do)
-            rows = list(reader)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"not readable: {error}", where=path) from None
-    tasks = [_task(row, path, i + 2, site, truck, rng) for i, row in enumerate(rows)]
+    tasks = [_task(row, path, line, site, truck, rng) for line, row in _rows(path)]
     return sorted(tasks, key=lambda t: t.earliest)
 
 
+def _rows(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
+    """The rows of a tasks file, each with its line."""
+    try:
+        text = read_whole(path, SETTINGS).decode("utf-8-sig")
+        reader = csv.DictReader(io.StringIO(text, newline=""), restval="")
+        _check_header(list(reader.fieldnames or ()), path)
+        for row in reader:
+            place = f"line {reader.line_num}"
+            if None in row:
+                raise InputError("has more fields than the header", where=path, place=place)
+            yield place, row
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"not readable as CSV: {error}", where=path, do="write UTF-8 text") from None
+
+
+def _check_header(names: list[str], path: Path) -> None:
+    known = f"the columns are {', '.join(COLUMNS)}"
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"has the column {name!r} more than once", where=path, place="line 1", do=known)
+        if name not in COLUMNS and difflib.get_close_matches(name, COLUMNS):
+            do = nearest(name, COLUMNS)
+            raise InputError(f"has an unknown column {name!r}", where=path, place="line 1", do=do)
+    for name in ("from", "to"):
+        if name not in names:
+            raise InputError(f"has no column {name!r}", where=path, place="line 1", do=known)
+
+
 def _task(
-    row: dict[str, str], path: Path, line: int, site: Site, truck: Truck, rng: np.random.Generator
+    row: dict[str, str], path: Path, place: str, site: Site, truck: Truck, rng: np.random.Generator
 ) -> Task:
-    place = f"line {line}"
     known = [p.id for p in site.places]
     for column in ("from", "to"):
         if row[column] not in known:

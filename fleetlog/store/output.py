@@ -31,7 +31,10 @@ PARTIALS = ".partials"
 REMADE = frozenset({MARK, "recording.rrd", ".recording.rrd.partial", PARTIALS})
 """Names in an output that fleetlog may add later."""
 NOREPLACE, EXCHANGE = 1, 2
+_held: set[int] = set()
+"""Descriptors of the locks of this process."""
 AT_FDCWD = -100
+NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
 
 
 @contextmanager
@@ -64,7 +67,8 @@ def atomic_output(
         new = scratch / "new"
         if folder:
             new.mkdir()
-        yield new
+        with _full_disk(given):
+            yield new
         mark = _mark(new, kind, target)
         _sync(new)
         with interrupt.held():
@@ -72,6 +76,20 @@ def atomic_output(
             if mark is not None:
                 mark.replace(_mark_of(target))
             _swap(new, target)
+
+
+@contextmanager
+def _full_disk(target: str | Path) -> Iterator[None]:
+    """Say which output has no room; libraries that write leave its name out."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None or error.errno not in NO_ROOM:
+            raise
+        why = os.strerror(error.errno or 0)
+        raise OutputError(
+            f"not written: {why}", where=target, do="make room or write to another disk"
+        ) from error
 
 
 @contextmanager
@@ -234,7 +252,17 @@ def _claimed(target: Path) -> Iterator[Path]:
         with suppress(OSError):
             (scratch / "lock").unlink()
             scratch.rmdir()
+        _let_go({lock})
+
+
+def _let_go(locks: set[int]) -> None:
+    for lock in locks & _held:
         os.close(lock)
+    _held.difference_update(locks)
+
+
+if hasattr(os, "register_at_fork"):  # a worker that outlives a killed run must not hold its place
+    os.register_at_fork(after_in_child=lambda: _let_go(set(_held)))
 
 
 def _lock(scratch: Path, target: Path) -> int:
@@ -248,6 +276,7 @@ def _lock(scratch: Path, target: Path) -> int:
             try:
                 _hold(lock, target)
                 if os.fstat(lock).st_ino == (scratch / "lock").stat().st_ino:
+                    _held.add(lock)
                     return lock
             except BaseException:
                 os.close(lock)

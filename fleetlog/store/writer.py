@@ -14,6 +14,7 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.columns import HIVE_NULL
 from fleetlog.core.site import Site, site_to_dict
 from fleetlog.core.trajectory import Trajectory, to_arrow
 from fleetlog.errors import DataError
@@ -33,10 +34,6 @@ DAY = 86_400_000_000
 ROW_GROUP, BATCH = 1 << 17, 1 << 13
 REPEATED = {"payload", "fork_height", "ambient_temperature"}
 """Numbers that stay the same for many rows."""
-HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
-"""The value of a partition that Hive, and every reader of its layout, takes for null."""
-
-
 SELECTED = ["timestamp", "x", "y", "edge_id", "trip_id"]
 """Columns by which rows are selected: only their least and greatest values are kept,
 all of them cost a fifth of writing.
@@ -192,7 +189,7 @@ class DatasetWriter:
                 "name": self.site.name,
                 "frame": None
                 if frame is None
-                else {k: getattr(frame, k) for k in ("latitude", "longitude", "rotation")},
+                else {k: getattr(frame, k) for k in ("latitude", "longitude", "rotation", "timezone")},
                 "edges": 0 if self.site.network is None else len(self.site.network),
             },
             "vehicles": dict(sorted(rows.items())),

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+from fleetlog.core.schema import load_toml
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.listening import progress
 
@@ -25,24 +25,30 @@ def settings_file(given: dict[str, Any]) -> dict[str, Any]:
     from fleetlog.verbs.simulate import simulate
 
     path = Path(given["experiment"])
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ArgumentError(f"{path}: not readable: {error}", option="--experiment") from None
-    table = {name.replace("-", "_"): value for name, value in table.items()}
-    vary = table.pop("vary", {})
-    known = {o.name for o in simulate.options}  # type: ignore[attr-defined]
-    for name in table:
-        if name not in known:
-            raise ArgumentError(
-                f"{path}: unknown key {name!r}; {nearest(name, known)}", option="--experiment"
-            )
-    for name in FILES:
-        if name in table and (path.parent / str(table[name])).exists():
+    table = load_toml(path)
+    if not isinstance(vary := table.pop("vary", {}), dict):
+        raise ArgumentError(f"{path}: vary is not a table", option="--experiment", do="write [vary]")
+    table = {name.replace("-", "_"): _as_typed(value) for name, value in table.items()}
+    known = {o.name: o for o in simulate.options}  # type: ignore[attr-defined]
+    for name, value in table.items():
+        wrong = f"unknown key {name!r}; {nearest(name, known)}" if name not in known else ""
+        if name in known and isinstance(value, list) and not known[name].many:
+            wrong = f"{name} takes one value"
+        if wrong:
+            raise ArgumentError(f"{path}: {wrong}", option="--experiment")
+    for name in table.keys() & {*FILES}:
+        if (path.parent / str(table[name])).exists():
             table[name] = str(path.parent / str(table[name]))
     if vary:
         table["vary"] = tuple(f"{k}={_values(v)}" for k, v in vary.items())
     return {**table, **given}
+
+
+def _as_typed(value: Any) -> Any:
+    """A value as a command line would have it: a text, several, or a flag."""
+    if isinstance(value, bool):
+        return value
+    return [str(v) for v in value] if isinstance(value, list) else str(value)
 
 
 def _values(value: Any) -> str:

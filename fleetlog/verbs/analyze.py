@@ -28,9 +28,8 @@ class Analysis(Verb):
     def __init__(self, name: str, function: Callable[..., Any]) -> None:
         super().__init__(function, name=name, added=(*JOBS, *OUTPUT))
 
-    def __call__(self, *args: Any, **options: Any) -> Answer:
+    def run(self, given: dict[str, Any]) -> Answer:
         """Answer the question; write the answer to ``output`` where one is given."""
-        given = self.converted(*args, **options)
         output, overwrite = given.pop("output", None), given.pop("overwrite", False)
         inputs = files_of(*(given[o.name] for o in self.options if o.name in given and o.is_input))
         with on_engine(given), destination(output, "analysis", overwrite, inputs) as keep:
@@ -58,7 +57,8 @@ class Analyses:
         """Answer the question called ``name``."""
         if name not in self.lines():
             raise ArgumentError(f"no analysis {name!r}", do=nearest(name, self.lines()))
-        return self.named(name)(dataset, **options)
+        answer: Answer = self.named(name)(dataset, **options)
+        return answer
 
     def __getattr__(self, name: str) -> Analysis:
         if name.startswith("_") or name not in self.lines():

@@ -74,10 +74,12 @@ def diagnose(
 
 def _answer(found: Diagnosis, site: Site, gate: bool, channels: tuple[str, ...]) -> Answer:
     from fleetlog.discovery.report.output import as_result, write_diagnosis
+    from fleetlog.report.diagnosis import diagnosis_page
     from fleetlog.view.results import write_result_recording
 
     def write(folder: Path) -> None:
         write_diagnosis(found, folder)
+        (folder / "report.html").write_text(diagnosis_page(found, site), encoding="utf-8")
         write_result_recording(as_result(found), site, folder / "recording.rrd")
 
     status = gate_status(found.verdict, channels) if gate else EXIT_DONE

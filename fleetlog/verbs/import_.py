@@ -73,11 +73,12 @@ def _written(
     output: PathLike | None, append: bool, overwrite: bool,
 ) -> Answer:  # fmt: skip
     from fleetlog.core.site import Site
+    from fleetlog.ingest.files import expanded
     from fleetlog.ingest.pipeline import import_logs
     from fleetlog.store import DatasetWriter
 
     target = temporary() / "dataset" if output is None else as_path(output)
-    inputs = files_of(*logs, site, profile)
+    inputs = files_of(*expanded(logs), site, profile)
     if append:
         opened = DatasetWriter.append(target, inputs=inputs)
     else:

@@ -46,7 +46,7 @@ Asked = SimpleNamespace
 def simulate(
     *, site: SiteLike | None = None, truck: TruckLike, vehicles: Annotated[int | str | None, Counts()] = None,
     duration: Annotated[float | str, Duration()] = "1h", like: DatasetLike | None = None,
-    same_mission: bool = False, tasks: TableLike | None = None, cycle: str | None = None,
+    same_mission: bool = False, tasks: TableLike | None = None, cycle: Literal["vdi2198"] | None = None,
     close: tuple[str, ...] = (), physics: PhysicsLike | None = None, without: tuple[str, ...] = (),
     seed: Seed = 0, rate: Annotated[float, Between(0.0, 1000.0)] = 1.0,
     step: Annotated[float, Between(0.001, 60.0)] = 0.1, start: str | None = None, soc: Share = 0.95,
@@ -67,7 +67,7 @@ def simulate(
     like : dataset whose places and demand are taken over.
     same_mission : drive the trips of --like again, each by itself, for comparison.
     tasks : CSV (in Python also a DataFrame): vehicle (or any), from, to, payload [kg], earliest [s].
-    cycle : a test cycle on a strip of its own: vdi2198.
+    cycle : a test cycle on a strip of its own.
     close : close a road to all trucks; may be repeated.
     physics : model.toml with terms found elsewhere.
     without : leave a term of the physics out; may be repeated.

@@ -228,11 +228,12 @@ def map_view(screen: Screen, latitude: float) -> rrb.MapView:
 
 
 def panels(screen: Screen) -> list[Any]:
-    """Time at the bottom, playing; nothing else beside the views."""
+    """Time at the bottom, playing, where anything has a time; nothing else beside the views."""
+    state = "collapsed" if screen.duration else "hidden"
     speed = 1.0 if screen.duration < 60 else 4.0 if screen.duration < 600 else 10.0
     return [
         rrb.TimePanel(
-            state="collapsed", timeline=TIMELINE, playback_speed=speed, play_state="playing", loop_mode="all"
+            state=state, timeline=TIMELINE, playback_speed=speed, play_state="playing", loop_mode="all"
         ),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),

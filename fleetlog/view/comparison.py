@@ -1,4 +1,8 @@
-"""Two fleets on one timeline: a recording and its simulation side by side."""
+"""Two fleets on one timeline: a recording and its simulation side by side.
+
+Where the simulation drives the recorded mission again, trucks of one name are subtracted from one another; else
+they do different things, and the totals of the fleets are beside one another.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,11 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Trajectory, concatenate
 from fleetlog.store import Dataset
+from fleetlog.store.trips import STANDING_SPEED
 from fleetlog.view import blueprint, palette, thin
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.fleet import curve_style, log_curve
@@ -24,7 +30,14 @@ DIFFERENCES = {
     "energy": "Energy so far, simulated - recorded [kWh]",
     "soc": "Charge, simulated - recorded [%]",
 }
-SLOW = frozenset({"energy", "soc"})
+TOTALS = {
+    "driving": "Trucks driving",
+    "distance": "Distance so far, all trucks [km]",
+    "used": "Energy so far, all trucks [kWh]",
+}
+BIN = 10_000_000
+"""Step of the totals [us]."""
+SLOW = frozenset({"energy", "soc", "distance", "used"})
 """Shown from the first to the last, also in a long recording."""
 
 
@@ -35,7 +48,7 @@ def write_comparison(
     curves.
 
     Where the two share no time, the simulated one is moved to begin with the recorded one, and the summary
-    says so. Vehicles of the same name are subtracted; ``out_rrd`` appears whole or not at all, and replaces
+    says so; ``out_rrd`` appears whole or not at all, and replaces
     an older one.
     """
     recorded, simulated = Dataset(recorded_path), Dataset(simulated_path)
@@ -49,12 +62,17 @@ def write_comparison(
         log_site(stream, recorded.site)
         a.log(stream, screen)
         b.log(stream, screen)
-        found = _log_differences(stream, a, b)
+        found = _log_differences(stream, a, b) if same_mission(simulated) else _log_totals(stream, a, b)
         stream.static(
             "/summary", rr.TextDocument(_text(recorded, simulated, shift), media_type=rr.MediaType.MARKDOWN)
         )
         blueprint.send(stream, _screen(screen, found))
     return Path(out_rrd)
+
+
+def same_mission(simulated: Dataset) -> bool:
+    """Whether a simulation drove the trips of a recording again."""
+    return "distance_ratio" in (simulated.meta.get("summary") or {})
 
 
 def clock_shift(recorded: Dataset, simulated: Dataset) -> int:
@@ -105,6 +123,38 @@ def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:
                 keep = thin.runs_collapsed(values)
                 log_curve(stream, path, day.time[keep], values[keep])
     return found
+
+
+def _log_totals(stream: Stream, *fleets: Fleet) -> set[str]:
+    """Curves of what each fleet does and has done as a whole; which kinds there are."""
+    found: set[str] = set()
+    for fleet in fleets:
+        time, curves = totals([day for v in fleet.dataset.vehicles for day in fleet.days(v)])
+        for kind, values in curves.items():
+            path = entity("difference", kind, fleet.name)
+            stream.static(path, curve_style(fleet.name, fleet.colour or palette.RECORDED))
+            log_curve(stream, path, time, values)
+            found.add(kind)
+    return found
+
+
+def totals(days: list[Trajectory]) -> tuple[NDArray[np.int64], dict[str, Floats]]:
+    """Times [us]; trucks driving, distance so far [km] and, where power is known, energy so far [kWh]."""
+    rows = [np.zeros((0, 4))]
+    for t in days:
+        dt = np.diff(t.time, append=t.time[-1:])
+        dt = np.where(dt > thin.gap_limit(t.time), 0, dt) * 1e-6
+        speed, power = np.nan_to_num(t.floats("speed")), np.nan_to_num(t.floats("battery_power"))
+        rows.append(np.column_stack([t.time // BIN, (speed > STANDING_SPEED) * dt, speed * dt, power * dt]))
+    table = np.concatenate(rows)
+    bins, of = np.unique(table[:, 0], return_inverse=True)
+    moving, metres, joules = (np.bincount(of, table[:, k], len(bins)) for k in (1, 2, 3))
+    out = {
+        "driving": moving / (BIN * 1e-6),
+        "distance": np.cumsum(metres) / 1000.0,
+        "used": np.cumsum(joules) / 3.6e6,
+    }
+    return bins.astype(np.int64) * BIN, out if joules.any() else {k: v for k, v in out.items() if k != "used"}
 
 
 def at_times(other: Trajectory, name: str, time: Any) -> Floats:
@@ -167,9 +217,9 @@ def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
             contents=[f"/difference/{kind}/**"],
             name=title,
             **blueprint.time_of(screen, slow=kind in SLOW),
-            plot_legend=rrb.PlotLegend(visible=False),
+            plot_legend=rrb.PlotLegend(visible=kind in TOTALS),
         )
-        for kind, title in DIFFERENCES.items()
+        for kind, title in {**DIFFERENCES, **TOTALS}.items()
         if kind in found
     ]
     columns = [rrb.Vertical(*left), rrb.Vertical(*both), *([rrb.Vertical(*apart)] if apart else [])]

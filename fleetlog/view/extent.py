@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.result import Grid, Marks, MovingLines, Result
+from fleetlog.core.result import Flows, Grid, Marks, MovingLines, Result
 from fleetlog.core.site import Site
 from fleetlog.store import Dataset
 
@@ -72,6 +72,8 @@ def shapes_outline(result: Result, site: Site) -> Floats:
     for shape in result.shapes:
         if isinstance(shape, Marks):
             parts.append(np.asarray(shape.xy, float).reshape(-1, 2))
+        elif isinstance(shape, Flows):
+            parts += [shape.start, shape.end]
         elif isinstance(shape, Grid):
             parts.append(_grid_corners(shape))
         elif isinstance(shape, MovingLines):

@@ -115,7 +115,7 @@ def _log_curves(stream: Stream, lane: Lane, t: Trajectory, limit: int) -> set[st
             continue
         found.add(signal)
         slow = thin.thinned(t, SOC_RATE) if signal == "soc" else t
-        time, values = _with_gaps(slow.time, slow.floats(column) * factor, limit, lane.last)
+        time, values = with_gaps(slow.time, slow.floats(column) * factor, limit, lane.last)
         keep = thin.runs_collapsed(values)
         time, values = time[keep], values[keep]
         log_curve(stream, lane.path(signal), time, values)
@@ -135,7 +135,7 @@ def log_curve(stream: Stream, path: str, time: Ints, values: Floats) -> None:
     stream.columns(path, time, lambda rows: rr.Scalars.columns(scalars=values[rows]))
 
 
-def _with_gaps(time: Ints, values: Floats, limit: int, last: int | None) -> tuple[Ints, Floats]:
+def with_gaps(time: Ints, values: Floats, limit: int, last: int | None) -> tuple[Ints, Floats]:
     """A NaN behind the last row before every gap, so that no line is drawn across it."""
     before = time[np.flatnonzero(np.diff(time) > limit)]
     if last is not None and time[0] - last > limit:

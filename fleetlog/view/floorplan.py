@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.result import EdgeValues, Grid, Marks, MovingLines, Result
+from fleetlog.core.result import EdgeValues, Flows, Grid, Marks, MovingLines, Result
 from fleetlog.core.site import Site
 from fleetlog.view import palette, ribbons
 from fleetlog.view.extent import Extent, around, shapes_outline
@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 INK, ROAD, BUILDING = "#33373d", "#b9c0c9", "#eceef1"
-MARKS = {"place": "#2a6fa8", "charger": "#1f8a4c", "critical": "#c22e2a", "point": "#33373d"}
+MARKS = {
+    "place": "#2a6fa8", "charger": "#1f8a4c", "critical": "#c22e2a", "point": "#33373d", "pick": "#2a7fb8",
+    "drop": "#b0558c", "park": "#7b828c", "charge": "#2f9a4f",
+}  # fmt: skip
 MAX_LABELS = 25
 
 
@@ -69,12 +72,6 @@ def draw_map_layer(axes: Axes, layer: Grid | EdgeValues, site: Site, scale: Scal
     return _draw_edges(axes, layer, scale, site) if site.network is not None else None
 
 
-def _norm(scale: Scale) -> Any:
-    from matplotlib.colors import Normalize
-
-    return Normalize(scale.low, scale.high)
-
-
 def _extend(scale: Scale) -> Literal["neither", "max", "both"]:
     return "neither" if not scale.clipped else "both" if scale.diverging else "max"
 
@@ -88,7 +85,7 @@ def _draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Layer:
     alpha = None if grid.mask is None else np.where(grid.mask, 1.0, 0.22)
     limits = axes.get_xlim(), axes.get_ylim()
     image = axes.imshow(
-        values, origin="lower", extent=where, cmap=colour_map(grid.diverging, False), norm=_norm(scale),
+        values, origin="lower", extent=where, cmap=colour_map(grid.diverging, False), norm=scale.norm(),
         interpolation="nearest", alpha=alpha, zorder=1.5,
     )  # fmt: skip
     axes.set_xlim(limits[0])
@@ -124,7 +121,7 @@ def _draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Laye
         lines.append((ribbons.offset(line, shift) if network.reverse[edge] >= 0 else line)[:, :2])
     order = np.argsort(np.abs(layer.values[keep]), kind="stable")
     strips = LineCollection(
-        [lines[i] for i in order], cmap=colour_map(layer.diverging, False), norm=_norm(scale),
+        [lines[i] for i in order], cmap=colour_map(layer.diverging, False), norm=scale.norm(),
         linewidths=3.2, capstyle="butt", zorder=2,
     )  # fmt: skip
     casing = LineCollection(lines, colors="#8a9099", linewidths=4.2, capstyle="butt", zorder=1.8)
@@ -139,8 +136,30 @@ def draw_overlay(axes: Axes, result: Result, layer: str | None = None) -> None:
     for shape in result.shapes:
         if isinstance(shape, MovingLines):
             _draw_lines(axes, shape)
-        elif isinstance(shape, Marks) and len(shape.xy) and shape.on in (None, layer):
-            _draw_marks(axes, shape)
+        elif isinstance(shape, Flows):
+            _draw_flows(axes, shape)
+    marks = [s for s in result.shapes if isinstance(s, Marks) and len(s.xy) and s.on in (None, layer)]
+    taken: list[Box] = []
+    for shape in marks:
+        _draw_marks(axes, shape, taken)
+
+
+def _draw_flows(axes: Axes, flows: Flows) -> None:
+    """Bent arrows, so that both directions are seen; the strongest on top."""
+    from matplotlib.patches import FancyArrowPatch
+
+    share = flows.weight / max(float(flows.weight.max(initial=0.0)), 1e-300)
+    for k in np.argsort(share):
+        axes.add_patch(FancyArrowPatch(
+            tuple(flows.start[k]), tuple(flows.end[k]), connectionstyle="arc3,rad=0.18", arrowstyle="-|>",
+            mutation_scale=6.0 + 6.0 * float(share[k]), lw=0.5 + 2.5 * float(share[k]), color="#2a6fa8",
+            alpha=0.35 + 0.5 * float(share[k]), shrinkA=2.0, shrinkB=3.0, zorder=2.6,
+        ))  # fmt: skip
+    if len(share):
+        axes.annotate(
+            f"widest arrow: {flows.weight.max():.0f} {flows.label}", (0.01, 0.99), xycoords="axes fraction", ha="left",
+            va="top", fontsize=7.5, color=INK,
+        )  # fmt: skip
 
 
 def _draw_lines(axes: Axes, shape: MovingLines) -> None:
@@ -162,25 +181,55 @@ def _draw_lines(axes: Axes, shape: MovingLines) -> None:
             )
 
 
-def _draw_marks(axes: Axes, marks: Marks) -> None:
+Box = tuple[float, float, float, float]
+"""Left, bottom, right, top [m]."""
+
+
+def _draw_marks(axes: Axes, marks: Marks, taken: list[Box]) -> None:
+    """Rings (chargers: discs) with labels where there is room for them; ``taken`` grows by these."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle
     from matplotlib.patheffects import withStroke
 
-    colour, solid = MARKS[marks.kind], marks.kind == "charger"
-    small = 0.006 * float(np.ptp(axes.get_xlim()))
-    circles = [Circle((x, y), max(float(r), small)) for (x, y), r in zip(marks.xy, marks.size, strict=True)]
-    face = colour if solid else "none"
-    axes.add_collection(
-        PatchCollection(circles, facecolors=face, edgecolors=colour, linewidths=1.4, zorder=3)
+    colour = MARKS[marks.kind]
+    small = (0.003 if marks.kind == "point" else 0.006) * float(np.ptp(axes.get_xlim()))
+    sizes = np.maximum(np.asarray(marks.size, float), small)
+    circles = [Circle((x, y), r) for (x, y), r in zip(marks.xy, sizes, strict=True)]
+    solid, faint = marks.kind in ("charger", "point"), 0.6 if marks.kind == "point" else 1.0
+    rings = PatchCollection(
+        circles,
+        facecolors=colour if solid else "none",
+        edgecolors=colour,
+        linewidths=1.2,
+        alpha=faint,
+        zorder=3,
     )
-    reach = 0.012 * float(np.ptp(axes.get_xlim()))
-    for (x, y), label, size in list(zip(marks.xy, marks.labels, marks.size, strict=True))[:MAX_LABELS]:
-        axes.annotate(
-            label, (x, y + max(float(size), small) + 0.4 * reach), fontsize=7.5, color=INK, ha="center",
-            va="bottom", zorder=5, annotation_clip=True,
-            path_effects=[withStroke(linewidth=2.2, foreground="white")],
-        )  # fmt: skip
+    axes.add_collection(rings)
+    for (x, y), label, size in list(zip(marks.xy, marks.labels, sizes, strict=True))[:MAX_LABELS]:
+        spot = _free_spot(axes, x, y, size, label, taken) if label else None
+        if spot is not None:
+            axes.annotate(
+                label, spot, fontsize=7.5, color=INK, ha="center", va="center", zorder=5, annotation_clip=True,
+                path_effects=[withStroke(linewidth=2.2, foreground="white")],
+            )  # fmt: skip
+
+
+def _free_spot(
+    axes: Axes, x: float, y: float, size: float, label: str, taken: list[Box]
+) -> tuple[float, float] | None:
+    """Middle of a label above, below, right or left of its mark, over no other one; None where there is none."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    inches = figure.get_size_inches()[0] * 0.85 / max(len({a.get_position().x0 for a in figure.axes}), 1)
+    point = float(np.ptp(axes.get_xlim())) / (72.0 * inches)
+    half, tall = 2.3 * point * len(label), 4.8 * point
+    for dx, dy in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        cx, cy = x + dx * (size + half + point), y + dy * (size + tall)
+        box = cx - half, cy - tall, cx + half, cy + tall
+        if not any(box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in taken):
+            taken.append(box)
+            return cx, cy
+    return None
 
 
 def draw_furniture(axes: Axes, site: Site) -> None:

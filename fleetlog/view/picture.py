@@ -1,18 +1,19 @@
-"""One PNG of an analysis, for paper: maps in metres with scale and north arrow, curves and bars below."""
+"""Pictures of an analysis: a PNG of all its shapes for paper, and single ones as SVG for pages."""
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Result, Series, Spread
+from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Spread
 from fleetlog.core.site import Site
-from fleetlog.view import palette
 from fleetlog.view.floorplan import draw_furniture, draw_map_layer, draw_overlay, draw_site, frame_map
-from fleetlog.view.scales import scales_of
+from fleetlog.view.panels import bars_height, draw_bars, draw_series
+from fleetlog.view.scales import Scale, scales_of
 from fleetlog.view.spread import draw_spread
 
 if TYPE_CHECKING:
@@ -21,9 +22,12 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Panel = Series | Bars | Spread
+Layer = Grid | EdgeValues
 WIDTH, DPI = 10.0, 150
 PANEL_HEIGHT = 2.4
-MAX_MAPS, MAX_PANELS, MAX_BARS = 24, 6, 20
+MAX_MAPS, MAX_PANELS = 24, 6
+ON_PAGE = 5.6
+"""Width of a picture on a page [inches]: its text stays readable on a phone."""
 STYLE: Any = {
     "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 10.5, "axes.titlelocation": "left",
     "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#5a5f66",
@@ -46,10 +50,11 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
     with matplotlib.rc_context(STYLE):
         columns = 2 if len(maps) > 1 else 1
         map_rows = -(-len(maps) // columns)
-        panel_rows = -(-len(panels) // 2) if len(panels) > 1 else len(panels)
+        beside = 2 if len(panels) > 1 else 1
+        panel_heights = [max(map(_height, panels[k : k + beside])) for k in range(0, len(panels), beside)]
         ratio = _map_ratio(result, site)
         map_height = float(np.clip((WIDTH / columns - 1.0) * ratio + 0.9, 2.6, 8.5 if columns == 1 else 6.0))
-        heights = [map_height] * map_rows + [PANEL_HEIGHT] * panel_rows
+        heights = [map_height] * map_rows + panel_heights
         figure = Figure(figsize=(WIDTH, sum(heights) + 0.5 or 4.0), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
         figure.get_layout_engine().set(w_pad=0.08, h_pad=0.05, hspace=0.03)  # type: ignore[union-attr, call-arg]
@@ -59,11 +64,9 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
     return Path(out_png)
 
 
-def _split(result: Result) -> tuple[list[Grid | EdgeValues | None], list[Panel]]:
-    maps: list[Grid | EdgeValues | None] = [
-        *[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
-    ]
-    if not maps and any(isinstance(s, Marks | MovingLines) for s in result.shapes):
+def _split(result: Result) -> tuple[list[Layer | None], list[Panel]]:
+    maps: list[Layer | None] = [*[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]]
+    if not maps and any(isinstance(s, Marks | MovingLines | Flows) for s in result.shapes):
         maps = [None]
     return maps, [s for s in result.shapes if isinstance(s, Series | Bars | Spread)][:MAX_PANELS]
 
@@ -75,7 +78,7 @@ def _map_ratio(result: Result, site: Site) -> float:
 
 def _place(
     figure: Figure, heights: list[float], map_rows: int, columns: int,
-    maps: list[Grid | EdgeValues | None], panels: list[Panel], result: Result, site: Site,
+    maps: list[Layer | None], panels: list[Panel], result: Result, site: Site,
 ) -> None:  # fmt: skip
     if not heights:
         figure.text(0.01, 0.5, "\n".join(result.lines) or "nothing to draw", va="center")
@@ -89,16 +92,68 @@ def _place(
         _draw_map(figure, figure.add_subplot(spot(0, k, columns == 1)), layer, result, site)
     for k, panel in enumerate(panels):
         axes = figure.add_subplot(spot(map_rows, k, len(panels) == 1))
-        if isinstance(panel, Series):
-            _draw_series(axes, panel)
-        elif isinstance(panel, Spread):
-            draw_spread(axes, panel)
+        _draw_panel(axes, panel, site.timezone)
+
+
+def _height(panel: Panel) -> float:
+    return max(bars_height(panel), PANEL_HEIGHT) if isinstance(panel, Bars) else PANEL_HEIGHT
+
+
+def _draw_panel(axes: Axes, panel: Panel, zone: str) -> None:
+    if isinstance(panel, Series):
+        draw_series(axes, panel, zone)
+    elif isinstance(panel, Spread):
+        draw_spread(axes, panel)
+    else:
+        draw_bars(axes, panel)
+
+
+def svg(
+    result: Result,
+    site: Site,
+    shape: Layer | Panel | None = None,
+    *,
+    salt: str = "",
+    scale: Scale | None = None,
+    zone: str | None = None,
+) -> str:
+    """One map or panel of a result as an SVG element: its texts are text, everything it needs is in it.
+
+    Without a ``shape``, the map of the site with the marks.  ``salt`` must differ among the pictures of a page;
+    ``scale`` is that of the map where several pictures share it; ``zone`` the time zone, the site's by default.
+    """
+    import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    own: Any = {
+        **STYLE,
+        "font.size": 10.0,
+        "legend.fontsize": 9.0,
+        "svg.fonttype": "none",
+        "svg.hashsalt": salt,
+    }
+    with matplotlib.rc_context(own):
+        height = float(np.clip((ON_PAGE - 1.0) * _map_ratio(result, site) + 1.0, 2.4, 7.0))
+        if isinstance(shape, Series | Bars | Spread):
+            height = bars_height(shape) if isinstance(shape, Bars) else PANEL_HEIGHT
+        figure = Figure(figsize=(ON_PAGE, height), dpi=DPI, layout="constrained")
+        FigureCanvasSVG(figure)
+        if isinstance(shape, Series | Bars | Spread):
+            _draw_panel(figure.add_subplot(), shape, zone or site.timezone)
         else:
-            _draw_bars(axes, panel)
+            _draw_map(figure, figure.add_subplot(), shape, result, site, scale)
+        for axes in figure.axes:
+            axes.set_title("", loc="left")  # a page says it beside the picture
+        out = io.StringIO()
+        figure.savefig(
+            out, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None}
+        )
+    return out.getvalue()[out.getvalue().index("<svg") :]
 
 
 def _draw_map(
-    figure: Figure, axes: Axes, layer: Grid | EdgeValues | None, result: Result, site: Site
+    figure: Figure, axes: Axes, layer: Layer | None, result: Result, site: Site, scale: Scale | None = None
 ) -> None:
     extent = frame_map(result, site)
     axes.set_xlim(extent[0], extent[2])
@@ -106,63 +161,16 @@ def _draw_map(
     axes.set_aspect("equal")
     draw_site(axes, site)
     if layer is not None:
-        image = draw_map_layer(axes, layer, site, scales_of(result.shapes)[layer.name])
+        scale = scale or scales_of(result.shapes)[layer.name]
+        image = draw_map_layer(axes, layer, site, scale)
         axes.set_title(layer.name.replace("_", " "))
         if image is not None:
             wide = extent[2] - extent[0] > 1.3 * (extent[3] - extent[1])
             bar = figure.colorbar(
-                image.mappable, ax=axes, label=layer.label, extend=image.extend,
+                image.mappable, ax=axes, label=layer.label, extend=image.extend, ticks=scale.ticks(),
+                format=None if scale.ticks() is None else "%g",
                 orientation="horizontal" if wide else "vertical", shrink=0.7, aspect=30, pad=0.02,
             )  # fmt: skip
             bar.outline.set_visible(False)
     draw_overlay(axes, result, None if layer is None else layer.name)
     draw_furniture(axes, site)
-
-
-def _draw_series(axes: Axes, series: Series) -> None:
-    x: Any = np.asarray(series.x)
-    names = [name.replace("_", " ") for name in series.y]
-    if series.over_time:
-        x = x.astype("datetime64[us]")
-    if series.stacked:
-        values = np.nan_to_num(np.array(list(series.y.values()), float))
-        axes.stackplot(
-            x, values, labels=names, colors=[palette.dark_colour(i) for i in range(len(values))], lw=0
-        )
-    else:
-        for i, (name, y) in enumerate(zip(names, series.y.values(), strict=True)):
-            axes.plot(x, y, lw=1.1, color=palette.dark_colour(i), label=name)
-    if series.over_time:
-        from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-
-        # These two classes of matplotlib carry no types.
-        locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
-        axes.xaxis.set_major_locator(locator)
-        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
-    axes.set_title(series.name.replace("_", " "))
-    axes.set_xlabel("UTC" if series.over_time else series.x_label)
-    axes.set_ylabel(series.y_label)
-    axes.margins(x=0)
-    axes.grid(axis="y", color="#e3e6ea", lw=0.6)
-    axes.set_axisbelow(True)
-    if len(names) > 3 or (series.stacked and len(names) > 1):
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.3, reverse=series.stacked)
-    elif len(names) > 1:
-        axes.legend()
-
-
-def _draw_bars(axes: Axes, bars: Bars) -> None:
-    labels, values = list(bars.labels[:MAX_BARS]), np.asarray(bars.values[:MAX_BARS], float)
-    at = np.arange(len(labels))
-    axes.barh(at, values, color=palette.dark_colour(0), height=0.72)
-    axes.set_yticks(at, [t if len(t) <= 28 else t[:27] + "…" for t in labels])
-    axes.invert_yaxis()
-    axes.set_xlabel(bars.label)
-    axes.set_title(bars.name.replace("_", " "))
-    axes.grid(axis="x", color="#e3e6ea", lw=0.6)
-    axes.set_axisbelow(True)
-    left_out = len(bars.labels) - len(labels)
-    if left_out > 0:
-        axes.annotate(
-            f"and {left_out} more", (1, 0), xycoords="axes fraction", ha="right", va="bottom", color="#5a5f66"
-        )

@@ -9,11 +9,12 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Result, Series, Shape
+from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
-from fleetlog.view import blueprint, palette, ribbons
+from fleetlog.view import blueprint, palette, ribbons, thin
 from fleetlog.view.extent import Extent, Floats, around, shapes_outline
-from fleetlog.view.fleet import curve_style, log_curve
+from fleetlog.view.fleet import curve_style, log_curve, with_gaps
+from fleetlog.view.marks import arc, head
 from fleetlog.view.meshes import join, mesh_of
 from fleetlog.view.scales import Scale, scales_of, screen_colours
 from fleetlog.view.scene import drawn_width, lane, log_site, mesh3d
@@ -21,7 +22,7 @@ from fleetlog.view.stream import Stream, entity, open_stream, verbatim
 
 MARK_COLOURS = {
     "place": palette.PLACES["pick"], "charger": palette.PLACES["charge"], "critical": palette.CRITICAL,
-    "point": (240, 240, 245),
+    "point": (240, 240, 245), **palette.PLACES,
 }  # fmt: skip
 SERIES_COLOURS = [palette.vehicle_colour(i) for i in range(24)]
 MAX_MAPS = 9
@@ -69,6 +70,8 @@ def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales:
         return _log_marks(stream, path, shape)
     if isinstance(shape, MovingLines):
         return _log_lines(stream, path, shape)
+    if isinstance(shape, Flows):
+        return _log_flows(stream, path, shape)
     if isinstance(shape, Series):
         return _log_series(stream, shape)
     # Curves with intervals are in the picture; in the recording is the table of them.
@@ -113,17 +116,16 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
     thick = 0.022 * span
     y = y0 - 0.05 * span
     xs = np.linspace(x0, x0 + 0.5 * span, 65)
-    values = scale.low + (np.arange(64) + 0.5) / 64 * (scale.high - scale.low)
-    colours = screen_colours(values, scale)[:, :3]
+    colours = screen_colours(scale.at((np.arange(64) + 0.5) / 64), scale)[:, :3]
     cells = [
         mesh_of(ribbons.ribbon(np.array([[a, y, 0.0], [b, y, 0.0]]), thick / 2, -thick / 2, 0.05), colour)
         for a, b, colour in zip(xs[:-1], xs[1:], colours, strict=True)
     ]
     stream.static(f"{path}/scale", mesh3d(join(cells)))
     top = ("≥ " if scale.clipped else "") + _short(scale.high)
-    texts = [_short(scale.low), f"{top}  {label}"]
+    texts = [_short(scale.low), _short(float(scale.at(np.array(0.5)))), f"{top}  {label}"]
     ends = rr.Points3D(
-        [[xs[0], y - thick, 0.1], [xs[-1], y - thick, 0.1]],
+        [[x, y - thick, 0.1] for x in xs[[0, 32, 64]]],
         labels=texts, radii=rr.Radius.ui_points(0.5), colors=[(225, 228, 235)], show_labels=True,
     )  # fmt: skip
     stream.static(f"{path}/scale/ends", ends)
@@ -151,6 +153,20 @@ def _log_marks(stream: Stream, path: str, marks: Marks) -> str:
     )
     stream.static(f"{path}/labels", points)
     return ""
+
+
+def _log_flows(stream: Stream, path: str, flows: Flows) -> str:
+    """Arcs with heads, the wider the more."""
+    ends = [np.column_stack([e, np.full(len(e), 0.3)]) for e in (flows.start, flows.end)]
+    arcs = [arc(a, b) for a, b in zip(*ends, strict=True)]
+    if not arcs:
+        return ""
+    width = 0.5 + 2.5 * np.tile(flows.weight / flows.weight.max(), 2) ** 2
+    strips = rr.LineStrips3D(
+        [*arcs, *map(head, arcs)], radii=rr.Radius.ui_points(width), colors=[palette.CALM]
+    )
+    stream.static(path, strips)
+    return f"**{_title(flows.name)}**: the widest arrow is {_short(flows.weight.max())} {flows.label}"
 
 
 def _log_lines(stream: Stream, path: str, shape: MovingLines) -> str:
@@ -181,14 +197,11 @@ def _log_lines(stream: Stream, path: str, shape: MovingLines) -> str:
 def _log_series(stream: Stream, shape: Series) -> str:
     if not shape.over_time:
         return f"**{_title(shape.name)}** ({shape.y_label} over {shape.x_label}) is in the picture"
-    names, curves = list(shape.y), [np.asarray(v, float) for v in shape.y.values()]
-    if shape.stacked:
-        curves = list(np.cumsum(np.nan_to_num(curves), axis=0))
-    for i, (name, values) in enumerate(zip(names, curves, strict=True)):
+    for i, (name, values) in enumerate(shape.y.items()):
         path = entity("curves", shape.name, name)
-        stream.static(path, curve_style(name, SERIES_COLOURS[i % 24]))
-        log_curve(stream, path, shape.x, values)
-    return f"**{_title(shape.name)}**: each curve lies on the sum of those before it" if shape.stacked else ""
+        stream.static(path, curve_style(name.replace("_", " "), SERIES_COLOURS[i % 24]))
+        log_curve(stream, path, *with_gaps(shape.x, np.asarray(values, float), thin.gap_limit(shape.x), None))
+    return ""
 
 
 def _bars_text(bars: Bars) -> str:
@@ -244,7 +257,7 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
         *[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
     ]
     marks = [s for s in result.shapes if isinstance(s, Marks)]
-    always = [f"{entity('result', s.name)}/**" for s in result.shapes if isinstance(s, MovingLines)]
+    always = [f"{entity('result', s.name)}/**" for s in result.shapes if isinstance(s, MovingLines | Flows)]
     always += [f"{entity('result', s.name)}/**" for s in marks if s.on is None]
     if maps:
         x0, y0, x1, _ = around(outline)
@@ -256,7 +269,8 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
         blueprint.floor_view(
             screen, "Plan" if m is None else _title(m.name), eye, [*flat, *_contents(m), *_own(marks, m)]
         )
-        for m in maps or [None]
+        for m in (maps or [None])
+        if len(outline)
     ]
     if len(plans) == 1:
         only = maps[0] if maps else None
@@ -274,9 +288,10 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
         for s in curves[:3]
     ]
     side.append(rrb.TextDocumentView(origin="/summary", name="Answer"))
-    left = rrb.Vertical(*plans) if len(plans) <= 2 else rrb.Grid(*plans)
+    # Without a map and without places there is nothing to see from above.
+    left = [rrb.Vertical(*plans) if len(plans) <= 2 else rrb.Grid(*plans)] if plans else []
     return rrb.Blueprint(
-        rrb.Horizontal(left, rrb.Vertical(*side), column_shares=[5, 3]),
+        rrb.Horizontal(*left, rrb.Vertical(*side), column_shares=[5, 3][-1 - len(left) :]),
         *blueprint.panels(screen),
         auto_views=False,
         auto_layout=False,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fleetlog.core.result import EdgeValues, Grid
 
 if TYPE_CHECKING:
-    from matplotlib.colors import Colormap
+    from matplotlib.colors import Colormap, Normalize
 
 Floats = NDArray[np.float64]
 
@@ -23,18 +23,51 @@ SIGNS = ((120, 200, 255), (50, 120, 220), (104, 107, 113), (225, 90, 50), (255, 
 """Below zero, zero and above on the dark ground: bright is far from zero."""
 
 
+SKEWED = 8.0
+"""Where the largest values are this many times the median, colours follow their logarithm."""
+
+
 @dataclass(frozen=True)
 class Scale:
-    """Limits of a colour map.  ``clipped``: values above ``high`` exist."""
+    """Limits of a colour map.  ``clipped``: values above ``high`` exist.
+
+    Values beyond the ``knee`` are spread by their logarithm, as a few are many times the others; inf: none are.
+    """
 
     low: float
     high: float
     diverging: bool = False
     clipped: bool = False
+    knee: float = float("inf")
+
+    def norm(self) -> Normalize:
+        """The same for matplotlib."""
+        from matplotlib.colors import AsinhNorm, Normalize
+
+        if np.isfinite(self.knee):
+            return AsinhNorm(self.knee, self.low, self.high, clip=True)
+        return Normalize(self.low, self.high, clip=True)
 
     def share(self, values: Floats) -> Floats:
         """0 to 1 between the limits; NaN stays NaN."""
-        return np.asarray(np.clip((values - self.low) / (self.high - self.low), 0.0, 1.0), dtype=np.float64)
+        ends, v = np.array([self.low, self.high]), np.asarray(values, np.float64)
+        if np.isfinite(self.knee):
+            ends, v = np.arcsinh(ends / self.knee), np.arcsinh(v / self.knee)
+        return np.asarray(np.clip((v - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0), dtype=np.float64)
+
+    def ticks(self) -> list[float] | None:
+        """Round values evenly along a colour bar; None where matplotlib finds them itself."""
+        if not np.isfinite(self.knee):
+            return None
+        return sorted({float(f"{v:.1g}") for v in self.at(np.linspace(0.0, 1.0, 6 - self.diverging))})
+
+    def at(self, share: Floats) -> Floats:
+        """The values at shares from 0 to 1."""
+        ends = np.array([self.low, self.high])
+        if np.isfinite(self.knee):
+            ends = np.arcsinh(ends / self.knee)
+        v = ends[0] + np.asarray(share) * (ends[1] - ends[0])
+        return np.asarray(self.knee * np.sinh(v) if np.isfinite(self.knee) else v, dtype=np.float64)
 
 
 def scale_of(values: Floats, diverging: bool = False) -> Scale:
@@ -57,7 +90,9 @@ def scale_of(values: Floats, diverging: bool = False) -> Scale:
     if high - low < 1e-300:
         high = low + 1.0
     low = -high if diverging else low
-    return Scale(low, high, diverging, clipped=top > high)
+    middle = float(np.median(used)) if len(used) and low in (0.0, -high) else high
+    knee = max(middle, 1e-6 * high) if high > SKEWED * middle else float("inf")
+    return Scale(low, high, diverging, top > high, knee)
 
 
 def scales_of(shapes: Sequence[object]) -> dict[str, Scale]:

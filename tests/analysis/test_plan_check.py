@@ -77,7 +77,10 @@ def test_capacities_that_cannot_be_kept_say_so():
 
 
 def test_existing_chargers_stay_and_idle_sites_are_left_out(fleet):
-    assert "n00" in chargers(fleet, k=2, keep_existing=True).summary["sites"]
+    kept = chargers(fleet, k=2, keep_existing=True)
+    assert "n00" in kept.summary["sites"]
+    assert any(line.startswith("Keep charger-1 (") for line in kept.lines)
+    assert not any("Install" in line and "n00" in line for line in kept.lines)
     r = chargers(fleet, k=12)
     assert (r.places["sites"].served_share > 0).all()
     assert len(r.places["sites"]) == 12 or any("idle" in n for n in r.summary["notices"])

@@ -106,7 +106,7 @@ def _csv_cells() -> Iterator[Case]:
         yield Case(f"csv time {k}", "a.csv", _cell(8, 1, value), 3, "the time", ROWS - 1)
     for k, value in enumerate(NAMES):
         for column in (0, 6):
-            long = not column and len(value) > 200
+            long = not column and (len(value) > 200 or value.startswith("__HIVE"))
             yield Case(
                 f"csv name {k} in {column}",
                 "a.csv",
@@ -449,10 +449,14 @@ def _parquet() -> Iterator[Case]:
     ):
         yield case(f"time {kind}", 0, "", ROWS, timestamp=pa.array(micro, pa.timestamp("us")).cast(kind))
     yield case("time as text", 0, "", ROWS, timestamp=[iso(i) for i in n])
-    yield case("time as int", 0, "counts us", ROWS, timestamp=micro)
-    yield case("time as float", 0, "counts s", ROWS, timestamp=[m / 1e6 for m in micro])
+    yield case("time as int", 0, "counted in us", ROWS, timestamp=micro)
+    yield case("time as float", 0, "counted in s", ROWS, timestamp=[m / 1e6 for m in micro])
     yield case(
-        "time as unsigned", 0, "counts ms", ROWS, timestamp=pa.array([m // 1000 for m in micro], pa.uint64())
+        "time as unsigned",
+        0,
+        "counted in ms",
+        ROWS,
+        timestamp=pa.array([m // 1000 for m in micro], pa.uint64()),
     )
     for k, value in enumerate(NO_TIMES):
         yield case(f"bad time {k}", 3, "time", ROWS - 1, timestamp=[*[iso(i) for i in n][:-1], value])
@@ -818,6 +822,12 @@ def _maps() -> Iterator[Case]:
         for k, value in enumerate(("x", float("nan"), float("inf"), 10**400, [1], 1e308)):
             data = json.dumps(_changed(seeds.LIF, f"layouts.0.{path}", value)).encode()
             yield Case(f"lif {path} {k}", "map.json", data, 1, "map.json", None, "settings")
+    knots = _changed(
+        seeds.LIF,
+        "layouts.0.edges.1.vehicleTypeEdgeProperties.0.trajectory.knotVector",
+        [0, 0, 0, 1e-320, 1, 1],
+    )
+    yield Case("lif knots that nearly coincide", "map.json", json.dumps(knots).encode(), 1, "nearly coincide", None, "settings")  # fmt: skip
     for name, data in seeds.MAPS.items():
         for k in range(1, 10):
             yield Case(f"{name} cut {k}", name, data[: len(data) * k // 10], 1, name, None, "settings")

@@ -9,6 +9,7 @@ Python, or more than ``SECONDS`` of processor time.  Each is kept in ``findings/
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import random
 import re
@@ -38,6 +39,9 @@ TOKENS = [*NUMBERS, b'"', b"'", b"\r", b"\n", b"\r\n", b"\x00", b"\xff", b"\xed\
           b"\xef\xbb\xbf", b"\x1f\x8b", b"PAR1", b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"%", b"\\", b"A" * 5000, b"-" * 300,
           b'"timestamp"', b'"coordinates"', b"e" * 40, b"_file", b"date", b"timestamp", b"vehicle_id"]  # fmt: skip
 _NUMBER = re.compile(rb"-?\d+(\.\d+)?")
+_TOKEN = re.compile(rb'"[^"]*"|[\w.+-]+')
+IMPORTS = 0.2
+"""Mutants for a whole import, as a share of those for a reader: it takes ten times as long."""
 
 
 def mutant(rng: random.Random, data: bytes) -> bytes:
@@ -87,6 +91,15 @@ def _number(rng: random.Random, data: bytes) -> bytes:
     return data[: one.start()] + rng.choice(NUMBERS) + data[one.end() :]
 
 
+def _token(rng: random.Random, data: bytes) -> bytes:
+    """One word, number or quoted text in the place of another: what stays well formed goes deeper."""
+    found = list(_TOKEN.finditer(data))
+    if len(found) < 2:
+        return data
+    one, other = rng.sample(found, 2)
+    return data[: one.start()] + other[0] + data[one.end() :]
+
+
 def _swap(rng: random.Random, data: bytes) -> bytes:
     a, b = _span(rng, data)
     at = rng.randrange(len(data) + 1)
@@ -103,7 +116,8 @@ def _clear(rng: random.Random, data: bytes) -> bytes:
 
 
 _CHANGES: list[Callable[[random.Random, bytes], bytes]] = [
-    _flip, _flip, _put, _cut, _double, _insert, _insert, _number, _number, _number, _swap, _end, _clear,
+    _flip, _flip, _put, _cut, _double, _insert, _insert, _number, _number, _number, _token, _token, _token,
+    _swap, _end, _clear,
 ]  # fmt: skip
 
 
@@ -122,7 +136,7 @@ def rechecked(data: bytes) -> bytes:
 def targets() -> dict[str, tuple[str, bytes]]:
     """Name of a reader (with a variant): name of the file, and its bytes."""
     logs = {name: (f"log.{suffix}", make()) for name, (suffix, make) in seeds.LOGS.items()}
-    whole = {f"import {name}": logs[name] for name in ("csv", "geojson", "parquet", "mcap", "vda5050")}
+    whole = {f"import {name}": log for name, log in logs.items()}
     return logs | whole | {name: (name, data) for name, data in (seeds.MAPS | seeds.SETTINGS).items()}
 
 
@@ -170,9 +184,9 @@ def fuzz(name: str, count: int, seed: int, folder: Path, keep: Path | None = Non
     return found
 
 
-def share(name: str, count: int) -> int:
-    """Mutants for one reader: a whole import takes twenty times as long as reading."""
-    return max(count // 20, 1) if name.startswith("import ") else count
+def weight(name: str) -> float:
+    """How many mutants a target gets, as a share of those of a reader."""
+    return IMPORTS if name.startswith("import ") else 1.0
 
 
 def quick_folder() -> str | None:
@@ -191,11 +205,11 @@ def main() -> int:
     given = parser.parse_args()
     resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
     names = [given.only] if given.only else list(targets())
-    total = 0
+    total, each = 0, given.mutants / sum(map(weight, names))
     with tempfile.TemporaryDirectory(dir=quick_folder()) as folder:
         for name in names:
             begin = time.perf_counter()
-            count = share(name, given.mutants // len(names))
+            count = math.ceil(each * weight(name))
             found = fuzz(name, count, given.seed, Path(folder), Path("findings"))
             total += len(found)
             print(

@@ -25,6 +25,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,7 +33,10 @@ SAMPLE = ROOT / "sample_data"
 TRUCK, SITE = "plant/truck.toml", "plant/site.toml"
 POWER = ["--channels", "battery_power"]
 ENV = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "FLEETLOG_DEBUG": ""}
-LIMIT = 300.0
+FORMATS = ("csv", "geojson", "gpx", "kitti", "mcap", "parquet", "sumo-fcd", "sumo-net", "tum")
+ONE = {"kitti": ["--vehicle", "T1"], "tum": ["--vehicle", "T1"]}
+"""Formats of one vehicle."""
+LIMIT = 900.0
 """Longest a run may take [s]; one that takes longer hangs."""
 
 VERBS: dict[str, list[str]] = {
@@ -49,13 +53,22 @@ VERBS: dict[str, list[str]] = {
     "calibrate": ["calibrate", "recorded", "--truck", TRUCK, "-o", "OUT.toml"],
     "diagnose": ["diagnose", "recorded", "--truck", TRUCK, *POWER, "-o", "OUT"],
     "against": ["diagnose", "recorded", "--truck", TRUCK, "--against", "simulated", *POWER, "-o", "OUT"],
-    "export-csv": ["export", "recorded", "--to", "csv", "-o", "OUT.csv"],
-    "export-mcap": ["export", "recorded", "--to", "mcap", "-o", "OUT.mcap"],
-    "export-parquet": ["export", "recorded", "--to", "parquet", "-o", "OUT.parquet"],
-    "export-gpx": ["export", "recorded", "--to", "gpx", "-o", "OUT.gpx"],
+    **{
+        f"export-{kind}": ["export", "recorded", "--to", kind, *ONE.get(kind, []), "-o", f"OUT.{kind}"]
+        for kind in FORMATS
+    },
+    "tasks": ["simulate", "--site", SITE, "--truck", TRUCK, "--tasks", "tasks.csv", "--vehicles", "2", "--duration", "60s", "-o", "OUT"],
+    "cycle": ["simulate", "--cycle", "vdi2198", "--truck", TRUCK, "--duration", "60s", "-o", "OUT"],
+    "experiment": ["simulate", "--site", SITE, "--truck", TRUCK, "--vehicles", "2,3", "--workers", "2", "--duration", "60s", "-o", "OUT"],
     "view": ["view", "recorded", "--beside", "simulated", "--save", "OUT.rrd"],
+    "screenshot": ["view", "simulated", "--screenshot", "OUT.png"],
     "demo": ["demo", "-o", "OUT"],
 }  # fmt: skip
+TASKS = "dock-1,rack-1,500,0\ndock-2,rack-2,700,10\n"
+READS: dict[str, list[str]] = {
+    "info": ["info", "recorded"], "info-log": ["info", "log.csv"], "dry-run": ["import", "log.csv", "--dry-run"],
+}  # fmt: skip
+"""Verbs that write nothing."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +92,7 @@ class Case:
     largest: int = 0
 
     def argv(self, *more: str, out: str = "out") -> list[str]:
-        words = [w.replace("OUT", out).replace(SITE, SITE) for w in VERBS[self.verb]]
+        words = [w.replace("OUT", out) for w in (VERBS | READS)[self.verb]]
         return [sys.executable, "-m", "fleetlog", *words, *more]
 
     def target(self, out: str = "out") -> Path:
@@ -167,6 +180,23 @@ def prepare(folder: Path) -> None:
     ):
         done = run([sys.executable, "-m", "fleetlog", *words], folder)
         assert done.status == 0, done.err
+    (folder / "tasks.csv").write_text("from,to,payload,earliest\n" + TASKS)
+
+
+def reading(verb: str, inputs: Path, folder: Path, rounds: int, rng: random.Random) -> list[str]:
+    """However a run of a verb that only reads ends, nothing is written and nothing has changed."""
+    shutil.copytree(inputs, folder, dirs_exist_ok=True)
+    case, breaches = Case(verb, folder), []
+    before, first = contents(folder), case.run()
+    for which in (None, signal.SIGKILL, signal.SIGTERM, signal.SIGINT) * rounds:
+        if which is None:
+            done, wanted = case.run(closed=(1, 2)), {first.status}
+        else:
+            strike = partial(_later, moment=rng.uniform(0.0, 0.9) * first.seconds, which=which, ready=True)
+            done, wanted = case.run(after=strike), {first.status, 130, -9 * (which == signal.SIGKILL)}
+        if done.status not in wanted or contents(folder) != before or case.left():
+            breaches.append(f"{verb}, {which}: status {done.status} {done.err[-200:]}")
+    return breaches
 
 
 def case_of(verb: str, inputs: Path, folder: Path) -> Case:
@@ -365,7 +395,7 @@ def tear(
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=10)
-    parser.add_argument("--verbs", default=",".join(VERBS))
+    parser.add_argument("--verbs", default=",".join(VERBS | READS))
     parser.add_argument("--trials", default=",".join(TRIALS))
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
@@ -379,6 +409,13 @@ def main() -> int:
         inputs.mkdir()
         prepare(inputs)
         for verb in given.verbs.split(","):
+            if verb in READS:
+                breaches = reading(
+                    verb, inputs, Path(scratch) / verb, given.rounds, random.Random(given.seed)
+                )
+                print(f"{verb}: {4 * given.rounds - len(breaches)}/{4 * given.rounds}", *breaches, flush=True)
+                every += breaches
+                continue
             row, breaches = tear(verb, inputs, Path(scratch) / verb, given.rounds, trials, given.seed)
             print(f"| {verb} | " + " | ".join(row[t] for t in trials) + " |", flush=True)
             every += breaches

@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -267,3 +268,60 @@ def test_locks_that_a_file_system_does_not_know_are_said(
     with pytest.raises(OutputError, match="cannot be locked"):
         write(tmp_path / "out", "new")
     assert output._names(tmp_path) in ([], [".out.partial"])
+
+
+ORPHANED = """
+import os, sys, time
+from pathlib import Path
+from fleetlog import interrupt
+from fleetlog.store.output import atomic_output
+with atomic_output(Path(sys.argv[1]), "thing"):
+    if sys.argv[2] == "fork":
+        if not os.fork():
+            time.sleep(10)
+        os._exit(9)
+    with interrupt.workers(1) as pool:
+        pool.submit(time.sleep, 60)
+        print(pool.submit(time.sleep, 60) and [*pool._processes][0], flush=True)
+        if sys.argv[2] == "raise":
+            raise ZeroDivisionError
+        time.sleep(60)
+"""
+
+
+def orphan(target: Path, how: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", ORPHANED, str(target), how],
+        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=ROOT,
+    )  # fmt: skip
+
+
+def test_a_worker_that_outlives_a_killed_run_does_not_hold_its_place(tmp_path: Path) -> None:
+    run = orphan(tmp_path / "out", "fork")
+    assert run.wait(20) == 9
+    write(tmp_path / "out", "new")
+    assert read(tmp_path / "out") == "new"
+
+
+def gone(pid: int) -> bool:
+    for _ in range(100):
+        state = Path(f"/proc/{pid}/stat")
+        if not state.exists() or state.read_text().split()[2] == "Z":
+            return True
+        time.sleep(0.05)
+    return False
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are told of their parent's end on Linux only")
+def test_workers_end_with_their_run(tmp_path: Path) -> None:
+    run = orphan(tmp_path / "out", "wait")
+    assert run.stdout is not None
+    worker = int(run.stdout.readline())
+    run.kill()
+    run.wait(20)
+    assert gone(worker)
+
+
+def test_workers_end_at_once_with_a_run_that_fails(tmp_path: Path) -> None:
+    run = orphan(tmp_path / "out", "raise")
+    assert run.wait(20) == 1 and not list(tmp_path.iterdir())

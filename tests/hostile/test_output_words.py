@@ -22,9 +22,10 @@ from fleetlog.analysis.trips import trips
 from fleetlog.api.answer import Answer
 from fleetlog.cli.main import cli
 from fleetlog.cli.tell import printable
+from fleetlog.core.network import Edge, build_network
 from fleetlog.core.result import Grid, Result
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.discovery.report.finding import ChannelFit, Verdict
 from fleetlog.errors import DataError, InputError, OutputError
 from fleetlog.exporters.base import export_dataset
@@ -161,7 +162,7 @@ def test_a_gate_stays_shut_for_what_was_not_judged() -> None:
         "simulate --truck T --soc 60", "simulate --truck T --soc nan", "simulate --truck T --seed -5",
         "simulate --truck T --vehicles 1000000000", "simulate --truck T --vehicles -1", "simulate --truck T --rate inf",
         "simulate --truck T --step 0", "simulate --truck T --temperature nan", "simulate --truck T --duration 1000000h",
-        "simulate --truck T --charge-below 30", "simulate --truck T --chemistry gold", "analyze density . --threshold nan",
+        "simulate --truck T --charge-below 30", "simulate --truck T --chemistry gold", "simulate --truck T --cycle x", "simulate --truck T --runs 0", "simulate --truck T --workers 1e9", "analyze density . --threshold nan",
         "analyze density . --step 0", "analyze heatmap . --cell 0", "analyze heatmap . --cell inf", "analyze stops . --min-visits 0",
         "analyze trips . --min-distance nan", "analyze chargers . -k 0", "analyze chargers . --radius nan", "analyze nothing .",
         "diagnose . --truck T --channels smell", "diagnose . --truck T --terms magic", "export . --to cvs", "import x --rate nan",
@@ -185,6 +186,27 @@ def test_analyses_of_nearly_nothing_answer(tmp_path: Path) -> None:
         assert done.exit_code == 0, (words, done.exception)
         assert not re.search(r"\bnan\b|(?<!\+)-0\.0+\b", done.output)
         assert "NaN" not in (tmp_path / words[0] / f"{words[0]}.json").read_text()
+
+
+def test_a_row_of_a_wrong_century_fills_no_memory(tmp_path: Path) -> None:
+    """A logger that jumps to 2261 for its last row: one clear line, no grid of two hundred years."""
+    time = np.append(np.arange(119, dtype=np.int64) * 1_000_000, 9_190_000_000_000_000)
+    columns = {"x": np.minimum(np.arange(120.0), 118.0), "y": np.zeros(120), "speed": np.ones(120)}
+    trip = np.append(np.zeros(119, np.int64), 1)
+    edge = Labels.of(["r"] * 120)
+    site = Site(network=build_network([Edge("r", "a", "b", np.array([[0.0, 0, 0], [200.0, 0, 0]]), "r")]))
+    with DatasetWriter.create(tmp_path / "d", "recorded", site) as writer:
+        writer.write(
+            Trajectory("T1", time, {**columns, "trip_id": trip, "edge_id": edge, "edge_offset": columns["x"]})
+        )
+    data = str(tmp_path / "d")
+    for words in (
+        ["analyze", "density", data],
+        ["simulate", "--like", data, "--truck", "counterbalance-2.5t", "--same-mission", "--no-recording"],
+    ):
+        done = CliRunner().invoke(cli, [*words, "-o", str(tmp_path / "out")])
+        assert isinstance(done.exception, DataError), done.exception
+        assert "days" in str(done.exception) and "wrong time" in str(done.exception)
 
 
 def test_an_unknown_payload_is_not_an_empty_one(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 import struct
 import tracemalloc
@@ -13,13 +14,16 @@ import judge
 import pyarrow.parquet as pq
 import pytest
 import seeds
+from click.testing import CliRunner
 
+from fleetlog.cli.main import cli
 from fleetlog.core.truck import load_truck
-from fleetlog.errors import FleetlogError, InputError
+from fleetlog.errors import FleetlogError, InputError, OutputError
 from fleetlog.importers import mcap as mcap_importer
 from fleetlog.importers._open import FREE, open_bytes
 from fleetlog.importers._profile import load_profile
 from fleetlog.importers.base import importers
+from fleetlog.ingest.files import find_logs
 from fleetlog.physics.model import load_physics
 from fleetlog.roads import load_site
 
@@ -152,6 +156,40 @@ def test_a_time_of_day_has_no_date_until_it_is_given_one(tmp_path: Path) -> None
         profile.write_text(f'[time]\ncolumn = "time"\n{style}origin = "2026-03-02"\nzone = "Europe/Berlin"\n')
         out = judge.imported(path, tmp_path, profile=profile)
         assert out.status == 0 and "2026-03-02T22:59:00" in out.text, out.text
+
+
+@pytest.mark.parametrize("header", ["time [s]", "timestamp_ms", "time"])
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "geojson"])
+def test_a_count_from_an_unknown_start_is_no_date(header: str, suffix: str, tmp_path: Path) -> None:
+    """Seconds since the logger was switched on are not seconds since 1970, whatever the column is called."""
+
+    def log(first: float) -> bytes:
+        times = [first + i for i in range(40)]
+        if suffix == "csv":
+            return f"vehicle_id,{header},x,y\n".encode() + b"".join(
+                b"A,%.1f,%d,0\n" % (t, t % 97) for t in times
+            )
+        if suffix == "parquet":
+            return seeds.parquet(timestamp=None, **{header: times})
+        points = [seeds.feature(i, **{header: t}) for i, t in enumerate(times)]
+        for point in points:
+            del point["properties"]["timestamp"]
+        return seeds.collection(points)
+
+    path = put(tmp_path / f"a.{suffix}", log(0.0))
+    out = judge.read(path)
+    assert out.status == 1 and re.search("unknown start|without a time", out.text), out.text
+    unit = "ms" if "ms" in header else "s"
+    profile = put(tmp_path / "p.toml", f'[time]\nformat = "{unit}"\norigin = 2026-03-02T05:00:00Z\n'.encode())
+    assert judge.read(path, profile).rows == 40
+    since = put(path, log(seeds.START * (1e3 if unit == "ms" else 1.0)))
+    assert judge.read(since).rows == 40
+
+
+def test_a_format_that_counts_from_1970_says_where_it_cannot_be_so(tmp_path: Path) -> None:
+    early = b"".join(b"%d.5 %d 2 0 0 0 0 1\n" % (i, i) for i in range(40))
+    assert "unknown start, placed at 1970" in judge.read(put(tmp_path / "a.tum", early)).text
+    assert "unknown start" not in judge.read(put(tmp_path / "b.tum", seeds.tum())).text
 
 
 def test_midnight_is_the_next_day(tmp_path: Path) -> None:
@@ -303,3 +341,31 @@ def test_a_refused_row_is_kept_as_text(tmp_path: Path) -> None:
     assert (out.status, out.rows) == (3, 39)
     (text,) = pq.read_table(tmp_path / "out" / "rejected.parquet").to_pydict()["text"]
     assert "x=19.5" in text and "note=n39" in text
+
+
+def test_half_a_surrogate_pair_in_a_refused_record_ends_no_import(tmp_path: Path) -> None:
+    data = seeds.vda().replace(b"2026-03-02T05:00:05Z", b"2026\\ud800-03-02T05:00:05Z")
+    out = judge.imported(put(tmp_path / "a.jsonl", data), tmp_path)
+    assert (out.status, out.rows) == (3, seeds.ROWS - 1)
+    (text,) = pq.read_table(tmp_path / "out" / "rejected.parquet").to_pydict()["text"]
+    assert text == "2026\ufffd-03-02T05:00:05Z"
+
+
+def test_outputs_among_the_logs_are_not_read_again(tmp_path: Path) -> None:
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    put(logs / "a.csv", seeds.csv())
+    (logs / ".dead.partial" / "new").mkdir(parents=True)
+    put(logs / ".dead.partial" / "new" / "b.csv", seeds.csv().replace(b"\nT", b"\nS"))
+    for _ in range(2):
+        out = judge.imported(logs, logs)
+        assert (out.status, out.rows) == (0, seeds.ROWS), out.text
+    assert [log.path.name for log in find_logs([logs / "*"])] == ["a.csv"]
+    assert judge.imported(logs / "out", tmp_path).rows == seeds.ROWS
+
+
+def test_what_a_pattern_matches_is_an_input(tmp_path: Path) -> None:
+    assert judge.imported(put(tmp_path / "a.csv", seeds.csv()), tmp_path).status == 0
+    words = ["import", str(tmp_path / "out" / "trajectories" / "*" / "*" / "*.parquet")]
+    done = CliRunner().invoke(cli, [*words, "-o", str(tmp_path / "out"), "--overwrite", "--no-recording"])
+    assert isinstance(done.exception, OutputError) and "this run reads" in str(done.exception)

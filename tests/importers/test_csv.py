@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import csv
 import gzip
 from pathlib import Path
 from typing import Any
@@ -177,6 +178,35 @@ def test_quoted_line_ends(tmp_path: Path) -> None:
     assert batch.record.tolist() == [2, 4]
     assert isinstance(batch.columns["note"], Labels)
     assert batch.columns["note"].strings() == ["two\nlines", "one"]
+
+
+@pytest.mark.parametrize("size", range(40, 400, 7))
+def test_no_block_tears_a_quoted_cell(tmp_path: Path, size: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cells are those of the standard library's reader, wherever a block ends."""
+    notes = ['"two\nlines"', "plain", '"a ""b""\n, c"', '""', '"three\n\nlines, 7"']
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "vehicle_id,timestamp,x,y,note\n"
+        + "".join(f"A,2026-03-02T05:00:{i:02d}Z,{i},2,{notes[i % 5]}\n" for i in range(60))
+    )
+    monkeypatch.setattr(_csv_blocks.blocks, "__defaults__", (size,))
+    batches, report = read(path)
+    assert len(batches) > 5 and not report.damage and not any(b.rejects for b in batches)
+    with path.open(newline="") as stream:
+        wanted = [row["note"] for row in csv.DictReader(stream)]
+    notes_read = [n for b in batches for n in b.columns["note"].strings()]
+    assert [n or "" for n in notes_read] == wanted
+    assert np.concatenate([b.columns["x"] for b in batches]).tolist() == list(range(60))
+
+
+def test_a_quote_that_never_closes_holds_no_block_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(HEADER + rows(5) + rows(400, 5).replace(",", ',"', 1))
+    monkeypatch.setattr(_csv_blocks.blocks, "__defaults__", (400,))
+    monkeypatch.setattr(_csv_blocks, "TORN", 200)
+    batches, _ = read(path)
+    assert sum(len(b) + len(b.rejects) for b in batches) == 405
+    assert len(batches) > 20
 
 
 def test_own_columns_are_kept(tmp_path: Path) -> None:

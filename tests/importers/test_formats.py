@@ -96,7 +96,7 @@ def test_geojson_lines_with_times(tmp_path: Path) -> None:
     path.write_text(json.dumps({"type": "FeatureCollection", "features": features}, indent=1))
     read = read_log(path)
     assert (read.rows, read.vehicles) == (9, {"A", "B"})
-    assert read.rejects == {"line without a time for every vertex": 1}
+    assert read.rejects == {"vertex of a line without a time for each": 3}
     assert read.column("longitude")[:3].tolist() == [9.1, 9.2, 9.3]
     assert read.column("time")[0] == FIRST
     text = path.read_text()

@@ -179,3 +179,14 @@ def test_temporary_datasets_end_with_python(sample: Path, tmp_path: Path) -> Non
         check=True,
     ).stdout.strip()
     assert out and not Path(out).exists() and time.monotonic() - begun < 60
+
+
+def test_every_answer_can_be_saved(recorded: fleetlog.Result, sample: Path, tmp_path: Path) -> None:
+    described = fleetlog.info(sample / "site.toml")
+    assert json.loads(described.save(tmp_path / "site.json").read_text())["kind"] == "site"
+    assert fleetlog.open(recorded.save(tmp_path / "copy")).rows == recorded.dataset.rows
+    with pytest.raises(fleetlog.FleetlogError, match="--overwrite"):
+        recorded.save(tmp_path / "copy")
+    assert recorded.save(tmp_path / "copy", overwrite=True).is_dir()
+    with pytest.raises(fleetlog.FleetlogError, match="no dataset"):
+        _ = described.dataset

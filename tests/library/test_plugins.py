@@ -104,3 +104,13 @@ def test_a_broken_plug_in_is_named(work: Path) -> None:
     finally:
         part.write_text(text)
     assert done.returncode == 1 and "plantkit" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_added_analyses_are_offered_to_the_report(work: Path) -> None:
+    code = (
+        "import fleetlog; from fleetlog.analysis._added import added_results; "
+        "d = fleetlog.read_logs('log.xyt', recording=False).dataset; "
+        "print([(r.name, len(r.tables)) for r in added_results(d)])"
+    )
+    done = run(work, "-c", code)
+    assert done.stdout.strip() == "[('idle', 1)]", done.stderr

@@ -53,6 +53,10 @@ def test_more_trucks_than_the_site_can_hold(simulated):
         (",pick1,nowhere,100,0", "no place 'nowhere'"),
         (",pick1,drop1,heavy,0", "not a number"),
         (",pick1,drop1,-5,0", "negative"),
+        (",pick1", "no place ''"),
+        (",pick1,drop1,5,0,7", "more fields"),
+        (f",pick1,drop1,{'9' * 400},0", "not finite"),
+        (f",pick1,{'x' * 200_000},5,0", "larger than field limit"),
     ],
 )
 def test_tasks_that_cannot_be(tmp_path, row, told):
@@ -62,7 +66,33 @@ def test_tasks_that_cannot_be(tmp_path, row, told):
     with pytest.raises(InputError) as error:
         read_tasks(file, site, TRUCK)
     assert told in one_line(error)
-    assert "line 2" in str(error.value)
+    assert "line 2" in str(error.value) or "CSV" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "data, told",
+    [
+        (b"", "no column 'from'"),
+        (b"from,to,earlyest\n", "did you mean 'earliest'"),
+        (b"from,to,to\n", "more than once"),
+        (b"from;to\n", "unknown column 'from;to'"),
+        (b"from,to\n\xff\xfe,x\n", "not readable"),
+    ],
+)
+def test_files_that_hold_no_tasks(tmp_path, data, told):
+    file = tmp_path / "tasks.csv"
+    file.write_bytes(data)
+    with pytest.raises(InputError) as error:
+        read_tasks(file, grid(places=[place(1, "pick", 15, 3)]), TRUCK)
+    assert told in one_line(error)
+
+
+def test_a_line_break_in_a_cell_does_not_shift_the_lines(tmp_path):
+    file = tmp_path / "tasks.csv"
+    file.write_text('from,to,payload,note\npick1,drop1,5,"a\nb"\n\npick1,drop1,-5,\n')
+    site = grid(places=[place(1, "pick", 15, 3), place(1, "drop", 45, 33)])
+    with pytest.raises(InputError, match="line 5"):
+        read_tasks(file, site, TRUCK)
 
 
 def test_rows_that_do_not_fall_on_steps(simulated):

@@ -12,7 +12,7 @@ from simulated_sites import TRUCK, grid, place
 from fleetlog import engines
 from fleetlog.cli.commands import load_verb
 from fleetlog.core.result import half_width
-from fleetlog.errors import DataError
+from fleetlog.errors import DataError, InputError, OutputError
 from fleetlog.simulate.engine import Settings
 from fleetlog.simulate.experiment import experiment, factor, variants
 from fleetlog.simulate.scenario import Scenario
@@ -44,8 +44,9 @@ def test_values_of_a_factor(text, values):
 
 @pytest.mark.parametrize(
     "text, told",
-    [("plugs", "NAME=VALUES"), ("plugs=4..2", "empty range"), ("plugs=0", "at least 1"), ("plug=2", "did you mean"),
-     ("pick0=many", "at least 1"), ("close=nowhere", "no edge"), ("policy=never", "unknown charging policy")],
+    [("plugs", "NAME=VALUES"), ("plugs=4..2", "empty range"), ("plugs=0", "from 1 to"), ("plug=2", "did you mean"),
+     ("pick0=many", "from 1 to"), ("plugs=1..99999", "more than 10,000"), ("vehicles=1..1000000000", "from 1 to"),
+     ("plugs=²", "from 1 to"), ("vehicles=" + "9" * 5000, "from 1 to"), ("close=nowhere", "no edge"), ("policy=never", "unknown charging policy")],
 )  # fmt: skip
 def test_what_cannot_be_varied_is_one_line(text, told):
     with pytest.raises(Exception) as error:
@@ -151,7 +152,38 @@ def test_wrong_usage_is_one_line(plan, arguments, told):
     assert not (plan / "out").exists()
 
 
-def test_an_unknown_key_of_the_file_is_one_line(plan):
-    (plan / "bad.toml").write_text('vehicle = "2..3"\n')
+@pytest.mark.parametrize(
+    "text, told",
+    [
+        ('vehicle = "2..3"', "did you mean 'vehicles'"), ("vary = 5", "vary is not a table"),
+        ("soc = nan", "not a finite number"), ("duration = [1]", "takes one value"), ("site = []", "takes one value"), ("rate = {}", "not a number"),
+        ("policy = 5", "not one of"), ("seed = -1", "at least 0"), ("runs = 1e9", "not"),
+    ],
+)  # fmt: skip
+def test_a_wrong_file_is_one_line(plan, text, told):
+    (plan / "bad.toml").write_text(text + "\n")
+    outcome = call("--truck", "counterbalance-2.5t", "--experiment", plan / "bad.toml", "-o", plan / "bad")
+    assert outcome.exit_code == 2 and told in outcome.output
+
+
+@pytest.mark.parametrize("data", [b"a = [", b"\xff", b"a = " + b"9" * 5000])
+def test_a_file_that_is_no_toml_is_one_line(plan, data):
+    (plan / "bad.toml").write_bytes(data)
+    outcome = call("--truck", "counterbalance-2.5t", "--experiment", plan / "bad.toml", "-o", plan / "bad")
+    assert isinstance(outcome.exception, InputError) and "TOML" in str(outcome.exception)
+
+
+@pytest.mark.parametrize(
+    "text, told", [("site = 5", "not exist"), ("site = 'site.toml'\nclose = 5", "no edge '5'")]
+)
+def test_what_a_file_names_must_be_there(plan, text, told):
+    (plan / "bad.toml").write_text(f"truck = 'counterbalance-2.5t'\n{text}\n")
     outcome = call("--experiment", plan / "bad.toml", "-o", plan / "bad")
-    assert outcome.exit_code == 2 and "did you mean 'vehicles'" in outcome.output
+    assert isinstance(outcome.exception, InputError) and told in str(outcome.exception)
+
+
+def test_the_place_of_an_experiment_is_checked_before_the_work(plan, monkeypatch):
+    (plan / "out").mkdir()
+    monkeypatch.setattr("fleetlog.simulate.scenario.attempt", None)
+    outcome = call("--experiment", plan / "plan.toml", "-o", plan / "out")
+    assert isinstance(outcome.exception, OutputError) and "already there" in str(outcome.exception)

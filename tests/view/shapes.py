@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from fixtures_view import START
 
-from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, MovingLines, Result, Series
+from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series
 
 
 def every_shape() -> Result:
@@ -39,9 +39,11 @@ def every_shape() -> Result:
             ),
             Marks("sites", places[["x", "y"]].to_numpy(), ("A", "B"), np.array([2.0, 3.0]), "charger"),
             Marks("tight", np.array([[60.0, 0.0]]), ("area 1",), np.array([6.0]), "critical"),
+            Flows("trips", np.array([[0.0, 0.0], [60.0, 20.0]]), np.array([[60.0, 20.0], [0.0, 0.0]]), np.array([9.0, 2.0]), "trips"),
             MovingLines("clusters", time, lines, flags),
             Series("power", time, {"drive": np.abs(walk[0]), "lift": np.abs(walk[1])}, "time", "kW", over_time=True, stacked=True),
             Series("reliability", np.linspace(0, 1, 20), {"observed": np.linspace(0, 1, 20) ** 1.1}, "stated", "observed"),
+            Bars("states", ("a", "b"), np.array([3.0, 4.0]), "h", {"waiting": np.array([1.0, 3.0]), "idle": np.array([2.0, 1.0])}),
             Bars("delay", ("area 1", "area 2", "a place with a rather long name indeed"), np.array([30.0, 12.0, 4.0]), "delay [s]"),
         ],
         lines=["3 trucks waited 46 s in 2 places.", "Most of it at area 1."],

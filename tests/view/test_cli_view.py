@@ -69,7 +69,7 @@ def test_two_datasets_side_by_side(dataset: Path, tmp_path: Path) -> None:
 def test_anything_else_is_one_clear_line(tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "thing"
     path.mkdir() if content is None else path.write_bytes(content)
-    with pytest.raises(FleetlogError, match=r"thing.*(dataset|log)") as error:
+    with pytest.raises(FleetlogError, match=r"thing.*(dataset|columns)") as error:
         run(str(path))
     assert "\n" not in error.value.line()
 

@@ -13,15 +13,16 @@ from hypothesis import strategies as st
 
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.store import Dataset, DatasetWriter
-from fleetlog.view.comparison import differences, write_comparison
+from fleetlog.view.comparison import differences, totals, write_comparison
 
 LATER = 40 * 86_400_000_000
 
 
-def simulated(path: Path, later: int) -> Path:
+def simulated(path: Path, later: int, mission: bool = True) -> Path:
     """The same way, 20 % less power, on another clock."""
     site = plant()
     with DatasetWriter.create(path, "simulated", site) as writer:
+        writer.summary = {"distance_ratio": 1.0} if mission else {}
         for i in range(3):
             t = drive(site, f"truck {i + 1}", 200.0 * i / 3)
             writer.write(
@@ -89,3 +90,22 @@ def test_nothing_is_compared_across_a_gap() -> None:
     b = Trajectory("v", time, {"x": np.zeros(100), "y": np.ones(100)})
     apart = differences(a, b)["apart"]
     assert np.isnan(apart[51:150]).all() and np.isfinite(apart[:50]).all() and np.isfinite(apart[151:]).all()
+
+
+def test_fleets_on_other_tasks_are_compared_by_their_totals(tmp_path: Path) -> None:
+    recorded = write_fleet(tmp_path / "a", plant())
+    out = write_comparison(recorded, simulated(tmp_path / "b", 0, mission=False), tmp_path / "c.rrd")
+    energy = [rrd.scalars(out, f"/difference/used/{name}")[1][-1] for name in ("recorded", "simulated")]
+    assert energy[1] == pytest.approx(0.8 * energy[0], rel=0.02)
+    _, apart = rrd.scalars(out, "/difference/distance/recorded")
+    trucks = Dataset(recorded)
+    metres = sum(trucks.trips.distance)
+    assert apart[-1] == pytest.approx(metres / 1000.0, rel=0.1) and (np.diff(apart) >= 0.0).all()
+    assert not len(rrd.scalars(out, "/difference/apart/truck\\ 1")[1])
+
+
+def test_totals_of_a_fleet_are_the_sums_of_its_trucks() -> None:
+    day = drive(plant(), "a", 0.0)
+    one, two = totals([day]), totals([day, day])
+    for kind, values in one[1].items():
+        np.testing.assert_allclose(two[1][kind], 2.0 * values)

@@ -39,8 +39,8 @@ class Book:
     span : (S, 2) first and last time [us].
     stretch, stretch_sums : (B, 2) edge and number of the stretch on it, and (B, 2) joules and metres.
     zones : (Z, T + 2) joules by term, metres, seconds.
-    bins, bin_energy, bin_measured : (M,) [us], (M, T) and (M, 2) joules: measured, and seconds with a
-        measurement.
+    bins, bin_energy, bin_measured : (M,) [us], (M, T) and (M, 3): joules measured, joules of the model in that
+        time, and its seconds.
     cells : what the battery went through.
     source : what the measured energy was taken from.
     """
@@ -121,7 +121,7 @@ def keep_book(
     soc, ends = trajectory.floats("soc"), np.append(starts[1:], len(trajectory)) - 1
     stretch, stretch_sums = _by_stretch(fine, sum(pieces.values(), np.zeros(len(fine))))
     bins, bin_energy, bin_measured = _by_time(
-        trajectory.time, list(joules.values()), sums["measured"], known * dt
+        trajectory.time, list(joules.values()), [sums["measured"], sums["beside_measured"], known * dt]
     )
     return Book(
         trajectory.vehicle_id, terms, trajectory.trip_ids()[starts], trajectory.time[starts] // HOUR * HOUR,
@@ -159,12 +159,10 @@ def _by_zone(motion: Motion, joules: list[Floats], site: Site) -> Floats:
     return np.array(out).reshape(len(site.zones), len(joules) + 2)
 
 
-def _by_time(
-    time: Ints, joules: list[Floats], measured: Floats, known: Floats
-) -> tuple[Ints, Floats, Floats]:
+def _by_time(time: Ints, joules: list[Floats], measured: list[Floats]) -> tuple[Ints, Floats, Floats]:
     minute = time // BIN
     starts = np.flatnonzero(np.concatenate([[True], np.diff(minute) != 0]))
-    return minute[starts] * BIN, _reduced(joules, starts), _reduced([measured, known], starts)
+    return minute[starts] * BIN, _reduced(joules, starts), _reduced(measured, starts)
 
 
 def _reduced(rows: list[Floats], starts: NDArray[np.intp]) -> Floats:

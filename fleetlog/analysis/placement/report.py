@@ -137,8 +137,14 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     unit, r, b = s["unit"], s["reach"], s["baselines"]
     rows: list[Any] = list(sites.itertuples())
     what = "Place pick and drop spots" if s["demand"] == "loading" else "Install chargers"
-    where = " and ".join(f"{row.vertex} ({count(row.plugs, 'plug')})" for row in rows[:MOST])
-    out = [f"{what} at {where}" + (f" and {len(rows) - MOST} more places." if len(rows) > MOST else ".")]
+    new, kept = [r for r in rows if not r.existing], [r for r in rows if r.existing]
+    where = " and ".join(f"{row.vertex} ({count(row.plugs, 'plug')})" for row in new[:MOST])
+    out = (
+        [f"{what} at {where}" + (f" and {len(new) - MOST} more places." if len(new) > MOST else ".")]
+        if new
+        else []
+    )
+    out += [f"Keep {row.existing} ({count(row.plugs, 'plug')} needed)." for row in kept]
     out += [
         f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {percent(row.served_share)}, "
         f"{count(row.plugs, 'plug')}"

@@ -1,4 +1,4 @@
-"""The folder of a diagnosis: JSON, model, fields, report; the recording is drawn by ``view``."""
+"""The folder of a diagnosis: JSON, model, fields; page and recording are drawn elsewhere."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from fleetlog.discovery.diagnose import Diagnosis
 from fleetlog.discovery.hypotheses.scope import FLEET
 from fleetlog.discovery.report import fields, maps
 from fleetlog.discovery.report.finding import ChannelFit, Finding
-from fleetlog.discovery.report.html import html
 from fleetlog.physics.field import Field
 from fleetlog.physics.model import save_physics
 from fleetlog.physics.own import Own
@@ -22,11 +21,10 @@ MOST_LINES = 12
 
 
 def write_diagnosis(d: Diagnosis, folder: Path) -> None:
-    """Write everything but the recording into an existing folder."""
+    """Write everything but what is drawn into an existing folder."""
     write_json(folder / "diagnosis.json", d.verdict.document(), indent=1)
     save_physics(folder, physics(d), d.fleet.network)
     (folder / "fields").mkdir(exist_ok=True)
-    (folder / "report.html").write_text(html(d, shapes(d)), encoding="utf-8")
 
 
 def physics(d: Diagnosis) -> Physics:

@@ -193,8 +193,9 @@ def _exact(problem: Problem, now: Joint, worth: list[Hypothesis]) -> list[Joint]
     short: list[Joint] = []
     seen: dict[object, int] = {}
     for h in worth:
-        key = (h.term, h.scope) if h.term else "free"
-        most = 3 if h.term is None or (h.physics and h.physics.field) else 1
+        kind = "fleet" if h.scope.whole else "truck" if h.scope.one is not None else "scoped"
+        key = (h.term, kind) if h.term else "free"
+        most = 3 if h.term is None or (h.physics and h.physics.field) else 2 if kind == "scoped" else 1
         if seen.get(key, 0) < most and (key in seen or len(seen) < problem.settings.shortlist or h.knobs):
             seen[key] = seen.get(key, 0) + 1
             chosen = [*now.chosen, h]

@@ -8,7 +8,7 @@ once.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,31 +36,42 @@ DISTINCT = 1e-3
 
 
 @dataclass(frozen=True)
-class Column:
-    """One column beside a model of K coefficients: products by slow fold F, truck V and slot S.
-
-    ``gram`` (F, K, K) and ``moment`` (F, K) of the model; ``cross`` (F, V, S, K), ``along`` (F, V, S) with the
-    residual and ``own`` (F, V, S) of the column; ``unit`` of the losses.
-    """
+class Beside:
+    """A model of K coefficients: its products by slow fold F, ``gram`` (F, K, K) and ``moment`` (F, K), and its prior."""
 
     gram: Floats
     moment: Floats
+    prior: Prior
+    _fits: dict[int | None, tuple[Floats, Floats]] = field(default_factory=dict, repr=False)
+
+    def fit(self, without: int | None = None) -> tuple[Floats, Floats]:
+        """Return the (K, K) inverse of its products and its (K,) fit, on all folds or all but one."""
+        if without not in self._fits:
+            keep = np.arange(len(self.gram)) != (-1 if without is None else without)
+            gram, prior = self.gram[keep].sum(axis=0), self.prior
+            inverse = np.linalg.inv(gram + np.diag(prior.precision + 1e-9 * np.maximum(np.diag(gram), 1e-12)))
+            moment = self.moment[keep].sum(axis=0) + prior.precision * prior.centre
+            self._fits[without] = inverse, inverse @ moment
+        return self._fits[without]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column beside a model: products by slow fold F, truck V and slot S.
+
+    ``cross`` (F, V, S, K) with the model's columns, ``along`` (F, V, S) with the residual, ``own`` (F, V, S) with
+    itself; ``unit`` of the losses.
+    """
+
+    model: Beside
     cross: Floats
     along: Floats
     own: Floats
-    prior: Prior
     unit: float
-
-    def beside(self, without: int | None = None) -> tuple[Floats, Floats]:
-        """Return the (K, K) inverse of the model's products and its (K,) fit, on all folds or all but one."""
-        keep = np.arange(len(self.gram)) != (-1 if without is None else without)
-        gram, prior = self.gram[keep].sum(axis=0), self.prior
-        inverse = np.linalg.pinv(gram + np.diag(prior.precision + 1e-9 * np.maximum(np.diag(gram), 1e-12)))
-        return inverse, inverse @ (self.moment[keep].sum(axis=0) + prior.precision * prior.centre)
 
     def gain(self, weights: Floats) -> tuple[Floats, Floats]:
         """Return the (N,) gains, in natural logarithms, and steps of the column with (N, V, S) weights."""
-        inverse, beta = self.beside()
+        inverse, beta = self.model.fit()
         cross, along, own = (a.sum(axis=0) for a in (self.cross, self.along, self.own))
         flat = weights.reshape(len(weights), -1)
         c, a, o = flat @ cross.reshape(flat.shape[1], -1), flat @ along.ravel(), flat**2 @ own.ravel()
@@ -73,25 +84,24 @@ class Column:
         """Return what the column with (V, S) weights gains on each unseen fold, (F,), and what it saves the prior."""
         cross = np.einsum("vs,fvsk->fk", weight, self.cross)
         along, own = (np.einsum("vs,fvs->f", w, p) for w, p in ((weight, self.along), (weight**2, self.own)))
-        gains = np.zeros(len(self.gram))
+        gains, gram, prior = np.zeros(len(own)), self.model.gram, self.model.prior
         for f in range(len(gains)):
             keep = np.arange(len(gains)) != f
-            _, beta, by, step = self._step(f, *(p[keep].sum(axis=0) for p in (cross, along, own)))
+            beta, by, step = self._step(f, *(p[keep].sum(axis=0) for p in (cross, along, own)))
             # Of the fold held out: its products once the fit on the others is taken away.
-            size = own[f] - 2.0 * cross[f] @ by + by @ self.gram[f] @ by
-            left = along[f] - cross[f] @ beta - by @ (self.moment[f] - self.gram[f] @ beta)
+            size = own[f] - 2.0 * cross[f] @ by + by @ gram[f] @ by
+            left = along[f] - cross[f] @ beta - by @ (self.model.moment[f] - gram[f] @ beta)
             gains[f] = 2.0 * step * left - step**2 * size
-        _, beta, by, step = self._step(None, *(p.sum(axis=0) for p in (cross, along, own)))
-        return gains / self.unit, self.prior.penalty(beta) - self.prior.penalty(beta - by * step)
+        beta, by, step = self._step(None, *(p.sum(axis=0) for p in (cross, along, own)))
+        return gains / self.unit, prior.penalty(beta) - prior.penalty(beta - by * step)
 
     def _step(
         self, without: int | None, cross: Floats, along: float, own: float
-    ) -> tuple[Floats, Floats, Floats, float]:
-        inverse, beta = self.beside(without)
+    ) -> tuple[Floats, Floats, float]:
+        inverse, beta = self.model.fit(without)
         by = inverse @ cross
         size = own - cross @ by
-        step = float((along - cross @ beta) / size) if size > DISTINCT * own else 0.0
-        return inverse, beta, by, step
+        return beta, by, float((along - cross @ beta) / size) if size > DISTINCT * own else 0.0
 
 
 @dataclass(frozen=True)
@@ -109,17 +119,21 @@ class Slotted:
     free: Mask
     knobs: tuple[Knob | None, ...]
     unit: float
+    _models: dict[bytes, Beside] = field(default_factory=dict, repr=False)
 
     def column(self, j: int, loose: Knob | None = None) -> Column:
         """Return one column; coefficients of the model on a bound stay there, but those of the ``loose`` number."""
         free = self.free | [loose is not None and k is not None and k.fleet == loose for k in self.knobs]
-        held = np.where(free, 0.0, self.beta)
-        cross, p = self.cross[..., j, :], self.prior
-        return Column(
-            self.gram[:, free][:, :, free], (self.moment - self.gram @ held)[:, free], cross[..., free],
-            self.along[..., j] - cross @ held, self.own[..., j],
-            Prior(p.precision[free], p.centre[free], p.low[free], p.high[free]), self.unit,
-        )  # fmt: skip
+        held, cross = np.where(free, 0.0, self.beta), self.cross[..., j, :]
+        along = self.along[..., j] - cross @ held
+        return Column(self._model(free, held), cross[..., free], along, self.own[..., j], self.unit)
+
+    def _model(self, free: Mask, held: Floats) -> Beside:
+        if free.tobytes() not in self._models:
+            p, moment = self.prior, (self.moment - self.gram @ held)[:, free]
+            prior = Prior(p.precision[free], p.centre[free], p.low[free], p.high[free])
+            self._models[free.tobytes()] = Beside(self.gram[:, free][:, :, free], moment, prior)
+        return self._models[free.tobytes()]
 
 
 def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[Screened]:
@@ -207,13 +221,13 @@ def _likely(s: Slotted, j: int, knob: Knob) -> list[tuple[Column, Scope, Floats]
 
 
 def _kind(column: Column) -> list[tuple[Scope, Floats]]:
-    """The two or more trucks, but not all, with the largest or smallest numbers that stand out most."""
+    """The two or more trucks, at most half of them, with the largest or smallest numbers that stand out most."""
     _, vehicles, slots = column.along.shape
     if vehicles < 3:
         return []
     each = np.repeat(np.eye(vehicles)[:, :, None], slots, axis=2)
     order = np.argsort(column.gain(each)[1])
-    sets = [np.sort(o[:n]) for o in (order, order[::-1]) for n in range(2, vehicles)]
+    sets = [np.sort(o[:n]) for o in (order, order[::-1]) for n in range(2, (vehicles + 1) // 2 + 1)]
     weights = np.stack([each[who].sum(axis=0) for who in sets])
     k = int(np.argmax(column.gain(weights)[0]))
     return [(Scope(tuple(int(v) for v in sets[k])), weights[k])]

@@ -42,17 +42,18 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
     assert problem.noise is not None
     h = joint.chosen[-1]
     before = now if h.term is None else replace(joint, model=without(joint, h))
-    effects, energies, weights, levels = [], [], [], []
+    effects, energies, weights, levels, within = [], [], [], [], []
     for i, unit in problem.training():
         effect = predicted(problem, unit, joint) - predicted(problem, unit, before)
         effects.append(effect[unit.whole])
         energies.append(np.abs(unit.recorded[unit.whole]))
         weights.append(problem.noise.weight(i, unit)[unit.whole])
         levels.append(unit.level[unit.whole])
+        within.append(h.scope.share(int(unit.windows.vehicle[0]), unit.windows.time)[unit.whole] > 0.0)
     size, energy, weight = np.abs(np.concatenate(effects)), np.concatenate(energies), np.concatenate(weights)
-    touched = np.ones(len(size), bool)
-    if local(h):
-        touched = size > problem.settings.material * np.concatenate(levels)
+    touched = np.concatenate(within)
+    if {"x", "y"} & set(h.depends_on):
+        touched &= size > problem.settings.material * np.concatenate(levels)
     gained = 2.0 * problem.noise.design * max(float((now.losses - joint.losses).sum()), 0.0)
     verified = np.sqrt(gained / max(float((weight * energy**2)[touched].sum()), 1e-12))
     return Size(float(size[touched].sum() / max(float(energy[touched].sum()), 1e-12)), float(verified))

@@ -15,6 +15,8 @@ from fleetlog.roads.formats.base import Floats, number
 
 LEAST = 1e-6
 """Smallest weight of a control point."""
+APART = 1e-9
+"""Smallest distance of two different knots, as a share of all."""
 
 
 def nurbs(raw: Any, tolerance: float, path: Path, place: str) -> Floats:
@@ -48,8 +50,11 @@ def nurbs(raw: Any, tolerance: float, path: Path, place: str) -> Floats:
             f"its trajectory of degree {degree} has {len(knots)} knots for {len(weighted)} control points",
             where=path, place=place, do="there must be points + degree + 1 knots in rising order",
         )  # fmt: skip
+    gaps = np.diff(knots)
     if knots[degree] == knots[len(weighted)]:
         raise SiteError("its knots leave no curve", where=path, place=place, do="export it again")
+    if bool(((gaps > 0.0) & (gaps < APART * np.ptp(knots))).any()):
+        raise SiteError("two of its knots nearly coincide", where=path, place=place, do="export it again")
     return _polyline(degree, knots, weighted, tolerance)
 
 

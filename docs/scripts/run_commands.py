@@ -1,0 +1,147 @@
+"""Run every fleetlog command of the pages and the README, in a folder that has the files they name.
+
+python docs/scripts/run_commands.py            as printed (some simulate for hours: this takes a while)
+python docs/scripts/run_commands.py --quick    simulations of ten minutes, one seed
+
+Prints each command with its time; exit status 1 if one fails.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shlex
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+COMMAND = re.compile(r"^(?: {4}|\$ |.*?`)(?:\.venv/bin/)?(fleetlog(?: +[^ #`\n]+)+)", re.MULTILINE)
+NAMED = {
+    "DATASET": "recorded", "RECORDED": "recorded", "SIMULATED": "simulated", "ANALYSIS": "density", "FILE.rrd": "both.rrd",
+    "FORMAT": "csv", "FILE": "out.csv", "PATH": "recorded", "FOLDER": "density",
+}  # fmt: skip
+"""What stands for the names in capitals."""
+ELSEWHERE = {
+    "twizy": "a public data set",
+    "VERB": "a synopsis",
+    "LOG...": "a synopsis",
+    "demo": "the demo alone runs for a minute; its steps are all here",
+}
+RUNS = """run,kind,repeats,payload,height,length,speed,end_speed,grade,duration,energy,sigma
+key on,idle,,,,,,,,600,41.6,
+laden lifts,lift,20,2000,2,,,,,,422,
+shuttle,stop_and_go,60,0,,20,3,,,,640,
+"""
+TASKS = "vehicle,from,to,payload,earliest\nany,dock-1,rack-1,800,0\nany,dock-2,rack-2,500,60\n"
+PLAN = 'site = "site.toml"\ntruck = "truck.toml"\nduration = "5m"\nruns = 1\n[vary]\nvehicles = [2, 4]\n'
+
+
+def pages() -> list[Path]:
+    """Those whose commands stand for themselves: not tutorials, which are run in order by the tests."""
+    skipped = {"reference", "decisions", "tutorials"}
+    found = [p for p in sorted((ROOT / "docs").rglob("*.md")) if p.parent.name not in skipped]
+    return [ROOT / "README.md", *(p for p in found if p.stem not in ("extend", "getting-started"))]
+
+
+def commands(page: Path) -> Iterator[list[str]]:
+    """The words of every command of a page after ``fleetlog``."""
+    for found in COMMAND.finditer(page.read_text(encoding="utf-8")):
+        text = re.sub(r"\[[^]]*\]|  .*", "", found[1])
+        words = [NAMED.get(w, w) for w in shlex.split(text)[1:]]
+        if len(words) > 1 and not ELSEWHERE.keys() & set(words) and "..." not in words:
+            yield words
+
+
+def prepare(run: object) -> None:
+    """The files that the pages name, in the current folder."""
+    import fleetlog
+
+    fleetlog.demo(data="sample")
+    for path in Path("sample").iterdir():
+        if not path.name.startswith("."):
+            path.rename(path.name)
+    Path("runs.csv").write_text(RUNS)
+    Path("tasks.csv").write_text(TASKS)
+    Path("plan.toml").write_text(PLAN)
+    shutil.copy("truck.toml", "plant.toml")
+    site = "site.toml"
+    recorded = fleetlog.read_logs("logs", site=site, output="recorded")
+    fleetlog.simulate(like=recorded, truck="truck.toml", duration="10m", output="simulated")
+    fleetlog.diagnose("recorded", truck="truck.toml", channels=("battery_power",), output="diagnosis")
+    fleetlog.analyze.density(recorded, output="density")
+    fleetlog.view("recorded", beside="simulated", save="both.rrd")
+    fleetlog.export(recorded, to="sumo-fcd", output="driven.fcd.xml")
+
+
+def quick(words: list[str]) -> list[str]:
+    """The command with a short simulation of few variants."""
+    if words[0] != "simulate":
+        return words
+    short = {"--duration": "10m", "--runs": "1"}
+    out = [short.get(before, word) for before, word in zip(["", *words], words, strict=False)]
+    return (
+        out
+        if "--duration" in out or "--experiment" in out or "--same-mission" in out
+        else [*out, "--duration", "10m"]
+    )
+
+
+def run(words: list[str]) -> tuple[bool, str]:
+    """Whether a command ends well, and what it says; outputs of an earlier one are replaced."""
+    from click.testing import CliRunner
+
+    from fleetlog.cli.main import cli
+
+    for flag in ("-o", "--save", "--screenshot"):
+        if flag in words:
+            target = Path(words[words.index(flag) + 1])
+            if target.name not in ("recorded", "simulated", "diagnosis", "density"):
+                shutil.rmtree(target, ignore_errors=True) if target.is_dir() else target.unlink(
+                    missing_ok=True
+                )
+            elif "--overwrite" not in words:
+                words = [*words, "--overwrite"]
+    done = CliRunner().invoke(cli, words, standalone_mode=False)
+    return done.exception is None and done.return_value in (
+        None,
+        0,
+        3,
+    ), f"{done.exception or done.return_value}"
+
+
+def main(short: bool) -> int:
+    """Run all of them; return how many failed."""
+    from fleetlog.view import viewer
+
+    viewer.show = lambda rrd: None
+    failed, seen = 0, set()
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        prepare(run)
+        for page in pages():
+            for words in commands(page):
+                words = quick(words) if short else words
+                # Without an output or a file that is there it is a mention, not a command.
+                if tuple(words) in seen or not ("-o" in words or any(Path(w).exists() for w in words)):
+                    continue
+                seen.add(tuple(words))
+                begun = time.monotonic()
+                good, why = run(words)
+                failed += not good
+                state = "done" if good else f"FAILED ({why})"
+                print(
+                    f"{page.name}: fleetlog {shlex.join(words)}: {state}, {time.monotonic() - begun:.1f} s",
+                    flush=True,
+                )
+    print(f"{len(seen)} commands, {failed} failed")
+    return failed
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    sys.exit(bool(main("--quick" in sys.argv)))

@@ -1,0 +1,127 @@
+"""Where and when trucks exceed the speed limit."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fleetlog.analysis.utilisation import joined_days
+from fleetlog.core.arguments import Between, Share
+from fleetlog.core.result import Marks, Result
+from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.store import Dataset
+from fleetlog.store.trips import MAX_GAP, STANDING_SPEED
+
+Floats = NDArray[np.float64]
+COLUMNS = ("x", "y", "speed", "edge_id")
+EVENTS = ("vehicle_id", "start", "end", "duration", "top_speed", "limit", "place", "x", "y")
+WORST = 12
+
+
+def speeding(
+    dataset: Dataset, *, margin: Share = 0.1, shortest: Annotated[float, Between(0.0, 3600.0)] = 2.0
+) -> Result:
+    """Find where and when trucks exceed the limit of the road, or of the zone where that is lower.
+
+    Parameters
+    ----------
+    margin : share of the limit that a truck may exceed it by; logged speeds are a few per cent off.
+    shortest : shorter stretches are ignored (s).
+
+    Returns
+    -------
+    Result
+        Table ``speeding`` (``EVENTS``; s, m/s, m), the longest first; summary with seconds over the limit and
+        seconds driven where a limit is known.
+    """
+    found = [_events(t, dataset.site, margin) for t in joined_days(dataset, COLUMNS)]
+    rows = [row for events, _ in found for row in events if row[3] >= shortest]
+    table = pd.DataFrame(rows, columns=list(EVENTS))
+    for name in ("start", "end"):
+        table[name] = pd.to_datetime(table[name].astype("int64"), unit="us", utc=True).dt.as_unit("us")
+    table = table.sort_values(
+        ["duration", "vehicle_id", "start"], ascending=[False, True, True], ignore_index=True
+    )
+    driven = sum(seconds for _, seconds in found)
+    summary = {
+        "margin": margin, "shortest_s": shortest, "events": len(table), "limited_s": driven,
+        "over_s": float(table["duration"].sum()), "top_speed_m_s": _most(table["top_speed"]),
+    }  # fmt: skip
+    worst = table.head(WORST)
+    marks = Marks("speeding", worst[["x", "y"]].to_numpy(float), tuple(f"{v:.1f} m/s" for v in worst["top_speed"]),
+                  np.full(len(worst), 1.0), "critical")  # fmt: skip
+    return Result("speeding", summary, {}, {"speeding": table}, [marks], _lines(summary, table))
+
+
+def _most(values: pd.Series) -> float | None:
+    return float(values.max()) if len(values) else None
+
+
+def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
+    if not s["limited_s"]:
+        return ["No speed limit is known: neither the roads nor the zones of the site have one."]
+    if not len(table):
+        return [
+            f"No truck drives more than {100 * s['margin']:.0f} % above the limit for {s['shortest_s']:g} s."
+        ]
+    places = table.groupby("place")["duration"].sum().sort_values(ascending=False, kind="stable")
+    times = "once" if len(table) == 1 else f"{len(table)} times"
+    return [
+        f"Trucks exceed the limit by more than {100 * s['margin']:.0f} % {times}, {100 * s['over_s'] / s['limited_s']:.1f} % of the "
+        f"driving time, most at {places.index[0]} ({places.iloc[0]:.0f} s); top speed {s['top_speed_m_s']:.1f} m/s."
+    ]
+
+
+def limits(t: Trajectory, site: Site) -> tuple[Floats, NDArray[np.int64]]:
+    """(N,) limit [m/s], inf where none; and whose it is: an edge's, or -1 - k of zone k."""
+    limit, whose = np.full(len(t), np.inf), np.full(len(t), 0, np.int64)
+    if site.network is not None:
+        edge = t.labels("edge_id").recode(site.network.index)
+        own = np.where(edge >= 0, site.network.speed_limit[edge], np.nan)
+        limit, whose = np.where(np.isfinite(own), own, np.inf), edge.astype(np.int64)
+    for k, zone in enumerate(site.zones):
+        if np.isfinite(zone.speed_limit):
+            inside = zone.contains(t.floats("x"), t.floats("y")) & (zone.speed_limit < limit)
+            limit[inside], whose[inside] = zone.speed_limit, -1 - k
+    return limit, whose
+
+
+def _events(t: Trajectory, site: Site, margin: float) -> tuple[list[tuple[Any, ...]], float]:
+    """The runs of rows above the limit, and the seconds driven under a limit."""
+    limit, whose = limits(t, site)
+    speed = np.nan_to_num(t.floats("speed"))
+    step = np.diff(t.time, append=t.time[-1:]) * 1e-6
+    dt = np.where(step <= MAX_GAP, step, 0.0)
+    driven = float(dt[np.isfinite(limit) & (speed > STANDING_SPEED)].sum())
+    over = (speed > limit * (1.0 + margin)) & (dt > 0.0)
+    edge = np.flatnonzero(np.diff(np.concatenate([[False], over, [False]]).astype(np.int8)))
+    first, end = edge[::2], edge[1::2]
+    if not len(first):
+        return [], driven
+    long = np.add.reduceat(np.append(dt, 0.0), edge)[::2]
+    x, y = t.floats("x"), t.floats("y")
+    rows: list[tuple[Any, ...]] = []
+    for a, b, duration in zip(first, end, long, strict=True):
+        k = a + int(np.argmax(speed[a:b] - limit[a:b]))
+        place = site.zones[-1 - whose[k]].id if whose[k] < 0 else site.roads().edge_ids[whose[k]]
+        rows.append(
+            (
+                t.vehicle_id,
+                t.time[a],
+                t.time[min(b, len(t) - 1)],
+                duration,
+                speed[a:b].max(),
+                limit[k],
+                place,
+                x[k],
+                y[k],
+            )
+        )
+    return rows, driven
+
+
+ANALYSIS = speeding

@@ -1,0 +1,94 @@
+"""What energy costs and emits: a price and a carbon intensity for every hour of the week.
+
+currency = "EUR"
+price = 0.24                    # per kWh
+co2 = 0.38                      # kg per kWh; optional
+charger_efficiency = 0.90       # battery over grid; 1 unless given
+[[period]]                      # optional, any number; a later one wins
+name = "night"
+from = 22                       # hour of the day in the site's time zone; past midnight where to <= from
+to = 6
+days = ["mon", "tue"]           # days on which it begins; every day unless given
+price = 0.15
+co2 = 0.30
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fleetlog.core.schema import anything, list_of, load_toml, one_of, real, table, text, whole
+from fleetlog.errors import InputError
+
+Floats = NDArray[np.float64]
+DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
+MONEY, CARBON = real(-100.0, 1e6, "per kWh"), real(0.0, 10.0, "kg per kWh")
+TOP = {
+    "name": text, "currency": text, "price": MONEY, "co2": CARBON,
+    "charger_efficiency": real(0.1, 1.0), "period": anything,
+}  # fmt: skip
+PERIOD = {
+    "name": text, "from": whole(0, 23), "to": whole(0, 24), "days": list_of(one_of(*DAYS), 1), "price": MONEY,
+    "co2": CARBON,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Tariff:
+    """``price`` and ``co2`` (7, 24) per kWh at the grid, by day of the week (Monday first) and hour of the day."""
+
+    price: Floats
+    co2: Floats
+    currency: str = ""
+    charger_efficiency: float = 1.0
+    name: str = "tariff"
+
+    def at(self, local: pd.Series) -> tuple[Floats, Floats]:
+        """Price and kg of CO2 per kWh of energy in the battery, at (N,) local times."""
+        where = local.dt.day_of_week.to_numpy(), local.dt.hour.to_numpy()
+        return self.price[where] / self.charger_efficiency, self.co2[where] / self.charger_efficiency
+
+
+def load_tariff(path: str | Path) -> Tariff:
+    """Read a tariff file; :class:`InputError` names the key at fault."""
+    path = Path(path)
+    top = table(load_toml(path), TOP, path, "", ("price",))
+    price, co2 = np.full((7, 24), top["price"]), np.full((7, 24), top.get("co2", np.nan))
+    periods = top.get("period", [])
+    if not isinstance(periods, list):
+        raise InputError("is not a list of tables", where=path, place="period", do="write [[period]]")
+    for number, row in enumerate(periods, start=1):
+        one = table(row, PERIOD, path, f"period {number}", ("from", "to", "price"))
+        hours = _hours(one["from"], one["to"], [DAYS.index(d) for d in one.get("days", DAYS)])
+        price[hours] = one["price"]
+        if "co2" in one:
+            co2[hours] = one["co2"]
+    known = {k: top[k] for k in ("currency", "charger_efficiency", "name") if k in top}
+    return Tariff(price, co2, **known)
+
+
+def _hours(begin: int, end: int, days: list[int]) -> NDArray[np.bool_]:
+    """(7, 24) the hours of a period that begins on each of ``days``."""
+    length = (end - begin) % 24 or 24
+    hour = np.add.outer(24 * np.array(days), begin + np.arange(length)).ravel() % (7 * 24)
+    out = np.zeros(7 * 24, dtype=bool)
+    out[hour] = True
+    return out.reshape(7, 24)
+
+
+def costs(used: pd.Series, charged: pd.Series, local: pd.Series, tariff: Tariff) -> tuple[Floats, Floats]:
+    """(N,) cost and kg of CO2 of the energy used (kWh by row), at the mean price of the energy charged.
+
+    Where no charging was recorded, at the price of the hour in which it was used.
+    """
+    price, co2 = tariff.at(local)
+    weight = charged.to_numpy(float)
+    if weight.sum() > 0.0:
+        price, co2 = (np.full(len(used), weight @ v / weight.sum()) for v in (price, co2))
+    energy = used.to_numpy(float)
+    return energy * price, energy * co2

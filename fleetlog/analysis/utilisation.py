@@ -1,0 +1,200 @@
+"""What the trucks do: drive empty or laden, handle loads, wait, charge, stand idle.
+
+A simulation says so itself.  Of a recording it is read from motion, load, forks and power, by these rules:
+
+- it moves where its speed exceeds :data:`~fleetlog.store.trips.STANDING_SPEED`; laden from 25 kg on;
+- a standstill in which the state of charge rises, the battery takes power, or the log says so, is charging;
+- within ``REACH`` of a change of load, or of a movement of the forks, a truck that stands is handling;
+- any other standstill is waiting with a load on the forks, or where it is shorter than ``PATIENCE``; else idle
+  (a truck that waits empty for longer cannot be told from an idle one without its orders);
+- a silence of the log longer than ``MAX_GAP`` is no data.
+
+The intervals of a truck partition the time from its first to its last row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fleetlog.core.result import Bars, Result, Shape
+from fleetlog.core.trajectory import Labels, Trajectory, concatenate
+from fleetlog.errors import DataError
+from fleetlog.simulate.places import MIN_CHARGE
+from fleetlog.store import Dataset
+from fleetlog.store.events import read_table
+from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED
+
+STATES = (
+    "driving_laden", "driving_empty", "driving", "handling", "waiting", "standing", "charging", "idle", "no_data",
+)  # fmt: skip
+"""Plain ``driving``, and ``standing`` (handling or waiting), are of trucks whose log has neither load nor forks."""
+OF_ACTIVITY = {
+    "drive_empty": "driving_empty", "drive_laden": "driving_laden", "wait": "waiting", "wait_place": "waiting",
+    "wait_charger": "waiting", "pick": "handling", "drop": "handling", "charge": "charging", "park": "idle",
+    "battery_empty": "idle",
+}  # fmt: skip
+REACH, REACH_WITHOUT_FORKS = 10.0, 30.0
+"""Handling lasts this long before and after a movement of the forks or a change of the load at most [s]."""
+FORKS = 0.05
+"""The forks move when their height changes by more than this [m]."""
+PATIENCE = 60.0
+"""An unladen truck that stands longer than this does not wait, it is idle [s]."""
+CHARGER = 100.0
+"""A battery that takes more than this, on average over a standstill, is charged [W]."""
+COLUMNS = ("speed", "payload", "fork_height", "battery_power", "soc", "charging")
+QUARTER = 900_000_000
+"""Intervals are cut at quarters of an hour [us]: on these, hours of every time zone begin."""
+
+Codes = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+def utilisation(dataset: Dataset) -> Result:
+    """Divide the time of every truck by what it does.
+
+    Returns
+    -------
+    Result
+        Table ``states``: vehicle_id, state, start, end; table ``utilisation``: hours by truck and state;
+        summary with the hours and shares of the fleet.
+    """
+    table = states(dataset)
+    hours = hours_by_state(table, table["vehicle_id"])
+    total = hours.sum()
+    known = float(total.drop("no_data").sum())
+    shares = {s: float(total[s] / known) if known else None for s in STATES if s != "no_data"}
+    summary = {"hours": {s: float(total[s]) for s in STATES}, "shares": shares}
+    said = ", ".join(f"{s.replace('_', ' ')} {100 * v:.0f} %" for s, v in shares.items() if v)
+    bars: list[Shape] = [state_bars("utilisation", hours)]
+    per_truck = hours.reset_index(names="vehicle_id")
+    lines = [
+        f"{known:.1f} truck hours: {said}" if known else "no truck has two rows: there is no time to divide"
+    ]
+    return Result("utilisation", summary, {"states": table, "utilisation": per_truck}, {}, bars, lines)
+
+
+def hours_by_state(table: pd.DataFrame, *by: pd.Series) -> pd.DataFrame:
+    """Hours in every state, one row for each combination of ``by`` (aligned with the rows of :func:`states`)."""
+    hours = (table["end"] - table["start"]).dt.total_seconds() / 3600.0
+    return (
+        hours.groupby([*by, table["state"]])
+        .sum()
+        .unstack(fill_value=0)
+        .reindex(columns=STATES, fill_value=0.0)
+    )
+
+
+def state_bars(name: str, hours: pd.DataFrame) -> Bars:
+    """Shares of the time by state, one bar a row of :func:`hours_by_state`; time without data is left out."""
+    known = hours.drop(columns="no_data")
+    share = 100.0 * known.div(known.sum(axis=1).clip(lower=1e-9), axis=0)
+    parts = {str(s): share[s].to_numpy(float) for s in known if (known[s] > 0.0).any()}
+    labels = tuple(str(v) for v in share.index)
+    return Bars(name, labels, share.sum(axis=1).to_numpy(float), "share of the time [%]", parts)
+
+
+def states(dataset: Dataset) -> pd.DataFrame:
+    """Intervals by vehicle: vehicle_id, state, start, end; they partition the time of each."""
+    activities = read_table(dataset, "activities")
+    if activities is not None:
+        named = activities.assign(state=activities["activity"].map(OF_ACTIVITY))
+        named = named[named["end"] > named["start"]]
+        return named[["vehicle_id", "state", "start", "end"]].reset_index(drop=True)
+    found = [intervals(t) for t in joined_days(dataset, COLUMNS)]
+    if not found:
+        raise DataError("the dataset has no rows", where=dataset.path)
+    return pd.concat(found, ignore_index=True)
+
+
+def joined_days(dataset: Dataset, columns: Sequence[str]) -> Iterator[Trajectory]:
+    """The days of every vehicle, each with the last row of the day before: nothing is lost at midnight."""
+    last: Trajectory | None = None
+    for day in dataset.days(columns):
+        yield concatenate([last, day]) if last is not None and last.vehicle_id == day.vehicle_id else day
+        last = day[-1:]
+
+
+def intervals(t: Trajectory) -> pd.DataFrame:
+    """The states of one truck, from its rows: each lasts from a row to the next."""
+    code = row_states(t)[:-1]
+    first = np.flatnonzero(np.diff(code, prepend=-1))
+    ends = np.append(t.time[first[1:]], t.time[-1:] if len(first) else t.time[:0])
+    stamps = [pd.to_datetime(v, unit="us", utc=True).as_unit("us") for v in (t.time[first], ends)]
+    named = np.array(STATES, dtype=object)[code[first]]
+    return pd.DataFrame({"vehicle_id": t.vehicle_id, "state": named, "start": stamps[0], "end": stamps[1]})
+
+
+def row_states(t: Trajectory) -> Codes:
+    """(N,) index into ``STATES`` of the time from each row to the next."""
+    number = {s: i for i, s in enumerate(STATES)}
+    still = np.nan_to_num(t.floats("speed")) <= STANDING_SPEED
+    load = t.floats("payload")
+    laden = np.nan_to_num(load) > MIN_LOAD_CHANGE
+    silent = np.diff(t.time, append=t.time[-1:]) > MAX_GAP * 1e6
+    stand = np.cumsum(np.diff(still | silent, prepend=False) | np.diff(silent, prepend=False))
+    lasts = _spread(stand, np.diff(t.time, append=t.time[-1:]) * 1e-6, np.add)
+    driving = number["driving_empty" if t.has("payload") else "driving"]
+    stopped = number["waiting" if t.has("payload") or t.has("fork_height") else "standing"]
+    out = np.where(laden, number["driving_laden"], driving)
+    waits = laden | (lasts <= PATIENCE)
+    out[still] = np.where(waits[still], stopped, number["idle"])
+    out[still & _handling(t, still, load)] = number["handling"]
+    out[still & _charging(t, stand)] = number["charging"]
+    out[silent] = number["no_data"]
+    return np.asarray(out, dtype=np.int64)
+
+
+def _spread(run: NDArray[Any], values: NDArray[np.float64], how: np.ufunc) -> NDArray[np.float64]:
+    """(N,) the sum (or other reduction) of each run, at all of its rows."""
+    first = np.flatnonzero(np.diff(run, prepend=-1))
+    return np.asarray(np.repeat(how.reduceat(values, first), np.diff(np.append(first, len(run)))))
+
+
+def _charging(t: Trajectory, stand: NDArray[Any]) -> Mask:
+    """Where the log says so; standstills in which the battery takes power on average, or its charge rises."""
+    own = t.columns.get("charging")
+    said = (
+        np.zeros(len(t)) if own is None or isinstance(own, Labels) else np.nan_to_num(np.asarray(own, float))
+    )
+    first = np.flatnonzero(np.diff(stand, prepend=-1))
+    length = np.diff(np.append(first, len(stand)))
+    soc = t.floats("soc")
+    rise = np.repeat(soc[np.append(first[1:], len(stand)) - 1] - soc[first], length)
+    taken = -_spread(stand, np.nan_to_num(t.floats("battery_power")), np.add) / np.repeat(length, length)
+    return np.asarray((said > 0.0) | (taken > CHARGER) | (np.nan_to_num(rise) > MIN_CHARGE))
+
+
+def _handling(t: Trajectory, still: Mask, load: NDArray[np.float64]) -> Mask:
+    """Rows near a change of the load or the forks at a standstill."""
+    changes = np.abs(np.diff(load, prepend=load[:1])) > MIN_LOAD_CHANGE
+    changes |= np.abs(np.diff(t.floats("fork_height"), prepend=np.nan)) > FORKS
+    # A change shows in the first row after it: that of a truck that has set off again counts, too.
+    at = t.time[np.nan_to_num(changes) & (still | np.roll(still, 1))]
+    if not len(at):
+        return np.zeros(len(t), dtype=bool)
+    after = np.searchsorted(at, t.time)
+    near = [np.abs(t.time - at[np.clip(after + k, 0, len(at) - 1)]) for k in (-1, 0)]
+    reach = REACH if t.has("fork_height") else REACH_WITHOUT_FORKS
+    return np.asarray(np.minimum(*near) <= reach * 1e6)
+
+
+def quarters(table: pd.DataFrame) -> pd.DataFrame:
+    """The intervals cut at quarters of an hour, so that each lies in one hour of any time zone."""
+    start, end = (table[c].astype("datetime64[us, UTC]").astype("int64").to_numpy() for c in ("start", "end"))
+    count = np.maximum((end - 1) // QUARTER - start // QUARTER, 0) + 1
+    row = np.repeat(np.arange(len(table)), count)
+    step = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    low = np.maximum(start[row], (start[row] // QUARTER + step) * QUARTER)
+    high = np.minimum(end[row], (start[row] // QUARTER + step + 1) * QUARTER)
+    stamps = {
+        n: pd.to_datetime(v, unit="us", utc=True).as_unit("us") for n, v in (("start", low), ("end", high))
+    }
+    return table.iloc[row].reset_index(drop=True).assign(**stamps)
+
+
+ANALYSIS = utilisation

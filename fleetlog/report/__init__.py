@@ -1,0 +1,1 @@
+"""One page about one dataset, or about two side by side; and the house of all pages."""

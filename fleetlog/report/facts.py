@@ -1,0 +1,185 @@
+"""All that a report says of one dataset: the results of the analyses, and the ledger that every figure is summed from.
+
+The ledger has one row a truck and quarter of an hour.  Whatever happened is one column of it, so figures of the
+fleet, of a truck, of a day or of an hour of the day are sums over some of its rows and cannot disagree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from fleetlog.analysis.consumption import consumption
+from fleetlog.analysis.density import density
+from fleetlog.analysis.energy import energy
+from fleetlog.analysis.heatmap import heatmap
+from fleetlog.analysis.near_misses import near_misses
+from fleetlog.analysis.occupancy.maps import extent
+from fleetlog.analysis.speeding import speeding
+from fleetlog.analysis.stops import stops
+from fleetlog.analysis.tariff import Tariff, costs
+from fleetlog.analysis.trips import trips
+from fleetlog.analysis.utilisation import QUARTER, STATES, hours_by_state, quarters, utilisation
+from fleetlog.core.result import Result
+from fleetlog.core.site import Site
+from fleetlog.core.truck import Truck
+from fleetlog.errors import DataError
+from fleetlog.listening import progress
+from fleetlog.simulate.places import find_stands
+from fleetlog.store import Dataset
+from fleetlog.store.events import read_table
+from fleetlog.store.trips import MIN_LOAD_CHANGE
+
+SHORTEST_TRIP = 5.0
+"""A shorter trip is shunting [m]."""
+MOST_CELLS = 400
+"""Of the heat map, along its longer side."""
+Ledger = pd.DataFrame
+
+
+@dataclass
+class Facts:
+    """One dataset: its ``results`` by name, why others are missing, and the ``ledger``."""
+
+    name: str
+    dataset: Dataset
+    zone: str
+    truck: Truck | None = None
+    tariff: Tariff | None = None
+    results: dict[str, Result] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
+    ledger: Ledger = field(default_factory=pd.DataFrame)
+    energy_from: dict[str, str] = field(default_factory=dict)
+    """By truck: where its energy comes from."""
+
+    @property
+    def site(self) -> Site:
+        """The dataset's site."""
+        return self.dataset.site
+
+    def local(self, times: pd.Series) -> pd.Series:
+        """Times as the clock on the site's wall shows them."""
+        local: pd.Series = times.dt.tz_convert(self.zone).dt.tz_localize(None)
+        return local
+
+
+def gather(facts: Facts) -> Facts:
+    """Run every analysis that the dataset can carry, and sum up the ledger."""
+    d = facts.dataset
+    questions: dict[str, Callable[[], Result]] = {
+        "utilisation": lambda: utilisation(d), "trips": lambda: trips(d, min_distance=SHORTEST_TRIP),
+        "stops": lambda: stops(d), "heatmap": lambda: heatmap(d, quantity="passages", cell=_cell(d)),
+        "density": lambda: density(d), "speeding": lambda: speeding(d), "near_misses": lambda: near_misses(d),
+    }  # fmt: skip
+    if facts.truck is not None:
+        truck = facts.truck
+        questions["energy"] = lambda: energy(d, truck)
+    for number, (name, question) in enumerate(questions.items()):
+        progress(f"{facts.name}: {name.replace('_', ' ')}", number / len(questions))
+        try:
+            facts.results[name] = question()
+        except DataError as error:
+            facts.missing[name] = error.advice
+    facts.ledger = _ledger(facts)
+    return facts
+
+
+def _cell(dataset: Dataset) -> float:
+    """Side of the cells of the heat map [m]: 1 in a plant, more on a site of kilometres."""
+    x0, y0, x1, y1 = extent(dataset)
+    return max(1.0, float(np.ceil(max(x1 - x0, y1 - y0) / MOST_CELLS)))
+
+
+def _ledger(facts: Facts) -> Ledger:
+    """(vehicle_id, start) with one column a sum; see :mod:`fleetlog.report.figures` for what is made of them."""
+    d, results = facts.dataset, facts.results
+    parts = [_states(results["utilisation"].tables["states"]), _energy(facts)]
+    parts.append(_counted("tasks", tasks_done(d)))
+    trip = d.trips[d.trips["distance"] >= SHORTEST_TRIP] if len(d.trips) else d.trips
+    if len(trip):
+        parts.append(_counted("trips", trip[["vehicle_id", "start"]]))
+    over = results["speeding"].places["speeding"]
+    parts.append(_summed("over_s", over["vehicle_id"], over["start"], over["duration"]))
+    near = results["near_misses"].places["near_misses"]
+    for column in ("vehicle_a", "vehicle_b"):
+        half = pd.Series(0.5, index=near.index)
+        parts.append(_summed("near_misses", near[column], near["start"], half))
+    if "density" in results and len(late := results["density"].tables["tasks"]):
+        parts.append(_summed("delay_s", late["vehicle_id"], late["start"], late["delay"]))
+    out = pd.concat(parts).groupby(level=["vehicle_id", "start"]).sum()
+    # What the data cannot show is no zero.
+    if not results["speeding"].summary["limited_s"]:
+        out = out.drop(columns="over_s")
+    if len(d.vehicles) < 2:
+        out = out.drop(columns="near_misses")
+    # A truck without a load channel shows no tasks: it does not count where tasks are counted.
+    loads = out.groupby(level="vehicle_id")["driving_h"].transform("sum") == 0.0
+    powered = loads & (out.groupby(level="vehicle_id")["energy_h"].transform("sum") > 0.0)
+    if not loads.any():
+        out["tasks"] = np.nan
+    out["load_hours"] = out["hours"].where(loads, 0.0)
+    out["task_kwh"], out["energy_tasks"] = (out[c].where(powered, 0.0) for c in ("used_kwh", "tasks"))
+    if facts.tariff is not None:
+        local = facts.local(out.index.get_level_values("start").to_series())
+        out["cost"], out["co2_kg"] = costs(out["used_kwh"], out["charged_kwh"], local, facts.tariff)
+        out["task_cost"] = out["cost"].where(powered, 0.0)
+    return out
+
+
+def _states(table: pd.DataFrame) -> Ledger:
+    """Hours in every state, those that the log covers, and those driven."""
+    cut = quarters(table)
+    hours = hours_by_state(cut, cut["vehicle_id"], cut["start"].dt.floor("15min"))
+    hours["hours"] = hours.drop(columns="no_data").sum(axis=1)
+    hours["moving"] = hours[[s for s in STATES if s.startswith("driving")]].sum(axis=1)
+    return hours.rename(columns={s: f"{s}_h" for s in STATES})
+
+
+def _energy(facts: Facts) -> Ledger:
+    """Kilometres and energy; a truck without an electrical channel has that of its model, where there is one."""
+    table = consumption(facts.dataset)
+    table["km"], table["measured_km"] = table["metres"] / 1000.0, table["measured_m"] / 1000.0
+    measured = table.groupby("vehicle_id")["measured_s"].transform("sum") > 0.0
+    table["energy_km"], table["energy_h"] = table["measured_km"], table["measured_s"] / 3600.0
+    facts.energy_from = dict.fromkeys(table.loc[measured, "vehicle_id"], "power")
+    keep = ["km", "energy_km", "energy_h", "used_kwh", "charged_kwh"]
+    out = table.set_index(["vehicle_id", "start"])[keep]
+    if "energy" not in facts.results:
+        return out
+    model = facts.results["energy"].tables["energy_trips"]
+    model = model[~model["vehicle_id"].isin(table.loc[measured, "vehicle_id"])]
+    gauge = model["measured_kwh"]
+    used = gauge.where(gauge > 0.0, model["energy_kwh"].where(gauge.isna(), 0.0))
+    known = gauge.notna().groupby(model["vehicle_id"]).any()
+    facts.energy_from |= {str(v): "state of charge" if yes else "model" for v, yes in known.items()}
+    extra = {"energy_km": model["distance_km"], "energy_h": model["duration_h"], "used_kwh": used,
+             "charged_kwh": (-gauge).clip(lower=0.0).fillna(0.0)}  # fmt: skip
+    rows = [_summed(name, model["vehicle_id"], model["start"], values) for name, values in extra.items()]
+    return pd.concat([out, *rows])
+
+
+def tasks_done(dataset: Dataset) -> pd.DataFrame:
+    """vehicle_id and start: the time at which each task was done, of a recording at which a load was set down."""
+    tasks = read_table(dataset, "tasks")
+    if tasks is not None:
+        done = tasks[tasks["status"] == "done"]
+        return done[["vehicle_id", "dropped"]].rename(columns={"dropped": "start"})
+    stands = find_stands(dataset)
+    set_down = stands.before - stands.after > MIN_LOAD_CHANGE
+    when = pd.to_datetime(stands.start[set_down], unit="us", utc=True)
+    names = pd.Series(dataset.vehicles).iloc[stands.vehicle[set_down]].to_numpy()
+    return pd.DataFrame({"vehicle_id": names, "start": when})
+
+
+def _counted(name: str, table: pd.DataFrame) -> Ledger:
+    return _summed(name, table["vehicle_id"], table["start"], pd.Series(1.0, index=table.index))
+
+
+def _summed(name: str, vehicle: pd.Series, start: pd.Series, values: pd.Series) -> Ledger:
+    """One column of the ledger; values of a time count for its quarter of an hour."""
+    quarter = pd.to_datetime(start, utc=True).dt.as_unit("us").dt.floor(f"{QUARTER // 60_000_000}min")
+    keys = [vehicle.astype(str).rename("vehicle_id"), quarter.rename("start")]
+    return values.astype(float).groupby(keys).sum().to_frame(name)

@@ -1,0 +1,284 @@
+"""The sections of a fleet report, each a function of the facts of one dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+import pandas as pd
+
+from fleetlog.analysis.utilisation import STATES, state_bars
+from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, Result, Series
+from fleetlog.core.words import count
+from fleetlog.report.battery import charge_curves, charge_table
+from fleetlog.report.content import Part, Picture, Table, clock, fixed, number, percent, table, whole
+from fleetlog.report.facts import Facts
+from fleetlog.report.figures import BY_NAME
+from fleetlog.report.quality import quality
+from fleetlog.view.picture import svg
+from fleetlog.view.scales import Scale
+
+Shape = Series | Bars | Grid | EdgeValues | None
+S = TypeVar("S", Bars, Grid, EdgeValues)
+STATE_HEADS = [(s, s.replace("_", " "), percent) for s in STATES if s != "no_data"]
+
+
+def picture(
+    facts: Facts, shape: Shape, caption: str, result: Result | None = None, scale: Scale | None = None
+) -> Picture:
+    """One shape of a result as it stands on the page."""
+    whole = result or Result("picture", {}, shapes=[] if shape is None else [shape])
+    salt = f"{facts.name}/{whole.name}/{getattr(shape, 'name', 'map')}"
+    return Picture(svg(whole, facts.site, shape, salt=salt, scale=scale, zone=facts.zone), caption)
+
+
+def shapes(facts: Facts, name: str, kind: type[S]) -> list[S]:
+    """The shapes of one kind of a result; none where the analysis could not be made."""
+    result = facts.results.get(name)
+    return [] if result is None else [s for s in result.shapes if isinstance(s, kind)]
+
+
+def data_quality(f: Facts) -> Part:
+    """How good the data are: rows, gaps, map matching, channels by truck."""
+    per_truck, lines = quality(f.dataset)
+    columns = [
+        ("vehicle_id", "truck", None), ("rows", "rows", whole), ("interval_s", "interval [s]", fixed(1)),
+        ("silent", "no data", percent), ("on_road", "on a road", percent), ("channels", "channels", None),
+    ]  # fmt: skip
+    return Part(lines, [table(per_truck, columns, "Data by truck", most=60)])
+
+
+def utilisation_part(f: Facts) -> Part:
+    """What the trucks do, by truck and by hour of the day."""
+    hours = f.ledger[[f"{s}_h" for s in STATES]].rename(columns=lambda c: c.removesuffix("_h"))
+    by_truck = hours.groupby(level="vehicle_id").sum()
+    of_day = f.local(hours.index.get_level_values("start").to_series()).dt.strftime("%H:00").to_numpy()
+    by_hour = hours.groupby(of_day).sum()
+    blocks = [picture(f, state_bars("by truck", by_truck), "What each truck does")]
+    if len(by_hour) > 1:
+        blocks.append(
+            picture(f, state_bars("by hour of the day", by_hour), "What the fleet does, by hour of the day")
+        )
+    known = by_truck.drop(columns="no_data")
+    share = (
+        known.div(known.sum(axis=1).clip(lower=1e-9), axis=0).assign(hours=known.sum(axis=1)).reset_index()
+    )
+    columns = [("vehicle_id", "truck", None), ("hours", "hours", fixed(2)), *STATE_HEADS]
+    used = [c for c in columns if c[0] in ("vehicle_id", "hours") or (share[c[0]] > 0.0).any()]
+    unknown = share.loc[share["driving"] > 0.0, "vehicle_id"]
+    lines = [
+        f"No load is recorded for {', '.join(unknown)}: driving empty and laden, and waiting and handling, "
+        "cannot be told apart for these."
+    ] if len(unknown) else []  # fmt: skip
+    return Part(lines, [*blocks, table(share, used, "Share of the time by truck", most=60)])
+
+
+def work(f: Facts) -> Part:
+    """Tasks, trips and distance, by truck and by hour; the most frequent relations."""
+    keep = [c for c in ("tasks", "trips", "km", "hours", "load_hours") if c in f.ledger]
+    trucks = f.ledger[keep].groupby(level="vehicle_id").sum().reset_index()
+    trucks["tasks"] = trucks["tasks"].where(trucks["load_hours"] > 0.0)
+    for name in ("tasks", "trips", "km"):
+        if name in trucks:
+            trucks[f"{name}/h"] = trucks[name] / trucks["hours"].where(trucks["hours"] > 0.0)
+    columns = [("vehicle_id", "truck", None), ("hours", "hours", fixed(2))]
+    columns += [(c, h, show) for c, h, show in (("tasks", "tasks", whole), ("tasks/h", "per hour", fixed(1)),
+                ("trips", "trips", whole), ("trips/h", "per hour", fixed(1)), ("km", "km", fixed(2)),
+                ("km/h", "km per hour", fixed(2)))]  # fmt: skip
+    part = Part([], [table(trucks, columns, "Work by truck", most=60)])
+    start = f.ledger.index.get_level_values("start").to_series()
+    hourly = f.ledger["tasks"].groupby(start.dt.floor("h").to_numpy()).sum(min_count=1)
+    if len(hourly) > 1 and hourly.notna().any():
+        x = hourly.index.to_numpy().astype("datetime64[us]").astype(np.int64)
+        curve = Series(
+            "tasks", x, {"tasks": hourly.to_numpy(float)}, "time", "tasks per hour", over_time=True
+        )
+        part.blocks.append(picture(f, curve, "Tasks done in each hour"))
+    if "trips" in f.results:
+        pairs = f.results["trips"].tables["pairs"]
+        named = pairs[(pairs["from_place"] != "") & (pairs["to_place"] != "")]
+        heads = [("from_place", "from", None), ("to_place", "to", None), ("trips", "trips", whole),
+                 ("distance_mean", "mean distance [m]", whole), ("duration_mean", "mean duration [s]", whole)]  # fmt: skip
+        if len(named):
+            part.blocks.append(table(named, heads, "Most frequent trips between places", most=10))
+    return part
+
+
+def energy_part(f: Facts) -> Part:
+    """Energy, cost and CO2 by truck, and by cause where a truck file is given."""
+    keep = [
+        c for c in ("used_kwh", "charged_kwh", "energy_km", "energy_h", "cost", "co2_kg") if c in f.ledger
+    ]
+    trucks = f.ledger[keep].groupby(level="vehicle_id").sum().reset_index()
+    known = trucks["energy_h"] > 0.0
+    trucks.loc[~known, [c for c in keep if c != "energy_h"]] = np.nan
+    trucks["per_km"] = trucks["used_kwh"] / trucks["energy_km"].where(trucks["energy_km"] > 0.01)
+    trucks["source"] = [f.energy_from.get(v, "unknown") for v in trucks["vehicle_id"]]
+    columns = [("vehicle_id", "truck", None), ("used_kwh", "used [kWh]", fixed(2)), ("per_km", "kWh/km", fixed(3)),
+               ("charged_kwh", "charged [kWh]", fixed(2)), ("cost", f"cost [{_currency(f)}]", fixed(2)),
+               ("co2_kg", "CO2 [kg]", fixed(2)), ("source", "from", None)]  # fmt: skip
+    part = Part([], [table(trucks, columns, "Energy by truck", most=60)])
+    if not known.all():
+        part.lines.append(
+            f"The energy of {', '.join(trucks.loc[~known, 'vehicle_id'])} is unknown: the log has no power channel. "
+            "With --truck it is that of the truck's model."
+        )
+    if "energy" in f.results:
+        result = f.results["energy"]
+        part.lines += _model_lines(f, result)
+        part.blocks += [
+            picture(f, s, "Energy of the model by cause, all trucks") for s in shapes(f, "energy", Bars)
+        ]
+        part.blocks += [
+            picture(f, s, "Energy per metre of road, by direction") for s in shapes(f, "energy", EdgeValues)
+        ]
+    return part
+
+
+def _currency(f: Facts) -> str:
+    return f.tariff.currency if f.tariff is not None and f.tariff.currency else "currency"
+
+
+def _model_lines(f: Facts, result: Result) -> list[str]:
+    causes = sorted(((k, v) for k, v in result.summary["ledger_kwh"].items() if v), key=lambda i: -abs(i[1]))
+    said = ", ".join(f"{k.replace('_', ' ')} {v:.2f} kWh" for k, v in causes[:4])
+    out = [
+        f"The truck model's energy of all trucks, {result.summary['energy_kwh']:.2f} kWh, is mostly {said}."
+    ]
+    trucks = result.tables["energy_vehicles"]
+    trucks = trucks[trucks["vehicle_id"].map(f.energy_from) == "power"]
+    measured, model = (float(trucks[c].sum()) for c in ("measured_kwh", "model_beside_measured_kwh"))
+    if measured > 0.0:
+        how = "more" if model > measured else "less"
+        out.append(
+            f"Where power is recorded, the model gives {100.0 * abs(model / measured - 1.0):.1f} % {how} than was measured."
+        )
+    return out
+
+
+def charge(f: Facts) -> Part:
+    """State of charge and charging, by truck."""
+    curves = charge_curves(f.dataset)
+    if curves is None:
+        return Part(["The log has no state of charge."])
+    trucks = charge_table(f, curves)
+    columns = [("vehicle_id", "truck", None), ("first", "at the start", percent), ("lowest", "lowest", percent),
+               ("last", "at the end", percent), ("visits", "times charged", whole), ("hours", "hours charged", fixed(2))]  # fmt: skip
+    low = trucks.dropna(subset="lowest").nsmallest(1, "lowest")
+    lines = [f"Lowest state of charge: {percent(r.lowest)} ({r.vehicle_id})." for r in low.itertuples()]
+    blocks: list[Table | Picture] = [
+        picture(f, curves.shape, "State of charge"),
+        table(trucks, columns, "State of charge by truck", most=60),
+    ]
+    return Part(lines, blocks)
+
+
+def places(f: Facts, scale: Scale | None = None) -> Part:
+    """Where the trucks are: busiest places, passages over the floor."""
+    part = Part()
+    if "stops" in f.results:
+        result = f.results["stops"]
+        busiest = result.places["places"].sort_values("dwell_total", ascending=False, kind="stable")
+        busiest = busiest.assign(hours=busiest["dwell_total"] / 3600.0)
+        heads = [("place", "place", None), ("visits", "visits", whole), ("vehicles", "trucks", whole),
+                 ("dwell_median", "median stop [s]", whole), ("hours", "truck hours", fixed(2)),
+                 ("x", "x [m]", fixed(1)), ("y", "y [m]", fixed(1))]  # fmt: skip
+        if len(busiest):
+            part.blocks.append(table(busiest, heads, "Busiest places", most=10))
+            part.blocks.append(picture(f, None, "Places where trucks stop; the larger, the longer", result))
+        else:
+            part.lines.append("No place was visited three times or more.")
+    for grid in shapes(f, "heatmap", Grid)[:1]:
+        part.blocks.append(picture(f, grid, "How often trucks pass", scale=scale))
+    return part
+
+
+def congestion(f: Facts, scale: Scale | None = None) -> Part:
+    """Delay by others, and where."""
+    if "density" not in f.results:
+        return Part([f"Congestion is not known: {f.missing.get('density', '')}."])
+    result = f.results["density"]
+    s, areas = result.summary, result.places.get("areas")
+    part = Part(
+        [f"{count(s['episodes'], 'episode')} of congestion, {number(s['delay_s'])} s of delay in all."]
+    )
+    if areas is not None and len(areas):
+        heads = [("area", "area", None), ("roads", "roads", None), ("delay", "delay [s]", whole),
+                 ("episodes", "episodes", whole), ("vehicles", "trucks", whole)]  # fmt: skip
+        part.blocks.append(table(areas, heads, "Where trucks lose most time", most=8))
+        marks = [m for m in result.shapes if isinstance(m, Marks)]
+        for layer in [s for s in result.shapes if isinstance(s, EdgeValues)]:
+            only = Result("density", {}, shapes=[layer, *marks])
+            part.blocks.append(
+                picture(f, layer, "Delay in congestion, with the areas that it adds up to", only, scale)
+            )
+    return part
+
+
+def safety(f: Facts) -> Part:
+    """Speeding and near misses."""
+    part = Part()
+    for name, caption, heads in (
+        ("near_misses", "Near misses, the closest first", NEAR), ("speeding", "Longest drives above the limit", OVER),
+    ):  # fmt: skip
+        result = f.results[name]
+        part.lines += result.lines
+        found = result.places[name]
+        if not len(found):
+            continue
+        order = (
+            found.assign(worst=found[["ttc_s", "pet_s"]].min(axis=1)).sort_values("worst")
+            if name == "near_misses"
+            else found
+        )
+        order = order.assign(start=f.local(order["start"]))
+        part.blocks += [table(order, heads, caption, most=10), picture(f, None, f"{caption}: where", result)]
+    return part
+
+
+NEAR = [("start", "time", clock), ("vehicle_a", "truck", None), ("vehicle_b", "truck", None), ("kind", "kind", None),
+        ("ttc_s", "time to collision [s]", fixed(1)), ("pet_s", "post-encroachment time [s]", fixed(1)),
+        ("closing_speed", "closing speed [m/s]", fixed(1))]  # fmt: skip
+OVER = [("start", "time", clock), ("vehicle_id", "truck", None), ("place", "road or zone", None),
+        ("duration", "duration [s]", fixed(1)), ("top_speed", "top speed [m/s]", fixed(2)),
+        ("limit", "limit [m/s]", fixed(2))]  # fmt: skip
+
+SECTIONS: dict[str, Callable[[Facts], Part]] = {
+    "Utilisation": utilisation_part, "Work": work, "Energy": energy_part, "State of charge": charge,
+    "Places": places, "Congestion": congestion, "Safety": safety, "Data quality": data_quality,
+}  # fmt: skip
+
+
+def answers(f: Facts) -> list[str]:
+    """The report in a few sentences."""
+    values = {name: figure.of(f.ledger) for name, figure in BY_NAME.items()}
+
+    def of(name: str) -> str:
+        return BY_NAME[name].shown(values[name])
+
+    doing = (("waiting_share", "waited"), ("handling_share", "handled loads"), ("charging_share", "charged"))
+    said = [f"{verb} {of(name)} %" for name, verb in doing if values[name] > 0.0]
+    head = f"{count(len(f.dataset.vehicles), 'truck')} drove {of('driving_share')} % of {of('truck_hours')} truck hours"
+    out = [", ".join([head, *said]) + "."]
+    if values["tasks"] > 0.0:
+        out.append(
+            f"The fleet did {of('tasks')} tasks, {of('tasks_per_hour')} per truck hour, and drove {of('km')} km."
+        )
+    if values["kwh"] > 0.0:
+        cost = f", at a cost of {of('cost')} {_currency(f)}" if values["cost"] > 0.0 else ""
+        co2 = f" and {of('co2_kg')} kg of CO2" if values["co2_kg"] > 0.0 else ""
+        out.append(f"The fleet used {of('kwh')} kWh, {of('kwh_per_km')} kWh per kilometre{cost}{co2}.")
+    areas = f.results["density"].places.get("areas") if "density" in f.results else None
+    if areas is not None and len(areas):
+        first = areas.iloc[0]
+        out.append(f"Most time is lost to congestion on {first['roads']}: {number(first['delay'])} s.")
+    return out + f.results["near_misses"].lines + f.results["speeding"].lines
+
+
+def local_span(f: Facts) -> str:
+    """First and last time of a dataset in the site's hours."""
+    start, end = (pd.Timestamp(f.dataset.meta[k]).tz_convert(f.zone) for k in ("start", "end"))
+    start, end = start.round("min"), end.round("min")
+    last = f"{end:%H:%M}" if start.date() == end.date() else f"{end:%d %b %Y %H:%M}"
+    return f"{start:%d %b %Y %H:%M} to {last} ({f.zone.replace('_', ' ')})"

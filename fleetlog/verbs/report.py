@@ -1,0 +1,62 @@
+"""Write one page about a fleet, or about two datasets side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast
+
+from fleetlog.api.answer import Answer, destination
+from fleetlog.api.inputs import (
+    DatasetLike,
+    DatasetsLike,
+    PathLike,
+    TruckLike,
+    as_dataset,
+    as_path,
+    as_truck,
+    existing,
+    files_of,
+)
+from fleetlog.api.verb import verb_with_jobs
+
+
+@verb_with_jobs
+def report(
+    datasets: DatasetsLike, *, truck: TruckLike | None = None, tariff: PathLike | None = None,
+    timezone: str | None = None, diagnosis: bool = True, tables: PathLike | None = None,
+    output: PathLike | None = None, overwrite: bool = False,
+) -> Answer:  # fmt: skip
+    """Write one page about the fleet of a dataset, or about two DATASETS side by side.
+
+    The page is one file: it needs no network, prints, and reads on a phone.  Of two datasets it tells how the second
+    differs from the first, and whether that is more than chance.
+
+    Parameters
+    ----------
+    datasets : one or two datasets, recorded or simulated.
+    truck : truck file, or name of a preset: energy by cause, and what the truck model leaves out.
+    tariff : prices and CO2 of energy by hour (TOML).
+    timezone : time zone of the hours, as Europe/Berlin; that of the site by default.
+    diagnosis : run diagnose where a truck is given.
+    tables : write the tables too: a folder for Parquet files, or NAME.xlsx.
+    output : HTML page to write.
+    """
+    from fleetlog.report.report import report as reported
+    from fleetlog.report.tables import held
+
+    opened = [as_dataset(d) for d in cast("Sequence[DatasetLike]", datasets)]
+    model = None if truck is None else as_truck(truck)
+    prices = None if tariff is None else existing(tariff)
+    inputs = files_of(datasets, truck, tariff)
+    beside = None if tables is None else as_path(tables)
+    with (
+        destination(output, "report", overwrite, inputs, folder=False) as keep,
+        held(beside, overwrite, inputs) as write_tables,
+    ):
+        found = reported(opened, truck=model, tariff=prices, timezone=timezone, diagnosis=diagnosis)
+        write_tables(found.tables, found.zone)
+        answer = Answer(
+            "report", found.summary, found.tables, lines=found.lines, value=found, page=found.html
+        )
+        answer.write = lambda file: file.write_text(found.html, encoding="utf-8")
+        return keep(answer)

@@ -1,0 +1,124 @@
+"""Curves and bars on paper, in matplotlib axes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.result import Bars, Series
+from fleetlog.view import palette
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+SOFT, GRID = "#5a5f66", "#e3e6ea"
+MAX_BARS, MAX_LABEL = 40, 28
+SILENCE = 20.0
+"""A gap in a curve this many times its usual step is left out of the time axis."""
+
+
+def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
+    """Curves, one above the other where they are stacked; over time in the hours of a time zone."""
+    names = [name.replace("_", " ") for name in series.y]
+    x = np.asarray(series.x)
+    values = np.array(list(series.y.values()), float).reshape(len(names), len(x))
+    if series.over_time:
+        x, values = _over_time(axes, x, values, zone)
+    if series.stacked:
+        # Energy that flows back lies below zero, and is not taken off what flows out.
+        for sign in (1.0, -1.0):
+            part = np.maximum(sign * np.nan_to_num(values), 0.0) * sign
+            colours = [palette.dark_colour(i) for i in range(len(names))]
+            axes.stackplot(x, part, labels=names if sign > 0 else [], colors=colours, lw=0)
+    else:
+        for i, (name, y) in enumerate(zip(names, values, strict=True)):
+            axes.plot(x, y, lw=1.1, color=palette.paper_colour(name, i), label=name)
+    axes.set_title(series.name.replace("_", " "))
+    axes.set_xlabel(f"time ({zone.replace('_', ' ')})" if series.over_time else series.x_label)
+    axes.set_ylabel(series.y_label)
+    axes.margins(x=0)
+    _lines(axes, "y")
+    if len(names) > 1:
+        _legend(axes, len(names))
+
+
+def _over_time(axes: Axes, x: NDArray[Any], values: Floats, zone: str) -> tuple[NDArray[Any], Floats]:
+    """Times of a zone; silences are cut out of the axis and marked, as a log of shifts has nothing at night."""
+    import pandas as pd
+
+    local = pd.to_datetime(x, unit="us", utc=True).tz_convert(zone).tz_localize(None).to_numpy()
+    steps = np.diff(local).astype("timedelta64[us]").astype(float)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    cut = np.flatnonzero(steps > SILENCE * usual)
+    if not len(cut):
+        from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+        # These two classes of matplotlib carry no types.
+        locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
+        axes.xaxis.set_major_locator(locator)
+        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+        return local, values
+    steps[cut] = 2.0 * usual
+    at = np.concatenate([[0.0], np.cumsum(steps)])
+    for k in cut:
+        axes.axvline(0.5 * (at[k] + at[k + 1]), color=SOFT, lw=0.6, ls=":")
+    first = np.concatenate([[0], cut + 1])
+    shown = first[:: -(-len(first) // 6)]
+    axes.set_xticks(at[shown], [f"{pd.Timestamp(local[k]):%d %b\n%H:%M}" for k in shown], ha="left")
+    # A row of nothing in every silence breaks the curves.
+    middle = 0.5 * (at[cut] + at[cut + 1])
+    return np.insert(at, cut + 1, middle), np.insert(values, cut + 1, np.nan, axis=1)
+
+
+def draw_bars(axes: Axes, bars: Bars) -> None:
+    """Bars from the top down, with their parts where they have some."""
+    labels = list(bars.labels[:MAX_BARS])
+    at = np.arange(len(labels))
+    left = np.zeros(len(labels))
+    for i, (name, part) in enumerate((bars.parts or {"": bars.values}).items()):
+        width = np.asarray(part[: len(labels)], float)
+        axes.barh(
+            at,
+            width,
+            left=left,
+            color=palette.paper_colour(name, i),
+            height=0.72,
+            label=name.replace("_", " "),
+        )
+        left = left + width
+    axes.set_yticks(at, [t if len(t) <= MAX_LABEL else t[: MAX_LABEL - 1] + "…" for t in labels])
+    axes.invert_yaxis()
+    axes.set_xlabel(bars.label)
+    axes.set_title(bars.name.replace("_", " "))
+    _lines(axes, "x")
+    if bars.parts:
+        axes.margins(x=0)
+        _legend(axes, len(bars.parts))
+    if (more := len(bars.labels) - len(labels)) > 0:
+        axes.annotate(
+            f"and {more} more", (1, 0), xycoords="axes fraction", ha="right", va="bottom", color=SOFT
+        )
+
+
+def bars_height(bars: Bars) -> float:
+    """Height that labelled bars need [inches]."""
+    return 1.1 + 0.19 * max(min(len(bars.labels), MAX_BARS), 3) + (0.25 if bars.parts else 0.0)
+
+
+def _lines(axes: Axes, along: Any) -> None:
+    axes.grid(axis=along, color=GRID, lw=0.6)
+    axes.set_axisbelow(True)
+
+
+def _legend(axes: Axes, count: int) -> None:
+    """Between the title and the data, never on it; wholly inside the picture."""
+    columns = min(count, 4)
+    axes.title.set_y(1.0)
+    axes.set_title(axes.get_title(loc="left"), pad=8.0 + 13.0 * -(-count // columns), loc="left")
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1, handlelength=1.2,
+        columnspacing=1.2, handletextpad=0.5,
+    )  # fmt: skip

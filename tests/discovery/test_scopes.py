@@ -1,0 +1,90 @@
+"""Whom and when: scopes are recovered from products alone, and cost nothing where nothing changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.truck import Chassis, Truck
+from fleetlog.discovery.hypotheses.scope import FLEET, Scope
+from fleetlog.discovery.model import Knob, Model
+from fleetlog.discovery.search.ridge import Prior
+from fleetlog.discovery.search.scopes import Beside, Column, _kind, _parts
+from fleetlog.physics.power import battery_power
+
+TRUCK = Truck(Chassis(4000.0))
+FOLDS, VEHICLES, SLOTS, EACH = 10, 6, 48, 12
+EDGES = np.linspace(0.0, 4800.0, SLOTS + 1)
+
+
+def column(weight: np.ndarray, effect: float, seed: int) -> Column:
+    """A column beside a constant, its (V, S) ``weight`` times ``effect`` concealed in noise of one."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(0.5, 1.5, (FOLDS, VEHICLES, SLOTS, EACH))
+    y = effect * weight[None, :, :, None] * x + 3.0 + rng.normal(0.0, 1.0, x.shape)
+    count = np.full((FOLDS, 1, 1), VEHICLES * SLOTS * EACH, float)
+    model = Beside(
+        count, y.sum(axis=(1, 2, 3))[:, None], Prior(np.zeros(1), np.zeros(1), -np.ones(1), np.ones(1))
+    )
+    return Column(model, x.sum(axis=3)[..., None], (x * y).sum(axis=3), (x**2).sum(axis=3), 2.0)
+
+
+def over(begin: int, until: int, who: tuple[int, ...]) -> np.ndarray:
+    weight = np.zeros((VEHICLES, SLOTS))
+    weight[list(who), begin:until] = 1.0
+    return weight
+
+
+@given(st.integers(0, 40), st.integers(6, 48), st.integers(0, 99))
+@settings(max_examples=30, deadline=None)
+def test_a_period_is_found_where_it_is(begin: int, long: int, seed: int) -> None:
+    until = min(begin + long, SLOTS)
+    everyone = tuple(range(VEHICLES))
+    if until - begin == SLOTS:
+        return
+    (_, scope, _), _ = _parts(column(over(begin, until, everyone), 1.0, seed), EDGES, everyone)
+    for said, true, end in ((scope.begin, begin, 0), (scope.until, until, SLOTS)):
+        if np.isfinite(said):
+            assert abs(said - EDGES[true]) <= 2 * (EDGES[1] - EDGES[0])
+        else:
+            assert abs(true - end) <= 2
+
+
+@given(st.integers(0, 99))
+@settings(max_examples=10, deadline=None)
+def test_a_drift_beats_every_period_and_a_step_beats_the_drift(seed: int) -> None:
+    everyone = tuple(range(VEHICLES))
+    ramp = np.tile((np.arange(SLOTS) + 0.5) / SLOTS, (VEHICLES, 1))
+    part, drift = _parts(column(ramp, 1.0, seed), EDGES, everyone)
+    assert drift[0] > part[0] and drift[1].drift
+    part, drift = _parts(column(over(20, SLOTS, everyone), 1.0, seed), EDGES, everyone)
+    assert part[0] > drift[0] and not part[1].drift
+
+
+@given(st.sets(st.integers(0, 5), min_size=2, max_size=3), st.integers(0, 99), st.sampled_from([-1.0, 1.0]))
+@settings(max_examples=20, deadline=None)
+def test_a_kind_of_trucks_is_found(who: set[int], seed: int, sign: float) -> None:
+    ((scope, _),) = _kind(column(over(0, SLOTS, tuple(who)), sign, seed))
+    assert scope.vehicles == tuple(sorted(who))
+
+
+def test_what_does_not_change_gains_nothing_unseen() -> None:
+    everyone, gains = tuple(range(VEHICLES)), []
+    for seed in range(60):
+        nothing = column(np.zeros((VEHICLES, SLOTS)), 0.0, seed)
+        (_, _, weight), _ = _parts(nothing, EDGES, everyone)
+        gains.append(float(nothing.validated(weight)[0].sum()))
+    # The scope was chosen on all folds, so a little is left; its choice costs eight, and the number four.
+    assert np.quantile(gains, 0.98) < 8.0
+
+
+def test_a_scope_concerns_its_vehicles_and_its_time_alone() -> None:
+    knob = Knob("auxiliary_load", "power", Scope((1,), 40.0))
+    model = Model(TRUCK, {knob: 300.0, Knob("auxiliary_load", "power", FLEET): 500.0})
+    still = Motion.of(100, dt=1.0, time=np.arange(100.0))
+    other, own = (battery_power(still, model.physics(v, still, lambda _: None)) for v in (0, 1))
+    assert other == pytest.approx(500.0)
+    assert own == pytest.approx(np.where(still.time < 40.0, 500.0, 800.0))

@@ -1,0 +1,227 @@
+"""The page: whole, self-contained, safe with hostile names, honest about differences."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from zipfile import ZipFile
+
+import numpy as np
+import pandas as pd
+import pytest
+from click import ClickException
+from click.testing import CliRunner
+from drawn_trucks import crossing, random_truck, straight
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fleetlog import report
+from fleetlog.cli.main import cli
+from fleetlog.core.site import Frame, Place, Site, Zone
+from fleetlog.errors import FleetlogError
+from fleetlog.report.comparison import truck_days
+from fleetlog.report.figures import BY_NAME, FIGURES, compare, holm
+
+EVIL = '<script>alert("x")</script>&\'"]]>=1+1'
+
+
+class Tags(HTMLParser):
+    """Every tag and every attribute of a page."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.links: list[str] = []
+        self.text = ""
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.links += [v or "" for k, v in attrs if k in ("href", "src", "xlink:href") or k.startswith("on")]
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def fleet(write, name: str = "d", count: int = 3, first: int = 0, **site):
+    trucks = [random_truck(first + k, 400) for k in range(count)]
+    return write(trucks, Site(site.get("site", "plant"), Frame(50.0, 9.0, timezone="Europe/Berlin")), name)
+
+
+def test_a_page_needs_nothing_from_outside(write) -> None:
+    found = report(fleet(write))
+    tags = Tags(found.page)
+    assert not {"script", "link", "iframe", "object", "img"} & set(tags.tags) and tags.tags.count("svg") >= 2
+    assert all(link.startswith(("#", "data:")) for link in tags.links)
+    assert not re.search(r"url\((?!#)|@import", found.page)
+    for word in ("plant", "Europe/Berlin", "2 Mar 2026 07:00", "fleetlog", "d (recorded)"):
+        assert word in tags.text
+    json.dumps(found.summary, default=str)
+
+
+def test_names_are_only_ever_text(write) -> None:
+    site = Site(EVIL, Frame(50.0, 9.0), places=(Place(EVIL, "pick", 0.0, 0.0),))
+    trucks = [
+        straight(v, (k * 3.0, 0), (1.5, 0), 200.0, payload=0.0) for k, v in enumerate((EVIL, "=cmd|' /C'!A0"))
+    ]
+    found = report(write(trucks, site))
+    assert "script" not in Tags(found.page).tags
+    assert "<script" not in found.page and "alert" in Tags(found.page).text
+
+
+def test_ids_of_pictures_are_unique_where_they_are_referred_to(write) -> None:
+    a, b = fleet(write, "a"), fleet(write, "b")
+    page = report([a, b]).page
+    ids = re.findall(r'<clipPath id="([^"]+)"', page)
+    assert ids and len(ids) == len(set(ids))
+
+
+def test_the_same_dataset_twice_differs_in_nothing(write) -> None:
+    d = fleet(write, count=6)
+    found = report([d, d])
+    differences = found.summary["differences"]
+    assert differences and all(x["p_value"] == 1.0 and x["difference"] == 0.0 for x in differences.values())
+    assert "differs by more than chance" in " ".join(found.lines)
+
+
+def test_figures_of_the_fleet_are_sums_over_its_trucks(write) -> None:
+    found = report(fleet(write))
+    ledger, figures = found.tables["ledger"], found.summary["datasets"][0]["figures"]
+    by_truck = [BY_NAME["km"].of(part) for _, part in ledger.groupby("vehicle_id")]
+    assert figures["km"] == pytest.approx(sum(by_truck))
+    states = found.tables["states"]
+    hours = (states.end - states.start)[states.state != "no_data"].dt.total_seconds().sum() / 3600
+    assert figures["truck_hours"] == pytest.approx(hours)
+
+
+def units(rng: np.random.Generator, n: int, level: float) -> pd.DataFrame:
+    hours = rng.uniform(4, 8, n)
+    return pd.DataFrame({"tasks": hours * rng.normal(level, 2.0, n), "load_hours": hours})
+
+
+def test_chance_alone_is_called_significant_as_often_as_it_says() -> None:
+    rng, figure = np.random.default_rng(1), BY_NAME["tasks_per_hour"]
+    p = np.array([compare(units(rng, 8, 10), units(rng, 8, 10), figure).p_value for _ in range(400)])
+    assert 0.02 < (p < 0.05).mean() < 0.085 and 0.4 < p.mean() < 0.6
+
+
+def test_a_real_difference_is_found_and_its_interval_holds_it() -> None:
+    rng, figure = np.random.default_rng(2), BY_NAME["tasks_per_hour"]
+    found = [compare(units(rng, 20, 10), units(rng, 20, 13), figure) for _ in range(200)]
+    assert np.mean([d.p_value < 0.05 for d in found]) > 0.95
+    assert np.mean([d.low < 3.0 < d.high for d in found]) > 0.88
+    swapped = compare(units(np.random.default_rng(3), 9, 1), units(np.random.default_rng(4), 9, 5), figure)
+    back = compare(units(np.random.default_rng(4), 9, 5), units(np.random.default_rng(3), 9, 1), figure)
+    assert swapped.difference == pytest.approx(-back.difference)
+
+
+def test_one_truck_that_alone_does_something_is_no_difference() -> None:
+    a = pd.DataFrame({"charging_h": [2.0] + [0.0] * 7, "hours": np.linspace(7.9, 8.1, 8)})
+    b = pd.DataFrame({"charging_h": np.zeros(8), "hours": np.linspace(8.0, 8.2, 8)})
+    assert compare(a, b, BY_NAME["charging_share"]).p_value > 0.9
+
+
+def test_too_few_trucks_tell_nothing(write) -> None:
+    found = report([fleet(write, "a", 2), fleet(write, "b", 2, 10)])
+    assert found.summary["differences"] is None and "too few" in found.lines[0]
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20))
+def test_correction_for_many_figures_only_raises_p_values(p: list[float]) -> None:
+    raised = holm(p)
+    assert all(a <= b <= 1.0 for a, b in zip(p, raised, strict=True))
+    assert min(raised) == min(min(p) * len(p), 1.0)
+    assert list(np.argsort(p, kind="stable")) == sorted(range(len(p)), key=lambda i: (raised[i], p[i], i))
+
+
+def test_every_figure_has_a_name_of_its_own() -> None:
+    assert len(BY_NAME) == len(FIGURES)
+
+
+def test_truck_days_are_days_of_the_site(write) -> None:
+    """23:30 UTC is the next day in Berlin."""
+    from fleetlog.report.facts import Facts, gather
+
+    d = write([straight("A", (0, 0), (1.0, 0), 3600.0, 5.0, begin=17 * 3600.0)])
+    facts = [gather(Facts("d", d, zone)) for zone in ("UTC", "Europe/Berlin")]
+    assert [len(truck_days(f)) for f in facts] == [2, 1]
+
+
+def run(*arguments: object):
+    """Status and output; what the entry point would print is the error's line."""
+    done = CliRunner().invoke(cli, ["report", *map(str, arguments)], standalone_mode=False)
+    if done.exception is not None:
+        error = done.exception
+        known = isinstance(error, FleetlogError | ClickException)
+        assert known, error
+        return getattr(error, "exit_code", 1), error.format_message() if isinstance(
+            error, ClickException
+        ) else error.line()
+    return done.return_value, done.stdout
+
+
+def test_page_and_tables_are_written_both_or_neither(write, tmp_path: Path) -> None:
+    d = fleet(write)
+    page, folder, book = tmp_path / "r.html", tmp_path / "tables", tmp_path / "r.xlsx"
+    status, said = run(d.path, "-o", page, "--tables", folder, "--json")
+    assert status == 0 and json.loads(said)["datasets"][0]["figures"]["km"] > 0
+    assert json.loads(said)["output"] == str(page)
+    names = {p.stem for p in folder.glob("*.parquet")}
+    assert names >= {"figures", "ledger", "states", "near_misses", "speeding"}
+    assert run(d.path, "-o", tmp_path / "s.html", "--tables", folder)[0] == 1
+    assert not (tmp_path / "s.html").exists()
+    assert run(d.path, "-o", page, "--overwrite", "--tables", book, "-q")[0] == 0
+    assert {p.name for p in tmp_path.iterdir()} >= {"r.html", "r.xlsx", "tables"}
+
+
+def test_a_text_that_begins_with_equals_is_no_formula(write, tmp_path: Path) -> None:
+    trucks = [straight("=1+1", (0, 0), (1.5, 0), 60.0), straight("B", (9, 9), (1.5, 0), 60.0)]
+    book = tmp_path / "t.xlsx"
+    assert run(write(trucks).path, "-o", tmp_path / "r.html", "--tables", book)[0] == 0
+    with ZipFile(book) as parts:
+        sheets = [parts.read(n).decode() for n in parts.namelist() if "worksheets/sheet" in n]
+        assert b"=1+1" in parts.read("xl/sharedStrings.xml")
+    assert sheets and not any("<f>" in s for s in sheets)
+
+
+@pytest.mark.parametrize(
+    "arguments, status, what",
+    [
+        ((), 2, "Missing argument"), (("{d}", "{d}", "{d}"), 2, "one or two"), (("{d}/none",), 1, "no such dataset"),
+        (("{d}", "--timezone", "Mars/Olympus"), 2, "no time zone"), (("{d}", "--truck", "nine-wheeler"), 1, "preset"),
+        (("{d}", "--tariff", "{d}/none.toml"), 1, "none.toml"),
+    ],
+)  # fmt: skip
+def test_mistakes_get_one_line_and_leave_nothing(
+    write, tmp_path: Path, arguments, status: int, what: str
+) -> None:
+    d = write([straight("A", (0, 0), (1.0, 0), 30.0)])
+    out = tmp_path / "r.html"
+    found, said = run(*(a.format(d=d.path) for a in arguments), "-o", out)
+    assert found == status and what in said and not out.exists()
+
+
+def test_a_missing_package_names_the_extra(write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xlsxwriter", None)
+    d = write([straight("A", (0, 0), (1.0, 0), 30.0)])
+    status, said = run(d.path, "-o", tmp_path / "r.html", "--tables", tmp_path / "t.xlsx")
+    assert status == 1 and "fleetlog[excel]" in said
+    assert not list(tmp_path.glob("[rt].*"))
+
+
+@pytest.mark.parametrize("name", ["utilisation", "speeding", "near_misses"])
+def test_what_the_report_adds_are_analyses_of_their_own(write, tmp_path: Path, name: str) -> None:
+    import fleetlog
+
+    trucks = crossing(1.0)
+    site = Site(
+        "s",
+        Frame(50.0, 9.0),
+        zones=(Zone("all", 99.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), 1.0),),
+    )
+    answer = fleetlog.analyze(name, write(trucks, site), output=tmp_path / name)
+    assert (tmp_path / name / f"{name}.json").is_file() and (tmp_path / name / f"{name}.png").is_file()
+    assert answer.lines and (answer.tables or answer.places)
