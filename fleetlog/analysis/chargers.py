@@ -135,11 +135,10 @@ def _vertices(dataset: Dataset, network: Network, names: tuple[str, ...]) -> Int
 def _standing(dataset: Dataset, sites: pd.DataFrame, demand: Demand) -> list[str]:
     """The site's chargers that stand where one is chosen: these are kept, not built a second time."""
     chargers = [p for p in dataset.site.places if p.kind == "charge" and demand != "loading"]
-    near = [
-        [p.id for p in chargers if np.hypot(p.x - x, p.y - y) <= NEAR]
+    return [
+        ", ".join(p.id for p in chargers if np.hypot(p.x - x, p.y - y) <= NEAR)
         for x, y in sites[["x", "y"]].to_numpy()
     ]
-    return [", ".join(ids) for ids in near]
 
 
 def _marks(name: str, sites: pd.DataFrame, kind: Literal["charger", "charge"]) -> Marks:

@@ -1,7 +1,7 @@
 """Energy used and charged as the log's electrical channels give it, by truck and quarter of an hour.
 
-Power is held from each row to the next; a silence longer than ``MAX_GAP`` counts nothing.  What flows into the
-battery while the truck is charged is charged energy, everything else is used (braking gives some of it back).
+Power is held from each row to the next; a silence longer than ``MAX_GAP`` counts nothing.  What flows into
+the battery while the truck is charged is charged energy, everything else is used (braking returns some).
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ ELECTRICAL = ("battery_voltage", "battery_current")
 def consumption(dataset: Dataset) -> pd.DataFrame:
     """One row a truck and quarter of an hour: vehicle_id, start, and the ``SUMS``.
 
-    ``seconds`` and ``metres`` of the log, ``measured_s`` and ``measured_m`` of these with a known power, and the
-    energy in that time; ``soc_low`` and ``soc_end``, the lowest and last state of charge (share), NaN unknown.
+    ``seconds`` and ``metres`` of the log, ``measured_s`` and ``measured_m`` of these with a known power, and
+    the energy in that time; ``soc_low`` and ``soc_end``, the lowest and last state of charge (NaN unknown).
     """
     days = [_quarters(t) for t in joined_days(dataset, (*COLUMNS, *ELECTRICAL))]
     whole = pd.concat(days, ignore_index=True)
@@ -45,7 +45,8 @@ def _quarters(t: Trajectory) -> pd.DataFrame:
         "vehicle_id": t.vehicle_id,
         "start": pd.to_datetime(t.time // QUARTER * QUARTER, unit="us", utc=True).as_unit("us"),
         "seconds": dt, "metres": metres, "measured_s": known * dt, "measured_m": known * metres,
-        "used_kwh": np.where(charging, 0.0, joules) / KWH, "charged_kwh": np.where(charging, -joules, 0.0) / KWH,
+        "used_kwh": np.where(charging, 0.0, joules) / KWH,
+        "charged_kwh": np.where(charging, -joules, 0.0) / KWH,
         "soc_low": soc, "soc_end": soc,
     })  # fmt: skip
     return rows.groupby(["vehicle_id", "start"], as_index=False).agg(

@@ -1,10 +1,10 @@
 """Near misses between trucks: time to collision and post-encroachment time.
 
-A truck is a capsule, ``length`` by ``width``: two discs at its ends stand for it when it is on a collision course.
+A truck is a capsule, ``length`` by ``width``: two discs at its ends stand for it on a collision course.
 
 - *Time to collision* (Hayward 1972): how long until two trucks touch if both go on as they do.
-- *Post-encroachment time* (Allen, Shin and Cooper 1978): how long after one truck has left a spot of the floor
-  another one comes to it on a crossing way.
+- *Post-encroachment time* (Allen, Shin and Cooper 1978): how long after one truck has left a spot of the
+  floor another one comes to it on a crossing way.
 
 Both need clocks that agree among the trucks.
 """
@@ -183,7 +183,7 @@ def _collisions(f: Moving, most: float, closing: float, length: float, width: fl
 
 
 def time_to_contact(gap: Floats, velocity: Floats, distance: float) -> Floats:
-    """(N,) seconds until two points with a ``gap`` ((N, 2) m) and relative ``velocity`` are ``distance`` apart.
+    """(N,) seconds until points with a ``gap`` ((N, 2) m) and relative ``velocity`` are ``distance`` apart.
 
     inf where they never are; -1 where they are closer already.
     """
@@ -249,8 +249,9 @@ def _events(found: Floats, names: list[str]) -> pd.DataFrame:
     new = (raw[["a", "b"]].diff().abs().sum(axis=1) > 0.0) | (raw["time"].diff() > SAME)
     groups = raw.groupby(new.cumsum())
     worst = raw.loc[raw[["ttc", "pet"]].min(axis=1).groupby(new.cumsum()).idxmin()] if len(raw) else raw
+    first = groups["time"].min()
     out = pd.DataFrame({
-        "start": pd.to_datetime((groups["time"].min() * 1e6).round().astype("int64").to_numpy(), unit="us", utc=True),
+        "start": pd.to_datetime((first * 1e6).round().astype("int64").to_numpy(), unit="us", utc=True),
         "vehicle_a": [names[int(k)] for k in worst["a"]], "vehicle_b": [names[int(k)] for k in worst["b"]],
         "ttc_s": groups["ttc"].min().to_numpy(), "pet_s": groups["pet"].min().to_numpy(),
         "kind": _kinds(worst["angle"].to_numpy()), "closing_speed": worst["closing"].to_numpy(),

@@ -52,8 +52,9 @@ def speeding(
         "over_s": float(table["duration"].sum()), "top_speed_m_s": _most(table["top_speed"]),
     }  # fmt: skip
     worst = table.head(WORST)
-    marks = Marks("speeding", worst[["x", "y"]].to_numpy(float), tuple(f"{v:.1f} m/s" for v in worst["top_speed"]),
-                  np.full(len(worst), 1.0), "critical")  # fmt: skip
+    labels = tuple(f"{v:.1f} m/s" for v in worst["top_speed"])
+    at = worst[["x", "y"]].to_numpy(float)
+    marks = Marks("speeding", at, labels, np.full(len(worst), 1.0), "critical")
     return Result("speeding", summary, {}, {"speeding": table}, [marks], _lines(summary, table))
 
 
@@ -71,8 +72,9 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     places = table.groupby("place")["duration"].sum().sort_values(ascending=False, kind="stable")
     times = "once" if len(table) == 1 else f"{len(table)} times"
     return [
-        f"Trucks exceed the limit by more than {100 * s['margin']:.0f} % {times}, {100 * s['over_s'] / s['limited_s']:.1f} % of the "
-        f"driving time, most at {places.index[0]} ({places.iloc[0]:.0f} s); top speed {s['top_speed_m_s']:.1f} m/s."
+        f"Trucks exceed the limit by more than {100 * s['margin']:.0f} % {times}, "
+        f"{100 * s['over_s'] / s['limited_s']:.1f} % of the driving time, most at {places.index[0]} "
+        f"({places.iloc[0]:.0f} s); top speed {s['top_speed_m_s']:.1f} m/s."
     ]
 
 

@@ -84,11 +84,7 @@ def _marks(table: pd.DataFrame) -> list[Shape]:
     size = 3.0 * np.sqrt(table.dwell_total / max(float(table.dwell_total.max() or 0.0), 1.0))
     return [
         Marks(
-            f"{kind} places",
-            of[["x", "y"]].to_numpy(float),
-            tuple(of.place),
-            size[of.index].to_numpy(float),
-            kind,
+            f"{kind} places", of[["x", "y"]].to_numpy(float), tuple(of.place), size[of.index].to_numpy(), kind
         )
         for kind in KINDS
         if len(of := table[table.kind == kind])

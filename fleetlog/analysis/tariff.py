@@ -40,7 +40,7 @@ PERIOD = {
 
 @dataclass(frozen=True)
 class Tariff:
-    """``price`` and ``co2`` (7, 24) per kWh at the grid, by day of the week (Monday first) and hour of the day."""
+    """``price`` and ``co2`` (7, 24) per kWh at the grid, by day of the week (Monday first) and hour."""
 
     price: Floats
     co2: Floats

@@ -68,7 +68,7 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
 
 
 def _flows(dataset: Dataset, table: pd.DataFrame) -> Flows:
-    """The most frequent trips as arrows between places; where there is no place, between squares of the floor."""
+    """The most frequent trips as arrows between places, or squares of the floor where there is no place."""
     spots = {p.id: (p.x, p.y) for p in dataset.site.places}
     ends = []
     for name, side in (("from_place", "start"), ("to_place", "end")):

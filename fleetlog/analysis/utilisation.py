@@ -5,7 +5,7 @@ A simulation says so itself.  Of a recording it is read from motion, load, forks
 - it moves where its speed exceeds :data:`~fleetlog.store.trips.STANDING_SPEED`; laden from 25 kg on;
 - a standstill in which the state of charge rises, the battery takes power, or the log says so, is charging;
 - within ``REACH`` of a change of load, or of a movement of the forks, a truck that stands is handling;
-- any other standstill is waiting with a load on the forks, or where it is shorter than ``PATIENCE``; else idle
+- any other standstill is waiting with a load on the forks, or where shorter than ``PATIENCE``; else idle
   (a truck that waits empty for longer cannot be told from an idle one without its orders);
 - a silence of the log longer than ``MAX_GAP`` is no data.
 
@@ -30,11 +30,13 @@ from fleetlog.store.events import read_table
 from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED
 
 STATES = (
-    "driving_laden", "driving_empty", "driving", "handling", "waiting", "standing", "charging", "idle", "no_data",
+    "driving_laden", "driving_empty", "driving", "handling", "waiting", "standing", "charging", "idle",
+    "no_data",
 )  # fmt: skip
-"""Plain ``driving``, and ``standing`` (handling or waiting), are of trucks whose log has neither load nor forks."""
+"""``driving``, and ``standing`` (handling or waiting), are of trucks whose log has neither load nor forks."""
 OF_ACTIVITY = {
-    "drive_empty": "driving_empty", "drive_laden": "driving_laden", "wait": "waiting", "wait_place": "waiting",
+    "drive_empty": "driving_empty", "drive_laden": "driving_laden", "wait": "waiting",
+    "wait_place": "waiting",
     "wait_charger": "waiting", "pick": "handling", "drop": "handling", "charge": "charging", "park": "idle",
     "battery_empty": "idle",
 }  # fmt: skip
@@ -79,7 +81,7 @@ def utilisation(dataset: Dataset) -> Result:
 
 
 def hours_by_state(table: pd.DataFrame, *by: pd.Series) -> pd.DataFrame:
-    """Hours in every state, one row for each combination of ``by`` (aligned with the rows of :func:`states`)."""
+    """Hours in every state, one row for each combination of ``by`` (aligned with the rows of ``table``)."""
     hours = (table["end"] - table["start"]).dt.total_seconds() / 3600.0
     return (
         hours.groupby([*by, table["state"]])

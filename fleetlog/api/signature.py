@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from fleetlog.core.arguments import Between, Named
+from fleetlog.core.arguments import Between, Named, PartOf
 from fleetlog.errors import ArgumentError
 
 SHARED = {
@@ -107,6 +107,8 @@ def _option(parameter: inspect.Parameter, hint: Any, text: str, first: bool) -> 
     if check is None:
         check = _usual(kind)
     choices = tuple(get_args(kind)) if get_origin(kind) is Literal else ()
+    if isinstance(check, PartOf):
+        text = f"{text[:-1]}: {', '.join(check.names())}."
     positional = first and parameter.kind is not parameter.KEYWORD_ONLY
     return Option(
         parameter.name, parameter.default, text, positional, many, kind is bool, choices, check, kind

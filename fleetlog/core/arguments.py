@@ -13,6 +13,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
+from fleetlog.errors import nearest
+from fleetlog.registry import part_lines
+
 UNITS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 LONGEST = 366 * 86400.0
 """Of a duration [s]."""
@@ -122,6 +125,25 @@ class Names:
         """Return the names."""
         parts = value.split(",") if isinstance(value, str) else value
         return tuple(p.strip() for p in parts if p.strip())
+
+
+@dataclass(frozen=True)
+class PartOf:
+    """The name of a part, a log or export format: one file of ``package`` each, or another distribution's."""
+
+    package: str
+    attribute: str
+    metavar: str = "FORMAT"
+
+    def names(self) -> list[str]:
+        """Every name, without importing a part."""
+        return sorted(name.replace("_", "-") for name in part_lines(self.package, self.attribute))
+
+    def __call__(self, value: str) -> str:
+        """Return the name."""
+        if value not in self.names():
+            raise ValueError(f"no format {value!r}; {nearest(value, self.names())}")
+        return value
 
 
 class Counts:

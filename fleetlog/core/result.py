@@ -68,7 +68,7 @@ class Marks:
 
 @dataclass(frozen=True)
 class Flows:
-    """Arrows over the floor, from ``start`` to ``end`` ((N, 2) m), the wider the greater their ``weight`` (N,)."""
+    """Arrows over the floor, from ``start`` to ``end`` ((N, 2) m), the wider the greater ``weight`` (N,)."""
 
     name: str
     start: Floats

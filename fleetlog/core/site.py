@@ -21,7 +21,7 @@ class Frame:
     """Right-handed local metres, x east, y north, z up, about an origin on the WGS 84 ellipsoid.
 
     Azimuthal equidistant about (``latitude``, ``longitude``) [degrees]; ``rotation`` [rad] turns the local x
-    axis counter-clockwise from east.  ``timezone`` (IANA name) is that of the hours in reports; data stay UTC.
+    axis counter-clockwise from east.  ``timezone`` (IANA name) is of the hours in reports; data stay UTC.
     """
 
     latitude: float

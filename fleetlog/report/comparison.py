@@ -88,9 +88,7 @@ class Comparison:
                     f"{figure.label}: {how} in {names[1]}, {b} against {a} in {names[0]} (p {_p(known[1])})."
                 )
         if not self.differences:
-            return [
-                "There are too few truck days to tell differences from chance: each dataset needs four or more."
-            ]
+            return ["There are too few truck days to tell differences from chance: each dataset needs four."]
         return out or [f"None of {len(self.differences)} figures differs by more than chance."]
 
     def frame(self) -> pd.DataFrame:

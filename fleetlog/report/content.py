@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -47,52 +46,33 @@ class Section:
     parts: list[Part]
 
 
-Format = Callable[[Any], str] | None
-"""None: a text as it is."""
+def table(frame: pd.DataFrame, columns: str, caption: str = "", most: int = 60) -> Table:
+    """The first rows of a frame; ``columns`` has ``heading=column`` or ``heading=column format``.
+
+    A format is one of Python's for numbers, ``%`` for a share, ``t`` for a local time; columns that are not
+    there are left out.
+    """
+    specs = [(head, *f"{spec} ".split(" ")[:2]) for head, spec in (c.split("=") for c in columns.split("; "))]
+    shown = [spec for spec in specs if spec[1] in frame]
+    rows = [[_cell(row[name], how) for _, name, how in shown] for row in frame.head(most).to_dict("records")]
+    right = [how not in ("", "t") for _, _, how in shown]
+    return Table([head for head, _, _ in shown], rows, right, caption, max(len(frame) - most, 0))
 
 
-def table(
-    frame: pd.DataFrame, columns: Sequence[tuple[str, str, Format]], caption: str = "", most: int = 12
-) -> Table:
-    """The first rows of a frame; ``columns`` are name, heading and format of each column that is shown."""
-    shown = [c for c in columns if c[0] in frame]
-    rows = [
-        [str(row[name]) if show is None else show(row[name]) for name, _, show in shown]
-        for row in frame.head(most).to_dict("records")
-    ]
-    right = [show is not None and show is not clock for _, _, show in shown]
-    return Table([h for _, h, _ in shown], rows, right, caption, max(len(frame) - most, 0))
-
-
-def number(value: Any) -> str:
-    """Three significant digits, all before the point; a dash where it is unknown."""
-    v = float(value) if value is not None else float("nan")
-    if not np.isfinite(v):
+def _cell(value: Any, how: str) -> str:
+    if how == "":
+        return str(value)
+    if pd.isna(value):
         return "–"
-    if v == 0.0 or abs(v) >= 100.0 or v == round(v):
-        return f"{v:,.0f}"
-    return f"{v:.1f}" if abs(v) >= 10.0 else f"{v:.2f}" if abs(v) >= 0.1 else f"{v:.2g}"
+    if how == "%":
+        return f"{100.0 * value:.0f} %"
+    return f"{value:%d %b %H:%M:%S}" if how == "t" else format(float(value), f",{how}")
 
 
-def fixed(digits: int) -> Callable[[Any], str]:
-    """A format with so many digits after the point; a dash where a number is unknown."""
-
-    def show(value: Any) -> str:
-        v = float(value) if value is not None else float("nan")
-        return f"{v:,.{digits}f}" if np.isfinite(v) else "–"
-
-    return show
-
-
-whole = fixed(0)
-
-
-def percent(value: Any) -> str:
-    """A share of 1 in per cent."""
-    v = float(value) if value is not None else float("nan")
-    return f"{100.0 * v:.0f} %" if np.isfinite(v) else "–"
-
-
-def clock(value: Any) -> str:
-    """A local time to the second."""
-    return "–" if pd.isna(value) else f"{value:%d %b %H:%M:%S}"
+def number(value: float) -> str:
+    """Three significant digits, all before the point; a dash where it is unknown."""
+    if not np.isfinite(value):
+        return "–"
+    if value == 0.0 or abs(value) >= 100.0 or value == round(value):
+        return f"{value:,.0f}"
+    return f"{value:.1f}" if abs(value) >= 10.0 else f"{value:.2f}" if abs(value) >= 0.1 else f"{value:.2g}"

@@ -40,8 +40,8 @@ def in_short(facts: Facts) -> list[str]:
     if judged:
         c = judged[0]
         out.append(
-            f"On trips that it has not seen, the error of {c.name.replace('_', ' ')} is {_share(c.before)} without and "
-            f"{_share(c.after)} with what was found; noise alone makes {_share(c.floor)}."
+            f"On trips that it has not seen, the error of {c.name.replace('_', ' ')} is {_share(c.before)} "
+            f"without and {_share(c.after)} with what was found; noise alone makes {_share(c.floor)}."
         )
     return out
 

@@ -1,6 +1,6 @@
-"""All that a report says of one dataset: the results of the analyses, and the ledger that every figure is summed from.
+"""All that a report says of one dataset: results of analyses, and the ledger that figures are summed from.
 
-The ledger has one row a truck and quarter of an hour.  Whatever happened is one column of it, so figures of the
+The ledger has one row a truck and quarter of an hour.  Whatever happened is one column, so figures of the
 fleet, of a truck, of a day or of an hour of the day are sums over some of its rows and cannot disagree.
 """
 
@@ -94,7 +94,7 @@ def _cell(dataset: Dataset) -> float:
 
 
 def _ledger(facts: Facts) -> Ledger:
-    """(vehicle_id, start) with one column a sum; see :mod:`fleetlog.report.figures` for what is made of them."""
+    """(vehicle_id, start) with one column a sum; :mod:`fleetlog.report.figures` says what is made of them."""
     d, results = facts.dataset, facts.results
     parts = [_states(results["utilisation"].tables["states"]), _energy(facts)]
     parts.append(_counted("tasks", tasks_done(d)))
@@ -139,7 +139,7 @@ def _states(table: pd.DataFrame) -> Ledger:
 
 
 def _energy(facts: Facts) -> Ledger:
-    """Kilometres and energy; a truck without an electrical channel has that of its model, where there is one."""
+    """Kilometres and energy; without an electrical channel that of the truck's model, if there is one."""
     table = consumption(facts.dataset)
     table["km"], table["measured_km"] = table["metres"] / 1000.0, table["measured_m"] / 1000.0
     measured = table.groupby("vehicle_id")["measured_s"].transform("sum") > 0.0
@@ -162,7 +162,7 @@ def _energy(facts: Facts) -> Ledger:
 
 
 def tasks_done(dataset: Dataset) -> pd.DataFrame:
-    """vehicle_id and start: the time at which each task was done, of a recording at which a load was set down."""
+    """vehicle_id and start: when each task was done; in a recording, when a load was set down."""
     tasks = read_table(dataset, "tasks")
     if tasks is not None:
         done = tasks[tasks["status"] == "done"]

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.report.content import fixed, number
+from fleetlog.report.content import number
 
 Floats = NDArray[np.float64]
 
@@ -35,8 +35,11 @@ class Figure:
 
     def shown(self, value: float) -> str:
         """The value as a page shows it."""
-        money = self.money and abs(value) >= 1.0
-        return fixed(2 if money else 1)(value) if money or self.unit in ("%", "h", "1/h") else number(value)
+        if not np.isfinite(value):
+            return "–"
+        if self.unit in ("%", "h", "1/h"):
+            return f"{value:,.1f}"
+        return f"{value:,.2f}" if self.money and abs(value) >= 1.0 else number(value)
 
     def of(self, ledger: pd.DataFrame) -> float:
         """The figure of some rows of a ledger; NaN where its columns are not known."""
@@ -80,7 +83,7 @@ BY_NAME = {f.name: f for f in FIGURES}
 
 @dataclass(frozen=True)
 class Difference:
-    """Of one figure between two datasets: b minus a, its 95 % interval, and the p-value of a permutation test."""
+    """Of one figure: b minus a, its 95 % interval, and the p-value of a permutation test."""
 
     difference: float
     low: float
@@ -90,11 +93,11 @@ class Difference:
 
 
 FEWEST, DRAWS = 4, 2000
-"""Units on either side below which no significance is stated; permutations, and resamples for the interval."""
+"""Fewest units on either side of a statement of significance; permutations, and resamples."""
 
 
 def compare(a: pd.DataFrame, b: pd.DataFrame, figure: Figure, seed: int = 0) -> Difference | None:
-    """Compare a ratio between two tables of units (truck-days), which are exchangeable if nothing has changed.
+    """Compare a ratio between two tables of truck days, which are exchangeable if nothing has changed.
 
     None where either lacks it or has fewer than ``FEWEST`` units: a difference then says nothing.
     """

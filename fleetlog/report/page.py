@@ -20,5 +20,5 @@ def _house() -> jinja2.Environment:
 
 
 def render(template: str, **values: Any) -> str:
-    """One self-contained HTML page; the filter ``drawn`` marks pictures of our own, everything else is escaped."""
+    """One self-contained HTML page; all but pictures of our own (filter ``drawn``) is escaped."""
     return _house().get_template(template).render(**values)

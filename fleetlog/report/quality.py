@@ -12,13 +12,13 @@ from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP
 
 CHANNELS = {
-    "speed": "speed", "payload": "load", "fork_height": "forks", "battery_power": "power", "soc": "state of charge",
-    "ambient_temperature": "temperature",
+    "speed": "speed", "payload": "load", "fork_height": "forks", "battery_power": "power",
+    "soc": "state of charge", "ambient_temperature": "temperature",
 }  # fmt: skip
 
 
 def quality(dataset: Dataset) -> tuple[pd.DataFrame, list[str]]:
-    """One row a truck: rows, usual interval [s], share of the time without data, share of rows on a road, channels."""
+    """One row a truck: rows, usual interval [s], shares of time without data and on a road, channels."""
     trucks: dict[str, list[dict[str, Any]]] = {}
     for t in dataset.days((*CHANNELS, "edge_id")):
         step = np.diff(t.time) * 1e-6

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from fleetlog.analysis._added import added_results
 from fleetlog.analysis.tariff import load_tariff
 from fleetlog.core.result import EdgeValues, Grid
 from fleetlog.core.schema import Wrong, time_zone
@@ -28,7 +29,7 @@ from fleetlog.view.scales import Scale, scale_of
 
 @dataclass
 class Report:
-    """What a report says: ``html`` (one self-contained page), ``summary`` (JSON-ready), ``tables`` and ``lines``."""
+    """What a report says: ``html`` (one page), ``summary`` (JSON-ready), ``tables`` and ``lines``."""
 
     html: str
     summary: dict[str, Any]
@@ -97,8 +98,9 @@ def _page(found: Comparison, lead: list[str]) -> str:
         (f.label, f.shown(v[0]), found.unit(f)) for f, v in found.figures if f.title and np.isfinite(v[0])
     ]
     return render(
-        "fleet.html", title=f"Fleet report: {' and '.join(sites)}", lead=lead, about=[_about(f) for f in facts],
-        tiles=[] if found.two else tiles, sections=_sections(found), key=found.table(), version=__version__,
+        "fleet.html", title=f"Fleet report: {' and '.join(sites)}", lead=lead,
+        about=[_about(f) for f in facts], tiles=[] if found.two else tiles, sections=_sections(found),
+        key=found.table(), version=__version__,
     )  # fmt: skip
 
 
@@ -125,7 +127,16 @@ def _sections(found: Comparison) -> list[Section]:
                 Part(lines, name=f.name) for f, lines in zip(facts, found.left_out, strict=True) if lines
             ]
             out.append(Section("What the truck model leaves out", parts))
-    return out
+    return out + _added_sections(facts)
+
+
+def _added_sections(facts: list[Facts]) -> list[Section]:
+    """A section for each analysis that another package adds: its sentences."""
+    found: dict[str, list[Part]] = {}
+    for f in facts:
+        for result in added_results(f.dataset, f.truck):
+            found.setdefault(result.name, []).append(Part(result.lines, name=f.name))
+    return [Section(name.replace("_", " ").capitalize(), parts) for name, parts in found.items()]
 
 
 def _common(title: str, facts: list[Facts]) -> dict[str, Scale]:
@@ -164,6 +175,8 @@ def _tables(found: Comparison) -> dict[str, pd.DataFrame]:
         own = {"ledger": f.ledger.reset_index(), "states": f.results["utilisation"].tables["states"]}
         results = {name: f.results[of].places for name, of in PLACES.items() if of in f.results}
         own |= {name: tables[name] for name, tables in results.items() if name in tables}
+        if "trips" in f.results:
+            own["trips_between_places"] = f.results["trips"].tables["pairs"]
         for name, table in own.items():
             out.setdefault(name, []).append(table.assign(dataset=f.name) if found.two else table)
     return {"figures": found.frame(), **{n: pd.concat(t, ignore_index=True) for n, t in out.items()}}

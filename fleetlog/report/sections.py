@@ -12,7 +12,7 @@ from fleetlog.analysis.utilisation import STATES, state_bars
 from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, Result, Series
 from fleetlog.core.words import count
 from fleetlog.report.battery import charge_curves, charge_table
-from fleetlog.report.content import Part, Picture, Table, clock, fixed, number, percent, table, whole
+from fleetlog.report.content import Part, Picture, Table, number, table
 from fleetlog.report.facts import Facts
 from fleetlog.report.figures import BY_NAME
 from fleetlog.report.quality import quality
@@ -21,7 +21,40 @@ from fleetlog.view.scales import Scale
 
 Shape = Series | Bars | Grid | EdgeValues | None
 S = TypeVar("S", Bars, Grid, EdgeValues)
-STATE_HEADS = [(s, s.replace("_", " "), percent) for s in STATES if s != "no_data"]
+# Heading, column and format of every table.
+DATA = (
+    "truck=vehicle_id; rows=rows .0f; interval [s]=interval_s .1f; no data=silent %; on a road=on_road %; "
+    "channels=channels"
+)
+WORK = (
+    "truck=vehicle_id; hours=hours .2f; tasks=tasks .0f; tasks/h=tasks/h .1f; trips=trips .0f; "
+    "trips/h=trips/h .1f; km=km .2f; km/h=km/h .2f"
+)
+FLOWS = (
+    "from=from_place; to=to_place; trips=trips .0f; mean distance [m]=distance_mean .0f; "
+    "mean duration [s]=duration_mean .0f"
+)
+ENERGY = (
+    "truck=vehicle_id; used [kWh]=used_kwh .2f; kWh/km=per_km .3f; charged [kWh]=charged_kwh .2f; "
+    "cost=cost .2f; CO2 [kg]=co2_kg .2f; from=source"
+)
+CHARGE = (
+    "truck=vehicle_id; at the start=first %; lowest=lowest %; at the end=last %; times charged=visits .0f; "
+    "hours charged=hours .2f"
+)
+BUSY = (
+    "place=place; visits=visits .0f; trucks=vehicles .0f; median stop [s]=dwell_median .0f; "
+    "truck hours=hours .2f; x [m]=x .1f; y [m]=y .1f"
+)
+AREAS = "area=area; roads=roads; delay [s]=delay .0f; episodes=episodes .0f; trucks=vehicles .0f"
+NEAR = (
+    "time=start t; truck=vehicle_a; other truck=vehicle_b; kind=kind; time to collision [s]=ttc_s .1f; "
+    "post-encroachment time [s]=pet_s .1f; closing speed [m/s]=closing_speed .1f"
+)
+OVER = (
+    "time=start t; truck=vehicle_id; road or zone=place; duration [s]=duration .1f; "
+    "top speed [m/s]=top_speed .2f; limit [m/s]=limit .2f"
+)
 
 
 def picture(
@@ -42,11 +75,7 @@ def shapes(facts: Facts, name: str, kind: type[S]) -> list[S]:
 def data_quality(f: Facts) -> Part:
     """How good the data are: rows, gaps, map matching, channels by truck."""
     per_truck, lines = quality(f.dataset)
-    columns = [
-        ("vehicle_id", "truck", None), ("rows", "rows", whole), ("interval_s", "interval [s]", fixed(1)),
-        ("silent", "no data", percent), ("on_road", "on a road", percent), ("channels", "channels", None),
-    ]  # fmt: skip
-    return Part(lines, [table(per_truck, columns, "Data by truck", most=60)])
+    return Part(lines, [table(per_truck, DATA, "Data by truck")])
 
 
 def utilisation_part(f: Facts) -> Part:
@@ -64,14 +93,14 @@ def utilisation_part(f: Facts) -> Part:
     share = (
         known.div(known.sum(axis=1).clip(lower=1e-9), axis=0).assign(hours=known.sum(axis=1)).reset_index()
     )
-    columns = [("vehicle_id", "truck", None), ("hours", "hours", fixed(2)), *STATE_HEADS]
-    used = [c for c in columns if c[0] in ("vehicle_id", "hours") or (share[c[0]] > 0.0).any()]
+    seen = [f"{s.replace('_', ' ')}={s} %" for s in STATES if s in known and (known[s] > 0.0).any()]
+    columns = "; ".join(["truck=vehicle_id", "hours=hours .2f", *seen])
     unknown = share.loc[share["driving"] > 0.0, "vehicle_id"]
     lines = [
         f"No load is recorded for {', '.join(unknown)}: driving empty and laden, and waiting and handling, "
         "cannot be told apart for these."
     ] if len(unknown) else []  # fmt: skip
-    return Part(lines, [*blocks, table(share, used, "Share of the time by truck", most=60)])
+    return Part(lines, [*blocks, table(share, columns, "Share of the time by truck")])
 
 
 def work(f: Facts) -> Part:
@@ -82,11 +111,7 @@ def work(f: Facts) -> Part:
     for name in ("tasks", "trips", "km"):
         if name in trucks:
             trucks[f"{name}/h"] = trucks[name] / trucks["hours"].where(trucks["hours"] > 0.0)
-    columns = [("vehicle_id", "truck", None), ("hours", "hours", fixed(2))]
-    columns += [(c, h, show) for c, h, show in (("tasks", "tasks", whole), ("tasks/h", "per hour", fixed(1)),
-                ("trips", "trips", whole), ("trips/h", "per hour", fixed(1)), ("km", "km", fixed(2)),
-                ("km/h", "km per hour", fixed(2)))]  # fmt: skip
-    part = Part([], [table(trucks, columns, "Work by truck", most=60)])
+    part = Part([], [table(trucks, WORK, "Work by truck")])
     start = f.ledger.index.get_level_values("start").to_series()
     hourly = f.ledger["tasks"].groupby(start.dt.floor("h").to_numpy()).sum(min_count=1)
     if len(hourly) > 1 and hourly.notna().any():
@@ -98,10 +123,8 @@ def work(f: Facts) -> Part:
     if "trips" in f.results:
         pairs = f.results["trips"].tables["pairs"]
         named = pairs[(pairs["from_place"] != "") & (pairs["to_place"] != "")]
-        heads = [("from_place", "from", None), ("to_place", "to", None), ("trips", "trips", whole),
-                 ("distance_mean", "mean distance [m]", whole), ("duration_mean", "mean duration [s]", whole)]  # fmt: skip
         if len(named):
-            part.blocks.append(table(named, heads, "Most frequent trips between places", most=10))
+            part.blocks.append(table(named, FLOWS, "Most frequent trips between places", most=10))
     return part
 
 
@@ -115,14 +138,12 @@ def energy_part(f: Facts) -> Part:
     trucks.loc[~known, [c for c in keep if c != "energy_h"]] = np.nan
     trucks["per_km"] = trucks["used_kwh"] / trucks["energy_km"].where(trucks["energy_km"] > 0.01)
     trucks["source"] = [f.energy_from.get(v, "unknown") for v in trucks["vehicle_id"]]
-    columns = [("vehicle_id", "truck", None), ("used_kwh", "used [kWh]", fixed(2)), ("per_km", "kWh/km", fixed(3)),
-               ("charged_kwh", "charged [kWh]", fixed(2)), ("cost", f"cost [{_currency(f)}]", fixed(2)),
-               ("co2_kg", "CO2 [kg]", fixed(2)), ("source", "from", None)]  # fmt: skip
-    part = Part([], [table(trucks, columns, "Energy by truck", most=60)])
+    money = f" (cost in {_currency(f)})" if "cost" in trucks else ""
+    part = Part([], [table(trucks, ENERGY, f"Energy by truck{money}")])
     if not known.all():
         part.lines.append(
-            f"The energy of {', '.join(trucks.loc[~known, 'vehicle_id'])} is unknown: the log has no power channel. "
-            "With --truck it is that of the truck's model."
+            f"The energy of {', '.join(trucks.loc[~known, 'vehicle_id'])} is unknown: the log has no power "
+            "channel. With --truck it is that of the truck's model."
         )
     if "energy" in f.results:
         result = f.results["energy"]
@@ -152,7 +173,8 @@ def _model_lines(f: Facts, result: Result) -> list[str]:
     if measured > 0.0:
         how = "more" if model > measured else "less"
         out.append(
-            f"Where power is recorded, the model gives {100.0 * abs(model / measured - 1.0):.1f} % {how} than was measured."
+            f"Where power is recorded, the model gives {100.0 * abs(model / measured - 1.0):.1f} % {how} "
+            "than was measured."
         )
     return out
 
@@ -163,13 +185,11 @@ def charge(f: Facts) -> Part:
     if curves is None:
         return Part(["The log has no state of charge."])
     trucks = charge_table(f, curves)
-    columns = [("vehicle_id", "truck", None), ("first", "at the start", percent), ("lowest", "lowest", percent),
-               ("last", "at the end", percent), ("visits", "times charged", whole), ("hours", "hours charged", fixed(2))]  # fmt: skip
     low = trucks.dropna(subset="lowest").nsmallest(1, "lowest")
-    lines = [f"Lowest state of charge: {percent(r.lowest)} ({r.vehicle_id})." for r in low.itertuples()]
+    lines = [f"Lowest state of charge: {100.0 * float(v):.0f} %." for v in low["lowest"]]
     blocks: list[Table | Picture] = [
         picture(f, curves.shape, "State of charge"),
-        table(trucks, columns, "State of charge by truck", most=60),
+        table(trucks, CHARGE, "State of charge by truck"),
     ]
     return Part(lines, blocks)
 
@@ -181,11 +201,8 @@ def places(f: Facts, scale: Scale | None = None) -> Part:
         result = f.results["stops"]
         busiest = result.places["places"].sort_values("dwell_total", ascending=False, kind="stable")
         busiest = busiest.assign(hours=busiest["dwell_total"] / 3600.0)
-        heads = [("place", "place", None), ("visits", "visits", whole), ("vehicles", "trucks", whole),
-                 ("dwell_median", "median stop [s]", whole), ("hours", "truck hours", fixed(2)),
-                 ("x", "x [m]", fixed(1)), ("y", "y [m]", fixed(1))]  # fmt: skip
         if len(busiest):
-            part.blocks.append(table(busiest, heads, "Busiest places", most=10))
+            part.blocks.append(table(busiest, BUSY, "Busiest places", most=10))
             part.blocks.append(picture(f, None, "Places where trucks stop; the larger, the longer", result))
         else:
             part.lines.append("No place was visited three times or more.")
@@ -204,9 +221,7 @@ def congestion(f: Facts, scale: Scale | None = None) -> Part:
         [f"{count(s['episodes'], 'episode')} of congestion, {number(s['delay_s'])} s of delay in all."]
     )
     if areas is not None and len(areas):
-        heads = [("area", "area", None), ("roads", "roads", None), ("delay", "delay [s]", whole),
-                 ("episodes", "episodes", whole), ("vehicles", "trucks", whole)]  # fmt: skip
-        part.blocks.append(table(areas, heads, "Where trucks lose most time", most=8))
+        part.blocks.append(table(areas, AREAS, "Where trucks lose most time", most=8))
         marks = [m for m in result.shapes if isinstance(m, Marks)]
         for layer in [s for s in result.shapes if isinstance(s, EdgeValues)]:
             only = Result("density", {}, shapes=[layer, *marks])
@@ -220,7 +235,8 @@ def safety(f: Facts) -> Part:
     """Speeding and near misses."""
     part = Part()
     for name, caption, heads in (
-        ("near_misses", "Near misses, the closest first", NEAR), ("speeding", "Longest drives above the limit", OVER),
+        ("near_misses", "Near misses, the closest first", NEAR),
+        ("speeding", "Longest drives above the limit", OVER),
     ):  # fmt: skip
         result = f.results[name]
         part.lines += result.lines
@@ -237,13 +253,6 @@ def safety(f: Facts) -> Part:
     return part
 
 
-NEAR = [("start", "time", clock), ("vehicle_a", "truck", None), ("vehicle_b", "truck", None), ("kind", "kind", None),
-        ("ttc_s", "time to collision [s]", fixed(1)), ("pet_s", "post-encroachment time [s]", fixed(1)),
-        ("closing_speed", "closing speed [m/s]", fixed(1))]  # fmt: skip
-OVER = [("start", "time", clock), ("vehicle_id", "truck", None), ("place", "road or zone", None),
-        ("duration", "duration [s]", fixed(1)), ("top_speed", "top speed [m/s]", fixed(2)),
-        ("limit", "limit [m/s]", fixed(2))]  # fmt: skip
-
 SECTIONS: dict[str, Callable[[Facts], Part]] = {
     "Utilisation": utilisation_part, "Work": work, "Energy": energy_part, "State of charge": charge,
     "Places": places, "Congestion": congestion, "Safety": safety, "Data quality": data_quality,
@@ -259,11 +268,13 @@ def answers(f: Facts) -> list[str]:
 
     doing = (("waiting_share", "waited"), ("handling_share", "handled loads"), ("charging_share", "charged"))
     said = [f"{verb} {of(name)} %" for name, verb in doing if values[name] > 0.0]
-    head = f"{count(len(f.dataset.vehicles), 'truck')} drove {of('driving_share')} % of {of('truck_hours')} truck hours"
+    trucks = count(len(f.dataset.vehicles), "truck")
+    head = f"{trucks} drove {of('driving_share')} % of {of('truck_hours')} truck hours"
     out = [", ".join([head, *said]) + "."]
     if values["tasks"] > 0.0:
         out.append(
-            f"The fleet did {of('tasks')} tasks, {of('tasks_per_hour')} per truck hour, and drove {of('km')} km."
+            f"The fleet did {of('tasks')} tasks, {of('tasks_per_hour')} per truck hour, "
+            f"and drove {of('km')} km."
         )
     if values["kwh"] > 0.0:
         cost = f", at a cost of {of('cost')} {_currency(f)}" if values["cost"] > 0.0 else ""

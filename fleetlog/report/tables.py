@@ -33,7 +33,7 @@ def check_workbook() -> None:
 def held(
     target: Path | None, overwrite: bool, inputs: Iterable[Path]
 ) -> Iterator[Callable[[dict[str, pd.DataFrame], str], None]]:
-    """Hold the place of the tables; the function that is given writes them there, times in a zone, if there is one."""
+    """Hold the place of the tables, if any; the function that is given writes them, times in a zone."""
     if target is None:
         yield lambda tables, zone: None
         return

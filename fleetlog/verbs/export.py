@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from fleetlog.api.answer import Answer
 from fleetlog.api.inputs import DatasetLike, PathLike, as_dataset, as_path
 from fleetlog.api.verb import verb
-from fleetlog.errors import ArgumentError, nearest
+from fleetlog.core.arguments import PartOf
+
+Format = Annotated[str, PartOf("fleetlog.exporters", "EXPORTER")]
 
 
 @verb
 def export(
-    dataset: DatasetLike, *, to: str, output: PathLike, vehicle: tuple[str, ...] = (), overwrite: bool = False
+    dataset: DatasetLike,
+    *,
+    to: Format,
+    output: PathLike,
+    vehicle: tuple[str, ...] = (),
+    overwrite: bool = False,
 ) -> Answer:
     """Write DATASET in another format: tables, tracks, recordings, SUMO.
 
     Parameters
     ----------
-    to : format: csv, geojson, gpx, kitti, mcap, parquet, sumo-fcd, sumo-net or tum.
+    to : format of the file.
     output : file to write.
     """
-    from fleetlog.exporters.base import export_dataset, exporters
+    from fleetlog.exporters.base import export_dataset
 
-    if to not in exporters():
-        raise ArgumentError(f"no export format {to!r}", option="--to", do=nearest(to, exporters()))
     data, file = as_dataset(dataset), as_path(output)
     summary = export_dataset(data, to, file, vehicles=vehicle, overwrite=overwrite)
     what = "edges" if "edges" in summary else "rows"

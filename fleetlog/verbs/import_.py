@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, cast
 from fleetlog.api.answer import Answer, dataset_answer
 from fleetlog.api.inputs import LogsLike, PathLike, SiteLike, as_path, as_site, existing, files_of, temporary
 from fleetlog.api.verb import verb_with_jobs
-from fleetlog.core.arguments import Between
-from fleetlog.errors import ArgumentError, nearest
+from fleetlog.core.arguments import Between, PartOf
+from fleetlog.errors import ArgumentError
 from fleetlog.listening import progress
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @verb_with_jobs
 def import_(
-    logs: LogsLike, *, site: SiteLike | None = None, format: str | None = None,
+    logs: LogsLike, *, site: SiteLike | None = None, format: Annotated[str, PartOf("fleetlog.importers", "IMPORTER")] | None = None,
     profile: PathLike | None = None, dry_run: bool = False, recording: bool = True,
     rate: Annotated[float, Between(0.0, 1e6, above=True)] = 2.0, append: bool = False,
     output: PathLike | None = None, overwrite: bool = False,
@@ -50,10 +50,6 @@ def import_(
     >>> recorded.dataset.read("T1").to_pandas().columns[:3].tolist()
     ['vehicle_id', 'timestamp', 'x']
     """
-    from fleetlog.importers.base import importers
-
-    if format is not None and format not in importers():
-        raise ArgumentError(f"no log format {format!r}", option="--format", do=nearest(format, importers()))
     if append and (overwrite or site is not None or output is None):
         raise ArgumentError("goes with an output, not with --overwrite or --site", option="--append")
     paths = [as_path(log) for log in cast("Sequence[LogsLike]", logs)]

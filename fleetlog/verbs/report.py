@@ -28,8 +28,8 @@ def report(
 ) -> Answer:  # fmt: skip
     """Write one page about the fleet of a dataset, or about two DATASETS side by side.
 
-    The page is one file: it needs no network, prints, and reads on a phone.  Of two datasets it tells how the second
-    differs from the first, and whether that is more than chance.
+    The page is one file: it needs no network, prints, and reads on a phone.  Of two datasets it tells how the
+    second differs from the first, and whether that is more than chance.
 
     Parameters
     ----------
@@ -55,8 +55,7 @@ def report(
     ):
         found = reported(opened, truck=model, tariff=prices, timezone=timezone, diagnosis=diagnosis)
         write_tables(found.tables, found.zone)
-        answer = Answer(
-            "report", found.summary, found.tables, lines=found.lines, value=found, page=found.html
-        )
+        answer = Answer("report", found.summary, found.tables, lines=found.lines, value=found)
+        answer.page = found.html
         answer.write = lambda file: file.write_text(found.html, encoding="utf-8")
         return keep(answer)

@@ -1,7 +1,7 @@
 """Two fleets on one timeline: a recording and its simulation side by side.
 
-Where the simulation drives the recorded mission again, trucks of one name are subtracted from one another; else
-they do different things, and the totals of the fleets are beside one another.
+Where the simulation drives the recorded mission again, trucks of one name are subtracted from one another;
+else they do different things, and the totals of the fleets are beside one another.
 """
 
 from __future__ import annotations

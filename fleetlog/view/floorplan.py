@@ -157,8 +157,8 @@ def _draw_flows(axes: Axes, flows: Flows) -> None:
         ))  # fmt: skip
     if len(share):
         axes.annotate(
-            f"widest arrow: {flows.weight.max():.0f} {flows.label}", (0.01, 0.99), xycoords="axes fraction", ha="left",
-            va="top", fontsize=7.5, color=INK,
+            f"widest arrow: {flows.weight.max():.0f} {flows.label}", (0.01, 0.99), xycoords="axes fraction",
+            ha="left", va="top", fontsize=7.5, color=INK,
         )  # fmt: skip
 
 
@@ -209,15 +209,15 @@ def _draw_marks(axes: Axes, marks: Marks, taken: list[Box]) -> None:
         spot = _free_spot(axes, x, y, size, label, taken) if label else None
         if spot is not None:
             axes.annotate(
-                label, spot, fontsize=7.5, color=INK, ha="center", va="center", zorder=5, annotation_clip=True,
-                path_effects=[withStroke(linewidth=2.2, foreground="white")],
+                label, spot, fontsize=7.5, color=INK, ha="center", va="center", zorder=5,
+                annotation_clip=True, path_effects=[withStroke(linewidth=2.2, foreground="white")],
             )  # fmt: skip
 
 
 def _free_spot(
     axes: Axes, x: float, y: float, size: float, label: str, taken: list[Box]
 ) -> tuple[float, float] | None:
-    """Middle of a label above, below, right or left of its mark, over no other one; None where there is none."""
+    """Middle of a label above, below, right or left of its mark, over no other one; None where none is."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     inches = figure.get_size_inches()[0] * 0.85 / max(len({a.get_position().x0 for a in figure.axes}), 1)

@@ -58,16 +58,18 @@ def dark_colour(number: int) -> Share:
 
 
 NAMED: dict[str, Colour] = {
-    "recorded": (40, 44, 52), "measured": (40, 44, 52), "model before": (214, 120, 40), "model after": (31, 119, 180),
+    "recorded": (40, 44, 52), "measured": (40, 44, 52), "model before": (214, 120, 40),
+    "model after": (31, 119, 180),
     "model": (31, 119, 180),
-    "driving_laden": (31, 119, 180), "driving_empty": (140, 190, 225), "driving": (86, 150, 205), "handling": (240, 180, 50),
+    "driving_laden": (31, 119, 180), "driving_empty": (140, 190, 225), "driving": (86, 150, 205),
+    "handling": (240, 180, 50),
     "waiting": (214, 80, 60), "standing": (225, 150, 90),
     "charging": (64, 170, 90), "idle": (176, 182, 190), "no_data": (225, 228, 232),
 }  # fmt: skip
 
 
 def paper_colour(name: str, number: int) -> Share:
-    """Colour of a curve or part on white paper: its own where its name has one, or that of the ``number``-th."""
+    """Colour of a curve or part on white paper: that of its name, or of the ``number``-th."""
     if name not in NAMED:
         return dark_colour(number)
     r, g, b = NAMED[name]

@@ -46,7 +46,7 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
 
 
 def _over_time(axes: Axes, x: NDArray[Any], values: Floats, zone: str) -> tuple[NDArray[Any], Floats]:
-    """Times of a zone; silences are cut out of the axis and marked, as a log of shifts has nothing at night."""
+    """Times of a zone; silences are cut out of the axis and marked: a log of shifts has nothing at night."""
     import pandas as pd
 
     local = pd.to_datetime(x, unit="us", utc=True).tz_convert(zone).tz_localize(None).to_numpy()

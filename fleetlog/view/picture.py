@@ -119,8 +119,8 @@ def svg(
 ) -> str:
     """One map or panel of a result as an SVG element: its texts are text, everything it needs is in it.
 
-    Without a ``shape``, the map of the site with the marks.  ``salt`` must differ among the pictures of a page;
-    ``scale`` is that of the map where several pictures share it; ``zone`` the time zone, the site's by default.
+    Without a ``shape``, the map of the site with the marks.  ``salt`` must differ among the pictures of a
+    page; ``scale`` is that of the map where several share it; ``zone`` the time zone, by default the site's.
     """
     import matplotlib
     from matplotlib.backends.backend_svg import FigureCanvasSVG

@@ -31,7 +31,7 @@ SKEWED = 8.0
 class Scale:
     """Limits of a colour map.  ``clipped``: values above ``high`` exist.
 
-    Values beyond the ``knee`` are spread by their logarithm, as a few are many times the others; inf: none are.
+    Values beyond the ``knee`` are spread by their logarithm, as a few are many times the others; inf: none.
     """
 
     low: float
@@ -90,8 +90,9 @@ def scale_of(values: Floats, diverging: bool = False) -> Scale:
     if high - low < 1e-300:
         high = low + 1.0
     low = -high if diverging else low
-    middle = float(np.median(used)) if len(used) and low in (0.0, -high) else high
-    knee = max(middle, 1e-6 * high) if high > SKEWED * middle else float("inf")
+    middle = float(np.median(used)) if len(used) else high
+    skewed = high > 0.0 and low in (0.0, -high) and high > SKEWED * middle
+    knee = max(middle, 1e-6 * high) if skewed else float("inf")
     return Scale(low, high, diverging, top > high, knee)
 
 

@@ -169,7 +169,7 @@ def test_without_standard_input_and_with_a_full_disk_behind_standard_output(run:
         pytest.skip("no /dev/full here")
     with Path("/dev/full").open("w") as full:
         done = process("info", "log.csv", cwd=tmp_path, stdout=full)
-        assert "fleetlog: No space left" in done.communicate()[1] and done.returncode == 1
+        assert "fleetlog: standard output: No space left" in done.communicate()[1] and done.returncode == 1
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")

@@ -11,15 +11,17 @@ from click.testing import CliRunner
 from fleetlog.cli.commands import load_verb
 from fleetlog.errors import FleetlogError
 from fleetlog.exporters.base import exporters
+from fleetlog.importers.base import importers
 from fleetlog.verbs._describe import describe
 
-FORMATS = ("csv", "geojson", "gpx", "kitti", "mcap", "parquet", "sumo-fcd", "sumo-net", "tum")
+FORMATS = sorted(exporters())
 
 
 def test_help_lists_every_format() -> None:
-    assert tuple(sorted(exporters())) == FORMATS
     text = next(p.help for p in load_verb("export").params if p.name == "to")
-    assert all(name in text for name in FORMATS)
+    assert text.endswith(f": {', '.join(FORMATS)}.")
+    logs = next(p.help for p in load_verb("import").params if p.name == "format")
+    assert logs.endswith(f": {', '.join(sorted(importers()))}.")
 
 
 @pytest.mark.parametrize("name", FORMATS)

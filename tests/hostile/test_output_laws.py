@@ -256,6 +256,16 @@ def test_parents_are_made_and_go_with_a_run_that_fails(tmp_path: Path) -> None:
     assert not (tmp_path / "x").exists()
 
 
+def test_a_full_disk_names_the_output(tmp_path: Path) -> None:
+    with (
+        pytest.raises(OutputError, match="out: not written: No space left"),
+        atomic_output(tmp_path / "out", "thing"),
+    ):
+        raise OSError(28, "Error writing bytes to file")
+    with pytest.raises(OSError, match="elsewhere"), atomic_output(tmp_path / "out", "thing"):
+        raise OSError(28, "No space left on device", "elsewhere")
+
+
 def test_locks_that_a_file_system_does_not_know_are_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,6 +6,8 @@ import csv
 import json
 import math
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -186,6 +188,47 @@ def test_analyses_of_nearly_nothing_answer(tmp_path: Path) -> None:
         assert done.exit_code == 0, (words, done.exception)
         assert not re.search(r"\bnan\b|(?<!\+)-0\.0+\b", done.output)
         assert "NaN" not in (tmp_path / words[0] / f"{words[0]}.json").read_text()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "analyze trips D -o D", "analyze heatmap D -o D/new", "diagnose D --truck T -o D", "export D --to csv -o D/dataset.json",
+        "simulate --like D --truck T -o D", "simulate --like D --truck T --vehicles 1..2 -o D", "import D -o D",
+        "calibrate D --truck T -o D/truck.toml", "view D --beside D --save D/recording.rrd",
+    ],
+)  # fmt: skip
+def test_no_command_writes_over_what_it_reads(words: str, tmp_path: Path) -> None:
+    data = dataset(tmp_path / "d", ["T1"], power=1000.0).path
+    before = {p: p.read_bytes() for p in data.rglob("*") if p.is_file()}
+    given = [w.replace("D", str(data), 1) if w[0] == "D" else w for w in words.split()]
+    given = ["counterbalance-2.5t" if w == "T" else w for w in given]
+    done = CliRunner().invoke(cli, [*given, "--overwrite"])
+    assert isinstance(done.exception, OutputError) and "this run reads" in str(done.exception)
+    assert {p: p.read_bytes() for p in data.rglob("*") if p.is_file()} == before
+
+
+def test_too_little_to_diagnose_is_said_and_shuts_the_gate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = str(dataset(tmp_path / "d", ["T1"], power=1000.0, rows=200).path)
+    words = ["diagnose", data, "--truck", "counterbalance-2.5t", "--gate", "-o", str(tmp_path / "out")]
+    assert cli.main(words, standalone_mode=False) == 1
+    assert "not judged" in capsys.readouterr().out
+    json.loads((tmp_path / "out" / "diagnosis.json").read_text(), parse_constant=lambda n: pytest.fail(n))
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_an_answer_that_cannot_be_printed_is_an_error_that_says_so(tmp_path: Path) -> None:
+    data = dataset(tmp_path / "d", ["T1"]).path
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "fleetlog", "info", str(data)],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert done.returncode == 1 and done.stderr == "fleetlog: standard output: No space left on device\n"
 
 
 def test_a_row_of_a_wrong_century_fills_no_memory(tmp_path: Path) -> None:

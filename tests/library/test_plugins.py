@@ -110,7 +110,8 @@ def test_added_analyses_are_offered_to_the_report(work: Path) -> None:
     code = (
         "import fleetlog; from fleetlog.analysis._added import added_results; "
         "d = fleetlog.read_logs('log.xyt', recording=False).dataset; "
-        "print([(r.name, len(r.tables)) for r in added_results(d)])"
+        "print([(r.name, len(r.tables)) for r in added_results(d)]); "
+        "page = fleetlog.report(d).page; print('of the time, more than any other truck' in page)"
     )
     done = run(work, "-c", code)
-    assert done.stdout.strip() == "[('idle', 1)]", done.stderr
+    assert done.stdout.splitlines() == ["[('idle', 1)]", "True"], done.stderr

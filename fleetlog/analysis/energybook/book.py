@@ -39,8 +39,8 @@ class Book:
     span : (S, 2) first and last time [us].
     stretch, stretch_sums : (B, 2) edge and number of the stretch on it, and (B, 2) joules and metres.
     zones : (Z, T + 2) joules by term, metres, seconds.
-    bins, bin_energy, bin_measured : (M,) [us], (M, T) and (M, 3): joules measured, joules of the model in that
-        time, and its seconds.
+    bins, bin_energy, bin_measured : (M,) [us], (M, T) and (M, 3): joules measured, joules of the model in
+        that time, and its seconds.
     cells : what the battery went through.
     source : what the measured energy was taken from.
     """

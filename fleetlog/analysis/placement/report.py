@@ -139,11 +139,8 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     what = "Place pick and drop spots" if s["demand"] == "loading" else "Install chargers"
     new, kept = [r for r in rows if not r.existing], [r for r in rows if r.existing]
     where = " and ".join(f"{row.vertex} ({count(row.plugs, 'plug')})" for row in new[:MOST])
-    out = (
-        [f"{what} at {where}" + (f" and {len(new) - MOST} more places." if len(new) > MOST else ".")]
-        if new
-        else []
-    )
+    more = f" and {len(new) - MOST} more places" if len(new) > MOST else ""
+    out = [f"{what} at {where}{more}."] if new else []
     out += [f"Keep {row.existing} ({count(row.plugs, 'plug')} needed)." for row in kept]
     out += [
         f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {percent(row.served_share)}, "
