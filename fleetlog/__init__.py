@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from fleetlog.verbs.import_ import import_
     from fleetlog.verbs.import_ import import_ as read_logs
     from fleetlog.verbs.info import info
+    from fleetlog.verbs.learn import learn
+    from fleetlog.verbs.record import record
     from fleetlog.verbs.report import report
     from fleetlog.verbs.simulate import simulate
     from fleetlog.verbs.view import view
@@ -52,7 +54,7 @@ VERBS = (
 
 __all__ = [
     "FORMAT_VERSION", "Dataset", "FleetlogError", "Result", "Trajectory", "__version__", "analyze", "calibrate", "demo",
-    "diagnose", "export", "import_", "info", "open", "read_logs", "report", "simulate", "view",
+    "diagnose", "export", "import_", "info", "learn", "open", "read_logs", "record", "report", "simulate", "view",
 ]  # fmt: skip
 
 

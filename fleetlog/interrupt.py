@@ -43,6 +43,11 @@ def came() -> bool:
     return _state["came"]
 
 
+def answered() -> None:
+    """Forget an interrupt that ended what it was meant to end: a capture that its user stops is whole."""
+    _state["came"] = False
+
+
 def check() -> None:
     """Raise an interrupt that a library swallowed: extension modules drop one that comes while they load."""
     if _state["came"]:

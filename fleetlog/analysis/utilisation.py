@@ -51,6 +51,8 @@ CHARGER = 100.0
 COLUMNS = ("speed", "payload", "fork_height", "battery_power", "soc", "charging")
 QUARTER = 900_000_000
 """Intervals are cut at quarters of an hour [us]: on these, hours of every time zone begin."""
+MOST_QUARTERS = 4_000_000
+"""Of all vehicles together: a hundred vehicles for a year."""
 
 Codes = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -189,6 +191,10 @@ def quarters(table: pd.DataFrame) -> pd.DataFrame:
     """The intervals cut at quarters of an hour, so that each lies in one hour of any time zone."""
     start, end = (table[c].astype("datetime64[us, UTC]").astype("int64").to_numpy() for c in ("start", "end"))
     count = np.maximum((end - 1) // QUARTER - start // QUARTER, 0) + 1
+    if count.sum() > MOST_QUARTERS:
+        years = count.sum() * QUARTER / 31_557_600e6
+        what = f"{years:,.0f} years of vehicles are too many for quarters of an hour"
+        raise DataError(what, do="import it without rows of a wrong time")
     row = np.repeat(np.arange(len(table)), count)
     step = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
     low = np.maximum(start[row], (start[row] // QUARTER + step) * QUARTER)

@@ -95,6 +95,23 @@ class Building:
 
 
 @dataclass(frozen=True)
+class MapFrame:
+    """How a log's own frame lies in the site's: its points are turned by ``rotation`` [rad], counter-clockwise,
+    then moved by ``shift`` [m].  ``level`` names the floor, where a site has several.
+    """
+
+    name: str
+    shift: tuple[float, float] = (0.0, 0.0)
+    rotation: float = 0.0
+    level: str = ""
+
+    def to_site(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """x, y [m] in the site frame."""
+        c, s = np.cos(self.rotation), np.sin(self.rotation)
+        return c * x - s * y + self.shift[0], s * x + c * y + self.shift[1]
+
+
+@dataclass(frozen=True)
 class Site:
     """The plant.  ``frame`` is None where nothing says where on earth it lies;
     ``network`` is None without a map.
@@ -107,6 +124,7 @@ class Site:
     places: tuple[Place, ...] = ()
     zones: tuple[Zone, ...] = ()
     buildings: tuple[Building, ...] = ()
+    map_frames: tuple[MapFrame, ...] = ()
     source: dict[str, Any] = field(default_factory=dict)
     """Where it was read from: file names and sha256, for provenance."""
 
@@ -139,6 +157,7 @@ def site_to_dict(site: Site) -> dict[str, Any]:
     out["building"] = [
         {"id": b.id, "polygon": b.polygon.tolist(), "height": b.height} for b in site.buildings
     ]
+    out["map_frame"] = [vars(f) | {"shift": list(f.shift)} for f in site.map_frames]
     if site.network is not None:
         out["network"] = _network_to_dict(site.network)
     return out
@@ -193,6 +212,7 @@ def site_from_dict(data: dict[str, Any]) -> Site:
         Building(b["id"], np.asarray(b["polygon"], float), b["height"]) for b in data.get("building", ())
     )
     network = _network_from_dict(data["network"]) if data.get("network") else None
+    map_frames = tuple(MapFrame(**{**f, "shift": tuple(f["shift"])}) for f in data.get("map_frame", ()))
     return Site(
         data["name"],
         frame,
@@ -201,6 +221,7 @@ def site_from_dict(data: dict[str, Any]) -> Site:
         places,
         zones,
         buildings,
+        map_frames,
         data.get("source", {}),
     )
 

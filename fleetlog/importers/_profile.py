@@ -13,6 +13,7 @@ from typing import Any
 from zoneinfo import ZoneInfo
 
 from fleetlog.core.columns import NAMES
+from fleetlog.core.frames import crs, map_frames
 from fleetlog.core.schema import (
     Keys,
     Wrong,
@@ -27,6 +28,7 @@ from fleetlog.core.schema import (
     text,
     whole,
 )
+from fleetlog.core.site import MapFrame
 from fleetlog.errors import InputError
 from fleetlog.importers._names import EPOCH_UNITS
 from fleetlog.importers._open import plain_stem
@@ -76,6 +78,10 @@ class Profile:
     without a zone.
     """
     columns: dict[str, Source] = field(default_factory=dict)
+    crs: str | None = None
+    """Reference system of x, y, as ``EPSG:25832``."""
+    map_frames: tuple[MapFrame, ...] = ()
+    """How the log's own frames lie in the site's."""
     keep: bool = True
     """Whether columns that are neither mapped nor recognised are kept under their own names."""
 
@@ -171,7 +177,7 @@ _SENTINELS = list_of(either(real(), text))
 _NAMES = list_of(text, 1)
 _FILE: Keys = {
     "delimiter": _delimiter, "decimal": one_of(",", "."), "encoding": _encoding, "skip_lines": whole(0),
-    "comment": text, "names": _NAMES, "sentinels": _SENTINELS, "vehicle": _vehicle, "keep": flag,
+    "comment": text, "names": _NAMES, "sentinels": _SENTINELS, "vehicle": _vehicle, "keep": flag, "crs": crs,
 }  # fmt: skip
 _TIME: Keys = {
     "column": either(text, list_of(text, 1, 2)), "format": _style, "zone": _zone, "origin": _origin,
@@ -186,7 +192,9 @@ def load_profile(path: str | Path) -> Profile:
 
 def profile_from_dict(data: dict[str, Any], where: str = "profile") -> Profile:
     """A profile of nested sections, checked."""
-    given = table(data, {**_FILE, "time": anything, "columns": anything}, where, "")
+    given = table(data, {**_FILE, "time": anything, "columns": anything, "map_frame": anything}, where, "")
+    frames = map_frames(given, where)
+    given.pop("map_frame", None)
     stamp, columns = given.pop("time", {}), given.pop("columns", {})
     stamp = table({"column": stamp} if isinstance(stamp, str | list) else stamp, _TIME, where, "time")
     columns = table(columns, dict.fromkeys((*TARGETS, "timestamp"), anything), where, "columns")
@@ -201,6 +209,7 @@ def profile_from_dict(data: dict[str, Any], where: str = "profile") -> Profile:
         time_zone=stamp.get("zone"),
         time_origin=stamp.get("origin"),
         columns={k: _source(k, v, where) for k, v in columns.items()},
+        map_frames=frames,
         **given,
     )
 

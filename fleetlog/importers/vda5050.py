@@ -66,6 +66,9 @@ class _Reader:
         self.batteries = Rows(share=share)
         self.others: Counter[str] = Counter()
         self.versions: Counter[str] = Counter()
+        self.facts: dict[str, str] = {}
+        """What the factsheet of each vehicle says."""
+        self.connections: Counter[str] = Counter()
         self._vehicle = vehicle
         self._payload: dict[str, float] = {}
 
@@ -85,7 +88,7 @@ class _Reader:
         battery = _first(message, "batteryState", "powerSupply")
         self.versions[str(message.get("version", "?"))[:12]] += 1
         if position is None and battery is None:
-            self.others[_kind(message)] += 1
+            self._other(message)
             return
         try:
             time = iso_time(str(message["timestamp"]))
@@ -93,6 +96,19 @@ class _Reader:
             self.positions.reject(number, "no timestamp in ISO 8601", str(message.get("timestamp")))
             return
         self._take(message, position, battery, time, number)
+
+    def _other(self, message: dict[str, Any]) -> None:
+        """A message without motion: the state of a connection, a factsheet, an order."""
+        kind = _kind(message)
+        self.others[kind] += 1
+        if kind == "connection":
+            self.connections[str(message["connectionState"])[:20]] += 1
+        elif kind == "factsheet" and (facts := _facts(message)):
+            self.facts[self._name(message)] = facts
+
+    def _name(self, message: dict[str, Any]) -> str:
+        names = (str(message[k]) for k in ("manufacturer", "serialNumber") if message.get(k))
+        return self._vehicle or "/".join(names) or "agv"
 
     def _take(
         self,
@@ -102,9 +118,7 @@ class _Reader:
         time: int,
         number: int,
     ) -> None:
-        vehicle = self._vehicle or "/".join(
-            str(message[k]) for k in ("manufacturer", "serialNumber") if message.get(k)
-        ) or "agv"  # fmt: skip
+        vehicle = self._name(message)
         if isinstance(message.get("loads"), list):
             self._payload[vehicle] = _payload(message["loads"])
         if position is not None:
@@ -115,7 +129,7 @@ class _Reader:
                 self.positions.reject(number, "x or y is not a number", position)
             else:
                 values["payload"] = self._payload.get(vehicle, NAN)
-                values |= _labels(message, position)
+                values |= _labels(message, position) | _quality(position)
                 self.positions.add(vehicle, time, number, values)
         if battery is not None:
             charge = _battery(battery)
@@ -171,6 +185,25 @@ def _labels(message: dict[str, Any], position: dict[str, Any]) -> dict[str, str]
     return {name: value for name, value in pairs if isinstance(value, str) and value}
 
 
+def _quality(position: dict[str, Any]) -> dict[str, float]:
+    """How well the vehicle knows where it is: a score from 0 to 1, a deviation [m]."""
+    pairs = (("localization_score", "localizationScore"), ("deviation_range", "deviationRange"))
+    return {name: value for name, key in pairs if (value := finite(position.get(key))) == value}
+
+
+def _facts(message: dict[str, Any]) -> str:
+    """Series, load and speeds of a factsheet, whose names differ between versions 2 and 3."""
+    parts = [_first(message, name) or {} for name in ("typeSpecification", "physicalParameters")]
+    units = {
+        "seriesName": "", "maxLoadMass": " kg", "maximumLoadMass": " kg", "speedMax": " m/s",
+        "maximumSpeed": " m/s", "accelerationMax": " m/s2", "maximumAcceleration": " m/s2",
+    }  # fmt: skip
+    found = {
+        k: v for part in parts for k, v in part.items() if k in units and isinstance(v, str | int | float)
+    }
+    return ", ".join(f"{k} {str(v)[:40]}{units[k]}" for k, v in found.items())
+
+
 def _payload(loads: list[Any]) -> float:
     """Sum of the weights [kg]; an empty list says that nothing is carried, a load without a weight that
     nobody knows.
@@ -181,8 +214,11 @@ def _payload(loads: list[Any]) -> float:
 
 def _battery(battery: dict[str, Any]) -> dict[str, Any]:
     charge = finite(battery.get("batteryCharge", battery.get("stateOfCharge"))) / 100.0
-    voltage = finite(battery.get("batteryVoltage"))
-    values = {"soc": charge, "battery_voltage": voltage}
+    values = {"soc": charge, "battery_voltage": finite(battery.get("batteryVoltage"))}
+    # The standard gives the current no sign: it is into the battery while that charges, out of it otherwise.
+    current = abs(finite(battery.get("batteryCurrent")))
+    values["battery_current"] = -current if battery.get("charging") is True else current
+    values["battery_health"] = finite(battery.get("batteryHealth")) / 100.0
     if isinstance(battery.get("charging"), bool):
         values["charging"] = float(battery["charging"])
     return {k: v for k, v in values.items() if v == v}
@@ -200,13 +236,17 @@ def _describe(report: ReadReport, reader: _Reader) -> None:
             "agvPosition / mobileRobotPosition": "x, y from m, heading from rad",
             "velocity": "speed, the length of vx, vy",
             "loads": "payload, the sum of the weights in kg",
-            "batteryState / powerSupply": "soc from %, voltage",
+            "batteryState / powerSupply": "soc from %, voltage, current (its sign from charging)",
             "manufacturer, serialNumber": "vehicle_id",
         }
     )
     report.note(
         "VDA 5050 version " + ", ".join(f"{v} ({n} messages)" for v, n in reader.versions.most_common(5))
     )
+    for vehicle, facts in list(reader.facts.items())[:5]:
+        report.note(f"factsheet of {vehicle}: {facts}")
+    if reader.connections:
+        report.note("connections: " + ", ".join(f"{n} {k}" for k, n in reader.connections.most_common(5)))
     if reader.others:
         report.note("left out: " + ", ".join(f"{n} {k}" for k, n in reader.others.most_common()))
 

@@ -8,18 +8,21 @@ trip begins, so that no trip is torn and matching starts at a standstill.
 
 from __future__ import annotations
 
+import itertools
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fleetlog import engines
-from fleetlog.core.site import Site
+from fleetlog.core.site import MapFrame, Site
 from fleetlog.errors import InputError
 from fleetlog.importers._profile import Profile, load_profile
+from fleetlog.ingest.clean import sort_rows
 from fleetlog.ingest.files import Log, find_logs, names_of
 from fleetlog.ingest.outcome import complete
 from fleetlog.ingest.place import check_matched
@@ -38,6 +41,8 @@ Progress = Callable[[str, float], None]
 READ_SHARE = 0.5
 ROW_COST, ROW_BYTES = 3e-6, 60.0
 """Of a row, about: to read it, or to match and write it [s]; its length in a log."""
+ALIGN_VEHICLES = 20
+"""Vehicles whose tracks are fitted to the roads."""
 
 
 def import_logs(
@@ -48,12 +53,14 @@ def import_logs(
     format: str | None = None,
     profile: str | Path | Profile | None = None,
     progress: Progress | None = None,
+    align: bool = False,
 ) -> ImportSummary:
     """Read ``paths`` (files, folders, patterns) and write their rows through ``writer``.
 
     ``site`` is None where there is no map: then the frame comes from the data.  The writer's site,
     provenance and summary are
-    set; its ``finish`` is left to the caller.  :class:`~fleetlog.errors.InputError` where nothing usable was
+    set; its ``finish`` is left to the caller.  ``align`` fits the frame of local positions to the roads of
+    ``site``.  :class:`~fleetlog.errors.InputError` where nothing usable was
     found.
     """
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
@@ -63,7 +70,10 @@ def import_logs(
     try:
         reads = list(_read(logs, scratch, profile, progress))
         _check_read(reads, logs)
-        summary = _write(reads, logs, site or Site(), writer, scratch, progress)
+        site = site or Site()
+        new = (f for f in _frames(profile) if f not in site.map_frames)
+        site = replace(site, map_frames=(*site.map_frames, *new))
+        summary = _write(reads, logs, site, writer, scratch, progress, align=align, every=_only(profile))
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     inputs = [f for log in logs for f in ([log.path] if log.path.is_file() else sorted(log.path.rglob("*")))]
@@ -129,9 +139,36 @@ def _check_read(reads: Sequence[Read], logs: list[Log]) -> None:
     )
 
 
+def _frames(profile: Profile | None) -> tuple[MapFrame, ...]:
+    return profile.map_frames if profile is not None else ()
+
+
+def _only(profile: Profile | None) -> MapFrame | None:
+    """The frame of all rows: that of a profile which states just one."""
+    frames = _frames(profile)
+    return frames[0] if len(frames) == 1 else None
+
+
+def _aligned(down: Down, site: Site, summary: ImportSummary) -> MapFrame:
+    """The frame of the log, fitted to the roads."""
+    from fleetlog.ingest.align import align
+
+    tracks = []
+    for vehicle in down.vehicles[:ALIGN_VEHICLES]:
+        for rows, _ in itertools.islice(down.windows(vehicle), 1):
+            if "latitude" in rows:
+                raise InputError("the log is geographic: it needs no alignment", do="leave --align out")
+            rows = sort_rows(rows)
+            tracks.append((rows.floats("x"), rows.floats("y")))
+    found = align(tracks, site.roads())
+    summary.alignment = found.to_dict()
+    summary.notes.append(found.line())
+    return found.frame
+
+
 def _write(
     reads: Sequence[Read], logs: list[Log], site: Site, writer: DatasetWriter, scratch: Path,
-    progress: Progress | None,
+    progress: Progress | None, *, align: bool, every: MapFrame | None,
 ) -> ImportSummary:  # fmt: skip
     """Vehicle by vehicle into the dataset."""
     summary, down = ImportSummary(), Down()
@@ -140,7 +177,9 @@ def _write(
         summary.rows_read += read.rows
         down.add(read.down)
     positioned = frozenset(v for read in reads for v in read.positioned)
-    plan = probe(Plan(writer.path, scratch, site, names_of(logs), down.own, positioned, writer.before), down)
+    every = _aligned(down, site, summary) if align else every
+    plan = Plan(writer.path, scratch, site, names_of(logs), down.own, positioned, writer.before, every)
+    plan = probe(plan, down)
     writer.site = plan.site
     summary.notes += plan.notes
     outcomes = list(_vehicles(plan, down, progress))

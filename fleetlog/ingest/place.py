@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fleetlog.core.site import Frame, Site
-from fleetlog.core.trajectory import Floats, Trajectory
+from fleetlog.core.site import Frame, MapFrame, Site
+from fleetlog.core.trajectory import Floats, Labels, Trajectory
 from fleetlog.errors import DataError
 from fleetlog.ingest.rows import without
 
@@ -19,7 +21,7 @@ FAR = 3000.0
 
 def frame_from(latitude: Floats, longitude: Floats) -> Frame | None:
     """A frame about the median of the first positions, rounded to about a metre; None without positions."""
-    good = np.isfinite(latitude) & np.isfinite(longitude)
+    good = (np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 180.0)
     if not good.any():
         return None
     first = np.flatnonzero(good)[:1000]
@@ -45,6 +47,34 @@ def place(rows: Trajectory, site: Site) -> Trajectory:
         else:
             rows = rows.with_columns(x_log=rows.floats("x"), y_log=rows.floats("y"))
     return without(rows, "latitude", "longitude").with_columns(x=x, y=y)
+
+
+def into_site(rows: Trajectory, frames: Sequence[MapFrame], every: MapFrame | None) -> Trajectory:
+    """Rows whose x, y are in a frame of their own, in the site's.
+
+    ``every`` is the frame of all rows; else that of the name that a row gives in ``map_id`` counts, and the
+    others stay.  ``level`` is the floor that the frame names.
+    """
+    if "x" not in rows or "y" not in rows:
+        return rows
+    if every is not None:
+        return _moved(rows, every, np.ones(len(rows), bool))
+    maps = rows.labels("map_id")
+    for frame in frames:
+        if frame.name in maps.names:
+            rows = _moved(rows, frame, maps.codes == maps.names.index(frame.name))
+    return rows
+
+
+def _moved(rows: Trajectory, frame: MapFrame, mine: NDArray[np.bool_]) -> Trajectory:
+    x, y = frame.to_site(rows.floats("x"), rows.floats("y"))
+    turned = np.remainder(rows.floats("heading") + frame.rotation + np.pi, 2.0 * np.pi) - np.pi
+    new = {"x": x, "y": y, "heading": turned}
+    moved = rows.with_columns(**{n: np.where(mine, v, rows.floats(n)) for n, v in new.items() if n in rows})
+    if not frame.level:
+        return moved
+    levels = [frame.level if m else old for m, old in zip(mine, rows.labels("level").strings(), strict=True)]
+    return moved.with_columns(level=Labels.of(levels))
 
 
 def check_place(x: Floats, y: Floats, site: Site, sample: Trajectory) -> None:

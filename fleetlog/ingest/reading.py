@@ -5,19 +5,20 @@ from __future__ import annotations
 import itertools
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from fleetlog.core.columns import NAMES
+from fleetlog.core.frames import geographic
 from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.errors import FleetlogError
 from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._profile import Profile
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers.base import RawBatch, ReadOptions
+from fleetlog.importers.base import LOCAL, RawBatch, ReadOptions
 from fleetlog.ingest.files import Log
 from fleetlog.ingest.order import BACKWARDS, Order
 from fleetlog.ingest.rejects import NAME, Refused, Rejects
@@ -102,6 +103,7 @@ class Reading:
         refused = self.rejects.rows.total()
         before = self.spill.down.rows
         for batch in read_guarded(log.importer, log.path, options):
+            batch = self._geographic(batch)
             self.rejects.add(number, batch.rejects)
             for rows in split(batch, number, report):
                 self._set_down(orders[rows.vehicle_id, CHANNEL in rows].sift(rows))
@@ -121,6 +123,15 @@ class Reading:
                 report.damage,
             )
         )
+
+    def _geographic(self, batch: RawBatch) -> RawBatch:
+        """A batch whose x, y are of the reference system that the profile states, in degrees."""
+        crs = self.profile.crs if self.profile else None
+        if crs is None or not all(n in batch.columns for n in LOCAL):
+            return batch
+        columns = dict(batch.columns)
+        latitude, longitude = geographic(crs, *(np.asarray(columns.pop(n), float) for n in LOCAL))
+        return replace(batch, columns={"latitude": latitude, "longitude": longitude, **columns})
 
     def _set_down(self, sifted: tuple[Trajectory, Trajectory]) -> None:
         good, bad = sifted

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fleetlog.core.site import Site
+from fleetlog.core.site import MapFrame, Site
 from fleetlog.core.trajectory import Ints, Trajectory
 from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean
@@ -16,7 +16,7 @@ from fleetlog.ingest.channels import join_channels
 from fleetlog.ingest.derive import derive_motion, derive_power, pace_ratio
 from fleetlog.ingest.edges import Edges, Tally, log_has_edges
 from fleetlog.ingest.fixes import fill_positions, release_held
-from fleetlog.ingest.place import check_place, looks_like_degrees, place, with_frame
+from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
 from fleetlog.ingest.rejects import NAME, Refused, Rejects
 from fleetlog.ingest.rows import CHANNEL, HELD, INTERNAL, STUCK, join, with_own_columns, without
 from fleetlog.ingest.spill import WINDOW_ROWS, Down
@@ -52,6 +52,8 @@ class Plan:
     positioned: frozenset[str]
     before: Before
     """What the dataset holds that is added to."""
+    every: MapFrame | None = None
+    """The frame of all rows."""
     parameters: MatchParameters | None = None
     notes: tuple[str, ...] = ()
     """What the first rows look like."""
@@ -116,6 +118,7 @@ class VehicleImport:
 
     def __init__(self, plan: Plan, rejects: Rejects, trip: int = 0) -> None:
         site, own = plan.site, plan.own
+        self.every = plan.every
         self.own = own if site.frame is None else {n: t for n, t in own.items() if n not in GEOGRAPHIC}
         self.site, self.rejects, self.summary = site, rejects, ImportSummary()
         self.writer = DatasetWriter(plan.folder, "recorded", site, plan.before)
@@ -163,6 +166,7 @@ class VehicleImport:
         rows = clean.sort_rows(rows)
         rows = clean.drop_impossible(rows, self.rejects)
         rows = clean.bound_values(rows, self.rejects)
+        rows = into_site(rows, self.site.map_frames, self.every)
         sample = rows
         rows = place(rows, self.site)
         if check and len(rows):

@@ -46,6 +46,8 @@ class ImportSummary:
     derived_by_vehicle: dict[str, list[str]] = field(default_factory=dict)
     """The same by vehicle: what was derived is no channel that a diagnosis may test."""
     notes: list[str] = field(default_factory=list)
+    alignment: dict[str, Any] | None = None
+    """The frame that was fitted to the roads, with its residual and its doubt."""
     trips: int = 0
     matched: float | None = None
     """Share of the rows on a road; None without a map."""

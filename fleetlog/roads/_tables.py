@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.frames import crs, frame_of_crs
 from fleetlog.core.schema import Keys, Wrong, flag, list_of, one_of, real, table, text, time_zone, whole
 from fleetlog.core.site import Building, Frame, Place, PlaceKind, Zone
 from fleetlog.errors import SiteError
@@ -37,6 +39,9 @@ FRAME: Keys = {
     "latitude": real(-90, 90),
     "longitude": real(-180, 180),
     "rotation": real(-2 * math.pi, 2 * math.pi),
+    "crs": crs,
+    "easting": metres,
+    "northing": metres,
     "timezone": time_zone,
 }
 NETWORK: Keys = {
@@ -91,7 +96,17 @@ def frame(data: dict[str, Any], where: Path) -> Frame | None:
     """The [frame] table, if there is one."""
     if "frame" not in data:
         return None
-    return Frame(**table(data["frame"], FRAME, where, "frame", ("latitude", "longitude"), SiteError))
+    given = data["frame"]
+    if not isinstance(given, dict) or "crs" not in given:
+        keys = {k: FRAME[k] for k in ("latitude", "longitude", "rotation", "timezone")}
+        return Frame(**table(given, keys, where, "frame", ("latitude", "longitude"), SiteError))
+    keys = {k: FRAME[k] for k in ("crs", "easting", "northing", "rotation", "timezone")}
+    values = table(given, keys, where, "frame", ("easting", "northing"), SiteError)
+    found = frame_of_crs(values["crs"], values["easting"], values["northing"], values.get("rotation"))
+    if not math.isfinite(found.latitude + found.longitude):
+        raise SiteError("the origin lies outside the reference system", where=where, place="frame",
+                        do="correct easting and northing")  # fmt: skip
+    return replace(found, timezone=values["timezone"]) if "timezone" in values else found
 
 
 def network(data: dict[str, Any], where: Path) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.files import open_regular
+from fleetlog.core.frames import map_frames
 from fleetlog.core.network import Edge, LoadReport, Network, build_network
 from fleetlog.core.schema import Keys, anything, load_toml, table, text
 from fleetlog.core.site import Place, Site
@@ -25,7 +26,10 @@ MOST_EDGES, MOST_VERTICES, LONGEST = 2_000_000, 20_000_000, 200_000.0
 """A map with more edges, more vertices, or an edge longer than this [m] is not that of a site."""
 OFF_ROADS = 10.0
 """A place farther than this [m] from every road gets a warning."""
-TOP: Keys = {"name": text, **dict.fromkeys(("frame", "network", "place", "zone", "building"), anything)}
+TOP: Keys = {
+    "name": text,
+    **dict.fromkeys(("frame", "network", "place", "zone", "building", "map_frame"), anything),
+}
 
 
 def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
@@ -108,6 +112,7 @@ def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
         places=_tables.places(data, path),
         zones=_tables.zones(data, path),
         buildings=_tables.buildings(data, path),
+        map_frames=map_frames(data, path, SiteError),
         source={"site": {"file": path.name, "sha256": sha256(path)}},
     )
     if "network" not in data:

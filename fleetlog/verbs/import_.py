@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @verb_with_jobs
 def import_(
     logs: LogsLike, *, site: SiteLike | None = None, format: Annotated[str, PartOf("fleetlog.importers", "IMPORTER")] | None = None,
-    profile: PathLike | None = None, dry_run: bool = False, recording: bool = True,
+    profile: PathLike | None = None, align: bool = False, dry_run: bool = False, recording: bool = True,
     rate: Annotated[float, Between(0.0, 1e6, above=True)] = 2.0, append: bool = False,
     output: PathLike | None = None, overwrite: bool = False,
 ) -> Answer:  # fmt: skip
@@ -35,6 +35,7 @@ def import_(
     site : site file, or a road map directly; without it nothing is matched.
     format : format of the logs, where their content does not say it.
     profile : what the columns are (TOML); see docs/logs.md.
+    align : fit the log's own frame (x, y) to the roads of the site.
     dry_run : show the first rows as they would be read; write nothing.
     recording : write the replay (``fleetlog view`` can make it later).
     rate : samples per second of each vehicle in the replay.
@@ -52,6 +53,8 @@ def import_(
     """
     if append and (overwrite or site is not None or output is None):
         raise ArgumentError("goes with an output, not with --overwrite or --site", option="--append")
+    if align and site is None:
+        raise ArgumentError("--align fits a log to the roads of --site: name it")
     paths = [as_path(log) for log in cast("Sequence[LogsLike]", logs)]
     if dry_run:
         from fleetlog.ingest.preview import preview
@@ -60,13 +63,13 @@ def import_(
         return Answer("import", shown.to_dict(), lines=shown.lines(), status=shown.exit_status)
     return _written(
         paths, site, format, None if profile is None else existing(profile), rate if recording and not append else None,
-        output, append, overwrite,
+        output, append, overwrite, align,
     )  # fmt: skip
 
 
 def _written(
     logs: list[Path], site: SiteLike | None, format: str | None, profile: Path | None, rate: float | None,
-    output: PathLike | None, append: bool, overwrite: bool,
+    output: PathLike | None, append: bool, overwrite: bool, align: bool,
 ) -> Answer:  # fmt: skip
     from fleetlog.core.site import Site
     from fleetlog.ingest.files import expanded
@@ -81,7 +84,9 @@ def _written(
         place = Site() if site is None else as_site(site)
         opened = DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs)
     with opened as writer:
-        summary = import_logs(logs, writer.site, writer, format=format, profile=profile, progress=progress)
+        summary = import_logs(
+            logs, writer.site, writer, format=format, profile=profile, progress=progress, align=align
+        )
         if rate is not None:
             _replay(writer, rate)
     if summary.rejected_file:

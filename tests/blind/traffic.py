@@ -31,10 +31,11 @@ from streets import BAY, IMPERFECT, STEP, Mission, grid, mission, run, write_mis
 from trucks import truck_type
 from world import World, conceal
 
-ROUNDED = 1.77
-"""Measured: lateral acceleration of SUMO's turns if they had the radius of the truck file, over the true one.
+AS_DRIVEN = {"lateral_acceleration": 1.77, "acceleration": 1.0 - IMPERFECT / 2.0}
+"""What a truck file says that fits its trucks, over SUMO's number.
 
-A map has no lanes, so a model rounds all corners alike: a truck file fits its trucks with such a number.
+Lateral acceleration as measured: a map has no lanes, so a model gives all corners the radius of the truck file.  Imperfect
+drivers gather speed more slowly than they could, by half of their imperfection on average.
 """
 SIZES = ((3, 3), (4, 3), (4, 4), (5, 4), (6, 5))
 
@@ -173,12 +174,15 @@ def record(case: Case | str, folder: Path) -> dict[str, Any]:
     log = pl.concat(tables).sort("timestamp", "vehicle_id", maintain_order=True)
     key = key_of(w, seen, legs, log.height) | {"congestion": lost}
     key["allowed"].append("congestion")
-    for effect in key["effects"]:
-        for name in {"lateral_acceleration"} & set(effect["parameters"]):
-            effect["parameters"] = effect["parameters"] | {name: ROUNDED * effect["parameters"][name]}
+    for e in key["effects"]:
+        e["parameters"] = {k: AS_DRIVEN.get(k, 1.0) * v for k, v in e["parameters"].items()}
     folder.mkdir(parents=True, exist_ok=True)
     w.site.write(folder)
-    replace(w.file, lateral=ROUNDED * w.file.lateral).write(folder / "truck.toml")
+    driven = {
+        "lateral": AS_DRIVEN["lateral_acceleration"] * w.file.lateral,
+        "acceleration": AS_DRIVEN["acceleration"] * w.file.acceleration,
+    }
+    replace(w.file, **driven).write(folder / "truck.toml")
     write_log(log, folder / "recorded.csv.gz")
     (folder / "key.json").write_text(json.dumps(key, indent=1))
     return key

@@ -31,8 +31,9 @@ FORMATS: dict[str, tuple[float, int, tuple[str, ...]]] = {
     "mcap": (1e-6, 0, ("z",)),
     "sumo-fcd": (6e-4, 0, ("heading", "speed", "z")),
     "tum": (1e-6, 0, ("heading",)),
+    "vda5050": (1e-9, 1000, ("heading", "speed", "payload")),  # the standard counts milliseconds
 }
-LOCAL = ("csv", "parquet", "geojson", "mcap", "sumo-fcd", "tum")
+LOCAL = ("csv", "parquet", "geojson", "mcap", "sumo-fcd", "tum", "vda5050")
 
 
 def read_back(path: Path, dataset: Dataset) -> dict[str, dict[str, np.ndarray]]:
@@ -91,7 +92,8 @@ def test_round_trip_on_earth(name: str, make_dataset, tmp_path: Path) -> None:
     out = tmp_path / f"T00{exporters()[name].suffix}"
     summary = export_dataset(dataset, name, out)
     assert summary["rows"] == dataset.rows
-    rename = {"sumo-fcd": lambda v: v.replace(" ", "_")}.get(name, lambda v: v)
+    renamed = {"sumo-fcd": lambda v: v.replace(" ", "_"), "vda5050": lambda v: f"fleetlog/{v}"}
+    rename = renamed.get(name, lambda v: v)
     check(dataset, out, name, dataset.vehicles, rename)
 
 
@@ -105,7 +107,37 @@ def test_round_trip_in_local_metres(name: str, make_dataset, tmp_path: Path) -> 
         np.testing.assert_allclose(back["x"], dataset.read("T00").floats("x"), atol=1e-9)
         np.testing.assert_allclose(back["z"], np.nan_to_num(dataset.read("T00").floats("z")), atol=1e-9)
         return
-    check(dataset, out, name, dataset.vehicles)
+    check(
+        dataset,
+        out,
+        name,
+        dataset.vehicles,
+        (lambda v: f"fleetlog/{v}") if name == "vda5050" else lambda v: v,
+    )
+
+
+def test_a_battery_comes_back_from_vda5050(make_dataset, tmp_path: Path) -> None:
+    dataset = make_dataset(vehicles=1)
+    export_dataset(dataset, "vda5050", tmp_path / "a.jsonl")
+    channel = read_back(tmp_path / "a.jsonl", dataset)["fleetlog/T00 channel"]
+    t = dataset.read("T00")
+    np.testing.assert_allclose(channel["soc"], t.floats("soc"), atol=1e-12)
+    np.testing.assert_allclose(channel["battery_current"], t.floats("battery_current"), atol=1e-12)
+
+
+def test_movingpandas_reads_moving_features(make_dataset, tmp_path: Path) -> None:
+    movingpandas = pytest.importorskip("movingpandas")
+    dataset = make_dataset(vehicles=2)
+    export_dataset(dataset, "moving-features", tmp_path / "a.mfjson")
+    found = movingpandas.read_mf_json(str(tmp_path / "a.mfjson"), traj_id_property="vehicle_id")
+    assert {t.df.vehicle_id.iloc[0] for t in found.trajectories} == set(dataset.vehicles)
+    assert sum(len(t.df) for t in found.trajectories) == dataset.rows
+    first = found.trajectories[0].df
+    latitude, longitude = dataset.site.frame.to_geographic(
+        dataset.read("T00").floats("x"), dataset.read("T00").floats("y")
+    )
+    np.testing.assert_allclose(first.geometry.x, longitude[: len(first)], atol=2e-9)  # a feature a day
+    np.testing.assert_allclose(first.geometry.y, latitude[: len(first)], atol=2e-9)
 
 
 def test_mcap_brings_the_battery_back_as_a_channel(make_dataset, tmp_path: Path) -> None:

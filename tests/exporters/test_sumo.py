@@ -100,3 +100,18 @@ def test_their_tool_reads_the_motion(make_dataset, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     lines = csv.read_text().splitlines()
     assert sum("T00" in line for line in lines) == len(dataset.read("T00"))
+
+
+def test_a_network_that_was_written_is_read_as_it_was(make_dataset, tmp_path: Path) -> None:
+    from fleetlog.roads import load_site
+
+    dataset, net = make_dataset(), tmp_path / "square.net.xml"
+    export_dataset(dataset, "sumo-net", net)
+    before, after = dataset.site.roads(), load_site(net)[0].roads()
+    assert set(after.edge_ids) == set(before.edge_ids)
+    for i, edge in enumerate(before.edge_ids):
+        k = after.edge(edge)
+        assert after.length[k] == pytest.approx(before.length[i], abs=0.02)
+        assert {after.edge_ids[j] for j in after.successors(k)} == {
+            before.edge_ids[j] for j in before.successors(i)
+        }

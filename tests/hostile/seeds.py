@@ -168,12 +168,30 @@ def bag(version: int = 1, packing: str = "") -> bytes:
         return path.read_bytes() if version == 1 else next(path.glob("*.db3")).read_bytes()
 
 
+def tcx() -> bytes:
+    points = "".join(
+        f"<Trackpoint><Time>{iso(i)}</Time><Position><LatitudeDegrees>{49.97 + i * 1e-5:.6f}</LatitudeDegrees>"
+        f"<LongitudeDegrees>9.151</LongitudeDegrees></Position><AltitudeMeters>{100 + i}</AltitudeMeters></Trackpoint>\n"
+        for i in range(ROWS)
+    )
+    return f"<TrainingCenterDatabase><Activities><Activity><Lap><Track>\n{points}</Track></Lap></Activity></Activities></TrainingCenterDatabase>".encode()
+
+
+def kml() -> bytes:
+    marks = "".join(
+        f"<Placemark><TimeStamp><when>{iso(i)}</when></TimeStamp><Point><coordinates>9.151,{49.97 + i * 1e-5:.6f},{i}</coordinates>"
+        f"</Point></Placemark>\n"
+        for i in range(ROWS)
+    )
+    return f'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n{marks}</Document></kml>'.encode()
+
+
 LOGS: dict[str, tuple[str, Callable[[], bytes]]] = {
     "csv": ("csv", csv), "gpx": ("gpx", gpx), "nmea": ("nmea", nmea), "tum": ("tum", tum), "sumo-fcd": ("xml", fcd),
     "vda5050": ("jsonl", vda), "geojson": ("geojson", geojson), "geojson lines": ("geojson", lines),
     "parquet": ("parquet", parquet), "mcap": ("mcap", mcap), "mcap zstd": ("mcap", lambda: mcap("ZSTD")),
     "mcap lz4": ("mcap", lambda: mcap("LZ4")), "rosbag": ("bag", bag), "rosbag bz2": ("bag", lambda: bag(1, "BZ2")),
-    "rosbag ros2": ("db3", lambda: bag(2)),
+    "rosbag ros2": ("db3", lambda: bag(2)), "tcx": ("tcx", tcx), "kml": ("kml", kml),
 }  # fmt: skip
 """Name: suffix, and the bytes of a file of 40 rows."""
 
@@ -196,6 +214,11 @@ GRAPHML = """<?xml version="1.0"?><graphml xmlns="http://graphml.graphdrawing.or
 <data key="c">epsg:4326</data><node id="1"><data key="x">9.15</data><data key="y">49.97</data></node>
 <node id="2"><data key="x">9.151</data><data key="y">49.97</data></node>
 <edge source="1" target="2" id="0"><data key="g">LINESTRING (9.15 49.97, 9.1505 49.9702, 9.151 49.97)</data></edge></graph></graphml>"""
+OPENTCS = """<?xml version="1.0"?><model version="6.0.0" name="m"><point name="A" positionX="0" positionY="0" positionZ="0" type="HALT_POSITION"/>
+<point name="B" positionX="9000" positionY="0" positionZ="0" type="PARK_POSITION"/><path name="p" sourcePoint="A" destinationPoint="B"
+length="9000" maxVelocity="1000" maxReverseVelocity="1000" locked="false"/></model>"""
+SUMO = """<?xml version="1.0"?><net version="1.20"><location netOffset="0.00,0.00" projParameter="!"/><edge id="a" from="1" to="2">
+<lane id="a_0" index="0" speed="5.00" length="10.00" shape="0.00,0.00 10.00,0.00"/></edge></net>"""
 CURVE = {"degree": 2, "knotVector": [0, 0, 0, 1, 1, 1],
          "controlPoints": [{"x": 10, "y": 0}, {"x": 20, "y": 0, "weight": 0.7}, {"x": 20, "y": 10}]}  # fmt: skip
 LIF = {"metaInformation": {"lifVersion": "2.0.0"}, "layouts": [{
@@ -205,7 +228,8 @@ LIF = {"metaInformation": {"lifVersion": "2.0.0"}, "layouts": [{
     "stations": []}]}  # fmt: skip
 MAPS: dict[str, bytes] = {
     "map.geojson": collection([ROAD]), "map.xodr": OPENDRIVE.encode(), "map.osm": OSM.encode(),
-    "map.graphml": GRAPHML.encode(), "map.json": json.dumps(LIF).encode(),
+    "map.graphml": GRAPHML.encode(), "map.json": json.dumps(LIF).encode(), "model.xml": OPENTCS.encode(),
+    "map.net.xml": SUMO.encode(),
 }  # fmt: skip
 
 TRUCK = b"""name = "t"

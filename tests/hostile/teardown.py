@@ -62,6 +62,7 @@ VERBS: dict[str, list[str]] = {
     "experiment": ["simulate", "--site", SITE, "--truck", TRUCK, "--vehicles", "2,3", "--workers", "2", "--duration", "60s", "-o", "OUT"],
     "view": ["view", "recorded", "--beside", "simulated", "--save", "OUT.rrd"],
     "screenshot": ["view", "simulated", "--screenshot", "OUT.png"],
+    "report": ["report", "recorded", "simulated", "-o", "OUT.html"],
     "demo": ["demo", "-o", "OUT"],
 }  # fmt: skip
 TASKS = "dock-1,rack-1,500,0\ndock-2,rack-2,700,10\n"

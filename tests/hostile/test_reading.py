@@ -369,3 +369,9 @@ def test_what_a_pattern_matches_is_an_input(tmp_path: Path) -> None:
     words = ["import", str(tmp_path / "out" / "trajectories" / "*" / "*" / "*.parquet")]
     done = CliRunner().invoke(cli, [*words, "-o", str(tmp_path / "out"), "--overwrite", "--no-recording"])
     assert isinstance(done.exception, OutputError) and "this run reads" in str(done.exception)
+
+
+def test_a_first_position_that_is_none_on_earth_sets_no_frame(tmp_path: Path) -> None:
+    data = degrees("longitude", "latitude").replace(b",49.97000,", b",1e43,", 1)
+    out = judge.imported(put(tmp_path / "a.csv", data), tmp_path)
+    assert (out.status, out.rows) == (3, 59), out.text

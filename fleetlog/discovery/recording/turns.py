@@ -24,7 +24,7 @@ Way = tuple[int, int]
 
 FEWEST = 3
 """Passages from which on a way over a junction is known."""
-REACH = 9.0
+REACH = 10.0
 """Half the way on which a junction is crossed [m]."""
 CLEAR = 14.0
 """Nearer to a stop, the speed at a junction is that of setting off or stopping [m]."""
@@ -144,7 +144,7 @@ def _turn(passes: list[_Pass]) -> Turn:
     # Between two rows the way is straight here: that widens the bend.
     blur = BLUR + float(np.mean([p.spacing**2 for p in passes])) / 6.0
     variance = float(weight @ (at - middle) ** 2) - blur
-    length = float(np.clip(np.sqrt(12.0 * max(variance, 0.0)), SHORTEST, REACH))
+    length = float(np.clip(np.sqrt(12.0 * max(variance, 0.0)), SHORTEST, 1.5 * REACH))
     return Turn(angle, middle, length, speed, free, curvature)
 
 

@@ -3,7 +3,7 @@ material is left."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -70,18 +70,12 @@ def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | No
     if found.best_untold is None and screened:
         found.best_untold = screened[0].hypothesis
     worth = [s for s in screened if _significant(problem, now, s)]
-    for _ in range(ROUNDS):
-        better = _best(problem, now, found, screened, worth)
-        if better is not None or not worth:
-            return better
-        # What gains most may be spread thinly over the site, and what is material in one place gain less.
-        most = max(s.gain for s in worth)
-        worth = [s for s in worth if s.gain <= _share(s) * most]
-    return None
-
-
-ROUNDS = 2
-"""How often the next best are tried where the best do not count."""
+    better = _best(problem, now, found, screened, worth)
+    if better is not None:
+        return better
+    # What gains most may be spread thinly over the site, and not count; waits gather at few places and gain less.
+    waits = [s for s in worth if s.hypothesis.physics is not None and s.hypothesis.physics.acts == "wait"]
+    return _best(problem, now, found, screened, waits) if waits else None
 
 
 def _share(s: Screened) -> float:
@@ -100,16 +94,27 @@ def _best(
     tried = [_no_better_than(now, j, slow.get(replace(j.chosen[-1], variance=1.0))) for j in tried]
     ranked = sorted(tried, key=lambda j: j.score)
     _note(found, now, screened, ranked)
+    counting = _counting(problem, now, found, [j for j in ranked if j.chosen[-1] not in rivals])
+    first = next(counting, None)
+    if first is not None and first.chosen[-1].places:
+        # What the names say of places goes first: free time by place takes up all of it, and what no name says.
+        reach = now.score - MOST * (now.score - first.score)
+        first = next((j for j in counting if j.chosen[-1].term and j.score < reach), first)
+    if first is not None:
+        first, ranked = _in_their_time(problem, now, first, ranked)
+        found.rivals[first.chosen[-1]] = _rivals(problem, now, first, ranked)
+    return first
+
+
+def _counting(problem: Problem, now: Joint, found: Search, ranked: list[Joint]) -> Iterator[Joint]:
+    """Yield what may be added to the model, in the order in which it may."""
     for joint in _by_simplicity(problem, ranked):
-        if joint.chosen[-1] in rivals or _on_bound(problem, joint):
+        if now.score - joint.score < problem.settings.evidence or _on_bound(problem, joint):
             continue
         size = size_of(problem, now, joint)
         found.log.append(f"{joint.chosen[-1].name}: share {size.share:.4f} verified {size.verified:.4f}")
-        if now.score - joint.score >= problem.settings.evidence and _counts(problem, joint.chosen[-1], size):
-            joint, ranked = _in_their_time(problem, now, joint, ranked)
-            found.rivals[joint.chosen[-1]] = _rivals(problem, now, joint, ranked)
-            return joint
-    return None
+        if _counts(problem, joint.chosen[-1], size):
+            yield joint
 
 
 def _in_their_time(
@@ -133,6 +138,8 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
     return timed if joint.score - timed.score > problem.settings.evidence else None
 
 
+MOST = 0.7
+"""Share of what speaks for free time by place that a name must reach to go before it."""
 NUMBERS, OTHERS = 0.1, 0.3
 """Hypotheses with this share of the best gain are fitted exactly: a number's linear gain may be far too
 small."""

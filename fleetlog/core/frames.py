@@ -1,0 +1,83 @@
+"""Frames that files state: a projected system by its EPSG code, and how a log's own frame lies in the site's."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fleetlog.core.schema import Keys, Wrong, real, table, text
+from fleetlog.core.site import Frame, MapFrame
+from fleetlog.errors import InputError
+
+FARTHEST = 1e7
+"""No point lies farther from an origin [m]."""
+
+
+def crs(value: Any) -> str:
+    """A reference system that PROJ knows, as ``"EPSG:25832"``."""
+    try:
+        _to_geographic(text(value))
+    except Exception as error:  # pyproj raises several kinds
+        raise Wrong("is no reference system that PROJ knows; write it as EPSG:25832") from error
+    return str(value)
+
+
+@lru_cache
+def _to_geographic(name: str) -> Any:
+    from pyproj import Transformer
+
+    return Transformer.from_crs(name, "EPSG:4326", always_xy=True)
+
+
+def geographic(name: str, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Latitude, longitude [degrees] of coordinates of a reference system, x east and y north;
+    not a number where it does not reach.
+    """
+    longitude, latitude = _to_geographic(name).transform(np.asarray(x, float), np.asarray(y, float))
+    known = np.isfinite(longitude) & np.isfinite(latitude)
+    return np.where(known, latitude, np.nan), np.where(known, longitude, np.nan)
+
+
+def frame_of_crs(name: str, easting: float, northing: float, rotation: float | None = None) -> Frame:
+    """The site frame whose origin is a point of a projected system.
+
+    Its x axis is that system's unless ``rotation`` says otherwise.  Distances are those on the ground: they
+    differ from those of the projection by its scale (0.4 m a kilometre in the middle of a UTM zone).
+    """
+    latitude, longitude = geographic(name, [easting, easting + 100.0], [northing, northing])
+    origin = Frame(float(latitude[0]), float(longitude[0]))
+    east, north = origin.to_local(latitude[1], longitude[1])
+    return Frame(
+        origin.latitude,
+        origin.longitude,
+        math.atan2(float(north), float(east)) if rotation is None else rotation,
+    )
+
+
+def shift(value: Any) -> tuple[float, float]:
+    """Two numbers [m]."""
+    metres = real(-FARTHEST, FARTHEST)
+    if not isinstance(value, list) or len(value) != 2:
+        raise Wrong("is not [x, y]")
+    return metres(value[0]), metres(value[1])
+
+
+MAP_FRAME: Keys = {"name": text, "shift": shift, "rotation": real(-2 * math.pi, 2 * math.pi), "level": text}
+
+
+def map_frames(
+    data: dict[str, Any], where: Path | str, error: type[InputError] = InputError
+) -> tuple[MapFrame, ...]:
+    """All [[map_frame]] tables."""
+    raw = data.get("map_frame", [])
+    if not isinstance(raw, list):
+        raise error("is not a list of tables", where=where, place="map_frame", do="write [[map_frame]]")
+    return tuple(
+        MapFrame(**table(row, MAP_FRAME, where, f"map_frame[{n}]", ("name",), error))
+        for n, row in enumerate(raw)
+    )

@@ -1,0 +1,94 @@
+"""VDA 5050 ``state`` messages, one JSON object a line, as version 3.0 writes them: a stand-in for a fleet.
+
+Every row is a message of its vehicle; what a dataset cannot know (orders, actions, errors) is empty, and
+without a state of charge, which the standard requires, there is no power supply.  Lost are ambient
+temperature, fork height, power and the log's own columns.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.exporters.base import Exporter, Selection
+
+COLUMNS = (
+    "x", "y", "heading", "speed", "payload", "soc", "battery_voltage", "battery_current", "map_id", "order_id",
+)  # fmt: skip
+DRIVING = 0.05
+"""A truck faster than this drives [m/s]."""
+
+
+def write(selection: Selection, path: Path) -> dict[str, Any]:
+    """Vehicle by vehicle; the name before a slash is the manufacturer's."""
+    rows = left_out = 0
+    header: dict[str, int] = {}
+    with path.open("w", encoding="utf-8") as out:
+        for t in selection.days(COLUMNS):
+            first = header.get(t.vehicle_id, 0)
+            for message in _messages(t, first):
+                if message is None:
+                    left_out += 1
+                    continue
+                out.write(json.dumps(message, allow_nan=False, separators=(",", ":")) + "\n")
+                rows += 1
+            header[t.vehicle_id] = first + len(t)
+    return {"rows": rows, "rows_without_position": left_out}
+
+
+def _messages(t: Trajectory, first: int) -> Iterator[dict[str, Any] | None]:
+    maker, _, serial = t.vehicle_id.rpartition("/")
+    stamps = np.datetime_as_string(t.time.view("datetime64[us]"), unit="ms").tolist()
+    numbers = {n: t.floats(n).tolist() for n in COLUMNS[:8]}
+    maps, orders = (t.labels(n).strings() for n in ("map_id", "order_id"))
+    fixed = {"version": "3.0.0", "manufacturer": maker or "fleetlog", "serialNumber": serial}
+    for i, stamp in enumerate(stamps):
+        row = {n: v[i] for n, v in numbers.items()}
+        if row["x"] != row["x"] or row["y"] != row["y"]:
+            yield None
+            continue
+        yield {
+            "headerId": first + i, "timestamp": f"{stamp}Z", **fixed, "orderId": orders[i] or "",
+            "orderUpdateId": 0, "lastNodeId": "", "lastNodeSequenceId": 0, "nodeStates": [], "edgeStates": [],
+            **_state(row, maps[i] or "site"), "actionStates": [], "instantActionStates": [],
+            "operatingMode": "AUTOMATIC", "errors": [],
+            "safetyState": {"activeEmergencyStop": "NONE", "fieldViolation": False},
+        }  # fmt: skip
+
+
+def _state(row: dict[str, float], map_id: str) -> dict[str, Any]:
+    """Position, velocity, loads and power supply; what is unknown and not required is left out."""
+    known = {n: v for n, v in row.items() if v == v}
+    position = {
+        "x": row["x"],
+        "y": row["y"],
+        "theta": known.get("heading", 0.0),
+        "mapId": map_id,
+        "localized": True,
+    }
+    out: dict[str, Any] = {"mobileRobotPosition": position, "driving": known.get("speed", 0.0) > DRIVING}
+    if "speed" in known:
+        out["velocity"] = {"vx": known["speed"], "vy": 0.0, "omega": 0.0}
+    if "payload" in known:
+        out["loads"] = [{"weight": known["payload"]}] if known["payload"] > 0.0 else []
+    if "soc" in known:
+        out["powerSupply"] = _supply(known)
+    return out
+
+
+def _supply(known: dict[str, float]) -> dict[str, Any]:
+    current = known.get("battery_current", 0.0)
+    supply: dict[str, Any] = {"stateOfCharge": 100.0 * known["soc"], "charging": current < 0.0}
+    if "battery_voltage" in known:
+        supply["batteryVoltage"] = known["battery_voltage"]
+    if "battery_current" in known:
+        supply["batteryCurrent"] = abs(current)
+    return supply
+
+
+EXPORTER = Exporter("vda5050", ".jsonl", "VDA 5050 state messages, one a line", write)

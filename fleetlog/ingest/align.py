@@ -1,0 +1,313 @@
+"""How a log's own frame lies in the site's: the rotation and shift that put its tracks on the roads.
+
+Every rotation is tried, and for each of them every shift at once by correlation of what was driven with the
+roads, direction by direction; the best of them are fitted to the centre lines by least squares.  Where
+another place fits about as well, or the roads leave a direction open, the frame is ambiguous and refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.network import Network
+from fleetlog.core.site import MapFrame
+from fleetlog.errors import DataError
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+SECTORS = 8
+"""Directions that are told apart by the correlation."""
+TURN = np.radians(1.5)
+"""Step of the rotations that are tried."""
+MOST_CELLS = 512
+"""Cells of a side of the correlation; the cell is at least :data:`CELL` [m]."""
+CELL = 1.0
+TRIED = 12
+"""Best places of the correlation that are fitted."""
+POINTS = 4000
+"""Places of the log that are fitted."""
+WIDE, NARROW = 6.0, 1.5
+"""Reach of a road at the start and at the end of a fit [m]."""
+STRAIGHT = np.cos(np.radians(25.0))
+APART, TURNED = 1.0, np.radians(1.0)
+"""Fits farther apart than this [m, rad] are different."""
+LEAST = 0.5
+"""Less of the log than this on the roads is no fit."""
+MARGIN = 0.04
+"""The best fit has this much more of the log on the roads than any other."""
+SURE = (0.2, float(np.radians(0.2)))
+"""Two standard deviations of a fit that counts as known stay within this [m, rad]."""
+CORRELATED = 6.0
+"""Metres of track whose errors are one."""
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """A fitted frame: ``frame`` takes the log into the site; ``residual`` [m] is the median distance from the
+    lines of the roads, ``on_roads`` the share of the log within reach of one, ``runner_up`` that of the next
+    best fit; ``shift_sd`` [m], ``rotation_sd`` [rad].
+    """
+
+    frame: MapFrame
+    residual: float
+    on_roads: float
+    runner_up: float
+    shift_sd: float
+    rotation_sd: float
+
+    def line(self) -> str:
+        """One sentence."""
+        x, y = self.frame.shift
+        return (
+            f"aligned: rotation {np.degrees(self.frame.rotation):.2f} deg, shift ({x:.2f}, {y:.2f}) m; "
+            f"median residual {self.residual:.2f} m, {100.0 * self.on_roads:.0f} % on roads "
+            f"(next best {100.0 * self.runner_up:.0f} %)"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {
+            "name": self.frame.name, "shift": list(self.frame.shift), "rotation": self.frame.rotation,
+            "residual_m": self.residual, "on_roads": self.on_roads, "runner_up": self.runner_up,
+            "shift_sd_m": self.shift_sd, "rotation_sd_rad": self.rotation_sd,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """Stations of directed roads: (n, 2) place, (n,) heading, whether both directions share the line."""
+
+    place: Floats
+    heading: Floats
+    both: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class _Fit:
+    rotation: float
+    shift: Floats
+    on_roads: float
+    residual: float
+    covariance: Floats
+
+
+def align(tracks: list[tuple[Floats, Floats]], network: Network, name: str = "log") -> Alignment:
+    """Fit the frame of a log.
+
+    Parameters
+    ----------
+    tracks : x, y [m] of each vehicle in the log's frame, in order of time; NaN where unknown.
+    network : the roads, in the site's frame.
+    name : of the frame that is found.
+
+    Raises
+    ------
+    DataError
+        Nothing fits, or more than one place does.
+    """
+    place, heading = _places(tracks)
+    if len(place) < 50:
+        raise DataError("cannot be aligned: it holds less than 50 m of driving", do="give a longer log")
+    lines = _stations(network)
+    fits = [_fitted(place, heading, lines, *start) for start in _starts(place, heading, lines)]
+    fits.sort(key=lambda f: -f.on_roads)
+    best = fits[0]
+    others = [f for f in fits[1:] if _differs(f, best, place)]
+    runner_up = others[0].on_roads if others else 0.0
+    sd = np.sqrt(np.maximum(np.diag(best.covariance), 0.0))
+    shift_sd = float(np.hypot(sd[0], sd[1]))
+    _check(best, runner_up, shift_sd, float(sd[2]))
+    frame = MapFrame(name, (float(best.shift[0]), float(best.shift[1])), best.rotation)
+    return Alignment(frame, best.residual, best.on_roads, runner_up, shift_sd, float(sd[2]))
+
+
+def _check(best: _Fit, runner_up: float, shift_sd: float, rotation_sd: float) -> None:
+    what = None
+    if best.on_roads < LEAST:
+        what = f"no frame puts more than {100.0 * best.on_roads:.0f} % of the log on the roads"
+    elif runner_up > best.on_roads - MARGIN:
+        what = (
+            f"two frames fit about as well ({100.0 * best.on_roads:.0f} % and {100.0 * runner_up:.0f} % "
+            "of the log on roads)"
+        )
+    elif 2.0 * shift_sd > SURE[0] or 2.0 * rotation_sd > SURE[1]:
+        what = f"the log leaves the shift open by {2.0 * shift_sd:.2f} m"
+    if what is not None:
+        do = "give a log that drives more of the roads, or state [[map_frame]] in the site or the profile"
+        raise DataError(f"cannot be aligned: {what}", do=do)
+
+
+def _places(tracks: list[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
+    """Places about a metre apart along the smoothed tracks, and the direction of travel at each."""
+    from scipy.ndimage import gaussian_filter1d
+
+    places, headings = [], []
+    for x, y in tracks:
+        known = np.isfinite(x) & np.isfinite(y)
+        track = np.column_stack([x[known], y[known]])
+        if len(track) < 5:
+            continue
+        way = np.concatenate(
+            [[0.0], np.cumsum(np.hypot(*np.diff(gaussian_filter1d(track, 3.0, axis=0), axis=0).T))]
+        )
+        at = np.arange(0.0, way[-1], 1.0)
+        if len(at) < 5:
+            continue
+        even = np.column_stack([np.interp(at, way, v) for v in track.T])
+        ahead = np.gradient(gaussian_filter1d(even, 2.0, axis=0), axis=0)
+        places.append(even)
+        headings.append(np.arctan2(ahead[:, 1], ahead[:, 0]))
+    if not places:
+        return np.zeros((0, 2)), np.zeros(0)
+    return np.concatenate(places), np.concatenate(headings)
+
+
+def _stations(n: Network) -> _Lines:
+    count = np.maximum(np.ceil(n.length).astype(int), 1)
+    edge = np.repeat(np.arange(len(n), dtype=np.int32), count)
+    step = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    offset = (step + 0.5) * (n.length / count)[edge]
+    return _Lines(n.position(edge, offset)[:, :2], n.heading(edge, offset), n.reverse[edge] >= 0)
+
+
+def _starts(place: Floats, heading: Floats, lines: _Lines) -> list[tuple[float, Floats]]:
+    """Rotations and shifts that put most of the log near roads of its direction."""
+    from scipy.fft import irfft2
+
+    low, high = lines.place.min(axis=0), lines.place.max(axis=0)
+    middle = place.mean(axis=0)
+    reach = float(np.hypot(*(place - middle).T).max())
+    span = float((high - low).max()) + 2.0 * reach + 20.0
+    cell = max(CELL, span / MOST_CELLS)
+    side = 1 << int(np.ceil(np.log2(span / cell)))
+    origin = low - reach - 10.0
+    roads = _spectra(lines.place - origin, lines.heading, cell, side, 1.5)
+    found: list[tuple[float, float, Floats]] = []
+    for rotation in np.arange(0.0, 2.0 * np.pi, TURN):
+        turned = _turned(place - middle, rotation)
+        log = _spectra(turned % (side * cell), heading + rotation, cell, side, 0.0)
+        score = irfft2(sum(r * np.conj(d) for r, d in zip(roads, log, strict=True)), (side, side))
+        for _ in range(3):
+            peak = np.unravel_index(int(np.argmax(score)), score.shape)
+            shift = np.array([peak[1], peak[0]], float) * cell + origin
+            found.append((float(score[peak]), float(rotation), shift - _turned(middle[None], rotation)[0]))
+            _blank(score, peak, int(4.0 / cell) + 1)
+    found.sort(key=lambda f: -f[0])
+    return _distinct(found, place)
+
+
+def _distinct(found: list[tuple[float, float, Floats]], place: Floats) -> list[tuple[float, Floats]]:
+    """The best of the starts that lead apart."""
+    kept: list[tuple[float, Floats]] = []
+    middle = place.mean(axis=0)
+    for _, rotation, shift in found:
+        at = _turned(middle[None], rotation)[0] + shift
+        near = (
+            abs(np.remainder(rotation - r + np.pi, 2 * np.pi) - np.pi) < 3.0 * TURN
+            and np.hypot(*(_turned(middle[None], r)[0] + s - at)) < 4.0
+            for r, s in kept
+        )
+        if not any(near):
+            kept.append((rotation, shift))
+        if len(kept) == TRIED:
+            break
+    return kept
+
+
+def _blank(score: Floats, peak: Any, size: int) -> None:
+    rows = (np.arange(-size, size + 1) + peak[0]) % score.shape[0]
+    columns = (np.arange(-size, size + 1) + peak[1]) % score.shape[1]
+    score[np.ix_(rows, columns)] = -np.inf
+
+
+def _turned(points: Floats, rotation: float) -> Floats:
+    c, s = np.cos(rotation), np.sin(rotation)
+    return np.asarray(points @ np.array([[c, s], [-s, c]]))
+
+
+def _spectra(place: Floats, heading: Floats, cell: float, side: int, blur: float) -> list[Complexes]:
+    """Fourier transforms of where is road (or driven), by direction; every square counts once."""
+    from scipy.fft import rfft2
+    from scipy.ndimage import gaussian_filter
+
+    index = (place / cell).astype(np.int64) % side
+    sector = np.round(heading / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
+    out = []
+    for k in range(SECTORS):
+        picture = np.zeros((side, side), np.float32)
+        mine = sector == k
+        picture[index[mine, 1], index[mine, 0]] = 1.0
+        if blur:
+            beside = (sector == (k + 1) % SECTORS) | (sector == (k - 1) % SECTORS)
+            picture[index[beside, 1], index[beside, 0]] = 1.0
+            picture = np.minimum(gaussian_filter(picture, blur, mode="wrap") * 3.0, 1.0)
+        out.append(rfft2(picture))
+    return out
+
+
+def _fitted(place: Floats, heading: Floats, lines: _Lines, rotation: float, shift: Floats) -> _Fit:
+    """Least squares of the distances from the lines, ever closer; trucks may keep to one side of a two-way road."""
+    from scipy.spatial import cKDTree
+
+    use = slice(None, None, max(len(place) // POINTS, 1))
+    place, heading = place[use], heading[use]
+    tree = cKDTree(lines.place)
+    centre = place.mean(axis=0)
+    covariance, side, step = np.full((3, 3), np.inf), 0.0, len(place)
+    left, good = np.zeros(len(place)), np.zeros(len(place), bool)
+    for reach in (*np.geomspace(WIDE, NARROW, 8), *[NARROW] * 8):
+        at = _turned(place, rotation) + shift
+        left, good, normal, both = _residuals(at, heading + rotation, lines, tree, reach, side)
+        if good.sum() < 30:
+            break
+        arm = at - (_turned(centre[None], rotation) + shift)
+        lever = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
+        design = np.column_stack([normal, lever, both])[good]
+        weight = (1.0 - (left[good] / (2.0 * reach)) ** 2).clip(0.0) ** 2
+        matrix = design.T @ (design * weight[:, None]) + np.diag([1e-9, 1e-9, 1e-9, 1.0])
+        change = np.linalg.solve(matrix, -design.T @ (weight * left[good]))
+        middle = _turned(centre[None], rotation)[0] + shift + change[:2]
+        rotation += float(change[2])
+        shift = middle - _turned(centre[None], rotation)[0]
+        side += float(change[3])
+        variance = float(np.sum(weight * left[good] ** 2) / max(weight.sum() - 4.0, 1.0))
+        step = max(len(place) // POINTS, 1)
+        covariance = np.linalg.inv(matrix)[:3, :3] * variance * max(CORRELATED / step, 1.0)
+    on_roads = float(good.mean())
+    residual = float(np.median(np.abs(left[good]))) if good.any() else float("inf")
+    return _Fit(
+        float(np.remainder(rotation + np.pi, 2 * np.pi) - np.pi), shift, on_roads, residual, covariance
+    )
+
+
+def _residuals(
+    at: Floats, heading: Floats, lines: _Lines, tree: Any, reach: float, side: float
+) -> tuple[Floats, NDArray[np.bool_], Floats, Floats]:
+    """Distance to the left [m] of the best line of a place's direction, whether there is one, its normal, and
+    whether trucks keep to a side of it.
+    """
+    far, near = tree.query(at, k=12, distance_upper_bound=reach + abs(side) + 1.0)
+    known = np.isfinite(far)
+    near = np.where(known, near, 0)
+    alike = known & (np.cos(lines.heading[near] - heading[:, None]) > STRAIGHT)
+    normal = np.stack([-np.sin(lines.heading), np.cos(lines.heading)], axis=1)[near]
+    gap = at[:, None, :] - lines.place[near]
+    left = (gap * normal).sum(axis=2) + side * lines.both[near]
+    ahead = gap[:, :, 0] * normal[:, :, 1] - gap[:, :, 1] * normal[:, :, 0]
+    cost = np.where(alike & (np.abs(ahead) < 1.0), np.abs(left), np.inf)
+    pick = np.argmin(cost, axis=1)
+    row = np.arange(len(at))
+    good = cost[row, pick] < reach
+    return left[row, pick], good, normal[row, pick], lines.both[near][row, pick].astype(float)
+
+
+def _differs(a: _Fit, b: _Fit, place: Floats) -> bool:
+    """Whether two fits put the middle of the log, or its direction, elsewhere."""
+    middle = place.mean(axis=0)[None]
+    gap = _turned(middle, a.rotation)[0] + a.shift - _turned(middle, b.rotation)[0] - b.shift
+    turn = abs(np.remainder(a.rotation - b.rotation + np.pi, 2 * np.pi) - np.pi)
+    return bool(np.hypot(*gap) > APART or turn > TURNED)

@@ -1,0 +1,207 @@
+"""``fleetlog learn``: a site from a recording alone, every element with its evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.network import Edge, Network, build_network
+from fleetlog.core.result import EdgeValues, Grid, Marks, Result
+from fleetlog.core.site import Site
+from fleetlog.errors import DataError
+from fleetlog.learn.cells import SIDE, Cells, Track, gather, moving
+from fleetlog.learn.compare import Proposal, proposal_table, proposals
+from fleetlog.learn.evidence import SPEED_STEP
+from fleetlog.learn.places import slow_zones, with_places
+from fleetlog.learn.roads import Roads, Settings, learn_roads
+from fleetlog.store.dataset import Dataset
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Floats = NDArray[np.float64]
+COLUMNS = ("x", "y", "speed", "heading")
+FREE = 0.95
+"""Share of the rows on a road that are no faster than its speed limit as driven."""
+FEW = 5
+"""With fewer rows no speed is told."""
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A learned site; ``roads``, ``places`` are tables of evidence, ``proposed`` what an older map lacks."""
+
+    site: Site
+    roads: pd.DataFrame
+    places: pd.DataFrame
+    proposed: list[Proposal]
+    result: Result
+
+
+def learn(
+    dataset: Dataset, *, site: Site | None = None, settings: Settings | None = None, min_visits: int = 3
+) -> Learned:
+    """The site of a recording.
+
+    Parameters
+    ----------
+    dataset : recorded or simulated, with positions; it is read a few times, a day of a truck at a time.
+    site : an existing one, to compare with: what it lacks is proposed.
+    settings : see :class:`fleetlog.learn.roads.Settings`.
+    min_visits : a place was visited this often at least.
+
+    Raises
+    ------
+    DataError
+        The dataset has no positions, or no truck of it moved.
+    """
+    settings = settings or Settings()
+    cells, noise = _driven(dataset)
+    found = learn_roads(cells, noise, lambda: dataset.days(COLUMNS), settings)
+    network = described(found, noise)
+    base = Site(f"{dataset.path.name}, learned", dataset.site.frame, network, dataset.site.traffic)
+    base = replace(base, zones=slow_zones(network))
+    learned, places = with_places(base, dataset, min_visits)
+    table = road_table(network, found)
+    proposed = proposals(network, table, site.roads()) if site is not None else []
+    return Learned(learned, table, places, proposed, _result(learned, cells, table, places, proposed, found))
+
+
+def _driven(dataset: Dataset) -> tuple[Cells, float]:
+    noises: list[float] = []
+
+    def tracks() -> Iterator[Track]:
+        for trajectory in dataset.days(COLUMNS):
+            if trajectory.has("x") and trajectory.has("y"):
+                track, noise = moving(trajectory)
+                noises.append(noise)
+                yield track
+
+    cells = gather(tracks())
+    if not len(cells):
+        raise DataError("has no row in which a truck with a position moves", where=dataset.path,
+                        do="import logs with positions")  # fmt: skip
+    return cells, float(np.median(noises))
+
+
+def described(found: Roads, noise: float) -> Network:
+    """The learned network with widths, speed limits as driven and names."""
+    n = found.network
+    both = n.reverse >= 0
+    edges = []
+    for i in range(len(n)):
+        name = n.edge_ids[i] if both[i] else n.roads[i]
+        start, end = (n.node_ids[v[i]] for v in (n.start, n.end))
+        limit = _speed(found.evidence.speeds[i])
+        edges.append(
+            Edge(name, start, end, n.polyline(i), n.roads[i], limit, _width(found, i, bool(both[i]), noise))
+        )
+    names = [e.id for e in edges]
+    turns = [(names[i], names[int(j)]) for i in range(len(n)) for j in n.successors(i)]
+    return build_network(edges, turns, has_elevation=False)
+
+
+def _speed(histogram: NDArray[np.int64]) -> float:
+    """Speed that all but a few of the rows stay below [m/s]."""
+    count = int(histogram.sum())
+    if count < FEW:
+        return float("nan")
+    return float((np.searchsorted(np.cumsum(histogram), FREE * count) + 1) * SPEED_STEP)
+
+
+def _width(found: Roads, edge: int, both: bool, noise: float) -> float:
+    """Width of the floor that trucks' middles cover, or twice the distance between the lines of both directions,
+    each of which is the middle of its half [m].
+    """
+    fit = found.fits[edge]
+    spread = np.sqrt(np.maximum(fit.spread**2 - noise**2, 0.0))
+    apart = float(abs(fit.left[0] - fit.left[1])) if both else 0.0
+    covered = apart + 4.0 * float(spread.max() if both else spread[0 if found.forth[edge] else 1])
+    return round(max(covered, 2.0 * apart, 1.0), 2)
+
+
+def road_table(network: Network, found: Roads) -> pd.DataFrame:
+    """One row a directed edge: its length and speed, and its evidence: passes, trucks, days."""
+    import pandas as pd
+
+    e = found.evidence
+    return pd.DataFrame({
+        "edge_id": list(network.edge_ids), "length_m": network.length, "width_m": network.width,
+        "speed_limit": network.speed_limit, "oneway": network.reverse < 0, "passes": e.mean_passes(network),
+        "trucks": [len(e.vehicles.get(i, ())) for i in range(len(network))],
+        "days": [len(e.days.get(i, ())) for i in range(len(network))],
+    })  # fmt: skip
+
+
+def _result(
+    site: Site,
+    cells: Cells,
+    table: pd.DataFrame,
+    places: pd.DataFrame,
+    proposed: list[Proposal],
+    found: Roads,
+) -> Result:
+    network = site.roads()
+    roads = len(set(network.roads))
+    oneway = int((network.reverse < 0).sum())
+    kinds = places.kind.value_counts().to_dict()
+    e = found.evidence
+    summary = {
+        "roads": roads, "oneway": oneway, "length_m": float(network.length.sum()), "nodes": len(network.node_ids),
+        "places": len(places), "kinds": kinds, "zones": len(site.zones), "rows": e.rows,
+        "rows_on_roads": e.matched, "proposals": [p.to_dict() for p in proposed],
+    }  # fmt: skip
+    lines = [
+        f"{roads} roads, {oneway} of them one-way, {len(network.node_ids)} nodes, "
+        f"{summary['length_m']:,.0f} m of directed edges",
+        f"{100.0 * e.matched / max(e.rows, 1):.1f} % of {e.rows:,} rows lie on them",
+        f"{len(places)} places" + (": " + ", ".join(f"{n} {k}" for k, n in kinds.items()) if kinds else "")
+        + f"; {len(site.zones)} slow zones",
+        *(p.line() for p in proposed[:8]),
+    ]  # fmt: skip
+    if len(proposed) > 8:
+        lines.append(f"and {len(proposed) - 8} more proposals in proposals.parquet")
+    tables = {"roads": table} | ({"proposals": proposal_table(proposed)} if proposed else {})
+    marks = [
+        Marks(
+            "proposals", np.array([p.middle for p in proposed]), tuple(p.kind for p in proposed),
+            np.full(len(proposed), 1.0), "critical",
+        )
+    ] if proposed else []  # fmt: skip
+    return Result(
+        "learn",
+        summary,
+        tables,
+        {"places": places},
+        [_traces(cells), _passes(network, e.mean_passes(network)), *marks],
+        lines,
+    )
+
+
+def _passes(network: Network, passes: NDArray[np.int64]) -> EdgeValues:
+    return EdgeValues(
+        "roads", np.arange(len(network), dtype=np.int32), np.zeros(len(network)), network.length,
+        passes.astype(np.float64), "passes",
+    )  # fmt: skip
+
+
+MOST_SQUARES = 4_000_000
+"""Squares of the picture of the traces."""
+
+
+def _traces(cells: Cells) -> Grid:
+    """Metres driven in each square of the floor."""
+    x0, y0 = float(cells.x.min()), float(cells.y.min())
+    width, height = float(np.ptp(cells.x)), float(np.ptp(cells.y))
+    side = max(SIDE, float(np.sqrt((width + 1.0) * (height + 1.0) / MOST_SQUARES)))
+    shape = int(height / side) + 1, int(width / side) + 1
+    flat = ((cells.y - y0) / side).astype(np.int64) * shape[1] + ((cells.x - x0) / side).astype(np.int64)
+    metres = np.bincount(flat, cells.weight, shape[0] * shape[1]).reshape(shape)
+    with np.errstate(divide="ignore"):
+        return Grid(
+            "traces", np.where(metres > 0.0, np.log10(metres), np.nan), x0, y0, side, "log10 of metres driven"
+        )

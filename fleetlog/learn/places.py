@@ -1,0 +1,84 @@
+"""Places and slow zones of a recording."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.network import Network
+from fleetlog.core.site import Site, Zone
+from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table, with_room
+from fleetlog.store.dataset import Dataset
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Floats = NDArray[np.float64]
+SLOW = 0.7
+"""Roads driven at less than this share of the usual speed are a zone."""
+SHORTEST = 8.0
+"""A zone has this many metres of road at least."""
+RIM = 2.0
+"""A zone reaches this far about its roads [m]."""
+
+OPEN = 4.0
+"""An outline this many times as large as its roads says little."""
+
+
+def with_places(site: Site, dataset: Dataset, min_visits: int) -> tuple[Site, pd.DataFrame]:
+    """The site with the places where trucks stood again and again, with room for as many as stood there at once;
+    and the table of their evidence.
+    """
+    stands = find_stands(dataset)
+    cluster = clusters(stands, min_visits)
+    table = place_table(stands, cluster)
+    site, names = mined_site(site, table)
+    site = with_room(site, stands, cluster, names)
+    room = {p.id: p.plugs for p in site.places}
+    table["place"] = names
+    table["plugs"] = [room[n] for n in names]
+    return site, table
+
+
+def slow_zones(network: Network) -> tuple[Zone, ...]:
+    """Where roads that meet are all driven slowly: their outline, with the highest speed driven in it.
+
+    An outline that a faster road enters would slow that one down: it is left out.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    known = np.isfinite(network.speed_limit)
+    if not known.any():
+        return ()
+    usual = float(np.average(network.speed_limit[known], weights=network.length[known]))
+    slow = known & (network.speed_limit < SLOW * usual)
+    meet = coo_matrix((slow.astype(float), (network.start, network.end)), shape=(len(network.node_ids),) * 2)
+    _, group = connected_components(meet, directed=False)
+    zones: list[Zone] = []
+    for g in np.unique(group[network.start[slow]]):
+        mine = slow & (group[network.start] == g)
+        zone = _zone(network, mine, f"slow-{len(zones) + 1}")
+        if zone is not None:
+            zones.append(zone)
+    return tuple(zones)
+
+
+def _zone(network: Network, mine: NDArray[np.bool_], name: str) -> Zone | None:
+    from scipy.spatial import ConvexHull
+
+    if network.length[mine].sum() < SHORTEST:
+        return None
+    owner = np.repeat(mine, np.diff(network.first))
+    points = network.points[owner, :2]
+    around = np.array([[-RIM, -RIM], [-RIM, RIM], [RIM, -RIM], [RIM, RIM]])
+    rim = (points[:, None] + around[None]).reshape(-1, 2)
+    hull = ConvexHull(rim)
+    if hull.volume > OPEN * 2.0 * RIM * float(network.length[mine].sum()):
+        return None
+    zone = Zone(name, rim[hull.vertices], float(np.ceil(network.speed_limit[mine].max() * 10) / 10))
+    others = network.points[~owner, :2]
+    near_end = np.hypot(*(others[:, None] - points[None]).transpose(2, 0, 1)).min(axis=1) < 2 * RIM
+    return None if (zone.contains(*others.T) & ~near_end).any() else zone

@@ -1,0 +1,251 @@
+"""Centre lines fitted to the traces: the median across the way at every metre, straight into the junctions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.learn.cells import Cells
+from fleetlog.learn.shape import ends
+from fleetlog.learn.skeleton import Chain
+
+Floats = NDArray[np.float64]
+STEP = 1.0
+"""Distance of the stations of a centre line [m]."""
+SMOOTH = 2.0
+"""Standard deviation of the smoothing along a line [m]."""
+CLEAR = 3.5
+"""Turning trucks cut corners up to this far from a junction [m]."""
+TANGENT = 5.0
+"""Metres of line beyond that which say where it enters a junction."""
+HEADED, TILT = 4.0, 0.5
+"""A turn by one radian counts as this distance [m]; and how far a cell's heading may be from its road's [rad]."""
+PULL = 0.3
+"""Weight of where a junction was against a line through it; keeps roads that meet flatly from sliding along each other."""
+FINE = 0.1
+"""Vertices that are not needed to stay within this of a line are left out [m]."""
+FARTHEST_END = 6.0
+"""A dead end is carried on by this at most [m]."""
+FARTHEST = 2.5
+"""A junction moves no farther than this [m]."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A chain on its traces, and what they are across it, forth and back: mean distance to the left and spread [m]."""
+
+    chain: Chain
+    left: Floats
+    spread: Floats
+
+
+def refined(
+    chains: list[Chain], driven: NDArray[np.bool_], cells: Cells, reach: float, rounds: int = 3
+) -> list[Fit]:
+    """The chains moved onto the traces: in the middle of both directions where both are driven.
+
+    ``driven`` (n, 2) says in which directions each is, forth and back; cells farther than ``reach`` [m] are
+    another road's.
+    """
+    fits = [Fit(c, np.zeros(2), np.zeros(2)) for c in chains]
+    for _ in range(rounds):
+        chains = [_resampled(f.chain) for f in fits]
+        fits = _meeting(_fitted(chains, driven, cells, reach))
+    fits = _reaching(fits, cells, reach)
+    return [Fit(_simple(f.chain), f.left, f.spread) for f in fits]
+
+
+def _simple(c: Chain) -> Chain:
+    """The chain with as few vertices as stay within ``FINE`` of its line (Douglas and Peucker, 1973)."""
+    keep = np.zeros(len(c.points), bool)
+    keep[[0, -1]] = True
+    spans = [(0, len(c.points) - 1)]
+    while spans:
+        a, b = spans.pop()
+        if b - a < 2:
+            continue
+        gap = _distance(c.points[a + 1 : b], c.points[a], c.points[b])
+        far = int(np.argmax(gap))
+        if gap[far] > FINE:
+            keep[a + 1 + far] = True
+            spans += [(a, a + 1 + far), (a + 1 + far, b)]
+    return Chain(c.start, c.end, c.points[keep])
+
+
+def _distance(points: Floats, a: Floats, b: Floats) -> Floats:
+    """(n,) metres from the segment a to b."""
+    along = b - a
+    share = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
+    return np.asarray(np.hypot(*(points - a - share[:, None] * along).T))
+
+
+def _reaching(fits: list[Fit], cells: Cells, reach: float) -> list[Fit]:
+    """Dead ends as far as trucks drove: thinning takes a little of every end."""
+    at = ends([f.chain for f in fits])
+    out = []
+    for f in fits:
+        points = f.chain.points
+        if len(at[f.chain.end]) == 1:
+            points = _extended(points, cells, reach)
+        if len(at[f.chain.start]) == 1:
+            points = _extended(points[::-1], cells, reach)[::-1]
+        out.append(Fit(Chain(f.chain.start, f.chain.end, points), f.left, f.spread))
+    return out
+
+
+def _extended(points: Floats, cells: Cells, reach: float) -> Floats:
+    """A line carried on to where nine tenths of what was driven straight ahead of its end lie behind."""
+    line = _entry(points[::-1])
+    if line is None:
+        return points
+    back = points[:-1][np.hypot(*(points[:-1] - points[-1]).T) > TANGENT]
+    direction = points[-1] - (back[-1] if len(back) else points[0])
+    direction = direction / np.hypot(*direction)
+    dx, dy = cells.x - points[-1, 0], cells.y - points[-1, 1]
+    ahead, left = dx * direction[0] + dy * direction[1], dy * direction[0] - dx * direction[1]
+    axis = np.abs(np.cos(cells.heading) * direction[0] + np.sin(cells.heading) * direction[1])
+    use = (ahead > 0.0) & (ahead < FARTHEST_END) & (np.abs(left) < reach) & (axis > np.cos(TILT))
+    if not use.any():
+        return points
+    order = np.argsort(ahead[use])
+    share = np.cumsum(cells.weight[use][order]) / cells.weight[use].sum()
+    far = float(ahead[use][order][np.searchsorted(share, 0.9)])
+    return np.concatenate([points[:-1], [points[-1] + far * direction]]) if far > 0.3 else points
+
+
+def _resampled(c: Chain) -> Chain:
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(c.points, axis=0).T))])
+    n = max(round(s[-1] / STEP), 1) + 1
+    at = np.linspace(0.0, s[-1], n)
+    return Chain(c.start, c.end, np.column_stack([np.interp(at, s, v) for v in c.points.T]))
+
+
+def _tangents(points: Floats) -> Floats:
+    d = np.gradient(points, axis=0) if len(points) > 2 else np.repeat(np.diff(points, axis=0), 2, axis=0)
+    return np.asarray(d / np.maximum(np.hypot(*d.T), 1e-9)[:, None])
+
+
+def _fitted(chains: list[Chain], driven: NDArray[np.bool_], cells: Cells, reach: float) -> list[Fit]:
+    from scipy.spatial import cKDTree
+
+    points = np.concatenate([c.points for c in chains])
+    tangent = np.concatenate([_tangents(_softened(c.points)) for c in chains])
+    first = np.concatenate([[0], np.cumsum([len(c.points) for c in chains])])
+    sense = np.repeat(driven, np.diff(first), axis=0)
+    # Stations once for every direction in which they are driven; a cell belongs to one that lies near and heads alike.
+    station = np.concatenate([np.flatnonzero(sense[:, 0]), np.flatnonzero(sense[:, 1])])
+    sign = np.repeat([1.0, -1.0], sense.sum(axis=0))
+    known = np.column_stack([points[station], HEADED * sign[:, None] * tangent[station]])
+    wanted = np.column_stack(
+        [cells.x, cells.y, HEADED * np.cos(cells.heading), HEADED * np.sin(cells.heading)]
+    )
+    far, near = cKDTree(known).query(wanted, distance_upper_bound=float(np.hypot(reach, HEADED * TILT)))
+    use = np.flatnonzero(np.isfinite(far))
+    at, way = station[near[use]], (sign[near[use]] < 0.0).astype(np.int64)
+    dx, dy = cells.x[use] - points[at, 0], cells.y[use] - points[at, 1]
+    left = dy * tangent[at, 0] - dx * tangent[at, 1]
+    n, key, w = len(points), way * len(points) + at, cells.weight[use]
+    sums = np.zeros((2, 3, n))
+    for k in range(3):
+        sums[:, k] = np.bincount(key, w * left**k, 2 * n).reshape(2, n)
+    return [
+        _fit(c, sums[:, :, a:b], tangent[a:b]) for c, a, b in zip(chains, first[:-1], first[1:], strict=True)
+    ]
+
+
+def _softened(points: Floats) -> Floats:
+    """Points smoothed along their line, the ends where they are."""
+    from scipy.ndimage import gaussian_filter1d
+
+    if len(points) < 4:
+        return points
+    # reflected through the end points, so that the ends stay
+    n = len(points) - 1
+    padded = np.concatenate([2 * points[0] - points[n:0:-1], points, 2 * points[-1] - points[-2::-1]])
+    return np.asarray(gaussian_filter1d(padded, SMOOTH / STEP, axis=0)[n : 2 * n + 1])
+
+
+def _fit(c: Chain, sums: Floats, tangent: Floats) -> Fit:
+    """One chain from the sums of weight, distance and square of its stations."""
+    from scipy.ndimage import gaussian_filter1d
+
+    total = sums[:, 0].sum(axis=1)
+    weight = total / max(c.length, STEP)
+    run = gaussian_filter1d(sums, SMOOTH / STEP, axis=2, mode="nearest") if len(c.points) > 3 else sums
+    used = weight > max(0.02 * weight.max(), 1e-9)
+    mean = run[:, 1] / np.maximum(run[:, 0], 1e-9)
+    seen = run[:, 0] > 0.05 * max(float(weight.max()), 1e-9)
+    offset = _middle(mean, seen & used[:, None])
+    left = np.array([np.average(m, weights=s + 1e-9) for m, s in zip(mean - offset, sums[:, 0], strict=True)])
+    variance = (
+        sums[:, 2].sum(axis=1) / np.maximum(total, 1e-9)
+        - (sums[:, 1].sum(axis=1) / np.maximum(total, 1e-9)) ** 2
+    )
+    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    moved = c.points + offset[:, None] * normal
+    return Fit(Chain(c.start, c.end, moved), left, np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _middle(mean: Floats, seen: NDArray[np.bool_]) -> Floats:
+    """(n,) the middle of the directions that are seen; between stations where none is, interpolated."""
+    both = seen.all(axis=0)
+    place = np.arange(mean.shape[1])
+    if both.any():
+        # where only one is seen its distance from the middle is that of where both are
+        half = np.interp(place, place[both], 0.5 * (mean[0] - mean[1])[both])
+        value = np.where(both, 0.5 * (mean[0] + mean[1]), np.where(seen[0], mean[0] - half, mean[1] + half))
+    else:
+        value = np.where(seen[0], mean[0], mean[1])
+    known = seen.any(axis=0)
+    if not known.any():
+        return np.zeros(mean.shape[1])
+    return np.asarray(np.interp(place, place[known], value[known]))
+
+
+def _meeting(fits: list[Fit]) -> list[Fit]:
+    """Every junction where the roads point to, and the roads straight into it."""
+    chains = [f.chain for f in fits]
+    at = ends(chains)
+    where: dict[int, Floats] = {}
+    for node, arms in at.items():
+        where[node] = _node([chains[k].points if begins else chains[k].points[::-1] for k, begins in arms])
+    return [Fit(_tied(f.chain, where), f.left, f.spread) for f in fits]
+
+
+def _node(arms: list[Floats]) -> Floats:
+    """The place nearest to the lines along which the arms come in."""
+    old = np.mean([a[0] for a in arms], axis=0)
+    matrix, value = PULL * np.eye(2), PULL * old
+    for arm in arms:
+        line = _entry(arm)
+        if line is None:
+            continue
+        point, direction = line
+        across = np.eye(2) - np.outer(direction, direction)
+        matrix, value = matrix + across, value + across @ point
+    new = np.linalg.solve(matrix, value)
+    step = new - old
+    far = float(np.hypot(*step))
+    return np.asarray(old + step * min(1.0, FARTHEST / max(far, 1e-9)))
+
+
+def _entry(arm: Floats) -> tuple[Floats, Floats] | None:
+    """Point and direction of an arm clear of its junction; None where it is too short."""
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(arm, axis=0).T))])
+    clear = min(CLEAR, 0.3 * s[-1])
+    piece = arm[(s >= clear) & (s <= clear + TANGENT)]
+    if len(piece) < 3:
+        return None
+    middle = piece.mean(axis=0)
+    _, _, axes = np.linalg.svd(piece - middle)
+    return middle, axes[0]
+
+
+def _tied(c: Chain, where: dict[int, Floats]) -> Chain:
+    """The chain from node to node: what lies within a junction's reach gives way to a straight line."""
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(c.points, axis=0).T))])
+    clear = min(CLEAR, 0.3 * s[-1])
+    inner = c.points[(s > clear) & (s < s[-1] - clear)]
+    return Chain(c.start, c.end, np.concatenate([where[c.start][None], inner, where[c.end][None]]))

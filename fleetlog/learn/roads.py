@@ -1,0 +1,139 @@
+"""The road graph of a recording: traces gathered on lines, lines joined to a graph, the graph fitted to the traces."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.core.network import Edge, Network, build_network, reversed_edge
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.errors import DataError
+from fleetlog.learn.cells import Cells
+from fleetlog.learn.consensus import gathered
+from fleetlog.learn.evidence import Evidence, gather_evidence
+from fleetlog.learn.raster import centre_lines
+from fleetlog.learn.refine import Fit, refined
+from fleetlog.learn.shape import apart, ends, joined, pieces, split, tidied
+from fleetlog.learn.skeleton import Chain, chains
+
+Floats = NDArray[np.float64]
+TUBE = 1.8
+"""Lines that both directions share and that are closer than this are one [m]."""
+HALF_PASS = 0.5
+"""A line with fewer passes is none; less than one, as the passes of a line scatter about it."""
+REACH = 2.5
+"""Traces farther than this from a road are another road's [m]."""
+PIECE = 8.0
+"""Length of the pieces of road that were driven or not [m]."""
+RARE, BRIEF = 0.05, 10.0
+"""A link shorter than this [m] with a smaller share of the passes of the roads at its ends is a manoeuvre."""
+SELDOM = 0.06
+"""A direction with a smaller share of the other one's passes is not one in which trucks drive."""
+
+Reread = Callable[[], Iterable[Trajectory]]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the roads of a site are like.
+
+    ``lane`` [m]: opposite directions closer than this are one road; ``spur`` [m]: a shorter dead end is the
+    way into a bay; ``passes``: roads driven less often are left out.
+    """
+
+    lane: float = 2.3
+    spur: float = 7.0
+    passes: int = 1
+
+
+@dataclass(frozen=True)
+class Roads:
+    """The learned graph and what the recording says of it; ``fits[i]`` and ``forth[i]``, the direction, of edge i."""
+
+    network: Network
+    evidence: Evidence
+    fits: list[Fit]
+    forth: NDArray[np.bool_]
+
+
+def learn_roads(cells: Cells, noise: float, reread: Reread, settings: Settings) -> Roads:
+    """The roads under some cells.
+
+    Parameters
+    ----------
+    cells : what was driven.
+    noise : of the positions [m].
+    reread : gives the trajectories anew, for what is counted on the roads found.
+    settings : see :class:`Settings`.
+    """
+    lines = centre_lines(gathered(cells, noise, settings.lane), TUBE, HALF_PASS)
+    graph = tidied(chains(lines), settings.spur, lines.side * 3.0)
+    graph = _driven_only(graph, reread, settings)
+    graph = _driven_only(tidied(graph, settings.spur, settings.lane), reread, settings)
+    return _final(apart(graph, 2.0 * REACH), cells, reread)
+
+
+def _driven_only(graph: list[Chain], reread: Reread, settings: Settings) -> list[Chain]:
+    """The parts of the chains that were driven, meeting where trucks turned from one into the other."""
+    if not graph:
+        raise DataError("shows no road: no line was driven", do="record for longer, or lower --min-passes")
+    graph = pieces(graph, PIECE)
+    found = gather_evidence(two_way(graph), reread())
+    total = found.passes.reshape(-1, 2).sum(axis=1)
+    busiest = {n: max(total[k] for k, _ in arms) for n, arms in ends(graph).items()}
+    keep = [
+        n >= settings.passes and not (c.length < BRIEF and n < RARE * min(busiest[c.start], busiest[c.end]))
+        for c, n in zip(graph, total, strict=True)
+    ]
+    kept = [c for c, k in zip(graph, keep, strict=True) if k]
+    number = np.cumsum(keep) - 1
+    turns: Counter[tuple[int, int]] = Counter()
+    for (a, b), count in found.turns.items():
+        if keep[a // 2] and keep[b // 2] and a // 2 != b // 2:
+            # edge 2 k leaves chain k at its end and enters it at its start, edge 2 k + 1 the other way round
+            turns[2 * int(number[a // 2]) + (a % 2 == 0), 2 * int(number[b // 2]) + (b % 2)] += count
+    return joined(split(kept, turns), total[keep])
+
+
+def two_way(graph: list[Chain]) -> Network:
+    """The network of a graph that may be driven in either direction everywhere; edges 2 k and 2 k + 1 are chain k."""
+    return build_network(two_way_edges(graph))
+
+
+def two_way_edges(graph: list[Chain]) -> list[Edge]:
+    """Each chain forth and back."""
+    edges: list[Edge] = []
+    for k, c in enumerate(graph):
+        points = np.column_stack([c.points, np.zeros(len(c.points))])
+        edge = Edge(f"r{k + 1}", f"n{c.start}", f"n{c.end}", points, f"r{k + 1}")
+        edges += [edge, reversed_edge(edge)]
+    return edges
+
+
+def _senses(passes: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(n, 2) in which directions (n, 2) passes say that trucks drive."""
+    return np.asarray(passes > np.maximum(SELDOM * passes[:, ::-1], 0.0))
+
+
+def _final(graph: list[Chain], cells: Cells, reread: Reread) -> Roads:
+    """The graph on its traces, every road in the directions in which it is driven."""
+    both = two_way(graph)
+    senses = _senses(gather_evidence(both, reread()).mean_passes(both).reshape(-1, 2))
+    graph, senses = [c for c, s in zip(graph, senses, strict=True) if s.any()], senses[senses.any(axis=1)]
+    if not graph:
+        raise DataError("shows no road that was driven from end to end", do="record for longer")
+    fits = refined(graph, senses, cells, REACH)
+    edges = two_way_edges([f.chain for f in fits])
+    driven = np.flatnonzero(senses.ravel())
+    while True:
+        network = build_network([edges[i] for i in driven])
+        evidence = gather_evidence(network, reread())
+        used = evidence.mean_passes(network) > 0
+        if used.all():
+            break
+        driven = driven[used]
+    return Roads(network, evidence, [fits[i // 2] for i in driven], driven % 2 == 0)

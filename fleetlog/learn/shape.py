@@ -1,0 +1,193 @@
+"""The shape of a road graph: short ends cut, short links between junctions closed, roads of two pieces joined."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.learn.skeleton import Chain
+
+Floats = NDArray[np.float64]
+BACK = 2.5
+"""A road this many times longer than the straight line between two of its places has turned round."""
+UNLIKE = 4.0
+"""A road that this many times fewer trucks go on is another one from there."""
+
+
+def tidied(chains: list[Chain], spur: float, junction: float) -> list[Chain]:
+    """The graph without dead ends shorter than ``spur`` and without links between junctions shorter than
+    ``junction`` [m].
+    """
+    before = -1
+    while len(chains) != before:
+        before = len(chains)
+        chains = joined(_contracted(joined(_pruned(chains, spur)), junction))
+    return chains
+
+
+def ends(chains: list[Chain]) -> dict[int, list[tuple[int, bool]]]:
+    """The (chain, whether it begins here) at each node."""
+    out: dict[int, list[tuple[int, bool]]] = defaultdict(list)
+    for k, chain in enumerate(chains):
+        out[chain.start].append((k, True))
+        out[chain.end].append((k, False))
+    return out
+
+
+def _pruned(chains: list[Chain], spur: float) -> list[Chain]:
+    """Without the shortest short dead end of every junction: the next one is part of a longer road by then."""
+    while True:
+        at = ends(chains)
+        shortest: dict[int, int] = {}
+        for k, c in enumerate(chains):
+            loose = len(at[c.start]) == 1 or len(at[c.end]) == 1 or c.start == c.end
+            if not loose or c.length >= spur:
+                continue
+            inner = c.start if len(at[c.start]) > 1 else c.end
+            if inner not in shortest or c.length < chains[shortest[inner]].length:
+                shortest[inner] = k
+        if not shortest:
+            return chains
+        gone = set(shortest.values())
+        chains = joined([c for k, c in enumerate(chains) if k not in gone])
+
+
+def _contracted(chains: list[Chain], junction: float) -> list[Chain]:
+    """Junctions that a short link joins become one, in the middle of them all."""
+    parent: dict[int, int] = {}
+
+    def root(n: int) -> int:
+        while parent.setdefault(n, n) != n:
+            n = parent[n]
+        return n
+
+    at = ends(chains)
+    where = {c.start: c.points[0] for c in chains} | {c.end: c.points[-1] for c in chains}
+    for c in sorted(chains, key=lambda c: c.length):
+        if c.length < junction and min(len(at[c.start]), len(at[c.end])) > 1:
+            parent[root(c.start)] = root(c.end)
+    groups = defaultdict(list)
+    for n in where:
+        groups[root(n)].append(n)
+    centre = {r: np.mean([where[n] for n in g], axis=0) for r, g in groups.items()}
+    kept = []
+    for c in chains:
+        a, b = root(c.start), root(c.end)
+        if a == b and c.length < 3.0 * junction:
+            continue
+        points = np.concatenate([centre[a][None], c.points[1:-1], centre[b][None]])
+        kept.append(Chain(a, b, points))
+    return kept
+
+
+def joined(chains: list[Chain], count: NDArray[np.int64] | None = None) -> list[Chain]:
+    """Two chains that meet at a node of no others are one; with ``count``, the passes (n,) of each, only where
+    about as many go on.
+    """
+    chains = list(chains)
+    at = ends(chains)
+    total = np.ones(len(chains)) if count is None else count.astype(np.float64)
+    for node in list(at):
+        if len(at[node]) != 2 or at[node][0][0] == at[node][1][0]:
+            continue
+        (i, i_starts), (j, j_starts) = at[node]
+        if max(total[i], total[j]) > UNLIKE * min(total[i], total[j]) + 3.0:
+            continue
+        a = _reversed(chains[i]) if i_starts else chains[i]
+        b = chains[j] if j_starts else _reversed(chains[j])
+        chains[i] = Chain(a.start, b.end, np.concatenate([a.points, b.points[1:]]))
+        total[i] = max(total[i], total[j])
+        at[a.start] = [(i, True) if k == i else (k, s) for k, s in at[a.start]]
+        at[b.end] = [(i, False) if k == j else (k, s) for k, s in at[b.end]]
+        chains[j] = Chain(-1, -1, np.zeros((0, 2)))
+        del at[node]
+    return [c for c in chains if len(c.points)]
+
+
+def pieces(chains: list[Chain], longest: float) -> list[Chain]:
+    """The chains cut into pieces of at most ``longest`` [m]: what of a road was driven is asked of each."""
+    out: list[Chain] = []
+    fresh = max((max(c.start, c.end) for c in chains), default=0) + 1
+    for c in chains:
+        n = int(np.ceil(c.length / longest))
+        cuts = np.unique(np.linspace(0, len(c.points) - 1, max(n, 1) + 1).astype(int))
+        nodes = [c.start, *range(fresh, fresh + len(cuts) - 2), c.end]
+        fresh += len(cuts) - 2
+        out += [
+            Chain(a, b, c.points[i : j + 1])
+            for a, b, i, j in zip(nodes[:-1], nodes[1:], cuts[:-1], cuts[1:], strict=True)
+        ]
+    return out
+
+
+def _reversed(c: Chain) -> Chain:
+    return Chain(c.end, c.start, c.points[::-1])
+
+
+def apart(chains: list[Chain], near: float) -> list[Chain]:
+    """Roads that come back beside themselves within ``near`` [m] cut where they turn round.
+
+    A place beside both parts would else lie on one edge twice.
+    """
+    out, waiting = [], list(chains)
+    fresh = max((max(c.start, c.end) for c in chains), default=0) + 1
+    while waiting:
+        c = waiting.pop()
+        at = _turning_point(c, near)
+        if at is None:
+            out.append(c)
+            continue
+        waiting += [Chain(c.start, fresh, c.points[: at + 1]), Chain(fresh, c.end, c.points[at:])]
+        fresh += 1
+    return out
+
+
+def _turning_point(c: Chain, near: float) -> int | None:
+    """The vertex half way between the two parts of a chain that are beside one another first; None without."""
+    from scipy.spatial import cKDTree
+
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(c.points, axis=0).T))])
+    i, j = cKDTree(c.points).query_pairs(near, output_type="ndarray").reshape(-1, 2).T
+    driven = np.abs(way[j] - way[i])
+    beside = np.flatnonzero(driven > BACK * near)
+    if not len(beside):
+        return None
+    k = beside[np.argmin(driven[beside])]
+    at = int(np.searchsorted(way, 0.5 * (way[i[k]] + way[j[k]])))
+    return at if 0 < at < len(way) - 1 else None
+
+
+def split(chains: list[Chain], turns: Counter[tuple[int, int]]) -> list[Chain]:
+    """Roads that cross where no truck ever turned from one into the other do not meet: they pass through.
+
+    ``turns`` counts how often chain a's end (2 a + 1; its start: 2 a) was left for that of chain b.
+    """
+    chains = [Chain(c.start, c.end, c.points) for c in chains]
+    at, fresh = ends(chains), max((max(c.start, c.end) for c in chains), default=0) + 1
+    for arms in at.values():
+        groups = _turning(arms, turns)
+        for group in groups[1:]:
+            for k, begins in group:
+                chains[k].start, chains[k].end = (
+                    (fresh, chains[k].end) if begins else (chains[k].start, fresh)
+                )
+            fresh += 1
+    return chains
+
+
+def _turning(arms: list[tuple[int, bool]], turns: Counter[tuple[int, int]]) -> list[list[tuple[int, bool]]]:
+    """The arms of a junction in groups that trucks change between; lone arms go with the first."""
+    groups = [{2 * k + (not begins)} for k, begins in arms]
+    for a, b in turns:
+        one = next((g for g in groups if a in g), None)
+        two = next((g for g in groups if b in g), None)
+        if one is not None and two is not None and one is not two:
+            one |= two
+            groups.remove(two)
+    pairs = [g for g in groups if len(g) > 1]
+    if len(pairs) < 2:
+        return [arms]
+    pairs[0] |= {end for g in groups if len(g) == 1 for end in g}
+    return [[(end // 2, end % 2 == 0) for end in sorted(g)] for g in pairs]

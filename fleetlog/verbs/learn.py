@@ -1,0 +1,53 @@
+"""Learn roads, places and zones from traces alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+from fleetlog.api.answer import Answer, destination
+from fleetlog.api.inputs import DatasetLike, PathLike, SiteLike, as_dataset, as_site, files_of
+from fleetlog.api.verb import verb
+from fleetlog.core.arguments import Between
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from fleetlog.learn.learn import Learned
+
+
+@verb
+def learn(
+    dataset: DatasetLike, *, site: SiteLike | None = None, lane: Annotated[float, Between(0.5, 20.0)] = 2.3,
+    spur: Annotated[float, Between(0.0, 200.0)] = 7.0, min_passes: Annotated[int, Between(1, 1_000_000, whole=True)] = 1,
+    min_visits: Annotated[int, Between(1, 1_000_000, whole=True)] = 3, output: PathLike | None = None,
+    overwrite: bool = False,
+) -> Answer:  # fmt: skip
+    """Learn the site of DATASET from its traces alone: roads, places and zones, each with its evidence.
+
+    Parameters
+    ----------
+    site : an existing site or map: propose the roads and directions that it lacks.
+    lane : opposite directions closer than this are one road (m).
+    spur : a shorter dead end leads into a bay and is no road (m).
+    min_passes : leave out roads driven less often.
+    min_visits : leave out places visited less often.
+    output : folder of the site.
+    """
+    from fleetlog.learn.learn import learn as learned
+    from fleetlog.learn.roads import Settings
+
+    settings = Settings(lane, spur, min_passes)
+    with destination(output, "site", overwrite, files_of(dataset, site)) as keep:
+        known = None if site is None else as_site(site)
+        found = learned(as_dataset(dataset), site=known, settings=settings, min_visits=min_visits)
+        answer = Answer.of(found.result, found.site, kind="site", value=found.site)
+        answer.write = lambda folder: _write(found, folder)
+        return keep(answer)
+
+
+def _write(found: Learned, folder: Path) -> None:
+    from fleetlog.learn.write import write_learned
+    from fleetlog.view.picture import write_picture
+
+    write_learned(found, folder)
+    write_picture(found.result, found.site, folder / "learn.png")

@@ -1,0 +1,108 @@
+"""Learned maps against drawn ones: found, directed, as long, and turned when the traces are turned."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Trajectory
+from fleetlog.learn.cells import gather, moving
+from fleetlog.learn.roads import Roads, Settings, learn_roads
+
+NOISE = 0.4
+SQUARE = [(0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0), (0.0, 0.0)]
+
+
+def drive(corners, vehicle: str, seed: int, turn: float = 0.0, speed: float = 2.0) -> Trajectory:
+    """A truck along a line at constant speed, 1 Hz, with noise; the whole drawing turned by ``turn`` rad."""
+    rng = np.random.default_rng(seed)
+    points = np.array(corners)
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    at = np.arange(0.0, s[-1], speed)
+    xy = np.column_stack([np.interp(at, s, v) for v in points.T]) + rng.normal(0.0, NOISE, (len(at), 2))
+    xy = xy @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    time = (np.arange(len(at)) * 1_000_000 + 1_767_600_000_000_000).astype(np.int64)
+    return Trajectory(vehicle, time, {"x": xy[:, 0], "y": xy[:, 1], "speed": np.full(len(at), speed)})
+
+
+def learned(drives: list[Trajectory]) -> Roads:
+    cells = gather(moving(t)[0] for t in drives)
+    return learn_roads(cells, NOISE, lambda: drives, Settings())
+
+
+def distance_to(corners, points: np.ndarray) -> np.ndarray:
+    """(N,) metres from points to a line."""
+    out = np.full(len(points), np.inf)
+    for a, b in pairwise(np.array(corners)):
+        share = np.clip(((points - a) @ (b - a)) / ((b - a) @ (b - a)), 0.0, 1.0)
+        out = np.minimum(out, np.hypot(*(points - a - share[:, None] * (b - a)).T))
+    return out
+
+
+def headings(network: Network) -> np.ndarray:
+    return np.concatenate([np.diff(network.polyline(i)[:, :2], axis=0) for i in range(len(network))])
+
+
+@pytest.fixture(scope="module")
+def round_course() -> Roads:
+    return learned([drive(SQUARE * 6, f"T{k}", k) for k in range(4)])
+
+
+def test_a_ring_driven_one_way_is_a_ring_of_one_way_roads(round_course):
+    n = round_course.network
+    assert (n.reverse < 0).all()
+    assert n.length.sum() == pytest.approx(200.0, rel=0.03)
+    assert distance_to(SQUARE, n.points[:, :2]).max() < 1.5
+    assert np.median(distance_to(SQUARE, n.points[:, :2])) < 0.2
+    middle = n.points[:, :2] - [30.0, 20.0]
+    ahead = np.concatenate([np.gradient(n.polyline(i)[:, :2], axis=0) for i in range(len(n))])
+    assert (middle[:, 0] * ahead[:, 1] - middle[:, 1] * ahead[:, 0] > 0).all()  # counter-clockwise, as driven
+
+
+def test_evidence_counts_rounds_trucks_and_days(round_course):
+    e = round_course.evidence
+    assert set(e.mean_passes(round_course.network).tolist()) <= set(
+        range(20, 29)
+    )  # 4 trucks, 6 rounds each, each begun somewhere
+    assert all(e.vehicles[i] == {"T0", "T1", "T2", "T3"} for i in range(len(round_course.network)))
+    assert all(len(days) == 1 for days in e.days.values())
+
+
+def test_a_road_driven_both_ways_is_one_two_way_road():
+    there, back = [(0.0, -0.9), (80.0, -0.9)], [(80.0, 0.9), (0.0, 0.9)]
+    n = learned([drive(there + back, f"T{k}", k) for k in range(6)]).network
+    long = n.length > 30.0
+    assert (n.reverse[long] >= 0).all()
+    assert np.abs(n.points[(n.points[:, 0] > 10) & (n.points[:, 0] < 70), 1]).max() < 0.4
+
+
+def test_directions_four_metres_apart_are_two_one_way_roads():
+    there, back = [(0.0, -2.0), (80.0, -2.0)], [(80.0, 2.0), (0.0, 2.0)]
+    n = learned(
+        [drive(there, f"T{k}", k) for k in range(6)] + [drive(back, f"B{k}", 9 + k) for k in range(6)]
+    ).network
+    assert (n.reverse < 0).all()
+    ahead = headings(n)[:, 0]
+    y = np.concatenate([n.polyline(i)[:-1, 1] for i in range(len(n))])
+    assert (ahead[y < 0] > 0).all() and (ahead[y > 0] < 0).all()
+
+
+def test_roads_that_cross_without_turns_do_not_meet_and_with_turns_do():
+    east, north = [(0.0, 20.0), (60.0, 20.0)], [(30.0, -10.0), (30.0, 50.0)]
+    crossing = [drive(east, f"E{k}", k) for k in range(5)] + [drive(north, f"N{k}", 20 + k) for k in range(5)]
+    assert len(learned(crossing).network) == 2
+    turning = [drive([(0.0, 20.0), (30.0, 20.0), (30.0, 50.0)], f"U{k}", 40 + k) for k in range(5)]
+    n = learned(crossing + turning).network
+    assert len(n) == 4
+    assert len(n.node_ids) == 5
+
+
+def test_turning_the_traces_turns_the_map(round_course):
+    turn = 0.6
+    turned = learned([drive(SQUARE * 6, f"T{k}", k, turn) for k in range(4)]).network
+    back = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    assert turned.length.sum() == pytest.approx(round_course.network.length.sum(), rel=0.02)
+    assert np.quantile(distance_to(SQUARE, turned.points[:, :2] @ back), 0.95) < 0.8

@@ -1,0 +1,84 @@
+"""Maps of other fleet tools: openTCS, SUMO, Open-RMF; written by hand after their schemas."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fleetlog.errors import SiteError
+from fleetlog.roads import load_site
+
+TCS = """<?xml version="1.0" encoding="UTF-8"?><model version="{version}" name="m">
+<point name="A" {p}="0" {q}="0" {r}="0" type="HALT_POSITION"/><point name="B" {p}="10000" {q}="0" {r}="0" type="HALT_POSITION"/>
+<point name="C" {p}="10000" {q}="5000" {r}="0" type="PARK_POSITION"/>
+<path name="A-B" sourcePoint="A" destinationPoint="B" length="10000" maxVelocity="1500" maxReverseVelocity="500" locked="false"/>
+<path name="B-C" sourcePoint="B" destinationPoint="C" length="5000" maxVelocity="1000" maxReverseVelocity="0" locked="false"/>
+<path name="C-A" sourcePoint="C" destinationPoint="A" length="5000" maxVelocity="1000" maxReverseVelocity="0" locked="true"/>
+<locationType name="t"><allowedOperation name="Load cargo"/></locationType>
+<location name="L" {p}="0" {q}="1000" {r}="0" type="t"><link point="A"/></location></model>"""
+NEW = {"version": "7.0.0", "p": "positionX", "q": "positionY", "r": "positionZ"}
+OLD = {"version": "0.0.2", "p": "xPosition", "q": "yPosition", "r": "zPosition"}
+GRAPH = """building_name: b
+levels:
+  L1:
+    lanes:
+    - [0, 1, {speed_limit: 0.5}]
+    - [1, 0, {}]
+    - [1, 2, {}]
+    vertices:
+    - [0.0, 0.0, {name: dock, is_charger: true}]
+    - [10.0, 0.0, {name: ''}]
+    - [10.0, 4.0, {name: p, pickup_dispenser: d}]
+"""
+BUILDING = """coordinate_system: reference_image
+levels:
+  L1:
+    drawing: {filename: a.png}
+    lanes:
+      - [0, 1, {bidirectional: [4, true], graph_idx: [2, 0]}]
+      - [1, 2, {bidirectional: [4, false], graph_idx: [2, 0]}]
+    measurements:
+      - [0, 1, {distance: [3, 10]}]
+    vertices:
+      - [0, 0, 0, dock, {is_charger: [4, true]}]
+      - [200, 0, 0, ""]
+      - [200, -80, 0, ""]
+"""
+
+
+def site(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    return load_site(tmp_path / name)
+
+
+@pytest.mark.parametrize("words", [NEW, OLD])
+def test_an_opentcs_model_of_either_schema(tmp_path, words):
+    found, reports = site(tmp_path, "model.xml", TCS.format(**words))
+    n = found.roads()
+    assert sorted(n.edge_ids) == ["-A-B", "A-B", "B-C"]
+    assert n.length[n.edge("A-B")] == pytest.approx(10.0)
+    assert n.speed_limit[n.edge("-A-B")] == pytest.approx(0.5)
+    assert {(p.id, p.kind) for p in found.places} == {("L", "pick"), ("C", "park")}
+    assert reports[0].dropped == {"locked": 1}
+
+
+@pytest.mark.parametrize(("name", "text"), [("0.yaml", GRAPH), ("a.building.yaml", BUILDING)])
+def test_open_rmf_graphs_and_buildings_are_one_network(tmp_path, name, text):
+    found, _ = site(tmp_path, name, text)
+    n = found.roads()
+    assert sorted(n.edge_ids) == ["-0-1", "0-1", "1-2"]
+    assert n.position(np.array([n.edge("1-2")]), np.array([4.0]))[0, :2] == pytest.approx([10.0, 4.0])
+    assert ("dock", "charge") in {(p.id, p.kind) for p in found.places}
+
+
+def test_a_building_without_measurements_has_no_scale(tmp_path):
+    with pytest.raises(SiteError, match="scale is unknown"):
+        site(tmp_path, "a.building.yaml", BUILDING.replace("      - [0, 1, {distance: [3, 10]}]\n", ""))
+
+
+@pytest.mark.parametrize(
+    "text", ["levels: [", "levels: 3", "levels: {a: {lanes: [[0, 9]]}}", "levels: &a {b: *a}"]
+)
+def test_a_broken_graph_is_one_clear_line(tmp_path, text):
+    with pytest.raises(SiteError):
+        site(tmp_path, "0.yaml", text)
