@@ -1,21 +1,15 @@
 """Interrupts that are never lost: Ctrl-C, SIGTERM and SIGHUP end a run in one way,
-never in the middle of a swap, and its worker processes with it.
+never in the middle of a swap.
 """
 
 from __future__ import annotations
 
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from types import FrameType
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from concurrent.futures import ProcessPoolExecutor
 
 SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-DEATH_SIGNAL = 1
-"""Option of Linux's prctl: the signal that a process gets when its parent ends."""
 _state = {"installed": False, "came": False, "held": False}
 
 
@@ -77,28 +71,3 @@ def held() -> Iterator[None]:
         yield
     finally:
         _state["held"] = False
-
-
-@contextmanager
-def workers(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Worker processes that end with this one, however it ends; at once where the block ends in an exception."""
-    import multiprocessing
-    from concurrent.futures import ProcessPoolExecutor
-
-    with ProcessPoolExecutor(count, initializer=_begin_worker) as pool:
-        try:
-            yield pool
-        except BaseException:
-            for worker in multiprocessing.active_children():
-                worker.terminate()
-            raise
-
-
-def _begin_worker() -> None:
-    """Leave Ctrl-C to the run that this worker works for, and end with it."""
-    import ctypes
-
-    for number in SIGNALS:
-        signal.signal(number, signal.SIG_IGN if number == signal.SIGINT else signal.SIG_DFL)
-    with suppress(AttributeError, OSError):
-        ctypes.CDLL(None).prctl(DEATH_SIGNAL, signal.SIGKILL)

@@ -94,7 +94,7 @@ def chargers(
         alpha, _vertices(dataset, network, (*force, *existing)), _vertices(dataset, network, forbid),
         capacity,
     )  # fmt: skip
-    units = read_units(dataset, network, shortest)
+    units = read_units(dataset, shortest)
     if not any(u.visits for u in units):
         raise DataError(
             "no truck was seen to pass from one road to the next", do="check that log and map belong together"

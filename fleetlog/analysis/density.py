@@ -5,27 +5,43 @@ The rule of the clusters is stated in :mod:`fleetlog.analysis.clusters.steps`.
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.analysis.clusters.areas import BIN, PLACES, Samples, critical_areas, delay_by_place, samples
-from fleetlog.analysis.clusters.steps import Clusters, Fleet, find_clusters, on_grid
+from fleetlog.analysis.clusters.areas import (
+    BIN,
+    PLACES,
+    Samples,
+    Watched,
+    critical_areas,
+    delay_by_place,
+    samples,
+)
+from fleetlog.analysis.clusters.crowds import Crowds, Rule, as_figures, find_crowds, together
 from fleetlog.analysis.clusters.timeline import area_of, timeline
-from fleetlog.analysis.clusters.tracking import Episode, episodes
+from fleetlog.analysis.clusters.tracking import Episode, Followed, episodes, follow
 from fleetlog.core.arguments import Between
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
+from fleetlog.store.days import Part, each_day, each_part
+from fleetlog.store.trips import STANDING_SPEED
 
-HALT = 1.39
-"""A truck slower than this counts as slow: SUMO's lane-area detector calls it halting [m/s]."""
-MAX_GAP = 15.0
-"""A truck that has been silent for longer is absent [s]."""
+HOUR = 3_600_000_000
+HOURS = 2
+"""Of a day that one job looks at."""
+KINDS = (Crowds, Followed)
+ROW_COST = 2e-6
+SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
+BIN_SPEED, SPEEDS = 0.005, 1 << 16
+"""Speeds are counted in steps of this [m/s]; how many steps there are."""
 
 Floats = NDArray[np.float64]
 
@@ -54,23 +70,28 @@ def density(
         raise DataError(
             "the dataset has no roads, and density needs driving distances", do="import it with --site"
         )
-    start, stop = _span(dataset)
-    fleet = on_grid(dataset, network, step, MAX_GAP, start, stop)
-    if not (fleet.edge >= 0).any():
+    rule = Rule(threshold, speed, round(step * 1e6), include_standing)
+    watched = Watched(tuple(dataset.vehicles), *_span(dataset, rule.step), rule.step)
+    parts = list(_hours(dataset, watched))
+    pieces = list(each_part(dataset, parts, _crowds, rule, kinds=KINDS, cost=ROW_COST))
+    clusters = together([c for c, _ in pieces], watched.vehicles)
+    if not clusters.seen:
         raise DataError(
             "no row of the dataset is matched to a road", do="check that log and map belong together"
         )
-    ways = {mask: find_clusters(fleet, network, threshold, HALT, mask=mask) for mask in (True, False)}
-    clusters = ways[not include_standing]
-    found = episodes(fleet, clusters, speed, min_duration)
-    rows = samples(fleet, found, free_speeds(dataset, network))
-    areas = critical_areas(network, rows, fleet)
-    table = _episode_table(fleet, network, found, rows)
+    begins = np.cumsum([0, *(len(c) for c, _ in pieces)]).tolist()
+    followed = list(zip(begins[:-1], (f for _, f in pieces), strict=True))
+    least = max(1, round(min_duration / watched.seconds))
+    found = episodes(clusters, followed, speed, rule.step, least)
+    rows = samples(clusters, found, free_speeds(dataset, network), watched.seconds)
+    areas = critical_areas(network, rows, watched)
+    table = _episode_table(clusters, watched, network, found, rows)
     table["area"] = area_of(table, areas)
+    over_time = timeline(clusters, watched, found, table["area"].to_numpy())
     summary = {
-        "threshold_m": threshold, "speed_limit_m_s": speed, "step_s": step, "vehicles": len(fleet.vehicles),
-        "hours": len(fleet.time) * step / 3600.0, "min_duration_s": min_duration,
-        "clusters": {("moving_only" if m else "all"): _counts(c, fleet, speed) for m, c in ways.items()},
+        "threshold_m": threshold, "speed_limit_m_s": speed, "step_s": step, "vehicles": len(watched.vehicles),
+        "hours": watched.hours, "min_duration_s": min_duration,
+        "clusters": {way: as_figures(c, watched.seconds) for way, c in clusters.counts.items()},
         "used": "all" if include_standing else "moving_only",
         "episodes": len(found), "delay_s": float(rows.delay.sum()),
         "areas": areas.head(20).to_dict("records"),
@@ -80,20 +101,38 @@ def density(
         summary,
         tables={
             "episodes": table,
-            "tasks": _task_table(dataset, fleet, rows),
-            "clusters": _step_table(fleet, clusters, speed),
+            "tasks": _task_table(dataset, watched, rows),
+            "clusters": _step_table(clusters, speed),
         },
         places={"areas": areas} if len(areas) else {},
-        shapes=_shapes(
-            fleet, network, clusters, speed, areas, rows, timeline(fleet, found, table["area"].to_numpy())
-        ),
+        shapes=_shapes(network, watched, clusters, areas, rows, over_time),
         lines=_lines(summary, areas),
     )
 
 
-def _span(dataset: Dataset) -> tuple[int, int]:
+def _span(dataset: Dataset, step: int) -> tuple[int, int]:
+    """The first and the end of the time grid [us], which counts from 1970: no added day shifts it."""
     ends = [np.datetime64(str(dataset.meta[k]).rstrip("Z"), "us").astype(np.int64) for k in ("start", "end")]
-    return int(ends[0] // 1_000_000 * 1_000_000), int(ends[1]) + 1
+    return int(ends[0] // step * step), int(ends[1]) + 1
+
+
+def _hours(dataset: Dataset, watched: Watched) -> Iterator[Part]:
+    """The time grid in jobs of ``HOURS`` hours of one day; each reads also the days beside it."""
+    for date in dataset.dates:
+        day = int(np.datetime64(date, "us").astype(np.int64))
+        near = [str(np.datetime64(date, "D") + k) for k in (-1, 0, 1)]
+        reads = tuple((v, d) for v, d in dataset.vehicle_days if d in near)
+        for hour in range(0, 24, HOURS):
+            a, b = day + hour * HOUR, day + (hour + HOURS) * HOUR
+            start = max(-(-a // watched.step) * watched.step, watched.start)
+            stop = min(b, watched.stop)
+            if start < stop:
+                yield Part(f"date={date}/hour={hour:02d}", (date, start, stop), reads)
+
+
+def _crowds(dataset: Dataset, date: str, start: int, stop: int, rule: Rule) -> tuple[Crowds, Followed]:
+    found = find_crowds(dataset, date, start, stop, rule)
+    return found, follow(found, rule.limit, rule.step)
 
 
 def free_speeds(dataset: Dataset, network: Network) -> Floats:
@@ -102,62 +141,74 @@ def free_speeds(dataset: Dataset, network: Network) -> Floats:
     The 85th percentile of the speeds driven on the edge, but never far below what the fleet usually makes of
     a limit: a road that is always jammed must not pass for a slow road.
     """
-    from fleetlog.store.trips import STANDING_SPEED
-
-    edges, speeds = [], []
-    for t in dataset.days(("edge_id", "speed")):
-        e, v = t.labels("edge_id").recode(network.index), t.floats("speed")
-        use = (e >= 0) & (v > STANDING_SPEED)
-        edges.append(e[use])
-        speeds.append(v[use])
-    e, v = np.concatenate(edges), np.concatenate(speeds)
-    p85 = np.full(len(network), np.nan)
-    for edge, group in pd.Series(v).groupby(e):
-        if len(group) >= 20:
-            p85[int(str(edge))] = group.quantile(0.85)
+    driven = Driven(np.zeros(0, np.int64), np.zeros(0))
+    for day in each_day(dataset, _driven, kinds=(Driven,), cost=0.3e-6):
+        driven = driven + day
+    p85 = _percentiles(driven, len(network), 0.85, least=20)
     limit = network.speed_limit
     both = np.isfinite(limit) & np.isfinite(p85)
-    usual = float(np.nanmedian(p85)) if np.isfinite(p85).any() else float(np.quantile(v, 0.85))
+    whole = Driven(driven.key % SPEEDS, driven.count)
+    usual = float(np.nanmedian(p85)) if np.isfinite(p85).any() else float(_percentiles(whole, 1, 0.85)[0])
     ratio = float(np.median(p85[both] / limit[both])) if both.any() else 1.0
     expected = np.where(np.isfinite(limit), limit * ratio, usual)
     return np.asarray(np.fmax(p85, 0.8 * expected), dtype=np.float64)
 
 
-def _counts(c: Clusters, fleet: Fleet, limit: float) -> dict[str, Any]:
-    several = c.size >= 2
-    critical = several & (c.mean_speed < limit)
-    vehicle_seconds = fleet.step * float(c.size[critical].sum())
-    median = _medians(c, fleet, critical)
-    return {
-        "cluster_seconds": fleet.step * float(several.sum()),
-        "critical_cluster_seconds": fleet.step * float(critical.sum()),
-        "critical_vehicle_seconds": vehicle_seconds,
-        "largest": int(c.size.max(initial=0)),
-        "critical_mean_speed_m_s": float(c.mean_speed[critical].mean()) if critical.any() else None,
-        "critical_median_speed_m_s": float(np.mean(median)) if len(median) else None,
-        "critical_slow_share": float(c.slow_share[critical].mean()) if critical.any() else None,
-    }
+@dataclass(frozen=True)
+class Driven:
+    """How many rows have which speed on which edge: ``key`` = edge * SPEEDS + speed / ``BIN_SPEED``, growing."""
+
+    key: NDArray[np.int64]
+    count: Floats
+
+    def __add__(self, other: Driven) -> Driven:
+        key, inverse = np.unique(np.concatenate([self.key, other.key]), return_inverse=True)
+        count = np.bincount(inverse, np.concatenate([self.count, other.count]), len(key))
+        return Driven(key, np.asarray(count, np.float64))
 
 
-def _medians(c: Clusters, fleet: Fleet, critical: NDArray[np.bool_]) -> Floats:
-    steps, label = np.nonzero(critical)
-    return np.array([np.median(fleet.speed[t][c.labels[t] == k]) for t, k in zip(steps, label, strict=True)])
+def _driven(dataset: Dataset, vehicle: str, date: str) -> Driven:
+    """The speeds of one vehicle-day, standstills left out."""
+    t = dataset.read(vehicle, date, ("edge_id", "speed"))
+    e, v = t.labels("edge_id").recode(dataset.site.roads().index), t.floats("speed")
+    use = (e >= 0) & (v > STANDING_SPEED)
+    key = e[use].astype(np.int64) * SPEEDS + np.minimum(v[use] / BIN_SPEED, SPEEDS - 1).astype(np.int64)
+    keys, count = np.unique(key, return_counts=True)
+    return Driven(keys, count.astype(np.float64))
 
 
-def _episode_table(fleet: Fleet, network: Network, found: list[Episode], s: Samples) -> pd.DataFrame:
+def _percentiles(driven: Driven, edges: int, share: float, least: int = 1) -> Floats:
+    """(E,) speed that this share of the rows on an edge is not above; NaN where there are few."""
+    out = np.full(edges, np.nan)
+    order = np.argsort(driven.key, kind="stable")
+    key, count = driven.key[order], driven.count[order]
+    edge = key // SPEEDS
+    begins = np.flatnonzero(np.diff(edge, prepend=-1))
+    for a, b in zip(begins.tolist(), [*begins[1:].tolist(), len(edge)], strict=True):
+        total = np.cumsum(count[a:b])
+        if total[-1] >= least:
+            k = int(np.searchsorted(total, share * total[-1]))
+            inside = 1.0 - (total[k] - share * total[-1]) / count[a + k]
+            out[edge[a]] = (key[a + k] % SPEEDS + inside) * BIN_SPEED
+    return out
+
+
+def _episode_table(
+    c: Crowds, watched: Watched, network: Network, found: list[Episode], s: Samples
+) -> pd.DataFrame:
     rows = []
     for i, e in enumerate(found):
-        mine = s.episode == i
-        codes, counts = np.unique(s.edge[mine], return_counts=True)
+        mine = slice(*np.searchsorted(s.episode, [i, i + 1]))
+        edges, counts = np.unique(s.edge[mine], return_counts=True)
         where = network.position(s.edge[mine], s.offset[mine])[:, :2].mean(axis=0)
         rows.append({
-            "episode": i + 1, "start": fleet.time[e.first],
-            "end": fleet.time[e.last] + round(fleet.step * 1e6), "duration": len(e.steps) * fleet.step,
-            "max_size": max(len(m) for m in e.members), "min_mean_speed": min(e.speeds),
+            "episode": i + 1, "start": c.time[e.clusters[0]],
+            "end": c.time[e.clusters[-1]] + watched.step, "duration": len(e.clusters) * watched.seconds,
+            "max_size": int(c.size[e.clusters].max()), "min_mean_speed": float(c.mean_speed[e.clusters].min()),
             "vehicles": len(np.unique(s.truck[mine])),
-            "members": ", ".join(fleet.vehicles[v] for v in np.unique(s.truck[mine])),
-            "vehicle_seconds": float(mine.sum()) * fleet.step, "delay": float(s.delay[mine].sum()),
-            "edge_id": network.edge_ids[int(codes[counts.argmax()])], "x": where[0], "y": where[1],
+            "members": ", ".join(watched.vehicles[v] for v in np.unique(s.truck[mine])),
+            "vehicle_seconds": len(s.delay[mine]) * watched.seconds, "delay": float(s.delay[mine].sum()),
+            "edge_id": network.edge_ids[int(edges[counts.argmax()])], "x": where[0], "y": where[1],
             "born": e.born, "died": e.died,
         })  # fmt: skip
     table = pd.DataFrame(rows)
@@ -167,7 +218,7 @@ def _episode_table(fleet: Fleet, network: Network, found: list[Episode], s: Samp
     return table
 
 
-def _task_table(dataset: Dataset, fleet: Fleet, s: Samples) -> pd.DataFrame:
+def _task_table(dataset: Dataset, watched: Watched, s: Samples) -> pd.DataFrame:
     """Trips by the delay that they suffered in critical clusters."""
     trips = dataset.trips
     if not len(s.delay) or not len(trips):
@@ -175,9 +226,9 @@ def _task_table(dataset: Dataset, fleet: Fleet, s: Samples) -> pd.DataFrame:
     out = []
     for v in np.unique(s.truck):
         mine = s.truck == v
-        own = trips[trips.vehicle_id == fleet.vehicles[v]].sort_values("start")
+        own = trips[trips.vehicle_id == watched.vehicles[v]].sort_values("start")
         starts = own.start.astype("datetime64[us, UTC]").astype("int64").to_numpy()
-        k = np.searchsorted(starts, fleet.time[s.step[mine]], side="right") - 1
+        k = np.searchsorted(starts, s.time[mine], side="right") - 1
         delay = np.bincount(np.clip(k, 0, None), weights=s.delay[mine], minlength=len(own))
         out.append(
             own[["vehicle_id", "trip_id", "start", "end", "x_start", "y_start", "x_end", "y_end"]].assign(
@@ -189,32 +240,23 @@ def _task_table(dataset: Dataset, fleet: Fleet, s: Samples) -> pd.DataFrame:
     return late.sort_values("delay", ascending=False, ignore_index=True)
 
 
-def _step_table(fleet: Fleet, c: Clusters, limit: float) -> pd.DataFrame:
-    t, k = np.nonzero(c.size >= 2)
+def _step_table(c: Crowds, limit: float) -> pd.DataFrame:
     return pd.DataFrame(
         {
-            "timestamp": pd.to_datetime(fleet.time[t], unit="us", utc=True),
-            "cluster": k,
-            "size": c.size[t, k],
-            "mean_speed": c.mean_speed[t, k],
-            "slow_share": c.slow_share[t, k],
-            "critical": c.mean_speed[t, k] < limit,
+            "timestamp": pd.to_datetime(c.time, unit="us", utc=True),
+            "cluster": c.label,
+            "size": c.size,
+            "mean_speed": c.mean_speed,
+            "slow_share": c.slow_share,
+            "critical": c.mean_speed < limit,
         }
     )
 
 
 def _shapes(
-    fleet: Fleet,
-    network: Network,
-    c: Clusters,
-    limit: float,
-    areas: pd.DataFrame,
-    rows: Samples,
-    episode_time: Series,
+    network: Network, watched: Watched, c: Crowds, areas: pd.DataFrame, rows: Samples, episode_time: Series
 ) -> list[Shape]:
-    critical = (c.size >= 2) & (c.mean_speed < limit)
-    shapes: list[Shape] = [_arc_lines(fleet, network, c, critical)]
-    shapes.append(episode_time)
+    shapes: list[Shape] = [_arc_lines(c, watched), episode_time]
     if len(rows.delay):
         shapes.insert(0, _delay_layer(network, rows))
     if len(areas):
@@ -244,18 +286,16 @@ def _delay_layer(network: Network, rows: Samples) -> EdgeValues:
     )
 
 
-def _arc_lines(fleet: Fleet, network: Network, c: Clusters, critical: NDArray[np.bool_]) -> MovingLines:
+def _arc_lines(c: Crowds, watched: Watched) -> MovingLines:
     """The arcs as line segments, at the steps where they change from none or to none too."""
-    count = np.diff(c.arc_first)
-    t_of = np.repeat(np.arange(len(count)), count)
-    a, b = c.arcs[:, 0], c.arcs[:, 1]
-    ends = [network.position(fleet.edge[t_of, v], fleet.offset[t_of, v])[:, :2] for v in (a, b)]
-    segments = np.stack(ends, axis=1)
-    red = critical[t_of, c.labels[t_of, a]]
-    shown = np.flatnonzero((count > 0) | (np.r_[0, count[:-1]] > 0))
-    lines = tuple(segments[c.arc_first[t] : c.arc_first[t + 1]] for t in shown)
-    flags = tuple(red[c.arc_first[t] : c.arc_first[t + 1]] for t in shown)
-    return MovingLines("clusters", fleet.time[shown], lines, flags)
+    time = np.unique(c.arc_time)
+    after = time + watched.step
+    shown = np.union1d(time, after[after < watched.stop])
+    cuts = (np.searchsorted(c.arc_time, shown, side).tolist() for side in SIDES)
+    ranges = [slice(a, b) for a, b in zip(*cuts, strict=True)]
+    return MovingLines(
+        "clusters", shown, tuple(c.arc_ends[r] for r in ranges), tuple(c.arc_critical[r] for r in ranges)
+    )
 
 
 def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:

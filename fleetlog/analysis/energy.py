@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
+import sys
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog import interrupt
 from fleetlog.analysis.energybook.book import Book, keep_book
+from fleetlog.analysis.energybook.cells import Cells
 from fleetlog.analysis.energybook.doubt import parameter_variance
 from fleetlog.analysis.energybook.tables import (
     segment_table,
@@ -21,21 +22,21 @@ from fleetlog.analysis.energybook.tables import (
     with_soc,
     zone_table,
 )
-from fleetlog.core.arguments import Between, ShiftHours
+from fleetlog.core.arguments import ShiftHours
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
-from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError
 from fleetlog.physics.battery import BatteryModel, battery_of
 from fleetlog.physics.power import Physics
 from fleetlog.store.dataset import Dataset
+from fleetlog.store.days import each_day
 
 Floats = NDArray[np.float64]
 SHIFTS = (6, 14, 22)
 """Hours of the day (UTC) at which shifts begin, unless said otherwise."""
-MANY_ROWS = 2_000_000
-"""From this many rows on a second process is worth starting."""
+ROW_COST = 4e-6
+"""What the books of a row cost [s]."""
 MOST_POINTS = 2000
 """Of a curve over time."""
 COLUMNS = (
@@ -48,7 +49,6 @@ def energy(
     dataset: Dataset, truck: Truck, physics: Physics | None = None, *,
     shifts: Annotated[tuple[int, ...], ShiftHours()] = SHIFTS,
     chemistry: Literal["constant", "lfp", "lead"] = "constant",
-    workers: Annotated[int, Between(1, 10_000, whole=True)] | None = None,
 ) -> Result:  # fmt: skip
     """Compute the energy of every trip by physical cause, beside what was measured.
 
@@ -62,7 +62,7 @@ def energy(
         raise DataError(f"{dataset.path} has no rows")
     physics = Physics(truck) if physics is None else physics
     battery = battery_of(physics.actual_truck(), chemistry)
-    books = list(_books(dataset, physics, battery, 2 if workers is None else workers))
+    books = list(_books(dataset, physics, battery))
     terms = _term_order(books)
     segments = with_soc(segment_table(books, terms), truck)
     segments["shift"] = shift_names(segments["hour"], sorted(shifts))
@@ -87,32 +87,39 @@ def energy(
     return Result("energy", summary, kept, places, shapes, _lines(whole, terms, sources, tables))
 
 
-def _books(dataset: Dataset, physics: Physics, battery: BatteryModel, processes: int) -> Iterator[Book]:
-    """One book a vehicle-day; big datasets in several processes, each reading its own days."""
-    jobs = [(str(dataset.path), v, d, physics, battery) for v in dataset.vehicles for d in dataset.dates]
-    if processes < 2 or dataset.rows < MANY_ROWS or len(jobs) < 2:
-        for job in jobs:
-            yield from _vehicle_day(*job, dataset.site)
-        return
-    with interrupt.workers(processes) as pool:
-        for day in pool.map(_vehicle_day, *zip(*jobs, strict=True)):
-            yield from day
+def _books(dataset: Dataset, physics: Physics, battery: BatteryModel) -> Iterator[Book]:
+    """The books of all vehicle-days, each of whole trips."""
+    days = each_day(
+        dataset, _vehicle_day, physics, battery, _sources(physics), kinds=(Book, Cells), cost=ROW_COST
+    )
+    for books in days:
+        yield from books
 
 
 def _vehicle_day(
-    path: str, vehicle: str, date: str, physics: Physics, battery: BatteryModel, site: Site | None = None
+    dataset: Dataset,
+    vehicle: str,
+    date: str,
+    physics: Physics,
+    battery: BatteryModel,
+    _sources: Sequence[str],
 ) -> list[Book]:
     """The books of one vehicle-day, one a piece of whole trips: bounded memory."""
     from fleetlog.physics.motion import measured_channels, reconstruct
 
-    dataset, books = Dataset(Path(path)), []
-    site = dataset.site if site is None else site
+    books = []
     for piece in dataset.pieces(vehicle, date, COLUMNS):
         if len(piece) > 1:
-            found = reconstruct(measured_channels(piece, dataset.meta), site.network, physics.truck)
+            found = reconstruct(measured_channels(piece, dataset.meta), dataset.site.network, physics.truck)
             own = physics.of(vehicle, piece.time[0] * 1e-6)
-            books.append(keep_book(piece, found, own, site, battery))
+            books.append(keep_book(piece, found, own, dataset.site, battery))
     return books
+
+
+def _sources(physics: Physics) -> list[str]:
+    """The code of the terms: a user may change his own between two runs."""
+    modules = {t.function.__module__ for t in physics.active() if t.function is not None}
+    return [inspect.getsource(sys.modules[name]) for name in sorted(modules) if name in sys.modules]
 
 
 def _term_order(books: Sequence[Book]) -> list[str]:

@@ -156,8 +156,11 @@ def destination(
     if output is None:
         yield keep
         return
+    from fleetlog.errors import OutputError
     from fleetlog.store.output import atomic_output
 
+    if "://" in str(output):
+        raise OutputError("only datasets are written to a URL", where=str(output), do="name a folder")
     with atomic_output(Path(output), kind, overwrite=overwrite, folder=folder, inputs=inputs) as scratch:
         yield lambda answer: keep(answer, scratch)
 

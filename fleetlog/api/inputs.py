@@ -108,7 +108,12 @@ def as_path(value: Any) -> Path:
         return file
     if hasattr(value, "dataset"):
         value = value.dataset
-    return Path(getattr(value, "path", value))
+    where = value if "://" in str(value) else getattr(value, "path", value)
+    if "://" not in str(where):
+        return Path(where)
+    from fleetlog.store.places import located
+
+    return located(where)
 
 
 def as_csv(value: TableLike) -> Path:
@@ -129,9 +134,10 @@ def existing(value: Any) -> Path:
 
 
 def files_of(*values: Any) -> list[Path]:
-    """Return the paths among arguments: what a run reads and must not write over."""
+    """Return the paths of this machine among arguments: what a run reads and must not write over."""
     some = [v for value in values for v in (value if isinstance(value, list | tuple) else (value,))]
-    return [as_path(v) for v in some if isinstance(v, str | os.PathLike) or hasattr(v, "path")]
+    named = [v for v in some if isinstance(v, str | os.PathLike) or hasattr(v, "path")]
+    return [as_path(v) for v in named if "://" not in f"{v} {getattr(v, 'path', '')}"]
 
 
 def _is_frame(value: Any) -> bool:

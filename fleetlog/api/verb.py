@@ -6,13 +6,23 @@ import functools
 import inspect
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any, TypeVar
 
-from fleetlog.api.signature import Option, options_of
-from fleetlog.errors import nearest
+from fleetlog import engines
+from fleetlog.api.signature import SHARED, Option, options_of
+from fleetlog.core.arguments import Between, Named
+from fleetlog.errors import ArgumentError, nearest
 
 F = TypeVar("F", bound=Callable[..., Any])
 Fill = Callable[[dict[str, Any]], dict[str, Any]]
+
+
+JOBS = (
+    Option("workers", None, SHARED["workers"], check=Between(1, 1024, whole=True)),
+    Option("scheduler", None, SHARED["scheduler"], check=Named("ADDRESS")),
+)
+"""Where jobs run."""
 
 
 class Verb:
@@ -43,8 +53,9 @@ class Verb:
         return self.run(self.converted(*args, **options))
 
     def run(self, given: dict[str, Any]) -> Any:
-        """Call the function with checked arguments."""
-        return self.function(**given)
+        """Call the function with checked arguments; its jobs run where ``workers`` and ``scheduler`` say."""
+        with on_engine(given):
+            return self.function(**given)
 
     def converted(self, *args: Any, **options: Any) -> dict[str, Any]:
         """Return the given arguments by name, as the function takes them."""
@@ -68,11 +79,24 @@ class Verb:
         return f"<fleetlog.{self.name}{self.__signature__}>"
 
 
+def on_engine(given: dict[str, Any]) -> AbstractContextManager[Any]:
+    """Take ``workers`` and ``scheduler`` out of the arguments; jobs of the block run where they say."""
+    workers, scheduler = given.pop("workers", None), given.pop("scheduler", None)
+    if workers is not None and scheduler is not None:
+        raise ArgumentError("--workers and --scheduler do not go together")
+    return engines.using(workers, scheduler)
+
+
 def verb(function: F) -> F:
     """Check the arguments of a function of the library; its type stays."""
     return Verb(function)  # type: ignore[return-value]
 
 
+def verb_with_jobs(function: F) -> F:
+    """Check the arguments as :func:`verb` does; the function's jobs run where ``workers`` and ``scheduler`` say."""
+    return Verb(function, added=JOBS)  # type: ignore[return-value]
+
+
 def filled(fill: Fill) -> Callable[[F], F]:
-    """Check the arguments as :func:`verb` does, after ``fill`` has added those that were not given."""
-    return lambda function: Verb(function, fill)  # type: ignore[return-value]
+    """As :func:`verb_with_jobs`, after ``fill`` has added arguments that were not given."""
+    return lambda function: Verb(function, fill, added=JOBS)  # type: ignore[return-value]

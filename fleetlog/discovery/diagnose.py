@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 
+from fleetlog import engines
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.channels.base import Channel
@@ -20,6 +23,11 @@ from fleetlog.discovery.settings import SETTINGS, Settings
 from fleetlog.errors import DataError, nearest
 from fleetlog.physics.power import all_terms
 from fleetlog.store import Dataset
+
+HANDED_OVER = 500_000
+"""Channels of a recording of more rows are explained one after the other: what is known of each would take as long to
+hand over as it takes memory.
+"""
 
 
 @dataclass
@@ -67,16 +75,27 @@ def diagnose(
     split = _split(fleet, holdout, settings, seed)
     progress("sensors")
     fleet, faults = examine(fleet, split, tuple(terms))
+    names = list(present(fleet, channels))
+    engine = engines.current() if fleet.rows <= HANDED_OVER else engines.Serial()
+    work = partial(_explained, fleet, split, base, settings, tuple(terms))
     explained: dict[str, Explained] = {}
-    for name in present(fleet, channels):
-        progress(name)
-        channel: Channel = channel_of(name, fleet, base, settings, split)
-        explained[name] = explain(channel, split, base, settings, tuple(terms))
+    with closing(engine.run(work, names)) as found:
+        for name in names:
+            progress(name)
+            explained[name] = next(found)
     if not explained:
         raise DataError(
             "no channel to judge", do="record battery power, state of charge, or positions on a road map"
         )
     return Diagnosis(_verdict(fleet, explained, faults), together(base, explained), explained, faults, fleet)
+
+
+def _explained(
+    fleet: Fleet, split: Split, base: Model, settings: Settings, terms: tuple[str, ...], name: str
+) -> Explained:
+    """Explain one channel."""
+    channel: Channel = channel_of(name, fleet, base, settings, split)
+    return explain(channel, split, base, settings, terms)
 
 
 def together(base: Model, explained: dict[str, Explained]) -> Model:

@@ -4,42 +4,50 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Labels, Trajectory
 
-ESTIMATE_ROWS = 2000
-"""The parameters are estimated once, on the first stretch
-that has this many rows (or on the first of all).
-"""
+if TYPE_CHECKING:
+    from fleetlog.roads.matching import MatchParameters
+
+
+@dataclass
+class Tally:
+    """Rows, those on a road, those whose edges the log itself has; and why others have none."""
+
+    rows: int = 0
+    matched: int = 0
+    kept: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+
+    def add(self, other: Tally) -> None:
+        """Add the rows of another vehicle."""
+        self.rows, self.matched = self.rows + other.rows, self.matched + other.matched
+        self.kept += other.kept
+        self.reasons.update(other.reasons)
 
 
 @dataclass
 class Edges:
-    """Matches stretch after stretch with one set of parameters, and counts."""
+    """Matches stretch after stretch with one set of parameters (where None, with those of the stretch)."""
 
     network: Network
-    matched: int = 0
-    rows: int = 0
-    kept: int = 0
-    """Rows whose edges the log itself has."""
-    reasons: Counter[str] = field(default_factory=Counter)
-    _parameters: Any = None
+    parameters: MatchParameters | None = None
+    tally: Tally = field(default_factory=Tally)
 
     def match(self, rows: Trajectory) -> Trajectory:
         """The rows with edge_id, edge_offset, lateral_offset, match_confidence and match_reason."""
-        if self._log_has_edges(rows):
-            self.kept += len(rows)
+        if log_has_edges(rows, self.network):
+            self.tally.kept += len(rows)
             self._count(rows)
             return rows
         from fleetlog.roads import matching
 
-        found = matching.match(rows, self.network, self._parameters)
-        if self._parameters is None and len(rows) >= ESTIMATE_ROWS:
-            self._parameters = found.parameters
+        found = matching.match(rows, self.network, self.parameters)
         edge = np.asarray(found.edge, dtype=np.int32)
         off = edge < 0
         out = rows.with_columns(
@@ -52,19 +60,20 @@ class Edges:
         self._count(out)
         return out
 
-    def _log_has_edges(self, rows: Trajectory) -> bool:
-        """A dataset that comes back: its edges are those of this map."""
-        if not rows.has("edge_id") or not rows.has("edge_offset"):
-            return False
-        labels = rows.labels("edge_id")
-        used = {labels.names[c] for c in np.unique(labels.codes[labels.codes >= 0]).tolist()}
-        return used <= set(self.network.index)
-
     def _count(self, rows: Trajectory) -> None:
         codes = rows.labels("edge_id").codes
-        self.rows += len(rows)
-        self.matched += int((codes >= 0).sum())
+        self.tally.rows += len(rows)
+        self.tally.matched += int((codes >= 0).sum())
         why = rows.labels("match_reason")
         for code, count in zip(*np.unique(why.codes[codes < 0], return_counts=True), strict=True):
             if code >= 0:
-                self.reasons[why.names[code]] += int(count)
+                self.tally.reasons[why.names[code]] += int(count)
+
+
+def log_has_edges(rows: Trajectory, network: Network) -> bool:
+    """A dataset that comes back: its edges are those of this map."""
+    if not rows.has("edge_id") or not rows.has("edge_offset"):
+        return False
+    labels = rows.labels("edge_id")
+    used = {labels.names[c] for c in np.unique(labels.codes[labels.codes >= 0]).tolist()}
+    return used <= set(network.index)

@@ -1,31 +1,36 @@
 """Logs to a dataset, in seven steps: find, read, order, set down, clean, match, write.
 
-Everything read is set down by vehicle and day first (:mod:`fleetlog.ingest.spill`); then one vehicle after
-the other is cleaned,
-placed, matched and written, stretch by stretch, so that memory is bounded by a stretch whatever the size of
-the logs.
-A stretch ends where a trip begins, so that no trip is torn and matching starts at a standstill.
+Everything read is set down by vehicle and day first (:mod:`fleetlog.ingest.spill`), group of logs by group;
+then every vehicle is cleaned, placed, matched and written, stretch by stretch.  Groups and vehicles are jobs
+of the engine in use.  Memory is bounded by a stretch whatever the size of the logs.  A stretch ends where a
+trip begins, so that no trip is torn and matching starts at a standstill.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from fleetlog import engines
 from fleetlog.core.site import MapFrame, Site
-from fleetlog.errors import FleetlogError, InputError
+from fleetlog.errors import InputError
 from fleetlog.importers._profile import Profile, load_profile
 from fleetlog.ingest.clean import sort_rows
-from fleetlog.ingest.files import Log, find_logs
-from fleetlog.ingest.reading import Reading
-from fleetlog.ingest.spill import Spill
-from fleetlog.ingest.stretch import VehicleImport
-from fleetlog.ingest.summary import ImportSummary
+from fleetlog.ingest.files import Log, find_logs, names_of
+from fleetlog.ingest.outcome import complete
+from fleetlog.ingest.place import check_matched
+from fleetlog.ingest.reading import Group, Read, groups_of, read_group
+from fleetlog.ingest.rejects import NAME, gather
+from fleetlog.ingest.spill import Down
+from fleetlog.ingest.stretch import Outcome, Plan, import_vehicle, probe
+from fleetlog.ingest.summary import ImportSummary, added_up
 from fleetlog.store.provenance import provenance
 
 if TYPE_CHECKING:
@@ -34,6 +39,8 @@ if TYPE_CHECKING:
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of all that is done, 0 to 1."""
 READ_SHARE = 0.5
+ROW_COST, ROW_BYTES = 3e-6, 60.0
+"""Of a row, about: to read it, or to match and write it [s]; its length in a log."""
 ALIGN_VEHICLES = 20
 """Vehicles whose tracks are fitted to the roads."""
 
@@ -58,51 +65,73 @@ def import_logs(
     """
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
     logs = find_logs(paths, format)
-    spill = Spill(writer.path / ".spill")
+    scratch = writer.path / ".spill"
+    scratch.mkdir()
     try:
-        reading = Reading(spill, writer.path, logs, profile)
-        for i, log in enumerate(logs):
-            _read(reading, i, log, len(logs), progress)
-        _check_read(reading, logs)
-        site = replace(site or Site(), map_frames=(*(site or Site()).map_frames, *_frames(profile)))
-        every = _aligned(reading, site) if align else _only(profile)
-        summary = _write(reading, site, writer, progress, every)
+        reads = list(_read(logs, scratch, profile, progress))
+        _check_read(reads, logs)
+        site = site or Site()
+        new = (f for f in _frames(profile) if f not in site.map_frames)
+        site = replace(site, map_frames=(*site.map_frames, *new))
+        summary = _write(reads, logs, site, writer, scratch, progress, align=align, every=_only(profile))
     finally:
-        spill.clear()
+        shutil.rmtree(scratch, ignore_errors=True)
     inputs = [f for log in logs for f in ([log.path] if log.path.is_file() else sorted(log.path.rglob("*")))]
     if profile is not None and profile.path:
         inputs.append(Path(profile.path))
-    writer.provenance = provenance(inputs)
-    writer.summary = summary.to_dict()
+    writer.provenance, writer.summary = provenance(inputs), summary.to_dict()
+    if (before := writer.before).provenance:
+        added = [*before.provenance.get("appended", ()), writer.provenance]
+        writer.provenance = {**before.provenance, "appended": added}
+        writer.summary = added_up(before.summary, writer.summary)
     return summary
 
 
-def _read(reading: Reading, number: int, log: Log, count: int, progress: Progress | None) -> None:
-    def tell(share: float) -> None:
+def _read(
+    logs: list[Log], scratch: Path, profile: Profile | None, progress: Progress | None
+) -> Iterator[Read]:
+    """What the groups of logs gave."""
+
+    def tell(log: Log, share: float) -> None:
         if progress:
-            progress(f"reading {log.path.name}", READ_SHARE * (number + share) / count)
+            progress(f"reading {log.path.name}", READ_SHARE * (logs.index(log) + share) / len(logs))
 
-    try:
-        reading.read(number, log, tell)
-    except FleetlogError as error:
-        if count == 1:
-            raise
-        reading.failed(number, log, error)
+    groups = groups_of(logs)
+    cost = ROW_COST * sum(log.path.stat().st_size for log in logs if log.path.is_file()) / ROW_BYTES
+    engine = _engine(cost, len(groups))
+    told = tell if isinstance(engine, engines.Serial) else None
+    work = partial(read_group, scratch, names_of(logs), profile, told)
+    with closing(engine.run(work, groups, _first_name)) as reads:
+        for group, read in zip(groups, reads, strict=True):
+            tell(group.logs[-1], 1.0)
+            yield read
 
 
-def _check_read(reading: Reading, logs: list[Log]) -> None:
+def _first_name(group: Group) -> str:
+    return str(group.logs[0].path)
+
+
+def _engine(cost: float, jobs: int) -> engines.Engine:
+    engine = engines.current()
+    return engine if jobs > 1 and engine.pays(cost) else engines.Serial()
+
+
+def _check_read(reads: Sequence[Read], logs: list[Log]) -> None:
     """One clear line where there is nothing to go on with."""
-    if reading.positioned:
+    errors, rows = [e for r in reads for e in r.errors], sum(r.down.rows for r in reads)
+    if errors and len(logs) == 1:
+        raise errors[0]
+    if any(r.positioned for r in reads):
         return
     where = logs[0].path if len(logs) == 1 else f"{logs[0].path} and {len(logs) - 1} more"
-    first = next((error for error in reading.errors if error is not None), None)
-    if first is not None and not reading.spill.rows:
-        raise first
-    if reading.spill.rows:
+    if errors and not rows:
+        raise errors[0]
+    if rows:
         raise InputError(
             "no position in the log", where=where, do="map latitude and longitude, or x and y, in a profile"
         )
-    refused = ", ".join(f"{n:,}: {reason}" for reason, n in reading.rejects.rows.most_common(3))
+    counts = sum((r.refused.rows for r in reads), Counter[str]())
+    refused = ", ".join(f"{n:,}: {reason}" for reason, n in counts.most_common(3))
     raise InputError(
         f"no usable row in the log{f' (refused {refused})' if refused else ''}",
         where=where,
@@ -120,55 +149,69 @@ def _only(profile: Profile | None) -> MapFrame | None:
     return frames[0] if len(frames) == 1 else None
 
 
-def _aligned(reading: Reading, site: Site) -> MapFrame:
+def _aligned(down: Down, site: Site, summary: ImportSummary) -> MapFrame:
     """The frame of the log, fitted to the roads."""
     from fleetlog.ingest.align import align
 
     tracks = []
-    for vehicle in reading.spill.vehicles[:ALIGN_VEHICLES]:
-        for rows, _ in itertools.islice(reading.spill.windows(vehicle), 1):
+    for vehicle in down.vehicles[:ALIGN_VEHICLES]:
+        for rows, _ in itertools.islice(down.windows(vehicle), 1):
             if "latitude" in rows:
                 raise InputError("the log is geographic: it needs no alignment", do="leave --align out")
             rows = sort_rows(rows)
             tracks.append((rows.floats("x"), rows.floats("y")))
     found = align(tracks, site.roads())
-    reading.summary.alignment = found.to_dict()
-    reading.summary.notes.append(found.line())
+    summary.alignment = found.to_dict()
+    summary.notes.append(found.line())
     return found.frame
 
 
 def _write(
-    reading: Reading, site: Site, writer: DatasetWriter, progress: Progress | None, every: MapFrame | None
-) -> ImportSummary:
-    from fleetlog.ingest.place import check_matched, with_frame
-
-    summary = reading.summary
-    vehicles = reading.spill.vehicles
-    total, done = max(reading.spill.rows, 1), 0
-    work: VehicleImport | None = None
-    for vehicle in vehicles:
-        if vehicle not in reading.positioned:
-            for rows, _ in reading.spill.windows(vehicle):
-                reading.rejects.refuse(
-                    rows, np.ones(len(rows), bool), "no log has a position of this vehicle"
-                )
-            continue
-        for rows, last in reading.spill.windows(vehicle):
-            if work is None:
-                writer.site = site = with_frame(site, rows)
-                work = VehicleImport(site, writer, reading.rejects, summary, reading.spill.own, every)
-            work.take(rows, last=last)
-            done += len(rows)
-            if progress:
-                progress(f"matching and writing {vehicle}", READ_SHARE + (1 - READ_SHARE) * done / total)
-    reading.rejects.close()
-    if work is not None:
-        work.end()
-        check_matched(summary.matched, summary.rows, site)
-    summary.rejected, summary.rejected_values = dict(reading.rejects.rows), dict(reading.rejects.values)
-    summary.rejected_file = "rejected.parquet" if reading.rejects.any else None
+    reads: Sequence[Read], logs: list[Log], site: Site, writer: DatasetWriter, scratch: Path,
+    progress: Progress | None, *, align: bool, every: MapFrame | None,
+) -> ImportSummary:  # fmt: skip
+    """Vehicle by vehicle into the dataset."""
+    summary, down = ImportSummary(), Down()
+    for read in reads:
+        summary.files += read.files
+        summary.rows_read += read.rows
+        down.add(read.down)
+    positioned = frozenset(v for read in reads for v in read.positioned)
+    every = _aligned(down, site, summary) if align else every
+    plan = Plan(writer.path, scratch, site, names_of(logs), down.own, positioned, writer.before, every)
+    plan = probe(plan, down)
+    writer.site = plan.site
+    summary.notes += plan.notes
+    outcomes = list(_vehicles(plan, down, progress))
+    for outcome in outcomes:
+        writer.written.add(outcome.written)
+    complete(summary, outcomes)
+    check_matched(summary.matched, summary.rows, plan.site)
+    refused = gather(
+        [*(r.refused for r in reads), *(o.refused for o in outcomes)],
+        writer.path,
+        older=writer.before.rejected,
+    )
+    summary.rejected, summary.rejected_values = dict(refused.rows), dict(refused.values)
+    summary.rejected_file = NAME if refused.file else None
     if not summary.rows:
         raise InputError(
             "every row was refused", do=", ".join(f"{n:,}: {r}" for r, n in summary.rejected.items())
         )
     return summary
+
+
+def _vehicles(plan: Plan, down: Down, progress: Progress | None) -> Iterator[Outcome]:
+    """What each vehicle came to, in their order."""
+    jobs = [(number, vehicle, down.of(vehicle)) for number, vehicle in enumerate(down.vehicles)]
+    total, done = max(down.rows, 1), 0
+    engine = _engine(ROW_COST * total, len(jobs))
+    with closing(
+        engine.run(partial(import_vehicle, plan), jobs, lambda job: f"vehicle {job[1]}")
+    ) as outcomes:
+        for (_, vehicle, mine), outcome in zip(jobs, outcomes, strict=True):
+            done += mine.rows
+            if progress:
+                share = READ_SHARE + (1.0 - READ_SHARE) * done / total
+                progress(f"matched and written: {vehicle}", share)
+            yield outcome

@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Set
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,26 +19,79 @@ from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._profile import Profile
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers.base import LOCAL, RawBatch, ReadOptions
-from fleetlog.ingest.files import Log, names_of
+from fleetlog.ingest.files import Log
 from fleetlog.ingest.order import BACKWARDS, Order
-from fleetlog.ingest.rejects import Rejects
+from fleetlog.ingest.rejects import NAME, Refused, Rejects
 from fleetlog.ingest.rows import CHANNEL, FILE, INTERNAL, RECORD
-from fleetlog.ingest.spill import Spill
-from fleetlog.ingest.summary import FileSummary, ImportSummary
+from fleetlog.ingest.spill import Down, Spill
+from fleetlog.ingest.summary import FileSummary
 
 _RESERVED = frozenset((*NAMES, "date", *INTERNAL))
+GROUP = 4 << 20
+"""Small logs are read together until they have this many bytes."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Logs that one job reads; ``first`` is the number of the first among all logs."""
+
+    first: int
+    logs: list[Log]
+
+
+@dataclass
+class Read:
+    """What was read."""
+
+    down: Down = field(default_factory=Down)
+    refused: Refused = field(default_factory=Refused)
+    files: list[FileSummary] = field(default_factory=list)
+    rows: int = 0
+    """Read, refused ones among them."""
+    positioned: set[str] = field(default_factory=set)
+    """Vehicles that have a position somewhere."""
+    errors: list[FleetlogError] = field(default_factory=list)
+
+
+def groups_of(logs: list[Log]) -> list[Group]:
+    """The logs in groups of at least ``GROUP`` bytes, in their order; one log may be larger."""
+    out: list[Group] = []
+    size = GROUP
+    for number, log in enumerate(logs):
+        if size >= GROUP:
+            out.append(Group(number, []))
+            size = 0
+        out[-1].logs.append(log)
+        size += log.path.stat().st_size if log.path.is_file() else GROUP
+    return out
+
+
+def read_group(
+    folder: Path, names: list[str], profile: Profile | None, tell: Callable[[Log, float], None] | None,
+    group: Group,
+) -> Read:  # fmt: skip
+    """Read some logs; their rows are set down in ``folder``."""
+    reading = Reading(folder, names, profile, group.first)
+    for number, log in enumerate(group.logs, group.first):
+        try:
+            reading.read(number, log, partial(tell, log) if tell else lambda _: None)
+        except FleetlogError as error:
+            reading.failed(log, error)
+    return reading.finish()
 
 
 class Reading:
-    """Takes in log after log; counts and notes go into ``summary``."""
+    """Takes in log after log."""
 
-    def __init__(self, spill: Spill, folder: Path, logs: list[Log], profile: Profile | None) -> None:
-        self.spill, self.profile = spill, profile
-        self.rejects = Rejects(folder, names_of(logs))
-        self.summary = ImportSummary()
-        self.positioned: set[str] = set()
-        """Vehicles that have a position somewhere."""
-        self.errors: list[FleetlogError | None] = []
+    def __init__(self, folder: Path, names: list[str], profile: Profile | None, first: int) -> None:
+        self.spill, self.profile = Spill(folder, f"log-{first}"), profile
+        self.rejects = Rejects(folder / f"log-{first}-{NAME}", names)
+        self.out = Read()
+
+    def finish(self) -> Read:
+        """What was read, all of it on disk."""
+        self.out.down, self.out.refused = self.spill.finish(), self.rejects.close()
+        return self.out
 
     def read(self, number: int, log: Log, tell: Callable[[float], None]) -> None:
         """One log."""
@@ -47,7 +101,7 @@ class Reading:
         options = ReadOptions(report, self.profile)
         orders: dict[tuple[str, bool], Order] = defaultdict(Order)
         refused = self.rejects.rows.total()
-        before = self.spill.rows
+        before = self.spill.down.rows
         for batch in read_guarded(log.importer, log.path, options):
             batch = self._geographic(batch)
             self.rejects.add(number, batch.rejects)
@@ -57,10 +111,9 @@ class Reading:
         for order in orders.values():
             if rest := order.flush():
                 self._set_down(rest)
-        self.errors.append(None)
-        rows_read = self.spill.rows - before + self.rejects.rows.total() - refused
-        self.summary.rows_read += rows_read
-        self.summary.files.append(
+        rows_read = self.spill.down.rows - before + self.rejects.rows.total() - refused
+        self.out.rows += rows_read
+        self.out.files.append(
             FileSummary(
                 log.path.name,
                 report.format or log.importer.name,
@@ -86,18 +139,16 @@ class Reading:
             self.rejects.refuse(bad, np.ones(len(bad), bool), BACKWARDS)
         if len(good):
             self.spill.add(good)
-            if good.vehicle_id not in self.positioned and (
+            if good.vehicle_id not in self.out.positioned and (
                 np.isfinite(good.floats("latitude")).any() or np.isfinite(good.floats("x")).any()
             ):
-                self.positioned.add(good.vehicle_id)
+                self.out.positioned.add(good.vehicle_id)
 
-    def failed(self, number: int, log: Log, error: FleetlogError) -> None:
-        """A log among several that could not be read at all."""
-        self.errors.append(error)
+    def failed(self, log: Log, error: FleetlogError) -> None:
+        """A log that could not be read at all."""
+        self.out.errors.append(error)
         name = log.importer.name if log.importer else "unknown format"
-        self.summary.files.append(
-            FileSummary(log.path.name, name, damage=[f"nothing is usable: {error.advice}"])
-        )
+        self.out.files.append(FileSummary(log.path.name, name, damage=[f"nothing is usable: {error.advice}"]))
 
 
 def split(batch: RawBatch, number: int, report: ReadReport) -> Iterator[Trajectory]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +19,20 @@ NAME = "rejected.parquet"
 _FLUSH = 50_000
 
 
-class Rejects:
-    """Collects refusals and writes them in pieces; the file exists only when there are any."""
+@dataclass
+class Refused:
+    """What one job refused: rows and values by reason, and the file that keeps them."""
 
-    def __init__(self, folder: Path | None, files: list[str]) -> None:
-        self.folder, self.files = folder, files
+    rows: Counter[str] = field(default_factory=Counter)
+    values: Counter[str] = field(default_factory=Counter)
+    file: Path | None = None
+
+
+class Rejects:
+    """Collects refusals and writes them in pieces; ``file`` exists only when there are any."""
+
+    def __init__(self, file: Path | None, files: list[str]) -> None:
+        self.file, self.files = file, files
         self.rows: Counter[str] = Counter()
         """Rows refused, by reason."""
         self.values: Counter[str] = Counter()
@@ -33,7 +44,7 @@ class Rejects:
         """Refusals of one file."""
         for reject in rejects:
             (self.rows if reject.whole else self.values)[reject.reason] += 1
-        if self.folder is not None:
+        if self.file is not None:
             self._waiting += [(file, r) for r in rejects]
             if len(self._waiting) >= _FLUSH:
                 self._flush()
@@ -48,7 +59,7 @@ class Rejects:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        if not self._waiting or self.folder is None:
+        if not self._waiting or self.file is None:
             return
         kinds = ["row" if r.whole else "value" for _, r in self._waiting]
         table = pa.table({
@@ -59,18 +70,37 @@ class Rejects:
             "text": pa.array([r.text for _, r in self._waiting], pa.string()),
         })  # fmt: skip
         if self._writer is None:
-            self._writer = pq.ParquetWriter(self.folder / NAME, table.schema, compression="zstd")
+            self._writer = pq.ParquetWriter(self.file, table.schema, compression="zstd")
         self._writer.write_table(table)
         self._waiting = []
 
-    def close(self) -> None:
-        """Write what is left."""
+    def close(self) -> Refused:
+        """Write what is left; say what was refused."""
         self._flush()
-        if self._writer is not None:
+        written = self._writer is not None
+        if written:
             self._writer.close()
             self._writer = None
+        return Refused(self.rows, self.values, self.file if written else None)
 
-    @property
-    def any(self) -> bool:
-        """Whether anything was refused."""
-        return bool(self.rows or self.values)
+
+def gather(all_refused: Iterable[Refused], folder: Path, older: Path | None = None) -> Refused:
+    """Everything that was refused as one, and its rows in one file of ``folder``, after those of an ``older`` file."""
+    import pyarrow.parquet as pq
+
+    whole, writer = Refused(), None
+    before = [Refused(file=older)] if older is not None and older.exists() else []
+    for refused in [*before, *all_refused]:
+        whole.rows.update(refused.rows)
+        whole.values.update(refused.values)
+        if refused.file is None:
+            continue
+        with refused.file.open("rb") as stream, pq.ParquetFile(stream) as source:
+            if writer is None:
+                whole.file = folder / NAME
+                writer = pq.ParquetWriter(whole.file, source.schema_arrow, compression="zstd")
+            for group in range(source.num_row_groups):
+                writer.write_table(source.read_row_group(group))
+    if writer is not None:
+        writer.close()
+    return whole

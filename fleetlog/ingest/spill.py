@@ -5,7 +5,6 @@ bounded memory.
 from __future__ import annotations
 
 import itertools
-import shutil
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -26,24 +25,19 @@ WINDOW_ROWS = 100_000
 
 
 @dataclass
-class _Slot:
-    """One vehicle, one day."""
+class Slot:
+    """One vehicle, one day: files set down, with the first and the last time in each, and their rows in all."""
 
-    waiting: list[Trajectory] = field(default_factory=list)
     files: list[tuple[Path, int, int]] = field(default_factory=list)
-    """Files set down, with the first and the last time in each."""
     rows: int = 0
 
 
 class Spill:
-    """Rows by vehicle and day in ``folder``."""
+    """Sets rows down by vehicle and day, into files of ``folder`` whose names begin with ``name``."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.folder.mkdir()
-        self._slots: dict[tuple[str, int], _Slot] = defaultdict(_Slot)
-        self.own: dict[str, bool] = {}
-        """The log's own columns, and whether each is text."""
+    def __init__(self, folder: Path, name: str) -> None:
+        self.folder, self.name, self.down = folder, name, Down()
+        self._waiting: dict[tuple[str, int], list[Trajectory]] = defaultdict(list)
         self._bytes = 0
         self._count = 0
 
@@ -51,7 +45,7 @@ class Spill:
         """Set rows of one vehicle aside."""
         for name, values in rows.columns.items():
             if name not in BY_NAME and name not in INTERNAL:
-                self.own[name] = self.own.get(name, False) or isinstance(values, Labels)
+                self.down.own[name] = self.down.own.get(name, False) or isinstance(values, Labels)
         day = rows.time // DAY
         if len(rows) and day.min() == day.max():
             self._put(rows, int(day[0]))
@@ -59,40 +53,61 @@ class Spill:
             for one in np.unique(day).tolist():
                 self._put(rows[day == one], one)
         if self._bytes > BUDGET:
-            self._set_down()
+            self.finish()
 
     def _put(self, rows: Trajectory, day: int) -> None:
-        slot = self._slots[rows.vehicle_id, day]
-        slot.waiting.append(rows)
-        slot.rows += len(rows)
+        self._waiting[rows.vehicle_id, day].append(rows)
+        self.down.slots.setdefault((rows.vehicle_id, day), Slot()).rows += len(rows)
         self._bytes += len(rows) * 8 * (1 + len(rows.columns))
 
-    def _set_down(self) -> None:
-        for slot in self._slots.values():
-            if slot.waiting:
-                rows = join(slot.waiting)
-                path = self.folder / f"{self._count}.arrow"
-                self._count += 1
-                _save(rows, path)
-                slot.files.append((path, int(rows.time.min()), int(rows.time.max())))
-                slot.waiting = []
+    def finish(self) -> Down:
+        """Set down what waits; what has been set down."""
+        for key, waiting in self._waiting.items():
+            rows = join(waiting)
+            path = self.folder / f"{self.name}-{self._count}.arrow"
+            self._count += 1
+            _save(rows, path)
+            self.down.slots[key].files.append((path, int(rows.time.min()), int(rows.time.max())))
+        self._waiting.clear()
         self._bytes = 0
+        return self.down
+
+
+@dataclass
+class Down:
+    """Rows that were set down, by vehicle and day."""
+
+    slots: dict[tuple[str, int], Slot] = field(default_factory=dict)
+    own: dict[str, bool] = field(default_factory=dict)
+    """The log's own columns, and whether each is text."""
 
     @property
     def vehicles(self) -> list[str]:
         """Ids, sorted."""
-        return sorted({vehicle for vehicle, _ in self._slots})
+        return sorted({vehicle for vehicle, _ in self.slots})
 
     @property
     def rows(self) -> int:
         """Rows in all."""
-        return sum(s.rows for s in self._slots.values())
+        return sum(s.rows for s in self.slots.values())
+
+    def of(self, vehicle: str) -> Down:
+        """Those of one vehicle."""
+        return Down({key: slot for key, slot in self.slots.items() if key[0] == vehicle}, self.own)
+
+    def add(self, later: Down) -> None:
+        """Take in what was set down of later logs."""
+        for key, slot in later.slots.items():
+            mine = self.slots.setdefault(key, Slot())
+            mine.files += slot.files
+            mine.rows += slot.rows
+        for name, text in later.own.items():
+            self.own[name] = self.own.get(name, False) or text
 
     def windows(self, vehicle: str) -> Iterator[tuple[Trajectory, bool]]:
         """The rows of a vehicle in stretches of about ``WINDOW_ROWS``, in order of time, unsorted within;
         whether it is the last.
         """
-        self._set_down()
         before: Trajectory | None = None
         for rows in self._stretches(vehicle):
             if before is not None and len(before) + len(rows) <= WINDOW_ROWS:
@@ -106,7 +121,9 @@ class Spill:
 
     def _stretches(self, vehicle: str) -> Iterator[Trajectory]:
         """Day after day, long days in pieces."""
-        for _, slot in sorted((d, s) for (v, d), s in self._slots.items() if v == vehicle):
+        for _, slot in sorted(
+            ((d, s) for (v, d), s in self.slots.items() if v == vehicle), key=lambda i: i[0]
+        ):
             if slot.rows <= WINDOW_ROWS:
                 yield join([_load(path, vehicle) for path, _, _ in slot.files])
                 continue
@@ -121,16 +138,12 @@ class Spill:
                 if found:
                     yield join(found)
 
-    def _edges(self, slot: _Slot) -> list[int]:
+    def _edges(self, slot: Slot) -> list[int]:
         """Times that cut a day into stretches of about equal numbers of rows."""
         times = np.sort(np.concatenate([_load_time(path) for path, _, _ in slot.files]))
         pieces = -(-len(times) // WINDOW_ROWS)
         cuts = times[[len(times) * k // pieces for k in range(1, pieces)]]
         return [int(times[0]), *np.unique(cuts).tolist(), int(times[-1]) + 1]
-
-    def clear(self) -> None:
-        """Remove the folder."""
-        shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def _between(path: Path, vehicle: str, low: int, high: int) -> list[Trajectory]:

@@ -1,7 +1,9 @@
-"""One vehicle after the other, stretch by stretch: cleaned, placed, matched, cut into trips, written."""
+"""One vehicle, stretch by stretch: cleaned, placed, matched, cut into trips, written."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,92 +13,155 @@ from fleetlog.core.trajectory import Ints, Trajectory
 from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean
 from fleetlog.ingest.channels import join_channels
-from fleetlog.ingest.derive import derive_motion, derive_power, pace_ratio, suspect_unit
-from fleetlog.ingest.edges import Edges
+from fleetlog.ingest.derive import derive_motion, derive_power, pace_ratio
+from fleetlog.ingest.edges import Edges, Tally, log_has_edges
 from fleetlog.ingest.fixes import fill_positions, release_held
-from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place
-from fleetlog.ingest.rejects import Rejects
+from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
+from fleetlog.ingest.rejects import NAME, Refused, Rejects
 from fleetlog.ingest.rows import CHANNEL, HELD, INTERNAL, STUCK, join, with_own_columns, without
-from fleetlog.ingest.spill import WINDOW_ROWS
+from fleetlog.ingest.spill import WINDOW_ROWS, Down
 from fleetlog.ingest.summary import ImportSummary
 from fleetlog.store.trips import trip_ids
+from fleetlog.store.writer import DatasetWriter
+from fleetlog.store.written import Before, Written
 
 if TYPE_CHECKING:
-    from fleetlog.store.writer import DatasetWriter
+    from fleetlog.roads.matching import MatchParameters
 
+DEGREES = "x and y look like degrees: if they are, map them in a profile to longitude and latitude"
+ESTIMATE_ROWS = 2000
+"""The parameters of matching are estimated on the first stretch that has this many rows."""
+MOST_PACES = 50
 OVERLAP = 5000
 """Rows kept back where a stretch has to end within a trip."""
 
 
-class VehicleImport:
-    """The second half of an import; rows come vehicle by vehicle in order of time."""
+@dataclass(frozen=True)
+class Plan:
+    """What is the same for all vehicles of an import.
 
-    def __init__(
-        self,
-        site: Site,
-        writer: DatasetWriter,
-        rejects: Rejects,
-        summary: ImportSummary,
-        own: dict[str, bool],
-        every: MapFrame | None = None,
-    ) -> None:
-        self.every = every
+    ``folder`` is that of the dataset being written, ``scratch`` takes files of the import's own; ``names``
+    are those of the logs, ``own`` their own columns, ``positioned`` the vehicles that have positions.
+    """
+
+    folder: Path
+    scratch: Path
+    site: Site
+    names: list[str]
+    own: dict[str, bool]
+    positioned: frozenset[str]
+    before: Before
+    """What the dataset holds that is added to."""
+    every: MapFrame | None = None
+    """The frame of all rows."""
+    parameters: MatchParameters | None = None
+    notes: tuple[str, ...] = ()
+    """What the first rows look like."""
+
+
+@dataclass
+class Outcome:
+    """What the import of a vehicle came to, beside the rows that were written."""
+
+    refused: Refused
+    written: Written
+    summary: ImportSummary
+    edges: Tally | None
+    stuck: int
+    held: int
+    paces: list[float]
+
+
+def import_vehicle(plan: Plan, job: tuple[int, str, Down]) -> Outcome:
+    """Clean, place, match and write the rows of one vehicle."""
+    number, vehicle, down = job
+    rejects = Rejects(plan.scratch / f"vehicle-{number}-{NAME}", plan.names)
+    work = VehicleImport(plan, rejects, plan.before.next_trip(vehicle))
+    for rows, last in down.windows(vehicle):
+        if vehicle in plan.positioned:
+            work.take(rows, last=last)
+        else:
+            rejects.refuse(rows, np.ones(len(rows), bool), "no log has a position of this vehicle")
+    return work.outcome()
+
+
+def probe(plan: Plan, down: Down) -> Plan:
+    """The plan with the site's frame and the parameters of matching, from the first stretches of the logs.
+
+    Raises
+    ------
+    DataError
+        The logs are of another place than the site.
+    """
+    first = True
+    for vehicle in (v for v in down.vehicles if v in plan.positioned):
+        for rows, _ in down.windows(vehicle):
+            if first:
+                plan = replace(plan, site=with_frame(plan.site, rows))
+            work = VehicleImport(plan, Rejects(None, plan.names))
+            if first and looks_like_degrees(rows):
+                plan = replace(plan, notes=(DEGREES,))
+            rows = work.prepared(rows, check=first)
+            first = False
+            network = plan.site.network
+            if network is None or log_has_edges(rows, network):
+                return plan
+            if len(rows) >= ESTIMATE_ROWS:
+                from fleetlog.roads.matching import estimate_parameters
+
+                return replace(plan, parameters=estimate_parameters(rows, network))
+    return plan
+
+
+class VehicleImport:
+    """The second half of an import for one vehicle; its rows come in order of time."""
+
+    def __init__(self, plan: Plan, rejects: Rejects, trip: int = 0) -> None:
+        site, own = plan.site, plan.own
+        self.every = plan.every
         self.own = own if site.frame is None else {n: t for n, t in own.items() if n not in GEOGRAPHIC}
-        self.site, self.writer, self.rejects, self.summary = site, writer, rejects, summary
-        self.edges = Edges(site.network) if site.network is not None else None
+        self.site, self.rejects, self.summary = site, rejects, ImportSummary()
+        self.writer = DatasetWriter(plan.folder, "recorded", site, plan.before)
+        self.edges = Edges(site.network, plan.parameters) if site.network is not None else None
         self._kept_back: Trajectory | None = None
-        self._trip = 0
+        self._first_trip = self._trip = trip
         self._stuck = self._held = 0
         self._paces: list[float] = []
-        self._checked = False
         self._derived: set[str] = set()
-        self._trips: set[tuple[str, int]] = set()
-        self._span: list[int] = []
+        self._trips: set[int] = set()
+
+    def outcome(self) -> Outcome:
+        """What all this came to."""
+        self.summary.derived, self.summary.trips = sorted(self._derived), len(self._trips)
+        return Outcome(
+            self.rejects.close(), self.writer.written, self.summary, self.edges.tally if self.edges is not None else None,
+            self._stuck, self._held, self._paces,
+        )  # fmt: skip
+
+    def prepared(self, rows: Trajectory, *, check: bool) -> Trajectory:
+        """The first rows of the vehicle as they are matched; ``check`` that they are of the site's place."""
+        rows = self._clean(rows, check=check)
+        rows = clean.drop_duplicates(clean.sort_rows(rows), self.rejects)
+        rows = clean.drop_jumps(release_held(rows), self.rejects)
+        return self._derive(rows) if len(rows) else rows
 
     def take(self, rows: Trajectory, *, last: bool) -> None:
-        """The next stretch of the vehicle, unsorted; after the ``last`` one comes another vehicle."""
+        """The next stretch of the vehicle, unsorted."""
         rows = self._clean(rows)
         if self._kept_back is not None and len(self._kept_back):
             rows = join([self._kept_back, rows]) if len(rows) else self._kept_back
         rows = clean.drop_duplicates(clean.sort_rows(rows), self.rejects)
         rows = clean.drop_jumps(release_held(rows), self.rejects)
         if not len(rows):
-            self._kept_back, self._trip = None, 0 if last else self._trip
+            self._kept_back = None
             return
         full = self._derive(rows)
         trips = self._trip_ids(full)
         cut = len(rows) if last else _cut(trips)
         self._write(full[:cut].with_columns(trip_id=trips[:cut]))
-        self._kept_back, self._trip = (None, 0) if last else (rows[cut:], int(trips[cut]))
+        self._kept_back, self._trip = (None, self._trip) if last else (rows[cut:], int(trips[cut]))
 
-    def end(self) -> None:
-        """Complete the summary."""
-        s = self.summary
-        s.derived = sorted(self._derived)
-        s.trips = len(self._trips)
-        if self._stuck:
-            s.notes.append(
-                f"{self._stuck:,} values of speed, power or current are unknown: their sensor was stuck"
-            )
-        if self._held:
-            s.notes.append(
-                f"{self._held:,} rows repeat a position while the truck moves: "
-                "placed between the fixes by the distance driven"
-            )
-        if unit := suspect_unit(self._paces):
-            s.notes.append(
-                f"the speed is about {unit[1]:.2f} times that of the positions, as if it were in {unit[0]}: "
-                "check its unit"
-            )
-        if self._span:
-            s.start, s.end = (f"{np.datetime64(t, 'us')}Z" for t in self._span)
-        if self.edges is not None and self.edges.rows:
-            s.matched = self.edges.matched / self.edges.rows
-            s.off_map = dict(self.edges.reasons)
-            if self.edges.kept:
-                s.notes.append(f"the edges of {self.edges.kept:,} rows are those that the log has")
-
-    def _clean(self, rows: Trajectory) -> Trajectory:
+    def _clean(self, rows: Trajectory, *, check: bool = False) -> Trajectory:
         """What a row tells by itself, and channels."""
         rows = clean.sort_rows(rows)
         rows = clean.drop_impossible(rows, self.rejects)
@@ -104,13 +169,8 @@ class VehicleImport:
         rows = into_site(rows, self.site.map_frames, self.every)
         sample = rows
         rows = place(rows, self.site)
-        if not self._checked and len(rows):
+        if check and len(rows):
             check_place(rows.floats("x"), rows.floats("y"), self.site, sample)
-            if looks_like_degrees(sample):
-                self.summary.notes.append(
-                    "x and y look like degrees: if they are, map them in a profile to longitude and latitude"
-                )
-            self._checked = True
         if CHANNEL in rows:
             before = len(rows)
             rows = join_channels(rows)
@@ -130,7 +190,7 @@ class VehicleImport:
 
     def _trip_ids(self, rows: Trajectory) -> Ints:
         own = rows.trip_ids()
-        if rows.has("trip_id") and bool((own >= 0).all() and (np.diff(own) >= 0).all()):
+        if rows.has("trip_id") and bool((own >= self._first_trip).all() and (np.diff(own) >= 0).all()):
             return own
         return trip_ids(rows, self._trip)
 
@@ -145,15 +205,17 @@ class VehicleImport:
         s = self.summary
         s.rows += len(rows)
         s.vehicles[rows.vehicle_id] = s.vehicles.get(rows.vehicle_id, 0) + len(rows)
-        self._trips.update((rows.vehicle_id, int(t)) for t in np.unique(rows.trip_ids()))
-        ends = [int(rows.time[0]), int(rows.time[-1])]
-        self._span = [min([ends[0], *self._span[:1]]), max([ends[1], *self._span[1:]])]
+        self._trips.update(np.unique(rows.trip_ids()).tolist())
 
     def _count(self, rows: Trajectory) -> None:
         """What the rows tell about the sensors."""
         self._stuck += int(np.nansum(rows.floats(STUCK))) if STUCK in rows else 0
         self._held += int(np.nansum(rows.floats(HELD))) if HELD in rows else 0
-        if "speed" not in self._derived and len(self._paces) < 50 and (pace := pace_ratio(rows)) is not None:
+        if (
+            "speed" not in self._derived
+            and len(self._paces) < MOST_PACES
+            and (pace := pace_ratio(rows)) is not None
+        ):
             self._paces.append(pace)
 
 

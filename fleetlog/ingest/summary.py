@@ -117,3 +117,27 @@ def _file_lines(group: list[FileSummary]) -> list[str]:
     out += [f"  {note}" for note in one.notes]
     out += [f"  damaged: {text}" for text in one.damage]
     return out
+
+
+def added_up(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
+    """The summary of a dataset to which another import was added: counts add up, lists go on."""
+    out = {key: _both(old.get(key), value) for key, value in new.items()}
+    rows = [s.get("rows", 0) if s.get("matched") is not None else 0 for s in (old, new)]
+    if all(rows):
+        out["matched"] = (old["matched"] * rows[0] + new["matched"] * rows[1]) / sum(rows)
+    spans = [s for s in (old, new) if s.get("start") is not None]
+    if spans:
+        out["start"], out["end"] = min(s["start"] for s in spans), max(s["end"] for s in spans)
+    return out
+
+
+def _both(old: Any, new: Any) -> Any:
+    if isinstance(new, dict) and isinstance(old, dict):
+        return {key: _both(old.get(key), new.get(key)) for key in {**old, **new}}
+    if isinstance(new, list) and isinstance(old, list):
+        return [*old, *(v for v in new if v not in old)]
+    if old is None or new is None:
+        return old if new is None else new
+    if isinstance(new, bool):
+        return new or old
+    return old + new if isinstance(new, int) else new

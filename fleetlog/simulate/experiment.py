@@ -137,7 +137,6 @@ def variants(base: Scenario, factors: Sequence[Factor]) -> list[tuple[dict[str, 
 def experiment(
     bases: Sequence[Scenario],
     factors: Sequence[Factor],
-    workers: int = 1,
     progress: Callable[[float, float], None] = lambda done, total: None,
 ) -> Result:
     """Run every variant of every base, which differ in their seeds alone.
@@ -157,7 +156,7 @@ def experiment(
 
     plan = [(k, base.settings.seed, *v) for base in bases for k, v in enumerate(variants(base, factors))]
     rows = []
-    results = run_all([scenario for *_, scenario in plan], workers)
+    results = run_all([scenario for *_, scenario in plan])
     for (number, seed, values, _), outcome in zip(plan, results, strict=True):
         rows.append({"variant": number, "seed": seed, **values, **_measured(outcome)})
         progress(float(len(rows)), float(len(plan)))

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.site import Place, PlaceKind, Site
-from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 from fleetlog.simulate.tasks import Task
 from fleetlog.store.dataset import Dataset
+from fleetlog.store.days import each_day
 from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED
 
 if TYPE_CHECKING:
@@ -71,8 +71,11 @@ class Stands:
 
 def find_stands(dataset: Dataset) -> Stands:
     """All standstills of a dataset; one pass over its rows."""
-    code = {v: i for i, v in enumerate(dataset.vehicles)}
-    found = [_stands(t, code[t.vehicle_id]) for t in dataset.days(COLUMNS)]
+    code = {v: float(i) for i, v in enumerate(dataset.vehicles)}
+    found = [
+        np.insert(table, 0, code[vehicle], axis=1)
+        for vehicle, table in each_day(dataset, _stands, kinds=(Stands,), cost=0.5e-6)
+    ]
     if not found:
         raise DataError("the dataset has no rows", where=dataset.path)
     table = np.concatenate(found)
@@ -80,8 +83,9 @@ def find_stands(dataset: Dataset) -> Stands:
     return Stands(ints[:, 0], ints[:, 1], ints[:, 2], *table[:, 3:].T)
 
 
-def _stands(t: Trajectory, vehicle: int) -> Floats:
-    """(n, 9) standstills of one truck on one day."""
+def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
+    """The truck, and its (n, 8) standstills on one day."""
+    t = dataset.read(vehicle, date, COLUMNS)
     still = np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED
     gap = np.diff(t.time, prepend=t.time[:1]) * 1e-6 > MAX_GAP
     edge = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
@@ -96,7 +100,6 @@ def _stands(t: Trajectory, vehicle: int) -> Floats:
         rise = soc[b - 1] - soc[a]
         out.append(
             (
-                vehicle,
                 t.time[a],
                 t.time[b - 1],
                 np.nanmedian(x[a:b]),
@@ -107,7 +110,7 @@ def _stands(t: Trajectory, vehicle: int) -> Floats:
                 height[a:b].max(),
             )
         )
-    return np.array(out, dtype=np.float64).reshape(-1, 9)
+    return vehicle, np.array(out, dtype=np.float64).reshape(-1, 8)
 
 
 def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> NDArray[np.int64]:

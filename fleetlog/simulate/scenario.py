@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from fleetlog import interrupt
+from fleetlog import engines
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import FleetlogError
@@ -63,13 +63,9 @@ def attempt(scenario: Scenario) -> Summary | str:
         return str(error)
 
 
-def run_all(scenarios: Sequence[Scenario], workers: int) -> Iterable[Summary | str]:
-    """What becomes of every scenario, in their order; each run is independent of the others."""
-    if min(workers, len(scenarios)) <= 1:
-        yield from map(attempt, scenarios)
-        return
-    with interrupt.workers(min(workers, len(scenarios))) as pool:
-        yield from pool.map(attempt, scenarios)
+def run_all(scenarios: Sequence[Scenario]) -> Iterator[Summary | str]:
+    """What becomes of every scenario, in their order, on the engine in use; each run is independent of the others."""
+    yield from engines.current().run(attempt, scenarios, lambda s: f"seed {s.settings.seed}")
 
 
 def with_plugs(site: Site, place: str, plugs: int) -> Site:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Iterator, Sequence
-from functools import cached_property
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 from fleetlog.core.site import Site, site_from_dict
 from fleetlog.core.trajectory import Trajectory, concatenate, from_arrow
 from fleetlog.errors import DataError, InputError, nearest
+from fleetlog.store.places import is_url, located
 from fleetlog.version import FORMAT_VERSION
 
 if TYPE_CHECKING:
@@ -22,20 +24,30 @@ class Dataset:
     """A trajectory dataset on disk; nothing but its description is read until asked for."""
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+        self.path = located(path)
         description = self.path / "dataset.json"
         if not description.is_file():
             what = "is not a dataset (it has no dataset.json)" if self.path.exists() else "no such dataset"
             raise InputError(what, where=self.path, do="make one with fleetlog import or fleetlog simulate")
         try:
-            self.meta: dict[str, Any] = json.loads(description.read_text(encoding="utf-8"))
+            text = description.read_text(encoding="utf-8")
+            self.meta: dict[str, Any] = json.loads(text)
         except (OSError, ValueError) as error:
             raise InputError(f"not readable: {error}", where=description) from None
+        self._text = text
         version = self.meta.get("format_version")
         if version != FORMAT_VERSION:
             raise InputError(
                 f"format version {version}, this fleetlog reads {FORMAT_VERSION}", where=description
             )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For another process: by its name; the description tells a dataset that was made again."""
+        return _reopened, (str(self.path), self._text)
+
+    def here(self) -> Dataset:
+        """The dataset in this process, where it was handed to it as it was: connections do not fork."""
+        return _reopened(str(self.path), self._text) if is_url(self.path) else self
 
     @property
     def kind(self) -> str:
@@ -55,31 +67,64 @@ class Dataset:
     @cached_property
     def dates(self) -> list[str]:
         """Days with rows (UTC), sorted, as YYYY-MM-DD."""
-        return sorted(p.name.removeprefix("date=") for p in (self.path / "trajectories").glob("date=*"))
+        return sorted({date for _, date in self._parts})
+
+    @cached_property
+    def vehicle_days(self) -> list[tuple[str, str]]:
+        """Vehicle and date of all rows, by vehicle and then by date."""
+        return sorted(self._parts)
+
+    @cached_property
+    def _parts(self) -> dict[tuple[str, str], list[Path]]:
+        """The Parquet files of every vehicle and date, in order of time."""
+        out: dict[tuple[str, str], list[Path]] = {}
+        for file in sorted((self.path / "trajectories").glob("date=*/vehicle_id=*/part-*.parquet")):
+            date, vehicle = (folder.name.partition("=")[2] for folder in (file.parent.parent, file.parent))
+            out.setdefault((unquote(vehicle), date), []).append(file)
+        return out
+
+    def folder_of(self, vehicle: str, date: str) -> str:
+        """The name of the folder of a vehicle-day in ``trajectories``."""
+        return f"date={date}/vehicle_id={quote(vehicle, safe='')}"
+
+    def source(self, days: Iterable[tuple[str, str]]) -> bytes:
+        """The digest (32 bytes) of what some vehicle-days are: names, sizes and times of their files."""
+        return hashlib.sha256(repr([self._told(*day) for day in days]).encode()).digest()
+
+    @lru_cache(maxsize=100_000)  # noqa: B019 - a dataset lives as long as a question
+    def _told(self, vehicle: str, date: str) -> tuple[Any, ...]:
+        derived = self.meta.get("summary", {}).get("derived_by_vehicle", {}).get(vehicle)
+        files = [(p.name, s.st_size, s.st_mtime) for p in self._parts[vehicle, date] for s in [p.stat()]]
+        return self.folder_of(vehicle, date), derived, files
 
     @cached_property
     def site(self) -> Site:
         """The site that it was made with."""
-        return site_from_dict(json.loads((self.path / "site.json").read_text(encoding="utf-8")))
+        return site_from_dict(json.loads(self._site_text))
+
+    @cached_property
+    def _site_text(self) -> str:
+        return (self.path / "site.json").read_text(encoding="utf-8")
+
+    @property
+    def site_digest(self) -> str:
+        """The digest of the site."""
+        return hashlib.sha256(self._site_text.encode()).hexdigest()
 
     @cached_property
     def trips(self) -> pd.DataFrame:
         """One row a trip; see :func:`fleetlog.store.trips.trip_table`."""
         import pandas as pd
 
-        return pd.read_parquet(self.path / "trips.parquet")
+        with (self.path / "trips.parquet").open("rb") as stream:
+            return pd.read_parquet(stream)
 
     def parts(self, vehicle: str, date: str | None = None) -> list[Path]:
         """The Parquet files of a vehicle, in order of time."""
         if vehicle not in self.meta["vehicles"]:
             raise DataError(f"no vehicle {vehicle!r} in {self.path}", do=nearest(vehicle, self.vehicles))
         days = self.dates if date is None else [date]
-        name = f"vehicle_id={quote(vehicle, safe='')}"
-        return [
-            p
-            for d in days
-            for p in sorted((self.path / "trajectories" / f"date={d}" / name).glob("part-*.parquet"))
-        ]
+        return [p for d in days for p in self._parts.get((vehicle, d), ())]
 
     def read(self, vehicle: str, date: str | None = None, columns: Sequence[str] | None = None) -> Trajectory:
         """All rows of a vehicle (of one day); ``columns`` to read only some beside the time."""
@@ -112,11 +157,16 @@ class Dataset:
 
     def days(self, columns: Sequence[str] | None = None) -> Iterator[Trajectory]:
         """One trajectory per vehicle and day, vehicle by vehicle: bounded memory for any length."""
-        for vehicle in self.vehicles:
-            for date in self.dates:
-                trajectory = self.read(vehicle, date, columns)
-                if len(trajectory):
-                    yield trajectory
+        for vehicle, date in self.vehicle_days:
+            trajectory = self.read(vehicle, date, columns)
+            if len(trajectory):
+                yield trajectory
+
+
+@lru_cache(maxsize=4)
+def _reopened(path: str, text: str) -> Dataset:
+    """A dataset in another process, of which the site is read once; ``text`` is its description."""
+    return Dataset(path)
 
 
 def read_batches(path: Path, vehicle: str, columns: Sequence[str] | None, rows: int) -> Iterator[Trajectory]:
@@ -125,9 +175,9 @@ def read_batches(path: Path, vehicle: str, columns: Sequence[str] | None, rows: 
     import pyarrow.parquet as pq
 
     try:
-        file = pq.ParquetFile(path)
-        for batch in file.iter_batches(rows, columns=_present(file, columns)):
-            yield from_arrow(pa.Table.from_batches([batch]), vehicle)
+        with path.open("rb") as stream, pq.ParquetFile(stream) as file:
+            for batch in file.iter_batches(rows, columns=_present(file, columns)):
+                yield from_arrow(pa.Table.from_batches([batch]), vehicle)
     except (OSError, pa.ArrowInvalid) as error:
         raise InputError(f"damaged: {error}", where=path, do="make the dataset again") from None
 
@@ -146,7 +196,7 @@ def read_part(path: Path, vehicle: str, columns: Sequence[str] | None = None) ->
     import pyarrow.parquet as pq
 
     try:
-        file = pq.ParquetFile(path)
-        return from_arrow(file.read(columns=_present(file, columns)), vehicle)
+        with path.open("rb") as stream, pq.ParquetFile(stream) as file:
+            return from_arrow(file.read(columns=_present(file, columns)), vehicle)
     except (OSError, pa.ArrowInvalid) as error:
         raise InputError(f"damaged: {error}", where=path, do="make the dataset again") from None

@@ -26,7 +26,9 @@ MARK = ".fleetlog"
 """In a folder: its kind and the names written into it.  ``.NAME.fleetlog`` beside a file:
 its kind and digest.
 """
-REMADE = frozenset({MARK, "recording.rrd", ".recording.rrd.partial"})
+PARTIALS = ".partials"
+"""In a dataset: partial results of questions asked of it."""
+REMADE = frozenset({MARK, "recording.rrd", ".recording.rrd.partial", PARTIALS})
 """Names in an output that fleetlog may add later."""
 NOREPLACE, EXCHANGE = 1, 2
 _held: set[int] = set()
@@ -99,6 +101,19 @@ def remade(part: Path) -> Iterator[Path]:
         yield scratch / "new"
         _sync(scratch / "new")
         (scratch / "new").replace(part)
+
+
+def share(source: Path, target: Path) -> None:
+    """Make ``target`` a folder with the files of ``source``, as hard links, or copies where there are none."""
+    if source.is_dir():
+        shutil.copytree(source, target, copy_function=_linked)
+
+
+def _linked(source: str, target: str) -> None:
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copy2(source, target)
 
 
 def check_free(

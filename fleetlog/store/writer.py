@@ -18,10 +18,13 @@ from fleetlog.core.columns import HIVE_NULL
 from fleetlog.core.site import Site, site_to_dict
 from fleetlog.core.trajectory import Trajectory, to_arrow
 from fleetlog.errors import DataError
+from fleetlog.store.dataset import Dataset
 from fleetlog.store.documents import write_json
 from fleetlog.store.events import Tables
-from fleetlog.store.output import atomic_output
+from fleetlog.store.output import PARTIALS, atomic_output, share
+from fleetlog.store.places import is_url, located, uploaded
 from fleetlog.store.trips import table_of, trip_columns
+from fleetlog.store.written import Before, Written, before_of
 from fleetlog.version import FORMAT_VERSION
 
 if TYPE_CHECKING:
@@ -45,17 +48,16 @@ class DatasetWriter:
     out the same.
     """
 
-    def __init__(self, path: Path, kind: Literal["recorded", "simulated"], site: Site) -> None:
+    def __init__(
+        self, path: Path, kind: Literal["recorded", "simulated"], site: Site, before: Before | None = None
+    ) -> None:
+        self.before = before or Before()
         self.path, self.kind, self.site = path, kind, site
         self.compression: Literal["zstd", "snappy"] = "zstd"
         self.provenance: dict[str, Any] = {}
         self.summary: dict[str, Any] = {}
         self.tables = Tables(path)
-        self._rows: dict[str, int] = {}
-        self._first: dict[str, int] = {}
-        self._last: dict[str, int] = {}
-        self._columns: dict[str, str] = {}
-        self._trips: list[dict[str, NDArray[Any]]] = []
+        self.written = Written()
         self._parts: dict[tuple[str, str], int] = {}
 
     @classmethod
@@ -72,8 +74,40 @@ class DatasetWriter:
         """A writer whose dataset appears as ``target`` when the block ends well;
         ``inputs`` are what is read.
         """
-        with atomic_output(target, f"{kind} dataset", overwrite=overwrite, inputs=inputs) as scratch:
+        kind_of = f"{kind} dataset"
+        place = (
+            uploaded(located(target), overwrite=overwrite)
+            if is_url(target)
+            else atomic_output(target, kind_of, overwrite=overwrite, inputs=inputs)
+        )
+        with place as scratch:
             writer = cls(scratch, kind, site)
+            yield writer
+            writer.finish()
+
+    @classmethod
+    @contextmanager
+    def append(cls, target: str | Path, *, inputs: Iterable[Path] = ()) -> Iterator[DatasetWriter]:
+        """A writer whose rows are added to the recorded dataset ``target`` when the block ends well.
+
+        No file of its rows is written again: the new dataset takes the place of the older one at once, and
+        shares them with it (as hard links; copies where the file system has none).
+        """
+        old = Dataset(target)
+        if old.kind != "recorded":
+            raise DataError(f"is {old.kind}, not recorded: nothing can be added", where=target)
+        before = before_of(old)
+        remote = is_url(target)
+        place = (
+            uploaded(old.path, new=False)
+            if remote
+            else atomic_output(target, "recorded dataset", overwrite=True, inputs=inputs)
+        )
+        with place as scratch:
+            if not remote:
+                for name in ("trajectories", PARTIALS):
+                    share(old.path / name, scratch / name)
+            writer = cls(scratch, "recorded", old.site, before)
             yield writer
             writer.finish()
 
@@ -99,21 +133,22 @@ class DatasetWriter:
                 self._write_part(
                     vehicle, int(time[begin]) // DAY, table[piece.start + begin : piece.start + end]
                 )
-            self._first.setdefault(vehicle, int(time[0]))
-            self._last[vehicle] = int(time[-1])
-            self._rows[vehicle] = self._rows.get(vehicle, 0) + each
+            self.written.first.setdefault(vehicle, int(time[0]))
+            self.written.last[vehicle] = int(time[-1])
+            self.written.rows[vehicle] = self.written.rows.get(vehicle, 0) + each
         if rows.has("trip_id"):
-            self._trips.append(trip_columns(rows, vehicles))
+            self.written.trips.append(trip_columns(rows, vehicles))
 
     def _check(self, piece: Trajectory) -> None:
         piece.check()
-        if piece.time[0] <= self._last.get(piece.vehicle_id, -(1 << 62)):
-            raise DataError(f"vehicle {piece.vehicle_id}: rows are not later than those already written")
+        vehicle = piece.vehicle_id
+        if piece.time[0] <= self.written.last.get(vehicle, self.before.last.get(vehicle, -(1 << 62))):
+            raise DataError(f"vehicle {vehicle}: rows are not later than those already written")
 
     def _name_columns(self, schema: pa.Schema) -> None:
         for name in schema.names:
-            if name not in self._columns:
-                self._columns[name] = (schema.field(name).metadata or {}).get(b"unit", b"").decode()
+            if name not in self.written.columns:
+                self.written.columns[name] = (schema.field(name).metadata or {}).get(b"unit", b"").decode()
 
     def _write_part(self, vehicle: str, day: int, table: pa.Table) -> None:
         import pyarrow as pa
@@ -121,9 +156,9 @@ class DatasetWriter:
 
         date = str(np.datetime64(day, "D"))
         folder = self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(vehicle, safe='')}"
-        number = self._parts.get((vehicle, date), 0)
+        number = self._parts.get((vehicle, date), self.before.parts.get((vehicle, date), 0))
         self._parts[vehicle, date] = number + 1
-        if not number:
+        if number == self.before.parts.get((vehicle, date), 0):
             if vehicle == HIVE_NULL:
                 raise DataError(
                     f"no vehicle can be called {HIVE_NULL}", do="rename it: readers take it for unknown"
@@ -140,8 +175,12 @@ class DatasetWriter:
         """Write trips, site and description; :meth:`create` calls it."""
         self._write_trips()
         write_json(self.path / "site.json", site_to_dict(self.site))
-        span = (min(self._first.values()), max(self._last.values())) if self._rows else ()
-        start, end = (_iso(t) for t in span) if span else (None, None)
+        before, written = self.before, self.written
+        columns = {"vehicle_id": "", **before.columns, **written.columns}
+        rows = {v: before.rows.get(v, 0) + written.rows.get(v, 0) for v in {**before.rows, **written.rows}}
+        first = [*written.first.values(), *([] if before.first is None else [before.first])]
+        last = [*written.last.values(), *before.last.values()]
+        start, end = (_iso(min(first)), _iso(max(last))) if rows else (None, None)
         frame = self.site.frame
         description = {
             "format_version": FORMAT_VERSION,
@@ -153,11 +192,11 @@ class DatasetWriter:
                 else {k: getattr(frame, k) for k in ("latitude", "longitude", "rotation", "timezone")},
                 "edges": 0 if self.site.network is None else len(self.site.network),
             },
-            "vehicles": dict(sorted(self._rows.items())),
+            "vehicles": dict(sorted(rows.items())),
             "start": start,
             "end": end,
-            "rows": sum(self._rows.values()),
-            "columns": {"vehicle_id": "", **self._columns},
+            "rows": sum(rows.values()),
+            "columns": columns,
             "provenance": self.provenance,
             "summary": self.summary,
         }
@@ -171,8 +210,11 @@ class DatasetWriter:
 
         from fleetlog.store.trips import merge_split_trips
 
-        table = table_of(self._trips)
+        table = table_of(self.written.trips)
         trips = merge_split_trips(table) if len(table) else pd.DataFrame({"vehicle_id": [], "trip_id": []})
+        if self.before.trips is not None and len(self.before.trips):
+            trips = pd.concat([self.before.trips, trips]) if len(trips) else self.before.trips
+            trips = trips.sort_values(["vehicle_id", "trip_id"], ignore_index=True)
         trips.to_parquet(self.path / "trips.parquet", index=False)
 
 

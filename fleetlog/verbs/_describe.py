@@ -13,6 +13,7 @@ import numpy as np
 from fleetlog.core.words import count
 from fleetlog.errors import FleetlogError, FormatError, InputError
 from fleetlog.store.output import MARK
+from fleetlog.store.places import is_url
 
 if TYPE_CHECKING:
     from fleetlog.core.site import Site
@@ -27,7 +28,7 @@ def describe(path: Path) -> Described:
     """A dataset, log, map, site, truck or recording, or another folder that fleetlog wrote;
     :class:`InputError` says what was tried where nothing fits.
     """
-    if (path / "dataset.json").is_file():
+    if is_url(path) or (path / "dataset.json").is_file():
         return _dataset(path)
     if (path / MARK).is_file():
         return _output(path)

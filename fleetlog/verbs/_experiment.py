@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,7 +22,6 @@ def settings_file(given: dict[str, Any]) -> dict[str, Any]:
     """Add the arguments that are not given from the TOML file ``experiment``, if there is one."""
     if given.get("experiment") is None:
         return given
-    from fleetlog.api.signature import options_of
     from fleetlog.verbs.simulate import simulate
 
     path = Path(given["experiment"])
@@ -31,7 +29,7 @@ def settings_file(given: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(vary := table.pop("vary", {}), dict):
         raise ArgumentError(f"{path}: vary is not a table", option="--experiment", do="write [vary]")
     table = {name.replace("-", "_"): _as_typed(value) for name, value in table.items()}
-    known = {o.name: o for o in options_of(simulate.function)}  # type: ignore[attr-defined]
+    known = {o.name: o for o in simulate.options}  # type: ignore[attr-defined]
     for name, value in table.items():
         wrong = f"unknown key {name!r}; {nearest(name, known)}" if name not in known else ""
         if name in known and isinstance(value, list) and not known[name].many:
@@ -72,5 +70,4 @@ def run_experiment(asked: SimpleNamespace, bases: Sequence[Scenario]) -> Result:
     double = {f.name for f in factors if sum(f.name == g.name for g in factors) > 1}
     if double:
         raise ArgumentError(f"{', '.join(sorted(double))} is varied twice", option="--vary")
-    workers = asked.workers or os.cpu_count() or 1
-    return experiment(bases, factors, workers, lambda done, total: progress("experiment", done / total))
+    return experiment(bases, factors, lambda done, total: progress("experiment", done / total))

@@ -10,7 +10,7 @@ from typing import Any
 from fleetlog.api.answer import Answer, destination
 from fleetlog.api.inputs import as_dataset, as_physics, as_truck, files_of
 from fleetlog.api.signature import SHARED, Option, options_of
-from fleetlog.api.verb import Verb
+from fleetlog.api.verb import JOBS, Verb, on_engine
 from fleetlog.core.arguments import Named
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.registry import part, part_lines
@@ -26,13 +26,13 @@ class Analysis(Verb):
     """An analysis as a function of the library: inputs may be paths, and the result can be saved and shown."""
 
     def __init__(self, name: str, function: Callable[..., Any]) -> None:
-        super().__init__(function, name=name, added=OUTPUT)
+        super().__init__(function, name=name, added=(*JOBS, *OUTPUT))
 
     def run(self, given: dict[str, Any]) -> Answer:
         """Answer the question; write the answer to ``output`` where one is given."""
         output, overwrite = given.pop("output", None), given.pop("overwrite", False)
         inputs = files_of(*(given[o.name] for o in self.options if o.name in given and o.is_input))
-        with destination(output, "analysis", overwrite, inputs) as keep:
+        with on_engine(given), destination(output, "analysis", overwrite, inputs) as keep:
             loaded = self._loaded(given)
             return keep(Answer.of(self.function(**loaded), loaded["dataset"].site))
 

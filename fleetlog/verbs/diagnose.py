@@ -16,7 +16,7 @@ from fleetlog.api.inputs import (
     as_truck,
     files_of,
 )
-from fleetlog.api.verb import verb
+from fleetlog.api.verb import verb_with_jobs
 from fleetlog.core.arguments import Names, Seed
 from fleetlog.errors import EXIT_DONE, EXIT_INPUT, ArgumentError, nearest
 from fleetlog.listening import notice, progress
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 CHANNELS = ("battery_power", "soc", "speed")
 
 
-@verb
+@verb_with_jobs
 def diagnose(
     dataset: DatasetLike, *, truck: TruckLike, site: SiteLike | None = None,
     against: DatasetLike | None = None,

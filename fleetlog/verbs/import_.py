@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 from fleetlog.api.answer import Answer, dataset_answer
 from fleetlog.api.inputs import LogsLike, PathLike, SiteLike, as_path, as_site, existing, files_of, temporary
-from fleetlog.api.verb import verb
+from fleetlog.api.verb import verb_with_jobs
 from fleetlog.core.arguments import Between, PartOf
 from fleetlog.errors import ArgumentError
 from fleetlog.listening import progress
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from fleetlog.store import DatasetWriter
 
 
-@verb
+@verb_with_jobs
 def import_(
     logs: LogsLike, *, site: SiteLike | None = None, format: Annotated[str, PartOf("fleetlog.importers", "IMPORTER")] | None = None,
     profile: PathLike | None = None, align: bool = False, dry_run: bool = False, recording: bool = True,
-    rate: Annotated[float, Between(0.0, 1e6, above=True)] = 2.0, output: PathLike | None = None,
-    overwrite: bool = False,
+    rate: Annotated[float, Between(0.0, 1e6, above=True)] = 2.0, append: bool = False,
+    output: PathLike | None = None, overwrite: bool = False,
 ) -> Answer:  # fmt: skip
     """Read LOGs (files, folders, patterns), match them to the roads, write a dataset and its replay.
 
@@ -39,7 +39,8 @@ def import_(
     dry_run : show the first rows as they would be read; write nothing.
     recording : write the replay (``fleetlog view`` can make it later).
     rate : samples per second of each vehicle in the replay.
-    output : folder of the dataset.
+    append : add the rows to a dataset that is there, of which the site is used; no replay is written.
+    output : folder of the dataset, or a URL (``s3://...``).
 
     Examples
     --------
@@ -50,6 +51,8 @@ def import_(
     >>> recorded.dataset.read("T1").to_pandas().columns[:3].tolist()
     ['vehicle_id', 'timestamp', 'x']
     """
+    if append and (overwrite or site is not None or output is None):
+        raise ArgumentError("goes with an output, not with --overwrite or --site", option="--append")
     if align and site is None:
         raise ArgumentError("--align fits a log to the roads of --site: name it")
     paths = [as_path(log) for log in cast("Sequence[LogsLike]", logs)]
@@ -59,26 +62,30 @@ def import_(
         shown = preview(paths, format=format, profile=None if profile is None else existing(profile))
         return Answer("import", shown.to_dict(), lines=shown.lines(), status=shown.exit_status)
     return _written(
-        paths, site, format, None if profile is None else existing(profile), rate if recording else None,
-        output, overwrite, align,
+        paths, site, format, None if profile is None else existing(profile), rate if recording and not append else None,
+        output, append, overwrite, align,
     )  # fmt: skip
 
 
 def _written(
     logs: list[Path], site: SiteLike | None, format: str | None, profile: Path | None, rate: float | None,
-    output: PathLike | None, overwrite: bool, align: bool,
+    output: PathLike | None, append: bool, overwrite: bool, align: bool,
 ) -> Answer:  # fmt: skip
     from fleetlog.core.site import Site
     from fleetlog.ingest.files import expanded
     from fleetlog.ingest.pipeline import import_logs
     from fleetlog.store import DatasetWriter
 
-    place = Site() if site is None else as_site(site)
     target = temporary() / "dataset" if output is None else as_path(output)
     inputs = files_of(*expanded(logs), site, profile)
-    with DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs) as writer:
+    if append:
+        opened = DatasetWriter.append(target, inputs=inputs)
+    else:
+        place = Site() if site is None else as_site(site)
+        opened = DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs)
+    with opened as writer:
         summary = import_logs(
-            logs, place, writer, format=format, profile=profile, progress=progress, align=align
+            logs, writer.site, writer, format=format, profile=profile, progress=progress, align=align
         )
         if rate is not None:
             _replay(writer, rate)

@@ -17,10 +17,10 @@ from fleetlog.api.inputs import (
     existing,
     files_of,
 )
-from fleetlog.api.verb import verb
+from fleetlog.api.verb import verb_with_jobs
 
 
-@verb
+@verb_with_jobs
 def report(
     datasets: DatasetsLike, *, truck: TruckLike | None = None, tariff: PathLike | None = None,
     timezone: str | None = None, diagnosis: bool = True, tables: PathLike | None = None,

@@ -53,7 +53,6 @@ def simulate(
     charge_below: Share = 0.3, policy: Literal["opportunity", "threshold"] = "opportunity",
     shadow: bool = True, experiment: PathLike | None = None, vary: tuple[str, ...] = (),
     runs: Annotated[int, Between(1, 10_000, whole=True)] = 1,
-    workers: Annotated[int, Between(1, 10_000, whole=True)] | None = None,
     chemistry: Literal["constant", "lfp", "lead"] = "constant",
     temperature: Annotated[float, Between(-80.0, 80.0)] = 20.0, recording: bool = True,
     output: PathLike | None = None, overwrite: bool = False,
@@ -82,7 +81,6 @@ def simulate(
     experiment : TOML whose keys are these options, and a table [vary].
     vary : compare: plugs=2..6, close=ROAD,ROAD, policy=..., or room at a place: dock-1=1..3.
     runs : number of seeds of an experiment, from --seed on.
-    workers : processes of an experiment; by default one per core.
     chemistry : of the battery; constant: constant voltage.
     temperature : of the air [degC].
     recording : write the replay (``fleetlog view`` can make it later).

@@ -56,7 +56,8 @@ def _driven(dataset: Dataset) -> Floats:
     corners = []
     for vehicle in dataset.vehicles:
         for part in dataset.parts(vehicle):
-            meta = pq.ParquetFile(part).metadata
+            with part.open("rb") as stream:
+                meta = pq.ParquetFile(stream).metadata
             names = meta.schema.names
             for group in range(meta.num_row_groups):
                 x, y = (meta.row_group(group).column(names.index(c)).statistics for c in ("x", "y"))

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from fleetlog.errors import InputError
+from fleetlog.store.places import is_url
 from fleetlog.view.headless import ViewerError, binary, environment, free_port
 
 
@@ -20,6 +24,8 @@ def recording_of(path: Path, *, rate_hz: float | None = None, say: Callable[[str
     """
     if path.is_file():
         return _checked(path)
+    if is_url(path):
+        return _made_here(path, rate_hz, say)
     recording = path / "recording.rrd"
     description = path / "dataset.json"
     if not description.is_file():
@@ -37,6 +43,16 @@ def recording_of(path: Path, *, rate_hz: float | None = None, say: Callable[[str
         say(f"making {recording}")
         write_recording(path, recording, rate_hz=rate_hz or RATE)
     return recording
+
+
+def _made_here(path: Path, rate_hz: float | None, say: Callable[[str], None]) -> Path:
+    """The recording of a dataset behind a URL, in a folder that goes when this process ends."""
+    from fleetlog.view.recording import RATE, write_recording
+
+    folder = tempfile.mkdtemp(prefix="fleetlog-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    say(f"making the replay of {path}")
+    return write_recording(path, Path(folder) / "recording.rrd", rate_hz=rate_hz or RATE)
 
 
 def _checked(path: Path) -> Path:

@@ -101,8 +101,13 @@ def test_the_same_fleet_shows_no_difference_and_another_does(tmp_path):
     assert mask.mean() < 0.02
     stay = compute(b, cells)
     moved = compute(a, cells)
-    for unit in moved.units:  # the whole fleet now also stands for ten minutes at one corner
-        unit[2, 2] += 600
+    corner = 2 * cells.columns + 2
+    for k, (cell, time) in enumerate(
+        moved.units
+    ):  # the whole fleet now also stands for ten minutes at one corner
+        assert corner not in cell
+        at = np.searchsorted(cell, corner)
+        moved.units[k] = np.insert(cell, at, corner), np.insert(time, at, 600.0)
     moved.grid[0, 2, 2] += 600 * len(moved.units)
     share, mask = difference(moved, stay)
     assert mask[2, 2] and share[2, 2] > 0

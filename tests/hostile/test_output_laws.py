@@ -283,19 +283,22 @@ def test_locks_that_a_file_system_does_not_know_are_said(
 ORPHANED = """
 import os, sys, time
 from pathlib import Path
-from fleetlog import interrupt
+from contextlib import closing
+from fleetlog.engines.processes import Processes
 from fleetlog.store.output import atomic_output
+def work(seconds):
+    print(os.getpid(), flush=True)
+    time.sleep(seconds)
 with atomic_output(Path(sys.argv[1]), "thing"):
     if sys.argv[2] == "fork":
         if not os.fork():
             time.sleep(10)
         os._exit(9)
-    with interrupt.workers(1) as pool:
-        pool.submit(time.sleep, 60)
-        print(pool.submit(time.sleep, 60) and [*pool._processes][0], flush=True)
+    with closing(Processes(2, always=True).run(work, [0, 60, 60])) as results:
+        next(results)
         if sys.argv[2] == "raise":
             raise ZeroDivisionError
-        time.sleep(60)
+        next(results)
 """
 
 

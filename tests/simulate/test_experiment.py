@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from scipy import stats
 from simulated_sites import TRUCK, grid, place
 
+from fleetlog import engines
 from fleetlog.cli.commands import load_verb
 from fleetlog.core.result import half_width
 from fleetlog.errors import DataError, InputError, OutputError
@@ -85,7 +86,8 @@ def test_fleets_of_any_size_draw_the_same_tasks(tmp_path):
 def test_runs_are_independent_of_who_does_them_and_of_the_others():
     factors = [factor("vehicles=2,4")]
     alone = experiment([base(seed=1)], factors)
-    both = experiment([base(seed=0), base(seed=1)], factors, workers=2)
+    with engines.using(2):
+        both = experiment([base(seed=0), base(seed=1)], factors)
     mine = both.tables["runs"].query("seed == 1").reset_index(drop=True)
     pd.testing.assert_frame_equal(mine, alone.tables["runs"])
     assert (mine.tasks_done > 0).all() and mine.tasks_done.is_monotonic_increasing

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.analysis.clusters.steps import Fleet
+from fleetlog.analysis.clusters.crowds import Crowds
+from fleetlog.analysis.clusters.steps import DAY
 from fleetlog.analysis.clusters.tracking import Episode
 from fleetlog.core.network import Network
 
@@ -29,28 +30,51 @@ class Samples:
 
     episode: NDArray[np.int64]
     truck: NDArray[np.int64]
-    step: NDArray[np.int64]
+    time: NDArray[np.int64]
     edge: NDArray[np.int32]
     offset: Floats
     delay: Floats
     """dt (1 - v / v_free), clipped at 0 [s]."""
 
 
-def samples(fleet: Fleet, found: list[Episode], free_speed: Floats) -> Samples:
+@dataclass(frozen=True)
+class Watched:
+    """What was looked at: vehicles, and the time grid from ``start`` to before ``stop`` in steps [us]."""
+
+    vehicles: tuple[str, ...]
+    start: int
+    stop: int
+    step: int
+
+    @property
+    def seconds(self) -> float:
+        """Of a step."""
+        return self.step * 1e-6
+
+    @property
+    def time(self) -> NDArray[np.int64]:
+        """The time grid [us]."""
+        return np.arange(self.start, self.stop, self.step, dtype=np.int64)
+
+    @property
+    def hours(self) -> float:
+        """From start to stop."""
+        return -(-(self.stop - self.start) // self.step) * self.seconds / 3600.0
+
+
+def samples(c: Crowds, found: list[Episode], free_speed: Floats, step: float) -> Samples:
     """The truck-steps of all episodes; ``free_speed`` (E,) is what an undisturbed truck drives
     on each edge [m/s].
     """
-    number, truck, step = [], [], []
-    for i, e in enumerate(found):
-        for t, members in zip(e.steps, e.members, strict=True):
-            number += [i] * len(members)
-            truck += members.tolist()
-            step += [t] * len(members)
-    k, v = np.array(number, dtype=np.int64), np.array(truck, dtype=np.int64)
-    row = np.array(step, dtype=np.int64)
-    edge, speed = fleet.edge[row, v], fleet.speed[row, v]
-    delay = fleet.step * np.clip(1.0 - speed / free_speed[edge], 0.0, 1.0)
-    return Samples(k, v, row, edge, fleet.offset[row, v], delay)
+    cluster = np.array([k for e in found for k in e.clusters], dtype=np.int64)
+    number = np.repeat(np.arange(len(found)), [len(e.clusters) for e in found])
+    size = c.size[cluster]
+    begin = np.cumsum(size) - size
+    member = np.repeat(c.first[cluster] - begin, size) + np.arange(int(size.sum()))
+    edge = c.edge[member]
+    delay = step * np.clip(1.0 - c.speed[member] / free_speed[edge], 0.0, 1.0)
+    time = np.repeat(c.time[cluster], size)
+    return Samples(np.repeat(number, size), c.truck[member], time, edge, c.offset[member], delay)
 
 
 def bins(network: Network, edge: NDArray[np.int32], offset: Floats) -> NDArray[np.int64]:
@@ -68,7 +92,7 @@ def bin_centres(network: Network, codes: NDArray[np.int64]) -> Floats:
     return network.position(edge, middle)[:, :2]
 
 
-def critical_areas(network: Network, s: Samples, fleet: Fleet, seed: int = 0) -> pd.DataFrame:
+def critical_areas(network: Network, s: Samples, watched: Watched, seed: int = 0) -> pd.DataFrame:
     """Connected places with critical delay, most delay first.
 
     Columns: area, x, y [m], delay [s], vehicle_seconds [s], episodes, vehicles, episodes_per_hour, roads,
@@ -83,9 +107,9 @@ def critical_areas(network: Network, s: Samples, fleet: Fleet, seed: int = 0) ->
     s, inverse = _at(s, bins(network, s.edge, s.offset), places)
     group = _connected(xy)
     area = group[inverse]
-    hours = len(fleet.time) * fleet.step / 3600.0
-    day = (fleet.time - fleet.time[0]) // 86_400_000_000
-    unit, units = (day[s.step], int(day[-1]) + 1) if day[-1] >= 4 else (s.truck, len(fleet.vehicles))
+    hours = watched.hours
+    days = (watched.stop - 1 - watched.start) // DAY + 1
+    unit, units = ((s.time - watched.start) // DAY, days) if days >= 5 else (s.truck, len(watched.vehicles))
     low, high, first = _resampled(area, unit, units, s.delay, int(group.max()) + 1, seed)
     rows = []
     for a in range(int(group.max()) + 1):
@@ -98,7 +122,7 @@ def critical_areas(network: Network, s: Samples, fleet: Fleet, seed: int = 0) ->
                 "x": x,
                 "y": y,
                 "delay": s.delay[mine].sum(),
-                "vehicle_seconds": float(mine.sum()) * fleet.step,
+                "vehicle_seconds": float(mine.sum()) * watched.seconds,
                 "episodes": len(np.unique(s.episode[mine])),
                 "vehicles": len(np.unique(s.truck[mine])),
                 "episodes_per_hour": len(np.unique(s.episode[mine])) / max(hours, 1e-9),

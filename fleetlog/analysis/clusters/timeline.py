@@ -6,13 +6,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.analysis.clusters.steps import Fleet
+from fleetlog.analysis.clusters.areas import Watched
+from fleetlog.analysis.clusters.crowds import Crowds
 from fleetlog.analysis.clusters.tracking import Episode
 from fleetlog.core.result import Series
 
 MARGIN = 10.0
 """An episode this far outside an area's radius belongs to none [m]."""
 SHOWN = 5
+MOST_POINTS = 200_000
 
 
 def area_of(table: pd.DataFrame, areas: pd.DataFrame) -> NDArray[np.int64]:
@@ -28,15 +30,21 @@ def area_of(table: pd.DataFrame, areas: pd.DataFrame) -> NDArray[np.int64]:
     return np.where(near, areas.area.to_numpy()[best], 0)
 
 
-def timeline(fleet: Fleet, found: list[Episode], area: NDArray[np.int64]) -> Series:
-    """Trucks in open episodes over time, a curve for each of the first areas and one for elsewhere."""
-    steps = len(fleet.time)
-    named = [a for a in sorted(set(area.tolist())) if 0 < a <= SHOWN]
-    curves = {f"area {a}": np.zeros(steps) for a in named}
-    rest = np.zeros(steps)
-    for e, a in zip(found, area.tolist(), strict=True):
-        curve = curves.get(f"area {a}", rest)
-        curve[np.array(e.steps)] += [len(m) for m in e.members]
-    if rest.any() or not curves:
-        curves["elsewhere"] = rest
-    return Series("episodes", fleet.time, curves, "time", "trucks", over_time=True)
+def timeline(c: Crowds, watched: Watched, found: list[Episode], area: NDArray[np.int64]) -> Series:
+    """Trucks in open episodes over time, a curve for each of the first areas and one for elsewhere.
+
+    Of long recordings the most in each of ``MOST_POINTS`` intervals.
+    """
+    steps = -(-(watched.stop - watched.start) // watched.step)
+    width = watched.step * max(1, -(-steps // MOST_POINTS))
+    time = np.arange(watched.start, watched.stop, width, dtype=np.int64)
+    shown = np.where((area > 0) & (area <= SHOWN), area, 0)
+    curves: dict[str, NDArray[np.float64]] = {}
+    for number in [*sorted({*shown.tolist()} - {0}), 0]:
+        of = [k for e, a in zip(found, shown.tolist(), strict=True) if a == number for k in e.clusters]
+        at, inverse = np.unique(c.time[of], return_inverse=True)
+        curve = np.zeros(len(time))
+        np.maximum.at(curve, (at - watched.start) // width, np.bincount(inverse, c.size[of], len(at)))
+        if number or of or not curves:
+            curves[f"area {number}" if number else "elsewhere"] = curve
+    return Series("episodes", time, curves, "time", "trucks", over_time=True)

@@ -19,9 +19,11 @@ def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple
     """
     shares = [m.grid[0] / max(m.grid[0].sum(), 1e-12) for m in (a, b)]
     observed = shares[0] - shares[1]
-    pool = np.array([u / max(u.sum(), 1e-12) for u in (*a.units, *b.units) if u.sum() > 0])
-    seen = np.flatnonzero(pool.sum(axis=0).ravel() > 0)
-    flat = pool.reshape(len(pool), -1)[:, seen]
+    units = [(cell, time) for cell, time in (*a.units, *b.units) if len(cell)]
+    seen = np.unique(np.concatenate([cell for cell, _ in units]))
+    flat = np.zeros((len(units), len(seen)))
+    for row, (cell, time) in zip(flat, units, strict=True):
+        row[np.searchsorted(seen, cell)] = time / time.sum()
     rng = np.random.default_rng(seed)
     na, nb = max(len(a.units), 1), max(len(b.units), 1)
     null = np.array([

@@ -16,6 +16,7 @@ from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
+from fleetlog.store.days import each_day
 from fleetlog.store.trips import STANDING_SPEED
 
 LAYERS = ("time", "distance", "energy", "standing", "passages", "energy_time")
@@ -33,7 +34,13 @@ STRETCH = 5.0
 MAX_CELLS = 25_000_000
 LADEN = 25.0
 
+COLUMNS = ("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payload")
+ROW_COST = 1e-6
+"""What the sums of a row cost [s]."""
+
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -50,19 +57,42 @@ class Cells:
 @dataclass
 class HeatMap:
     """Sums per cell (6, rows, columns) and stretch of directed edge (6, bins);
-    time per unit (vehicle-day) for tests.
+    of every unit (vehicle-day) the cells with time in them and that time, for tests.
     """
 
     cells: Cells
     grid: Floats
     edges: Floats
-    units: list[Floats]
+    units: list[tuple[Ints, Floats]]
 
     def __add__(self, other: HeatMap) -> HeatMap:
         """The map of both; the cells must be the same."""
         if self.cells != other.cells:
             raise DataError("maps over different cells do not add")
         return HeatMap(self.cells, self.grid + other.grid, self.edges + other.edges, self.units + other.units)
+
+
+@dataclass(frozen=True)
+class Patch:
+    """The sums of one vehicle-day: (k,) rows and columns of the lattice of cells that counts from the origin,
+    and their (6, k) sums; the same of stretches.
+    """
+
+    row: Ints
+    column: Ints
+    grid: Floats
+    stretch: Ints
+    edges: Floats
+
+    def add_to(self, m: HeatMap) -> None:
+        """Add the sums to a map."""
+        c = m.cells
+        row, column = self.row - round(c.y0 / c.cell), self.column - round(c.x0 / c.cell)
+        inside = (row >= 0) & (row < c.rows) & (column >= 0) & (column < c.columns)
+        cell, sums = (row * c.columns + column)[inside], self.grid[:, inside]
+        m.grid.reshape(6, -1)[:, cell] += sums
+        m.edges[:, self.stretch] += self.edges
+        m.units.append((cell, sums[0]))
 
 
 def values(layers: Floats, quantity: Quantity, area: float) -> Floats:
@@ -95,17 +125,26 @@ def cells_of(extents: list[tuple[float, float, float, float]], cell: float) -> C
     return Cells(float(low[0]), float(low[1]), cell, rows, columns)
 
 
-def extent(dataset: Dataset) -> tuple[float, float, float, float]:
+def extent(dataset: Dataset) -> Box:
     """xmin, ymin, xmax, ymax of the positions and the roads [m]."""
     boxes = [] if dataset.site.network is None else [dataset.site.network.extent]
-    for t in dataset.days(("x", "y")):
-        x, y = t.floats("x"), t.floats("y")
-        if np.isfinite(x).any():
-            boxes.append((float(np.nanmin(x)), float(np.nanmin(y)), float(np.nanmax(x)), float(np.nanmax(y))))
+    boxes += [b for b in each_day(dataset, _box, kinds=(Cells,), cost=0.2e-6) if b is not None]
     if not boxes:
         raise DataError("the dataset has no positions")
     low, high = np.min([b[:2] for b in boxes], axis=0), np.max([b[2:] for b in boxes], axis=0)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _box(dataset: Dataset, vehicle: str, date: str) -> Box | None:
+    """The extent of the positions of one vehicle-day."""
+    return _box_of(dataset.read(vehicle, date, ("x", "y")))
+
+
+def _box_of(t: Trajectory) -> Box | None:
+    x, y = t.floats("x"), t.floats("y")
+    if not np.isfinite(x).any():
+        return None
+    return float(np.nanmin(x)), float(np.nanmin(y)), float(np.nanmax(x)), float(np.nanmax(y))
 
 
 def stretches(network: Network | None) -> NDArray[np.int64]:
@@ -148,15 +187,13 @@ def compute_by(
     state: str = "all",
 ) -> dict[str, HeatMap]:
     """One map a group, in one pass over the rows; the groups' maps add up to the map of all."""
-    network = dataset.site.network
     out: dict[str, HeatMap] = {}
-    for t in dataset.days(("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payload")):
-        if vehicles and t.vehicle_id not in vehicles:
-            continue
-        use = select(t, hours, state)
-        for name, mine in _GROUPS[by](t):
-            if (use & mine).any():
-                _add(out.setdefault(name, _empty(dataset, cells)), t, use & mine, network)
+    days = each_day(
+        dataset, _patches, cells.cell, by, hours, state, kinds=(Patch,), vehicles=vehicles, cost=ROW_COST
+    )
+    for patches in days:
+        for name, patch in patches.items():
+            patch.add_to(out.setdefault(name, _empty(dataset, cells)))
     return dict(sorted(out.items()))
 
 
@@ -165,24 +202,39 @@ def _empty(dataset: Dataset, cells: Cells) -> HeatMap:
     return HeatMap(cells, np.zeros((6, cells.rows, cells.columns)), np.zeros((6, bins)), [])
 
 
-def _add(to: HeatMap, t: Trajectory, use: NDArray[np.bool_], network: Network | None) -> None:
+def _patches(
+    dataset: Dataset, vehicle: str, date: str, cell: float, by: Grouping | None,
+    hours: tuple[int, int] | None, state: str,
+) -> dict[str, Patch]:  # fmt: skip
+    """The sums of one vehicle-day, by group."""
+    t = dataset.read(vehicle, date, COLUMNS)
+    use, box = select(t, hours, state), _box_of(t)
+    if box is None:
+        return {}
+    cells = cells_of([box], cell)
+    groups = ((name, use & mine) for name, mine in _GROUPS[by](t))
+    return {name: _patch(t, rows, cells, dataset.site.network) for name, rows in groups if rows.any()}
+
+
+def _patch(t: Trajectory, use: NDArray[np.bool_], c: Cells, network: Network | None) -> Patch:
     from fleetlog.analysis.occupancy.kernels import accumulate, along_edges
 
-    c, speed, power = to.cells, t.floats("speed"), t.floats("battery_power")
-    one = np.zeros_like(to.grid)
+    speed, power = t.floats("speed"), t.floats("battery_power")
+    grid, edges = np.zeros((6, c.rows, c.columns)), np.zeros((6, int(stretches(network)[-1])))
     accumulate(
         t.floats("x"), t.floats("y"), t.time, speed, power, STANDING_SPEED, use, c.x0, c.y0, c.cell, MAX_GAP,
-        one
+        grid
     )  # fmt: skip
-    to.grid += one
-    to.units.append(one[0])
     if network is not None:
         edge = t.labels("edge_id").recode(network.index)
         offset = np.nan_to_num(t.floats("edge_offset"))
         along_edges(
-            edge, offset, t.time, speed, power, STANDING_SPEED, use, stretches(network), STRETCH, MAX_GAP,
-            to.edges
+            edge, offset, t.time, speed, power, STANDING_SPEED, use, stretches(network), STRETCH, MAX_GAP, edges
         )  # fmt: skip
+    seen, driven = np.flatnonzero(grid[0] > 0.0), np.flatnonzero(edges[0] > 0.0)
+    row, column = np.divmod(seen, c.columns)
+    row, column = row + round(c.y0 / c.cell), column + round(c.x0 / c.cell)
+    return Patch(row, column, grid.reshape(6, -1)[:, seen], driven, edges[:, driven])
 
 
 Groups = list[tuple[str, NDArray[np.bool_]]]

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.store import Dataset
+from fleetlog.store.days import each_day
 from fleetlog.store.trips import MAX_GAP, STANDING_SPEED, runs
 
 Floats = NDArray[np.float64]
 ENOUGH_SOC, LEAST_SOC = 0.5, 0.2
 """Urgency rises from 0 at the first to 1 at the second state of charge."""
 LOAD_CHANGE = 25.0
+COLUMNS = ("edge_id", "edge_offset", "speed", "soc", "payload", "x", "y")
 
 
 @dataclass(frozen=True)
@@ -44,13 +46,13 @@ def urgency(soc: Floats, enough: float = ENOUGH_SOC, least: float = LEAST_SOC) -
     return np.nan_to_num(np.clip((enough - soc) / (enough - least), 0.0, 1.0))
 
 
-def read_units(dataset: Dataset, network: Network, shortest: float) -> list[Unit]:
+def read_units(dataset: Dataset, shortest: float) -> list[Unit]:
     """Every vehicle-day; ``shortest`` [s] is the least standstill in which charging is worth plugging in."""
-    columns = ("edge_id", "edge_offset", "speed", "soc", "payload", "x", "y")
-    return [_unit(t, network, shortest) for t in dataset.days(columns)]
+    return list(each_day(dataset, _unit, shortest, kinds=(Unit,)))
 
 
-def _unit(t: Trajectory, network: Network, shortest: float) -> Unit:
+def _unit(dataset: Dataset, vehicle: str, date: str, shortest: float) -> Unit:
+    t, network = dataset.read(vehicle, date, COLUMNS), dataset.site.roads()
     n = len(network.node_ids)
     edge = t.labels("edge_id").recode(network.index)
     vertex = _nearest_vertex(t, edge, network)

@@ -1,0 +1,75 @@
+"""Jobs on a running Dask cluster, reached by the address of its scheduler."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator, Sequence
+from typing import Any
+
+from fleetlog.engines.engine import AHEAD, J, R, attempt, successes
+from fleetlog.errors import DataError, FleetlogError, InputError
+
+TIMEOUT = 20
+"""For the scheduler to answer [s]."""
+
+
+class Cluster:
+    """A Dask cluster; its workers have fleetlog installed and see the same files under the same names."""
+
+    def __init__(self, address: str) -> None:
+        try:
+            from distributed import Client
+        except ImportError:
+            raise InputError(
+                "dask.distributed is not installed", where=address, do="pip install 'fleetlog[cluster]'"
+            ) from None
+        try:
+            self.client: Any = Client(address, timeout=TIMEOUT, set_as_default=False)  # type: ignore[no-untyped-call]
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError(
+                f"no Dask scheduler answers ({error})", where=address, do="check the address"
+            ) from None
+
+    @property
+    def workers(self) -> int:
+        """Threads of all workers."""
+        return max(1, sum(int(n) for n in self.client.nthreads().values()))
+
+    def pays(self, cost: float) -> bool:
+        """Always: who names a cluster wants it used."""
+        return True
+
+    def run(
+        self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str] = str
+    ) -> Generator[R, None, None]:
+        """Yield the results; see :class:`~fleetlog.engines.engine.Engine`.
+
+        The scheduler gives the jobs of a lost worker to others.
+        """
+        return successes(self._run(work, jobs, name))
+
+    def _run(
+        self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str]
+    ) -> Iterator[R | FleetlogError]:
+        ahead, sent = AHEAD * self.workers, 0
+        futures: list[Any] = []
+        try:
+            for k in range(len(jobs)):
+                while sent < min(k + ahead, len(jobs)):
+                    futures.append(self.client.submit(attempt, work, jobs[sent], name, pure=False))
+                    sent += 1
+                yield self._outcome(futures[0], name(jobs[k]))
+                del futures[0]
+        finally:
+            self.client.cancel(futures)
+
+    def _outcome(self, future: Any, name: str) -> Any:
+        from distributed import KilledWorker
+
+        try:
+            return future.result()
+        except KilledWorker as error:
+            return DataError(f"its workers died ({error})", where=name, do="give the workers more memory")
+
+    def close(self) -> None:
+        """Leave the cluster as it was."""
+        self.client.close()

@@ -1,0 +1,94 @@
+"""Plain data as bytes and back: dataclasses of arrays, numbers and texts, without running anything found in them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import zlib
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+LEVEL = 1
+"""Of zlib: most of a partial result are small numbers and zeros."""
+
+
+def encode(value: Any) -> bytes:
+    """Bytes that depend on the value alone, not on the process or on the order of a set."""
+    arrays: list[NDArray[Any]] = []
+    head = json.dumps(_tree(value, arrays)).encode()
+    return b"".join([len(head).to_bytes(8, "little"), head, *(np.ascontiguousarray(a).data for a in arrays)])
+
+
+def pack(value: Any) -> bytes:
+    """Encoded and compressed, after a checksum of four bytes."""
+    data = zlib.compress(encode(value), LEVEL)
+    return zlib.crc32(data).to_bytes(4, "little") + data
+
+
+def whole(data: bytes) -> bool:
+    """Return whether packed bytes are as they were written."""
+    return data[:4] == zlib.crc32(data[4:]).to_bytes(4, "little")
+
+
+def unpack(data: bytes, kinds: Iterable[type] = ()) -> Any:
+    """What was packed; dataclasses of ``kinds`` alone.  ValueError where it is something else."""
+    try:
+        plain = zlib.decompress(data[4:])
+        size = int.from_bytes(plain[:8], "little")
+        tree = json.loads(plain[8 : 8 + size])
+        return _Reader(plain, 8 + size, {k.__name__: k for k in kinds}).value(tree)
+    except (zlib.error, LookupError, TypeError, StopIteration) as error:
+        raise ValueError(f"not plain data: {error}") from None
+
+
+def _tree(value: Any, arrays: list[NDArray[Any]]) -> Any:
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.generic):
+        return _tree(value.item(), arrays)
+    if isinstance(value, np.ndarray):
+        if value.dtype.hasobject:
+            raise TypeError("an array of objects is not plain data")
+        arrays.append(value)
+        return {"array": value.dtype.str, "shape": value.shape}
+    if isinstance(value, list | tuple):
+        return {type(value).__name__: [_tree(v, arrays) for v in value]}
+    if isinstance(value, set | frozenset):
+        return {"set": [_tree(v, arrays) for v in sorted(value)]}
+    if isinstance(value, dict):
+        return {"dict": [[_tree(k, arrays), _tree(v, arrays)] for k, v in value.items()]}
+    if dataclasses.is_dataclass(value):
+        names = [f.name for f in dataclasses.fields(value)]
+        return {"kind": type(value).__name__, "fields": {n: _tree(getattr(value, n), arrays) for n in names}}
+    raise TypeError(f"{type(value).__name__} is not plain data")
+
+
+@dataclasses.dataclass
+class _Reader:
+    data: bytes
+    at: int
+    kinds: dict[str, type]
+
+    def value(self, tree: Any) -> Any:
+        """The value of a tree; arrays are taken in order."""
+        if not isinstance(tree, dict):
+            return tree
+        if "array" in tree:
+            return self._array(np.dtype(tree["array"]), tuple(tree["shape"]))
+        if "kind" in tree:
+            return self.kinds[tree["kind"]](**{n: self.value(v) for n, v in tree["fields"].items()})
+        if "dict" in tree:
+            return {self.value(k): self.value(v) for k, v in tree["dict"]}
+        name, items = next(iter(tree.items()))
+        return {"list": list, "tuple": tuple, "set": frozenset}[name](self.value(v) for v in items)
+
+    def _array(self, dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+        if dtype.hasobject:
+            raise ValueError("an array of objects is not plain data")
+        count = int(np.prod(shape, dtype=np.int64))
+        out = np.frombuffer(self.data, dtype, count, self.at).reshape(shape)
+        self.at += out.nbytes
+        return out

@@ -1,0 +1,102 @@
+"""Partial results kept in a dataset's folder, so that a question asked again reads only what is new.
+
+``.partials/QUESTION/PART`` holds what a function made of a part, such as ``date=DAY/vehicle_id=ID``.  QUESTION is the
+digest of the function, its parameters, the site and fleetlog's own code; the file begins with the digest of
+the parts it was made from (names, sizes, times of modification).  What does not agree is made anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fleetlog.store.encoding import encode, pack, unpack, whole
+from fleetlog.store.output import PARTIALS
+from fleetlog.store.places import is_url
+
+if TYPE_CHECKING:
+    from fleetlog.store.dataset import Dataset
+
+QUESTIONS = 12
+"""So many questions are kept; of more, those that were asked longest ago go."""
+FROM_ROWS = 200_000
+"""A smaller dataset is read again as fast as its partial results would be."""
+
+
+@dataclass(frozen=True)
+class Partials:
+    """The partial results of one question; ``kinds`` are the dataclasses that they are made of."""
+
+    folder: Path
+    kinds: tuple[type, ...]
+
+    def has(self, name: str, source: bytes) -> bool:
+        """Return whether a result is kept, whole, and made from this source."""
+        try:
+            with (self.folder / name).open("rb") as stream:
+                return stream.read(len(source)) == source and whole(stream.read())
+        except OSError:
+            return False
+
+    def find(self, name: str) -> Any:
+        """A result that is kept; None where it has gone or is something else."""
+        try:
+            return unpack((self.folder / name).read_bytes()[32:], self.kinds)
+        except (OSError, ValueError):
+            return None
+
+    def keep(self, name: str, source: bytes, value: Any) -> None:
+        """Keep a result; a dataset that cannot be written goes without."""
+        file = self.folder / name
+        new = file.with_name(f"{file.name}.{os.getpid()}.new")
+        with suppress(OSError):
+            if is_url(file):  # an object appears whole
+                file.write_bytes(source + pack(value))
+                return
+            file.parent.mkdir(parents=True, exist_ok=True)
+            new.write_bytes(source + pack(value))
+            new.replace(file)
+
+
+def partials_of(
+    dataset: Dataset, work: Callable[..., Any], arguments: tuple[Any, ...], kinds: tuple[type, ...]
+) -> Partials | None:
+    """Where the results of a question are kept; None for a small dataset or one that cannot be written."""
+    root = dataset.path / PARTIALS
+    remote = is_url(dataset.path)
+    if dataset.rows < FROM_ROWS or not (remote or os.access(dataset.path, os.W_OK)):
+        return None
+    name = f"{work.__module__}.{work.__qualname__}"
+    asked = encode([name, code_digest(), dataset.site_digest, arguments])
+    folder = root / hashlib.sha256(asked).hexdigest()[:32]
+    if not remote:
+        with suppress(OSError):
+            _make_room(root, folder)
+            folder.mkdir(parents=True, exist_ok=True)
+            os.utime(folder)
+    return Partials(folder, kinds)
+
+
+def _make_room(root: Path, folder: Path) -> None:
+    if folder.is_dir() or not root.is_dir():
+        return
+    oldest = sorted((p for p in root.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime_ns)
+    for old in oldest[: max(0, len(oldest) - QUESTIONS + 1)]:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+@cache
+def code_digest() -> str:
+    """The digest of fleetlog's own code: a partial result of another version is none."""
+    package, digest = Path(__file__).parents[1], hashlib.sha256()
+    for file in sorted(package.rglob("*.py")):
+        digest.update(str(file.relative_to(package)).encode())
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
