@@ -69,12 +69,25 @@ def runs(sample: Path) -> Iterator[tuple[str, Any]]:
         yield "export", fleetlog.export(one, to=to, output=sample.parent / to)
     yield "view", fleetlog.view(recorded, beside=simulated, save=sample.parent / "both.rrd")
     yield "demo", fleetlog.demo(data=sample.parent / "again")
+    yield "record", captured(sample.parent / "messages.jsonl")
     described = [
         recorded, simulated, sample / "logs" / "fleet.csv.gz", site, truck, sample / "roads.geojson",
         sample.parent / "diagnosis", simulated.output / "recording.rrd",
     ]  # fmt: skip
     for thing in described:
         yield "info", fleetlog.info(thing)
+
+
+def captured(file: Path) -> Any:
+    """What ``record`` answers that hears nothing for a second, from the broker of the tests (wheel amqtt)."""
+    import fleetlog
+
+    sys.path.insert(0, str(ROOT / "tests" / "ingest"))
+    from test_record import Broker, free_port
+
+    port = free_port()
+    with Broker(port):
+        return fleetlog.record(f"mqtt://127.0.0.1:{port}/#", output=file, duration=1.0)
 
 
 def schema_of(values: list[Any], key: str = "") -> dict[str, Any]:
