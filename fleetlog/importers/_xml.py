@@ -53,7 +53,7 @@ class Elements:
         try:
             for _, element in events:
                 self._since = 0
-                yield etree.QName(element).localname, element
+                yield local(element), element
                 _forget(element)
         except etree.XMLSyntaxError as error:
             line = f"line {error.position[0]}" if error.position and error.position[0] else "the start"

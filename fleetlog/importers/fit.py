@@ -27,12 +27,13 @@ def sniff(path: Path, head: bytes) -> bool:
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """One row a record with a position; a file that breaks off gives what is before."""
+    stream, raw = open_bytes(path, options.report)
     try:
         import fitdecode
     except ImportError:
+        stream.close()
         what, do = "reading FIT needs fitdecode", 'install it with: pip install "fleetlog[fit]"'
         raise FormatError(what, where=path, do=do) from None
-    stream, raw = open_bytes(path, options.report)
     rows = Rows("latitude", "longitude", share=lambda: raw.share)
     vehicle = options.vehicle or plain_stem(path)
     number = 0

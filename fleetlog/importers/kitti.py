@@ -39,11 +39,12 @@ def _pose(line: bytes) -> list[float] | None:
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """One row a line; the heading is the yaw of the rotation."""
+    stream, raw = open_bytes(path, options.report)
     beside = path.parent / TIMES
     if not beside.is_file():
+        stream.close()
         do = f"put the seconds beside it, one a line, as {TIMES}"
         raise FormatError("KITTI poses have no times of their own", where=path, do=do)
-    stream, raw = open_bytes(path, options.report)
     clock, _ = open_bytes(beside, options.report)
     rows = Rows("x", "y", share=lambda: raw.share)
     vehicle = options.vehicle or plain_stem(path)
