@@ -38,6 +38,8 @@ STANDS, PASSING, LIFTS, LOADED = 0.9, 0.15, 250.0, 0.3
 hydraulics [W]; a usual load that nobody weighed, as a share of the truck at most."""
 UNUSUAL, SWING = 3.0, 0.03
 """Power that jumps by this many times what is usual leaves this share of a window's energy open, and its fourth power."""
+CHARGING, LEAP = -300.0, 0.005
+"""Power at a standstill below which a battery is being charged [W], and a rise of its charge from row to row."""
 STEP = 0.01
 """Finite differences, as a share of a parameter's range: large against rounding, small against the switch to braking."""
 ERRORS = (ErrorSource("sampling", 0.5), ErrorSource("ripple", 2.0), ErrorSource("lag", 0.15))
@@ -431,14 +433,23 @@ def _jumps(block: Block, c: Cut, e: Evaluation) -> Floats:
 
 
 def _recorded(block: Block, c: Cut, channel: str, capacity: float) -> Floats:
-    """(windows,) kJ that the channel shows; NaN where a row is missing or the battery was charged."""
+    """(windows,) kJ that the channel shows; NaN where a row is missing or the battery was charged or swapped."""
+    charged = _charged(block, c)
     if channel == "battery_power":
-        return np.asarray(
-            np.bincount(c.of_row, block.power * block.seconds, c.count) * 1e-3, dtype=np.float64
-        )
+        energy = np.bincount(c.of_row, block.power * block.seconds, c.count) * 1e-3
+        return np.asarray(np.where(charged, np.nan, energy), dtype=np.float64)
     first = np.flatnonzero(np.concatenate([[True], np.diff(c.of_row) != 0]))
     soc = block.soc
     # A row stands for the time around its stamp, so a window begins half way between two stamps.
     border = np.concatenate([soc[:1], 0.5 * (soc[first[1:] - 1] + soc[first[1:]]), soc[-1:]])
-    charged = np.bincount(c.of_row, np.diff(soc, prepend=soc[:1]) > 0.005, c.count) > 0
     return np.where(charged, np.nan, -np.diff(border) * capacity * 1e-3)
+
+
+def _charged(block: Block, c: Cut) -> NDArray[np.bool_]:
+    """(windows,) whether the battery took energy that no wheel gave: at a standstill, or by a leap of its charge."""
+    m = block.motion
+    still = (block.rows(m.speed) <= 0.0) & (np.abs(block.rows(m.lift_speed)) <= 0.0)
+    leap = np.diff(block.soc, prepend=block.soc[:1]) > LEAP
+    # The border of two windows lies between the rows of a leap: neither knows its end.
+    taken = (still & (block.power < CHARGING)) | leap | np.append(leap[1:], False)
+    return np.asarray(np.bincount(c.of_row, taken, c.count) > 0)
