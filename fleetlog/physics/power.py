@@ -56,6 +56,11 @@ class Physics:
         timed = [replace(o, begin=o.begin - start, until=o.until - start) for o in mine if o.timed]
         return replace(physics, own=tuple(timed))
 
+    @property
+    def fleet(self) -> Physics:
+        """What holds for all vehicles at all times."""
+        return replace(self, own=())
+
     def changed(self, values: Mapping[str, Values], fields: Mapping[str, Field] | None = None) -> Physics:
         """Return the physics with some values and fields in place of what it has."""
         new = {n: {**self.values.get(n, {}), **v} for n, v in values.items()}
@@ -66,7 +71,7 @@ class Physics:
 
         A drift is told by its two ends, so that power in between is a mean of both.
         """
-        out = [(np.ones(len(time)), replace(self, own=()))]
+        out = [(np.ones(len(time)), self.fleet)]
         for o in self.own:
             part = o.share(time)
             parts = [

@@ -41,7 +41,7 @@ def run_cycle(
     if name not in CYCLES:
         raise InputError(f"unknown cycle {name!r}", do=nearest(name, CYCLES))
     one = CYCLES[name](truck)
-    power = battery_power(one, physics)
+    power = battery_power(one, physics.fleet)
     period = float(one.dt.sum())
     every = 0.1
     at = np.arange(0.0, duration, every)

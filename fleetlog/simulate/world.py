@@ -70,7 +70,7 @@ def build_world(
     """
     site, notes = with_loops(site)
     network = site.roads()
-    physics = physics or Physics(truck)
+    physics = (physics or Physics(truck)).fleet
     actual = physics.actual_truck()
     track = build_track(network, truck, site.traffic)
     junctions = find_junctions(track, truck)

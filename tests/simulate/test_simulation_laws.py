@@ -8,6 +8,7 @@ from laws import keeps_the_laws, steps
 from simulated_sites import TRUCK, aisle, crossing, grid, place
 
 from fleetlog.core.motion import Motion
+from fleetlog.physics.own import Own
 from fleetlog.physics.power import Physics, battery_power, cell_power, ledger
 from fleetlog.simulate.tasks import Demand, Task
 
@@ -129,6 +130,10 @@ def test_a_term_can_be_added_and_switched_off(simulated):
     less = simulated(
         grid(), 2, 120.0, interval=1.0, physics=Physics(TRUCK, off=frozenset({"auxiliary_load"}))
     )
+    # What single trucks or hours have of their own was recorded of other trucks, at another time.
+    own = Own({"auxiliary_load": {"power": 900.0}}, ("T1",))
+    others = simulated(grid(), 2, 120.0, interval=1.0, physics=Physics(TRUCK, own=(own,)))
+    np.testing.assert_allclose(others.array("battery_power"), plain.array("battery_power"))
     np.testing.assert_allclose(more.array("battery_power") - plain.array("battery_power"), 500.0, atol=0.02)
     np.testing.assert_allclose(plain.array("battery_power") - less.array("battery_power"), 400.0, atol=0.02)
 
