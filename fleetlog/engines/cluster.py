@@ -23,7 +23,7 @@ class Cluster:
                 "dask.distributed is not installed", where=address, do="pip install 'fleetlog[cluster]'"
             ) from None
         try:
-            self.client: Any = Client(address, timeout=TIMEOUT, set_as_default=False)  # type: ignore[no-untyped-call]
+            self.client: Any = Client(address, timeout=TIMEOUT, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise InputError(
                 f"no Dask scheduler answers ({error})", where=address, do="check the address"
