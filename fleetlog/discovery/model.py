@@ -92,6 +92,10 @@ class Model:
         own = self._own.get((knob.term, knob.parameter), {}).get(vehicle, 0.0)
         return self.coordinate(knob.fleet) + own
 
+    def in_force(self, knob: Knob, vehicle: int) -> float:
+        """Return the coordinate of one vehicle's number in the knob's part of the time."""
+        return self.of_vehicle(knob, vehicle) + (self.coordinate(knob) if knob.scope.timed else 0.0)
+
     @cached_property
     def _own(self) -> dict[tuple[str, str], dict[int, float]]:
         """Deviations of single vehicles at all times, by number and vehicle."""
@@ -130,7 +134,7 @@ class Model:
         for knob in self.at:
             s = knob.scope
             if s.timed and s.covers(vehicle):
-                value = knob.definition.value_of(self.of_vehicle(knob, vehicle) + self.at[knob])
+                value = knob.definition.value_of(self.in_force(knob, vehicle))
                 out.append(Own({knob.term: {knob.parameter: value}}, None, s.begin, s.until, s.drift))
         return out
 

@@ -2,36 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
-from fleetlog.core.truck import Truck
+from fleetlog.core.motion import Motion
 from fleetlog.discovery.channels.base import Columns, Unit
+from fleetlog.discovery.channels.common import FleetChannel
+from fleetlog.discovery.channels.energy_columns import About, jumps
 from fleetlog.discovery.channels.evaluate import Evaluation
 from fleetlog.discovery.hypotheses import curves
-from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
+from fleetlog.discovery.hypotheses.curves import FreeCurve
 from fleetlog.discovery.hypotheses.sources import (
     CurveSource,
     ErrorSource,
     FieldSource,
-    KnobSource,
     PlaceSource,
     Source,
 )
 from fleetlog.discovery.hypotheses.stretches import Cells
-from fleetlog.discovery.model import Knob, Model
+from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording import windows
 from fleetlog.discovery.recording.blocks import Block
-from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.windows import Cut
 from fleetlog.physics.power import all_terms, battery_power
 from fleetlog.physics.term import GRAVITY, Term
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 STANDS, PASSING, LIFTS, LOADED = 0.9, 0.15, 250.0, 0.3
 """Share of a window from which on it is a standstill, and up to which it is none; power above the usual that shows
@@ -40,51 +40,29 @@ UNUSUAL, SWING = 3.0, 0.03
 """Power that jumps by this many times what is usual leaves this share of a window's energy open, and its fourth power."""
 CHARGING, LEAP = -300.0, 0.005
 """Power at a standstill below which a battery is being charged [W], and a rise of its charge from row to row."""
-STEP = 0.01
-"""Finite differences, as a share of a parameter's range: large against rounding, small against the switch to braking."""
 ERRORS = (ErrorSource("sampling", 0.5), ErrorSource("ripple", 2.0), ErrorSource("lag", 0.15))
 """What sampling hides: accelerations between rows (0: what is expected, 1: what is likeliest), power that swings
 within them (1: as far as from row to row), and a clock a little late [s]."""
 
 
 @dataclass
-class EnergyChannel:
+class EnergyChannel(FleetChannel):
     """One energy channel of a fleet; see :class:`fleetlog.discovery.channels.base.Channel`.
 
     ``measured``: the state of charge is judged against the recorded power; ``seconds`` of a window.
     """
 
-    name: str
-    fleet: Fleet
-    base: Model
     seconds: float
     places: Cells | None
     measured: bool = False
     model_error: float = 0.01
     charge_step: float = 0.0
     """Step in which the state of charge is logged."""
-    _kept: list[Unit] = field(default_factory=list)
-    _passes: dict[str, NDArray[np.int64]] = field(default_factory=dict)
-    _knots: dict[str, tuple[float, ...]] | None = None
 
     @property
     def metric(self) -> str:
         """What the error is."""
         return f"rms error of energy per {self.seconds:.0f} s window, over rms energy"
-
-    @property
-    def truck(self) -> Truck:
-        """The nominal truck."""
-        return self.fleet.truck
-
-    @property
-    def vehicles(self) -> tuple[str, ...]:
-        """Names by code."""
-        return self.fleet.vehicles
-
-    def moments(self, count: int) -> Floats:
-        """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
-        return self.fleet.moments(count)
 
     def units(self) -> Iterator[Unit]:
         """Yield blocks with their windows; they stay in memory where the recording is small."""
@@ -151,9 +129,9 @@ class EnergyChannel:
         if self.name == "soc":
             return known
         # Where power jumps from row to row far more than usual, the truck moves faster than the log resolves.
-        jumps, moving = _jumps(block, c, e), c.energy(block, e.motion.speed) > 0.0
-        usual = float(np.median(jumps[moving])) if moving.any() else 0.0
-        wild = np.maximum(jumps / max(UNUSUAL * usual, 1e-9), 1.0) ** 4 if usual > 0.0 else np.ones(c.count)
+        swings, moving = jumps(block, c, e), c.energy(block, e.motion.speed) > 0.0
+        usual = float(np.median(swings[moving])) if moving.any() else 0.0
+        wild = np.maximum(swings / max(UNUSUAL * usual, 1e-9), 1.0) ** 4 if usual > 0.0 else np.ones(c.count)
         return np.asarray(known + (wild - 1.0) * (SWING * c.energy(block, e.power)) ** 2)
 
     def _unknown_load(self, block: Block, c: Cut, e: Evaluation) -> Floats:
@@ -180,7 +158,7 @@ class EnergyChannel:
         """Return the modelled energy, (W,), and kJ per unit of every source's coefficients, (W, P)."""
         block, c = unit.own
         e = self.evaluation(block, model)
-        about = _About(self, block, c, e, model)
+        about = About(self, block, c, e, model)
         parts = [about.columns(s) for s in sources]
         return c.energy(block, e.power), np.concatenate(parts, axis=1).astype(np.float32)
 
@@ -210,37 +188,23 @@ class EnergyChannel:
     def _can_act(self, term: Term) -> bool:
         return not term.field or self.places is not None
 
-    def adjustable(self) -> list[Knob]:
-        """Return every knob with a tolerance."""
-        return [
-            Knob(t.name, p.name)
-            for t in self.terms()
-            for p in t.parameters
-            if p.allowance(self.truck) > 0.0 and not p.shape
-        ]
-
     def errors(self) -> list[ErrorSource]:
         """Return what sampling hides; nothing where power is measured itself."""
         return [] if self.measured else list(ERRORS)
 
     def curves(self) -> list[FreeCurve]:
         """Return the free curves that the recording can carry."""
-        if self._knots is None:
-            self._knots = self._spans()
+        knots, vehicles = self.knots(), len(self.vehicles)
         if self.measured:
-            return curves.charge_curves(self._knots, len(self.vehicles))
-        return curves.energy_curves(
-            self._knots, len(self.vehicles), len(self.fleet.dates), self.fleet.trip_names
-        )
+            return curves.charge_curves(knots, vehicles)
+        return curves.energy_curves(knots, vehicles, len(self.fleet.dates), self.fleet.trip_names)
 
-    def _spans(self) -> dict[str, tuple[float, ...]]:
-        pooled: dict[str, list[Floats]] = {}
-        for unit in self.units():
-            for name, values in self.state(unit.own[0]).items():
-                if name not in ("vehicle_id", "day", "trip_id", "heading"):
-                    pooled.setdefault(name, []).append(values[::4])
-        found = {n: curves.knots_of(np.concatenate(v), n) for n, v in pooled.items()}
-        return {n: k for n, k in found.items() if k}
+    def _variables(self, unit: Unit) -> dict[str, Floats]:
+        return self.state(unit.own[0])
+
+    def _samples(self, unit: Unit) -> tuple[Motion, Ints]:
+        block, c = unit.own
+        return block.motion, c.of_sample
 
     def state(self, block: Block) -> dict[str, Floats]:
         """Return the recorded variables that a mismatch may follow, by row."""
@@ -256,23 +220,6 @@ class EnergyChannel:
             "day": np.full(len(block), float(self.fleet.dates.index(block.day))),
             "trip_id": np.searchsorted(np.array(self.fleet.own_trips, np.int64), block.trip).astype(float),
         }  # fmt: skip
-
-    def passes(self, term: Term) -> NDArray[np.int64]:
-        """Return how many windows touch each value of a field, (C,)."""
-        if term.name not in self._passes:
-            self._passes[term.name] = self._touched(term)
-        return self._passes[term.name]
-
-    def _touched(self, term: Term) -> NDArray[np.int64]:
-        assert self.places is not None
-        size = self.places.size(term.odd)
-        total = np.zeros(size, np.int64)
-        for unit in self.units():
-            block, c = unit.own
-            for number, _ in self.places.parts(block.motion, term.odd):
-                pairs = np.unique(c.of_sample[number >= 0] * size + number[number >= 0])
-                total += np.bincount(pairs % size, minlength=size)
-        return total
 
     def lost(self, model: Model) -> None:
         """Return nothing: energy does not tell who was in the way."""
@@ -293,143 +240,8 @@ class EnergyChannel:
             * moving,
             np.sin(m.heading[sample]) * moving, m.payload[sample] / 500.0, w.distance / wide / 0.5, wide / self.seconds * 3.0,
             rise / scale * 2.0, tried / scale * 2.0, lift / scale * 2.0,
-            np.nan_to_num(m.ambient_temperature[sample]) / 4.0, w.time / (self.fleet.moments(1) @ [-1.0, 1.0]) * 3.0, w.vehicle * 3.0,
+            np.nan_to_num(m.ambient_temperature[sample]) / 4.0, w.time / self.fleet.span * 3.0, w.vehicle * 3.0,
         ])  # fmt: skip
-
-
-@dataclass
-class _About:
-    """Columns of a block about a model."""
-
-    channel: EnergyChannel
-    block: Block
-    cut: Cut
-    e: Evaluation
-    model: Model
-
-    def columns(self, source: Source) -> Floats:
-        kinds: dict[type, Callable[[], Floats]] = {
-            KnobSource: lambda: self._knob(source),  # type: ignore[arg-type]
-            FieldSource: lambda: self._field(source),  # type: ignore[arg-type]
-            CurveSource: lambda: self._curve(source.curve),  # type: ignore[union-attr]
-            PlaceSource: self._place,
-            ErrorSource: lambda: self._error(source),  # type: ignore[arg-type]
-        }
-        return kinds[type(source)]()
-
-    def _knob(self, source: KnobSource) -> Floats:
-        """Derivative about where the vehicle's own number stands; of an effect with a shape, about nothing at another shape."""
-        knob, vehicle = source.knob, self.block.vehicle
-        term, parameter = all_terms()[knob.term], knob.definition
-        now = self.model.of_vehicle(knob, vehicle) + (
-            self.model.coordinate(knob) if knob.scope.timed else 0.0
-        )
-        low, high = sorted((parameter.scaled(parameter.low), parameter.scaled(parameter.high)))
-        step = STEP * (high - low)
-        step = -step if now + step > high else step
-        moved = {**dict(source.setting), parameter.name: parameter.value_of(now + step)}
-        change = self.e.change(term, moved)
-        if source.setting and term.name in self.e.physics.values:
-            change = change - self.e.change(term, dict(source.setting))
-        elif self.e.physics.own:
-            change = change - self.e.change(term, {parameter.name: parameter.value_of(now)})
-        if not knob.scope.whole:
-            change = change * knob.scope.share(vehicle, self.block.motion.time)
-        return self.cut.energy(self.block, change)[:, None] / step
-
-    def _field(self, source: FieldSource) -> Floats:
-        term, cells = all_terms()[source.term], self.channel.places
-        assert cells is not None
-        slope = self._slope(term) * source.scope.share(self.block.vehicle, self.block.motion.time)
-        total = np.zeros((self.cut.count, cells.size(term.odd)))
-        for number, weight in cells.parts(self.block.motion, term.odd):
-            total += self.cut.energies(self.block, number, cells.size(term.odd), slope * weight)
-        return np.asarray(total @ cells.root(term.odd))
-
-    def _slope(self, term: Term) -> Floats:
-        """(n,) derivative of the channel's power with respect to a field's coordinate, where it is now."""
-        first = term.parameters[0]
-        delta = 1e-3 * abs(first.scaled(first.high) - first.scaled(first.low))
-        now = np.asarray(self.e.physics.values.get(term.name, {}).get(first.name, first.neutral), dtype=float)
-        at = 1.0 / now if first.inverse else now
-        up, down = ((1.0 / (at + s * delta)) if first.inverse else at + s * delta for s in (1.0, -1.0))
-        return (self.e.change(term, {first.name: up}) - self.e.change(term, {first.name: down})) / (
-            2.0 * delta
-        )
-
-    def _place(self) -> Floats:
-        cells = self.channel.places
-        assert cells is not None
-        m = self.block.motion
-        moving = np.asarray(UNIT["moving"] * (m.speed > 0.0), dtype=np.float64)
-        total = np.zeros((self.cut.count, cells.size(False)))
-        for number, weight in cells.parts(m, False):
-            total += self.cut.energies(self.block, number, cells.size(False), moving * weight)
-        return np.asarray(total @ cells.root(False))
-
-    def _curve(self, curve: FreeCurve) -> Floats:
-        weight = self._weights[curve.mode]
-        total = np.zeros(self.cut.count * curve.width)
-        for column, share in curve.hats(self._state):
-            total += np.bincount(self.cut.of_row * curve.width + column, weight * share, len(total))
-        return total.reshape(self.cut.count, curve.width)
-
-    @property
-    def _state(self) -> dict[str, Floats]:
-        if not hasattr(self, "_states"):
-            self._states = self.channel.state(self.block)
-        return self._states
-
-    @property
-    def _weights(self) -> dict[str, Floats]:
-        """(rows,) kJ that a coefficient of one adds, by the mode of a curve."""
-        if not hasattr(self, "_by_mode"):
-            e, m = self.e, self.block.motion
-            moving = (m.speed > 0.0).astype(float)
-            power = {
-                "force": UNIT["force"] * GRAVITY * e.mass * e.gain,
-                "drive": UNIT["drive"] * np.maximum(e.force * e.gain, 0.0),
-                "power": np.full(len(m), UNIT["power"]),
-                "moving": UNIT["moving"] * moving,
-                "still": UNIT["still"] * (1.0 - moving),
-            }
-            row, rows = self.block.row, len(self.block)
-            self._by_mode = {
-                k: np.asarray(np.bincount(row, p * m.dt, rows) * 1e-3, float) for k, p in power.items()
-            }
-        return self._by_mode
-
-    def _error(self, source: ErrorSource) -> Floats:
-        change = {"lag": self._lagging, "ripple": self._rectified, "sampling": self._unseen}[source.name]()
-        return self.cut.energy(self.block, change)[:, None]
-
-    def _lagging(self) -> Floats:
-        """(n,) W that a clock one second late adds."""
-        time = self.block.motion.time
-        step = np.maximum(np.diff(time, prepend=time[0] - 1.0), 1e-3)
-        return np.asarray(-np.diff(self.e.power, prepend=self.e.power[:1]) / step)
-
-    def _unseen(self) -> Floats:
-        """(n,) W that the likeliest motion lacks of the expected power: what the switch to braking makes of unseen accelerations."""
-        return Evaluation(self.block.likeliest, self.e.physics, self.e.charge).power - self.e.power
-
-    def _rectified(self) -> Floats:
-        """(n,) W that the convex switch between traction and braking adds where power swings within rows."""
-        drive = self.e.truck.drive
-        swing = np.maximum(_jumps(self.block, self.cut, self.e)[self.cut.of_sample] * drive.efficiency, 1e-6)
-        z = np.abs(self.e.force * self.e.motion.speed) / swing
-        bend = (1.0 / drive.efficiency - drive.regeneration) * swing
-        bend = bend * (np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi) - z * ndtr(-z))
-        return np.asarray(np.where(self.e.motion.speed > 0.0, bend, 0.0))
-
-
-def _jumps(block: Block, c: Cut, e: Evaluation) -> Floats:
-    """(windows,) root mean square of the residual power's second difference, scaled to that of white noise [W]."""
-    r = np.nan_to_num(block.power - block.rows(e.power))
-    bend = np.zeros(len(r))
-    bend[1:-1] = (r[2:] - 2.0 * r[1:-1] + r[:-2]) / np.sqrt(6.0)
-    count = np.maximum(np.bincount(c.of_row, minlength=c.count), 1)
-    return np.asarray(np.sqrt(np.bincount(c.of_row, bend**2, c.count) / count))
 
 
 def _recorded(block: Block, c: Cut, channel: str, capacity: float) -> Floats:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.truck import Truck
+from fleetlog.core.motion import Motion
 from fleetlog.discovery.channels.base import Columns, Unit
+from fleetlog.discovery.channels.common import FleetChannel
 from fleetlog.discovery.channels.lost import Lost, lost_time
 from fleetlog.discovery.channels.paths import Day, Path, days, lay_out
 from fleetlog.discovery.channels.travel_columns import About, drive_times, summed
@@ -17,7 +18,7 @@ from fleetlog.discovery.hypotheses import curves
 from fleetlog.discovery.hypotheses.curves import FreeCurve
 from fleetlog.discovery.hypotheses.sources import CurveSource, ErrorSource, FieldSource, PlaceSource, Source
 from fleetlog.discovery.hypotheses.stretches import Stretches, make_stretches
-from fleetlog.discovery.model import Knob, Model
+from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.settings import Settings
@@ -25,6 +26,7 @@ from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 FEW = 3
 """Stops from which on trucks wait at a place."""
@@ -34,39 +36,19 @@ ERRORS = (ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), Error
 
 
 @dataclass
-class TravelChannel:
+class TravelChannel(FleetChannel):
     """Travel times of a fleet on its map; see :class:`fleetlog.discovery.channels.base.Channel`."""
 
-    fleet: Fleet
-    base: Model
     split: Split
     length: float
     roads: Stretches
     lanes: Stretches
     model_error: float
-    name: str = "speed"
-    _kept: list[Unit] = field(default_factory=list)
-    _passes: dict[str, NDArray[np.int64]] = field(default_factory=dict)
-    _knots: dict[str, tuple[float, ...]] | None = None
 
     @property
     def metric(self) -> str:
         """What the error is."""
         return f"rms error of the time for {self.length:.0f} m of path, over rms time"
-
-    @property
-    def truck(self) -> Truck:
-        """The nominal truck."""
-        return self.fleet.truck
-
-    @property
-    def vehicles(self) -> tuple[str, ...]:
-        """Names by code."""
-        return self.fleet.vehicles
-
-    def moments(self, count: int) -> Floats:
-        """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
-        return self.fleet.moments(count)
 
     def units(self) -> Iterator[Unit]:
         """Yield vehicle-days; their paths are small and stay in memory."""
@@ -148,27 +130,19 @@ class TravelChannel:
         """Return the terms that change travel times."""
         return [t for t in all_terms().values() if t.acts in ("speed", "wait") and t.parameters]
 
-    def adjustable(self) -> list[Knob]:
-        """Return every knob with a tolerance."""
-        return [
-            Knob(t.name, p.name) for t in self.terms() for p in t.parameters if p.allowance(self.truck) > 0.0
-        ]
-
     def errors(self) -> list[ErrorSource]:
         """Return what a profile of constant accelerations misses."""
         return list(ERRORS)
 
     def curves(self) -> list[FreeCurve]:
         """Return the free curves that the recording can carry."""
-        if self._knots is None:
-            pooled: dict[str, list[Floats]] = {}
-            for unit in self.units():
-                for name, values in self.state(unit.own).items():
-                    if name not in ("vehicle_id", "heading"):
-                        pooled.setdefault(name, []).append(values[::4])
-            found = {n: curves.knots_of(np.concatenate(v), n) for n, v in pooled.items()}
-            self._knots = {n: k for n, k in found.items() if k}
-        return curves.time_curves(self._knots, len(self.vehicles))
+        return curves.time_curves(self.knots(), len(self.vehicles))
+
+    def _variables(self, unit: Unit) -> dict[str, Floats]:
+        return self.state(unit.own)
+
+    def _samples(self, unit: Unit) -> tuple[Motion, Ints]:
+        return unit.own.motion, unit.own.of
 
     def state(self, path: Path) -> dict[str, Floats]:
         """Return the recorded variables that a mismatch may follow, by node."""
@@ -178,21 +152,6 @@ class TravelChannel:
             "ambient_temperature": m.ambient_temperature, "speed": np.minimum(m.speed, self.truck.drive.max_speed),
             "curvature": np.abs(m.curvature), "heading": m.heading, "vehicle_id": m.vehicle.astype(float),
         }  # fmt: skip
-
-    def passes(self, term: Term) -> NDArray[np.int64]:
-        """Return how many windows touch each value of a field, (C,)."""
-        if term.name not in self._passes:
-            self._passes[term.name] = self._touched(term)
-        return self._passes[term.name]
-
-    def _touched(self, term: Term) -> NDArray[np.int64]:
-        cells = self.cells(term)
-        total = np.zeros(len(cells), np.int64)
-        for unit in self.units():
-            number = cells.at(unit.own.motion)[0]
-            pairs = np.unique(unit.own.of * len(cells) + number)
-            total += np.bincount(pairs % len(cells), minlength=len(cells))
-        return total
 
     def lost(self, model: Model) -> Lost | None:
         """Return what other vehicles cost beyond a model."""
@@ -222,6 +181,7 @@ def travel_channel(fleet: Fleet, base: Model, settings: Settings, split: Split) 
     """Return the travel times of a fleet with a map."""
     assert fleet.network is not None
     return TravelChannel(
+        "speed",
         fleet,
         base,
         split,

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.discovery.channels.common import SourceColumns
 from fleetlog.discovery.channels.paths import Path
 from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
 from fleetlog.discovery.hypotheses.sources import (
-    CurveSource,
-    ErrorSource,
     FieldSource,
     KnobSource,
-    PlaceSource,
-    Source,
 )
 from fleetlog.discovery.hypotheses.stretches import Stretches
 from fleetlog.discovery.model import Model
@@ -79,7 +75,7 @@ class Places(Protocol):
 
 
 @dataclass
-class About:
+class About(SourceColumns):
     """Columns of a path about a model."""
 
     channel: Places
@@ -90,22 +86,10 @@ class About:
     seconds: Floats
     capped: Mask
 
-    def columns(self, source: Source) -> Floats:
-        """Return the columns of one source, (W, k)."""
-        kinds: dict[type, Callable[[], Floats]] = {
-            KnobSource: lambda: self._knob(source),  # type: ignore[arg-type]
-            FieldSource: lambda: self._field(source),  # type: ignore[arg-type]
-            CurveSource: lambda: self._curve(source.curve),  # type: ignore[union-attr]
-            PlaceSource: self._place,
-            ErrorSource: lambda: self._moments(source.name),  # type: ignore[union-attr]
-        }
-        return kinds[type(source)]()
-
     def _knob(self, source: KnobSource) -> Floats:
         knob = source.knob
         term, p = all_terms()[knob.term], knob.definition
-        now = self.model.of_vehicle(knob, self.vehicle)
-        now += self.model.coordinate(knob) if knob.scope.timed else 0.0
+        now = self.model.in_force(knob, self.vehicle)
         low, high = sorted((p.scaled(p.low), p.scaled(p.high)))
         step = STEP * min(high - low, 4.0 * abs(now))
         ends = [now + step, now - step]
@@ -153,7 +137,7 @@ class About:
         ]
         return np.asarray(np.sum(parts, axis=0))
 
-    def _moments(self, name: str) -> Floats:
+    def _error(self, name: str) -> Floats:
         step = np.diff(self.path.s, prepend=self.path.s[:1])
         pace = np.where(self.path.inside, self.seconds / np.maximum(step, 1e-9), 0.0)
         dip = (

@@ -110,8 +110,17 @@ class Fleet:
 
     def moments(self, count: int) -> NDArray[np.float64]:
         """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
-        time = np.concatenate([t.time[:: max(1, len(t) // 5000)] for _, t in self.days]) * 1e-6
-        return np.quantile(time, np.linspace(0.0, 1.0, count + 1))
+        return np.quantile(self._times, np.linspace(0.0, 1.0, count + 1))
+
+    @cached_property
+    def span(self) -> float:
+        """Time from the first row to the last of all [s]."""
+        return float(np.ptp(self._times))
+
+    @cached_property
+    def _times(self) -> NDArray[np.float64]:
+        """Times of some 5,000 rows a vehicle-day [s since 1970]."""
+        return np.concatenate([t.time[:: max(1, len(t) // 5000)] for _, t in self.days]) * 1e-6
 
     @cached_property
     def trips(self) -> int:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fleetlog.discovery.hypotheses.hypothesis import TIME, Hypothesis, Pattern
 from fleetlog.discovery.hypotheses.scope import Scope
 from fleetlog.discovery.model import Knob
-from fleetlog.discovery.search.design import Design, make_design, of_hypothesis
+from fleetlog.discovery.search.design import Atom, Design, make_design, of_hypothesis
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Prior
@@ -33,6 +33,9 @@ SHORTEST = 3
 """Slots that a period lasts at least: a sixteenth of the recording."""
 DISTINCT = 1e-3
 """Share of a column's square that the model must leave of it: of less, nothing is learnt."""
+OWN = 0.5
+"""Share of a column's square that must lie within the classes (trips) that are known to differ each by itself: of
+less, a time is told apart from a run of alike classes by the smaller part of what it says."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,11 @@ class Column:
         step = np.where(known, moment / np.where(known, size, 1.0), 0.0)
         return step * moment / self.unit, step
 
+    def left(self, weight: Floats) -> float:
+        """Return the share of the square of the column with (V, S) weights that the model leaves."""
+        cross, own = np.einsum("vs,fvsk->k", weight, self.cross), np.einsum("vs,fvs->", weight**2, self.own)
+        return float(1.0 - cross @ self.model.fit()[0] @ cross / own) if own > 0.0 else 0.0
+
     def validated(self, weight: Floats) -> tuple[Floats, float]:
         """Return what the column with (V, S) weights gains on each unseen fold, (F,), and what it saves the prior."""
         cross = np.einsum("vs,fvsk->fk", weight, self.cross)
@@ -119,6 +127,8 @@ class Slotted:
     free: Mask
     knobs: tuple[Knob | None, ...]
     unit: float
+    by_class: bool
+    """Whether the model has a value for each class, of trips or days."""
     _models: dict[bytes, Beside] = field(default_factory=dict, repr=False)
 
     def column(self, j: int, loose: Knob | None = None) -> Column:
@@ -145,6 +155,8 @@ def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[S
     out = []
     for j, h in enumerate(numbers):
         for column, scope, weight in _likely(s, j, h.knobs[0]):
+            if s.by_class and column.left(weight) < OWN:
+                continue
             own = replace(h, knobs=tuple(replace(k, scope=scope) for k in h.knobs))
             gains, relieved = column.validated(weight)
             cost = problem.settings.parameter * own.numbers + own.choices
@@ -200,12 +212,19 @@ def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slo
             cross[c] += n.T @ b
             along[c] += n.T @ r
             own[c] += np.einsum("ij,ij->j", n, n)
-    prior, beta, shape = now.design.prior, now.fitted.beta, (folds, vehicles, slots, j)
+    beta, shape = now.fitted.beta, (folds, vehicles, slots, j)
+    prior = Design(tuple(replace(a, precision=0.0) if _is_class(a) else a for a in now.design.atoms)).prior
     return Slotted(
         edges, gram, moment, cross.reshape(*shape, k), along.reshape(shape), own.reshape(shape), prior, beta,
         (beta > prior.low) & (beta < prior.high), tuple(a.knob for a in design.atoms),
-        2.0 * problem.noise.design,
+        2.0 * problem.noise.design, any(_is_class(a) for a in now.design.atoms),
     )  # fmt: skip
+
+
+def _is_class(atom: Atom) -> bool:
+    """Whether it is the value of one class (a trip) of a free curve."""
+    curve = atom.owner.curve if atom.owner is not None else None
+    return curve is not None and bool(curve.classes)
 
 
 def _likely(s: Slotted, j: int, knob: Knob) -> list[tuple[Column, Scope, Floats]]:

@@ -147,27 +147,18 @@ def _line(
     return best, noise
 
 
-def _likelihood(o: Observed, noise: Noise, jerk: Floats | None = None) -> float:
+def _likelihood(o: Observed, noise: Noise) -> float:
+    return _forward(o, noise, None, np.empty((0, 3)), np.empty((0, 6)))
+
+
+def _forward(o: Observed, noise: Noise, jerk: Floats | None, mean: Floats, cov: Floats) -> float:
+    """Run the filter, keep its states where there is room for them, and return the logarithm of the likelihood."""
     from fleetlog.physics.motion.kernels.filter import filter_forward
 
-    none3, none6 = np.empty((0, 3)), np.empty((0, 6))
-    if jerk is None:
-        jerk = np.full(len(o.t), noise.jerk)
-    return float(
-        filter_forward(
-            o.t,
-            o.seen,
-            noise.position**2,
-            o.speed,
-            noise.speed**2,
-            o.rest,
-            o.link,
-            jerk,
-            1.0 / PERSISTENCE,
-            none3,
-            none6,
-        )
-    )
+    jerk = np.full(len(o.t), noise.jerk) if jerk is None else jerk
+    return float(filter_forward(
+        o.t, o.seen, noise.position**2, o.speed, noise.speed**2, o.rest, o.link, jerk, 1.0 / PERSISTENCE, mean, cov,
+    ))  # fmt: skip
 
 
 def with_mean_speed(o: Observed) -> Observed:
@@ -197,25 +188,12 @@ def smooth(o: Observed, noise: Noise, jerk: Floats | None = None, *, gains: bool
 
     ``gains`` keeps those of the backward pass, which tie the states of different times.
     """
-    from fleetlog.physics.motion.kernels.filter import filter_forward, smooth_backward
+    from fleetlog.physics.motion.kernels.filter import smooth_backward
 
     n = len(o.t)
-    if jerk is None:
-        jerk = np.full(n, noise.jerk)
+    jerk = np.full(n, noise.jerk) if jerk is None else jerk
     mean, cov, gain = np.empty((n, 3)), np.empty((n, 6)), np.zeros((n if gains else 0, 9), np.float32)
-    filter_forward(
-        o.t,
-        o.seen,
-        noise.position**2,
-        o.speed,
-        noise.speed**2,
-        o.rest,
-        o.link,
-        jerk,
-        1.0 / PERSISTENCE,
-        mean,
-        cov,
-    )
+    _forward(o, noise, jerk, mean, cov)
     smooth_backward(o.t, o.link, jerk, 1.0 / PERSISTENCE, mean, cov, gain)
     return Smoothed(mean, cov, gain)
 
