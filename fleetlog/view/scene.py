@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,7 +12,7 @@ from fleetlog.core.network import Network
 from fleetlog.core.site import Place, Site
 from fleetlog.view import palette, ribbons
 from fleetlog.view.meshes import Mesh, join, mesh_of
-from fleetlog.view.stream import Stream, entity
+from fleetlog.view.stream import Stream, entity, ui_points
 
 Floats = NDArray[np.float64]
 DEFAULT_WIDTH = 3.5
@@ -42,9 +41,7 @@ def drawn_width(network: Network, edge: int) -> float:
 
 
 def lane(site: Site, edge: int) -> tuple[float, float]:
-    """Left and right rim of the strip on which an edge is driven [m left of its line]:
-    half of a two-way road.
-    """
+    """Rims of the strip on which an edge is driven [m left of its line]: half of a two-way road."""
     network = site.roads()
     half = drawn_width(network, edge) / 2.0
     if network.reverse[edge] < 0:
@@ -60,7 +57,7 @@ def log_site(stream: Stream, site: Site) -> None:
             _log_map(stream, site)
     _log_buildings(stream, site)
     _log_zones(stream, site)
-    _log_places(stream, site)
+    log_places(stream, site.places, "", len(site.places) <= MANY_PLACES)
 
 
 def _log_roads(stream: Stream, site: Site) -> None:
@@ -71,10 +68,8 @@ def _log_roads(stream: Stream, site: Site) -> None:
         two_way = network.reverse[i] >= 0
         colour = palette.ROAD if two_way else palette.ONE_WAY
         surface.append(mesh_of(ribbons.ribbon(line, left, right, 0.01 if two_way else 0.03), colour))
-        outer = [right] if network.reverse[i] >= 0 and site.traffic == "right" else [left]
-        rims += [
-            ribbons.offset(line, o) + RAISED for o in (outer if network.reverse[i] >= 0 else (left, right))
-        ]
+        outer = (left, right) if not two_way else (right,) if site.traffic == "right" else (left,)
+        rims += [ribbons.offset(line, o) + RAISED for o in outer]
         middle = ribbons.offset(line, (left + right) / 2.0)
         arrow = ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), lift=0.07)
         if len(arrow):
@@ -84,8 +79,8 @@ def _log_roads(stream: Stream, site: Site) -> None:
         for (x, y, z), half in zip(network.node_points, _junction_radii(network), strict=True)
     ]
     stream.static("/site/roads/surface", mesh3d(join(surface)))
-    rim = rr.LineStrips3D(rims, colors=[palette.ROAD_EDGE], radii=rr.Radius.ui_points(0.6))
-    stream.static("/site/roads/edges", rim)
+    lines = rr.LineStrips3D(rims, colors=[palette.ROAD_EDGE], radii=ui_points(0.6))
+    stream.static("/site/roads/edges", lines)
     if marks:
         stream.static("/site/roads/arrows", mesh3d(join(marks)))
 
@@ -102,15 +97,10 @@ def _junction_radii(network: Network) -> Floats:
 def _log_map(stream: Stream, site: Site) -> None:
     assert site.frame is not None
     network = site.roads()
-    lines = []
-    for i in range(len(network)):
-        if network.reverse[i] > i or network.reverse[i] < 0:
-            latitude, longitude = site.frame.to_geographic(*network.polyline(i)[:, :2].T)
-            lines.append(np.column_stack([latitude, longitude]))
-    roads = rr.GeoLineStrings(
-        lat_lon=lines, colors=[palette.ROAD_EDGE] * len(lines), radii=rr.Radius.ui_points(1.2)
-    )
-    stream.static("/geo/roads", roads)
+    once = [i for i in range(len(network)) if network.reverse[i] > i or network.reverse[i] < 0]
+    lines = [np.column_stack(site.frame.to_geographic(*network.polyline(i)[:, :2].T)) for i in once]
+    colours = [palette.ROAD_EDGE] * len(lines)
+    stream.static("/geo/roads", rr.GeoLineStrings(lat_lon=lines, colors=colours, radii=ui_points(1.2)))
 
 
 def _outline(polygon: Floats, z: float) -> Floats:
@@ -126,11 +116,9 @@ def _log_buildings(stream: Stream, site: Site) -> None:
         stream.static(entity("site", "buildings", "roofs", building.id), mesh3d(roof, 28))
         stream.static(entity("site", "buildings", "walls", building.id), mesh3d(sides, 40))
         posts = [np.array([[*p, 0.0], [*p, height]]) for p in ribbons.open_ring(outline)]
-        for part, lines in (
-            ("outlines", [_outline(outline, 0.0)]),
-            ("frames", [_outline(outline, height), *posts]),
-        ):
-            strips = rr.LineStrips3D(lines, colors=[palette.BUILDING_EDGE], radii=rr.Radius.ui_points(0.7))
+        frame = {"outlines": [_outline(outline, 0.0)], "frames": [_outline(outline, height), *posts]}
+        for part, lines in frame.items():
+            strips = rr.LineStrips3D(lines, colors=[palette.BUILDING_EDGE], radii=ui_points(0.7))
             stream.static(entity("site", "buildings", part, building.id), strips)
 
 
@@ -141,32 +129,20 @@ def _log_zones(stream: Stream, site: Site) -> None:
         stream.static(entity("site", "zones", "floors", zone.id), mesh3d(floor, 24))
         limit = "" if np.isnan(zone.speed_limit) else f" {zone.speed_limit:.2g} m/s"
         rim = rr.LineStrips3D(
-            [_outline(zone.polygon, 0.02)],
-            colors=[colour],
-            radii=rr.Radius.ui_points(1.0),
-            labels=[zone.id + limit],
+            [_outline(zone.polygon, 0.02)], colors=[colour], radii=ui_points(1.0), labels=[zone.id + limit],
             show_labels=not zone.covered and len(site.zones) <= MANY_LABELS,
-        )
+        )  # fmt: skip
         stream.static(entity("site", "zones", "rims", zone.id), rim)
 
 
-def _log_places(stream: Stream, site: Site) -> None:
-    log_places(stream, site.places, "", len(site.places) <= MANY_PLACES)
-
-
 def log_places(stream: Stream, places: Sequence[Place], part: str, labels: bool) -> None:
-    """Rings on the floor, coloured by kind;
-    ``part`` names a group of its own beside the places of the site.
-    """
-    for kind, group in itertools.groupby(sorted(places, key=lambda p: p.kind), key=lambda p: p.kind):
-        alike, colour = list(group), palette.PLACES[kind]
+    """Rings on the floor, coloured by kind; ``part`` names a group beside the places of the site."""
+    for kind in sorted({p.kind for p in places}):
+        alike, colour = [p for p in places if p.kind == kind], palette.PLACES[kind]
         pads = [mesh_of(ribbons.disc(p.x, p.y, 1.2, 0.09, inner=0.75), colour) for p in alike]
         stream.static(entity("site", "places", kind, part, "pads"), mesh3d(join(pads)))
         points = rr.Points3D(
-            [[p.x, p.y, 0.1] for p in alike],
-            radii=rr.Radius.ui_points(2.5),
-            colors=[colour],
-            labels=[p.id for p in alike],
-            show_labels=labels,
-        )
+            [[p.x, p.y, 0.1] for p in alike], radii=ui_points(2.5), colors=[colour],
+            labels=[p.id for p in alike], show_labels=labels,
+        )  # fmt: skip
         stream.static(entity("site", "places", kind, part, "points"), points)

@@ -8,7 +8,7 @@ import rerun as rr
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.view import palette, thin
-from fleetlog.view.stream import Stream, entity
+from fleetlog.view.stream import Stream, entity, ui_points
 
 POINTS_A_DAY = 4000
 BREAK = 200.0
@@ -35,16 +35,11 @@ def log_ways(
     """Draw them dimmed, so that the truck and its trail stand out."""
     if not ways:
         return
-    r, g, b = (int(40 + 0.35 * c) for c in colour)
+    tint = [tuple(int(40 + 0.35 * c) for c in colour)]
     strips = [np.column_stack([w, np.zeros(len(w))]) for w in ways]
-    thin_line = rr.Radius.ui_points(0.8)
-    stream.static(
-        entity("site", "driven", prefix, vehicle),
-        rr.LineStrips3D(strips, colors=[(r, g, b)], radii=thin_line),
-    )
+    lines = rr.LineStrips3D(strips, colors=tint, radii=ui_points(0.8))
+    stream.static(entity("site", "driven", prefix, vehicle), lines)
     if site.frame is not None:
         on_earth = [np.column_stack(site.frame.to_geographic(*w.T)) for w in ways]
-        lines = rr.GeoLineStrings(
-            lat_lon=on_earth, colors=[(r, g, b)] * len(ways), radii=rr.Radius.ui_points(1.0)
-        )
-        stream.static(entity("geo", "driven", prefix, vehicle), lines)
+        drawn = rr.GeoLineStrings(lat_lon=on_earth, colors=tint * len(ways), radii=ui_points(1.0))
+        stream.static(entity("geo", "driven", prefix, vehicle), drawn)
