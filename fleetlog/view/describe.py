@@ -8,11 +8,11 @@ from typing import Any
 
 from fleetlog.errors import InputError
 
+AGAIN = "make it again from its dataset"
+
 
 def describe_recording(path: Path) -> dict[str, Any]:
-    """Recordings, entities, rows, timelines and blueprints of a file;
-    :class:`InputError` where it cannot be read.
-    """
+    """Recordings, entities, rows, timelines and blueprints of a file; InputError where it is unreadable."""
     from rerun.chunk import RrdReader
 
     try:
@@ -27,11 +27,9 @@ def describe_recording(path: Path) -> dict[str, Any]:
             blueprints = len(reader.blueprints())
     except Exception as error:  # Rerun raises its own kinds and RuntimeError alike
         why = " ".join(str(error).split())[:160]
-        raise InputError(
-            f"not readable as a recording: {why}", where=path, do="make it again from its dataset"
-        ) from None
+        raise InputError(f"not readable as a recording: {why}", where=path, do=AGAIN) from None
     if not any(r["rows"] for r in recordings):
-        raise InputError("no recording with a row in it", where=path, do="make it again from its dataset")
+        raise InputError("no recording with a row in it", where=path, do=AGAIN)
     open_end = any("no footer" in str(w.message) for w in heard)
     damage = ["the recording was not closed: it has no footer"] if open_end else []
     return {"recordings": recordings, "blueprint": blueprints > 0, "damage": damage}

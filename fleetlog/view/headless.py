@@ -1,8 +1,6 @@
-"""The real viewer without a screen: a recording is opened, painted by the processor (Mesa lavapipe) and
-looked at.
+"""The real viewer without a screen: a recording is opened and painted by the processor (Mesa lavapipe).
 
-Everything of ``rerun.experimental`` that fleetlog uses is in this module, because it may change with every
-release.
+All that fleetlog uses of ``rerun.experimental`` is here, because it may change with every release.
 """
 
 from __future__ import annotations
@@ -118,9 +116,7 @@ class Viewer:
         self.client.set_time(TIMELINE, timestamp=np.datetime64(nanoseconds, "ns"), play_state="paused")
 
     def picture(self, view: str | None = None) -> bytes:
-        """PNG of one view, or of the whole window;
-        taken again until it has ink, since data arrive after the first paint.
-        """
+        """PNG of one view, taken again until it has ink, as data arrive late; or of the whole window."""
         if view is None:
             return bytes(self.client.take_screenshot())
         self.client.take_screenshot()
@@ -135,9 +131,7 @@ class Viewer:
 
 @contextmanager
 def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Iterator[Viewer]:
-    """A viewer with ``rrd`` open, listening on this machine only;
-    :class:`ViewerError` where it cannot run.
-    """
+    """A viewer with ``rrd`` open, listening on this machine only; ViewerError where it cannot run."""
     from rerun.experimental import ViewerClient
 
     if (why := vulkan_missing()) is not None:
@@ -175,13 +169,9 @@ def colour_ink(png: bytes) -> float:
 
 
 def screenshot(
-    rrd: str | Path,
-    out: str | Path,
-    *,
-    at: int | None = None,
-    size: tuple[int, int] = (1600, 900),
+    rrd: str | Path, out: str | Path, *, at: int | None = None, size: tuple[int, int] = (1600, 900),
     settle: float = 7.0,
-) -> Path:
+) -> Path:  # fmt: skip
     """The whole window as PNG, at time ``at`` [ns] (the middle of the recording by default).
 
     ``settle`` seconds are given to load, and to let the notices of the viewer fade.

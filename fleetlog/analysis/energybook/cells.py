@@ -1,6 +1,4 @@
-"""The battery through the segments of a book:
-lowest voltage, collapse, emptiness, and the charge that the model ends with.
-"""
+"""The battery through the segments of a book: voltage, collapse, emptiness, and the charge at the end."""
 
 from __future__ import annotations
 
@@ -17,9 +15,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Cells:
-    """(S,) each: state of charge that the model ends with, lowest voltage [V],
-    seconds of collapse and of emptiness.
-    """
+    """(S,) each: the model's state of charge at the end, lowest voltage [V], seconds collapsed and empty."""
 
     soc_end: Floats
     lowest: Floats
@@ -28,13 +24,9 @@ class Cells:
 
 
 def follow_cells(
-    starts: NDArray[np.intp],
-    power: Floats,
-    dt: Floats,
-    soc: Floats,
-    temperature: Floats,
+    starts: NDArray[np.intp], power: Floats, dt: Floats, soc: Floats, temperature: Floats,
     battery: BatteryModel,
-) -> Cells:
+) -> Cells:  # fmt: skip
     """Discharge the battery segment by segment, each from the charge that the log gives at its start.
 
     Where the log gives none, from full: the voltages then are those of a full battery, and the end of charge
