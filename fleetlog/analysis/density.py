@@ -263,8 +263,8 @@ def _arc_lines(c: Crowds, watched: Watched) -> MovingLines:
     shown = np.union1d(time, after[after < watched.stop])
     cuts = (np.searchsorted(c.arc_time, shown, side).tolist() for side in SIDES)
     ranges = [slice(a, b) for a, b in zip(*cuts, strict=True)]
-    lines, critical = (tuple(v[r] for r in ranges) for v in (c.arc_ends, c.arc_critical))
-    return MovingLines("clusters", shown, lines, critical)
+    lines = tuple(c.arc_ends[r] for r in ranges)
+    return MovingLines("clusters", shown, lines, tuple(c.arc_critical[r] for r in ranges))
 
 
 def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:

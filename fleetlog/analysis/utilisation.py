@@ -36,9 +36,8 @@ STATES = (
 """``driving``, and ``standing`` (handling or waiting), are of trucks whose log has neither load nor forks."""
 OF_ACTIVITY = {
     "drive_empty": "driving_empty", "drive_laden": "driving_laden", "wait": "waiting",
-    "wait_place": "waiting",
-    "wait_charger": "waiting", "pick": "handling", "drop": "handling", "charge": "charging", "park": "idle",
-    "battery_empty": "idle",
+    "wait_place": "waiting", "wait_charger": "waiting", "pick": "handling", "drop": "handling",
+    "charge": "charging", "park": "idle", "battery_empty": "idle",
 }  # fmt: skip
 REACH, REACH_WITHOUT_FORKS = 10.0, 30.0
 """Handling lasts this long before and after a movement of the forks or a change of the load at most [s]."""
@@ -85,12 +84,8 @@ def utilisation(dataset: Dataset) -> Result:
 def hours_by_state(table: pd.DataFrame, *by: pd.Series) -> pd.DataFrame:
     """Hours in every state, one row for each combination of ``by`` (aligned with the rows of ``table``)."""
     hours = (table["end"] - table["start"]).dt.total_seconds() / 3600.0
-    return (
-        hours.groupby([*by, table["state"]])
-        .sum()
-        .unstack(fill_value=0)
-        .reindex(columns=STATES, fill_value=0.0)
-    )
+    sums = hours.groupby([*by, table["state"]]).sum().unstack(fill_value=0)
+    return sums.reindex(columns=STATES, fill_value=0.0)
 
 
 def state_bars(name: str, hours: pd.DataFrame) -> Bars:
@@ -128,9 +123,13 @@ def intervals(t: Trajectory) -> pd.DataFrame:
     code = row_states(t)[:-1]
     first = np.flatnonzero(np.diff(code, prepend=-1))
     ends = np.append(t.time[first[1:]], t.time[-1:] if len(first) else t.time[:0])
-    stamps = [pd.to_datetime(v, unit="us", utc=True).as_unit("us") for v in (t.time[first], ends)]
-    named = np.array(STATES, dtype=object)[code[first]]
-    return pd.DataFrame({"vehicle_id": t.vehicle_id, "state": named, "start": stamps[0], "end": stamps[1]})
+    named, starts = np.array(STATES, dtype=object)[code[first]], stamps(t.time[first])
+    return pd.DataFrame({"vehicle_id": t.vehicle_id, "state": named, "start": starts, "end": stamps(ends)})
+
+
+def stamps(time: Codes) -> pd.DatetimeIndex:
+    """Times [us] as a table holds them."""
+    return pd.to_datetime(time, unit="us", utc=True).as_unit("us")
 
 
 def row_states(t: Trajectory) -> Codes:
@@ -162,9 +161,8 @@ def _spread(run: NDArray[Any], values: NDArray[np.float64], how: np.ufunc) -> ND
 def _charging(t: Trajectory, stand: NDArray[Any]) -> Mask:
     """Where the log says so; standstills in which the battery takes power on average, or its charge rises."""
     own = t.columns.get("charging")
-    said = (
-        np.zeros(len(t)) if own is None or isinstance(own, Labels) else np.nan_to_num(np.asarray(own, float))
-    )
+    silent = own is None or isinstance(own, Labels)
+    said = np.zeros(len(t)) if silent else np.nan_to_num(np.asarray(own, float))
     first = np.flatnonzero(np.diff(stand, prepend=-1))
     length = np.diff(np.append(first, len(stand)))
     soc = t.floats("soc")
@@ -199,10 +197,7 @@ def quarters(table: pd.DataFrame) -> pd.DataFrame:
     step = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
     low = np.maximum(start[row], (start[row] // QUARTER + step) * QUARTER)
     high = np.minimum(end[row], (start[row] // QUARTER + step + 1) * QUARTER)
-    stamps = {
-        n: pd.to_datetime(v, unit="us", utc=True).as_unit("us") for n, v in (("start", low), ("end", high))
-    }
-    return table.iloc[row].reset_index(drop=True).assign(**stamps)
+    return table.iloc[row].reset_index(drop=True).assign(start=stamps(low), end=stamps(high))
 
 
 ANALYSIS = utilisation
