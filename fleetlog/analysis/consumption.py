@@ -46,7 +46,8 @@ def _quarters(t: Trajectory) -> pd.DataFrame:
     metres = np.nan_to_num(t.floats("speed")) * dt
     soc = pd.Series(t.floats("soc"))
     return _summed(pd.DataFrame({
-        "vehicle_id": t.vehicle_id, "start": stamps(t.time // QUARTER * QUARTER), "seconds": dt, "metres": metres, "measured_s": known * dt, "measured_m": known * metres,
+        "vehicle_id": t.vehicle_id, "start": stamps(t.time // QUARTER * QUARTER),
+        "seconds": dt, "metres": metres, "measured_s": known * dt, "measured_m": known * metres,
         "used_kwh": np.where(charging, 0.0, joules) / KWH,
         "charged_kwh": np.where(charging, -joules, 0.0) / KWH,
         "soc_low": soc, "soc_end": soc,

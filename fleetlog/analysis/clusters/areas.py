@@ -52,20 +52,13 @@ class Watched:
         return self.step * 1e-6
 
     @property
-    def time(self) -> NDArray[np.int64]:
-        """The time grid [us]."""
-        return np.arange(self.start, self.stop, self.step, dtype=np.int64)
-
-    @property
     def hours(self) -> float:
         """From start to stop."""
         return -(-(self.stop - self.start) // self.step) * self.seconds / 3600.0
 
 
 def samples(c: Crowds, found: list[Episode], free_speed: Floats, step: float) -> Samples:
-    """The truck-steps of all episodes; ``free_speed`` (E,) is what an undisturbed truck drives
-    on each edge [m/s].
-    """
+    """The truck-steps of all episodes; ``free_speed`` (E,) is that of an undisturbed truck [m/s]."""
     cluster = np.array([k for e in found for k in e.clusters], dtype=np.int64)
     number = np.repeat(np.arange(len(found)), [len(e.clusters) for e in found])
     size = c.size[cluster]
@@ -106,34 +99,26 @@ def critical_areas(network: Network, s: Samples, watched: Watched, seed: int = 0
     places, xy = codes[hot], bin_centres(network, codes[hot])
     s, inverse = _at(s, bins(network, s.edge, s.offset), places)
     group = _connected(xy)
-    area = group[inverse]
-    hours = watched.hours
+    area, areas = group[inverse], int(group.max()) + 1
     days = (watched.stop - 1 - watched.start) // DAY + 1
     unit, units = ((s.time - watched.start) // DAY, days) if days >= 5 else (s.truck, len(watched.vehicles))
-    low, high, first = _resampled(area, unit, units, s.delay, int(group.max()) + 1, seed)
+    low, high, first = _resampled(area, unit, units, s.delay, areas, seed)
     rows = []
-    for a in range(int(group.max()) + 1):
+    for a in range(areas):
         mine, here = area == a, group == a
         weight = np.bincount(inverse[mine], weights=s.delay[mine] + 1e-9, minlength=len(places))[here]
         x, y = np.average(xy[here], axis=0, weights=weight)
-        roads = sorted({network.roads[int(c // PLACES)] for c in places[here]})
-        rows.append(
-            {
-                "x": x,
-                "y": y,
-                "delay": s.delay[mine].sum(),
-                "vehicle_seconds": float(mine.sum()) * watched.seconds,
-                "episodes": len(np.unique(s.episode[mine])),
-                "vehicles": len(np.unique(s.truck[mine])),
-                "episodes_per_hour": len(np.unique(s.episode[mine])) / max(hours, 1e-9),
-                "roads": ", ".join(roads),
-                "radius": float(np.sqrt(np.average(((xy[here] - (x, y)) ** 2).sum(axis=1), weights=weight)))
-                + BIN / 2,
-                "delay_low": low[a],
-                "delay_high": high[a],
-                "first_share": first[a],
-            }
-        )
+        spread = np.average(((xy[here] - (x, y)) ** 2).sum(axis=1), weights=weight)
+        episodes = len(np.unique(s.episode[mine]))
+        rows.append({
+            "x": x, "y": y, "delay": s.delay[mine].sum(),
+            "vehicle_seconds": float(mine.sum()) * watched.seconds, "episodes": episodes,
+            "vehicles": len(np.unique(s.truck[mine])),
+            "episodes_per_hour": episodes / max(watched.hours, 1e-9),
+            "roads": ", ".join(sorted({network.roads[int(c // PLACES)] for c in places[here]})),
+            "radius": float(np.sqrt(spread)) + BIN / 2, "delay_low": low[a], "delay_high": high[a],
+            "first_share": first[a],
+        })  # fmt: skip
     table = pd.DataFrame(rows).sort_values("delay", ascending=False, ignore_index=True)
     table.insert(0, "area", np.arange(1, len(table) + 1))
     return table
@@ -175,9 +160,7 @@ def _connected(xy: Floats) -> NDArray[np.int64]:
 def _resampled(
     area: NDArray[np.int64], unit: NDArray[np.int64], units: int, delay: Floats, n: int, seed: int
 ) -> tuple[Floats, Floats, Floats]:
-    """90 % interval of every area's delay and its share of first ranks, over 500 resamples of whole units,
-    quiet ones too.
-    """
+    """90 % interval of every area's delay and its share of first ranks, over 500 resamples of all units."""
     table = np.zeros((units, n))
     np.add.at(table, (unit, area), delay)
     rng = np.random.default_rng(seed)

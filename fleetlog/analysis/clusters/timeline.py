@@ -21,10 +21,8 @@ def area_of(table: pd.DataFrame, areas: pd.DataFrame) -> NDArray[np.int64]:
     """(N,) number of the area that an episode's middle lies in or beside, 0 for none."""
     if not len(table) or not len(areas):
         return np.zeros(len(table), np.int64)
-    gap = np.hypot(
-        table.x.to_numpy()[:, None] - areas.x.to_numpy(), table.y.to_numpy()[:, None] - areas.y.to_numpy()
-    )
-    outside = gap - areas.radius.to_numpy()
+    at, middle = (t[["x", "y"]].to_numpy(float) for t in (table, areas))
+    outside = np.hypot(*(at[:, None] - middle).T).T - areas.radius.to_numpy()
     best = outside.argmin(axis=1)
     near = outside[np.arange(len(table)), best] <= MARGIN
     return np.where(near, areas.area.to_numpy()[best], 0)
