@@ -1,4 +1,4 @@
-"""A charging plan tried out in the simulator: the same tasks with the present chargers and with the planned ones."""
+"""A charging plan tried out in the simulator: the same tasks with present and with planned chargers."""
 
 from __future__ import annotations
 
@@ -29,10 +29,11 @@ class Trial:
 
 
 def try_plan(dataset: Dataset, sites: pd.DataFrame, trial: Trial) -> dict[str, Any]:
-    """Simulate ``before`` (the site's own chargers) and ``after`` (those of ``sites``: x, y, plugs), all else equal.
+    """Simulate ``before`` (the site's own chargers) and ``after`` (``sites``: x, y, plugs), all else equal.
 
-    Tasks are drawn like the recorded ones, with the same seed for both; where the recording shows no loads, they are
-    random, and then only the seed is the same.  Power of a planned plug is that of the site's first charger that states one.
+    Tasks are drawn like the recorded ones, with the same seed for both; where the recording shows no loads,
+    they are random, and then only the seed is the same.  The power of a planned plug is that of the site's
+    first charger that states one.
     """
     from fleetlog.simulate.places import like
 

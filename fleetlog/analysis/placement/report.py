@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fleetlog.analysis.placement.costs import UNITS
 from fleetlog.analysis.placement.demand import Unit, peak
 from fleetlog.analysis.placement.plan import Question, Weighed, total
-from fleetlog.analysis.placement.select import Choice, top_k
+from fleetlog.analysis.placement.select import Choice, finite, greedy, top_k
 from fleetlog.core.network import Network
 from fleetlog.core.words import count, percent
 
@@ -23,9 +23,7 @@ MOST = 4
 
 
 def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:
-    """Weighted mean and 95th percentile of the cost to the nearest site,
-    over the demand that can reach one.
-    """
+    """Weighted mean and 95th percentile of the cost to the nearest site, where there is a way to one."""
     nearest_site = cost[:, sites].min(axis=1)
     ok = np.isfinite(nearest_site) & (weight > 0)
     w, d = weight[ok], nearest_site[ok]
@@ -34,11 +32,8 @@ def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:
     order = np.argsort(d)
     cumulated = np.cumsum(w[order])
     p95 = d[order][min(int(np.searchsorted(cumulated, 0.95 * cumulated[-1])), len(d) - 1)]
-    return {
-        "mean": float(np.average(d, weights=w)),
-        "p95": float(p95),
-        "unreachable_share": float(1 - w.sum() / weight.sum()),
-    }
+    unreachable = float(1 - w.sum() / weight.sum())
+    return {"mean": float(np.average(d, weights=w)), "p95": float(p95), "unreachable_share": unreachable}
 
 
 def summarise(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> dict[str, Any]:
@@ -48,49 +43,26 @@ def summarise(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> dic
     n, k = len(w.share), len(choice.sites)
     rng = np.random.default_rng(0)
     random = [reach(w.weight, q.cost, rng.choice(n, k, replace=False))["mean"] for _ in range(DRAWS)]
+    shunned = w.weight[:, None] * finite(q.cost)
     baselines = {
         "random": {"mean": float(np.nanmedian(random)), "best_of_200": float(np.nanmin(random))},
         "hottest": reach(w.weight, q.cost, top_k(w.share, k).sites),
         "top_rank": reach(w.weight, q.cost, top_k(w.ranks, k).sites),
-        "greedy": reach(w.weight, q.cost, _greedy(w.weight, q.cost, k)),
+        "greedy": reach(w.weight, q.cost, greedy(shunned, np.zeros(0, np.int64), k)),
     }
     notices = list(w.notices)
     if k < q.k and q.method == "pmedian":
         notices.append(f"{k} of {q.k} sites serve all demand; more would stand idle")
+    flow = "high by construction: on closed trips the flow rank is the heat share"
     return {
-        "k": q.k,
-        "method": q.method,
-        "variant": q.variant,
-        "demand": w.used,
-        "metric": q.metric,
-        "unit": UNITS[q.metric],
-        "alpha": q.alpha,
-        "capacity_share": q.capacity,
-        "sites": [q.network.node_ids[i] for i in choice.sites],
-        "objective": choice.objective,
-        "proven_gap": choice.gap,
-        "reach": reach(w.weight, q.cost, choice.sites),
-        "baselines": baselines,
+        "k": q.k, "method": q.method, "variant": q.variant, "demand": w.used, "metric": q.metric,
+        "unit": UNITS[q.metric], "alpha": q.alpha, "capacity_share": q.capacity,
+        "sites": [q.network.node_ids[i] for i in choice.sites], "objective": choice.objective,
+        "proven_gap": choice.gap, "reach": reach(w.weight, q.cost, choice.sites), "baselines": baselines,
         "rank_heat_spearman": float(spearmanr(w.ranks, w.share).statistic),
-        "rank_heat_note": "high by construction: on closed trips the flow rank is the heat share"
-        if q.variant == "flow"
-        else None,
-        "vehicle_days": len(units),
-        "plugs_peak": peak([s for u in units for s in u.open_spells]),
-        "notices": notices,
-    }
-
-
-def _greedy(weight: Floats, cost: Floats, k: int) -> Ints:
-    """Sites added one by one, each where it helps most."""
-    far = 10.0 * float(cost[np.isfinite(cost)].max(initial=1.0))
-    weighted = weight[:, None] * np.minimum(cost, far)
-    best = np.full(len(weight), np.inf)
-    out: list[int] = []
-    for _ in range(k):
-        out.append(int(np.minimum(weighted, best[:, None]).sum(axis=0).argmin()))
-        best = np.minimum(best, weighted[:, out[-1]])
-    return np.array(out, dtype=np.int64)
+        "rank_heat_note": flow if q.variant == "flow" else None, "vehicle_days": len(units),
+        "plugs_peak": peak([s for u in units for s in u.open_spells]), "notices": notices,
+    }  # fmt: skip
 
 
 def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd.DataFrame:
@@ -112,9 +84,7 @@ def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd
 
 
 def _plugs(units: list[Unit], to: NDArray[np.intp], sites: int) -> NDArray[np.int64]:
-    """The most trucks that stood in need of charge at once, among those nearest to each site;
-    one at least.
-    """
+    """The most trucks that stood in need of charge at once nearest to each site; one at least."""
     spells: list[list[tuple[int, int]]] = [[] for _ in range(sites)]
     for u in units:
         for spell, vertex in zip(u.open_spells, u.spell_vertices, strict=True):
