@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.analysis.placement.check import Trial, try_plan
 from fleetlog.analysis.placement.costs import Metric, driving_costs
@@ -22,13 +21,13 @@ from fleetlog.analysis.placement.report import lines_of, site_table, summarise, 
 from fleetlog.core.arguments import Between, Count, Duration, Seed
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, Grid, Marks, Result, Shape
+from fleetlog.core.trajectory import Ints
 from fleetlog.core.truck import Truck
 from fleetlog.errors import ArgumentError, DataError, nearest
 from fleetlog.store import Dataset
 
 NEAR = 8.0
 """A charger that stands this close to a chosen vertex is the one that the plan means [m]."""
-Ints = NDArray[np.int64]
 
 
 def chargers(

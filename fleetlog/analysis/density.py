@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.analysis.clusters.areas import (
     BIN,
@@ -29,6 +28,7 @@ from fleetlog.analysis.clusters.tracking import Episode, Followed, episodes, fol
 from fleetlog.core.arguments import Between
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
+from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
@@ -44,8 +44,6 @@ OF_TRIP = ("vehicle_id", "trip_id", "start", "end", "x_start", "y_start", "x_end
 SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
 BIN_SPEED, SPEEDS = 0.005, 1 << 16
 """Speeds are counted in steps of this [m/s]; how many steps there are."""
-
-Floats = NDArray[np.float64]
 
 
 def density(
@@ -151,7 +149,7 @@ def free_speeds(dataset: Dataset, network: Network) -> Floats:
 class Driven:
     """How many rows have which speed on which edge; ``key`` is edge * SPEEDS + speed / ``BIN_SPEED``."""
 
-    key: NDArray[np.int64]
+    key: Ints
     count: Floats
 
     def __add__(self, other: Driven) -> Driven:

@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.analysis.energybook import tables as of
 from fleetlog.analysis.energybook.book import Book, keep_book
@@ -17,6 +16,7 @@ from fleetlog.analysis.energybook.cells import Cells
 from fleetlog.analysis.energybook.doubt import parameter_variance
 from fleetlog.core.arguments import ShiftHours
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
+from fleetlog.core.trajectory import Floats
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError
@@ -25,7 +25,6 @@ from fleetlog.physics.power import Physics
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
 
-Floats = NDArray[np.float64]
 SHIFTS = (6, 14, 22)
 """Hours of the day (UTC) at which shifts begin, unless said otherwise."""
 ROW_COST = 4e-6

@@ -11,7 +11,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.analysis.occupancy import maps
 from fleetlog.analysis.occupancy.compare import difference
@@ -19,11 +18,10 @@ from fleetlog.analysis.occupancy.maps import Grouping, HeatMap, Quantity
 from fleetlog.core.arguments import Between, HourRange
 from fleetlog.core.network import Network
 from fleetlog.core.result import EdgeValues, Grid, Result, Shape
+from fleetlog.core.trajectory import Floats
 from fleetlog.core.words import count, percent
 from fleetlog.errors import ArgumentError, DataError
 from fleetlog.store import Dataset
-
-Floats = NDArray[np.float64]
 
 
 def heatmap(

@@ -21,12 +21,10 @@ from numpy.typing import NDArray
 
 from fleetlog.core.arguments import Between
 from fleetlog.core.result import Marks, Result
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.core.words import count
 from fleetlog.store import Dataset
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 STEP = 0.25
 """Of the common time grid [s]."""
 LONGEST_GAP = 5.0

@@ -6,17 +6,15 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.analysis.utilisation import joined_days, stamps
 from fleetlog.core.arguments import Between, Share
 from fleetlog.core.result import Marks, Result
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP, STANDING_SPEED, runs
 
-Floats = NDArray[np.float64]
 COLUMNS = ("x", "y", "speed", "edge_id")
 EVENTS = ("vehicle_id", "start", "end", "duration", "top_speed", "limit", "place", "x", "y")
 WORST = 12
@@ -73,7 +71,7 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     ]
 
 
-def limits(t: Trajectory, site: Site) -> tuple[Floats, NDArray[np.int64]]:
+def limits(t: Trajectory, site: Site) -> tuple[Floats, Ints]:
     """(N,) limit [m/s], inf where none; and whose it is: an edge's, or -1 - k of zone k."""
     limit, whose = np.full(len(t), np.inf), np.full(len(t), 0, np.int64)
     if site.network is not None:

@@ -22,7 +22,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fleetlog.core.result import Bars, Result, Shape
-from fleetlog.core.trajectory import Labels, Trajectory, concatenate
+from fleetlog.core.trajectory import Floats, Ints, Labels, Trajectory, concatenate
 from fleetlog.errors import DataError
 from fleetlog.simulate.places import MIN_CHARGE
 from fleetlog.store import Dataset
@@ -53,7 +53,7 @@ QUARTER = 900_000_000
 MOST_QUARTERS = 4_000_000
 """Of all vehicles together: a hundred vehicles for a year."""
 
-Codes = NDArray[np.int64]
+Codes = Ints
 Mask = NDArray[np.bool_]
 
 
@@ -152,7 +152,7 @@ def row_states(t: Trajectory) -> Codes:
     return np.asarray(out, dtype=np.int64)
 
 
-def _spread(run: NDArray[Any], values: NDArray[np.float64], how: np.ufunc) -> NDArray[np.float64]:
+def _spread(run: NDArray[Any], values: Floats, how: np.ufunc) -> Floats:
     """(N,) the sum (or other reduction) of each run, at all of its rows."""
     first = np.flatnonzero(np.diff(run, prepend=-1))
     return np.asarray(np.repeat(how.reduceat(values, first), np.diff(np.append(first, len(run)))))
@@ -171,7 +171,7 @@ def _charging(t: Trajectory, stand: NDArray[Any]) -> Mask:
     return np.asarray((said > 0.0) | (taken > CHARGER) | (np.nan_to_num(rise) > MIN_CHARGE))
 
 
-def _handling(t: Trajectory, still: Mask, load: NDArray[np.float64]) -> Mask:
+def _handling(t: Trajectory, still: Mask, load: Floats) -> Mask:
     """Rows near a change of the load or the forks at a standstill."""
     changes = np.abs(np.diff(load, prepend=load[:1])) > MIN_LOAD_CHANGE
     changes |= np.abs(np.diff(t.floats("fork_height"), prepend=np.nan)) > FORKS

@@ -18,9 +18,8 @@ from fleetlog.core.truck import Truck
 from fleetlog.core.words import count
 from fleetlog.errors import ArgumentError
 from fleetlog.report.comparison import Comparison
-from fleetlog.report.content import Part, Section
+from fleetlog.report.content import Part, Section, render
 from fleetlog.report.facts import Facts, gather
-from fleetlog.report.page import render
 from fleetlog.report.sections import SECTIONS, answers, local_span, shapes
 from fleetlog.store import Dataset
 from fleetlog.version import __version__
@@ -94,9 +93,8 @@ def _left_out(facts: Facts) -> list[str]:
 def _page(found: Comparison, lead: list[str]) -> str:
     facts = found.facts
     sites = list(dict.fromkeys(f.site.name if f.site.source else f.name for f in facts))
-    tiles = [
-        (f.label, f.shown(v[0]), found.unit(f)) for f, v in found.figures if f.title and np.isfinite(v[0])
-    ]
+    large = [(f, v[0]) for f, v in found.figures if f.title and np.isfinite(v[0])]
+    tiles = [(f.label, f.shown(value), found.unit(f)) for f, value in large]
     return render(
         "fleet.html", title=f"Fleet report: {' and '.join(sites)}", lead=lead,
         about=[_about(f) for f in facts], tiles=[] if found.two else tiles, sections=_sections(found),
@@ -123,9 +121,8 @@ def _sections(found: Comparison) -> list[Section]:
         shared = _common(title, facts)
         out.append(Section(title, [replace(make(f, **shared), name=f.name) for f in facts]))
         if title == "Energy" and any(found.left_out):
-            parts = [
-                Part(lines, name=f.name) for f, lines in zip(facts, found.left_out, strict=True) if lines
-            ]
+            said = zip(facts, found.left_out, strict=True)
+            parts = [Part(lines, name=f.name) for f, lines in said if lines]
             out.append(Section("What the truck model leaves out", parts))
     return out + _added_sections(facts)
 

@@ -10,7 +10,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from fleetlog.view.extent import Floats, around
+from fleetlog.core.trajectory import Floats
+from fleetlog.view.extent import around
 from fleetlog.view.stream import TIMELINE, Stream
 
 Point = tuple[float, float, float]

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
-from fleetlog.core.trajectory import Floats, Trajectory, concatenate
+from fleetlog.core.trajectory import Floats, Ints, Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 from fleetlog.view import blueprint, palette, thin
@@ -129,7 +128,7 @@ def _log_totals(stream: Stream, *fleets: Fleet) -> set[str]:
     return found
 
 
-def totals(days: list[Trajectory]) -> tuple[NDArray[np.int64], dict[str, Floats]]:
+def totals(days: list[Trajectory]) -> tuple[Ints, dict[str, Floats]]:
     """Times [us]; trucks driving, distance so far [km] and, where power is known, energy so far [kWh]."""
     rows = [np.zeros((0, 4))]
     for t in days:

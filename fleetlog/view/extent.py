@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.result import Flows, Grid, Marks, MovingLines, Result
 from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Floats
 from fleetlog.store import Dataset
 
-Floats = NDArray[np.float64]
 Extent = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax [m]."""
 

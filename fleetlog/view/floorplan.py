@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.result import EdgeValues, Flows, Grid, Marks, MovingLines, Result
 from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Floats
 from fleetlog.view import palette, ribbons
 from fleetlog.view.extent import Extent, around, shapes_outline
 from fleetlog.view.scales import Scale, colour_map
@@ -16,7 +16,6 @@ from fleetlog.view.scales import Scale, colour_map
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 INK, ROAD, BUILDING = "#33373d", "#b9c0c9", "#eceef1"
 MARKS = {
     "place": "#2a6fa8", "charger": "#1f8a4c", "critical": "#c22e2a", "point": "#33373d", "pick": "#2a7fb8",

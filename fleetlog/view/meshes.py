@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from fleetlog.view.palette import Colour
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Mesh:

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.result import Bars, Series, Spread, half_width
+from fleetlog.core.trajectory import Floats
 from fleetlog.view import palette
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 SOFT, GRID = "#5a5f66", "#e3e6ea"
 MAX_BARS, MAX_LABEL = 40, 28
 SILENCE = 20.0

@@ -12,9 +12,9 @@ import rerun.blueprint as rrb
 
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Ints
+from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.view import blueprint, palette, ribbons, thin
-from fleetlog.view.extent import Extent, Floats, around, shapes_outline
+from fleetlog.view.extent import Extent, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve, with_gaps
 from fleetlog.view.marks import arc, head
 from fleetlog.view.meshes import join, mesh_of

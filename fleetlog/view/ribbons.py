@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from fleetlog.core.trajectory import Floats, Ints
 
 
 def side_vectors(points: Floats) -> Floats:
@@ -84,7 +83,7 @@ def _turn(a: Floats, b: Floats, c: Floats) -> float:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
-def triangulate(polygon: Floats) -> NDArray[np.int64]:
+def triangulate(polygon: Floats) -> Ints:
     """(n - 2, 3) counter-clockwise vertex indices of a simple polygon (n, 2), by clipping ears."""
     points = np.asarray(polygon, dtype=np.float64)
     nxt = np.roll(points, -1, axis=0)

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.result import EdgeValues, Grid
+from fleetlog.core.trajectory import Floats
 
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap, Normalize
 
-Floats = NDArray[np.float64]
 
 # Colour-blind safe; pale is low on paper, dark is low on the viewer's dark ground, and grey or white is zero
 # between two signs.

@@ -6,15 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
 from fleetlog.core.site import Place, Site
+from fleetlog.core.trajectory import Floats
 from fleetlog.view import palette, ribbons
 from fleetlog.view.meshes import Mesh, join, mesh_of
 from fleetlog.view.stream import Stream, entity, ui_points
 
-Floats = NDArray[np.float64]
 DEFAULT_WIDTH = 3.5
 """Drawn width of a road [m] whose map gives none."""
 MANY_LABELS, MANY_PLACES = 30, 8

@@ -12,6 +12,7 @@ from fleetlog.analysis.clusters.crowds import Crowds
 from fleetlog.analysis.clusters.steps import DAY
 from fleetlog.analysis.clusters.tracking import Episode
 from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Floats, Ints
 
 BIN = 5.0
 """Length of road that is counted as one place [m]."""
@@ -21,16 +22,14 @@ PLACES = 100_000
 SHARE = 0.8
 """Areas are made of the fewest places that carry this share of the delay."""
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Samples:
     """One row for every truck and step inside an episode."""
 
-    episode: NDArray[np.int64]
-    truck: NDArray[np.int64]
-    time: NDArray[np.int64]
+    episode: Ints
+    truck: Ints
+    time: Ints
     edge: NDArray[np.int32]
     offset: Floats
     delay: Floats
@@ -70,7 +69,7 @@ def samples(c: Crowds, found: list[Episode], free_speed: Floats, step: float) ->
     return Samples(np.repeat(number, size), c.truck[member], time, edge, c.offset[member], delay)
 
 
-def bins(network: Network, edge: NDArray[np.int32], offset: Floats) -> NDArray[np.int64]:
+def bins(network: Network, edge: NDArray[np.int32], offset: Floats) -> Ints:
     """Place codes: road and 5 m stretch of it, the same for both directions of a road."""
     other = network.reverse[edge]
     canonical = np.where((other >= 0) & (other < edge), other, edge)
@@ -78,7 +77,7 @@ def bins(network: Network, edge: NDArray[np.int32], offset: Floats) -> NDArray[n
     return canonical.astype(np.int64) * PLACES + (np.clip(along, 0, None) // BIN).astype(np.int64)
 
 
-def bin_centres(network: Network, codes: NDArray[np.int64]) -> Floats:
+def bin_centres(network: Network, codes: Ints) -> Floats:
     """(N, 2) middle of each place [m]."""
     edge = (codes // PLACES).astype(np.int32)
     middle = np.minimum((codes % PLACES + 0.5) * BIN, network.length[edge])
@@ -124,7 +123,7 @@ def critical_areas(network: Network, s: Samples, watched: Watched, seed: int = 0
     return table
 
 
-def delay_by_place(network: Network, s: Samples) -> tuple[NDArray[np.int64], Floats]:
+def delay_by_place(network: Network, s: Samples) -> tuple[Ints, Floats]:
     """Place codes, sorted, and the delay in each [s]."""
     codes, inverse = np.unique(bins(network, s.edge, s.offset), return_inverse=True)
     return codes, np.asarray(np.bincount(inverse, weights=s.delay, minlength=len(codes)), dtype=np.float64)
@@ -139,14 +138,14 @@ def _carrying(values: Floats, share: float) -> NDArray[np.bool_]:
     return out
 
 
-def _at(s: Samples, codes: NDArray[np.int64], places: NDArray[np.int64]) -> tuple[Samples, NDArray[np.intp]]:
+def _at(s: Samples, codes: Ints, places: Ints) -> tuple[Samples, NDArray[np.intp]]:
     """The samples whose place ``codes`` (N,) are among ``places`` (sorted), and which place each has."""
     index = np.minimum(np.searchsorted(places, codes), len(places) - 1)
     here = places[index] == codes
     return Samples(*(getattr(s, f.name)[here] for f in fields(s))), index[here]
 
 
-def _connected(xy: Floats) -> NDArray[np.int64]:
+def _connected(xy: Floats) -> Ints:
     """Groups of places whose middles are not more than one and a half places apart."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -158,7 +157,7 @@ def _connected(xy: Floats) -> NDArray[np.int64]:
 
 
 def _resampled(
-    area: NDArray[np.int64], unit: NDArray[np.int64], units: int, delay: Floats, n: int, seed: int
+    area: Ints, unit: Ints, units: int, delay: Floats, n: int, seed: int
 ) -> tuple[Floats, Floats, Floats]:
     """90 % interval of every area's delay and its share of first ranks, over 500 resamples of all units."""
     table = np.zeros((units, n))

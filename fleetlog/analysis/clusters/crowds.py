@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.analysis.clusters.steps import Fleet, Floats, Index, Ints, distance_lists, on_grid
+from fleetlog.analysis.clusters.steps import Fleet, Index, distance_lists, on_grid
 from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.store import Dataset
 
 HALT = 1.39

@@ -8,17 +8,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.roads.matchkernels.kernels.distances import forget, search
 from fleetlog.roads.matchkernels.kernels.growing import longer
 
-Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
 
 
 @njit(cache=True)
 def reachable(
     length: Floats, next_first: Index, next_edges: Index, limit: float
-) -> tuple[NDArray[np.int64], Index, Floats, Index]:
+) -> tuple[Ints, Index, Floats, Index]:
     """Edges that start within ``limit`` metres of the end of each edge: CSR (first, edges, distances, skip).
 
     Bounded Dijkstra from the end of every edge on the line graph, so that turns that the network forbids,
@@ -83,9 +83,9 @@ def _root(parent: Index, i: int) -> int:
 
 @njit(cache=True)
 def cluster_steps(
-    edge: Index, offset: Floats, length: Floats, first: NDArray[np.int64], edges: Index, distances: Floats,
+    edge: Index, offset: Floats, length: Floats, first: Ints, edges: Index, distances: Floats,
     skip: Index, limit: float,
-) -> tuple[Index, Index, NDArray[np.int64]]:  # fmt: skip
+) -> tuple[Index, Index, Ints]:  # fmt: skip
     """Weakly connected components of the arcs not longer than ``limit``, at every time step.
 
     Parameters
@@ -200,8 +200,8 @@ def cluster_speeds(labels: Index, speed: Floats, slow: float) -> tuple[Index, Fl
 
 @njit(cache=True)
 def resample_along(
-    time: NDArray[np.int64], edge: Index, offset: Floats, speed: Floats, masked: NDArray[np.bool_],
-    grid: NDArray[np.int64], max_gap: int, length: Floats, next_first: Index, next_edges: Index,
+    time: Ints, edge: Index, offset: Floats, speed: Floats, masked: NDArray[np.bool_],
+    grid: Ints, max_gap: int, length: Floats, next_first: Index, next_edges: Index,
     out_edge: Any, out_offset: Any, out_speed: Any, out_masked: Any,
 ) -> None:  # fmt: skip
     """Put one truck's rows on a common time grid (int64 us), linear along the route.

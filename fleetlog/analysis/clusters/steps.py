@@ -18,13 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Trajectory, concatenate
+from fleetlog.core.trajectory import Floats, Ints, Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 
-Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
-Ints = NDArray[np.int64]
 
 DAY = 86_400_000_000
 MAX_GAP = 15_000_000

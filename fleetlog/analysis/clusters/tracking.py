@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fleetlog.analysis.clusters.crowds import Crowds
-from fleetlog.analysis.clusters.steps import Ints
+from fleetlog.core.trajectory import Ints
 
 LEAVE = 1.2
 """A critical cluster stays critical until its mean speed exceeds this multiple of the limit."""

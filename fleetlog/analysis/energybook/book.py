@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from fleetlog.analysis.energybook.cells import Cells, follow_cells
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.power import Physics, battery_power, cell_power, ledger, term_forces
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 HOUR = 3_600_000_000
 STRETCH = 10.0
 """Length of the stretches of road that are told apart [m]."""

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.trajectory import Floats
 from fleetlog.physics.battery import BatteryModel, discharge
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.analysis.energybook.book import HOUR, STRETCH, SUMS, Book
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 
-Floats = NDArray[np.float64]
 KWH = 3.6e6
 ENDS = {
     "peak": "max", "lowest": "min", "start": "min", "end": "max", "soc_start": "first", "soc_end": "last",

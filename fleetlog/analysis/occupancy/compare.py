@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.analysis.occupancy.maps import HeatMap
-
-Floats = NDArray[np.float64]
+from fleetlog.core.trajectory import Floats
 
 
 def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple[Floats, NDArray[np.bool_]]:

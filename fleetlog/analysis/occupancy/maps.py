@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
@@ -35,8 +35,6 @@ COLUMNS = ("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payloa
 ROW_COST = 1e-6
 """What the sums of a row cost [s]."""
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Box = tuple[float, float, float, float]
 
 
@@ -144,7 +142,7 @@ def _box_of(t: Trajectory) -> Box | None:
     return float(np.nanmin(x)), float(np.nanmin(y)), float(np.nanmax(x)), float(np.nanmax(y))
 
 
-def stretches(network: Network | None) -> NDArray[np.int64]:
+def stretches(network: Network | None) -> Ints:
     """(E + 1,) first stretch of every edge."""
     if network is None:
         return np.zeros(1, np.int64)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.analysis.placement.ranks import vertex_distances
 from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Floats
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 
-Floats = NDArray[np.float64]
 Metric = Literal["distance", "time", "energy"]
 UNITS = {"distance": "m", "time": "s", "energy": "Wh"}
 USUAL_SPEED = 2.5

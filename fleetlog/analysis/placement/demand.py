@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
 from fleetlog.store.trips import MAX_GAP, STANDING_SPEED, runs
 
-Floats = NDArray[np.float64]
 ENOUGH_SOC, LEAST_SOC = 0.5, 0.2
 """Urgency rises from 0 at the first to 1 at the second state of charge."""
 LOAD_CHANGE = 25.0
@@ -26,7 +25,7 @@ class Unit:
 
     vehicle: str
     day: int
-    visits: list[NDArray[np.int64]]
+    visits: list[Ints]
     standing: Floats
     """Seconds of standstills of at least the shortest useful time."""
     urgent: Floats
@@ -77,14 +76,14 @@ def _unit(dataset: Dataset, vehicle: str, date: str, shortest: float) -> Unit:
     return Unit(t.vehicle_id, day, visits, standing, urgent, loading, spells, places)
 
 
-def _nearest_vertex(t: Trajectory, edge: NDArray[np.int32], network: Network) -> NDArray[np.int64]:
+def _nearest_vertex(t: Trajectory, edge: NDArray[np.int32], network: Network) -> Ints:
     """The nearer end of the edge that a row is on; -1 off the map."""
     offset = np.nan_to_num(t.floats("edge_offset"))
     ends = np.where(offset < 0.5 * network.length[edge], network.start[edge], network.end[edge])
     return np.where(edge >= 0, ends, -1).astype(np.int64)
 
 
-def _visits(edge: NDArray[np.int32], time: Floats, network: Network) -> list[NDArray[np.int64]]:
+def _visits(edge: NDArray[np.int32], time: Floats, network: Network) -> list[Ints]:
     """Sequences of vertices in the order driven, broken at gaps, off the map, and where edges do not join."""
     out: list[list[int]] = [[]]
     for i in np.flatnonzero(np.diff(edge, prepend=-2)).tolist():

@@ -6,17 +6,15 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.analysis.placement.costs import Metric
 from fleetlog.analysis.placement.demand import Unit
 from fleetlog.analysis.placement.ranks import flow_counts, rank, vertex_distances, visit_share, vote_scores
 from fleetlog.analysis.placement.select import Choice, cover, p_median, spaced, top_k
 from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.errors import DataError
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Method = Literal["pmedian", "spaced", "topk", "cover"]
 Variant = Literal["flow", "vote", "urgency"]
 Demand = Literal["urgency", "standing", "visits", "rank", "loading"]

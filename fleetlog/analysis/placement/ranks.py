@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Floats, Ints
 
-Floats = NDArray[np.float64]
 ALPHA = 0.85
 """The usual damping of PageRank."""
 
@@ -41,14 +41,14 @@ def rank(counts: sparse.csr_array, alpha: float = ALPHA, teleport: Floats | None
     return np.asarray(r / r.sum(), dtype=np.float64)
 
 
-def flow_counts(visits: list[NDArray[np.int64]], n: int) -> sparse.csr_array:
+def flow_counts(visits: list[Ints], n: int) -> sparse.csr_array:
     """C (n, n): how often a truck went from one vertex to the next, over unbroken sequences of visits."""
     pairs = [np.zeros((0, 2), np.int64), *(np.column_stack([s[:-1], s[1:]]) for s in visits)]
     start, end = np.concatenate(pairs).T
     return sparse.csr_array((np.ones(len(start)), (start, end)), shape=(n, n))
 
 
-def visit_share(visits: list[NDArray[np.int64]], n: int) -> Floats:
+def visit_share(visits: list[Ints], n: int) -> Floats:
     """(n,) share of arrivals, the first vertex of a sequence not counted."""
     arrivals = np.concatenate([np.zeros(0, np.int64), *(s[1:] for s in visits)])
     counts = np.bincount(arrivals, minlength=n)

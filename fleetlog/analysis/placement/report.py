@@ -13,10 +13,9 @@ from fleetlog.analysis.placement.demand import Unit, peak
 from fleetlog.analysis.placement.plan import Question, Weighed, total
 from fleetlog.analysis.placement.select import Choice, finite, greedy, top_k
 from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.core.words import count, percent
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 DRAWS = 200
 MOST = 4
 """Sites in the first sentence."""
@@ -83,7 +82,7 @@ def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd
     })  # fmt: skip
 
 
-def _plugs(units: list[Unit], to: NDArray[np.intp], sites: int) -> NDArray[np.int64]:
+def _plugs(units: list[Unit], to: NDArray[np.intp], sites: int) -> Ints:
     """The most trucks that stood in need of charge at once nearest to each site; one at least."""
     spells: list[list[tuple[int, int]]] = [[] for _ in range(sites)]
     for u in units:

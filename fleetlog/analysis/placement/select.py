@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.errors import DataError
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 STARTS = 10
 EXACT_CELLS = 20_000
 """Up to so many demand-site pairs HiGHS settles the p-median when the bound leaves a gap."""
