@@ -13,17 +13,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis.clusters.areas import (
-    BIN,
-    PLACES,
-    Samples,
-    Watched,
-    critical_areas,
-    delay_by_place,
-    samples,
-)
+from fleetlog.analysis.clusters import areas as of
+from fleetlog.analysis.clusters.areas import BIN, PLACES, Samples, Watched
 from fleetlog.analysis.clusters.crowds import Crowds, Rule, as_figures, find_crowds, together
-from fleetlog.analysis.clusters.timeline import area_of, timeline
 from fleetlog.analysis.clusters.tracking import Episode, Followed, episodes, follow
 from fleetlog.core.arguments import Between
 from fleetlog.core.network import Network
@@ -81,11 +73,11 @@ def density(
     followed = list(zip(begins[:-1], (f for _, f in pieces), strict=True))
     least = max(1, round(min_duration / watched.seconds))
     found = episodes(clusters, followed, speed, rule.step, least)
-    rows = samples(clusters, found, free_speeds(dataset, network), watched.seconds)
-    areas = critical_areas(network, rows, watched)
+    rows = of.samples(clusters, found, free_speeds(dataset, network), watched.seconds)
+    areas = of.critical_areas(network, rows, watched)
     table = _episode_table(clusters, watched, network, found, rows)
-    table["area"] = area_of(table, areas)
-    over_time = timeline(clusters, watched, found, table["area"].to_numpy())
+    table["area"] = of.area_of(table, areas)
+    over_time = of.timeline(clusters, watched, found, table["area"].to_numpy())
     summary = {
         "threshold_m": threshold, "speed_limit_m_s": speed, "step_s": step, "vehicles": len(watched.vehicles),
         "hours": watched.hours, "min_duration_s": min_duration,
@@ -194,7 +186,8 @@ def _episode_table(
         rows.append({
             "episode": i + 1, "start": c.time[e.clusters[0]],
             "end": c.time[e.clusters[-1]] + watched.step, "duration": len(e.clusters) * watched.seconds,
-            "max_size": int(c.size[e.clusters].max()), "min_mean_speed": float(c.mean_speed[e.clusters].min()),
+            "max_size": int(c.size[e.clusters].max()),
+            "min_mean_speed": float(c.mean_speed[e.clusters].min()),
             "vehicles": len(np.unique(s.truck[mine])),
             "members": ", ".join(watched.vehicles[v] for v in np.unique(s.truck[mine])),
             "vehicle_seconds": len(s.delay[mine]) * watched.seconds, "delay": float(s.delay[mine].sum()),
@@ -247,7 +240,7 @@ def _shapes(
 
 def _delay_layer(network: Network, rows: Samples) -> EdgeValues:
     """Delay per place of road; both directions of a road share a place."""
-    codes, delay = delay_by_place(network, rows)
+    codes, delay = of.delay_by_place(network, rows)
     edge = (codes // PLACES).astype(np.int32)
     start = np.asarray((codes % PLACES) * BIN, dtype=np.float64)
     end = np.minimum(start + BIN, network.length[edge])

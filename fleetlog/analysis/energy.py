@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.energybook import tables as of
-from fleetlog.analysis.energybook.book import Book, keep_book
-from fleetlog.analysis.energybook.cells import Cells
+from fleetlog.analysis.energybook.book import Book, Cells, keep_book
 from fleetlog.analysis.energybook.doubt import parameter_variance
 from fleetlog.core.arguments import ShiftHours
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape

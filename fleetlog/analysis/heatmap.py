@@ -11,9 +11,9 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from fleetlog.analysis.occupancy import maps
-from fleetlog.analysis.occupancy.compare import difference
 from fleetlog.analysis.occupancy.maps import Grouping, HeatMap, Quantity
 from fleetlog.core.arguments import Between, HourRange
 from fleetlog.core.network import Network
@@ -153,8 +153,8 @@ def _lines(s: dict[str, Any]) -> list[str]:
     b = s["busiest"]
     out = [
         f"The busiest place is at ({b['x']:.0f}, {b['y']:.0f}) m: {b['hours']:.2f} truck hours.",
-        f"In all {s['vehicle_hours']:.1f} truck hours on {count(s['visited_cells'], 'cell')} of {s['cell_m']:g} m, "
-        f"{s['distance_km']:.1f} km, {_energy(s)}, {s['standing_hours']:.1f} h standing.",
+        f"In all {s['vehicle_hours']:.1f} truck hours on {count(s['visited_cells'], 'cell')} of "
+        f"{s['cell_m']:g} m, {s['distance_km']:.1f} km, {_energy(s)}, {s['standing_hours']:.1f} h standing.",
     ]
     if "by" in s:
         parts = ", ".join(f"{name} {v['vehicle_hours']:.2f} h" for name, v in list(s["by"].items())[:24])
@@ -166,6 +166,34 @@ def _lines(s: dict[str, Any]) -> list[str]:
             f"{percent(c['moved_share'], 1)} of the time is spent elsewhere."
         )
     return out
+
+
+def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple[Floats, NDArray[np.bool_]]:
+    """Share of time per cell, a minus b, and where it is significant.
+
+    Each unit (vehicle-day) of either map is resampled whole; a cell counts where its difference lies outside
+    what pooled resampling gives, two-sided 5 % after Benjamini and Hochberg over all cells that were ever
+    visited.
+    """
+    shares = [m.grid[0] / max(m.grid[0].sum(), 1e-12) for m in (a, b)]
+    observed = shares[0] - shares[1]
+    units = [(cell, time) for cell, time in (*a.units, *b.units) if len(cell)]
+    seen = np.unique(np.concatenate([cell for cell, _ in units]))
+    flat = np.zeros((len(units), len(seen)))
+    for row, (cell, time) in zip(flat, units, strict=True):
+        row[np.searchsorted(seen, cell)] = time / time.sum()
+    rng = np.random.default_rng(seed)
+    na, nb = max(len(a.units), 1), max(len(b.units), 1)
+    null = np.array([
+        flat[rng.integers(0, len(flat), na)].mean(axis=0) - flat[rng.integers(0, len(flat), nb)].mean(axis=0)
+        for _ in range(draws)
+    ])  # fmt: skip
+    from scipy.stats import false_discovery_control, norm
+
+    z = np.abs(observed.ravel()[seen]) / np.maximum(null.std(axis=0), 1e-12)
+    mask = np.zeros(observed.size, np.bool_)
+    mask[seen] = false_discovery_control(2 * norm.sf(z)) <= 0.05
+    return observed, mask.reshape(observed.shape)
 
 
 ANALYSIS = heatmap

@@ -93,9 +93,8 @@ def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
         )
     for r in pairs.head(5).to_dict("records"):
         if r["from_place"] and r["to_place"]:
-            out.append(
-                f"  {r['from_place']} to {r['to_place']}: {count(r['trips'], 'trip')}, {r['distance_mean']:.0f} m"
-            )
+            way = f"{r['from_place']} to {r['to_place']}"
+            out.append(f"  {way}: {count(r['trips'], 'trip')}, {r['distance_mean']:.0f} m")
     return out
 
 

@@ -101,7 +101,7 @@ def _log_stretches(
     stream: Stream, path: str, start: Ints, end: Ints, lines: Sequence[Strips], most: int,
     colours: Sequence[Colour] = (),
 ) -> None:  # fmt: skip
-    """At every change the ``lines`` of the stretches of time that are open then; the ``most`` oldest of these.
+    """At every change the ``lines`` of the stretches of time then open; of these the ``most`` oldest.
 
     ``colours`` are those of the lines of each stretch, where they differ.
     """

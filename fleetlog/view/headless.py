@@ -92,18 +92,9 @@ class Viewer:
         """The viewer's own account of recordings and views."""
         return self.client.get_state()
 
-    def timeline(self) -> str | None:
-        """The active timeline."""
-        return self.state.recordings[0].current_timeline  # type: ignore[no-any-return]  # rerun has no types
-
     def views(self) -> dict[str, Any]:
         """Views by name."""
         return {v.name: v for v in self.state.views}
-
-    def complaints(self) -> list[str]:
-        """What any view reports, and errors of the log."""
-        reports = [f"{v.name}: {r.summary}" for v in self.state.views for r in v.reports]
-        return reports + [str(line.message) for line in self.client.get_logs() if line.level == "ERROR"]
 
     def span(self) -> tuple[int, int]:
         """First and last time [ns] of the active timeline."""

@@ -52,7 +52,8 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
         heights += [max(map(_height, panels[k : k + beside])) for k in range(0, len(panels), beside)]
         figure = Figure(figsize=(WIDTH, sum(heights) + 0.5 or 4.0), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
-        figure.get_layout_engine().set(w_pad=0.08, h_pad=0.05, hspace=0.03)  # type: ignore[union-attr, call-arg]
+        engine: Any = figure.get_layout_engine()
+        engine.set(w_pad=0.08, h_pad=0.05, hspace=0.03)
         figure.suptitle(f"{site.name}: {result.name.replace('_', ' ')}", x=0.01, ha="left", weight="bold")
         if not heights:
             figure.text(0.01, 0.5, "\n".join(result.lines) or "nothing to draw", va="center")

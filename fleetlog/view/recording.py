@@ -16,9 +16,8 @@ from fleetlog.view import blueprint, events, fleet, palette, thin
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.happenings import happenings_of
 from fleetlog.view.palette import Colour
-from fleetlog.view.scene import log_site
+from fleetlog.view.scene import log_site, log_ways, ways_of
 from fleetlog.view.stream import Stream, entity, microseconds, open_stream, verbatim
-from fleetlog.view.ways import log_ways, ways_of
 
 RATE = 2.0
 """Samples a second that are kept by default."""

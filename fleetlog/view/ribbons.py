@@ -27,7 +27,7 @@ def offset(points: Floats, left: float) -> Floats:
 
 
 def ribbon(points: Floats, left: float, right: float, lift: float = 0.0) -> Floats:
-    """Triangles (2 (n - 1), 3, 3) of the strip from ``left`` to ``right`` metres left of a polyline (n, 3)."""
+    """Triangles (2 (n - 1), 3, 3) of the strip from ``left`` to ``right`` metres left of a polyline."""
     up = np.array([0.0, 0.0, lift])
     return _band(offset(points, right) + up, offset(points, left) + up)
 

@@ -77,7 +77,7 @@ class Scale:
 
 
 def scale_of(values: Floats, diverging: bool = False) -> Scale:
-    """Limits from 0 (or about it) to the greatest value, or the 98th (99th) percentile where few exceed it."""
+    """Limits from (or about) 0 to the greatest value, or the 98th (99th) percentile if few exceed it."""
     known = np.asarray(values, dtype=np.float64)
     known = known[np.isfinite(known)]
     if not len(known):

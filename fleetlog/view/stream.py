@@ -58,13 +58,13 @@ class Stream:
         self.recording.log(path, archetype, static=True)
 
     def columns(self, path: str, time: Ints, kind: Any, **fields: Any) -> None:
-        """One instance of the archetype ``kind`` at each ``time``; of each of its ``fields`` one row a time."""
+        """One instance of the archetype ``kind`` at each ``time``; its ``fields`` have one row a time."""
         for begin in range(0, len(time), CHUNK):
             rows = slice(begin, begin + CHUNK)
             self._send(path, time[rows], kind.columns(**{k: v[rows] for k, v in fields.items()}))
 
     def parts(self, path: str, time: Ints, lengths: Ints, kind: Any, **fields: Any) -> None:
-        """Like :meth:`columns` for times with ``lengths`` instances each; ``fields`` hold those of all times."""
+        """Like :meth:`columns` for ``lengths`` instances at each time; ``fields`` hold all of them."""
         ends = np.concatenate([[0], np.cumsum(lengths)])
         for begin in range(0, len(time), CHUNK):
             rows = slice(begin, min(begin + CHUNK, len(time)))

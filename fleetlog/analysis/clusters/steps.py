@@ -47,7 +47,7 @@ class Fleet:
 
 
 def standing_by(trajectory: Trajectory) -> NDArray[np.bool_]:
-    """(N,) whether a row belongs to the standstill that ends its trip: it has arrived, nothing is in its way."""
+    """(N,) whether a row belongs to the standstill that ends its trip: nothing is in its way."""
     moving = np.nan_to_num(trajectory.floats("speed")) > STANDING_SPEED
     trips, rows = trajectory.trip_ids(), np.arange(len(trajectory))
     trip = np.cumsum(np.diff(trips, prepend=trips[:1]) != 0)

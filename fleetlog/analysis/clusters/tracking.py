@@ -37,7 +37,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class Followed:
-    """The episodes of some hours: (C,) which each cluster belongs to, -1 for none; how each began and ended."""
+    """Episodes of some hours: (C,) that of each cluster, -1 for none; how each began and ended."""
 
     episode: Ints
     born: list[str]

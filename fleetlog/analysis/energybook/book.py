@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.analysis.energybook.cells import Cells, follow_cells
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
-from fleetlog.physics.battery import BatteryModel
+from fleetlog.physics.battery import BatteryModel, discharge
 from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.power import Physics, battery_power, cell_power, ledger, term_forces
 
@@ -20,6 +20,16 @@ STRETCH = 10.0
 """Length of the stretches of road that are told apart [m]."""
 BIN = 60_000_000
 """Step of the power ledger over time [us]."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """(S,) each: the model's state of charge at the end, lowest voltage [V], seconds collapsed and empty."""
+
+    soc_end: Floats
+    lowest: Floats
+    collapsed: Floats
+    empty: Floats
 
 
 @dataclass(frozen=True)
@@ -156,3 +166,23 @@ def _by_zone(motion: Motion, joules: list[Floats], site: Site) -> Floats:
 def _reduced(rows: list[Floats], starts: NDArray[np.intp]) -> Floats:
     """(S, T) sums of T columns over the segments that begin at ``starts``."""
     return np.stack([np.add.reduceat(row, starts) for row in rows], axis=1)
+
+
+def follow_cells(
+    starts: NDArray[np.intp], power: Floats, dt: Floats, soc: Floats, temperature: Floats,
+    battery: BatteryModel,
+) -> Cells:  # fmt: skip
+    """Discharge the battery segment by segment, each from the charge that the log gives at its start.
+
+    Where the log gives none, from full: the voltages then are those of a full battery, and the end of charge
+    is unknown.
+    """
+    rows = []
+    for a, b in itertools.pairwise([*starts.tolist(), len(power)]):
+        known = np.isfinite(soc[a])
+        warm = temperature[a:b][np.isfinite(temperature[a:b])]
+        mean = float(warm.mean()) if len(warm) else float("nan")
+        done = discharge(power[a:b], dt[a:b], battery, float(soc[a]) if known else 1.0, mean)
+        end = done.soc[-1] if known else np.nan
+        rows.append((end, done.voltage.min(), done.collapsed @ dt[a:b], done.empty @ dt[a:b]))
+    return Cells(*np.array(rows, dtype=np.float64).T)

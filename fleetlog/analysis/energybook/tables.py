@@ -72,7 +72,8 @@ def figures(total: pd.DataFrame, variance: Any) -> pd.DataFrame:
     auxiliary = total.get("J_auxiliary_load", 0.0) + total.get("J_thermal_load", 0.0)
     start, end = (pd.to_datetime(total[name], unit="us", utc=True) for name in ("start", "end"))
     out = pd.DataFrame({
-        "start": start, "end": end, "duration_h": total["seconds"] / 3600.0, "distance_km": km, "energy_kwh": energy / KWH,
+        "start": start, "end": end, "duration_h": total["seconds"] / 3600.0, "distance_km": km,
+        "energy_kwh": energy / KWH,
         "kwh_per_km": energy / KWH / km.where(km > 0.01), "kwh_per_tkm": energy / KWH / tkm.where(tkm > 1e-4),
         "deviation_kwh": np.sqrt(variance(total) + total["motion_variance"]) / KWH,
         "measured_kwh": measured / KWH,

@@ -49,7 +49,8 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, trial: Trial) -> dict[str, A
     present = Scenario(site, trial.truck, settings, Demand(tasks, endless=not tasks), mined=mined)
     both = {"before": present, "after": replace(present, site=planned, mined=mined | new)}
     out: dict[str, Any] = {
-        "vehicles": trial.vehicles, "hours": trial.duration / 3600.0, "seed": trial.seed, "soc_start": trial.soc,
+        "vehicles": trial.vehicles, "hours": trial.duration / 3600.0, "seed": trial.seed,
+        "soc_start": trial.soc,
     }  # fmt: skip
     for name, scenario in both.items():
         chargers = [p for p in scenario.site.places if p.kind == "charge"]

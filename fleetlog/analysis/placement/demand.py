@@ -21,7 +21,7 @@ COLUMNS = ("edge_id", "edge_offset", "speed", "soc", "payload", "x", "y")
 
 @dataclass(frozen=True)
 class Unit:
-    """What one vehicle did on one day, per road vertex (n,); left out in turn to see if a choice is stable."""
+    """What one vehicle did on one day, per road vertex (n,); left out in turn to test stability."""
 
     vehicle: str
     day: int

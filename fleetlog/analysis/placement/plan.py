@@ -26,7 +26,7 @@ MAX_LEFT_OUT = 30
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked, as in ``chargers``: ``cost`` (n, n) of a drive; ``must`` and ``must_not`` are vertices."""
+    """What is asked, as in ``chargers``; ``cost`` (n, n) of a drive, vertices that must or must not be."""
 
     network: Network
     cost: Floats

@@ -118,8 +118,9 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     ]
     gap = "optimal" if s["proven_gap"] == 0 else f"within {percent(s['proven_gap'], 2)} of the optimum"
     out.append(
-        f"The nearest site is {r['mean']:.1f} {unit} away on average (95 % of the demand: {r['p95']:.1f} {unit}); "
-        f"random sites: {b['random']['mean']:.1f} {unit}, hottest vertices: {b['hottest']['mean']:.1f} {unit}."
+        f"The nearest site is {r['mean']:.1f} {unit} away on average (95 % of the demand: {r['p95']:.1f} "
+        f"{unit}); random sites: {b['random']['mean']:.1f} {unit}, hottest vertices: "
+        f"{b['hottest']['mean']:.1f} {unit}."
         + (f" This choice is {gap}." if s["method"] == "pmedian" else "")
     )
     st = s["stability"]
@@ -137,7 +138,8 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
 
 def _check_lines(c: dict[str, Any]) -> list[str]:
     rows = [(c["before"], "present"), (c["after"], "planned")]
-    head = f"Simulated: {count(c['vehicles'], 'truck')}, {c['hours']:g} h, {percent(c['soc_start'])} charge at the start."
+    trucks, soc = count(c["vehicles"], "truck"), percent(c["soc_start"])
+    head = f"Simulated: {trucks}, {c['hours']:g} h, {soc} charge at the start."
     return [head] + [
         f"  {name} chargers ({count(r['plugs'], 'plug')}): lowest charge {percent(r['soc_lowest'])}, "
         f"mean {percent(r['soc_mean'])}, at the end {percent(r['soc_end_mean'])}; "
