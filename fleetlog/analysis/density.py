@@ -77,7 +77,7 @@ def density(
     areas = of.critical_areas(network, rows, watched)
     table = _episode_table(clusters, watched, network, found, rows)
     table["area"] = of.area_of(table, areas)
-    over_time = of.timeline(clusters, watched, found, table["area"].to_numpy())
+    over_time = of.timeline(clusters, watched, found, table["area"].to_numpy(), dataset.dates)
     summary = {
         "threshold_m": threshold, "speed_limit_m_s": speed, "step_s": step, "vehicles": len(watched.vehicles),
         "hours": watched.hours, "min_duration_s": min_duration,

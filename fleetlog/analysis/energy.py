@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.energybook import tables as of
-from fleetlog.analysis.energybook.book import Book, Cells, keep_book
+from fleetlog.analysis.energybook.book import BIN, Book, Cells, keep_book
 from fleetlog.analysis.energybook.doubt import parameter_variance
 from fleetlog.core.arguments import ShiftHours
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
@@ -179,14 +179,14 @@ def _shapes(
         edge, (start, end, value) = edges["edge"].to_numpy(np.int32), edges[OF_STRETCH].to_numpy(float).T
         shapes.append(EdgeValues("energy_per_metre", edge, start, end, value, "energy [J/m]"))
     kwh = np.array([whole[f"{t}_kwh"] for t in terms])
-    shapes.append(Bars("ledger", tuple(t.replace("_", " ") for t in terms), kwh, "energy [kWh]"))
+    shapes.append(Bars("energy by cause", tuple(t.replace("_", " ") for t in terms), kwh, "energy [kWh]"))
     return shapes + _curves(books, terms)
 
 
 def _curves(books: Sequence[Book], terms: Sequence[str]) -> list[Shape]:
     """Fleet power by term over time, stacked, and measured beside modelled."""
     time = np.concatenate([b.bins for b in books])
-    width = max(60_000_000, (int(np.ptp(time)) // MOST_POINTS // 60_000_000 + 1) * 60_000_000)
+    width = (len(np.unique(time // BIN)) // MOST_POINTS + 1) * BIN
     keys, inverse = np.unique(time // width, return_inverse=True)
 
     def mean(values: list[Floats]) -> Floats:
@@ -195,7 +195,7 @@ def _curves(books: Sequence[Book], terms: Sequence[str]) -> list[Shape]:
 
     rows = {t: mean([b.over_time(t) for b in books]) for t in terms}
     middle = keys * width + width // 2
-    stacked = Series("ledger_power", middle, rows, "time", "power [kW]", over_time=True, stacked=True)
+    stacked = Series("power by cause", middle, rows, "time", "power [kW]", over_time=True, stacked=True)
     out: list[Shape] = [stacked]
     measured, beside, known = (mean([b.bin_measured[:, k] for b in books]) for k in range(3))
     if known.any():

@@ -40,12 +40,21 @@ class Screen:
     trail_seconds: float = 40.0
     start: int | None = None
     duration: float = 0.0
+    timeline: str = TIMELINE
+    """The one that is played."""
 
 
 def cursor(before: float, after: float) -> dict[str, rrb.TimeRangeBoundary]:
     """From so many seconds before the cursor to so many after it."""
     relative = rrb.TimeRangeBoundary.cursor_relative
     return {"start": relative(seconds=-before), "end": relative(seconds=after)}
+
+
+def ranges(screen: Screen, before: float, after: float) -> rrb.VisibleTimeRanges:
+    """So much about the cursor, on each of the timelines [s]."""
+    span = cursor(before, after)
+    lines = dict.fromkeys((screen.timeline, TIMELINE))
+    return rrb.VisibleTimeRanges([rr.VisibleTimeRange(timeline=line, **span) for line in lines])
 
 
 def top_down(outline: Floats, aspect: float = ASPECT) -> rrb.EyeControls3D:
@@ -110,7 +119,7 @@ def floor_view(
 ) -> rrb.Spatial3DView:
     """A view of the site's floor with its trucks; ``contents`` are further filters."""
     fleet = [f"{p}/{kind}/**" for p in screen.prefixes for kind in ON_FLOOR]
-    behind = rrb.VisibleTimeRanges(timeline=TIMELINE, **cursor(screen.trail_seconds, 0.0))
+    behind = ranges(screen, screen.trail_seconds, 0.0)
     return rrb.Spatial3DView(
         origin="/", name=name, contents=["/site/**", *fleet, *contents],
         overrides=dict.fromkeys(screen.trails, behind), eye_controls=eye,
@@ -136,8 +145,8 @@ def time_of(screen: Screen, slow: bool) -> dict[str, Any]:
     """
     if slow or screen.duration <= LONG:
         return {"axis_x": whole_time()}
-    read = rrb.VisibleTimeRanges(timeline=TIMELINE, **cursor(*WINDOW))
-    return {"axis_x": rrb.TimeAxis(view_range=rr.TimeRange(**cursor(*WINDOW))), "time_ranges": read}
+    axis = rrb.TimeAxis(view_range=rr.TimeRange(**cursor(*WINDOW)))
+    return {"axis_x": axis, "time_ranges": ranges(screen, *WINDOW)}
 
 
 def plot(
@@ -200,7 +209,7 @@ def whole(screen: Screen, columns: list[Any], shares: Sequence[float]) -> rrb.Bl
     state = "collapsed" if screen.duration else "hidden"
     speed = 1.0 if screen.duration < 60 else 4.0 if screen.duration < 600 else 10.0
     time = rrb.TimePanel(
-        state=state, timeline=TIMELINE, playback_speed=speed, play_state="playing", loop_mode="all"
+        state=state, timeline=screen.timeline, playback_speed=speed, play_state="playing", loop_mode="all"
     )
     hidden = rrb.SelectionPanel(state="hidden"), rrb.BlueprintPanel(state="hidden")
     row = rrb.Horizontal(*columns, column_shares=shares)

@@ -103,8 +103,17 @@ class Viewer:
         return line.start, line.end
 
     def pause_at(self, nanoseconds: int) -> None:
-        """Set the time cursor and stop there."""
+        """Set the time cursor on the clock's timeline and stop there."""
         self.client.set_time(TIMELINE, timestamp=np.datetime64(nanoseconds, "ns"), play_state="paused")
+
+    def pause_in_the_middle(self) -> None:
+        """Stop in the middle of the active timeline."""
+        start, end = self.span()
+        line, middle = self.state.recordings[0].current_timeline, start + (end - start) // 2
+        if line == TIMELINE:
+            self.pause_at(middle)
+        else:
+            self.client.set_time(line, duration=np.timedelta64(middle, "ns"), play_state="paused")
 
     def picture(self, view: str | None = None) -> bytes:
         """PNG of one view, taken again until it has ink, as data arrive late; or of the whole window."""
@@ -168,8 +177,10 @@ def screenshot(
     ``settle`` seconds are given to load, and to let the notices of the viewer fade.
     """
     with open_headless(rrd, size) as viewer:
-        start, end = viewer.span()
-        viewer.pause_at(start + (end - start) // 2 if at is None else at)
+        if at is None:
+            viewer.pause_in_the_middle()
+        else:
+            viewer.pause_at(at)
         viewer.picture()
         time.sleep(settle)
         Path(out).write_bytes(viewer.picture())

@@ -13,6 +13,7 @@ import rerun as rr
 from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.store import Dataset
 from fleetlog.view import blueprint, events, fleet, palette, thin
+from fleetlog.view.clock import SKIPPED, clock_of
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.happenings import happenings_of
 from fleetlog.view.palette import Colour
@@ -58,6 +59,8 @@ def write_recording(
         dataset_outline(dataset), on_earth=site.frame is not None, start=start, duration=duration
     )
     with open_stream(Path(out_rrd), f"{site.name} ({dataset.kind})", start) as stream:
+        if (clock := clock_of(dataset)) is not None:
+            stream.clock, screen.timeline, screen.duration = clock, SKIPPED, clock.seconds
         log_site(stream, site)
         log_summary(stream, dataset, summary)
         Fleet(dataset, rate_hz).log(stream, screen)
@@ -127,6 +130,8 @@ class Fleet:
 def log_summary(stream: Stream, dataset: Dataset, summary: str | Mapping[str, Any] | None) -> None:
     """The summary as a text beside the views."""
     text = summary if isinstance(summary, str) else summary_markdown(dataset, summary)
+    if stream.clock is not None:
+        text = "\n".join(f"- {line}" for line in stream.clock.lines()) + f"\n\n{text}"
     stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
 

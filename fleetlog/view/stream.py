@@ -18,6 +18,7 @@ import rerun as rr
 from fleetlog.core.trajectory import Ints
 from fleetlog.errors import OutputError
 from fleetlog.store.output import remade
+from fleetlog.view.clock import SKIPPED, Clock
 
 APPLICATION, TIMELINE = "fleetlog", "utc"
 _FOOTER = struct.Struct("<QQI8sI")
@@ -52,6 +53,7 @@ class Stream:
 
     def __init__(self, recording: rr.RecordingStream) -> None:
         self.recording = recording
+        self.clock: Clock | None = None
 
     def static(self, path: str, archetype: Any) -> None:
         """Data without a time."""
@@ -73,8 +75,10 @@ class Stream:
             self._send(path, time[rows], data.partition(lengths[rows]))
 
     def _send(self, path: str, time: Ints, columns: Any) -> None:
-        index = rr.TimeColumn(TIMELINE, timestamp=nanoseconds(time))
-        self.recording.send_columns(path, [index], columns)
+        index = [rr.TimeColumn(TIMELINE, timestamp=nanoseconds(time))]
+        if self.clock is not None:
+            index.append(rr.TimeColumn(SKIPPED, duration=self.clock(time).astype("timedelta64[us]")))
+        self.recording.send_columns(path, index, columns)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -185,14 +186,15 @@ def area_of(table: pd.DataFrame, areas: pd.DataFrame) -> Ints:
     return np.where(near, areas.area.to_numpy()[best], 0)
 
 
-def timeline(c: Crowds, watched: Watched, found: list[Episode], area: Ints) -> Series:
-    """Trucks in open episodes over time, a curve for each of the first areas and one for elsewhere.
+def timeline(c: Crowds, watched: Watched, found: list[Episode], area: Ints, dates: Sequence[str]) -> Series:
+    """Trucks in open episodes on the ``dates`` with data, by area of the first ones and elsewhere.
 
     Of long recordings the most in each of ``MOST_POINTS`` intervals.
     """
     steps = -(-(watched.stop - watched.start) // watched.step)
     width = watched.step * max(1, -(-steps // MOST_POINTS))
     time = np.arange(watched.start, watched.stop, width, dtype=np.int64)
+    seen = np.isin(time // DAY, np.array(dates, "datetime64[D]").astype(np.int64))
     shown = np.where((area > 0) & (area <= SHOWN), area, 0)
     curves: dict[str, Floats] = {}
     for number in [*sorted({*shown.tolist()} - {0}), 0]:
@@ -201,5 +203,5 @@ def timeline(c: Crowds, watched: Watched, found: list[Episode], area: Ints) -> S
         curve = np.zeros(len(time))
         np.maximum.at(curve, (at - watched.start) // width, np.bincount(inverse, c.size[of], len(at)))
         if number or of or not curves:
-            curves[f"area {number}" if number else "elsewhere"] = curve
-    return Series("episodes", time, curves, "time", "trucks", over_time=True)
+            curves[f"area {number}" if number else "elsewhere"] = curve[seen]
+    return Series("episodes", time[seen], curves, "time", "trucks", over_time=True)
