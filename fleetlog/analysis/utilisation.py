@@ -5,8 +5,9 @@ A simulation says so itself.  Of a recording it is read from motion, load, forks
 - it moves where its speed exceeds :data:`~fleetlog.store.trips.STANDING_SPEED`; laden from 25 kg on;
 - a standstill in which the state of charge rises, the battery takes power, or the log says so, is charging;
 - within ``REACH`` of a change of load, or of a movement of the forks, a truck that stands is handling;
-- any other standstill is waiting with a load on the forks, or where shorter than ``PATIENCE``; else idle
-  (a truck that waits empty for longer cannot be told from an idle one without its orders);
+- any other standstill is waiting with a load on the forks, or, of at most ``PATIENCE``, before a truck takes
+  a load up or on its way; else idle: after a load was set down, until the truck sets off again (without its
+  orders, one that waits there for its next task to begin cannot be told from an idle one);
 - a silence of the log longer than ``MAX_GAP`` is no data.
 
 The intervals of a truck partition the time from its first to its last row.
@@ -43,8 +44,8 @@ REACH, REACH_WITHOUT_FORKS = 10.0, 30.0
 """Handling lasts this long before and after a movement of the forks or a change of the load at most [s]."""
 FORKS = 0.05
 """The forks move when their height changes by more than this [m]."""
-PATIENCE = 60.0
-"""An unladen truck that stands longer than this does not wait, it is idle [s]."""
+PATIENCE, PATIENCE_WITHOUT_LOAD = 180.0, 60.0
+"""A truck that stands longer without a load is idle; where the log has no load, one that stands longer [s]."""
 CHARGER = 100.0
 """A battery that takes more than this, on average over a standstill, is charged [W]."""
 COLUMNS = ("speed", "payload", "fork_height", "battery_power", "soc", "charging")
@@ -144,12 +145,21 @@ def row_states(t: Trajectory) -> Codes:
     driving = number["driving_empty" if t.has("payload") else "driving"]
     stopped = number["waiting" if t.has("payload") or t.has("fork_height") else "standing"]
     out = np.where(laden, number["driving_laden"], driving)
-    waits = laden | (lasts <= PATIENCE)
+    patience = PATIENCE if t.has("payload") else PATIENCE_WITHOUT_LOAD
+    waits = laden | ((lasts <= patience) & ~_set_down(laden, stand))
     out[still] = np.where(waits[still], stopped, number["idle"])
     out[still & _handling(t, still, load)] = number["handling"]
     out[still & _charging(t, stand)] = number["charging"]
     out[silent] = number["no_data"]
     return np.asarray(out, dtype=np.int64)
+
+
+def _set_down(laden: Mask, stand: Ints) -> Mask:
+    """(N,) rows after the load was set down in the same standstill."""
+    row = np.arange(len(stand))
+    begin = row[np.flatnonzero(np.diff(stand, prepend=-1))][stand - stand[:1]]
+    down = np.where(np.diff(laden.astype(np.int8), prepend=0) < 0, row, -1)
+    return np.asarray(np.maximum.accumulate(down) >= begin)
 
 
 def _spread(run: NDArray[Any], values: Floats, how: np.ufunc) -> Floats:
