@@ -21,7 +21,7 @@ from fleetlog.core.arguments import Between
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.trajectory import Floats, Ints
-from fleetlog.core.words import count
+from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 from fleetlog.store.days import Part, each_day, each_part
@@ -269,6 +269,10 @@ def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
         f"{'left out' if s['used'] == 'all' else 'counted too'}), "
         f"at most {count(used['largest'], 'truck')} in one.",
     ]
+    if len(areas) and s["delay_s"] > 0.0:
+        first = areas.iloc[0]
+        part = percent(first.delay / s["delay_s"])
+        out.append(f"Look first at area 1 ({first.roads}): it has {part} of the delay.")
     for row in areas.head(5).itertuples():
         out.append(
             f"  area {row.area} at ({row.x:.0f}, {row.y:.0f}) m, {row.roads}: {row.delay:.0f} s delay "

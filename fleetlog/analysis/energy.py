@@ -143,7 +143,8 @@ def _lines(
         f" (95 % interval ± {1.96 * whole['deviation_kwh']:.2f}): {whole['distance_km']:.1f} km"
         f" in {whole['duration_h']:.1f} h{per_km}."
     ]
-    shares = ", ".join(f"{t.replace('_', ' ')} {whole[f'{t}_kwh']:.2f}" for t in terms if whole[f"{t}_kwh"])
+    causes = {t.replace("_", " "): whole[f"{t}_kwh"] for t in terms}
+    shares = ", ".join(f"{cause} {kwh:.2f}" for cause, kwh in causes.items() if abs(kwh) >= 0.005)
     out.append(f"Breakdown in kWh: {shares}.")
     auxiliary = whole["auxiliary_share"]
     out.append(

@@ -19,7 +19,7 @@ from fleetlog.core.arguments import Between, HourRange
 from fleetlog.core.network import Network
 from fleetlog.core.result import EdgeValues, Grid, Result, Shape
 from fleetlog.core.trajectory import Floats
-from fleetlog.core.words import count, percent
+from fleetlog.core.words import count, listed, percent
 from fleetlog.errors import ArgumentError, DataError
 from fleetlog.store import Dataset
 
@@ -157,13 +157,16 @@ def _lines(s: dict[str, Any]) -> list[str]:
         f"{s['cell_m']:g} m, {s['distance_km']:.1f} km, {_energy(s)}, {s['standing_hours']:.1f} h standing.",
     ]
     if "by" in s:
-        parts = ", ".join(f"{name} {v['vehicle_hours']:.2f} h" for name, v in list(s["by"].items())[:24])
-        out.append(f"Of these {parts}.")
+        hours = {name.replace("_", " "): v["vehicle_hours"] for name, v in s["by"].items()}
+        parts = [f"{name} {h:.2f} h" for name, h in list(hours.items())[:24]]
+        out.append(f"Of these hours: {listed(parts)}.")
     if "compare" in s:
         c = s["compare"]
+        n, other = c["significant_cells"], Path(c["other"]).name
+        cells = f"{count(n, 'cell')} {'differs' if n == 1 else 'differ'}" if n else "no cell differs"
         out.append(
-            f"Compared with {c['other']}, {count(c['significant_cells'], 'cell')} differ significantly; "
-            f"{percent(c['moved_share'], 1)} of the time is spent elsewhere."
+            f"Compared with {other}, {cells} by more than chance; {percent(c['moved_share'], 1)} of the time "
+            "is spent elsewhere."
         )
     return out
 

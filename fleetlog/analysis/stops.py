@@ -10,7 +10,7 @@ import pandas as pd
 from fleetlog.core.arguments import Between
 from fleetlog.core.result import Marks, Result, Shape
 from fleetlog.core.site import PlaceKind
-from fleetlog.core.words import count
+from fleetlog.core.words import count, listed
 from fleetlog.simulate.places import carried, clusters, find_stands, mined_site, place_table
 from fleetlog.store import Dataset
 
@@ -49,9 +49,8 @@ def stops(
         "site_toml": site_text(table),
     }  # fmt: skip
     lines = [
-        f"{count(int((cluster >= 0).sum()), 'stop')} of {len(stands):,} are at {count(len(table), 'place')}: "
-        + ", ".join(f"{n} {k}" for k, n in kinds.items())
-        + ".",
+        f"{summary['in_places']:,} of {count(len(stands), 'stop')} are at {count(len(table), 'place')}"
+        + (f": {listed([f'{n} {k}' for k, n in kinds.items() if n])}." if len(table) else "."),
         f"{count(len(tasks), 'load')} went between {count(len(flows), 'pair')} of places."
         if weighed
         else "Loads are unknown: the dataset has no payload, so no place is known to be a pick or a drop.",

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.result import Bars, Result, Shape
 from fleetlog.core.trajectory import Floats, Ints, Labels, Trajectory, concatenate
+from fleetlog.core.words import listed, percent
 from fleetlog.errors import DataError
 from fleetlog.simulate.places import MIN_CHARGE
 from fleetlog.store import Dataset
@@ -73,12 +74,15 @@ def utilisation(dataset: Dataset) -> Result:
     known = float(total.drop("no_data").sum())
     shares = {s: float(total[s] / known) if known else None for s in STATES if s != "no_data"}
     summary = {"hours": {s: float(total[s]) for s in STATES}, "shares": shares}
-    said = ", ".join(f"{s.replace('_', ' ')} {100 * v:.0f} %" for s, v in shares.items() if v)
+    said = listed([f"{s.replace('_', ' ')} {percent(v)}" for s, v in shares.items() if v and v >= 0.005])
     bars: list[Shape] = [state_bars("utilisation", hours)]
     per_truck = hours.reset_index(names="vehicle_id")
-    lines = [
-        f"{known:.1f} truck hours: {said}" if known else "no truck has two rows: there is no time to divide"
-    ]
+    lines = [f"{known:.1f} truck hours: {said}."]
+    if not known:
+        lines = ["No truck has two rows: there is no time to divide."]
+    elif len(hours) > 1 and total["idle"]:
+        idle = hours["idle"] / hours.drop(columns="no_data").sum(axis=1).clip(lower=1e-9)
+        lines.append(f"{idle.idxmax()} is idle most: {percent(idle.max())} of its time.")
     return Result("utilisation", summary, {"states": table, "utilisation": per_truck}, {}, bars, lines)
 
 
@@ -154,7 +158,7 @@ def row_states(t: Trajectory) -> Codes:
     return np.asarray(out, dtype=np.int64)
 
 
-def _set_down(laden: Mask, stand: Ints) -> Mask:
+def _set_down(laden: Mask, stand: NDArray[Any]) -> Mask:
     """(N,) rows after the load was set down in the same standstill."""
     row = np.arange(len(stand))
     begin = row[np.flatnonzero(np.diff(stand, prepend=-1))][stand - stand[:1]]

@@ -10,7 +10,7 @@ import pandas as pd
 
 from fleetlog.analysis.utilisation import STATES, state_bars
 from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, Result, Series
-from fleetlog.core.words import count
+from fleetlog.core.words import count, listed
 from fleetlog.report.battery import charge_curves, charge_table
 from fleetlog.report.content import Part, Picture, Table, number, table
 from fleetlog.report.facts import Facts
@@ -254,20 +254,23 @@ def answers(f: Facts) -> list[str]:
     def of(name: str) -> str:
         return BY_NAME[name].shown(values[name])
 
-    doing = (("waiting_share", "waited"), ("handling_share", "handled loads"), ("charging_share", "charged"))
-    said = [f"{verb} {of(name)} %" for name, verb in doing if values[name] > 0.0]
+    doing = {"driving": "drove", "handling": "handled loads", "waiting": "waited", "charging": "charged",
+             "idle": "were idle for"}  # fmt: skip
+    known = {verb: values[f"{name}_share"] for name, verb in doing.items()}
+    said = [f"{verb} {v:.0f} %" for verb, v in known.items() if v >= 0.5]
     trucks = count(len(f.dataset.vehicles), "truck")
-    head = f"{trucks} drove {of('driving_share')} % of {of('truck_hours')} truck hours"
-    out = [", ".join([head, *said]) + "."]
+    out = [f"In {of('truck_hours')} truck hours, {trucks} {listed(said) or 'did nothing'} of the time."]
     if values["tasks"] > 0.0:
         out.append(
             f"The fleet did {of('tasks')} tasks, {of('tasks_per_hour')} per truck hour, "
             f"and drove {of('km')} km."
         )
     if values["kwh"] > 0.0:
-        cost = f", at a cost of {of('cost')} {_currency(f)}" if values["cost"] > 0.0 else ""
-        co2 = f" and {of('co2_kg')} kg of CO2" if values["co2_kg"] > 0.0 else ""
-        out.append(f"The fleet used {of('kwh')} kWh, {of('kwh_per_km')} kWh per kilometre{cost}{co2}.")
+        out.append(f"The fleet used {of('kwh')} kWh, {of('kwh_per_km')} kWh per kilometre.")
+        cost = [f"cost {of('cost')} {_currency(f)}"] if values["cost"] > 0.0 else []
+        co2 = [f"emitted {of('co2_kg')} kg of CO2"] if values["co2_kg"] > 0.0 else []
+        if cost or co2:
+            out.append(f"That {listed(cost + co2)}.")
     areas = f.results["density"].places.get("areas") if "density" in f.results else None
     if areas is not None and len(areas):
         first = areas.iloc[0]

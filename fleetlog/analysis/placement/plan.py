@@ -18,6 +18,9 @@ from fleetlog.errors import DataError
 Method = Literal["pmedian", "spaced", "topk", "cover"]
 Variant = Literal["flow", "vote", "urgency"]
 Demand = Literal["urgency", "standing", "visits", "rank", "loading"]
+EMPTY = {
+    "urgency": "no truck stood with less than 50 % charge", "standing": "no truck stood for long enough",
+}  # fmt: skip
 NOTHING = "nothing of the kind in the data"
 VOTE_LENGTH = 30.0
 MAX_LEFT_OUT = 30
@@ -90,8 +93,8 @@ def _weights(
     for name in next_best[next_best.index(demand) :] if demand in next_best[:2] else [demand]:
         if options[name].any():
             return options[name], name, notices
-        why = "no state of charge under 50 % while standing" if name == "urgency" else NOTHING
-        notices.append(f"demand {name!r} is empty ({why}); the next best is used")
+        then = "standing time" if name == "urgency" else "visits"
+        notices.append(f"{EMPTY.get(name, NOTHING)}, so sites are chosen by {then}")
     raise DataError(f"demand {demand!r} is empty: {NOTHING}", do="choose another --demand")
 
 

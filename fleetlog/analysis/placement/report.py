@@ -14,7 +14,7 @@ from fleetlog.analysis.placement.plan import Question, Weighed, total
 from fleetlog.analysis.placement.select import Choice, finite, greedy, top_k
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Floats, Ints
-from fleetlog.core.words import count, percent
+from fleetlog.core.words import count, listed, percent
 
 DRAWS = 200
 MOST = 4
@@ -105,15 +105,17 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     """The answer for the terminal."""
     unit, r, b = s["unit"], s["reach"], s["baselines"]
     rows: list[Any] = list(sites.itertuples())
-    what = "Place pick and drop spots" if s["demand"] == "loading" else "Install chargers"
+    loading = s["demand"] == "loading"
+    plugs = {row.site: "" if loading else count(row.plugs, "plug") for row in rows}
     new, kept = [r for r in rows if not r.existing], [r for r in rows if r.existing]
-    where = " and ".join(f"{row.vertex} ({count(row.plugs, 'plug')})" for row in new[:MOST])
-    more = f" and {len(new) - MOST} more places" if len(new) > MOST else ""
-    out = [f"{what} at {where}{more}."] if new else []
-    out += [f"Keep {row.existing} ({count(row.plugs, 'plug')} needed)." for row in kept]
+    where = [row.vertex if loading else f"{row.vertex} ({plugs[row.site]})" for row in new[:MOST]]
+    more = [count(len(new) - MOST, "more place")] if len(new) > MOST else []
+    what = "Place pick and drop spots" if loading else "Install chargers"
+    out = [f"{what} at {listed([*where, *more])}."] if new else []
+    out += [f"Keep {row.existing} ({plugs[row.site]} needed)." for row in kept]
     out += [
-        f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {percent(row.served_share)}, "
-        f"{count(row.plugs, 'plug')}"
+        f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {percent(row.served_share)} of the "
+        f"demand{'' if loading else ', '}{plugs[row.site]}"
         for row in rows
     ]
     gap = "optimal" if s["proven_gap"] == 0 else f"within {percent(s['proven_gap'], 2)} of the optimum"
@@ -126,21 +128,26 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     st = s["stability"]
     if st["runs"]:
         out.append(
-            f"If one {st['left_out']} is left out, {percent(st['mean_kept_share'])} of the sites stay "
+            f"If one {st['left_out'].replace('vehicle', 'truck')} is left out, {percent(st['mean_kept_share'])} of the sites stay "
             f"(worst case {percent(st['worst_kept_share'])})."
         )
-    if s["rank_heat_note"]:
-        out.append(f"Rank and heat share correlate at {s['rank_heat_spearman']:.2f}: {s['rank_heat_note']}.")
     if "check" in s:
         out += _check_lines(s["check"])
-    return out + [f"Note: {n}" for n in s["notices"]]
+    return out + [f"Note: {n}." for n in s["notices"]]
 
 
 def _check_lines(c: dict[str, Any]) -> list[str]:
     rows = [(c["before"], "present"), (c["after"], "planned")]
     trucks, soc = count(c["vehicles"], "truck"), percent(c["soc_start"])
-    head = f"Simulated: {trucks}, {c['hours']:g} h, {soc} charge at the start."
-    return [head] + [
+    time = f"{c['hours']:g} h" if c["hours"] >= 1.0 else f"{60.0 * c['hours']:.0f} min"
+    before, after = c["before"], c["after"]
+    more = after["tasks_done"] - before["tasks_done"]
+    tasks = f"{count(abs(more), 'task')} {'more' if more > 0 else 'fewer'}" if more else "as many tasks"
+    answer = (
+        f"With the planned chargers the fleet does {tasks} and ends with {percent(after['soc_end_mean'])} charge "
+        f"instead of {percent(before['soc_end_mean'])} (simulated: {trucks}, {time}, from {soc})."
+    )
+    return [answer] + [
         f"  {name} chargers ({count(r['plugs'], 'plug')}): lowest charge {percent(r['soc_lowest'])}, "
         f"mean {percent(r['soc_mean'])}, at the end {percent(r['soc_end_mean'])}; "
         f"{r['waiting_for_plug_h']:.1f} h waiting for a plug; {count(r['empty_trucks'], 'truck')} empty; "
