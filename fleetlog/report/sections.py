@@ -49,8 +49,8 @@ BUSY = (
 )
 AREAS = "area=area; roads=roads; delay [s]=delay .0f; episodes=episodes .0f; trucks=vehicles .0f"
 NEAR = (
-    "time=start t; truck=vehicle_a; other truck=vehicle_b; kind=kind; time to collision [s]=ttc_s .1f; "
-    "post-encroachment time [s]=pet_s .1f; closing speed [m/s]=closing_speed .1f"
+    "time=start t; truck=vehicle_a; other truck=vehicle_b; kind=kind; TTC [s]=ttc_s .1f; PET [s]=pet_s .1f; "
+    "closing [m/s]=closing_speed .1f"
 )
 OVER = (
     "time=start t; truck=vehicle_id; road or zone=place; duration [s]=duration .1f; "
@@ -96,8 +96,8 @@ def utilisation_part(f: Facts) -> Part:
     columns = "; ".join(["truck=vehicle_id", "hours=hours .2f", *seen])
     unknown = share.loc[share["driving"] > 0.0, "vehicle_id"]
     lines = [
-        f"No load is recorded for {', '.join(unknown)}: driving empty and laden, and waiting and handling, "
-        "cannot be told apart for these."
+        f"No load is recorded for {listed(unknown.tolist())}: driving empty cannot be told from driving laden "
+        f"there, nor waiting from handling."
     ] if len(unknown) else []  # fmt: skip
     return Part(lines, [*blocks, table(share, columns, "Share of the time by truck")])
 
@@ -225,9 +225,10 @@ def congestion(f: Facts, scale: Scale | None = None) -> Part:
 def safety(f: Facts) -> Part:
     """Speeding and near misses."""
     part = Part()
-    for name, caption, heads in (
-        ("near_misses", "Near misses, the closest first", NEAR),
-        ("speeding", "Longest drives above the limit", OVER),
+    for name, caption, heads, key in (
+        ("near_misses", "Near misses, the closest first", NEAR,
+         " (TTC: time to collision, PET: post-encroachment time)"),
+        ("speeding", "Longest drives above the limit", OVER, ""),
     ):  # fmt: skip
         result = f.results[name]
         part.lines += result.lines
@@ -237,7 +238,10 @@ def safety(f: Facts) -> Part:
         if name == "near_misses":
             found = found.assign(worst=found[["ttc_s", "pet_s"]].min(axis=1)).sort_values("worst")
         found = found.assign(start=f.local(found["start"]))
-        part.blocks += [table(found, heads, caption, most=10), picture(f, None, f"{caption}: where", result)]
+        part.blocks += [
+            table(found, heads, caption + key, most=10),
+            picture(f, None, f"{caption}: where", result),
+        ]
     return part
 
 
