@@ -97,7 +97,7 @@ def utilisation_part(f: Facts) -> Part:
     unknown = share.loc[share["driving"] > 0.0, "vehicle_id"]
     lines = [
         f"No load is recorded for {listed(unknown.tolist())}: driving empty cannot be told from driving laden "
-        f"there, nor waiting from handling."
+        "there, nor waiting from handling."
     ] if len(unknown) else []  # fmt: skip
     return Part(lines, [*blocks, table(share, columns, "Share of the time by truck")])
 

@@ -83,6 +83,8 @@ def draw_bars(axes: Axes, bars: Bars) -> None:
         colour, label = palette.paper_colour(name, i), name.replace("_", " ")
         axes.barh(at, width, left=left, color=colour, height=0.72, label=label)
         left = left + width
+    if not left.any():
+        axes.set_xlim(0.0, 1.0)
     axes.set_yticks(at, [t if len(t) <= MAX_LABEL else t[: MAX_LABEL - 1] + "…" for t in labels])
     axes.invert_yaxis()
     axes.set_xlabel(bars.label)

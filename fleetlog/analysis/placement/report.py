@@ -78,7 +78,7 @@ def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd
         "site": np.arange(1, len(sites) + 1), "vertex": [q.network.node_ids[i] for i in sites], "x": xy[:, 0],
         "y": xy[:, 1], "rank": w.ranks[sites], "heat_share": w.share[sites], "served_share": served,
         "urgent_hours": hours, "plugs": plugs, "urgent_hours_per_plug": hours / plugs,
-        "label": [f"{i + 1} ({s:.0%})" for i, s in enumerate(served)],
+        "label": [f"{i + 1} ({percent(s)})" for i, s in enumerate(served)],
     })  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.core.words import percent
 from fleetlog.errors import DataError
 
 STARTS = 10
@@ -115,7 +116,7 @@ def _capacitated(
     m, n = cost.shape
     raise_it = "raise --capacity or -k"
     if k * capacity < 1.0 - 1e-9:
-        raise DataError(f"{k} sites of {capacity:.0%} each cannot serve all demand", do=raise_it)
+        raise DataError(f"{k} sites of {percent(capacity)} each cannot serve all demand", do=raise_it)
     if cost.size > CAPACITY_CELLS:
         what = f"{m} demand vertices and {n} candidates are too many with a capacity"
         raise DataError(what, do="leave it out")
