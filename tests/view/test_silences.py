@@ -34,7 +34,10 @@ def test_time_passes_in_stretches_with_data_and_stands_still_between(
 ) -> None:
     time = np.sort(np.array(moments, np.int64))
     passed = np.diff(clock(time))
-    inside = [np.clip(time[1:], a, b) - np.clip(time[:-1], a, b) for a, b in zip(clock.starts, clock.ends)]
+    inside = [
+        np.clip(time[1:], a, b) - np.clip(time[:-1], a, b)
+        for a, b in zip(clock.starts, clock.ends, strict=True)
+    ]
     assert (passed == np.sum(inside, axis=0)).all()
     assert clock(clock.starts[:1])[0] == 0
     assert clock(clock.ends[-1:])[0] * 1e-6 == pytest.approx(clock.seconds)
