@@ -46,7 +46,7 @@ REACH, REACH_WITHOUT_FORKS = 10.0, 30.0
 FORKS = 0.05
 """The forks move when their height changes by more than this [m]."""
 PATIENCE, PATIENCE_WITHOUT_LOAD = 180.0, 60.0
-"""A truck that stands longer without a load is idle; where the log has no load, one that stands longer [s]."""
+"""A truck that stands without a load for longer is idle, also where the log has no loads [s]."""
 CHARGER = 100.0
 """A battery that takes more than this, on average over a standstill, is charged [W]."""
 COLUMNS = ("speed", "payload", "fork_height", "battery_power", "soc", "charging")

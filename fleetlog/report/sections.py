@@ -96,8 +96,8 @@ def utilisation_part(f: Facts) -> Part:
     columns = "; ".join(["truck=vehicle_id", "hours=hours .2f", *seen])
     unknown = share.loc[share["driving"] > 0.0, "vehicle_id"]
     lines = [
-        f"No load is recorded for {listed(unknown.tolist())}: driving empty cannot be told from driving laden "
-        "there, nor waiting from handling."
+        f"No load is recorded for {listed(unknown.tolist())}: driving empty cannot be told from driving "
+        "laden there, nor waiting from handling."
     ] if len(unknown) else []  # fmt: skip
     return Part(lines, [*blocks, table(share, columns, "Share of the time by truck")])
 

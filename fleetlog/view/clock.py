@@ -1,4 +1,4 @@
-"""A timeline without the silences of a log, beside the one of the clock: some shifts in weeks play as shifts."""
+"""A timeline without the silences of a log, beside that of the clock: weeks play as their shifts."""
 
 from __future__ import annotations
 

@@ -11,6 +11,7 @@ from typing import Any
 import rerun as rr
 
 from fleetlog.core.trajectory import Floats, Trajectory
+from fleetlog.core.words import count
 from fleetlog.store import Dataset
 from fleetlog.view import blueprint, events, fleet, palette, thin
 from fleetlog.view.clock import SKIPPED, clock_of
@@ -138,9 +139,8 @@ def log_summary(stream: Stream, dataset: Dataset, summary: str | Mapping[str, An
 def summary_markdown(dataset: Dataset, figures: Mapping[str, Any] | None = None) -> str:
     """What a dataset says of itself, as Markdown."""
     meta, edges = dataset.meta, dataset.meta["site"].get("edges", 0)
-    count = len(meta["vehicles"])
     head = [
-        f"**{count}** vehicle{'s' if count != 1 else ''}, **{dataset.rows:,}** rows, {meta['kind']}",
+        f"{count(len(meta['vehicles']), 'vehicle')}, {count(dataset.rows, 'row')}, {meta['kind']}",
         f"{_clock(meta.get('start'))} to {_clock(meta.get('end'))} UTC",
         f"{edges} directed road edges" if edges else "no road map",
     ]

@@ -114,8 +114,8 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     out = [f"{what} at {listed([*where, *more])}."] if new else []
     out += [f"Keep {row.existing} ({plugs[row.site]} needed)." for row in kept]
     out += [
-        f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {percent(row.served_share)} of the "
-        f"demand{'' if loading else ', '}{plugs[row.site]}"
+        f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {percent(row.served_share)} of "
+        f"the demand{'' if loading else ', '}{plugs[row.site]}"
         for row in rows
     ]
     gap = "optimal" if s["proven_gap"] == 0 else f"within {percent(s['proven_gap'], 2)} of the optimum"
@@ -128,8 +128,8 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     st = s["stability"]
     if st["runs"]:
         out.append(
-            f"If one {st['left_out'].replace('vehicle', 'truck')} is left out, {percent(st['mean_kept_share'])} of the sites stay "
-            f"(worst case {percent(st['worst_kept_share'])})."
+            f"If one {st['left_out'].replace('vehicle', 'truck')} is left out, "
+            f"{percent(st['mean_kept_share'])} of the sites stay (worst case {percent(st['worst_kept_share'])})."
         )
     if "check" in s:
         out += _check_lines(s["check"])
@@ -144,8 +144,8 @@ def _check_lines(c: dict[str, Any]) -> list[str]:
     more = after["tasks_done"] - before["tasks_done"]
     tasks = f"{count(abs(more), 'task')} {'more' if more > 0 else 'fewer'}" if more else "as many tasks"
     answer = (
-        f"With the planned chargers the fleet does {tasks} and ends with {percent(after['soc_end_mean'])} charge "
-        f"instead of {percent(before['soc_end_mean'])} (simulated: {trucks}, {time}, from {soc})."
+        f"With the planned chargers the fleet does {tasks} and ends with {percent(after['soc_end_mean'])} "
+        f"charge instead of {percent(before['soc_end_mean'])} (simulated: {trucks}, {time}, from {soc})."
     )
     return [answer] + [
         f"  {name} chargers ({count(r['plugs'], 'plug')}): lowest charge {percent(r['soc_lowest'])}, "
