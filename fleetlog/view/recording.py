@@ -11,7 +11,6 @@ from typing import Any
 import rerun as rr
 
 from fleetlog.core.trajectory import Floats, Trajectory
-from fleetlog.core.words import count
 from fleetlog.store import Dataset
 from fleetlog.view import blueprint, events, fleet, palette, thin
 from fleetlog.view.clock import SKIPPED, clock_of
@@ -139,8 +138,9 @@ def log_summary(stream: Stream, dataset: Dataset, summary: str | Mapping[str, An
 def summary_markdown(dataset: Dataset, figures: Mapping[str, Any] | None = None) -> str:
     """What a dataset says of itself, as Markdown."""
     meta, edges = dataset.meta, dataset.meta["site"].get("edges", 0)
+    trucks = len(meta["vehicles"])
     head = [
-        f"{count(len(meta['vehicles']), 'vehicle')}, {count(dataset.rows, 'row')}, {meta['kind']}",
+        f"**{trucks}** vehicle{'s' if trucks != 1 else ''}, **{dataset.rows:,}** rows, {meta['kind']}",
         f"{_clock(meta.get('start'))} to {_clock(meta.get('end'))} UTC",
         f"{edges} directed road edges" if edges else "no road map",
     ]

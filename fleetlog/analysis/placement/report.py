@@ -127,10 +127,9 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     )
     st = s["stability"]
     if st["runs"]:
-        out.append(
-            f"If one {st['left_out'].replace('vehicle', 'truck')} is left out, "
-            f"{percent(st['mean_kept_share'])} of the sites stay (worst case {percent(st['worst_kept_share'])})."
-        )
+        mean, worst = percent(st["mean_kept_share"]), percent(st["worst_kept_share"])
+        unit = st["left_out"].replace("vehicle", "truck")
+        out.append(f"If one {unit} is left out, {mean} of the sites stay (worst case {worst}).")
     if "check" in s:
         out += _check_lines(s["check"])
     return out + [f"Note: {n}." for n in s["notices"]]
