@@ -8,8 +8,6 @@ _FORBIDDEN = re.compile(r"[\s|\\'\";,<>&!#%]")
 
 
 def sumo_name(name: str) -> str:
-    """``name`` without the characters that SUMO's ids must not have;
-    a leading colon is kept for its own junctions.
-    """
+    """``name`` without the characters that SUMO's ids must not have."""
     clean = _FORBIDDEN.sub("_", name)
     return "_" + clean if clean.startswith(":") or not clean else clean

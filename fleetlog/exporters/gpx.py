@@ -1,6 +1,4 @@
-"""GPX 1.1: a track per vehicle, a segment per day;
-what GPX has no element for stands in extensions under its own name.
-"""
+"""GPX 1.1: a track per vehicle, a segment per day; other columns as extensions."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """MCAP with JSON channels that Foxglove draws: ``/ID/fix`` (foxglove.LocationFix) or, without a place on
-earth, ``/ID/pose`` (foxglove.PoseInFrame), and ``/ID/battery`` where the dataset knows it."""
+earth, ``/ID/pose`` (foxglove.PoseInFrame), and ``/ID/battery`` where the dataset knows it.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +14,7 @@ import numpy as np
 from fleetlog.core.site import Frame
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.version import __version__
 
 _TIME = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
 _NUMBER = {"type": "number"}
@@ -30,8 +32,6 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """Vehicle by vehicle; readers sort by time through the index."""
     from mcap.writer import CompressionType, Writer
-
-    from fleetlog.version import __version__
 
     rows = left_out = 0
     with path.open("wb") as stream:

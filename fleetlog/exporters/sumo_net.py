@@ -129,9 +129,7 @@ def _square(x: float, y: float, z: float) -> NDArray[np.float64]:
 
 
 def _conflict(n: Network, a: Connection, b: Connection) -> bool:
-    """Whether two connections of one junction from different edges merge,
-    or cross on their straight ways through it.
-    """
+    """Whether two connections from different edges of a junction merge, or cross."""
     if a[0] == b[0]:
         return False
     if a[1] == b[1]:

@@ -30,9 +30,7 @@ def refuse_packed(path: Path) -> None:
 
 
 def unpack(packing: str, packed: bytes, size: int) -> bytes:
-    """``size`` bytes; :class:`Damaged` where the packing is unknown or broken, or another length comes
-    out.
-    """
+    """``size`` bytes; :class:`Damaged` where the packing is unknown or broken, or the length differs."""
     if size > LIMIT:
         raise Damaged(f"it states {size:,} bytes")
     try:

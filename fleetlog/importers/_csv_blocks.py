@@ -25,9 +25,7 @@ TORN = 1 << 20
 
 @dataclass(frozen=True)
 class Block:
-    """Whole lines; ``first`` is the number of the first one, from 1; ``cut`` says that the last lacks its
-    line end.
-    """
+    """Whole lines from number ``first`` (from 1); ``cut``: the last one lacks its line end."""
 
     text: bytes
     first: int
@@ -54,9 +52,7 @@ class Block:
 
 
 def guess_encoding(head: bytes) -> str:
-    """``utf-8-sig``, ``utf-16`` or ``utf-8`` where the bytes say so, else ``cp1252``, which every byte
-    fits.
-    """
+    """``utf-8-sig``, ``utf-16`` or ``utf-8`` where the bytes say so, else ``cp1252``, which fits all."""
     if head.startswith(codecs.BOM_UTF8):
         return "utf-8-sig"
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):

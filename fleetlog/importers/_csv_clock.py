@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Ints, Labels
@@ -27,16 +28,11 @@ from fleetlog.importers._times import (
     of_day,
 )
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 Mask = NDArray[np.bool_]
 
 
 class Clock:
-    """Times of one file, block by block; ``names`` are the columns that hold them, ``unit`` that of a count,
-    where a name says it.
-    """
+    """Times of one file, block by block; ``names`` are their columns, ``unit`` that of a count, if named."""
 
     def __init__(
         self, names: tuple[str, ...], unit: str | None, path: Path, profile: Profile, report: ReadReport
@@ -82,15 +78,11 @@ class Clock:
         return InputError(what, where=self.profile.path, place="time.origin", do=do)
 
     def _cells(self, table: pa.Table) -> pa.Array:
-        import pyarrow.compute as pc
-
         parts = [table.column(n).combine_chunks() for n in self.names]
         return pc.binary_join_element_wise(*parts, " ") if len(parts) > 1 else parts[0]
 
     def _decide(self, cells: pa.Array) -> str:
-        """ISO 8601, a count from 1970 or a time of day, from the first cells; an error that says what to
-        write otherwise.
-        """
+        """ISO 8601, a count from 1970 or a time of day, from the first cells; else an error."""
         known = cells.drop_null()
         sample = known.slice(0, 1000)
         if not len(sample):
@@ -126,8 +118,6 @@ class Clock:
         return likely
 
     def _counted(self, cells: pa.Array) -> Ints:
-        import pyarrow as pa
-
         try:
             whole = cells.cast(pa.int64())
         except pa.ArrowInvalid:

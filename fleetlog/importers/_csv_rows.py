@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Ints, Labels, Values
@@ -19,9 +20,6 @@ from fleetlog.importers._profile import Profile, Source
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers._times import MISSING, NONE, SKIPPED, UNREADABLE
 from fleetlog.importers.base import RawBatch, Reject
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Floats = NDArray[np.float64]
 _MUST = ("latitude", "longitude", "x", "y")
@@ -82,8 +80,6 @@ class RowReader:
 
     def _decide(self, block: Block) -> None:
         """Types of the columns, from the first block."""
-        import pyarrow as pa
-
         layout = self.layout
         inferred = self.reader.inferred(block)
         text = {*layout.time, *layout.labels.values(), *([layout.vehicle] if layout.vehicle else [])}
@@ -102,8 +98,6 @@ class RowReader:
     # ----------------------------------------------------------------------- table to columns
 
     def _columns(self, table: pa.Table, bad: dict[str, NDArray[np.bool_]]) -> dict[str, Values]:
-        import pyarrow as pa
-
         columns: dict[str, Values] = {}
         for target, source in self.layout.values.items():
             columns[target] = self._si(target, source, self._figures(table, source.column, target, bad))
@@ -125,8 +119,6 @@ class RowReader:
         return columns
 
     def _decide_blank(self, chunk: pa.ChunkedArray, name: str) -> None:
-        import pyarrow as pa
-
         if chunk.null_count == len(chunk):
             return
         self._blank.discard(name)
@@ -134,8 +126,6 @@ class RowReader:
             self._types[name] = pa.float64()
 
     def _figures(self, table: pa.Table, name: str, target: str, bad: dict[str, NDArray[np.bool_]]) -> Floats:
-        import pyarrow as pa
-
         chunk = table.column(name)
         if pa.types.is_floating(chunk.type):
             values = np.array(chunk.fill_null(np.nan) if chunk.null_count else chunk, dtype=np.float64)

@@ -1,15 +1,15 @@
-"""The text of a block to an Arrow table: fast where every row is whole, line by line where quotes make no
-sense.
-"""
+"""The text of a block to an Arrow table: fast where rows are whole, else line by line."""
 
 from __future__ import annotations
 
 import codecs
 import csv
 import io
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pv
 
 from fleetlog.core.trajectory import Ints
 from fleetlog.importers._csv_blocks import Block
@@ -17,9 +17,6 @@ from fleetlog.importers._csv_layout import Layout
 from fleetlog.importers._csv_lines import cells_of
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers.base import Reject
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 NULLS = ["", "NA", "N/A", "NaN", "nan", "null", "NULL", "None", "-", "#N/A"]
 
@@ -33,17 +30,13 @@ codecs.register_error("fleetlog.cp1252", _as_cp1252)
 
 
 class TableReader:
-    """Blocks of one file to tables with the columns of ``layout``; ``missing`` are cells that mean
-    "unknown".
-    """
+    """Blocks of a file to tables with the columns of ``layout``; ``missing`` are cells for "unknown"."""
 
     def __init__(self, layout: Layout, missing: list[str], report: ReadReport) -> None:
         self.layout, self.missing, self.report = layout, missing, report
 
     def inferred(self, block: Block) -> pa.Schema:
         """The types that the cells of a block have."""
-        import pyarrow as pa
-
         text = self._as_utf8(block)
         try:
             return self._arrow(text, None)[0].schema
@@ -51,9 +44,7 @@ class TableReader:
             return self._arrow(self._one_by_one(text), None)[0].schema
 
     def read(self, block: Block, types: dict[str, Any]) -> tuple[pa.Table, Ints, list[Reject]]:
-        """The table of a block, the line of every row in it, and the lines that do not have as many fields
-        as the header.
-        """
+        """The table of a block, the line of every row, and the lines with too many or too few fields."""
         text, lines = self._as_utf8(block), block.lines()
         found = self._whole(text, types)
         if found is not None and len(lines) != found[0].num_rows + len(found[1]):
@@ -95,8 +86,6 @@ class TableReader:
 
     def _whole(self, text: bytes, types: dict[str, Any]) -> tuple[pa.Table, list[Any]] | None:
         """The table and the ragged rows: typed, or else as text; None where the quotes make no sense."""
-        import pyarrow as pa
-
         for kinds in (types, dict.fromkeys(types, pa.string())):
             try:
                 return self._arrow(text, kinds)
@@ -105,8 +94,6 @@ class TableReader:
         return None
 
     def _arrow(self, text: bytes, types: dict[str, Any] | None) -> tuple[pa.Table, list[Any]]:
-        import pyarrow.csv as pv
-
         ragged: list[Any] = []
 
         def skip(row: Any) -> str:
@@ -139,9 +126,7 @@ class TableReader:
         return out.getvalue().encode()
 
     def _mended(self, text: bytes, block: Block, lines: Ints, ragged: list[Any]) -> bytes | None:
-        """The text with the rows whole that are ragged by an empty last field only; None where there is
-        none.
-        """
+        """The text, mended where rows are ragged by an empty last field only; None where none is."""
         delimiter, last = self.layout.delimiter, self.layout.names[-1]
         pieces = text.split(b"\n") if ragged else []
         mended = 0
@@ -158,9 +143,7 @@ class TableReader:
 
 
 def _records(block: Block, layout: Layout) -> Ints:
-    """First lines of the records where quoted cells span several; every line its own where quotes swallow
-    whole rows.
-    """
+    """First lines of records whose cells span several; every line where quotes swallow whole rows."""
     raw = np.frombuffer(block.text, np.uint8)
     ends = np.flatnonzero(raw == 10)
     quotes = np.searchsorted(np.flatnonzero(raw == 34), ends)

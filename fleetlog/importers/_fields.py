@@ -1,6 +1,4 @@
-"""The fields of a table or of a JSON object that are read by name: what each is, and the way of its values
-to SI.
-"""
+"""Fields of a table or JSON object, read by name: what each is, and how its values come to SI."""
 
 from __future__ import annotations
 
@@ -43,9 +41,7 @@ class Field:
 
 @dataclass
 class Fields:
-    """All fields: ``columns`` by the dataset's names, ``time`` and ``vehicle`` by the log's, ``kept`` as
-    they are.
-    """
+    """All fields: ``columns`` by the dataset's names; ``time``, ``vehicle``, ``kept`` by the log's."""
 
     columns: dict[str, Field] = field(default_factory=dict)
     time: str | None = None
@@ -58,8 +54,8 @@ class Fields:
         """Microseconds UTC of one time: a text, or a number that counts from 1970 or from the profile's
         origin.
 
-        :class:`ValueError` where it is none.  ``epoch`` is the unit of a count, None for the one that gives
-        a likely date.
+        :class:`ValueError` where it is none.  ``epoch`` is the unit of a count, None for the one that gives a
+        likely date.
         """
         if isinstance(value, str):
             return self._of_text(value)
@@ -84,9 +80,7 @@ class Fields:
 
 
 def fields_of(names: Iterable[str], profile: Profile | None, report: ReadReport) -> Fields:
-    """What the fields called ``names`` are: the profile's word first, then the spelling; the report says
-    it.
-    """
+    """What the fields called ``names`` are: the profile's word first, then the spelling."""
     found, names = Fields(profile=profile or Profile()), list(names)
     if profile is not None:
         found.time = profile.time[0] if profile.time and profile.time[0] in names else None

@@ -1,6 +1,4 @@
-"""The one way in which logs are read: whatever goes wrong within a reader is damage of that file, and rows
-come out sound.
-"""
+"""How all logs are read: whatever goes wrong within a reader is damage, and rows come out sound."""
 
 from __future__ import annotations
 
@@ -56,9 +54,7 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
 
 
 def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
-    """The batch with times that can be counted, names that can be written,
-    and known columns of their kind.
-    """
+    """The batch with times that can be counted, names that can be written, and columns of their kind."""
     checked = _Checked(batch, options.report)
     withheld = options.profile is not None and not options.profile.keep
     columns = dict(

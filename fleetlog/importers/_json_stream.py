@@ -73,9 +73,7 @@ class _Window:
             self.fill(BLOCK)
 
     def object(self) -> dict[str, Any] | None:
-        """The JSON object here, reading on (twice as much each time) until it is whole; None where it never
-        is.
-        """
+        """The JSON object here, reading on (twice as much each time) until it is whole, or None."""
         if self.text[self.at] != "{":
             return None
         size = BLOCK

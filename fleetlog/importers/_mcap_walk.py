@@ -148,9 +148,7 @@ def records(data: bytes) -> Iterator[tuple[int, memoryview]]:
 
 
 def unpack_chunk(body: bytes) -> bytes:
-    """The records of a chunk, unpacked to at most the size that it states and checked; :class:`Damaged`
-    otherwise.
-    """
+    """The records of a chunk, unpacked within the size that it states, and checked."""
     _, _, size, crc = _CHUNK.unpack_from(body)
     packing, at = _text(memoryview(body), _CHUNK.size)
     (length,) = struct.unpack_from("<Q", body, at)

@@ -19,9 +19,7 @@ from fleetlog.importers._wire import Wire
 
 
 class Sample(NamedTuple):
-    """One message: its stamp [us] (0 where it has none) and its values; ``fix`` False where the receiver had
-    none.
-    """
+    """One message: its stamp [us] (0: none) and values; ``fix`` False where the receiver had none."""
 
     stamp: int
     values: dict[str, float]
@@ -29,9 +27,7 @@ class Sample(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """A kind of message: ``rank`` orders the sources of position (lowest first; 9 for a battery), ``decode``
-    by encoding.
-    """
+    """A kind of message: ``rank`` orders sources of position (9: a battery), ``decode`` by encoding."""
 
     rank: int
     decode: dict[str, Callable[[Any], Sample]]

@@ -37,9 +37,7 @@ class Part:
 
 
 def decode(kind: bytes, body: bytes) -> Part | None:
-    """The parts of a frame; None for a kind that says nothing about motion;
-    :class:`ValueError` for broken fields.
-    """
+    """The parts of a frame; None for a kind without motion; :class:`ValueError` for broken fields."""
     if kind == b"UBX":
         return _nav_pvt(body) if body[:2] == b"\x01\x07" else None
     if kind[:1] == b"P":

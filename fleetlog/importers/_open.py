@@ -155,9 +155,7 @@ def _step(unpacker: Any, packing: str, packed: bytes, size: int) -> tuple[bytes,
 
 
 def open_bytes(path: Path, report: ReadReport | None = None) -> tuple[io.BufferedReader, Unpacked]:
-    """A buffered stream of the unpacked bytes, and the raw one below it, which knows the share that was
-    read.
-    """
+    """A buffered stream of the unpacked bytes, and the raw one below, which knows the share read."""
     raw = Unpacked(path, report)
     return io.BufferedReader(raw, 1 << 20), raw
 

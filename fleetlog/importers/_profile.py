@@ -1,6 +1,4 @@
-"""A profile: what a log's columns are, where their names do not say it.  ``docs/logs.md`` has a worked
-one.
-"""
+"""A profile: what a log's columns are, where their names do not say it; see ``docs/logs.md``."""
 
 from __future__ import annotations
 
@@ -74,9 +72,7 @@ class Profile:
     """As ``strptime`` takes it, or ``iso``, ``s``, ``ms``, ``us``, ``ns``."""
     time_zone: str | None = None
     time_origin: datetime | None = None
-    """Instant from which a time counts, where that is not 1970, or the first day of times of day; local
-    without a zone.
-    """
+    """Instant from which times count, or the first day of times of day; local without a zone."""
     columns: dict[str, Source] = field(default_factory=dict)
     crs: str | None = None
     """Reference system of x, y, as ``EPSG:25832``."""

@@ -1,6 +1,4 @@
-"""The wire format of protocol buffers, as much of it as the messages here need;
-no schema, no code from the file.
-"""
+"""The wire format of protocol buffers, as much as the messages here need; no schema, no code."""
 
 from __future__ import annotations
 

@@ -24,8 +24,7 @@ class Rows:
     """Rows of one kind, column by column; :meth:`take` gives them as a :class:`RawBatch`.
 
     ``always`` names the columns that every batch has (the positions, unless the rows are a channel);
-    ``share`` says how
-    much of the file has been read.
+    ``share`` says how much of the file has been read.
     """
 
     def __init__(self, *always: str, share: Callable[[], float] = lambda: 0.0) -> None:
@@ -44,9 +43,7 @@ class Rows:
         self._rejects: list[Reject] = []
 
     def add(self, vehicle: str, time: int, record: int, values: dict[str, Any]) -> None:
-        """One row; ``time`` in microseconds.  A value is a float, or a string for a label; a column missing
-        here is null.
-        """
+        """One row at ``time`` [us]; a value is a float, or a string for a label; missing is null."""
         if not EARLIEST <= time <= LATEST:
             self.reject(record, OFF_TIME, values)
             return
@@ -128,9 +125,7 @@ def heading_of_course(degrees: float) -> float:
 
 
 def heading_of_quaternion(x: float, y: float, z: float, w: float) -> float:
-    """Yaw [rad] of a unit quaternion: atan2(2 (w z + x y), 1 - 2 (y^2 + z^2)); NaN for the zero
-    quaternion.
-    """
+    """Yaw [rad] of a unit quaternion: atan2(2 (w z + x y), 1 - 2 (y^2 + z^2)); NaN for zero."""
     if not x * x + y * y + z * z + w * w > 1e-6:
         return NAN
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

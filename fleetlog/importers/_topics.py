@@ -1,6 +1,4 @@
-"""From the topics of a recording to vehicles: which topic says where which truck is, and which adds its
-battery.
-"""
+"""From topics to vehicles: which topic says where which truck is, which adds its battery."""
 
 from __future__ import annotations
 
@@ -50,10 +48,8 @@ def plan(
     """The role of every topic that is used.
 
     A vehicle is told by the part of the names in which topics of one kind differ (``/T00/fix``,
-    ``/T01/fix``), else by a
-    name in front of all of them; ``default`` otherwise and ``one`` always, if given.  Each vehicle takes its
-    position from one
-    topic, the most absolute one.
+    ``/T01/fix``), else by a name in front of all of them; ``default`` otherwise and ``one`` always, if given.
+    Each vehicle takes its position from one topic, the most absolute one.
     """
     topics = sorted(set(topics))
     wanted = [t for t in topics if t.kind is not None]

@@ -24,9 +24,7 @@ class Unit:
     shift: float = 0.0
 
     def to_si(self, values: Floats) -> Floats:
-        """Values in SI; angles become radians within -pi and pi,
-        compass angles also turn into the site's sense.
-        """
+        """Values in SI; angles within -pi and pi, compass angles turned into the site's sense."""
         if self.name == "compass_deg":
             values = 90.0 - values
         if self.name == "ddmm":

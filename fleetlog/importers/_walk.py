@@ -2,8 +2,7 @@
 damage, count.
 
 No index is needed, so a file that was cut off gives all that is whole; an index at its end says where to go
-on behind damage and
-how many messages there must be.
+on behind damage and how many messages there must be.
 """
 
 from __future__ import annotations
@@ -60,9 +59,7 @@ class Walk(ABC):
     called: ClassVar[str]
     magic: ClassVar[bytes]
     kinds: ClassVar[frozenset[int]]
-    """Records that the format has; ``chunk`` is that of chunks, ``ends`` those behind which no message
-    comes.
-    """
+    """Records that the format has; ``chunk`` holds messages, behind ``ends`` come none."""
     chunk: ClassVar[int]
     ends: ClassVar[frozenset[int]] = frozenset()
 
@@ -79,9 +76,7 @@ class Walk(ABC):
 
     @abstractmethod
     def summary(self) -> Summary | None:
-        """Channels, places of chunks and number of messages from the index; None where that is missing or
-        damaged.
-        """
+        """Channels, chunks and number of messages from the index; None where it is damaged."""
 
     @abstractmethod
     def _next(self) -> Record:
@@ -100,9 +95,7 @@ class Walk(ABC):
         return min(self.at / max(self.size, 1), 1.0)
 
     def messages(self, summary: Summary | None) -> Iterator[Message]:
-        """Every whole message, in the order of the file; ``report`` hears of all that is damaged or
-        missing.
-        """
+        """Every whole message, in the order of the file; ``report`` hears of damage and gaps."""
         chunks = summary.chunks if summary else set()
         self.at = len(self.magic)
         while self.at < self.size:
@@ -126,9 +119,7 @@ class Walk(ABC):
         self._close(max(summary.messages if summary else 0, self.indexed))
 
     def _checked(self, record: Record, chunks: set[int]) -> Record:
-        """The record as what it must be: the index knows where chunks are, and that messages come after an
-        end.
-        """
+        """The record as the index has it: it knows where chunks are, and that more follows."""
         if self.at in chunks and record.kind != self.chunk:
             self.say(f"the kind of the chunk at byte {self.at:,} is wrong")
             return record._replace(kind=self.chunk)

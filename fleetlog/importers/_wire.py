@@ -20,9 +20,7 @@ def _layout(order: str, kind: str, count: int) -> struct.Struct:
 
 
 class Wire:
-    """A reading position in one message; every method raises :class:`ValueError`
-    or ``struct.error`` beyond its end.
-    """
+    """A place in one message; methods raise :class:`ValueError` or ``struct.error`` beyond its end."""
 
     __slots__ = ("_at", "_base", "_data", "_order", "_ros1", "_widest")
 

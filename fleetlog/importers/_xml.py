@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from lxml import etree
+
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes, plural
 from fleetlog.importers._report import ReadReport
@@ -17,9 +19,8 @@ LIMIT = 1 << 24
 class Elements:
     """The end events of chosen elements, each emptied after use, so that memory does not grow with the file.
 
-    Entities are not expanded, nothing is loaded from elsewhere, libxml2's limits on depth and text stay on.
-    A file that is
-    cut off or broken gives what came before; ``report`` hears of it.
+    Entities are not expanded, nothing is loaded from elsewhere, libxml2's limits on depth and text stay on. A
+    file that is cut off or broken gives what came before; ``report`` hears of it.
     """
 
     def __init__(self, path: Path, report: ReadReport, tags: tuple[str, ...]) -> None:
@@ -44,8 +45,6 @@ class Elements:
         return data
 
     def __iter__(self) -> Iterator[tuple[str, Any]]:
-        from lxml import etree
-
         events = etree.iterparse(
             self, events=("end",), tag=[f"{{*}}{t}" for t in self.tags],
             resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False,

@@ -49,14 +49,11 @@ class RawBatch:
     vehicle : (N,) labels, no nulls.
     time : (N,) int64, microseconds since 1970-01-01 UTC.
     columns : (N,) arrays by name.  Positions are ``latitude``, ``longitude`` [degrees, WGS 84] or ``x``,
-        ``y`` [m, site
-        frame], ``z`` [m, up; ellipsoid or sea level as the log has it]; the further columns of
+        ``y`` [m, site frame], ``z`` [m, up; ellipsoid or sea level as the log has it]; the further columns of
         :mod:`fleetlog.core.columns` in the contract's units (NaN for unknown); then the log's own columns
-        under their own
-        names, float64 or :class:`~fleetlog.core.trajectory.Labels`.
-        A batch without position columns is a *channel*: its values are interpolated onto the rows that have
-        positions (a
-        battery message that comes at its own times).  A row with NaN for its position stays a row of its own.
+        under their own names, float64 or :class:`~fleetlog.core.trajectory.Labels`. A batch without position
+        columns is a *channel*: its values are interpolated onto the rows that have positions (a battery
+        message that comes at its own times).  A row with NaN for its position stays a row of its own.
     record : (N,) int64, line or record number in the file, from 1.
     rejects : rows met on the way that could not be used.
     progress : share of the file that has been read, 0 to 1.
@@ -120,8 +117,8 @@ class Importer:
     ----------
     name : as ``--format`` takes it.
     suffixes : lower case with the dot, as ``(".gpx",)``; those of compression are taken off first.
-    sniff : whether the file looks like this format, from its path and its first 64 KiB, decompressed
-        (``b""`` for a folder).
+    sniff : whether the file looks like this format, from its path and its first 64 KiB, decompressed (``b""``
+        for a folder).
     read : the rows, batch by batch, in bounded memory; raises :class:`~fleetlog.errors.FormatError` when
         nothing is usable.
     rank : formats of a lower rank are asked first; 0 for those with a signature, 9 for a last resort.

@@ -2,8 +2,7 @@
 memory.
 
 The file is read in blocks of whole lines.  A block goes through the fast reader of Arrow with the columns
-typed; a block with a
-cell that does not fit its type is read again as text and every cell judged by itself.
+typed; a block with a cell that does not fit its type is read again as text and every cell judged by itself.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""MCAP recordings: Foxglove's LocationFix, ROS 2's positions and batteries; see
-:mod:`fleetlog.importers._messages`.
-"""
+"""MCAP recordings of Foxglove's and ROS 2's positions and batteries."""
 
 from __future__ import annotations
 

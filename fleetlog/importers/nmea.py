@@ -1,9 +1,8 @@
 """NMEA 0183 logs, also with binary bytes and u-blox UBX messages between the sentences.
 
 All sentences of one moment make one fix, whatever talker they come from.  Dates come from RMC, ZDA and
-NAV-PVT; a fix before
-the first date gets it in hindsight.  Broken sentences are rejected and counted; other ships' AIS messages
-are left out.
+NAV-PVT; a fix before the first date gets it in hindsight.  Broken sentences are rejected and counted; other
+ships' AIS messages are left out.
 """
 
 from __future__ import annotations
@@ -27,9 +26,7 @@ _AIS = (b"VDM", b"VDO")
 
 
 def sniff(path: Path, head: bytes) -> bool:
-    """Whether a sentence or a UBX message with a right checksum is in it, and most of what is framed is
-    right.
-    """
+    """Whether something framed has a right checksum, and most of it is right."""
     from io import BufferedReader, BytesIO
 
     good = bad = 0

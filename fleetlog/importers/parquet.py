@@ -1,16 +1,16 @@
-"""Parquet tables, read by their column names as a CSV is; GeoParquet's points; parts of a partitioned
-dataset.
-"""
+"""Parquet tables, read by column names as a CSV is; GeoParquet's points; parts of a dataset."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Labels, Values
@@ -27,9 +27,6 @@ from fleetlog.importers._times import NONE, from_counts
 from fleetlog.importers._units import KINDS
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 BATCH = 1 << 17
 GROUP_LIMIT = 1 << 32
 """Unpacked bytes of a row group that are believed."""
@@ -44,9 +41,6 @@ def sniff(path: Path, head: bytes) -> bool:
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """All rows, batch by batch."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     refuse_packed(path)
     try:
         file = pq.ParquetFile(path, memory_map=False, read_dictionary=_text_columns(path))
@@ -71,9 +65,6 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 
 def _text_columns(path: Path) -> list[str]:
     """Columns of text, which are read as dictionaries: a text that comes again takes no memory again."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     schema = pq.read_schema(path)
     return [f.name for f in schema if pa.types.is_string(f.type) or pa.types.is_large_string(f.type)]
 
@@ -92,8 +83,6 @@ class _Reader:
     """The batches of one file; columns go by their place, for names may come twice."""
 
     def __init__(self, file: Any, path: Path, options: ReadOptions) -> None:
-        import pyarrow as pa
-
         self.path, self.options, self.done = path, options, 0
         self.total = max(file.metadata.num_rows, 1)
         schema = file.schema_arrow
@@ -149,8 +138,6 @@ class _Reader:
         self, array: pa.Array, name: str, field: Field, bad: dict[str, tuple[NDArray[np.bool_], Labels]]
     ) -> Values:
         """A known column in SI; numbers may be written as text."""
-        import pyarrow as pa
-
         values = _values(array)
         if name not in KINDS:
             return values
@@ -165,8 +152,6 @@ class _Reader:
 
     def _times(self, batch: pa.RecordBatch, vehicle: Labels) -> NDArray[np.int64]:
         """(N,) microseconds UTC; ``NONE`` where they are not known."""
-        import pyarrow as pa
-
         array = batch.column(str(self.fields.time))
         if pa.types.is_date(array.type):
             array = array.cast(pa.timestamp("s") if pa.types.is_date32(array.type) else pa.timestamp("ms"))
@@ -198,8 +183,6 @@ class _Reader:
 
 
 def _counted(array: pa.Array, unit: str, origin: int = 0) -> NDArray[np.int64]:
-    import pyarrow as pa
-
     null = np.asarray(array.is_null())
     whole = pa.types.is_integer(array.type)
     filled = array.fill_null(0)
@@ -209,8 +192,6 @@ def _counted(array: pa.Array, unit: str, origin: int = 0) -> NDArray[np.int64]:
 
 def _values(array: pa.Array) -> Values:
     """(N,) figures, NaN for null, or labels; text that is no UTF-8 keeps what of it is."""
-    import pyarrow as pa
-
     kind = array.type
     if pa.types.is_null(kind):
         return np.full(len(array), np.nan)

@@ -1,10 +1,8 @@
 """SUMO's floating car data (``--fcd-output``), XML: every vehicle at every step.
 
-``angle`` is clockwise from north [degrees]; ``x, y`` are metres of the network, or degrees where
-SUMO was run with ``--fcd-output.geo``.
-``time`` counts seconds from the start of the simulation, so it is placed at the epoch that the file names
-(fleetlog's
-exporter writes it) or at 1970.
+``angle`` is clockwise from north [degrees]; ``x, y`` are metres of the network, or degrees where SUMO was run
+with ``--fcd-output.geo``. ``time`` counts seconds from the start of the simulation, so it is placed at the
+epoch that the file names (fleetlog's exporter writes it) or at 1970.
 """
 
 from __future__ import annotations
@@ -76,9 +74,7 @@ def _origin(epoch: re.Match[bytes] | None) -> int:
 
 
 def _degrees(known: dict[bool, Rows], element: Any) -> bool:
-    """Whether x, y are degrees: SUMO then writes six decimals and more; decided by the first vehicle, kept
-    for the file.
-    """
+    """Whether x, y are degrees (SUMO then writes six decimals): the first vehicle tells."""
     if known:
         return next(iter(known))
     x, y = finite(element.get("x")), finite(element.get("y"))

@@ -1,6 +1,4 @@
-"""TUM trajectories: ``timestamp x y z qx qy qz qw`` a line, seconds and metres, as evo and SLAM tools write
-them.
-"""
+"""TUM trajectories: ``timestamp x y z qx qy qz qw`` a line, seconds and metres, as evo writes them."""
 
 from __future__ import annotations
 
@@ -79,9 +77,7 @@ def _add(rows: Rows, vehicle: str, pose: list[float], line: bytes, number: int, 
 
 
 def _microseconds(cell: bytes) -> int:
-    """Exact where the stamp is a plain decimal: a double of seconds since 1970 only holds a quarter of a
-    microsecond.
-    """
+    """Exact where the stamp is a plain decimal: a double holds only a quarter of a microsecond."""
     whole, _, fraction = cell.partition(b".")
     if whole.isdigit() and fraction.isdigit():
         return int(whole) * 1_000_000 + int(fraction[:6].ljust(6, b"0"))

@@ -2,8 +2,8 @@
 
 A line may be the message itself, the message behind its MQTT topic (``mosquitto_sub -v``), or wrapped as
 ``{"topic": ..., "payload": ...}``.  3.0 renamed ``agvPosition`` to ``mobileRobotPosition``
-(``positionInitialized`` to
-``localized``) and ``batteryState`` to ``powerSupply`` (``batteryCharge`` to ``stateOfCharge``).
+(``positionInitialized`` to ``localized``) and ``batteryState`` to ``powerSupply`` (``batteryCharge`` to
+``stateOfCharge``).
 """
 
 from __future__ import annotations
@@ -57,9 +57,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 
 
 class _Reader:
-    """Messages to rows; keeps the last load of every vehicle, which a visualization message does not
-    repeat.
-    """
+    """Messages to rows; keeps every vehicle's last load, which visualization does not repeat."""
 
     def __init__(self, vehicle: str | None, share: Any) -> None:
         self.positions = Rows("x", "y", share=share)
@@ -164,9 +162,7 @@ def _kind(message: dict[str, Any]) -> str:
 
 
 def _pose(position: dict[str, Any], velocity: Any) -> dict[str, Any]:
-    """``theta`` is counter-clockwise from the map's x axis, as the contract's heading; speed in the
-    vehicle's own frame.
-    """
+    """``theta`` is the contract's heading; the speed is the length of the vehicle's own velocity."""
     values: dict[str, Any] = {"x": finite(position.get("x")), "y": finite(position.get("y"))}
     theta = finite(position.get("theta"))
     values["heading"] = math.remainder(theta, math.tau) if theta == theta else NAN
@@ -205,9 +201,7 @@ def _facts(message: dict[str, Any]) -> str:
 
 
 def _payload(loads: list[Any]) -> float:
-    """Sum of the weights [kg]; an empty list says that nothing is carried, a load without a weight that
-    nobody knows.
-    """
+    """Sum of the weights [kg]; 0 for an empty list, NaN where a load has no weight."""
     total = sum(finite(load.get("weight")) if isinstance(load, dict) else NAN for load in loads)
     return max(min(float(total), MOST), -MOST) if total == total else NAN
 

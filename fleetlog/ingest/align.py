@@ -250,7 +250,7 @@ def _spectra(place: Floats, heading: Floats, cell: float, side: int, blur: float
 
 
 def _fitted(place: Floats, heading: Floats, lines: _Lines, rotation: float, shift: Floats) -> _Fit:
-    """Least squares of the distances from the lines, ever closer; trucks may keep to one side of a two-way road."""
+    """Least squares of the distances from the lines, ever closer; ``side``: trucks may keep to one."""
     from scipy.spatial import cKDTree
 
     use = slice(None, None, max(len(place) // POINTS, 1))
@@ -287,9 +287,7 @@ def _fitted(place: Floats, heading: Floats, lines: _Lines, rotation: float, shif
 def _residuals(
     at: Floats, heading: Floats, lines: _Lines, tree: Any, reach: float, side: float
 ) -> tuple[Floats, NDArray[np.bool_], Floats, Floats]:
-    """Distance to the left [m] of the best line of a place's direction, whether there is one, its normal, and
-    whether trucks keep to a side of it.
-    """
+    """Distance to the left [m] of the best line in a place's direction, if there is one, its normal, two-way."""
     far, near = tree.query(at, k=12, distance_upper_bound=reach + abs(side) + 1.0)
     known = np.isfinite(far)
     near = np.where(known, near, 0)

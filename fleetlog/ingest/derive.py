@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
 
 HALF_WINDOW = 1.0
-"""The line is fitted over this time before and after a row [s], or over two neighbours on each side if that
-is more, but those not farther than ``WIDEST``; over the nearest neighbours at least."""
+"""A line is fitted over this time before and after a row [s], or over two neighbours on each side within
+``WIDEST`` if that is more; over the nearest neighbours at least.
+"""
 WIDEST = 2.5
 MAX_GAP = 30.0
 """No line reaches across a longer silence [s]."""
@@ -46,9 +47,7 @@ def derive_power(rows: Trajectory) -> Trajectory:
 
 
 def pace_ratio(rows: Trajectory) -> float | None:
-    """The log's speed over that of its positions, as the median over half minutes in motion;
-    None where there is too little.
-    """
+    """The log's speed over that of its positions: median over half minutes in motion, or None."""
     t, x, y, speed = rows.seconds(), rows.floats("x"), rows.floats("y"), rows.floats("speed")
     good = np.isfinite(x) & np.isfinite(y) & np.isfinite(speed)
     if good.sum() < 100:

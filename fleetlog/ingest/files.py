@@ -15,9 +15,7 @@ from fleetlog.store.output import MARK
 
 @dataclass(frozen=True)
 class Log:
-    """One log and how it is read; ``error`` where no format fits (of several logs, the others are still
-    read).
-    """
+    """A log and how it is read; ``error`` where no format fits (others are still read)."""
 
     path: Path
     importer: Importer | None
@@ -28,8 +26,8 @@ def find_logs(paths: Sequence[str | Path], format: str | None = None) -> list[Lo
     """The logs among ``paths`` in order of their names, so that the order of the command line changes
     nothing.
 
-    A folder stands for the logs in it, recursively; files in it that no format fits, and outputs of
-    fleetlog, are passed over.  A pattern (``*``, ``?``, ``[``) stands for what it matches.
+    A folder stands for the logs in it, recursively; files in it that no format fits, and outputs of fleetlog,
+    are passed over.  A pattern (``*``, ``?``, ``[``) stands for what it matches.
     """
     importer = by_name(format) if format else None
     logs: dict[Path, Log] = {}

@@ -57,11 +57,9 @@ def import_logs(
 ) -> ImportSummary:
     """Read ``paths`` (files, folders, patterns) and write their rows through ``writer``.
 
-    ``site`` is None where there is no map: then the frame comes from the data.  The writer's site,
-    provenance and summary are
-    set; its ``finish`` is left to the caller.  ``align`` fits the frame of local positions to the roads of
-    ``site``.  :class:`~fleetlog.errors.InputError` where nothing usable was
-    found.
+    ``site`` is None where there is no map: then the frame comes from the data.  The writer's site, provenance
+    and summary are set; its ``finish`` is left to the caller.  ``align`` fits the frame of local positions to
+    the roads of ``site``.  :class:`~fleetlog.errors.InputError` where nothing usable was found.
     """
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
     logs = find_logs(paths, format)

@@ -32,9 +32,8 @@ def place(rows: Trajectory, site: Site) -> Trajectory:
     """Rows with x, y [m] in the site's frame; geographic columns are turned into them, local ones stay.
 
     A log that has both keeps its x, y where they agree with its latitude and longitude to a metre (a dataset
-    that comes
-    back); otherwise they are in another frame: the geographic ones count, and they are kept as ``x_log``,
-    ``y_log``.
+    that comes back); otherwise they are in another frame: the geographic ones count, and they are kept as
+    ``x_log``, ``y_log``.
     """
     if "latitude" not in rows or site.frame is None:
         return rows
@@ -78,9 +77,7 @@ def _moved(rows: Trajectory, frame: MapFrame, mine: NDArray[np.bool_]) -> Trajec
 
 
 def check_place(x: Floats, y: Floats, site: Site, sample: Trajectory) -> None:
-    """:class:`DataError` where the middle of the log lies kilometres from the map; ``sample`` are the rows
-    as they came.
-    """
+    """:class:`DataError` where the log lies kilometres from the map; ``sample``: the rows as read."""
     good = np.isfinite(x) & np.isfinite(y)
     if site.frame is not None and looks_like_degrees(sample):
         here = [float(np.nanmedian(sample.floats(n))) for n in ("x", "y")]
@@ -109,9 +106,7 @@ def check_place(x: Floats, y: Floats, site: Site, sample: Trajectory) -> None:
 
 
 def check_matched(share: float | None, rows: int, site: Site) -> None:
-    """:class:`DataError` where as good as no row lies on a road: the map is of another place, or in another
-    frame.
-    """
+    """:class:`DataError` where next to no row lies on a road: another place, or another frame."""
     if share is not None and rows and share < NO_ROWS:
         raise DataError(
             f"0.0 % of the {rows:,} rows are on a road of site {site.name!r}",

@@ -59,9 +59,7 @@ class Preview:
 def preview(
     paths: Sequence[str | Path], *, format: str | None = None, profile: str | Path | Profile | None = None
 ) -> Preview:
-    """The first rows of every log among ``paths``; one that cannot be read raises its error, of several it
-    is told of.
-    """
+    """The first rows of every log among ``paths``; an error only where none can be read."""
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
     out = Preview()
     logs = find_logs(paths, format)

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Trajectory
@@ -56,9 +58,6 @@ class Rejects:
             self.add(file, [Reject(record, reason, picture(rows, row), whole)])
 
     def _flush(self) -> None:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         if not self._waiting or self.file is None:
             return
         kinds = ["row" if r.whole else "value" for _, r in self._waiting]
@@ -85,9 +84,7 @@ class Rejects:
 
 
 def gather(all_refused: Iterable[Refused], folder: Path, older: Path | None = None) -> Refused:
-    """Everything that was refused as one, and its rows in one file of ``folder``, after those of an ``older`` file."""
-    import pyarrow.parquet as pq
-
+    """All refusals as one, their rows in one file of ``folder``, after those of an ``older`` file."""
     whole, writer = Refused(), None
     before = [Refused(file=older)] if older is not None and older.exists() else []
     for refused in [*before, *all_refused]:

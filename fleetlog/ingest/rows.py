@@ -1,6 +1,4 @@
-"""Rows of one vehicle on their way into a dataset: a :class:`Trajectory` that is not yet sorted, with where
-each came from.
-"""
+"""Rows of a vehicle on their way into a dataset: unsorted, with where each came from."""
 
 from __future__ import annotations
 
@@ -12,9 +10,9 @@ from numpy.typing import NDArray
 from fleetlog.core.trajectory import Floats, Labels, Trajectory, Values
 
 FILE, RECORD, CHANNEL, STUCK, HELD = INTERNAL = ("_file", "_record", "_channel", "_stuck", "_held")
-"""Columns of the import itself, dropped before writing: number of the file, line or record in it, 1 for rows
-of a batch without
-positions, 1 for rows of a stuck sensor, 1 for rows whose position repeats an older one."""
+"""Columns of the import itself, never written: number of the file, line or record in it; 1 for rows without
+positions, of a stuck sensor, and whose position repeats an older one.
+"""
 
 
 def join(pieces: Sequence[Trajectory]) -> Trajectory:
@@ -37,9 +35,7 @@ def _joined(name: str, pieces: Sequence[Trajectory]) -> Values:
 
 
 def _as_labels(values: Values | None, n: int) -> Labels:
-    """Labels as they are, null where there is no column, figures as text (a column that is figures in one
-    file only).
-    """
+    """Labels as they are, null where there is no column, figures as text."""
     if isinstance(values, Labels):
         return values
     if values is None:

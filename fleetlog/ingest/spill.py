@@ -1,6 +1,4 @@
-"""Rows set down on disk by vehicle and day, so that files of any size, in any order and mixture, fit into
-bounded memory.
-"""
+"""Rows set down on disk by vehicle and day, so that logs of any size and order fit into memory."""
 
 from __future__ import annotations
 
@@ -12,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.trajectory import Ints, Labels, Trajectory, Values
@@ -26,7 +25,7 @@ WINDOW_ROWS = 100_000
 
 @dataclass
 class Slot:
-    """One vehicle, one day: files set down, with the first and the last time in each, and their rows in all."""
+    """One vehicle, one day: files with their first and last time, and rows in all."""
 
     files: list[tuple[Path, int, int]] = field(default_factory=list)
     rows: int = 0
@@ -105,9 +104,7 @@ class Down:
             self.own[name] = self.own.get(name, False) or text
 
     def windows(self, vehicle: str) -> Iterator[tuple[Trajectory, bool]]:
-        """The rows of a vehicle in stretches of about ``WINDOW_ROWS``, in order of time, unsorted within;
-        whether it is the last.
-        """
+        """A vehicle's rows in order of time, about ``WINDOW_ROWS`` at once, unsorted within; whether last."""
         before: Trajectory | None = None
         for rows in self._stretches(vehicle):
             if before is not None and len(before) + len(rows) <= WINDOW_ROWS:
@@ -153,8 +150,6 @@ def _between(path: Path, vehicle: str, low: int, high: int) -> list[Trajectory]:
 
 
 def _save(rows: Trajectory, path: Path) -> None:
-    import pyarrow as pa
-
     arrays: dict[str, Any] = {"timestamp": pa.array(rows.time)}
     for name, values in rows.columns.items():
         arrays[name] = _labels(values) if isinstance(values, Labels) else pa.array(values)
@@ -164,15 +159,11 @@ def _save(rows: Trajectory, path: Path) -> None:
 
 
 def _labels(values: Labels) -> Any:
-    import pyarrow as pa
-
     codes = pa.array(values.codes, pa.int32(), mask=values.codes < 0)
     return pa.DictionaryArray.from_arrays(codes, pa.array(list(values.names), pa.string()))
 
 
 def _table(path: Path) -> Any:
-    import pyarrow as pa
-
     with pa.memory_map(str(path)) as source:
         return pa.ipc.open_file(source).read_all()
 

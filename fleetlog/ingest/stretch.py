@@ -220,9 +220,7 @@ class VehicleImport:
 
 
 def _cut(trips: Ints) -> int:
-    """Rows to write now: up to the beginning of the last trip; within it only where it grows beyond
-    memory.
-    """
+    """Rows to write now: up to the last trip's beginning, or within it beyond memory."""
     begins = np.flatnonzero(np.diff(trips)) + 1
     if len(begins):
         return int(begins[-1])
