@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from fleetlog.importers._protobuf import fields
-from fleetlog.importers._rows import NAN, finite, heading_of_quaternion
+from fleetlog.importers._rows import finite, heading_of_quaternion
 from fleetlog.importers._times import iso_time
 from fleetlog.importers._wire import Wire
 
@@ -196,9 +196,3 @@ KINDS: dict[str, Kind] = {
     "foxglove.Battery": Kind(9, {"json": _json_battery(0.01)}, _BATTERY + ", percentage from %"),
 }
 POSITIONS = ("latitude", "longitude", "x", "y", "z")
-
-
-def unplaced(values: dict[str, float]) -> bool:
-    """Whether the position is not a number."""
-    a, b = values.get("latitude", values.get("x", NAN)), values.get("longitude", values.get("y", NAN))
-    return not (math.isfinite(a) and math.isfinite(b))

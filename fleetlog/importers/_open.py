@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fleetlog.core.files import open_regular
+from fleetlog.core.words import count
 from fleetlog.errors import FormatError
 from fleetlog.importers._report import ReadReport
 
@@ -24,11 +25,6 @@ LARGEST = 1 << 38
 _PIECE, _SIP = 1 << 16, 1 << 10
 _MAGIC = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bzip2"}
 _PACKED = {".gz", ".zst", ".bz2"}
-
-
-def plural(count: int, noun: str) -> str:
-    """``1 row``, ``2,000 rows``."""
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 def plain_suffix(path: Path) -> str:
@@ -122,7 +118,7 @@ class Unpacked(io.RawIOBase):
         self._unpacker, self._waiting = None, b""
         self._file.seek(0, io.SEEK_END)
         if self._report is not None:
-            at = plural(self._given, "byte")
+            at = count(self._given, "byte")
             self._report.damaged(
                 f"the {self._packing} packing is broken or cut off after about {at} of unpacked log ({why})"
             )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT
-from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
+from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME, iso_time
 from fleetlog.importers.base import RawBatch, Reject
 
 BATCH = 1 << 16
@@ -61,17 +61,19 @@ class Rows:
         self._record.append(record)
         self.total += 1
 
+    def add_iso(self, vehicle: str, time: str | None, record: int, values: dict[str, Any]) -> None:
+        """One row with its time in ISO 8601."""
+        try:
+            stamp = iso_time(time or "")
+        except ValueError:
+            self.reject(record, "time is not ISO 8601", time)
+        else:
+            self.add(vehicle, stamp, record, values)
+
     def reject(self, record: int, reason: str, text: object = "") -> None:
         """A row that cannot be used."""
         self.rejected += 1
         self._rejects.append(Reject(record, reason, str(text)[:REJECT_TEXT]))
-
-    def attempt(self, record: int, take: Callable[..., None], *args: Any) -> None:
-        """Call ``take(*args)``; whatever goes wrong in it is one rejected record."""
-        try:
-            take(*args)
-        except Exception as error:
-            self.reject(record, f"a fault in the reader ({type(error).__name__}); {REPORT}", args[0])
 
     @property
     def full(self) -> bool:
@@ -97,6 +99,36 @@ class Rows:
         """The last batch, if anything waits."""
         if self._time or self._rejects:
             yield self.take()
+
+
+def gather(records: Iterable[Any], take: Callable[[Any, int], None], *tables: Rows) -> Iterator[RawBatch]:
+    """Give every record and its number, from 1, to ``take``; the batches of ``tables`` as they fill.
+
+    Whatever goes wrong in ``take`` is one rejected record of the first table.
+    """
+    for number, record in enumerate(records, 1):
+        try:
+            take(record, number)
+        except Exception as error:
+            tables[0].reject(number, f"a fault in the reader ({type(error).__name__}); {REPORT}", record)
+        for rows in tables:
+            if rows.full:
+                yield rows.take()
+
+
+def figures(line: bytes, count: int) -> list[float] | None:
+    """The ``count`` finite numbers that a line consists of, or None."""
+    try:
+        numbers = [float(cell) for cell in line.split()]
+    except ValueError:
+        return None
+    return numbers if len(numbers) == count and all(map(math.isfinite, numbers)) else None
+
+
+def mostly(head: bytes, parse: Callable[[bytes], object]) -> bool:
+    """Whether ``parse`` makes something of most of the first lines; comments do not count."""
+    lines = [s for s in head.split(b"\n")[:20] if s.strip() and not s.lstrip().startswith(b"#")]
+    return 2 * sum(parse(line) is not None for line in lines) > len(lines)
 
 
 def _column(values: list[Any], n: int) -> Values:
@@ -129,3 +161,9 @@ def heading_of_quaternion(x: float, y: float, z: float, w: float) -> float:
     if not x * x + y * y + z * z + w * w > 1e-6:
         return NAN
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def unplaced(values: Mapping[str, float]) -> bool:
+    """Whether the position is not a number."""
+    a, b = values.get("latitude", values.get("x", NAN)), values.get("longitude", values.get("y", NAN))
+    return not (math.isfinite(a) and math.isfinite(b))

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from fleetlog.core.files import open_regular
+from fleetlog.core.words import count
 from fleetlog.errors import FormatError
 from fleetlog.importers._bounded import refuse_packed
-from fleetlog.importers._messages import KINDS, POSITIONS, Kind, Sample, normal_name, unplaced
-from fleetlog.importers._open import plain_stem, plural
+from fleetlog.importers._messages import KINDS, POSITIONS, Kind, Sample, normal_name
+from fleetlog.importers._open import plain_stem
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import Rows
+from fleetlog.importers._rows import Rows, unplaced
 from fleetlog.importers._walk import Walk
 from fleetlog.importers.base import RawBatch, ReadOptions
 
@@ -76,7 +77,7 @@ def plan(
         report.recognised[topic.name] = f"{kind.meaning}, of {vehicle}"
     unused = [t for t in topics if t.name not in roles and t not in wanted]
     if unused:
-        report.note(f"{plural(len(unused), 'topic')} without position or battery left out: {listed(unused)}")
+        report.note(f"{count(len(unused), 'topic')} without position or battery left out: {listed(unused)}")
     return roles
 
 
@@ -105,7 +106,7 @@ def listed(topics: list[Topic]) -> str:
 def _no_position(topics: list[Topic]) -> str:
     if not topics:
         return "no topic in it, so no position"
-    return f"none of its {plural(len(topics), 'topic')} carries a position: {listed(topics)}"
+    return f"none of its {count(len(topics), 'topic')} carries a position: {listed(topics)}"
 
 
 class Decoder:
@@ -161,15 +162,13 @@ class Decoder:
         """Rows with positions so far."""
         return sum(r.total for names, r in self._rows.items() if "latitude" in names or "x" in names)
 
-    def finish(self, path: Path) -> Iterator[RawBatch]:
+    def finish(self) -> Iterator[RawBatch]:
         """What waits; an error where there was not one usable position."""
         if not self.positions:
             topics = ", ".join(name for name, role in self.roles.items() if role.is_position)
-            damage = f"; {self.report.damage[0]}" if self.report.damage else ""
-            what = f"not one usable position on {topics}{damage}"
-            raise FormatError(what, where=path, do="record it again")
-        for topic, count in self.no_fix.items():
-            self.report.note(f"{topic}: {plural(count, 'message')} without a fix left out")
+            raise self.report.nothing(f"not one usable position on {topics}", "record it again")
+        for topic, blind in self.no_fix.items():
+            self.report.note(f"{topic}: {count(blind, 'message')} without a fix left out")
         for rows in (*self._rows.values(), self._log):
             yield from rows.drain()
 
@@ -203,5 +202,5 @@ def read_recording(
         decoder = Decoder(roles, options.report, walk.share)
         for channel, time, data in walk.messages(summary):
             yield from decoder.feed(channel.topic, time, data)
-        yield from decoder.finish(path)
+        yield from decoder.finish()
         return walk.count

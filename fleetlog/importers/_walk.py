@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar, NamedTuple
 
+from fleetlog.core.words import count
 from fleetlog.importers._bounded import Damaged
-from fleetlog.importers._open import plural
 from fleetlog.importers._report import ReadReport
 
 DAMAGE_LINES = 10
@@ -136,9 +136,9 @@ class Walk(ABC):
         if self.count < expected:
             missing = expected - self.count
             verb = "is" if missing == 1 else "are"
-            self.say(f"{plural(missing, 'message')} that the file counts {verb} not in it")
+            self.say(f"{count(missing, 'message')} that the file counts {verb} not in it")
         if self._damages:
-            whole = plural(self.count, "message")
+            whole = count(self.count, "message")
             self.report.damaged(
                 f"{whole} of {expected:,} are whole" if expected else f"{whole} before and between are whole"
             )

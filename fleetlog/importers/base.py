@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Ints, Labels, Values
+from fleetlog.core.words import count
 from fleetlog.errors import FormatError, InputError, nearest
-from fleetlog.importers._open import compression, head_of, plain_suffix, plural
+from fleetlog.importers._open import compression, head_of, plain_stem, plain_suffix
 from fleetlog.importers._profile import Profile
 from fleetlog.importers._report import ReadReport
 from fleetlog.registry import parts
@@ -103,7 +105,12 @@ class ReadOptions:
         """The constant vehicle id that the profile gives this file."""
         return self.profile.vehicle_of(self.report.path) if self.profile else None
 
-    @property
+    @cached_property
+    def name(self) -> str:
+        """The id of the vehicle of a log that names none: the profile's, or the file's name."""
+        return self.vehicle or plain_stem(self.report.path)
+
+    @cached_property
     def origin(self) -> int:
         """Microseconds since 1970 from which a time counts: the profile's word, or 0."""
         return self.profile.origin if self.profile else 0
@@ -180,4 +187,4 @@ def _looks(path: Path) -> str:
     packed = compression(path)
     control = sum(b < 9 or 13 < b < 32 for b in head)
     kind = "binary" if control > 0.02 * len(head) else "text"
-    return f"{kind}, {plural(path.stat().st_size, 'byte')}{', ' + packed if packed else ''}"
+    return f"{kind}, {count(path.stat().st_size, 'byte')}{', ' + packed if packed else ''}"

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from fleetlog.core.files import SETTINGS, open_regular, read_whole
+from fleetlog.core.words import count
 from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers._bag_walk import MAGIC, BagWalk
 from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._mcap_walk import McapWalk
-from fleetlog.importers._open import plain_stem, plain_suffix, plural
+from fleetlog.importers._open import plain_stem, plain_suffix
 from fleetlog.importers._topics import Decoder, Topic, plan, read_recording
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
@@ -70,7 +71,7 @@ def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     about = _about(path)
     others = sum(p.suffix not in (".mcap", ".db3", ".yaml") for p in path.iterdir())
     if others:
-        options.report.note(f"{plural(others, 'other file')} in the bag's folder left out")
+        options.report.note(f"{count(others, 'other file')} in the bag's folder left out")
     if mode := _PACKING.search(about):
         raise FormatError(
             f"the bag is packed {mode[1].lower()} by {mode[1].lower()}", where=path,
@@ -80,19 +81,18 @@ def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     if not files:
         yield from _ros2(path, options)
         return
-    count, errors = 0, []
+    whole, errors = 0, []
     for file in files:
         try:
-            count += yield from read_recording(McapWalk, file, options, plain_stem(path))
+            whole += yield from read_recording(McapWalk, file, options, plain_stem(path))
         except FleetlogError as error:
             errors.append(error)
             options.report.damaged(f"{file.name}: {error.what}")
     if len(errors) == len(files):
         raise errors[0]
-    if (stated := _COUNT.search(about)) and count < int(stated[1]):
-        options.report.damaged(
-            f"{count:,} of the {int(stated[1]):,} messages that metadata.yaml counts are whole"
-        )
+    if (stated := _COUNT.search(about)) and whole < int(stated[1]):
+        what = f"{whole:,} of the {int(stated[1]):,} messages that metadata.yaml counts are whole"
+        options.report.damaged(what)
 
 
 def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -125,7 +125,7 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             ) from None
         options.report.damaged(f"breaks off after {decoder.record} messages ({why})")
     assert decoder is not None
-    yield from decoder.finish(path)
+    yield from decoder.finish()
 
 
 def _encoding(connection: Any) -> str:
