@@ -18,8 +18,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.exporters._sumo_names import sumo_name
 from fleetlog.exporters.base import Exporter, Selection, iso_times
+from fleetlog.exporters.sumo_net import sumo_name
 
 WINDOW = 600_000_000
 """Stretch of time that is held at once, all vehicles [us]."""

@@ -9,7 +9,8 @@ https://sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html
 
 from __future__ import annotations
 
-from collections import defaultdict
+import re
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any, TextIO
 from xml.sax.saxutils import quoteattr
@@ -19,7 +20,6 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
 from fleetlog.core.site import Frame
-from fleetlog.exporters._sumo_names import sumo_name
 from fleetlog.exporters.base import Exporter, Selection
 
 DEFAULT_SPEED = 5.0
@@ -27,6 +27,7 @@ DEFAULT_SPEED = 5.0
 DEFAULT_WIDTH = 3.2
 """Width of a lane whose width the map does not give [m]: SUMO's own default."""
 Connection = tuple[int, int]
+_FORBIDDEN = re.compile(r"[\s|\\'\";,<>&!#%]")
 
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
@@ -49,12 +50,18 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
     return {"rows": len(n), "edges": len(n), "junctions": len(nodes)}
 
 
+def sumo_name(name: str) -> str:
+    """``name`` without the characters that SUMO's ids must not have."""
+    clean = _FORBIDDEN.sub("_", name)
+    return "_" + clean if clean.startswith(":") or not clean else clean
+
+
 def _unique(names: list[str]) -> list[str]:
     """Names that cleaning made equal, told apart again."""
-    seen: dict[str, int] = {}
+    seen: Counter[str] = Counter()
     out = []
     for name in names:
-        seen[name] = seen.get(name, 0) + 1
+        seen[name] += 1
         out.append(name if seen[name] == 1 else f"{name}__{seen[name]}")
     return out
 
