@@ -15,6 +15,7 @@ from fleetlog.importers._csv_cells import degrees, numbers
 from fleetlog.importers._csv_clock import Clock
 from fleetlog.importers._csv_layout import Layout
 from fleetlog.importers._csv_table import TableReader
+from fleetlog.importers._labels import renamed
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers._profile import Profile, Source
 from fleetlog.importers._report import ReadReport
@@ -163,7 +164,8 @@ class RowReader:
     def _vehicles(self, table: pa.Table) -> Labels:
         if self.layout.vehicle is None:
             return Labels(np.zeros(table.num_rows, np.int32), (self.vehicle,))
-        return _trimmed(_labels(table.column(self.layout.vehicle)))
+        labels = _labels(table.column(self.layout.vehicle))
+        return renamed(labels, [name.strip() or None for name in labels.names])
 
     # ----------------------------------------------------------------------- what is refused
 
@@ -196,16 +198,6 @@ class RowReader:
         gone = lines[mask].tolist()
         reason = f"{name} is not a number"
         rejects += [Reject(n, reason, text, False) for n, text in zip(gone, block.texts(gone), strict=True)]
-
-
-def _trimmed(labels: Labels) -> Labels:
-    """Names without blanks around them; nothing but blanks is no name."""
-    names = [n.strip() for n in labels.names]
-    if all(names) and names == list(labels.names):
-        return labels
-    order = {n: i for i, n in enumerate(dict.fromkeys(n for n in names if n))}
-    table = np.array([order.get(n, -1) for n in names] + [-1], dtype=np.int32)
-    return Labels(table[labels.codes], tuple(order))
 
 
 def _labels(chunk: pa.ChunkedArray) -> Labels:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fleetlog.core.columns import BY_NAME, HIVE_NULL
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT, FleetlogError, FormatError, fault
+from fleetlog.importers._labels import renamed
 from fleetlog.importers._profile import TARGETS
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
@@ -157,12 +158,7 @@ def _said(values: Values, row: int) -> str:
 
 def _named(labels: Labels) -> Labels:
     """Labels whose names are valid text, each once."""
-    names = [_text(n) for n in labels.names]
-    if names == list(labels.names):
-        return labels
-    order = {n: i for i, n in enumerate(dict.fromkeys(names))}
-    table = np.array([*(order[n] for n in names), -1], np.int32)
-    return Labels(table[labels.codes], tuple(order))
+    return renamed(labels, [_text(name) for name in labels.names])
 
 
 def _text(name: str) -> str:

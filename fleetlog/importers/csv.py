@@ -47,7 +47,6 @@ def sniff(path: Path, head: bytes) -> bool:
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """Rows of a delimited file; the number of a row is that of its line."""
     profile, report = options.profile or Profile(), options.report
-    report.format = "csv"
     encoding = _encoding(path, profile, report)
     rows: RowReader | None = None
     for block in blocks(path, encoding, report):

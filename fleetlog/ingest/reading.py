@@ -15,10 +15,10 @@ from fleetlog.core.columns import NAMES
 from fleetlog.core.frames import geographic
 from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.errors import FleetlogError
-from fleetlog.importers._guard import read_guarded
+from fleetlog.importers._labels import renamed
 from fleetlog.importers._profile import Profile
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers.base import LOCAL, RawBatch, ReadOptions
+from fleetlog.importers.base import LOCAL, RawBatch
 from fleetlog.ingest.files import Log
 from fleetlog.ingest.order import BACKWARDS, Order
 from fleetlog.ingest.rejects import NAME, Refused, Rejects
@@ -95,14 +95,11 @@ class Reading:
 
     def read(self, number: int, log: Log, tell: Callable[[float], None]) -> None:
         """One log."""
-        if log.importer is None:
-            raise log.error or FleetlogError("no format", where=log.path)
-        report = ReadReport(log.path, log.importer.name)
-        options = ReadOptions(report, self.profile)
+        report, batches = log.read(self.profile)
         orders: dict[tuple[str, bool], Order] = defaultdict(Order)
         refused = self.rejects.rows.total()
         before = self.spill.down.rows
-        for batch in read_guarded(log.importer, log.path, options):
+        for batch in batches:
             batch = self._geographic(batch)
             self.rejects.add(number, batch.rejects)
             for rows in split(batch, number, report):
@@ -113,16 +110,7 @@ class Reading:
                 self._set_down(rest)
         rows_read = self.spill.down.rows - before + self.rejects.rows.total() - refused
         self.out.rows += rows_read
-        self.out.files.append(
-            FileSummary(
-                log.path.name,
-                report.format or log.importer.name,
-                rows_read,
-                report.recognised,
-                report.notes,
-                report.damage,
-            )
-        )
+        self.out.files.append(FileSummary.of(report, log.path.name, rows_read))
 
     def _geographic(self, batch: RawBatch) -> RawBatch:
         """A batch whose x, y are of the reference system that the profile states, in degrees."""
@@ -139,16 +127,13 @@ class Reading:
             self.rejects.refuse(bad, np.ones(len(bad), bool), BACKWARDS)
         if len(good):
             self.spill.add(good)
-            if good.vehicle_id not in self.out.positioned and (
-                np.isfinite(good.floats("latitude")).any() or np.isfinite(good.floats("x")).any()
-            ):
+            if any(np.isfinite(good.floats(n)).any() for n in ("latitude", "x")):
                 self.out.positioned.add(good.vehicle_id)
 
     def failed(self, log: Log, error: FleetlogError) -> None:
         """A log that could not be read at all."""
         self.out.errors.append(error)
-        name = log.importer.name if log.importer else "unknown format"
-        self.out.files.append(FileSummary(log.path.name, name, damage=[f"nothing is usable: {error.advice}"]))
+        self.out.files.append(log.unusable(log.path.name, error))
 
 
 def split(batch: RawBatch, number: int, report: ReadReport) -> Iterator[Trajectory]:
@@ -174,10 +159,8 @@ def _trimmed(values: Values) -> Values:
     """Labels without names that no row has (a batch of many vehicles)."""
     if not isinstance(values, Labels) or len(values.names) < 64:
         return values
-    used = np.unique(values.codes[values.codes >= 0])
-    table = np.full(len(values.names) + 1, -1, np.int32)
-    table[used] = np.arange(len(used), dtype=np.int32)
-    return Labels(table[values.codes], tuple(values.names[i] for i in used.tolist()))
+    used = set(np.unique(values.codes).tolist())
+    return renamed(values, [name if code in used else None for code, name in enumerate(values.names)])
 
 
 def _own_name(name: str, names: Set[str], report: ReadReport) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 from fleetlog.core.words import count
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
+from fleetlog.importers._report import ReadReport
 
 
 @dataclass
@@ -21,6 +22,11 @@ class FileSummary:
     recognised: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, report: ReadReport, name: str, rows: int) -> FileSummary:
+        """A log that was read."""
+        return cls(name, report.format, rows, report.recognised, report.notes, report.damage)
 
 
 @dataclass
@@ -84,20 +90,19 @@ class ImportSummary:
         if self.derived:
             out.append(f"derived: {', '.join(self.derived)}")
         if self.matched is not None:
-            off = "".join(
-                f"; {n:,} {reason}" for reason, n in sorted(self.off_map.items(), key=lambda i: -i[1])
-            )
+            off = "".join(f"; {why}" for why in _most_first(self.off_map))
             out.append(f"{100 * self.matched:.1f} % of the rows are on a road{off}")
         out += self.notes
         for what, counts in (("rejected rows", self.rejected), ("rejected values", self.rejected_values)):
             if counts:
-                whys = "; ".join(
-                    f"{n:,} {reason}" for reason, n in sorted(counts.items(), key=lambda i: -i[1])
-                )
-                out.append(f"{what}: {sum(counts.values()):,} ({whys})")
+                out.append(f"{what}: {sum(counts.values()):,} ({'; '.join(_most_first(counts))})")
         if self.rejected_file:
             out.append(f"they are kept in {self.rejected_file}")
         return out
+
+
+def _most_first(counts: dict[str, int]) -> list[str]:
+    return [f"{n:,} {reason}" for reason, n in sorted(counts.items(), key=lambda i: -i[1])]
 
 
 def _grouped(files: list[FileSummary]) -> list[list[str]]:
