@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Ints, Labels, Values
 from fleetlog.core.words import count
@@ -78,14 +77,9 @@ class RawBatch:
 
     @classmethod
     def of(
-        cls,
-        vehicle: str | Labels,
-        time: NDArray[np.int64],
-        columns: dict[str, Values],
-        record: NDArray[np.int64] | None = None,
-        rejects: Iterable[Reject] = (),
-        progress: float = 0.0,
-    ) -> RawBatch:
+        cls, vehicle: str | Labels, time: Ints, columns: dict[str, Values], record: Ints | None = None,
+        rejects: Iterable[Reject] = (), progress: float = 0.0,
+    ) -> RawBatch:  # fmt: skip
         """A batch; one vehicle may be named by a string, and records are numbered from 1 where not given."""
         n = len(time)
         labels = Labels(np.zeros(n, np.int32), (vehicle,)) if isinstance(vehicle, str) else vehicle
@@ -170,11 +164,8 @@ def detect(path: Path) -> Importer:
     """The format of ``path``, or an error that says what the file looks like."""
     importer = find(path)
     if importer is None:
-        raise FormatError(
-            f"no log format fits ({_looks(path)})",
-            where=path,
-            do=f"name it with --format: {', '.join(sorted(importers()))}",
-        )
+        do = f"name it with --format: {', '.join(sorted(importers()))}"
+        raise FormatError(f"no log format fits ({_looks(path)})", where=path, do=do)
     return importer
 
 

@@ -16,7 +16,12 @@ def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
     """Add what the vehicles came to, in their order, to the summary of what was read."""
     edges = Tally()
     for outcome in outcomes:
-        _add(summary, outcome.summary)
+        one = outcome.summary
+        summary.rows, summary.trips = summary.rows + one.rows, summary.trips + one.trips
+        summary.rows_joined += one.rows_joined
+        summary.vehicles |= one.vehicles
+        summary.derived_by_vehicle |= one.derived_by_vehicle
+        summary.derived = sorted({*summary.derived, *one.derived})
         if outcome.edges is not None:
             edges.add(outcome.edges)
     summary.notes += _notes(summary, outcomes, edges)
@@ -27,15 +32,6 @@ def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
     if edges.rows:
         summary.matched = edges.matched / edges.rows
         summary.off_map = dict(edges.reasons)
-
-
-def _add(s: ImportSummary, one: ImportSummary) -> None:
-    s.rows += one.rows
-    s.rows_joined += one.rows_joined
-    s.trips += one.trips
-    s.vehicles.update(one.vehicles)
-    s.derived_by_vehicle.update(one.derived_by_vehicle)
-    s.derived = sorted({*s.derived, *one.derived})
 
 
 def _notes(s: ImportSummary, outcomes: Sequence[Outcome], edges: Tally) -> list[str]:

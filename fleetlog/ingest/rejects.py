@@ -19,6 +19,15 @@ from fleetlog.ingest.rows import FILE, RECORD, picture
 
 NAME = "rejected.parquet"
 _FLUSH = 50_000
+_SCHEMA = pa.schema(
+    {
+        "file": pa.string(),
+        "record": pa.int64(),
+        "kind": pa.string(),
+        "reason": pa.string(),
+        "text": pa.string(),
+    }
+)
 
 
 @dataclass
@@ -60,14 +69,13 @@ class Rejects:
     def _flush(self) -> None:
         if not self._waiting or self.file is None:
             return
-        kinds = ["row" if r.whole else "value" for _, r in self._waiting]
-        table = pa.table({
-            "file": pa.array([self.files[f] for f, _ in self._waiting], pa.string()),
-            "record": pa.array([r.record for _, r in self._waiting], pa.int64()),
-            "kind": pa.array(kinds, pa.string()),
-            "reason": pa.array([r.reason for _, r in self._waiting], pa.string()),
-            "text": pa.array([r.text for _, r in self._waiting], pa.string()),
-        })  # fmt: skip
+        files, rejects = zip(*self._waiting, strict=True)
+        columns = {
+            "file": [self.files[f] for f in files], "record": [r.record for r in rejects],
+            "kind": ["row" if r.whole else "value" for r in rejects], "reason": [r.reason for r in rejects],
+            "text": [r.text for r in rejects],
+        }  # fmt: skip
+        table = pa.table(columns, schema=_SCHEMA)
         if self._writer is None:
             self._writer = pq.ParquetWriter(self.file, table.schema, compression="zstd")
         self._writer.write_table(table)
@@ -76,11 +84,10 @@ class Rejects:
     def close(self) -> Refused:
         """Write what is left; say what was refused."""
         self._flush()
-        written = self._writer is not None
-        if written:
-            self._writer.close()
-            self._writer = None
-        return Refused(self.rows, self.values, self.file if written else None)
+        if self._writer is None:
+            return Refused(self.rows, self.values)
+        self._writer.close()
+        return Refused(self.rows, self.values, self.file)
 
 
 def gather(all_refused: Iterable[Refused], folder: Path, older: Path | None = None) -> Refused:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -63,13 +63,14 @@ class Plan:
 class Outcome:
     """What the import of a vehicle came to, beside the rows that were written."""
 
-    refused: Refused
-    written: Written
-    summary: ImportSummary
-    edges: Tally | None
-    stuck: int
-    held: int
-    paces: list[float]
+    refused: Refused = field(default_factory=Refused)
+    written: Written = field(default_factory=Written)
+    summary: ImportSummary = field(default_factory=ImportSummary)
+    edges: Tally | None = None
+    stuck: int = 0
+    held: int = 0
+    paces: list[float] = field(default_factory=list)
+    """Speeds of the log over those of its positions."""
 
 
 def import_vehicle(plan: Plan, job: tuple[int, str, Down]) -> Outcome:
@@ -120,29 +121,23 @@ class VehicleImport:
         site, own = plan.site, plan.own
         self.every = plan.every
         self.own = own if site.frame is None else {n: t for n, t in own.items() if n not in GEOGRAPHIC}
-        self.site, self.rejects, self.summary = site, rejects, ImportSummary()
+        self.site, self.rejects = site, rejects
         self.writer = DatasetWriter(plan.folder, "recorded", site, plan.before)
         self.edges = Edges(site.network, plan.parameters) if site.network is not None else None
+        tally = self.edges.tally if self.edges is not None else None
+        self.out = Outcome(written=self.writer.written, edges=tally)
         self._kept_back: Trajectory | None = None
         self._first_trip = self._trip = trip
-        self._stuck = self._held = 0
-        self._paces: list[float] = []
-        self._derived: set[str] = set()
         self._trips: set[int] = set()
 
     def outcome(self) -> Outcome:
         """What all this came to."""
-        self.summary.derived, self.summary.trips = sorted(self._derived), len(self._trips)
-        return Outcome(
-            self.rejects.close(), self.writer.written, self.summary, self.edges.tally if self.edges is not None else None,
-            self._stuck, self._held, self._paces,
-        )  # fmt: skip
+        self.out.refused, self.out.summary.trips = self.rejects.close(), len(self._trips)
+        return self.out
 
     def prepared(self, rows: Trajectory, *, check: bool) -> Trajectory:
         """The first rows of the vehicle as they are matched; ``check`` that they are of the site's place."""
-        rows = self._clean(rows, check=check)
-        rows = clean.drop_duplicates(clean.sort_rows(rows), self.rejects)
-        rows = clean.drop_jumps(release_held(rows), self.rejects)
+        rows = self._in_order(self._clean(rows, check=check))
         return self._derive(rows) if len(rows) else rows
 
     def take(self, rows: Trajectory, *, last: bool) -> None:
@@ -150,8 +145,7 @@ class VehicleImport:
         rows = self._clean(rows)
         if self._kept_back is not None and len(self._kept_back):
             rows = join([self._kept_back, rows]) if len(rows) else self._kept_back
-        rows = clean.drop_duplicates(clean.sort_rows(rows), self.rejects)
-        rows = clean.drop_jumps(release_held(rows), self.rejects)
+        rows = self._in_order(rows)
         if not len(rows):
             self._kept_back = None
             return
@@ -172,20 +166,24 @@ class VehicleImport:
         if check and len(rows):
             check_place(rows.floats("x"), rows.floats("y"), self.site, sample)
         if CHANNEL in rows:
-            before = len(rows)
-            rows = join_channels(rows)
-            self.summary.rows_joined += before - len(rows)
+            joined = join_channels(rows)
+            self.out.summary.rows_joined += len(rows) - len(joined)
+            return joined
         return rows
+
+    def _in_order(self, rows: Trajectory) -> Trajectory:
+        """What a row tells beside its neighbours."""
+        rows = clean.drop_duplicates(clean.sort_rows(rows), self.rejects)
+        return clean.drop_jumps(release_held(rows), self.rejects)
 
     def _derive(self, rows: Trajectory) -> Trajectory:
         rows = clean.unstick(fill_positions(rows))
         full = derive_power(derive_motion(rows))
-        for name in ("speed", "heading", "battery_power"):
-            if full.has(name) and not rows.has(name):
-                self._derived.add(name)
-                own = self.summary.derived_by_vehicle.setdefault(rows.vehicle_id, [])
-                if name not in own:
-                    own.append(name)
+        made = [n for n in ("speed", "heading", "battery_power") if full.has(n) and not rows.has(n)]
+        if made:
+            own = self.out.summary.derived_by_vehicle.setdefault(rows.vehicle_id, [])
+            own += [n for n in made if n not in own]
+            self.out.summary.derived = sorted(own)
         return full
 
     def _trip_ids(self, rows: Trajectory) -> Ints:
@@ -200,23 +198,19 @@ class VehicleImport:
         if self.edges is not None:
             rows = self.edges.match(rows)
         self._count(rows)
-        rows = without(rows, *INTERNAL)
-        self.writer.write(with_own_columns(rows, self.own))
-        s = self.summary
+        self.writer.write(with_own_columns(without(rows, *INTERNAL), self.own))
+        s = self.out.summary
         s.rows += len(rows)
         s.vehicles[rows.vehicle_id] = s.vehicles.get(rows.vehicle_id, 0) + len(rows)
         self._trips.update(np.unique(rows.trip_ids()).tolist())
 
     def _count(self, rows: Trajectory) -> None:
         """What the rows tell about the sensors."""
-        self._stuck += int(np.nansum(rows.floats(STUCK))) if STUCK in rows else 0
-        self._held += int(np.nansum(rows.floats(HELD))) if HELD in rows else 0
-        if (
-            "speed" not in self._derived
-            and len(self._paces) < MOST_PACES
-            and (pace := pace_ratio(rows)) is not None
-        ):
-            self._paces.append(pace)
+        self.out.stuck += int(np.nansum(rows.floats(STUCK)))
+        self.out.held += int(np.nansum(rows.floats(HELD)))
+        measured = "speed" not in self.out.summary.derived and len(self.out.paces) < MOST_PACES
+        if measured and (pace := pace_ratio(rows)) is not None:
+            self.out.paces.append(pace)
 
 
 def _cut(trips: Ints) -> int:
