@@ -36,9 +36,7 @@ class BagWalk(Walk):
             self.at = len(MAGIC)
             first = self._next()
             (at,) = struct.unpack("<Q", first.header[b"index_pos"])
-            (connections,), (chunks,) = (
-                _LENGTH.unpack(first.header[k]) for k in (b"conn_count", b"chunk_count")
-            )
+            stated = tuple(_LENGTH.unpack(first.header[k])[0] for k in (b"conn_count", b"chunk_count"))
             if first.kind != HEADER or not 0 < at <= self.size:
                 return None
             self.at = at
@@ -49,7 +47,7 @@ class BagWalk(Walk):
         except FAULTS:
             return None
         found.channels = dict(self.channels)
-        return found if (len(self.channels), len(found.chunks)) == (connections, chunks) else None
+        return found if (len(self.channels), len(found.chunks)) == stated else None
 
     def _index(self, found: Summary, record: Record) -> None:
         if record.kind == CONNECTION:

@@ -127,9 +127,8 @@ def _from_profile(layout: Layout, profile: Profile, report: ReadReport) -> None:
 
 def _must_have(layout: Layout, name: str, place: str, profile: Profile) -> None:
     if name not in layout.names:
-        raise InputError(
-            f"the log has no column {name!r}", where=profile.path, place=place, do=nearest(name, layout.names)
-        )
+        what, do = f"the log has no column {name!r}", nearest(name, layout.names)
+        raise InputError(what, where=profile.path, place=place, do=do)
 
 
 def _split_time(layout: Layout, meanings: dict[str, Meaning], report: ReadReport) -> None:
@@ -179,12 +178,8 @@ def _check(layout: Layout, report: ReadReport) -> None:
     """An error where there is no time or nothing at all that is known."""
     seen = ", ".join(layout.names[:12]) + (" ..." if len(layout.names) > 12 else "")
     if not layout.time:
-        raise FormatError(
-            f"no time among the columns ({seen})",
-            where=report.path,
-            do="name it in a profile: [time] column = ...",
-        )
+        do = "name it in a profile: [time] column = ..."
+        raise FormatError(f"no time among the columns ({seen})", where=report.path, do=do)
     if not layout.values:
-        raise FormatError(
-            f"no known column beside the time ({seen})", where=report.path, do="map the columns in a profile"
-        )
+        what = f"no known column beside the time ({seen})"
+        raise FormatError(what, where=report.path, do="map the columns in a profile")

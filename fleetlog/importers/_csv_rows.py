@@ -36,6 +36,7 @@ class RowReader:
         self.vehicle = self._constant_vehicle()
         sentinels = [*profile.sentinels, *(s for v in layout.values.values() for s in v.sentinels)]
         self.reader = TableReader(layout, [s for s in sentinels if isinstance(s, str)], report)
+        self._missing = Source("", sentinels=profile.sentinels)
         self._types: dict[str, Any] = {}
         self._percent = False
         self._angles: set[str] = set()
@@ -139,20 +140,13 @@ class RowReader:
         if endless.any():
             bad[target] = bad.get(target, False) | endless
             values = np.where(endless, np.nan, values)
-        for sentinel in self.profile.sentinels:
-            if not isinstance(sentinel, str):
-                values = np.where(values == float(sentinel), np.nan, values)
-        return values
+        return self._missing.known(values)
 
     def _si(self, target: str, source: Source, values: Floats) -> Floats:
-        for sentinel in source.sentinels:
-            if not isinstance(sentinel, str):
-                values = np.where(values == float(sentinel), np.nan, values)
+        values = source.known(values)
         if target == "soc" and source.unit is None:
             values = self._share(source.column, values)
-        if source.unit is not None:
-            values = source.unit.to_si(values)
-        return values if source.scale == 1.0 else values * source.scale
+        return source.to_si(values)
 
     def _share(self, name: str, values: Floats) -> Floats:
         """A state of charge without a unit is in per cent where it is above 1; said aloud."""

@@ -52,9 +52,8 @@ class TableReader:
             lines = starts if len(starts) == found[0].num_rows + len(found[1]) else lines
             found = found if lines is starts else None
         if found is None:
-            self.report.damaged(
-                f"quotation marks in lines {lines[0]} to {lines[-1]} are not closed: read line by line"
-            )
+            where = f"lines {lines[0]} to {lines[-1]}"
+            self.report.damaged(f"quotation marks in {where} are not closed: read line by line")
             text = self._one_by_one(text)
             found = self._whole(text, types)
             assert found is not None
@@ -70,9 +69,8 @@ class TableReader:
         reason = f"the line has {'fewer' if short else 'more'} fields than the header"
         if cut and short and at == len(lines) - 1:
             reason = "the line is cut off"
-            self.report.damaged(
-                f"the last line ({lines[at]}) is cut off; {at} lines before it in its block are whole"
-            )
+            whole = f"{at} lines before it in its block are whole"
+            self.report.damaged(f"the last line ({lines[at]}) is cut off; {whole}")
         return Reject(int(lines[at]), reason, row.text)
 
     def _as_utf8(self, block: Block) -> bytes:
@@ -113,15 +111,11 @@ class TableReader:
 
     def _one_by_one(self, text: bytes) -> bytes:
         """Every line a row of its own, quoted anew."""
-        out = io.StringIO()
-        writer = csv.writer(out, delimiter=self.layout.delimiter, lineterminator="\n")
+        out, delimiter = io.StringIO(), self.layout.delimiter
+        writer = csv.writer(out, delimiter=delimiter, lineterminator="\n")
         for line in text.decode("utf-8", "replace").replace("\r\n", "\n").split("\n"):
             odd = line.count('"') % 2
-            cells = (
-                line.replace('"', "").split(self.layout.delimiter)
-                if odd
-                else cells_of(line, self.layout.delimiter)
-            )
+            cells = line.replace('"', "").split(delimiter) if odd else cells_of(line, delimiter)
             writer.writerow(cells if line.strip() else [])
         return out.getvalue().encode()
 

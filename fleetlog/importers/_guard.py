@@ -39,11 +39,9 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
             options.report.damaged(f"breaks off after record {last:,}: {error.what}")
             return
         except Exception as error:
-            what = (
-                "needs more memory than there is"
-                if isinstance(error, MemoryError)
-                else fault(f"the reader of {importer.name}", error)
-            )
+            what = fault(f"the reader of {importer.name}", error)
+            if isinstance(error, MemoryError):
+                what = "needs more memory than there is"
             if not last:
                 raise FormatError(what, where=path, place="before the first row", do=REPORT) from error
             options.report.damaged(f"breaks off after record {last:,}: {what}; {REPORT}")
@@ -66,22 +64,20 @@ def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
     ]
     off = (batch.time < EARLIEST) | (batch.time > LATEST)
     vehicle = _named(batch.vehicle)
-    nameless = np.array(
-        [
-            *(not 0 < len(quote(n.strip(), safe="")) <= LONGEST_ID or n == HIVE_NULL for n in vehicle.names),
-            True,
-        ]
-    )[vehicle.codes]
+    nameless = np.array([*map(_nameless, vehicle.names), True])[vehicle.codes]
     keep = ~(off | checked.nowhere | nameless)
     if keep.all():
         return RawBatch(vehicle, batch.time, columns, batch.record, rejects, batch.progress)
     for n in np.flatnonzero(~keep).tolist():
         reason = OFF_TIME if off[n] else NO_NAME if nameless[n] else "the position is not a number"
-        rejects.append(
-            Reject(int(batch.record[n]), reason, _picture(vehicle, int(batch.time[n]), columns, n))
-        )
+        text = _picture(vehicle, int(batch.time[n]), columns, n)
+        rejects.append(Reject(int(batch.record[n]), reason, text))
     columns = {n: v[keep] for n, v in columns.items()}
     return RawBatch(vehicle[keep], batch.time[keep], columns, batch.record[keep], rejects, batch.progress)
+
+
+def _nameless(vehicle: str) -> bool:
+    return vehicle == HIVE_NULL or not 0 < len(quote(vehicle.strip(), safe="")) <= LONGEST_ID
 
 
 def _picture(vehicle: Labels, time: int, columns: dict[str, Values], row: int) -> str:

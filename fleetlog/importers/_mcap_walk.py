@@ -15,17 +15,8 @@ from fleetlog.importers._walk import FAULTS, Channel, Message, Record, Summary, 
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD, _CHUNK, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<QQQI"), struct.Struct("<HIQQ")
 _FOOTER = 9 + 20 + 8
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = (
-    2,
-    3,
-    4,
-    5,
-    6,
-    7,
-    8,
-    11,
-    15,
-)
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(2, 9)
+STATISTICS, DATA_END = 11, 15
 _READ = frozenset({SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX})
 
 

@@ -78,12 +78,8 @@ def _battery(w: Wire) -> Sample:
 
 
 def _battery_values(voltage: float, current: float, temperature: float, soc: float) -> dict[str, float]:
-    values = {
-        "battery_voltage": voltage,
-        "battery_current": -current,
-        "battery_temperature": temperature,
-        "soc": soc,
-    }
+    values = {"battery_voltage": voltage, "battery_current": -current, "soc": soc}
+    values["battery_temperature"] = temperature
     return {name: value for name, value in values.items() if value == value}
 
 
@@ -142,9 +138,8 @@ def _json_pose(*path: str) -> Callable[[Any], Sample]:
 def _json_battery(percent: float) -> Callable[[Any], Sample]:
     def decode(data: Any) -> Sample:
         m = _object(data)
-        volts, amperes, degrees, share = (
-            finite(m.get(k)) for k in ("voltage", "current", "temperature", "percentage")
-        )
+        names = ("voltage", "current", "temperature", "percentage")
+        volts, amperes, degrees, share = (finite(m.get(name)) for name in names)
         return Sample(_json_stamp(m), _battery_values(volts, amperes, degrees, share * percent))
 
     return decode

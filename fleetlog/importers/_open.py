@@ -87,10 +87,8 @@ class Unpacked(io.RawIOBase):
         view[: len(data)] = data
         self._given += len(data)
         if self._packing and self._given > min(max(FREE, RATIO * self._size), LARGEST):
-            raise FormatError(
-                f"unpacks to more than {self._given >> 20} MB, from {self._size:,} bytes", where=self.path,
-                do="if that is meant, unpack it first",
-            )  # fmt: skip
+            what = f"unpacks to more than {self._given >> 20} MB, from {self._size:,} bytes"
+            raise FormatError(what, where=self.path, do="if that is meant, unpack it first")
         return len(data)
 
     def _unpacked(self, size: int) -> bytes:
@@ -119,9 +117,8 @@ class Unpacked(io.RawIOBase):
         self._file.seek(0, io.SEEK_END)
         if self._report is not None:
             at = count(self._given, "byte")
-            self._report.damaged(
-                f"the {self._packing} packing is broken or cut off after about {at} of unpacked log ({why})"
-            )
+            what = f"the {self._packing} packing is broken or cut off"
+            self._report.damaged(f"{what} after about {at} of unpacked log ({why})")
         return b""
 
     def close(self) -> None:

@@ -84,14 +84,9 @@ class Rows:
         """The rows so far as a batch; starts afresh."""
         n = len(self._time)
         columns: dict[str, Values] = {k: _column(v, n) for k, v in self._columns.items()}
-        batch = RawBatch(
-            Labels.of(self._vehicle) if n else Labels(np.zeros(0, np.int32), ()),
-            np.array(self._time, dtype=np.int64),
-            columns,
-            np.array(self._record, dtype=np.int64),
-            self._rejects,
-            self._share(),
-        )
+        time, record = (np.array(v, dtype=np.int64) for v in (self._time, self._record))
+        vehicle = Labels.of(self._vehicle) if n else Labels(np.zeros(0, np.int32), ())
+        batch = RawBatch(vehicle, time, columns, record, self._rejects, self._share())
         self._clear()
         return batch
 

@@ -55,7 +55,10 @@ def plan(
     topics = sorted(set(topics))
     wanted = [t for t in topics if t.kind is not None]
     if not any(t.kind and t.kind.is_position for t in wanted):
-        raise FormatError(_no_position(topics), where=path, do="record " + " or ".join(list(KINDS)[:3]))
+        what = "no topic in it, so no position"
+        if topics:
+            what = f"none of its {count(len(topics), 'topic')} carries a position: {listed(topics)}"
+        raise FormatError(what, where=path, do="record " + " or ".join(list(KINDS)[:3]))
     names = {t.name: one or default for t in wanted} if one else _vehicles(wanted, default)
     roles: dict[str, Role] = {}
     taken: dict[str, str] = {}
@@ -63,15 +66,11 @@ def plan(
         kind, vehicle = topic.kind, names[topic.name]
         assert kind is not None
         if kind.is_position and vehicle in taken:
+            why = f"{vehicle} takes its position from {taken[vehicle]}"
             if kind is not KINDS["nav_msgs/Odometry"]:
-                report.note(
-                    f"topic {topic.name} left out: {vehicle} takes its position from {taken[vehicle]}"
-                )
+                report.note(f"topic {topic.name} left out: {why}")
                 continue
-            report.note(
-                f"only the speed of topic {topic.name} is used: {vehicle} takes its position from "
-                f"{taken[vehicle]}"
-            )
+            report.note(f"only the speed of topic {topic.name} is used: {why}")
         first = kind.is_position and taken.setdefault(vehicle, topic.name) == topic.name
         roles[topic.name] = Role(vehicle, kind.decode[topic.encoding], first)
         report.recognised[topic.name] = f"{kind.meaning}, of {vehicle}"
@@ -103,12 +102,6 @@ def listed(topics: list[Topic]) -> str:
     return shown + (f" and {len(topics) - LISTED} more" if len(topics) > LISTED else "")
 
 
-def _no_position(topics: list[Topic]) -> str:
-    if not topics:
-        return "no topic in it, so no position"
-    return f"none of its {count(len(topics), 'topic')} carries a position: {listed(topics)}"
-
-
 class Decoder:
     """Messages in, batches out: positions and channels apart, what cannot be decoded rejected."""
 
@@ -128,9 +121,8 @@ class Decoder:
         try:
             sample = role.decode(data)
         except Exception as error:  # whatever a hostile message does, it is one rejected message
-            self._log.reject(
-                self.record, f"{topic}: message cannot be decoded", f"{type(error).__name__}: {error}"
-            )
+            why = f"{type(error).__name__}: {error}"
+            self._log.reject(self.record, f"{topic}: message cannot be decoded", why)
             if self._log.full:
                 yield self._log.take()
             return
@@ -194,9 +186,7 @@ def read_recording(
                 pass
             walk.channels |= scan.channels
             if not scan.channels and scan.report.damage:
-                raise FormatError(
-                    f"nothing in it is whole; {scan.report.damage[0]}", where=path, do="record it again"
-                )
+                raise scan.report.nothing("nothing in it is whole", "record it again")
         topics = [Topic(*c) for c in walk.channels.values()]
         roles = plan(topics, path, name or plain_stem(path), options.vehicle, options.report)
         decoder = Decoder(roles, options.report, walk.share)

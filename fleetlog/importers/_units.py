@@ -90,11 +90,7 @@ def unit(text: str, column: str, where: str | None = None) -> Unit:
 
 def si_unit(column: str) -> Unit:
     """The unit that the dataset has for ``column``."""
-    return (
-        next(u for u in UNITS if u.kind == KINDS[column] and u.factor == 1.0 and u.shift == 0.0)
-        if (KINDS[column] != "degrees")
-        else Unit("deg", "degrees")
-    )
+    return next(u for u in UNITS if (u.kind, u.factor, u.shift) == (KINDS[column], 1.0, 0.0))
 
 
 def packed_minutes(values: Floats) -> Floats:

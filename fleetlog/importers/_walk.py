@@ -138,10 +138,8 @@ class Walk(ABC):
             verb = "is" if missing == 1 else "are"
             self.say(f"{count(missing, 'message')} that the file counts {verb} not in it")
         if self._damages:
-            whole = count(self.count, "message")
-            self.report.damaged(
-                f"{whole} of {expected:,} are whole" if expected else f"{whole} before and between are whole"
-            )
+            share = f"of {expected:,}" if expected else "before and between"
+            self.report.damaged(f"{count(self.count, 'message')} {share} are whole")
 
     def say(self, text: str) -> None:
         """Report damage; of very much the first."""

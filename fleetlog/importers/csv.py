@@ -40,7 +40,7 @@ def sniff(path: Path, head: bytes) -> bool:
         return False
     if sum(c < " " and c not in "\t\r\n" for c in text[:4096]) > 0.01 * min(len(text), 4096):
         return False
-    lines = _sample(text, 0, "#")
+    lines = _sample(text)
     return bool(lines) and len(cells_of(lines[0], find_delimiter(lines))) > 1
 
 
@@ -95,36 +95,30 @@ def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tu
 
 
 def _check_header(names: list[str], path: Path, line: int) -> None:
-    def number(cell: str) -> bool:
-        try:
-            float(cell)
-        except ValueError:
-            return False
-        return True
-
     if len(names) < 2:
-        raise FormatError(
-            f"one column only ({names[0][:60]!r})",
-            where=path,
-            place=f"line {line}",
-            do="state the delimiter in a profile",
-        )
-    if sum(map(number, names)) > len(names) // 3:
+        what, do = f"one column only ({names[0][:60]!r})", "state the delimiter in a profile"
+        raise FormatError(what, where=path, place=f"line {line}", do=do)
+    if sum(map(_is_number, names)) > len(names) // 3:
         do = 'name the columns in a profile: names = ["vehicle_id", ...]'
-        raise FormatError(
-            "no header line, the first line holds figures", where=path, place=f"line {line}", do=do
-        )
+        what = "no header line, the first line holds figures"
+        raise FormatError(what, where=path, place=f"line {line}", do=do)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _text(head: bytes, encoding: str) -> str:
     return io.TextIOWrapper(io.BytesIO(head), encoding=encoding, errors="replace", newline="").read()
 
 
-def _sample(text: str, skip: int, comment: str) -> list[str]:
-    lines = [
-        line for line in text.splitlines()[skip:60] if line.strip() and not line.startswith((comment, "sep="))
-    ]
-    return [line for line in lines if any(d in line for d in DELIMITERS)][:20] if lines else []
+def _sample(text: str) -> list[str]:
+    lines = (s for s in text.splitlines()[:60] if s.strip() and not s.startswith(("#", "sep=")))
+    return [line for line in lines if any(d in line for d in DELIMITERS)][:20]
 
 
 IMPORTER = Importer("csv", (".csv", ".tsv", ".txt", ".tab"), sniff, read, rank=9)

@@ -14,10 +14,13 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fleetlog.core.words import count
-from fleetlog.importers._fields import Field, Fields, fields_of
+from fleetlog.importers._fields import Fields, fields_of
 from fleetlog.importers._json_stream import features
 from fleetlog.importers._open import open_bytes
+from fleetlog.importers._profile import Source
 from fleetlog.importers._rows import Rows, finite, gather, unplaced
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions
 
@@ -155,11 +158,11 @@ def _line_times(properties: dict[str, Any]) -> list[Any]:
     return []
 
 
-def _value(field: Field, properties: dict[str, Any]) -> Any:
-    raw = properties.get(field.source)
+def _value(field: Source, properties: dict[str, Any]) -> Any:
+    raw = properties.get(field.column)
     if isinstance(raw, str) and field.unit is None and finite(raw) != finite(raw):
         return raw
-    return float(field.values(finite(raw))[()]) if raw is not None else None
+    return float(field.to_si(field.known(np.array(finite(raw))))) if raw is not None else None
 
 
 def _own(value: Any) -> Any:

@@ -19,15 +19,16 @@ from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._csv_cells import degrees, numbers
 from fleetlog.importers._csv_clock import Clock
 from fleetlog.importers._csv_layout import unique
-from fleetlog.importers._fields import Field, fields_of
+from fleetlog.importers._fields import fields_of
 from fleetlog.importers._names import EPOCH_UNITS
 from fleetlog.importers._open import plain_stem
-from fleetlog.importers._profile import Profile
+from fleetlog.importers._profile import Profile, Source
 from fleetlog.importers._times import NONE, from_counts
 from fleetlog.importers._units import KINDS
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
 
 BATCH = 1 << 17
+_FIGURES = (pa.types.is_boolean, pa.types.is_decimal, pa.types.is_floating, pa.types.is_integer)
 GROUP_LIMIT = 1 << 32
 """Unpacked bytes of a row group that are believed."""
 CELLS, CELLS_PER_BYTE = 200_000_000, 2_000
@@ -58,9 +59,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             except (OSError, pa.ArrowException, MemoryError) as error:
                 options.report.damaged(f"row group {group} ({rows} rows) cannot be read: {str(error)[:120]}")
         if options.report.damage and not reader.done:
-            raise FormatError(
-                f"no row can be read; {options.report.damage[0]}", where=path, do="write it again"
-            )
+            raise options.report.nothing("no row can be read", "write it again")
 
 
 def _text_columns(path: Path) -> list[str]:
@@ -86,9 +85,8 @@ class _Reader:
         self.path, self.options, self.done = path, options, 0
         self.total = max(file.metadata.num_rows, 1)
         schema = file.schema_arrow
-        self.names = unique(
-            [_text(n.encode("utf-8", "surrogateescape")) for n in schema.names], options.report
-        )
+        names = [_text(n.encode("utf-8", "surrogateescape")) for n in schema.names]
+        self.names = unique(names, options.report)
         kinds = dict(zip(self.names, schema.types, strict=True))
         plain = [n for n, t in kinds.items() if not pa.types.is_nested(t) and not pa.types.is_binary(t)]
         self.fields = fields_of(plain, options.profile, options.report)
@@ -111,7 +109,7 @@ class _Reader:
         columns: dict[str, Values] = {}
         bad: dict[str, tuple[NDArray[np.bool_], Labels]] = {}
         for name, field in self.fields.columns.items():
-            columns[name] = self._quantity(batch.column(field.source), name, field, bad)
+            columns[name] = self._quantity(batch.column(field.column), name, field, bad)
         for name in self.fields.kept:
             columns[name] = _values(batch.column(name))
         if not {"latitude", "x"} & columns.keys():
@@ -135,7 +133,7 @@ class _Reader:
         return RawBatch(vehicle[good], time[good], kept, record[good], rejects, self.done / self.total)
 
     def _quantity(
-        self, array: pa.Array, name: str, field: Field, bad: dict[str, tuple[NDArray[np.bool_], Labels]]
+        self, array: pa.Array, name: str, field: Source, bad: dict[str, tuple[NDArray[np.bool_], Labels]]
     ) -> Values:
         """A known column in SI; numbers may be written as text."""
         values = _values(array)
@@ -148,7 +146,7 @@ class _Reader:
             if wrong.any():
                 bad[name] = np.append(wrong, False)[code], values
             values = np.append(figures, np.nan)[code]
-        return field.values(values)
+        return field.to_si(field.known(np.asarray(values, float)))
 
     def _times(self, batch: pa.RecordBatch, vehicle: Labels) -> NDArray[np.int64]:
         """(N,) microseconds UTC; ``NONE`` where they are not known."""
@@ -174,12 +172,9 @@ class _Reader:
         if self.options.vehicle is not None or self.fields.vehicle is None:
             return Labels(np.zeros(len(batch), np.int32), (self.options.vehicle or default,))
         values = _values(batch.column(self.fields.vehicle))
-        names = (
-            values.strings()
-            if isinstance(values, Labels)
-            else [None if v != v else f"{v:.17g}" for v in values.tolist()]
-        )
-        return Labels.of([default if v is None else v for v in names])
+        if isinstance(values, Labels):
+            return Labels.of([default if v is None else v for v in values.strings()])
+        return Labels.of([default if v != v else f"{v:.17g}" for v in values.tolist()])
 
 
 def _counted(array: pa.Array, unit: str, origin: int = 0) -> NDArray[np.int64]:
@@ -195,15 +190,8 @@ def _values(array: pa.Array) -> Values:
     kind = array.type
     if pa.types.is_null(kind):
         return np.full(len(array), np.nan)
-    if (
-        pa.types.is_boolean(kind)
-        or pa.types.is_decimal(kind)
-        or pa.types.is_floating(kind)
-        or pa.types.is_integer(kind)
-    ):
-        return np.asarray(
-            array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64
-        )
+    if any(test(kind) for test in _FIGURES):
+        return np.asarray(array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)
     if not pa.types.is_dictionary(kind):
         array = array.dictionary_encode()
     names = array.dictionary

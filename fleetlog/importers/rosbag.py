@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from fleetlog.core.files import SETTINGS, open_regular, read_whole
 from fleetlog.core.words import count
@@ -49,34 +48,25 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         yield from read_recording(BagWalk, path, options)
     elif magic.startswith(b"#ROSBAG"):
         version = magic.split(b"\n")[0].decode("ascii", "replace")
-        raise FormatError(
-            f"bag of a format before 2.0 ({version})", where=path, do="convert it with rosbag migrate"
-        )
+        what = f"bag of a format before 2.0 ({version})"
+        raise FormatError(what, where=path, do="convert it with rosbag migrate")
     else:
         yield from _ros2(path, options)
-
-
-def _about(path: Path) -> str:
-    """The description in a bag's folder; ``""`` where there is none."""
-    file = path / "metadata.yaml"
-    return read_whole(file, SETTINGS).decode("utf-8", "replace") if file.exists() else ""
 
 
 def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     packed = [*path.glob("*.db3.zstd"), *path.glob("*.mcap.zstd")]
     if packed:
-        raise FormatError(
-            "the bag's files are packed as a whole", where=path, do=f"unpack them: zstd -d {packed[0].name}"
-        )
-    about = _about(path)
+        do = f"unpack them: zstd -d {packed[0].name}"
+        raise FormatError("the bag's files are packed as a whole", where=path, do=do)
+    description = path / "metadata.yaml"
+    about = read_whole(description, SETTINGS).decode("utf-8", "replace") if description.exists() else ""
     others = sum(p.suffix not in (".mcap", ".db3", ".yaml") for p in path.iterdir())
     if others:
         options.report.note(f"{count(others, 'other file')} in the bag's folder left out")
     if mode := _PACKING.search(about):
-        raise FormatError(
-            f"the bag is packed {mode[1].lower()} by {mode[1].lower()}", where=path,
-            do="convert it with ros2 bag convert to plain storage",
-        )  # fmt: skip
+        what = f"the bag is packed {mode[1].lower()} by {mode[1].lower()}"
+        raise FormatError(what, where=path, do="convert it with ros2 bag convert to plain storage")
     files = sorted(path.glob("*.mcap"))
     if not files:
         yield from _ros2(path, options)
@@ -104,7 +94,10 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         refuse_packed(file)
     try:
         with Reader(path) as bag:
-            topics = [Topic(c.topic, c.msgtype, _encoding(c)) for c in bag.connections]
+            topics = [
+                Topic(c.topic, c.msgtype, str(getattr(c.ext, "serialization_format", "cdr")))
+                for c in bag.connections
+            ]
             roles = plan(topics, path, plain_stem(path), options.vehicle, options.report)
             total = max(bag.message_count, 1)
             decoder = Decoder(roles, options.report, lambda: decoder.record / total if decoder else 0.0)
@@ -112,24 +105,18 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             for connection, time, data in bag.messages(connections=wanted):
                 yield from decoder.feed(connection.topic, (time + 500) // 1000, data)
         if decoder.record < (stated := sum(c.msgcount for c in wanted)):
-            options.report.damaged(
-                f"{decoder.record:,} of the {stated:,} messages that the bag counts are in it"
-            )
+            what = f"{decoder.record:,} of the {stated:,} messages"
+            options.report.damaged(f"{what} that the bag counts are in it")
     except FleetlogError:
         raise
     except Exception as error:
         why = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
         if decoder is None or not decoder.positions:
-            raise FormatError(
-                f"cannot be read ({why})", where=path, do="repair it with ros2 bag reindex"
-            ) from None
+            do = "repair it with ros2 bag reindex"
+            raise FormatError(f"cannot be read ({why})", where=path, do=do) from None
         options.report.damaged(f"breaks off after {decoder.record} messages ({why})")
     assert decoder is not None
     yield from decoder.finish()
-
-
-def _encoding(connection: Any) -> str:
-    return str(getattr(connection.ext, "serialization_format", "cdr"))
 
 
 IMPORTER = Importer("rosbag", (".bag", ".db3"), sniff, read)
