@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.errors import FormatError, InputError, nearest
-from fleetlog.importers._csv_lines import rows_of
+from fleetlog.importers._csv_blocks import rows_of
 from fleetlog.importers._names import Meaning, normal, recognise
 from fleetlog.importers._profile import Profile, Source
 from fleetlog.importers._report import ReadReport

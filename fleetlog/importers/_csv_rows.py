@@ -15,10 +15,10 @@ from fleetlog.importers._csv_cells import degrees, numbers
 from fleetlog.importers._csv_clock import Clock
 from fleetlog.importers._csv_layout import Layout
 from fleetlog.importers._csv_table import TableReader
-from fleetlog.importers._labels import renamed
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers._profile import Profile, Source
 from fleetlog.importers._report import ReadReport
+from fleetlog.importers._rows import renamed
 from fleetlog.importers._times import MISSING, NONE, SKIPPED, UNREADABLE
 from fleetlog.importers.base import RawBatch, Reject
 

@@ -12,9 +12,8 @@ import pyarrow as pa
 import pyarrow.csv as pv
 
 from fleetlog.core.trajectory import Ints
-from fleetlog.importers._csv_blocks import Block
+from fleetlog.importers._csv_blocks import Block, cells_of
 from fleetlog.importers._csv_layout import Layout
-from fleetlog.importers._csv_lines import cells_of
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers.base import Reject
 

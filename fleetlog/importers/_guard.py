@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from fleetlog.core.columns import BY_NAME, HIVE_NULL
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT, FleetlogError, FormatError, fault
-from fleetlog.importers._labels import renamed
 from fleetlog.importers._profile import TARGETS
 from fleetlog.importers._report import ReadReport
+from fleetlog.importers._rows import renamed
 from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
 

@@ -12,10 +12,9 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from fleetlog.importers._protobuf import fields
 from fleetlog.importers._rows import finite, heading_of_quaternion
 from fleetlog.importers._times import iso_time
-from fleetlog.importers._wire import Wire
+from fleetlog.importers._wire import Wire, fields
 
 
 class Sample(NamedTuple):

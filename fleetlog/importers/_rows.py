@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -162,3 +162,11 @@ def unplaced(values: Mapping[str, float]) -> bool:
     """Whether the position is not a number."""
     a, b = values.get("latitude", values.get("x", NAN)), values.get("longitude", values.get("y", NAN))
     return not (math.isfinite(a) and math.isfinite(b))
+
+
+def renamed(labels: Labels, names: Sequence[str | None]) -> Labels:
+    """The labels with a new name for each of theirs; None is null, and equal names become one."""
+    if list(names) == list(labels.names):
+        return labels
+    fresh = Labels.of(names)
+    return Labels(np.append(fresh.codes, np.int32(-1))[labels.codes], fresh.names)

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._csv_blocks import Block, blocks, guess_encoding
+from fleetlog.importers._csv_blocks import Block, blocks, cells_of, guess_encoding, rows_of
 from fleetlog.importers._csv_layout import (
     DELIMITERS,
     Layout,
@@ -21,7 +21,6 @@ from fleetlog.importers._csv_layout import (
     fit_header,
     lay_out,
 )
-from fleetlog.importers._csv_lines import cells_of, rows_of
 from fleetlog.importers._csv_rows import RowReader
 from fleetlog.importers._open import head_of
 from fleetlog.importers._profile import Profile

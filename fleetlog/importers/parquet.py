@@ -199,10 +199,10 @@ def _values(array: pa.Array) -> Values:
         texts = [None if v is None else _text(v) for v in names.cast(pa.large_binary()).to_pylist()]
     else:
         texts = [None if v is None else str(v) for v in names.to_pylist()]
-    order = Labels.of(texts)
-    codes = np.asarray(array.indices.fill_null(-1).to_numpy(zero_copy_only=False), dtype=np.int64)
-    if codes.max(initial=-1) >= len(order.codes):
+    codes = np.asarray(array.indices.fill_null(-1).to_numpy(zero_copy_only=False), dtype=np.int32)
+    if codes.max(initial=-1) >= len(texts):
         raise pa.ArrowInvalid("a text that its dictionary does not have")
+    order = Labels.of(texts)
     return Labels(np.append(order.codes, np.int32(-1))[codes], order.names)
 
 

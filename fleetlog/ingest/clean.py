@@ -96,19 +96,11 @@ def bound_values(rows: Trajectory, rejects: Rejects) -> Trajectory:
         values = rows.floats(column.name)
         low, high = (np.inf * s if b is None else b for b, s in ((column.low, -1), (column.high, 1)))
         # Rounding may put a measured bound a hair beyond itself.
-        slack = (
-            1e-6
-            * (1.0 + abs(high - low if np.isfinite(high - low) else 0.0))
-            * (column.name in ("soc", "heading"))
-        )
+        slack = 1e-6 * (1.0 + abs(high - low)) if column.name in ("soc", "heading") else 0.0
         beyond = (values < low - slack) | (values > high + slack)
         if beyond.any():
-            rejects.refuse(
-                rows,
-                beyond,
-                f"{column.name} is beyond {low:g} to {high:g} {column.unit}".rstrip(),
-                whole=False,
-            )
+            reason = f"{column.name} is beyond {low:g} to {high:g} {column.unit}".rstrip()
+            rejects.refuse(rows, beyond, reason, whole=False)
             rows = set_unknown(rows, column.name, beyond)
         if slack:
             rows = rows.with_columns(**{column.name: np.clip(rows.floats(column.name), low, high)})

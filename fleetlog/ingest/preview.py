@@ -87,13 +87,11 @@ def _first(out: Preview, log: Log, name: str, profile: Profile | None) -> FileSu
 def _rows(batch: RawBatch, count: int) -> list[dict[str, Any]]:
     out = []
     for row in range(min(max(count, 0), len(batch))):
-        cells: dict[str, Any] = {
-            "vehicle_id": batch.vehicle.names[batch.vehicle.codes[row]],
-            "timestamp": f"{np.datetime64(int(batch.time[row]), 'us')}Z",
-        }
+        stamp = f"{np.datetime64(int(batch.time[row]), 'us')}Z"
+        cells: dict[str, Any] = {"vehicle_id": batch.vehicle[[row]].strings()[0], "timestamp": stamp}
         for name, values in batch.columns.items():
             if isinstance(values, Labels):
-                cells[name] = values.names[values.codes[row]] if values.codes[row] >= 0 else None
+                cells[name] = values[[row]].strings()[0]
             else:
                 cells[name] = None if values[row] != values[row] else float(values[row])
         out.append(cells)

@@ -15,9 +15,9 @@ from fleetlog.core.columns import NAMES
 from fleetlog.core.frames import geographic
 from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.errors import FleetlogError
-from fleetlog.importers._labels import renamed
 from fleetlog.importers._profile import Profile
 from fleetlog.importers._report import ReadReport
+from fleetlog.importers._rows import renamed
 from fleetlog.importers.base import LOCAL, RawBatch
 from fleetlog.ingest.files import Log
 from fleetlog.ingest.order import BACKWARDS, Order

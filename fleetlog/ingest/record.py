@@ -34,9 +34,10 @@ class Capture:
 
 
 def record(
-    url: str, out: IO[str], *, duration: float | None = None, messages: int | None = None, client_id: str = "fleetlog"
+    url: str, out: IO[str], *, duration: float | None = None, messages: int | None = None,
+    client_id: str = "fleetlog",
 ) -> Capture:  # fmt: skip
-    """Write the messages of ``url`` until ``duration`` [s] has passed, ``messages`` have come, or an interrupt.
+    """Write messages until ``duration`` [s] has passed, ``messages`` have come, or an interrupt.
 
     Parameters
     ----------
@@ -64,9 +65,8 @@ def record(
             if until is not None and time.monotonic() >= until:
                 break
     except OSError as error:
-        raise InputError(
-            f"no broker answers: {error.strerror or error}", where=url, do="check host and port"
-        ) from None
+        what = f"no broker answers: {error.strerror or error}"
+        raise InputError(what, where=url, do="check host and port") from None
     except KeyboardInterrupt:
         if not listener.capture.messages:
             raise
@@ -95,9 +95,8 @@ def _client(place: SplitResult, client_id: str) -> Any:
     try:
         import paho.mqtt.client as mqtt
     except ImportError:
-        raise InputError(
-            "recording needs paho-mqtt", do='install it with: pip install "fleetlog[mqtt]"'
-        ) from None
+        do = 'install it with: pip install "fleetlog[mqtt]"'
+        raise InputError("recording needs paho-mqtt", do=do) from None
     client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, client_id=client_id, clean_session=False)
     if place.username:
         client.username_pw_set(unquote(place.username), unquote(place.password or ""))

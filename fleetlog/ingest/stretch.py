@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,16 +14,16 @@ from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean
 from fleetlog.ingest.channels import join_channels
 from fleetlog.ingest.derive import derive_motion, derive_power, pace_ratio
-from fleetlog.ingest.edges import Edges, Tally, log_has_edges
+from fleetlog.ingest.edges import Edges, log_has_edges
 from fleetlog.ingest.fixes import fill_positions, release_held
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
-from fleetlog.ingest.rejects import NAME, Refused, Rejects
+from fleetlog.ingest.rejects import NAME, Rejects
 from fleetlog.ingest.rows import CHANNEL, HELD, INTERNAL, STUCK, join, with_own_columns, without
 from fleetlog.ingest.spill import WINDOW_ROWS, Down
-from fleetlog.ingest.summary import ImportSummary
+from fleetlog.ingest.summary import MOST_PACES, Outcome
 from fleetlog.store.trips import trip_ids
 from fleetlog.store.writer import DatasetWriter
-from fleetlog.store.written import Before, Written
+from fleetlog.store.written import Before
 
 if TYPE_CHECKING:
     from fleetlog.roads.matching import MatchParameters
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 DEGREES = "x and y look like degrees: if they are, map them in a profile to longitude and latitude"
 ESTIMATE_ROWS = 2000
 """The parameters of matching are estimated on the first stretch that has this many rows."""
-MOST_PACES = 50
 OVERLAP = 5000
 """Rows kept back where a stretch has to end within a trip."""
 
@@ -57,20 +56,6 @@ class Plan:
     parameters: MatchParameters | None = None
     notes: tuple[str, ...] = ()
     """What the first rows look like."""
-
-
-@dataclass
-class Outcome:
-    """What the import of a vehicle came to, beside the rows that were written."""
-
-    refused: Refused = field(default_factory=Refused)
-    written: Written = field(default_factory=Written)
-    summary: ImportSummary = field(default_factory=ImportSummary)
-    edges: Tally | None = None
-    stuck: int = 0
-    held: int = 0
-    paces: list[float] = field(default_factory=list)
-    """Speeds of the log over those of its positions."""
 
 
 def import_vehicle(plan: Plan, job: tuple[int, str, Down]) -> Outcome:
