@@ -1,5 +1,4 @@
-"""The site's road network as a SUMO ``.net.xml``, which sumo, netconvert, duarouter and sumolib read as it
-is.
+"""The site's road network as a SUMO ``.net.xml``, for sumo, netconvert, duarouter and sumolib.
 
 A directed edge is an edge of one lane on the same line; what may follow it is a connection.  There are no
 lanes inside junctions: a vehicle passes from edge to edge at once.  Where two connections cross or merge the

@@ -27,11 +27,9 @@ class Fields:
     profile: Profile = field(default_factory=Profile)
 
     def instant(self, value: Any, epoch: str | None = "") -> int:
-        """Microseconds UTC of one time: a text, or a number that counts from 1970 or from the profile's
-        origin.
+        """Microseconds UTC of a text, or of a count in ``epoch`` (None: a likely unit) from 1970 or the origin.
 
-        :class:`ValueError` where it is none.  ``epoch`` is the unit of a count, None for the one that gives a
-        likely date.
+        :class:`ValueError` where it is no time.
         """
         if isinstance(value, str):
             return self._of_text(value)

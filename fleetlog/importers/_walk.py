@@ -1,8 +1,7 @@
-"""Recordings in binary containers, walked in the order of the file: verify every record, resume behind
-damage, count.
+"""Binary recordings, walked in the order of the file: verify every record, resume behind damage, count.
 
-No index is needed, so a file that was cut off gives all that is whole; an index at its end says where to go
-on behind damage and how many messages there must be.
+No index is needed: a file that was cut off gives all that is whole.  An index at its end says where to go on
+behind damage and how many messages there must be.
 """
 
 from __future__ import annotations

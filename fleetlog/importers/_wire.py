@@ -1,8 +1,7 @@
 """ROS and protobuf messages as bytes, read field by field; no schema, no code from the file.
 
-CDR: OMG DDSI-RTPS, encapsulation identifiers 0x0000 to 0x0009; a primitive is aligned to its own size counted
-from the end of the encapsulation header (to at most 4 bytes in XCDR2).  ROS 1 packs without gaps, little
-endian.
+CDR: OMG DDSI-RTPS, encapsulation identifiers 0x0000 to 0x0009; a primitive is aligned to its own size (in
+XCDR2 at most 4 bytes) from the end of the encapsulation header.  ROS 1 packs without gaps, little endian.
 """
 
 from __future__ import annotations
@@ -65,8 +64,7 @@ class Wire:
 def fields(data: Any) -> Iterator[tuple[int, Any]]:
     """(field number, value) of a message: varints as int, 64-bit as double, 32-bit as int, the rest as bytes.
 
-    https://protobuf.dev/programming-guides/encoding/; raises :class:`ValueError` or ``struct.error`` on
-    broken bytes.
+    :class:`ValueError` or ``struct.error`` on broken bytes.  https://protobuf.dev/programming-guides/encoding/
     """
     data = bytes(data)
     at, end = 0, len(data)

@@ -1,8 +1,7 @@
 """What every log format gives: batches of rows in SI units, and a report of what was read.
 
 A format is one module of this package that holds ``IMPORTER``, an :class:`Importer`.  It turns a file into
-:class:`RawBatch` es and does nothing else: cleaning, frames, derived columns and matching are
-:mod:`fleetlog.ingest`'s.
+:class:`RawBatch` es; cleaning, frames, derived columns and matching are :mod:`fleetlog.ingest`'s.
 """
 
 from __future__ import annotations
@@ -28,8 +27,7 @@ LOCAL = ("x", "y")
 
 
 class Reject(NamedTuple):
-    """A row that could not be used: its line or record number (from 1), why, and its text (or a picture of
-    its values).
+    """A row that could not be used: its line or record number (from 1), why, and its text or values.
 
     Where ``whole`` is False only one value was refused; the row stays, with that value unknown.
     """
@@ -42,8 +40,7 @@ class Reject(NamedTuple):
 
 @dataclass(frozen=True)
 class RawBatch:
-    """N rows as a log gives them, several vehicles mixed, in any order; nothing cleaned but everything in SI
-    units.
+    """N rows as a log gives them, vehicles mixed, in any order; nothing cleaned but everything in SI units.
 
     Attributes
     ----------

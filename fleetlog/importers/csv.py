@@ -1,5 +1,4 @@
-"""Delimited text: CSV, TSV and their relatives, plain or packed (.gz, .zst), in any encoding, in bounded
-memory.
+"""Delimited text: CSV, TSV and relatives, plain or packed (.gz, .zst), any encoding, bounded memory.
 
 The file is read in blocks of whole lines.  A block goes through the fast reader of Arrow with the columns
 typed; a block with a cell that does not fit its type is read again as text and every cell judged by itself.

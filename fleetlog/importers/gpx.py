@@ -1,9 +1,8 @@
 """GPX 1.0 and 1.1: tracks with times.
 
-Waypoints and routes are no motion and are left out, aloud.  ``speed`` [m/s] and ``course`` [degrees] are read
-where GPX 1.0 has them or an extension of 1.1 does; numbers in other extensions are kept under their own
-names.  A file of one receiver is one vehicle, named by the file; a file that fleetlog wrote names its
-vehicles by its tracks.
+Waypoints and routes are no motion and are left out, with a note.  ``speed`` [m/s] and ``course`` [degrees]
+may stand in an extension; numbers in other extensions are kept.  A file is one vehicle, named by the file; a
+file that fleetlog wrote names its vehicles by its tracks.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-"""KITTI poses: twelve numbers a line, the first three rows of a pose, and the seconds in ``times.txt`` beside
-it.
+"""KITTI poses: twelve numbers a line, the first three rows of a pose; seconds in ``times.txt`` beside it.
 
 Axes are those of the export: x, y on the floor and z up.
 """

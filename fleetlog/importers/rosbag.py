@@ -1,7 +1,6 @@
 """ROS 1 bags (plain, bz2, lz4) and ROS 2 bags (a ``.db3`` file, or a folder with ``metadata.yaml``).
 
-The messages are those of :mod:`fleetlog.importers._messages`; the containers of ROS 2 are opened by
-``rosbags``.
+The messages are those of :mod:`fleetlog.importers._messages`; ``rosbags`` opens the containers of ROS 2.
 """
 
 from __future__ import annotations

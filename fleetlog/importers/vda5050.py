@@ -1,9 +1,8 @@
 """VDA 5050 ``state`` and ``visualization`` messages, one JSON object a line, versions 1.1, 2.x and 3.x.
 
 A line may be the message itself, the message behind its MQTT topic (``mosquitto_sub -v``), or wrapped as
-``{"topic": ..., "payload": ...}``.  3.0 renamed ``agvPosition`` to ``mobileRobotPosition``
-(``positionInitialized`` to ``localized``) and ``batteryState`` to ``powerSupply`` (``batteryCharge`` to
-``stateOfCharge``).
+``{"topic": ..., "payload": ...}``.  Version 3.0 renamed ``agvPosition``, ``positionInitialized``,
+``batteryState`` and ``batteryCharge``.
 """
 
 from __future__ import annotations

@@ -94,18 +94,10 @@ class _Fit:
 
 
 def align(tracks: list[tuple[Floats, Floats]], network: Network, name: str = "log") -> Alignment:
-    """Fit the frame of a log.
+    """Fit the frame of a log, called ``name``, to the roads of a site.
 
-    Parameters
-    ----------
-    tracks : x, y [m] of each vehicle in the log's frame, in order of time; NaN where unknown.
-    network : the roads, in the site's frame.
-    name : of the frame that is found.
-
-    Raises
-    ------
-    DataError
-        Nothing fits, or more than one place does.
+    ``tracks`` are x, y [m] of each vehicle in the log's frame, in order of time; NaN where unknown.
+    :class:`~fleetlog.errors.DataError` where nothing fits, or more than one place does.
     """
     place, heading = _places(tracks)
     if len(place) < 50:

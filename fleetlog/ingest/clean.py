@@ -108,8 +108,7 @@ def bound_values(rows: Trajectory, rejects: Rejects) -> Trajectory:
 
 
 def drop_jumps(rows: Trajectory, rejects: Rejects) -> Trajectory:
-    """Refuse rows whose place cannot be reached and is left again at once; one outlier takes nothing else
-    with it.
+    """Refuse rows whose place cannot be reached and is left again at once, and no others.
 
     Positions fall into stays between impossible jumps.  A stay of fewer than ``SHORT_JUMP`` rows between two
     of them, or beside a longer one, was never visited; after a long one the truck is where it says (a log
@@ -150,8 +149,7 @@ def jump_outliers(x: Floats, y: Floats, t: Floats) -> Mask:
 
 
 def unstick(rows: Trajectory) -> Trajectory:
-    """Values that stay the same to the last digit while the truck shows that they cannot: unknown, and
-    marked.
+    """Values that stay the same to the last digit while the truck shows that they cannot: unknown, marked.
 
     A speed, for a minute, while the position stands; a battery power or current, for two minutes, while the
     truck speeds up and slows down.  A sensor that is merely coarse is left alone.

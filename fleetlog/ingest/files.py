@@ -39,8 +39,7 @@ class Log:
 
 
 def find_logs(paths: Sequence[str | Path], format: str | None = None) -> list[Log]:
-    """The logs among ``paths`` in order of their names, so that the order of the command line changes
-    nothing.
+    """The logs among ``paths`` in order of their names, whatever the order of the command line.
 
     A folder stands for the logs in it, recursively; files in it that no format fits, and outputs of fleetlog,
     are passed over.  A pattern (``*``, ``?``, ``[``) stands for what it matches.

@@ -1,9 +1,7 @@
-"""Positions that come more seldom than the rows: a fix that is repeated until the next one is not a
-measurement.
+"""Positions that come more seldom than the rows: a fix repeated until the next one is no measurement.
 
-Loggers write the last fix into every row.  Where the speed says that the truck has moved, the repeated
-position is unknown; short stretches between two fixes are then filled along the line between them, in
-proportion to the distance driven.
+Loggers write the last fix into every row.  Where the speed says that the truck has moved, it is unknown;
+short stretches between two fixes are then filled along the line between them, by the distance driven.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-"""The order of time within a file: late rows are sorted in, rows with a wrong clock are refused, a restarted
-log is kept.
+"""The order of time within a file: late rows are sorted in, wrong clocks refused, restarted logs kept.
 
 The rows of a vehicle fall into *runs*: a run ends where time steps back by more than ``WINDOW`` or leaps
 ahead by more than ``LEAP``.  A run of fewer than ``SHORT`` rows beside a step back is a clock gone wrong and

@@ -164,11 +164,7 @@ def _trimmed(values: Values) -> Values:
 
 
 def _own_name(name: str, names: Set[str], report: ReadReport) -> str:
-    """The name of a column in the dataset: one of the log's own that is taken, in any capitals, gets a
-    suffix.
-
-    Databases do not tell capitals apart.
-    """
+    """A column's name in the dataset; a taken one gets a suffix (databases do not tell capitals apart)."""
     if name.lower() not in _RESERVED or (name in NAMES and name not in ("vehicle_id", "timestamp")):
         return name
     other = next(n for k in itertools.count() if (n := f"{name}_log{k or ''}") not in names)

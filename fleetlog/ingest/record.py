@@ -37,19 +37,11 @@ def record(
     url: str, out: IO[str], *, duration: float | None = None, messages: int | None = None,
     client_id: str = "fleetlog",
 ) -> Capture:  # fmt: skip
-    """Write messages until ``duration`` [s] has passed, ``messages`` have come, or an interrupt.
+    """Write messages to a text file until ``duration`` [s], a number of ``messages``, or an interrupt.
 
-    Parameters
-    ----------
-    url : ``mqtt://[USER:PASSWORD@]HOST[:PORT]/TOPIC``; the topic may hold wildcards, ``#`` is the default.
-        ``mqtts`` speaks TLS.
-    out : a text file.
-    client_id : names the session that the broker keeps; two captures at once need two.
-
-    Raises
-    ------
-    InputError
-        No broker answers, it refuses, or the extra ``mqtt`` is missing.
+    ``url`` is ``mqtt://[USER:PASSWORD@]HOST[:PORT]/TOPIC`` (``mqtts`` for TLS); the topic may hold wildcards,
+    ``#`` is the default.  ``client_id`` names the session that the broker keeps; captures at once need two.
+    :class:`~fleetlog.errors.InputError` where no broker answers, it refuses, or an extra is missing.
     """
     place, topic = _parsed(url)
     listener = _Listener(topic, out, messages)

@@ -74,10 +74,7 @@ def import_vehicle(plan: Plan, job: tuple[int, str, Down]) -> Outcome:
 def probe(plan: Plan, down: Down) -> Plan:
     """The plan with the site's frame and the parameters of matching, from the first stretches of the logs.
 
-    Raises
-    ------
-    DataError
-        The logs are of another place than the site.
+    :class:`~fleetlog.errors.DataError` where the logs are of another place than the site.
     """
     first = True
     for vehicle in (v for v in down.vehicles if v in plan.positioned):
