@@ -10,7 +10,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from fleetlog.importers._bounded import LIMIT, Damaged, unpack
-from fleetlog.importers._walk import FAULTS, Channel, Message, Record, Summary, Walk
+from fleetlog.importers._messages import Topic
+from fleetlog.importers._walk import FAULTS, Message, Record, Summary, Walk
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
@@ -105,7 +106,7 @@ class BagWalk(Walk):
         about = _header(data)
         topic = about.get(b"topic") or header[b"topic"]
         schema = about.get(b"type", b"").decode("utf-8", "replace")
-        self.channels[number] = Channel(topic.decode("utf-8", "replace"), schema, "ros1")
+        self.channels[number] = Topic(topic.decode("utf-8", "replace"), schema, "ros1")
 
 
 def _kind(header: Header) -> int:

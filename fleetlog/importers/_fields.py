@@ -27,7 +27,7 @@ class Fields:
     profile: Profile = field(default_factory=Profile)
 
     def instant(self, value: Any, epoch: str | None = "") -> int:
-        """Microseconds UTC of a text, or of a count in ``epoch`` (None: a likely unit) from 1970 or the origin.
+        """Microseconds UTC of a text, or of a count in ``epoch`` (None: the likely one) from the origin.
 
         :class:`ValueError` where it is no time.
         """

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import BinaryIO
 
 from fleetlog.importers._bounded import LIMIT, Damaged, unpack
+from fleetlog.importers._messages import Topic
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._walk import FAULTS, Channel, Message, Record, Summary, Walk
+from fleetlog.importers._walk import FAULTS, Message, Record, Summary, Walk
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD, _CHUNK, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<QQQI"), struct.Struct("<HIQQ")
@@ -114,7 +115,7 @@ class McapWalk(Walk):
             number, schema = struct.unpack_from("<HH", record)
             topic, at = _text(record, 4)
             encoding, _ = _text(record, at)
-            self.channels[number] = Channel(topic, self._schemas.get(schema, ""), encoding)
+            self.channels[number] = Topic(topic, self._schemas.get(schema, ""), encoding)
 
 
 def _text(record: memoryview, at: int) -> tuple[str, int]:

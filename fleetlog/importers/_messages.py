@@ -190,3 +190,17 @@ KINDS: dict[str, Kind] = {
     "foxglove.Battery": Kind(9, {"json": _json_battery(0.01)}, _BATTERY + ", percentage from %"),
 }
 POSITIONS = ("latitude", "longitude", "x", "y", "z")
+
+
+class Topic(NamedTuple):
+    """A topic of a recording: its name, the name of its schema and the encoding of its messages."""
+
+    name: str
+    schema: str
+    encoding: str
+
+    @property
+    def kind(self) -> Kind | None:
+        """How it is read, or None."""
+        kind = KINDS.get(normal_name(self.schema))
+        return kind if kind and self.encoding in kind.decode else None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -120,8 +122,12 @@ def figures(line: bytes, count: int) -> list[float] | None:
     return numbers if len(numbers) == count and all(map(math.isfinite, numbers)) else None
 
 
-def mostly(head: bytes, parse: Callable[[bytes], object]) -> bool:
-    """Whether ``parse`` makes something of most of the first lines; comments do not count."""
+def mostly(parse: Callable[[bytes], object]) -> Callable[[Path, bytes], bool]:
+    """The ``sniff`` of a format where ``parse`` makes something of most of the first lines but comments."""
+    return partial(_mostly, parse)
+
+
+def _mostly(parse: Callable[[bytes], object], _: Path, head: bytes) -> bool:
     lines = [s for s in head.split(b"\n")[:20] if s.strip() and not s.lstrip().startswith(b"#")]
     return 2 * sum(parse(line) is not None for line in lines) > len(lines)
 

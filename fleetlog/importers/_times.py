@@ -46,7 +46,6 @@ class LocalClock:
     zone: ZoneInfo
     last: dict[str, int] = field(default_factory=dict)
     twice: int = 0
-    skipped: int = 0
 
     def to_utc(self, local: Ints, vehicle: Strings) -> Ints:
         """UTC of local times; ``NONE`` where the clocks never showed such a time."""
@@ -55,7 +54,6 @@ class LocalClock:
         zone: Any = self.zone
         first = _epoch(stamps.tz_localize(zone, ambiguous=np.ones(len(local), bool), nonexistent="NaT"))
         second = _epoch(stamps.tz_localize(zone, ambiguous=np.zeros(len(local), bool), nonexistent="NaT"))
-        self.skipped += int((known & (first == NONE)).sum())
         out = np.where(known, first, NONE)
         for row in np.flatnonzero(known & (first != second)).tolist():
             before = self._before(row, out, vehicle)

@@ -11,7 +11,7 @@ from fleetlog.core.files import open_regular
 from fleetlog.core.words import count
 from fleetlog.errors import FormatError
 from fleetlog.importers._bounded import refuse_packed
-from fleetlog.importers._messages import KINDS, POSITIONS, Kind, Sample, normal_name
+from fleetlog.importers._messages import KINDS, POSITIONS, Sample, Topic, normal_name
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import Rows, unplaced
@@ -19,20 +19,6 @@ from fleetlog.importers._walk import Walk
 from fleetlog.importers.base import RawBatch, ReadOptions
 
 LISTED = 12
-
-
-class Topic(NamedTuple):
-    """A topic of a recording: its name, the name of its schema and the encoding of its messages."""
-
-    name: str
-    schema: str
-    encoding: str
-
-    @property
-    def kind(self) -> Kind | None:
-        """How it is read, or None."""
-        kind = KINDS.get(normal_name(self.schema))
-        return kind if kind and self.encoding in kind.decode else None
 
 
 class Role(NamedTuple):
@@ -187,10 +173,10 @@ def read_recording(
             walk.channels |= scan.channels
             if not scan.channels and scan.report.damage:
                 raise scan.report.nothing("nothing in it is whole", "record it again")
-        topics = [Topic(*c) for c in walk.channels.values()]
+        topics = walk.channels.values()
         roles = plan(topics, path, name or plain_stem(path), options.vehicle, options.report)
         decoder = Decoder(roles, options.report, walk.share)
         for channel, time, data in walk.messages(summary):
-            yield from decoder.feed(channel.topic, time, data)
+            yield from decoder.feed(channel.name, time, data)
         yield from decoder.finish()
         return walk.count

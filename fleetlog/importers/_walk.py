@@ -15,6 +15,7 @@ from typing import Any, BinaryIO, ClassVar, NamedTuple
 
 from fleetlog.core.words import count
 from fleetlog.importers._bounded import Damaged
+from fleetlog.importers._messages import Topic
 from fleetlog.importers._report import ReadReport
 
 DAMAGE_LINES = 10
@@ -22,16 +23,8 @@ FAULTS = (Damaged, struct.error, KeyError, ValueError)
 """What broken bytes raise."""
 
 
-class Channel(NamedTuple):
-    """A channel: topic, name of the schema, encoding of the messages."""
-
-    topic: str
-    schema: str
-    encoding: str
-
-
-Message = tuple[Channel, int, Any]
-"""Channel, time [us], data."""
+Message = tuple[Topic, int, Any]
+"""Topic, time [us], data."""
 
 
 class Record(NamedTuple):
@@ -47,7 +40,7 @@ class Record(NamedTuple):
 class Summary:
     """What the end of a whole file says about it."""
 
-    channels: dict[int, Channel] = field(default_factory=dict)
+    channels: dict[int, Topic] = field(default_factory=dict)
     chunks: set[int] = field(default_factory=set)
     messages: int = 0
 
@@ -66,7 +59,7 @@ class Walk(ABC):
         self.stream, self.report = stream, report
         self.size = path.stat().st_size
         self.at = 0
-        self.channels: dict[int, Channel] = {}
+        self.channels: dict[int, Topic] = {}
         self.count = 0
         """Whole messages so far."""
         self.indexed = 0

@@ -64,7 +64,7 @@ class Wire:
 def fields(data: Any) -> Iterator[tuple[int, Any]]:
     """(field number, value) of a message: varints as int, 64-bit as double, 32-bit as int, the rest as bytes.
 
-    :class:`ValueError` or ``struct.error`` on broken bytes.  https://protobuf.dev/programming-guides/encoding/
+    Broken bytes raise as in :class:`Wire`.  https://protobuf.dev/programming-guides/encoding/
     """
     data = bytes(data)
     at, end = 0, len(data)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -127,6 +127,15 @@ class Importer:
     sniff: Callable[[Path, bytes], bool]
     read: Callable[[Path, ReadOptions], Iterator[RawBatch]]
     rank: int = 0
+
+
+def holding(*marks: bytes, first: int = 4096) -> Callable[[Path, bytes], bool]:
+    """The ``sniff`` of a format that has one of ``marks`` among its ``first`` bytes."""
+    return partial(_holds, marks, first)
+
+
+def _holds(marks: tuple[bytes, ...], first: int, _: Path, head: bytes) -> bool:
+    return any(mark in head[:first] for mark in marks)
 
 
 def importers() -> dict[str, Importer]:

@@ -17,16 +17,11 @@ from fleetlog.core.words import count
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import Rows, finite, gather, heading_of_course, unplaced
 from fleetlog.importers._xml import Elements, local
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions, holding
 
 _KEPT = {"hdop": "hdop", "sat": "satellites", "speed": "speed", "atemp": "ambient_temperature"}
 _COURSES = ("course", "bearing")
 _STILL = {"wpt": "waypoint", "rtept": "route point"}
-
-
-def sniff(path: Path, head: bytes) -> bool:
-    """Whether the file begins as GPX."""
-    return b"<gpx" in head[:4096] or b"<\x00g\x00p\x00x\x00" in head[:4096]
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -110,4 +105,4 @@ def _describe(report: ReadReport, seen: Counter[str], names: set[str], vehicle: 
             report.note(f"{count(seen[tag], noun)} left out: no motion")
 
 
-IMPORTER = Importer("gpx", (".gpx",), sniff, read)
+IMPORTER = Importer("gpx", (".gpx",), holding(b"<gpx", b"<\x00g\x00p\x00x\x00"), read)

@@ -18,11 +18,6 @@ LINE_LIMIT = 4096
 TIMES = "times.txt"
 
 
-def sniff(path: Path, head: bytes) -> bool:
-    """Whether most of the first lines are twelve numbers each with a rotation in them."""
-    return mostly(head, _pose)
-
-
 def _pose(line: bytes) -> list[float] | None:
     """The numbers of a line whose first column of the rotation has length one."""
     n = figures(line, 12)
@@ -68,4 +63,4 @@ def _add(rows: Rows, options: ReadOptions, line: bytes, stamp: bytes, number: in
     rows.add(options.name, time, number, values)
 
 
-IMPORTER = Importer("kitti", (".txt", ".kitti"), sniff, read, rank=5)
+IMPORTER = Importer("kitti", (".txt", ".kitti"), mostly(_pose), read, rank=5)

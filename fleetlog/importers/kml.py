@@ -12,12 +12,7 @@ from typing import Any
 from fleetlog.core.words import count
 from fleetlog.importers._rows import Rows, finite, gather, unplaced
 from fleetlog.importers._xml import Elements, local
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions
-
-
-def sniff(path: Path, head: bytes) -> bool:
-    """Whether the file begins as KML."""
-    return b"<kml" in head[:4096]
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions, holding
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -69,4 +64,4 @@ def _add(rows: Rows, vehicle: str, record: int, time: str | None, spot: list[str
         rows.add_iso(vehicle, time, record, values)
 
 
-IMPORTER = Importer("kml", (".kml",), sniff, read)
+IMPORTER = Importer("kml", (".kml",), holding(b"<kml"), read)

@@ -25,7 +25,7 @@ from fleetlog.importers._open import plain_stem
 from fleetlog.importers._profile import Profile, Source
 from fleetlog.importers._times import NONE, from_counts
 from fleetlog.importers._units import KINDS
-from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject, holding
 
 BATCH = 1 << 17
 _FIGURES = (pa.types.is_boolean, pa.types.is_decimal, pa.types.is_floating, pa.types.is_integer)
@@ -33,11 +33,6 @@ GROUP_LIMIT = 1 << 32
 """Unpacked bytes of a row group that are believed."""
 CELLS, CELLS_PER_BYTE = 200_000_000, 2_000
 """Values that a file may state: so many in any file, and so many for each of its bytes."""
-
-
-def sniff(path: Path, head: bytes) -> bool:
-    """Whether it begins with Parquet's magic bytes."""
-    return head.startswith(b"PAR1")
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -222,4 +217,4 @@ def _points(array: pa.Array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return x, y
 
 
-IMPORTER = Importer("parquet", (".parquet", ".pq", ".geoparquet"), sniff, read)
+IMPORTER = Importer("parquet", (".parquet", ".pq", ".geoparquet"), holding(b"PAR1", first=4), read)

@@ -15,8 +15,9 @@ from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers._bag_walk import MAGIC, BagWalk
 from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._mcap_walk import McapWalk
+from fleetlog.importers._messages import Topic
 from fleetlog.importers._open import plain_stem, plain_suffix
-from fleetlog.importers._topics import Decoder, Topic, plan, read_recording
+from fleetlog.importers._topics import Decoder, plan, read_recording
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 _SQLITE = b"SQLite format 3\x00"

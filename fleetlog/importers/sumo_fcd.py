@@ -12,19 +12,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from fleetlog.importers._open import head_of
+from fleetlog.importers._open import HEAD, head_of
 from fleetlog.importers._rows import Rows, finite, gather, heading_of_course, unplaced
 from fleetlog.importers._times import iso_time
 from fleetlog.importers._xml import Elements
-from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding
 
 _EPOCH = re.compile(rb"fleetlog-epoch ([0-9T:.Z+-]{10,40})")
 _KNOWN = ("id", "x", "y", "angle")
-
-
-def sniff(path: Path, head: bytes) -> bool:
-    """Whether the root is ``fcd-export``."""
-    return b"<fcd-export" in head
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -88,4 +83,4 @@ def _add(rows: Rows, element: Any, record: int, origin: int, geographic: bool) -
     rows.add(attributes.get("id") or "vehicle", origin + round(seconds * 1e6), record, values)
 
 
-IMPORTER = Importer("sumo-fcd", (".xml",), sniff, read)
+IMPORTER = Importer("sumo-fcd", (".xml",), holding(b"<fcd-export", first=HEAD), read)

@@ -9,17 +9,12 @@ from typing import Any
 from fleetlog.core.words import count
 from fleetlog.importers._rows import Rows, finite, gather, unplaced
 from fleetlog.importers._xml import Elements, local
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions, holding
 
 _LEAVES = {
     "LatitudeDegrees": "latitude", "LongitudeDegrees": "longitude", "AltitudeMeters": "z", "Speed": "speed",
     "Watts": "watts", "DistanceMeters": "distance",
 }  # fmt: skip
-
-
-def sniff(path: Path, head: bytes) -> bool:
-    """Whether the file begins as TCX."""
-    return b"<TrainingCenterDatabase" in head[:4096]
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -58,4 +53,4 @@ def _add(rows: Rows, element: Any, vehicle: str, number: int) -> None:
         rows.add_iso(vehicle, texts.get("Time"), number, values)
 
 
-IMPORTER = Importer("tcx", (".tcx",), sniff, read)
+IMPORTER = Importer("tcx", (".tcx",), holding(b"<TrainingCenterDatabase"), read)

@@ -14,11 +14,6 @@ from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 LINE_LIMIT = 4096
 
 
-def sniff(path: Path, head: bytes) -> bool:
-    """Whether most of the first lines are eight numbers each, the last four a unit quaternion."""
-    return mostly(head, _pose)
-
-
 def _pose(line: bytes) -> list[float] | None:
     numbers = figures(line.replace(b",", b" "), 8)
     return numbers if numbers and abs(math.hypot(*numbers[4:]) - 1.0) <= 0.05 else None
@@ -70,4 +65,4 @@ def _microseconds(cell: bytes) -> int:
     return round(float(cell) * 1e6)
 
 
-IMPORTER = Importer("tum", (".tum", ".txt"), sniff, read, rank=5)
+IMPORTER = Importer("tum", (".tum", ".txt"), mostly(_pose), read, rank=5)

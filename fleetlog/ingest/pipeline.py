@@ -98,9 +98,9 @@ def _read(
     engine = _engine(cost, len(groups))
     told = tell if isinstance(engine, engines.Serial) else None
     work = partial(read_group, scratch, names_of(logs), profile, told)
-    with closing(engine.run(work, groups, lambda group: str(group.logs[0].path))) as reads:
-        for group, read in zip(groups, reads, strict=True):
-            tell(group.logs[-1], 1.0)
+    with closing(engine.run(work, groups, lambda group: str(group[1][0].path))) as reads:
+        for (_, group), read in zip(groups, reads, strict=True):
+            tell(group[-1], 1.0)
             yield read
 
 

@@ -31,12 +31,8 @@ GROUP = 4 << 20
 """Small logs are read together until they have this many bytes."""
 
 
-@dataclass(frozen=True)
-class Group:
-    """Logs that one job reads; ``first`` is the number of the first among all logs."""
-
-    first: int
-    logs: list[Log]
+Group = tuple[int, list[Log]]
+"""The number of the first log among all, and the logs that one job reads."""
 
 
 @dataclass
@@ -59,9 +55,9 @@ def groups_of(logs: list[Log]) -> list[Group]:
     size = GROUP
     for number, log in enumerate(logs):
         if size >= GROUP:
-            out.append(Group(number, []))
+            out.append((number, []))
             size = 0
-        out[-1].logs.append(log)
+        out[-1][1].append(log)
         size += log.path.stat().st_size if log.path.is_file() else GROUP
     return out
 
@@ -71,8 +67,9 @@ def read_group(
     group: Group,
 ) -> Read:  # fmt: skip
     """Read some logs; their rows are set down in ``folder``."""
-    reading = Reading(folder, names, profile, group.first)
-    for number, log in enumerate(group.logs, group.first):
+    first, logs = group
+    reading = Reading(folder, names, profile, first)
+    for number, log in enumerate(logs, first):
         try:
             reading.read(number, log, partial(tell, log) if tell else lambda _: None)
         except FleetlogError as error:
