@@ -166,8 +166,8 @@ def heading_of_quaternion(x: float, y: float, z: float, w: float) -> float:
 
 def unplaced(values: Mapping[str, float]) -> bool:
     """Whether the position is not a number."""
-    a, b = values.get("latitude", values.get("x", NAN)), values.get("longitude", values.get("y", NAN))
-    return not (math.isfinite(a) and math.isfinite(b))
+    across, along = ("latitude", "longitude") if "latitude" in values else ("x", "y")
+    return not (math.isfinite(values.get(across, NAN)) and math.isfinite(values.get(along, NAN)))
 
 
 def renamed(labels: Labels, names: Sequence[str | None]) -> Labels:

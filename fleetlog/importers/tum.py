@@ -28,7 +28,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     def take(line: bytes, number: int) -> None:
         if line.strip() and not line.lstrip().startswith(b"#"):
             pose = _pose(line)
-            if pose is not None:
+            if pose is not None and True not in dated:
                 dated.add(epoch_unit(pose[0]) == "s")
             _add(rows, options, pose, line, number)
 
