@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +15,8 @@ from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._messages import KINDS, POSITIONS, Sample, Topic, normal_name
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import Rows, unplaced
+from fleetlog.importers._rows import BATCH, Rows, unplaced
+from fleetlog.importers._transforms import ODOMETRY, Transforms, decoder
 from fleetlog.importers._walk import Walk
 from fleetlog.importers.base import RawBatch, ReadOptions
 
@@ -25,7 +27,7 @@ class Role(NamedTuple):
     """What a topic is used for."""
 
     vehicle: str
-    decode: Callable[[Any], Sample]
+    decode: Callable[[Any], Sample | list[Sample]]
     is_position: bool
 
 
@@ -40,13 +42,17 @@ def plan(
     """
     topics = sorted(set(topics))
     wanted = [t for t in topics if t.kind is not None]
-    if not any(t.kind and t.kind.is_position for t in wanted):
+    placed = any(t.kind and t.kind.is_position for t in wanted)
+    frames = [] if placed else [t for t in topics if decoder(t.schema, t.encoding)]
+    if not placed and not frames:
         what = "no topic in it, so no position"
         if topics:
             what = f"none of its {count(len(topics), 'topic')} carries a position: {listed(topics)}"
         raise FormatError(what, where=path, do="record " + " or ".join(list(KINDS)[:3]))
-    names = {t.name: one or default for t in wanted} if one else _vehicles(wanted, default)
-    roles: dict[str, Role] = {}
+    naming = [*wanted, *(t for t in frames if not _is_static(t))]
+    names = {t.name: one for t in topics} if one else _vehicles(naming, default)
+    roles = _frames(frames, names, default, named=not one)
+    report.recognised |= dict.fromkeys(roles, "position and heading of base_link, from transforms")
     taken: dict[str, str] = {}
     for topic in sorted(wanted, key=lambda t: (t.kind.rank if t.kind else 9, t.name)):
         kind, vehicle = topic.kind, names[topic.name]
@@ -64,6 +70,22 @@ def plan(
     if unused:
         report.note(f"{count(len(unused), 'topic')} without position or battery left out: {listed(unused)}")
     return roles
+
+
+def _frames(topics: list[Topic], names: dict[str, str], default: str, *, named: bool) -> dict[str, Role]:
+    """The roles of topics of transforms; those of one namespace make one tree of frames."""
+    trees: dict[str, Transforms] = defaultdict(Transforms)
+    roles = {}
+    for topic in topics:
+        if decode := decoder(topic.schema, topic.encoding):
+            tree = trees[topic.name.rpartition("/")[0]]
+            take = partial(tree.take, decode, static=_is_static(topic), named=named)
+            roles[topic.name] = Role(names.get(topic.name, default), take, True)
+    return roles
+
+
+def _is_static(topic: Topic) -> bool:
+    return topic.name.endswith("tf_static")
 
 
 def _vehicles(topics: list[Topic], default: str) -> dict[str, str]:
@@ -105,16 +127,17 @@ class Decoder:
         if role is None:
             return
         try:
-            sample = role.decode(data)
+            decoded = role.decode(data)
         except Exception as error:  # whatever a hostile message does, it is one rejected message
             why = f"{type(error).__name__}: {error}"
             self._log.reject(self.record, f"{topic}: message cannot be decoded", why)
             if self._log.full:
                 yield self._log.take()
             return
-        rows = self._take(topic, role, sample, time)
-        if rows is not None and rows.full:
-            yield rows.take()
+        for sample in decoded if isinstance(decoded, list) else [decoded]:
+            rows = self._take(topic, role, sample, time)
+            if rows is not None and rows.full:
+                yield rows.take()
 
     def _take(self, topic: str, role: Role, sample: Sample, time: int) -> Rows | None:
         values = sample.values
@@ -126,13 +149,14 @@ class Decoder:
         elif unplaced(values):
             self._log.reject(self.record, f"{topic}: position is not a number", values)
             return None
-        names = tuple(values)
-        if not names:
+        if not values:
             return None
-        rows = self._rows.get(names)
+        vehicle, frame = sample.vehicle or role.vehicle, values.get("map_id")
+        key = (*values, vehicle, frame) if frame else tuple(values)
+        rows = self._rows.get(key)
         if rows is None:
-            rows = self._rows[names] = Rows(*names, share=self._share)
-        rows.add(role.vehicle, sample.stamp or time, self.record, values)
+            rows = self._rows[key] = Rows(*values, share=self._share)
+        rows.add(vehicle, sample.stamp or time, self.record, values)
         return rows
 
     @property
@@ -147,8 +171,14 @@ class Decoder:
             raise self.report.nothing(f"not one usable position on {topics}", "record it again")
         for topic, blind in self.no_fix.items():
             self.report.note(f"{topic}: {count(blind, 'message')} without a fix left out")
-        for rows in (*self._rows.values(), self._log):
-            yield from rows.drain()
+        for key, rows in self._rows.items():
+            rivals = (k for k in self._rows if k[:-1] == key[:-1] and k != key)
+            if key[-1].endswith(ODOMETRY) and rows.total < BATCH and any(rivals):
+                drifted = count(rows.total, "pose")
+                self.report.note(f"{drifted} of {key[-2]} before {key[-1]!r} had its place on a map left out")
+            else:
+                yield from rows.drain()
+        yield from self._log.drain()
 
 
 def read_recording(

@@ -43,22 +43,22 @@ class Wire:
         self._at = at + size * count
         return _layout(self._order, kind, count).unpack_from(self._data, at)
 
-    def skip_string(self) -> None:
-        """Pass over a string."""
+    def text(self) -> str:
+        """A string."""
         (length,) = self.take("I")
         if length > len(self._data) - self._at:
             raise ValueError("a string runs beyond the end of the message")
         self._at += length
+        return bytes(self._data[self._at - length : self._at]).rstrip(b"\0").decode("utf-8", "replace")
 
-    def stamp(self) -> int:
-        """Pass over a ``std_msgs/Header`` and give its stamp [us]; 0 where it was not set."""
+    def header(self) -> tuple[int, str]:
+        """The stamp [us] of a ``std_msgs/Header``, 0 where it was not set, and its frame."""
         if self._ros1:
             self.take("I")
             seconds, nanoseconds = self.take("I", 2)
         else:
             (seconds,), (nanoseconds,) = self.take("i"), self.take("I")
-        self.skip_string()
-        return int(seconds) * 1_000_000 + (int(nanoseconds) + 500) // 1000
+        return int(seconds) * 1_000_000 + (int(nanoseconds) + 500) // 1000, self.text()
 
 
 def fields(data: Any) -> Iterator[tuple[int, Any]]:
