@@ -32,10 +32,7 @@ def tables(selection: Selection, schema: pa.Schema) -> Iterator[pa.Table]:
     """One table per vehicle and day, all of ``schema``."""
     for trajectory in selection.days():
         table = to_arrow(trajectory)
-        columns = [
-            table.column(f.name).cast(f.type, safe=False)
-            if f.name in table.column_names
-            else pa.nulls(len(table), f.type)
-            for f in schema
-        ]
-        yield pa.Table.from_arrays(columns, schema=schema)
+        for field in schema:
+            if field.name not in table.column_names:
+                table = table.append_column(field, pa.nulls(len(table), field.type))
+        yield table.select(schema.names).cast(schema, safe=False)

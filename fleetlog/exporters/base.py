@@ -96,26 +96,13 @@ def exporters() -> dict[str, Exporter]:
 
 
 def export_dataset(
-    dataset: str | Path | Dataset,
-    to: str,
-    output: str | Path,
-    *,
-    vehicles: Sequence[str] = (),
+    dataset: str | Path | Dataset, to: str, output: str | Path, *, vehicles: Sequence[str] = (),
     overwrite: bool = False,
-) -> dict[str, Any]:
-    """Write a dataset in the format ``to``.
+) -> dict[str, Any]:  # fmt: skip
+    """Write a dataset, or its folder, in the format ``to``; the file appears whole or not at all.
 
-    Parameters
-    ----------
-    dataset : the dataset or its folder.
-    to : a format's name.
-    output : the file; it appears whole or not at all.
-    vehicles : those to export; all by default.
-    overwrite : whether an older file may be replaced.
-
-    Returns
-    -------
-    A summary: format, file, vehicles, rows, bytes and what the format adds.
+    ``vehicles`` are those to export (all by default); ``overwrite`` says whether an older file may be
+    replaced.  Returns a summary: format, file, vehicles, rows, bytes and what the format adds.
     """
     known = exporters()
     if to not in known:

@@ -95,10 +95,9 @@ class Clock:
             return self.unit
         if likely is None or origin is not None or self.unit is not None:
             unit = self.unit or "in an unknown unit"
-            raise FormatError(
-                f"the time {middle:.12g} counts {unit} from an unknown start", where=self.path,
-                do='state both in a profile: [time] format = "s", origin = "2026-03-02T05:00:00Z"',
-            )  # fmt: skip
+            what = f"the time {middle:.12g} counts {unit} from an unknown start"
+            do = 'state both in a profile: [time] format = "s", origin = "2026-03-02T05:00:00Z"'
+            raise FormatError(what, where=self.path, do=do)
         why = "no other unit gives a date near ours"
         self.report.recognised[name] = f"timestamp, counted in {likely} from 1970 ({why})"
         return likely

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Ints, Labels, Values
 from fleetlog.importers._csv_blocks import Block
-from fleetlog.importers._csv_cells import degrees, numbers
+from fleetlog.importers._csv_cells import Floats, Mask, degrees, numbers
 from fleetlog.importers._csv_clock import Clock
 from fleetlog.importers._csv_layout import Layout
 from fleetlog.importers._csv_table import TableReader
@@ -22,7 +22,7 @@ from fleetlog.importers._rows import renamed
 from fleetlog.importers._times import MISSING, NONE, SKIPPED, UNREADABLE
 from fleetlog.importers.base import RawBatch, Reject
 
-Floats = NDArray[np.float64]
+Masks = dict[str, Mask]
 _MUST = ("latitude", "longitude", "x", "y")
 """A row whose position is not a number is refused; of other columns only the value is."""
 
@@ -58,14 +58,16 @@ class RowReader:
         if not self._types:
             self._decide(block)
         table, lines, rejects = self.reader.read(block, self._types)
-        bad: dict[str, NDArray[np.bool_]] = {}
+        bad: Masks = {}
         columns = self._columns(table, bad)
         vehicle = self._vehicles(table)
         time = self.clock.times(table, vehicle)
         reason = self._reasons(table, time, vehicle, bad)
         for name, mask in bad.items():
             if name not in _MUST:
-                self._refuse_values(name, mask & (reason == ""), lines, block, rejects)
+                gone, why = lines[mask & (reason == "")].tolist(), f"{name} is not a number"
+                texts = zip(gone, block.texts(gone), strict=True)
+                rejects += [Reject(n, why, text, False) for n, text in texts]
         keep = reason == ""
         if not keep.all():
             gone = lines[~keep].tolist()
@@ -99,7 +101,7 @@ class RowReader:
 
     # ----------------------------------------------------------------------- table to columns
 
-    def _columns(self, table: pa.Table, bad: dict[str, NDArray[np.bool_]]) -> dict[str, Values]:
+    def _columns(self, table: pa.Table, bad: Masks) -> dict[str, Values]:
         columns: dict[str, Values] = {}
         for target, source in self.layout.values.items():
             columns[target] = self._si(target, source, self._figures(table, source.column, target, bad))
@@ -127,7 +129,7 @@ class RowReader:
         if not numbers(chunk.combine_chunks(), self.layout.decimal)[1].any():
             self._types[name] = pa.float64()
 
-    def _figures(self, table: pa.Table, name: str, target: str, bad: dict[str, NDArray[np.bool_]]) -> Floats:
+    def _figures(self, table: pa.Table, name: str, target: str, bad: Masks) -> Floats:
         chunk = table.column(name)
         if pa.types.is_floating(chunk.type):
             values = np.array(chunk.fill_null(np.nan) if chunk.null_count else chunk, dtype=np.float64)
@@ -163,9 +165,7 @@ class RowReader:
 
     # ----------------------------------------------------------------------- what is refused
 
-    def _reasons(
-        self, table: pa.Table, time: Ints, vehicle: Labels, bad: dict[str, NDArray[np.bool_]]
-    ) -> NDArray[np.str_]:
+    def _reasons(self, table: pa.Table, time: Ints, vehicle: Labels, bad: Masks) -> NDArray[np.str_]:
         """Why each row is refused; empty where it is not."""
         reason = np.full(len(time), "", dtype="<U64")
         reason[vehicle.codes < 0] = "the vehicle id is missing"
@@ -185,13 +185,6 @@ class RowReader:
                 return reason
         reason[again] = "the header line again"
         return reason
-
-    def _refuse_values(
-        self, name: str, mask: NDArray[np.bool_], lines: Ints, block: Block, rejects: list[Reject]
-    ) -> None:
-        gone = lines[mask].tolist()
-        reason = f"{name} is not a number"
-        rejects += [Reject(n, reason, text, False) for n, text in zip(gone, block.texts(gone), strict=True)]
 
 
 def _labels(chunk: pa.ChunkedArray) -> Labels:

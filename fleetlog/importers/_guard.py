@@ -55,11 +55,11 @@ def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
     """The batch with times that can be counted, names that can be written, and columns of their kind."""
     checked = _Checked(batch, options.report)
     withheld = options.profile is not None and not options.profile.keep
-    columns = dict(
-        checked.column(_text(n), v) for n, v in batch.columns.items() if not withheld or n in TARGETS
-    )
+    given = ((n, v) for n, v in batch.columns.items() if not withheld or n in TARGETS)
+    columns = dict(checked.column(_text(name), values) for name, values in given)
+    texts = ("" if withheld else _text(r.text) for r in checked.rejects)
     rejects = [
-        r._replace(reason=_text(r.reason), text="" if withheld else _text(r.text)) for r in checked.rejects
+        r._replace(reason=_text(r.reason), text=t) for r, t in zip(checked.rejects, texts, strict=True)
     ]
     off = (batch.time < EARLIEST) | (batch.time > LATEST)
     vehicle = _named(batch.vehicle)

@@ -29,11 +29,14 @@ class Sample(NamedTuple):
     vehicle: str = ""
 
 
+Decode = Callable[[Any], Sample]
+
+
 class Kind(NamedTuple):
     """A kind of message: ``rank`` orders sources of position (9: a battery), ``decode`` by encoding."""
 
     rank: int
-    decode: dict[str, Callable[[Any], Sample]]
+    decode: dict[str, Decode]
     meaning: str
 
     @property
@@ -125,7 +128,7 @@ def _json_fix(data: Any) -> Sample:
     return Sample(json_stamp(m), {**where, "z": finite(m.get("altitude"))}, fix)
 
 
-def _json_pose(*path: str) -> Callable[[Any], Sample]:
+def _json_pose(*path: str) -> Decode:
     def decode(data: Any) -> Sample:
         m = json_object(data)
         pose = json_part(m, *path)
@@ -141,7 +144,7 @@ def _json_pose(*path: str) -> Callable[[Any], Sample]:
     return decode
 
 
-def _json_battery(percent: float) -> Callable[[Any], Sample]:
+def _json_battery(percent: float) -> Decode:
     def decode(data: Any) -> Sample:
         m = json_object(data)
         names = ("voltage", "current", "temperature", "percentage")
@@ -177,9 +180,7 @@ def _proto_pose(data: Any) -> Sample:
     return Sample(_proto_stamp(message[1]) if 1 in message else 0, values)
 
 
-def _ros(
-    decode: Callable[[Wire], Sample], in_json: Callable[[Any], Sample]
-) -> dict[str, Callable[[Any], Sample]]:
+def _ros(decode: Callable[[Wire], Sample], in_json: Decode) -> dict[str, Decode]:
     return {"cdr": lambda d: decode(Wire(d)), "ros1": lambda d: decode(Wire(d, ros1=True)), "json": in_json}
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import FormatError
 from fleetlog.importers._bounded import refuse_packed
-from fleetlog.importers._csv_cells import degrees, numbers
+from fleetlog.importers._csv_cells import Mask, degrees, numbers
 from fleetlog.importers._csv_clock import Clock
 from fleetlog.importers._csv_layout import unique
 from fleetlog.importers._fields import fields_of
@@ -28,6 +28,8 @@ from fleetlog.importers._units import KINDS
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject, holding
 
 BATCH = 1 << 17
+Bad = dict[str, tuple[Mask, Labels]]
+"""Which cells of a column are no numbers, and what is written there."""
 _FIGURES = (pa.types.is_boolean, pa.types.is_decimal, pa.types.is_floating, pa.types.is_integer)
 GROUP_LIMIT = 1 << 32
 """Unpacked bytes of a row group that are believed."""
@@ -102,7 +104,7 @@ class _Reader:
         """The rows of a batch; those without a time, or with a text for a position, are refused."""
         batch = batch.rename_columns(self.names)
         columns: dict[str, Values] = {}
-        bad: dict[str, tuple[NDArray[np.bool_], Labels]] = {}
+        bad: Bad = {}
         for name, field in self.fields.columns.items():
             columns[name] = self._quantity(batch.column(field.column), name, field, bad)
         for name in self.fields.kept:
@@ -120,16 +122,13 @@ class _Reader:
             at = np.flatnonzero(mask & good).tolist()
             texts = written[at].strings()
             what = f"{name} is not a number"
-            rejects += [
-                Reject(int(record[i]), what, str(t)[:400], whole) for i, t in zip(at, texts, strict=True)
-            ]
+            numbered = zip(record[at].tolist(), texts, strict=True)
+            rejects += [Reject(n, what, str(text)[:400], whole) for n, text in numbered]
             good[at if whole else []] = False
         kept: dict[str, Values] = {k: v[good] for k, v in columns.items()}
         return RawBatch(vehicle[good], time[good], kept, record[good], rejects, self.done / self.total)
 
-    def _quantity(
-        self, array: pa.Array, name: str, field: Source, bad: dict[str, tuple[NDArray[np.bool_], Labels]]
-    ) -> Values:
+    def _quantity(self, array: pa.Array, name: str, field: Source, bad: Bad) -> Values:
         """A known column in SI; numbers may be written as text."""
         values = _values(array)
         if name not in KINDS:

@@ -94,10 +94,8 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         refuse_packed(file)
     try:
         with Reader(path) as bag:
-            topics = [
-                Topic(c.topic, c.msgtype, str(getattr(c.ext, "serialization_format", "cdr")))
-                for c in bag.connections
-            ]
+            encoded = ((c, getattr(c.ext, "serialization_format", "cdr")) for c in bag.connections)
+            topics = [Topic(c.topic, c.msgtype, str(encoding)) for c, encoding in encoded]
             roles = plan(topics, path, plain_stem(path), options.vehicle, options.report)
             total = max(bag.message_count, 1)
             decoder = Decoder(roles, options.report, lambda: decoder.record / total if decoder else 0.0)

@@ -65,9 +65,8 @@ def _degrees(element: Any) -> bool:
 def _add(rows: Rows, element: Any, record: int, origin: int, geographic: bool) -> None:
     attributes, step = element.attrib, element.getparent()
     seconds = finite(step.get("time") if step is not None else None)
-    place = dict(
-        zip(GEOGRAPHIC[::-1] if geographic else LOCAL, (finite(attributes.get(k)) for k in "xy"), strict=True)
-    )
+    names = ("longitude", "latitude") if geographic else LOCAL
+    place = dict(zip(names, (finite(attributes.get(k)) for k in "xy"), strict=True))
     if unplaced(place) or not abs(seconds) < 1e12:
         rows.reject(record, "no time or position", dict(attributes))
         return

@@ -45,15 +45,9 @@ ALIGN_VEHICLES = 20
 
 
 def import_logs(
-    paths: Sequence[str | Path],
-    site: Site | None,
-    writer: DatasetWriter,
-    *,
-    format: str | None = None,
-    profile: str | Path | Profile | None = None,
-    progress: Progress | None = None,
-    align: bool = False,
-) -> ImportSummary:
+    paths: Sequence[str | Path], site: Site | None, writer: DatasetWriter, *, format: str | None = None,
+    profile: str | Path | Profile | None = None, progress: Progress | None = None, align: bool = False,
+) -> ImportSummary:  # fmt: skip
     """Read ``paths`` (files, folders, patterns) and write their rows through ``writer``.
 
     ``site`` is None where there is no map: then the frame comes from the data.  The writer's site, provenance

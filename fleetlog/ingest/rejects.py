@@ -19,15 +19,8 @@ from fleetlog.ingest.rows import FILE, RECORD, picture
 
 NAME = "rejected.parquet"
 _FLUSH = 50_000
-_SCHEMA = pa.schema(
-    {
-        "file": pa.string(),
-        "record": pa.int64(),
-        "kind": pa.string(),
-        "reason": pa.string(),
-        "text": pa.string(),
-    }
-)
+_COLUMNS = ("file", "record", "kind", "reason", "text")
+_SCHEMA = pa.schema([(name, pa.int64() if name == "record" else pa.string()) for name in _COLUMNS])
 
 
 @dataclass
@@ -69,13 +62,11 @@ class Rejects:
     def _flush(self) -> None:
         if not self._waiting or self.file is None:
             return
-        files, rejects = zip(*self._waiting, strict=True)
-        columns = {
-            "file": [self.files[f] for f in files], "record": [r.record for r in rejects],
-            "kind": ["row" if r.whole else "value" for r in rejects], "reason": [r.reason for r in rejects],
-            "text": [r.text for r in rejects],
-        }  # fmt: skip
-        table = pa.table(columns, schema=_SCHEMA)
+        rows = [
+            (self.files[file], r.record, "row" if r.whole else "value", r.reason, r.text)
+            for file, r in self._waiting
+        ]
+        table = pa.table(dict(zip(_COLUMNS, zip(*rows, strict=True), strict=True)), schema=_SCHEMA)
         if self._writer is None:
             self._writer = pq.ParquetWriter(self.file, table.schema, compression="zstd")
         self._writer.write_table(table)
