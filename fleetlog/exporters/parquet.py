@@ -46,15 +46,10 @@ def _points(table: pa.Table, frame: Frame) -> pa.Array:
     latitude, longitude = frame.to_geographic(x, y)
     wkb = np.zeros(len(table), _WKB_POINT)
     wkb["order"], wkb["kind"], wkb["x"], wkb["y"] = 1, 1, longitude, latitude
-    size = _WKB_POINT.itemsize
-    fixed = pa.FixedSizeBinaryArray.from_buffers(
-        pa.binary(size), len(table), [_bitmap(np.isfinite(x) & np.isfinite(y)), pa.py_buffer(wkb.tobytes())]
-    )
-    return fixed.cast(pa.binary())
-
-
-def _bitmap(known: Any) -> pa.Buffer:
-    return pa.py_buffer(np.packbits(known, bitorder="little").tobytes())
+    known = np.packbits(np.isfinite(x) & np.isfinite(y), bitorder="little")
+    buffers = [pa.py_buffer(known.tobytes()), pa.py_buffer(wkb.tobytes())]
+    fixed = pa.binary(_WKB_POINT.itemsize)
+    return pa.FixedSizeBinaryArray.from_buffers(fixed, len(table), buffers).cast(pa.binary())
 
 
 EXPORTER = Exporter("parquet", ".parquet", "one Parquet file, GeoParquet where the site is on the map", write)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fleetlog.core.trajectory import Ints, Labels
 from fleetlog.errors import FormatError, InputError
 from fleetlog.importers import _times
+from fleetlog.importers._csv_cells import numbers
 from fleetlog.importers._names import EPOCH_UNITS
 from fleetlog.importers._profile import Profile, has_date
 from fleetlog.importers._report import ReadReport
@@ -34,8 +35,9 @@ class Clock:
         self.skipped: Mask = np.zeros(0, bool)
 
     def times(self, table: pa.Table, vehicle: Labels) -> Ints:
-        """(N,) _times.microseconds UTC; ``NONE`` where a cell cannot be read."""
-        cells = self._cells(table)
+        """(N,) microseconds UTC; ``NONE`` where a cell cannot be read."""
+        parts = [table.column(n).combine_chunks() for n in self.names]
+        cells = pc.binary_join_element_wise(*parts, " ") if len(parts) > 1 else parts[0]
         self.missing = np.asarray(cells.is_null(), dtype=bool)
         self.skipped = np.zeros(len(cells), bool)
         if not self.style:
@@ -64,17 +66,13 @@ class Clock:
             self.days = _times.Days(_times.microseconds(datetime(here.year, here.month, here.day)))
         return self.days.dated(of_day)
 
-    def _cells(self, table: pa.Table) -> pa.Array:
-        parts = [table.column(n).combine_chunks() for n in self.names]
-        return pc.binary_join_element_wise(*parts, " ") if len(parts) > 1 else parts[0]
-
     def _decide(self, cells: pa.Array) -> str:
         """ISO 8601, a count from 1970 or a time of day, from the first cells; else an error."""
         known = cells.drop_null()
         sample = known.slice(0, 1000)
         if not len(sample):
             return ""
-        figures = _figures(sample)
+        figures, _ = numbers(sample)
         if np.isfinite(figures).mean() > 0.5:
             return self.decide_count(figures)
         if (_times.of_day(sample, "of day") != _times.NONE).mean() > 0.5:
@@ -106,7 +104,7 @@ class Clock:
         try:
             whole = cells.cast(pa.int64())
         except pa.ArrowInvalid:
-            return _times.from_counts(_figures(cells), self.style, self.profile.origin)
+            return _times.from_counts(numbers(cells)[0], self.style, self.profile.origin)
         time = _times.from_counts(
             np.asarray(whole.fill_null(0), dtype=np.int64), self.style, self.profile.origin
         )
@@ -134,9 +132,3 @@ class Clock:
         if self.local.twice:
             hour = "in an hour that comes twice (clocks went back)"
             self.report.note(f"{self.local.twice} rows lie {hour}; told apart by their order")
-
-
-def _figures(cells: pa.Array) -> NDArray[np.float64]:
-    from fleetlog.importers._csv_cells import numbers
-
-    return numbers(cells)[0]

@@ -107,7 +107,7 @@ class _Reader:
 
     def _other(self, message: dict[str, Any]) -> None:
         """A message without motion: the state of a connection, a factsheet, an order."""
-        kind = _kind(message)
+        kind = next((kind for mark, kind in _KINDS.items() if mark in message), "other")
         self.others[kind] += 1
         if kind == "connection":
             self.connections[str(message["connectionState"])[:20]] += 1
@@ -174,10 +174,6 @@ def _message(line: bytes) -> dict[str, Any]:
 
 def _first(message: dict[str, Any], *names: str) -> dict[str, Any] | None:
     return next((message[n] for n in names if isinstance(message.get(n), dict)), None)
-
-
-def _kind(message: dict[str, Any]) -> str:
-    return next((kind for mark, kind in _KINDS.items() if mark in message), "other")
 
 
 def _pose(position: dict[str, Any], velocity: Any) -> dict[str, Any]:

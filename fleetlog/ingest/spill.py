@@ -13,7 +13,7 @@ import pyarrow as pa
 from pyarrow import feather
 
 from fleetlog.core.columns import BY_NAME
-from fleetlog.core.trajectory import Ints, Labels, Trajectory, from_arrow
+from fleetlog.core.trajectory import Labels, Trajectory, from_arrow
 from fleetlog.importers._times import DAY, EARLIEST, LATEST
 from fleetlog.ingest.rows import INTERNAL, join
 
@@ -126,7 +126,8 @@ class Down:
 
     def _edges(self, slot: Slot) -> list[int]:
         """Times that cut a day into stretches of about equal numbers of rows."""
-        times = np.sort(np.concatenate([_load_time(path) for path, _, _ in slot.files]))
+        tables = (feather.read_table(path, ["timestamp"]) for path, _, _ in slot.files)
+        times = np.sort(np.concatenate([np.array(t.column("timestamp"), dtype=np.int64) for t in tables]))
         pieces = -(-len(times) // WINDOW_ROWS)
         cuts = times[[len(times) * k // pieces for k in range(1, pieces)]]
         return [int(times[0]), *np.unique(cuts).tolist(), int(times[-1]) + 1]
@@ -150,7 +151,3 @@ def _dictionary(values: Labels) -> pa.DictionaryArray:
 
 def _load(path: Path, vehicle: str) -> Trajectory:
     return from_arrow(feather.read_table(path, memory_map=True), vehicle)
-
-
-def _load_time(path: Path) -> Ints:
-    return np.array(feather.read_table(path, ["timestamp"]).column("timestamp"), dtype=np.int64)
