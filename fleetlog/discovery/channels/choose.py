@@ -28,6 +28,8 @@ DILUTED = 0.002
 """Power that is measured with errors of this share of its square makes whatever is proportional to it look
 smaller
 by the same share (regression dilution); wider windows average the errors."""
+ENOUGH = 4.0
+"""Times the fewest windows that a channel is judged by."""
 
 
 def present(fleet: Fleet, wanted: Sequence[str]) -> list[str]:
@@ -48,7 +50,9 @@ def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: 
     channel = EnergyChannel(name, fleet, base, window, _cells(fleet), measured, charge_step=step)
     hidden = channel.settle(settings)
     if measured and hidden**2 > DILUTED:
-        wider = float(min(window * hidden**2 / DILUTED, WIDEST))
+        # As wide as leaves enough of them to see what the battery does as it empties.
+        most = min(WIDEST, fleet.seconds / (ENOUGH * settings.fewest))
+        wider = float(np.clip(window * hidden**2 / DILUTED, window, max(most, window)))
         channel = EnergyChannel(name, fleet, base, wider, channel.places, measured, charge_step=step)
         channel.settle(settings)
     return channel

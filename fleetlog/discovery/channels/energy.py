@@ -118,7 +118,9 @@ class EnergyChannel(FleetChannel):
             if count >= settings.sample:
                 break
         hidden = float(np.sqrt(changed / size)) if size > 0.0 else 0.0
-        self.model_error = max(settings.model_error, settings.alike * hidden)
+        # Power that is measured at moments errs more by chance than a motion between rows.
+        alike = (0.5 if self.measured else 1.0) * settings.alike
+        self.model_error = max(settings.model_error, alike * hidden)
         self.place_error = settings.gathers * self.model_error
         return hidden
 
