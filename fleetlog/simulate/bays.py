@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.site import Place, Site
 from fleetlog.core.truck import Truck
+from fleetlog.simulate.arrays import Flags, Floats, Index
 from fleetlog.simulate.junctions import Junctions, half_box
 from fleetlog.simulate.paths import arc, even
 from fleetlog.simulate.spurs import SHARES, Bay, opposite_spur, span
 from fleetlog.simulate.track import SPACING, Track
-
-Floats = NDArray[np.float64]
 
 OFF_ROADS = 15.0
 """A place farther than this from every road is not on the site [m]."""
@@ -166,9 +164,7 @@ class BayMaker:
 class Ground:
     """What trucks stand on and drive over, in cells."""
 
-    def __init__(
-        self, track: Track, safe: NDArray[np.bool_], owner: NDArray[np.int32], half: tuple[float, float]
-    ) -> None:
+    def __init__(self, track: Track, safe: Flags, owner: Index, half: tuple[float, float]) -> None:
         from fleetlog.simulate.kernels.ground import new_cells, put
 
         self.half, cell = half, 2.0 * float(np.hypot(*half))

@@ -11,6 +11,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
 from fleetlog.physics.cycles import CYCLES, VDI_LEGS
 from fleetlog.physics.power import Physics, battery_power, soc_change
+from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.record import rounded
 from fleetlog.store.writer import DatasetWriter
 
@@ -55,9 +56,7 @@ def run_cycle(
     energy = np.concatenate([[0.0], np.cumsum(power * one.dt)])
     edge_time = np.concatenate([[0.0], np.cumsum(one.dt)])
 
-    def used(
-        time: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-    ) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    def used(time: Floats) -> Floats:
         whole = np.floor(time / period + 1e-12)
         return np.asarray(whole * energy[-1] + np.interp(time - whole * period, edge_time, energy))
 

@@ -7,24 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
-from fleetlog.simulate.state import (
-    AT_BAY,
-    CHARGER,
-    CHARGING,
-    DRIVING,
-    DROP_PLACE,
-    HANDLING,
-    LEAVING,
-    PARKED,
-    PICK_PLACE,
-    WANTS_OUT,
-    Fleet,
-    creep_speed,
-)
+from fleetlog.simulate.arrays import Floats
+from fleetlog.simulate.state import CHARGER, DROP_PLACE, PICK_PLACE, Fleet, Mode, creep_speed
 from fleetlog.simulate.taskbook import TaskBook
 from fleetlog.simulate.tasks import ENGAGE, Demand, Drawn, Task, TaskStream
 from fleetlog.simulate.untangle import Count, Untangler
@@ -77,13 +64,7 @@ class Dispatcher(Untangler):
     """Takes over whenever a truck needs attention; once a second."""
 
     def __init__(
-        self,
-        world: World,
-        fleet: Fleet,
-        names: list[str],
-        demand: Demand,
-        policy: Policy,
-        seed: int,
+        self, world: World, fleet: Fleet, names: list[str], demand: Demand, policy: Policy, seed: int
     ) -> None:
         super().__init__(world, fleet)
         self.names, self.demand, self.policy = names, demand, policy
@@ -140,9 +121,9 @@ class Dispatcher(Untangler):
         self.wants.clear()
         for v in np.flatnonzero(f.attention):
             f.attention[v] = False
-            if f.mode[v] == DRIVING:
+            if f.mode[v] == Mode.DRIVING:
                 self.owner[self.home[v]] = -1
-            elif f.mode[v] == PARKED:
+            elif f.mode[v] == Mode.PARKED:
                 self._parked(int(v), now)
         while self.given < len(self.pending) and self.pending[self.given].earliest <= now:
             self._due.append(self.pending[self.given])
@@ -153,7 +134,7 @@ class Dispatcher(Untangler):
         self._wanted, self._wanted_now = self._wanted_now, []
         self._blocked = []
         # Who has waited longest chooses first, so that nobody waits for ever for a place.
-        for u in sorted(np.flatnonzero(f.mode == PARKED), key=lambda u: (self.jobs[u].since, u)):
+        for u in sorted(np.flatnonzero(f.mode == Mode.PARKED), key=lambda u: (self.jobs[u].since, u)):
             self._idle(int(u), now)
         if round(now) % 5 == 0:
             self._untangle(now)
@@ -182,7 +163,7 @@ class Dispatcher(Untangler):
             job.since = now + (job.drawn.pause if job.drawn is not None else 0.0)
             job.task, job.drawn, job.stage = None, None, "idle"
         elif job.stage == "charge":
-            f.mode[v] = CHARGING
+            f.mode[v] = Mode.CHARGING
             self.count.charges += 1
         elif job.stage == "park":
             begun = "loaded" if f.load[v] > 0.0 else "assigned"
@@ -197,7 +178,7 @@ class Dispatcher(Untangler):
         f.hand_before[v], f.hand_after[v] = f.load[v], after
         spurs = 2.0 * self.spur_time[f.door[v]] if task.on_road else 0.0
         f.until[v] = now + max(task.dwell[which] - spurs, sum(times))
-        f.mode[v] = HANDLING
+        f.mode[v] = Mode.HANDLING
 
     def _idle(self, v: int, now: float) -> None:
         """What a truck that stands in a bay with nothing running does next."""
@@ -290,14 +271,14 @@ class Dispatcher(Untangler):
             return True
         spot = self.where[self._start(task)[0]]
         mine = float(np.hypot(*(self.where[self.home[v]] - spot)))
-        for u in np.flatnonzero(self.fleet.mode == PARKED):
+        for u in np.flatnonzero(self.fleet.mode == Mode.PARKED):
             if u != v and self.jobs[u].stage == "idle" and self.soc[u] > self.policy.low:
                 other = float(np.hypot(*(self.where[self.home[u]] - spot)))
                 if (other, u) < (mine, v):
                     return False
         return True
 
-    def _free_place(self, kind: str, ranks: NDArray[np.float64]) -> str | None:
+    def _free_place(self, kind: str, ranks: Floats) -> str | None:
         """The unoccupied place of that kind that ranks lowest."""
         bays = self.working[kind]
         free = np.unique(self.place_of[bays[self.owner[bays] < 0]])
@@ -361,7 +342,7 @@ class Dispatcher(Untangler):
         if any(self.home[u] in bays and self.jobs[u].goal not in bays and self._leaves(u) for u in holders):
             return
         for u in holders:
-            idle = self.fleet.mode[u] == PARKED and self.jobs[u].stage == "idle"
+            idle = self.fleet.mode[u] == Mode.PARKED and self.jobs[u].stage == "idle"
             if u == v or not idle or (only_low and self.soc[u] >= self.policy.low):
                 continue
             b = self._spare_bay(u)
@@ -371,7 +352,7 @@ class Dispatcher(Untangler):
             return
 
     def _leaves(self, u: int) -> bool:
-        return bool(self.fleet.mode[u] in (WANTS_OUT, LEAVING))
+        return bool(self.fleet.mode[u] in (Mode.WANTS_OUT, Mode.LEAVING))
 
     def _rest(self, v: int, now: float) -> None:
         """Nothing to do: charge if that is worth while, else clear a working place that is not one's own."""
@@ -403,7 +384,7 @@ class Dispatcher(Untangler):
         self.wants.pop(v, None)
         job.stage, job.goal = stage, b
         self._take(v, way)
-        f.mode[v] = WANTS_OUT
+        f.mode[v] = Mode.WANTS_OUT
         f.waits[v] = np.inf
 
     # -- charging
@@ -418,17 +399,17 @@ class Dispatcher(Untangler):
 
     def _charging(self, now: float) -> None:
         f = self.fleet
-        for v in np.flatnonzero(f.mode == CHARGING):
+        for v in np.flatnonzero(f.mode == Mode.CHARGING):
             busy = bool(self._due) and self.soc[v] >= max(self.policy.enough, self.policy.low)
             if self.soc[v] >= self.policy.full or busy:
-                f.mode[v] = PARKED
+                f.mode[v] = Mode.PARKED
                 self.jobs[v].stage = "idle"
                 self.jobs[v].since = now
         chargers: list[int] = np.flatnonzero(self.kind == "charge").tolist()
         free = [b for b in chargers if self.owner[b] < 0]
         while self.queue and free:
             first = self.queue.popleft()
-            if f.mode[first] != PARKED or self.jobs[first].stage != "idle" or self.soc[first] <= 0.0:
+            if f.mode[first] != Mode.PARKED or self.jobs[first].stage != "idle" or self.soc[first] <= 0.0:
                 continue
             gap = [float(np.hypot(*(self.where[b] - self.where[self.home[first]]))) for b in free]
             self._go(first, free.pop(int(np.argmin(gap))), "charge")
@@ -436,8 +417,8 @@ class Dispatcher(Untangler):
             self._send_away(self.queue[0], chargers)
         for u in self.queue:
             # Who could go on does the next task; only who must charge waits.
-            if f.mode[u] == PARKED and self.soc[u] < self.policy.low:
+            if f.mode[u] == Mode.PARKED and self.soc[u] < self.policy.low:
                 self._lack(u, CHARGER, chargers)
 
 
-__all__ = ["AT_BAY", "Count", "Dispatcher", "Policy"]
+__all__ = ["Count", "Dispatcher", "Policy"]

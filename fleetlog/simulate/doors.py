@@ -7,15 +7,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.junctions import Junctions, half_box, owners
 from fleetlog.simulate.spurs import SHARES, Bay, Door, opposite_spur
 from fleetlog.simulate.track import Track
-
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 
 
 def all_doors(track: Track, junctions: Junctions, bays: list[Bay], truck: Truck) -> list[Door]:

@@ -12,10 +12,10 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.physics.battery import BatteryModel, discharge
 from fleetlog.physics.power import Physics, battery_power, cell_power
-from fleetlog.simulate.state import CHARGING, EMPTY, ENTERING, LEAVING, Log
+from fleetlog.simulate.arrays import Flags, Floats, Index
+from fleetlog.simulate.state import Log, Mode
 from fleetlog.simulate.track import Track
 
-Floats = NDArray[np.float64]
 CHARGE_RATE = 0.25
 """Power of a charger that the site does not state, in battery capacities an hour:
 a full charge in some four hours.
@@ -48,7 +48,7 @@ class Batch(NamedTuple):
     slope: Floats
     offset: Floats
     lateral: Floats
-    edge: NDArray[np.int32]
+    edge: Index
 
 
 def locate(ground: Track, log: Log) -> Batch:
@@ -58,7 +58,7 @@ def locate(ground: Track, log: Log) -> Batch:
     shape = log.piece.shape
     t = ground
     out, edge = expand(
-        log.piece.ravel(), log.s.ravel(), (log.mode == LEAVING).ravel(), t.first, t.spacing, t.x, t.y, t.z,
+        log.piece.ravel(), log.s.ravel(), (log.mode == Mode.LEAVING).ravel(), t.first, t.spacing, t.x, t.y, t.z,
         t.heading, t.curvature, t.slope, t.edge, t.offset, t.lateral,
     )  # fmt: skip
     x, y, z, heading, curvature, slope, offset, lateral = (row.reshape(shape) for row in out)
@@ -81,7 +81,7 @@ class Meter:
     temperature: float = 20.0
     battery: BatteryModel | None = None
 
-    def batch(self, log: Log, place: Batch, bay: NDArray[np.int32], step0: int, first: int = 0) -> Energy:
+    def batch(self, log: Log, place: Batch, bay: Index, step0: int, first: int = 0) -> Energy:
         """Power and charge of trucks ``first`` ... over a batch that began at step ``step0``;
         ``bay`` (V,) where each stands.
         """
@@ -98,13 +98,13 @@ class Meter:
             trip=log.trip.ravel().astype(np.int64), power=np.zeros(n),
         )  # fmt: skip
         power = battery_power(motion, self.physics).reshape(trucks, steps)
-        charging = log.mode == CHARGING
+        charging = log.mode == Mode.CHARGING
         if charging.any():
             power = power - np.where(charging, self._charge_power(bay, which)[:, None], 0.0)
-        power[log.mode == EMPTY] = 0.0
+        power[log.mode == Mode.EMPTY] = 0.0
         return self._follow(power, which)
 
-    def _charge_power(self, bay: NDArray[np.int32], which: slice) -> Floats:
+    def _charge_power(self, bay: Index, which: slice) -> Floats:
         truck = self.physics.truck
         rate = self.charger[bay]
         rate = np.where(np.isfinite(rate), rate, CHARGE_RATE * truck.battery.capacity_wh)
@@ -135,6 +135,6 @@ class Meter:
         return Energy(power, soc, volts, amps)
 
 
-def moving(mode: NDArray[np.int8]) -> NDArray[np.bool_]:
+def moving(mode: NDArray[np.int8]) -> Flags:
     """Whether trucks are on a spur."""
-    return np.asarray((mode == ENTERING) | (mode == LEAVING))
+    return np.asarray((mode == Mode.ENTERING) | (mode == Mode.LEAVING))

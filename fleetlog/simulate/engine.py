@@ -6,33 +6,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError, SiteError
 from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
+from fleetlog.simulate.arrays import Index
 from fleetlog.simulate.dispatch import Dispatcher, Policy
 from fleetlog.simulate.energy import Meter, locate
 from fleetlog.simulate.events import EventLog
 from fleetlog.simulate.junctions import GAP
 from fleetlog.simulate.limits import Tally
 from fleetlog.simulate.record import Recorder, columns_of
-from fleetlog.simulate.state import (
-    AT_BAY,
-    CHARGING,
-    DRIVING,
-    EMPTY,
-    HANDLING,
-    PARKED,
-    STANDS,
-    WANTS_OUT,
-    limits_of,
-    log_of,
-    new_fleet,
-    new_log,
-)
+from fleetlog.simulate.state import STANDS, Mode, limits_of, log_of, new_fleet, new_log
 from fleetlog.simulate.summary import Summary
 from fleetlog.simulate.tasks import Demand, check_vehicles
 from fleetlog.simulate.world import World, build_world
@@ -46,7 +33,7 @@ TOGETHER = 128
 """Trucks whose power is worked out at once: arrays that stay in the processor's cache take half the time."""
 BATCH = 10.0
 """Power is worked out for so many seconds at once [s]."""
-IN_TRAFFIC = np.isin(np.arange(EMPTY + 1), (DRIVING, AT_BAY, WANTS_OUT))
+IN_TRAFFIC = np.isin(np.arange(Mode.EMPTY + 1), (Mode.DRIVING, Mode.AT_BAY, Mode.WANTS_OUT))
 """By activity: a truck that stands meanwhile waits for others."""
 Progress = Callable[[float, float], None]
 
@@ -219,14 +206,14 @@ class Run:
         self.recorder.next()
         self._stop_empty()
 
-    def _account(self, first: int, bay: NDArray[np.int32], step0: int) -> None:
+    def _account(self, first: int, bay: Index, step0: int) -> None:
         """Place, power and rows of some trucks over a batch."""
         which = slice(first, first + TOGETHER)
         log, dt = log_of(self.log, which), self.settings.step
         place = locate(self.world.ground, log)
         energy = self.meter.batch(log, place, bay[which], step0, first)
         self.used += float(np.maximum(energy.power, 0.0).sum()) * dt / 3600.0
-        charging = np.where(log.mode == CHARGING, energy.power, 0.0)
+        charging = np.where(log.mode == Mode.CHARGING, energy.power, 0.0)
         self.charged -= float(np.minimum(charging, 0.0).sum()) * dt / 3600.0
         slow = (log.v < STANDS) & IN_TRAFFIC[log.mode]
         self.waiting += float(slow.sum()) * dt
@@ -234,9 +221,12 @@ class Run:
 
     def _stop_empty(self) -> None:
         f = self.fleet
-        for v in np.flatnonzero((self.meter.soc <= 0.0) & (f.mode != EMPTY)):
-            if f.mode[v] in (PARKED, HANDLING, DRIVING, AT_BAY, WANTS_OUT) and not f.entry[v]:
-                f.mode[v] = EMPTY
+        for v in np.flatnonzero((self.meter.soc <= 0.0) & (f.mode != Mode.EMPTY)):
+            if (
+                f.mode[v] in (Mode.PARKED, Mode.HANDLING, Mode.DRIVING, Mode.AT_BAY, Mode.WANTS_OUT)
+                and not f.entry[v]
+            ):
+                f.mode[v] = Mode.EMPTY
                 f.asks[f.asks == v] = -1
                 self.dispatcher.count.empty.append(self.names[v])
 

@@ -7,16 +7,15 @@ Nothing here acts on the simulation.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Labels
+from fleetlog.simulate.arrays import Ints
 from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.holdings import Holdings
 from fleetlog.simulate.taskbook import LATER, LEFT_OUT
 from fleetlog.store.events import ACTIVITIES, Columns
 from fleetlog.store.writer import DatasetWriter
 
-Ints = NDArray[np.int64]
 NAMES = tuple(ACTIVITIES)
 KEPT = 1 << 16
 """Changes of each kind that are kept before they are written; at least as many as a route has pieces."""

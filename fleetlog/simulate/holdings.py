@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Labels
+from fleetlog.simulate.arrays import Ints
 from fleetlog.simulate.world import World
 from fleetlog.store.events import WAYS, Columns, Lines
-
-Ints = NDArray[np.int64]
 
 
 class Held(NamedTuple):

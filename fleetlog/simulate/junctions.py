@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.truck import Truck
+from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.track import Track
-
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 
 MARGIN = 0.15
 """Kept free round every truck [m]."""
@@ -52,9 +50,9 @@ class Junctions:
     stop: Floats
     capacity: Index
     resource: Index
-    conflict_first: NDArray[np.int64]
+    conflict_first: Ints
     conflicts: Index
-    swings: NDArray[np.bool_]
+    swings: Flags
 
 
 def half_box(truck: Truck) -> tuple[float, float]:
@@ -99,7 +97,7 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     return Junctions(clear, stop, capacity, resource, first, conflicts, swinging(track))
 
 
-def swinging(track: Track) -> NDArray[np.bool_]:
+def swinging(track: Track) -> Flags:
     """(P,) connectors that turn by more than ``SWING``: their two lanes lie side by side."""
     turn = track.heading[track.first[1:] - 1] - track.heading[track.first[:-1]]
     return np.asarray((np.abs(np.angle(np.exp(1j * turn))) > SWING) & (track.source >= 0))
@@ -111,23 +109,21 @@ def _turns(track: Track) -> set[tuple[int, int]]:
     return {(int(track.source[p]), int(track.target[p])) for p in straight}
 
 
-def unique_pairs(a: NDArray[np.integer], b: NDArray[np.integer]) -> NDArray[np.int64]:
+def unique_pairs(a: NDArray[np.integer], b: NDArray[np.integer]) -> Ints:
     """(N, 2) each pair of numbers once, in order."""
     size = int(b.max(initial=0)) + 1
     key = np.unique(a.astype(np.int64) * size + b)
     return np.column_stack([key // size, key % size])
 
 
-def conflict_lists(
-    a: NDArray[np.integer], b: NDArray[np.integer], count: int
-) -> tuple[NDArray[np.int64], Index]:
+def conflict_lists(a: NDArray[np.integer], b: NDArray[np.integer], count: int) -> tuple[Ints, Index]:
     """Symmetric CSR of pairs, each once."""
     key = np.unique(np.concatenate([a.astype(np.int64) * count + b, b.astype(np.int64) * count + a]))
     first = np.searchsorted(key, np.arange(count + 1, dtype=np.int64) * count)
     return first.astype(np.int64), (key % count).astype(np.int32)
 
 
-def _follow_each_other(track: Track, a: Index, b: Index) -> NDArray[np.bool_]:
+def _follow_each_other(track: Track, a: Index, b: Index) -> Flags:
     """(N,) pairs of pieces that a truck drives one after the other: there the rule of following holds."""
     pair = np.zeros(len(a), dtype=bool)
     turns = _turns(track)
@@ -138,9 +134,7 @@ def _follow_each_other(track: Track, a: Index, b: Index) -> NDArray[np.bool_]:
     return pair
 
 
-def _safe_part(
-    track: Track, lane: int, touched: NDArray[np.bool_], clear: Floats, stop: Floats, resource: Index
-) -> None:
+def _safe_part(track: Track, lane: int, touched: Flags, clear: Floats, stop: Floats, resource: Index) -> None:
     """Find the longest untouched run of a lane's samples and number what lies before and after it."""
     low, high = int(track.first[lane]), int(track.first[lane + 1])
     free = ~touched[low:high]
@@ -161,7 +155,7 @@ def _safe_part(
     resource[low + end : high] = pieces + lane
 
 
-def _in_line(track: Track, a: Index, b: Index) -> NDArray[np.bool_]:
+def _in_line(track: Track, a: Index, b: Index) -> Flags:
     """(N,) pairs of resources that a truck takes one after the other."""
     pieces, lanes = len(track), len(track.network)
     out = np.zeros(len(a), dtype=bool)

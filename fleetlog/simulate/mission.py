@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
@@ -23,13 +22,13 @@ from fleetlog.physics.motion.channels import forks
 from fleetlog.physics.motion.legs import Leg, free_flow, joined, legs, speed_limits
 from fleetlog.physics.motion.profile import SpeedProfile
 from fleetlog.physics.power import Physics, battery_power, cell_power
+from fleetlog.simulate.arrays import Flags, Floats
 from fleetlog.simulate.record import rounded
 from fleetlog.simulate.state import creep_speed
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.trips import MAX_GAP
 from fleetlog.store.writer import DatasetWriter
 
-Floats = NDArray[np.float64]
 FINE = 0.1
 """Length of the steps that power is worked out in [s]."""
 MOST = 100_000_000
@@ -222,7 +221,7 @@ class VehicleReplay:
             joules = float(mean.sum() * self.interval) if trip.rows.has("battery_power") else 0.0
             self.totals[3:] += trip.leg.distance[-1], trip.drive.duration, joules
 
-    def _logged(self, rows: Floats, leave: float, arrival: float) -> NDArray[np.bool_]:
+    def _logged(self, rows: Floats, leave: float, arrival: float) -> Flags:
         """Rows near a recorded one, or on the way: where the log was silent overnight, so is the replay."""
         k = np.clip(np.searchsorted(self.time, rows), 1, len(self.time) - 1)
         near = np.minimum(np.abs(rows - self.time[k - 1]), np.abs(rows - self.time[k])) <= MAX_GAP / 2.0

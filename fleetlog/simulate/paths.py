@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from fleetlog.simulate.arrays import Floats
+
 BOW = 0.1
 """A gentle kink is rounded as widely as it can be while the curve stays this close to the corner [m]."""
 FINE = 0.1

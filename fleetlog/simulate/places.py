@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
+from fleetlog.simulate.arrays import Flags, Floats, Ints
 from fleetlog.simulate.tasks import Task
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
@@ -21,7 +21,6 @@ from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED
 if TYPE_CHECKING:
     import pandas as pd
 
-Floats = NDArray[np.float64]
 COLUMNS = ("x", "y", "speed", "payload", "soc", "fork_height")
 MIN_DWELL = 8.0
 """A shorter standstill is a wait on the way, unless the load changes [s]."""
@@ -50,9 +49,9 @@ class Stands:
     ``charged`` change of the state of charge; ``height`` m, the highest of the forks.
     """
 
-    vehicle: NDArray[np.int64]
-    start: NDArray[np.int64]
-    end: NDArray[np.int64]
+    vehicle: Ints
+    start: Ints
+    end: Ints
     x: Floats
     y: Floats
     before: Floats
@@ -113,7 +112,7 @@ def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
     return vehicle, np.array(out, dtype=np.float64).reshape(-1, 8)
 
 
-def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> NDArray[np.int64]:
+def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> Ints:
     """(N,) cluster of every stand, -1 where there are fewer than ``min_visits``: touching occupied cells are
     one.
 
@@ -152,7 +151,7 @@ def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> NDArray[np.int64]:
     return np.asarray(number[code])
 
 
-def kind_of(stands: Stands, mine: NDArray[np.bool_]) -> PlaceKind:
+def kind_of(stands: Stands, mine: Flags) -> PlaceKind:
     """What a place is for, from loads and charge; ``park`` where neither changes or the log has neither."""
     up = float(np.mean(stands.after[mine] - stands.before[mine] > MIN_LOAD_CHANGE))
     down = float(np.mean(stands.before[mine] - stands.after[mine] > MIN_LOAD_CHANGE))
@@ -163,7 +162,7 @@ def kind_of(stands: Stands, mine: NDArray[np.bool_]) -> PlaceKind:
     return "park"
 
 
-def place_table(stands: Stands, cluster: NDArray[np.int64]) -> pd.DataFrame:
+def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
     """One row a place: id, kind, x, y [m], spread [m], visits, vehicles, dwell [s], shares of picks,
     drops and charges.
     """
@@ -209,7 +208,7 @@ def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:
     return replace(site, places=tuple(places)), names
 
 
-def with_room(site: Site, stands: Stands, cluster: NDArray[np.int64], names: list[str]) -> Site:
+def with_room(site: Site, stands: Stands, cluster: Ints, names: list[str]) -> Site:
     """The site with room at each place, chargers apart,
     for as many trucks as were seen there at the same time.
     """
@@ -227,7 +226,7 @@ def with_room(site: Site, stands: Stands, cluster: NDArray[np.int64], names: lis
     return replace(site, places=tuple(places))
 
 
-def carried(stands: Stands, cluster: NDArray[np.int64], names: list[str]) -> list[Task]:
+def carried(stands: Stands, cluster: Ints, names: list[str]) -> list[Task]:
     """Every load that the recording shows: taken up at one place, set down at another by the same truck.
 
     ``earliest`` is the time of day [s] at which the truck set off to fetch it.  Recorded trucks mostly stood

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.errors import SiteError
+from fleetlog.simulate.arrays import Flags, Ints
 
 OPPOSITE = 2.4
 """A lane whose heading differs by more than this from that of another leads the other way [rad]."""
@@ -18,7 +19,7 @@ TURN_REACH = 30.0
 """A truck turns round at the open end of a lane onto lanes that begin at most this far away [m]."""
 
 
-def parts(network: Network) -> NDArray[np.int64]:
+def parts(network: Network) -> Ints:
     """(E,) number of the strongly connected part of every edge; -1 where none of the edges ahead leads back."""
     from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import connected_components
@@ -32,7 +33,7 @@ def parts(network: Network) -> NDArray[np.int64]:
     return np.where(lone & ~into_itself, -1, label).astype(np.int64)
 
 
-def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> NDArray[np.bool_]:
+def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> Flags:
     """(E,) edges of the strongly connected part that most of the places lie on; of equal ones the longest.
 
     ``wanted`` has the edges near each place.

@@ -13,15 +13,13 @@ from mmap import mmap
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Labels, Trajectory, Values
+from fleetlog.simulate.arrays import Flags, Floats, Index
 from fleetlog.simulate.energy import Batch, Energy
 from fleetlog.simulate.state import Log
 from fleetlog.store.writer import DatasetWriter
 
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 ROWS = 8_000_000
 """Rows that are kept at most before they are written; some 50 bytes each."""
 DIGITS = {
@@ -133,7 +131,7 @@ class Recorder:
         job.result()
         self._free.append(block)
 
-    def _hand_over(self, due: NDArray[np.bool_]) -> None:
+    def _hand_over(self, due: Flags) -> None:
         """Let groups of trucks be written, and give them other rows to fill."""
         for group in np.flatnonzero(due[:: self.together]).tolist():
             if not self._free:

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.site import Place
+from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.junctions import START, Junctions
 from fleetlog.simulate.paths import even, joined
 from fleetlog.simulate.track import SPACING, Track
 
-Floats = NDArray[np.float64]
 SHARES = (1.0, 0.7, 0.5)
 """Of the turn radius that the way into a bay is tried with, in this order; a truck creeps in there."""
 EDGE = 0.25

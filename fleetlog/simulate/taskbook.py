@@ -7,9 +7,9 @@ from array import array
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Labels
+from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.tasks import Task
 from fleetlog.store.events import Columns
 
@@ -91,7 +91,7 @@ class TaskBook:
         for task in tasks:
             self.give(task, status)
 
-    def taken(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def taken(self) -> tuple[Floats, Floats]:
         """When each task might be done and when a truck took it, negative: not yet [s]."""
         return np.array(self._numbers["earliest"]), np.array(self._numbers["assigned"])
 
@@ -101,7 +101,7 @@ class TaskBook:
         def text(name: str, names: Iterable[str]) -> Labels:
             return Labels(np.array(self._text[name], dtype=np.int32), tuple(names))
 
-        def time(name: str) -> NDArray[np.int64]:
+        def time(name: str) -> Ints:
             seconds = np.array(self._numbers[name])
             return np.where(seconds < 0.0, -1, start + np.rint(seconds * 1e6).astype(np.int64))
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
+from fleetlog.simulate.arrays import Floats
 
 COLUMNS = ("vehicle", "from", "to", "payload", "earliest")
 HEIGHTS = (0.3, 1.2, 2.4, 3.6)
@@ -82,7 +82,7 @@ class Drawn:
     """An endless task; ``ranks`` (P,): of the free places the lowest is taken; ``pause`` after it [s]."""
 
     task: Task
-    ranks: NDArray[np.float64]
+    ranks: Floats
     pause: float
 
 

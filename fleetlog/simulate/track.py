@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
 from fleetlog.core.truck import Truck
+from fleetlog.simulate.arrays import Floats, Index, Ints
 from fleetlog.simulate.paths import even, joined, rounded, shifted, simplified
-
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 
 SPACING = 0.5
 """Between samples, at most [m]."""
@@ -41,7 +39,7 @@ class Track:
     """
 
     network: Network
-    first: NDArray[np.int64]
+    first: Ints
     spacing: Floats
     length: Floats
     source: Index

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fleetlog.simulate.state import AT_BAY, DRIVING, ENTERING, LEAVING, WANTS_OUT, Fleet, Roads
+from fleetlog.simulate.arrays import Floats
+from fleetlog.simulate.state import Fleet, Mode, Roads
 
 NEAR = 8.0
 """A truck this close on a lane can be in the way of one that comes out onto it [m]."""
@@ -20,12 +21,12 @@ class Watch:
         self.longest = 0.0
         """Longest time that any truck which wanted to move stood [s]."""
 
-    def still(self, now: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    def still(self, now: float) -> Floats:
         """(V,) seconds for which each truck has wanted to move and has not;
         0 for those that stand because they want to.
         """
         f = self.fleet
-        busy = np.isin(f.mode, (WANTS_OUT, LEAVING, DRIVING, AT_BAY, ENTERING))
+        busy = np.isin(f.mode, (Mode.WANTS_OUT, Mode.LEAVING, Mode.DRIVING, Mode.AT_BAY, Mode.ENTERING))
         self._since[(f.moved > self._moved + 0.05) | ~busy] = now
         self._moved[:] = f.moved
         out = now - self._since
@@ -39,7 +40,7 @@ class Watch:
 
     def _blocker(self, v: int, holders: dict[int, int]) -> int:
         f, r = self.fleet, self.roads
-        if f.mode[v] == DRIVING:
+        if f.mode[v] == Mode.DRIVING:
             if f.ahead[v] >= 0:
                 return int(f.ahead[v])
             if f.why[v] == 2:
@@ -76,7 +77,7 @@ class Watch:
             for v in np.flatnonzero(f.held_to >= f.held_from)
             for k in range(f.held_from[v], f.held_to[v] + 1)
         }
-        on_spur = np.isin(f.mode, (LEAVING, ENTERING)) | f.entry
+        on_spur = np.isin(f.mode, (Mode.LEAVING, Mode.ENTERING)) | f.entry
         return out | {spurs + int(f.door[v]): int(v) for v in np.flatnonzero(on_spur)}
 
     def _resource(self, v: int, k: int) -> int:

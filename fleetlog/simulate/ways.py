@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.roads.routing import Router
+from fleetlog.simulate.arrays import Index
 from fleetlog.simulate.spurs import Door
 from fleetlog.simulate.track import Track
 
-Index = NDArray[np.int32]
 CROSSING = 3.0
 """What crossing a lane on the way into a bay or out of it costs in choosing a way [s]."""
 AHEAD = 0.5

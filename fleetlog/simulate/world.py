@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
+from fleetlog.simulate.arrays import Floats, Index, Ints
 from fleetlog.simulate.bays import BayMaker, side_of
 from fleetlog.simulate.doors import all_doors
 from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box, unique_pairs
@@ -22,8 +22,6 @@ from fleetlog.simulate.state import Roads
 from fleetlog.simulate.track import Track, build_track, project
 from fleetlog.simulate.ways import Ways
 
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 PLAN = 0.9
 """Share of its braking that a truck plans with."""
 TURN_TIME = 3.0
@@ -164,9 +162,7 @@ def _roads(
     )  # fmt: skip
 
 
-def _spur_conflicts(
-    track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck
-) -> NDArray[np.int64]:
+def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck) -> Ints:
     """(N, 2) resources that exclude each other because of a spur; those that only follow onto its lane do not."""
     from fleetlog.simulate.kernels.geometry import meetings
 

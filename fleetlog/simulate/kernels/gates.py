@@ -5,7 +5,7 @@ from __future__ import annotations
 from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.kernels.lanes import front, insert, is_safe_lane, run_in
 from fleetlog.simulate.kernels.reserve import acquire, is_free, is_free_ahead
-from fleetlog.simulate.state import AT_BAY, ENTERING, LEAVING, WANTS_OUT, Fleet, Limits, Roads
+from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 SHORT = 0.3
 """Who stops for another stops this much earlier than it must [m]:
@@ -36,7 +36,7 @@ def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
 def ask(r: Roads, f: Fleet, v: int, x: Limits) -> None:
     """Ask those on the lane that ``v`` comes out onto, and on the one that it crosses, to stop."""
     d = f.door[v]
-    if f.mode[v] == WANTS_OUT and f.asks[r.door_lane[d]] < 0:
+    if f.mode[v] == Mode.WANTS_OUT and f.asks[r.door_lane[d]] < 0:
         f.asks[r.door_lane[d]] = v
         f.ask_at[r.door_lane[d]] = r.door_at[d] - x.length - x.gap - SHORT
     c = r.door_crosses[d]
@@ -138,7 +138,7 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     f.held[spur] += 1
     if r.door_crosses[d] >= 0:
         f.crossed[r.door_crosses[d]] = v
-    f.mode[v] = LEAVING
+    f.mode[v] = Mode.LEAVING
     f.trip[v] += 1
     return 0
 
@@ -174,7 +174,7 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
             f.crossed[r.door_crosses[d]] = v
         f.held[spur] += 1
         f.entry[v] = True
-    if f.mode[v] == AT_BAY:
-        f.mode[v] = ENTERING
+    if f.mode[v] == Mode.AT_BAY:
+        f.mode[v] = Mode.ENTERING
         f.spur[v] = 0.0
     return 0

@@ -6,10 +6,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
+from fleetlog.simulate.arrays import Flags, Floats, Index
 
 
 @njit(cache=True)
@@ -109,7 +107,7 @@ def twice(pairs: Index) -> Index:
 
 @njit(cache=True)
 def meetings(
-    x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: NDArray[np.bool_], half_l: float,
+    x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: Flags, half_l: float,
     half_w: float, skip: Index,
 ) -> Any:  # fmt: skip
     """Pairs (a, b), a < b, of samples of different owners whose boxes meet; at least one of them in ``ask``.

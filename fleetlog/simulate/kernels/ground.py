@@ -6,12 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from fleetlog.simulate.arrays import Floats, Index, Ints
 from fleetlog.simulate.kernels.geometry import boxes_meet
-
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 
 
 class Cells(NamedTuple):
@@ -23,11 +20,11 @@ class Cells(NamedTuple):
     """
 
     shape: Floats
-    head: NDArray[np.int64]
-    after: NDArray[np.int64]
+    head: Ints
+    after: Ints
     box: Floats
     group: Index
-    size: NDArray[np.int64]
+    size: Ints
 
 
 def new_cells(x: Floats, y: Floats, cell: float, room: int) -> Cells:

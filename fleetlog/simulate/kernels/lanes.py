@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.state import ENTERING, LEAVING, Fleet, Limits, Roads
+from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 
 @inner
@@ -85,6 +85,6 @@ def insert(f: Fleet, v: int, piece: int) -> None:
 def front(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     """How far along its lane a truck reaches [m]."""
     reach = 0.5 * x.length
-    if f.mode[v] == LEAVING or f.mode[v] == ENTERING:
+    if f.mode[v] == Mode.LEAVING or f.mode[v] == Mode.ENTERING:
         reach = max(reach, r.door_ahead[f.door[v]])
     return f.s[v] + reach

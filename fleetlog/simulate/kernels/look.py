@@ -8,25 +8,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.state import (
-    AT_BAY,
-    CHARGER,
-    CHARGING,
-    DRIVING,
-    EMPTY,
-    ENTERING,
-    HANDLING,
-    LEAVING,
-    PARKED,
-    STANDS,
-    WANTS_OUT,
-)
+from fleetlog.simulate.state import CHARGER, STANDS, Mode
 
-Ints = NDArray[np.int64]
-Index = NDArray[np.int32]
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 DRIVES, LADEN, WAITS, WAITS_FOR_PLACE, PICKS, DROPS, CHARGES, WAITS_FOR_CHARGER, PARKS, DEAD, NAMES = range(
     11
 )
@@ -91,18 +76,22 @@ class Pages(NamedTuple):
 def activity(t: Trucks, v: int) -> int:
     """What truck ``v`` does."""
     m = t.mode[v]
-    if m == PARKED:
+    if m == Mode.PARKED:
         if t.lacks[v] == CHARGER:
             return WAITS_FOR_CHARGER
         return WAITS_FOR_PLACE if t.lacks[v] > 0 or t.task[v] >= 0 else PARKS
-    if m == HANDLING:
+    if m == Mode.HANDLING:
         return PICKS if t.hand_after[v] > 0.0 else DROPS
-    if m == CHARGING:
+    if m == Mode.CHARGING:
         return CHARGES
-    if m == EMPTY:
+    if m == Mode.EMPTY:
         return DEAD
     # Who has just been sent off has not been kept waiting yet.
-    if m == AT_BAY or (m == WANTS_OUT and t.waits[v] != np.inf) or (m == DRIVING and t.v[v] < STANDS):
+    if (
+        m == Mode.AT_BAY
+        or (m == Mode.WANTS_OUT and t.waits[v] != np.inf)
+        or (m == Mode.DRIVING and t.v[v] < STANDS)
+    ):
         return WAITS
     return LADEN if t.load[v] > 0.0 else DRIVES
 
@@ -150,7 +139,7 @@ def look(t: Trucks, g: Ground, s: Seen, p: Pages, first: int, now: int) -> int:
                 )  # fmt: skip
                 p.filled[0] += 1
             s.key[v], s.since[v] = key, now
-        on_spur = t.mode[v] == LEAVING or t.mode[v] == ENTERING or t.entry[v]
+        on_spur = t.mode[v] == Mode.LEAVING or t.mode[v] == Mode.ENTERING or t.entry[v]
         spur = t.door[v] if on_spur else -1
         if low == s.low[v] and high == s.high[v] and spur == s.spur[v]:
             continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.kernels.lanes import is_safe_lane, run_in
-from fleetlog.simulate.state import WANTS_OUT, Fleet, Limits, Roads
+from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 
 @inner
@@ -116,7 +116,7 @@ def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int
     for k in range(low + 1, high):
         if ends_here(r, f, f.route[v, k]):
             return 1
-    if f.mode[v] == WANTS_OUT and f.held[f.route[v, low]] > 0:
+    if f.mode[v] == Mode.WANTS_OUT and f.held[f.route[v, low]] > 0:
         # Who comes along a single-lane aisle may have a reservation beyond it already: it goes first.
         if claim:
             f.claimed[f.route[v, low]] = f.round[0]
