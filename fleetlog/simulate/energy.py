@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.physics.battery import BatteryModel, discharge
 from fleetlog.physics.power import Physics, battery_power, cell_power
-from fleetlog.simulate.arrays import Flags, Floats, Index
+from fleetlog.simulate.arrays import Floats, Index
 from fleetlog.simulate.state import Log, Mode
 from fleetlog.simulate.track import Track
 
@@ -133,8 +132,3 @@ class Meter:
             soc[v, 0], soc[v, 1:] = charge[v], d.soc[:-1]
             volts[v], amps[v], charge[v] = d.voltage, d.current, d.soc[-1]
         return Energy(power, soc, volts, amps)
-
-
-def moving(mode: NDArray[np.int8]) -> Flags:
-    """Whether trucks are on a spur."""
-    return np.asarray((mode == Mode.ENTERING) | (mode == Mode.LEAVING))

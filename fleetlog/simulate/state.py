@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.truck import Truck
-from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
+from fleetlog.simulate.arrays import Flags, Floats, Index, Ints, Modes
 
 
 class Mode(IntEnum):
@@ -72,7 +72,7 @@ class Limits(NamedTuple):
 class Fleet(NamedTuple):
     """V trucks; and the queues and reservations on the roads."""
 
-    mode: NDArray[np.int8]
+    mode: Modes
     piece: Index
     s: Floats
     v: Floats
@@ -118,7 +118,7 @@ class Fleet(NamedTuple):
     held: Index
     claimed: Ints
     round: Ints
-    why: NDArray[np.int8]
+    why: Modes
     """Why a truck waits: 0 does not, 1 others are in the way, 2 no room behind the junction."""
     moved: Floats
     line: Index
@@ -136,7 +136,7 @@ class Log(NamedTuple):
     lift: Floats
     load: Floats
     trip: Index
-    mode: NDArray[np.int8]
+    mode: Modes
 
 
 def new_log(trucks: int, steps: int) -> Log:
