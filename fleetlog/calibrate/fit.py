@@ -29,9 +29,7 @@ from fleetlog.physics.power import Physics
 Floats = NDArray[np.float64]
 Status = Literal["fitted", "tied", "held"]
 LEAST_INFORMATION = 1.0
-"""Of a free number, in prior deviations, given those more telling:
-below it the runs say less than was known before.
-"""
+"""Of a free number, given those more telling: with less the prior says more than the runs."""
 CARRIED = 0.25
 """A number is fitted if the runs leave at most this share of its prior variance ..."""
 BORROWED = 0.5
@@ -41,9 +39,7 @@ CONFIDENCE = 0.95
 STEP = 1e-3
 """Of the numerical derivatives, in prior deviations."""
 COMPANION = 0.2
-"""A number stands in for a held one if it moves by this much (in prior deviations) when the held one moves
-by one.
-"""
+"""A number stands in for a held one if it moves by this when that moves by one (prior deviations)."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +62,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Blind:
-    """A direction that the runs do not see: ``held`` and, by how much, the ``companions`` that can stand in
-    for it.
-
-    ``weak``: seen, so not held, but too faintly to be fitted, and not because of a held one.
-    """
+    """What the runs do not see: ``held`` and the ``companions`` that hide it; ``weak``: seen too faintly."""
 
     held: Unknown
     companions: tuple[tuple[Unknown, float], ...]
@@ -79,9 +71,7 @@ class Blind:
 
 @dataclass(frozen=True)
 class Combination:
-    """What the runs do carry of a tied number:
-    the product of ``powers`` has ``value``, known to ``deviation`` (a share of it).
-    """
+    """What the runs carry of a tied number: a product of ``powers``; ``deviation`` is a share."""
 
     powers: tuple[tuple[Unknown, float], ...]
     value: float
@@ -211,9 +201,7 @@ class _Problem:
     def estimates(
         self, z: Floats, remaining: Floats, alone: Floats, free: NDArray[np.bool_]
     ) -> tuple[Estimate, ...]:
-        """The numbers; ``remaining`` and ``alone`` are the posterior variances with the held ones unknown
-        and known.
-        """
+        """The numbers; ``remaining``, ``alone``: posterior variances with the held ones unknown and known."""
         from scipy.stats import norm
 
         tails = (1.0 - CONFIDENCE) / len(self.unknowns)
@@ -243,9 +231,7 @@ def _telling(jacobian: Floats) -> NDArray[np.bool_]:
 
 
 def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, ...]) -> list[Blind]:
-    """For each held number those free ones that hide its effect:
-    the least-squares solution of J_free x = -J_held.
-    """
+    """For each held number the free ones that hide its effect: the least-squares x of J_free x = -J_held."""
     basis, out = np.flatnonzero(free), []
     for k in np.flatnonzero(~free):
         if np.linalg.norm(jacobian[:, k]) < LEAST_INFORMATION or not len(basis):
@@ -267,9 +253,7 @@ def _weak(estimates: tuple[Estimate, ...], blind: tuple[Blind, ...]) -> list[Bli
 def _combinations(
     estimates: tuple[Estimate, ...], blind: tuple[Blind, ...], alone: Floats, problem: _Problem
 ) -> list[Combination]:
-    """For each tied number p the product p * held^-e that the runs do carry,
-    e being its elasticity by the held ones.
-    """
+    """For each tied number p the product p * held^-e that the runs carry, e its elasticity by the held."""
     value = {e.unknown.key: e.value for e in estimates}
     spread = dict(zip(value, problem.spread, strict=True))
     out = []

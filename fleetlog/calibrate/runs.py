@@ -110,11 +110,7 @@ POSITIVE = ("sigma", "repeats", "length", "height", "speed", "acceleration", "de
 
 
 def coast_time(r: Run, physics: Physics) -> float:
-    """Seconds in which a truck out of gear slows from ``speed`` to ``end_speed``: integral of m_eff dv /
-    F(v).
-
-    Midpoint rule over 64 steps of speed; exact for a resistance that does not depend on speed.
-    """
+    """Seconds of a coast-down: integral of m_eff dv / F(v), by the midpoint rule over 64 steps of speed."""
     steps = 64
     v = r.end_speed + (np.arange(steps) + 0.5) * (r.speed - r.end_speed) / steps
     motion = Motion.of(steps, speed=v, slope=np.arctan(r.grade), payload=r.payload)

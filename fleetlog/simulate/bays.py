@@ -49,9 +49,7 @@ class BayMaker:
         return sorted((gap, lane, at) for lane, (gap, at) in found.items())
 
     def place(self, place: Place) -> Bay | None:
-        """A bay for ``place`` on the nearest ground that is free, or None;
-        rather one that both lanes of its road lead to.
-        """
+        """A bay on the nearest free ground, rather one that both lanes of its road lead to, or None."""
         near = self.lanes_near(place.x, place.y)
         bay = self._nearest(place, near, True) or self._nearest(place, near, False)
         if bay is not None:
@@ -66,9 +64,7 @@ class BayMaker:
         return bay
 
     def from_both(self, lane: int, centre: float, radius: float) -> bool:
-        """Whether a bay beside offset ``centre`` [m] can be reached from the opposite lane too,
-        or there is none.
-        """
+        """Whether a bay beside ``centre`` [m] can be reached from the opposite lane too, or there is none."""
         t, reverse = self.track, int(self.track.network.reverse[lane])
         if reverse < 0:
             return True
@@ -143,9 +139,7 @@ class BayMaker:
         return self._spurs[key]
 
     def _free(self, bay: Bay) -> bool:
-        """Whether its ground is touched by no piece and no bay,
-        and its spur by no safe part of another lane and no bay.
-        """
+        """Whether no piece or bay touches its ground, no bay or other lane's safe part its spur."""
         own = bay.lane
         narrow = self.junctions.stop[own] < self.junctions.clear[own]
         return self._ground.is_free(bay.path, own, int(self.track.network.reverse[own]) if narrow else -1)

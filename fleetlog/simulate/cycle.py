@@ -34,11 +34,7 @@ def run_cycle(
     start: int,
     soc: float = 0.95,
 ) -> float:
-    """Drive a cycle over and over for ``duration`` [s] and write it every tenth of a second; the energy of an
-    hour [Wh].
-
-    The runs of a cycle go to and fro: position is folded onto the strip, heading turns with it.
-    """
+    """Write ``duration`` [s] of a cycle, to and fro on the strip, at 10 Hz; the energy of an hour [Wh]."""
     if name not in CYCLES:
         raise InputError(f"unknown cycle {name!r}", do=nearest(name, CYCLES))
     one = CYCLES[name](truck)

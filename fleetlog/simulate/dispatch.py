@@ -29,10 +29,7 @@ DUE = 50
 
 @dataclass(frozen=True)
 class Policy:
-    """When trucks charge: below ``low`` always, below ``chance`` when there is nothing else to do, up to ``full``.
-
-    From ``enough`` on a truck leaves the charger when tasks wait.
-    """
+    """When trucks charge: below ``low``, when idle below ``chance``, up to ``full``, ``enough`` if tasks wait."""
 
     low: float = 0.3
     chance: float = 0.8

@@ -1,6 +1,4 @@
-"""The ways into a bay: from its own lane, and across that lane from the opposite one,
-so that trucks can turn round at a place.
-"""
+"""The ways into a bay: from its own lane, and across it from the opposite one, to turn round."""
 
 from __future__ import annotations
 
@@ -15,9 +13,7 @@ from fleetlog.simulate.track import Track
 
 
 def all_doors(track: Track, junctions: Junctions, bays: list[Bay], truck: Truck) -> list[Door]:
-    """Door b of bay b on its own lane for every bay,
-    then those on opposite lanes where there is room for them.
-    """
+    """Door b of bay b on its own lane, for every bay; then those on opposite lanes that have room."""
     half = half_box(truck)
     own = [Door(b, bay.lane, bay.at, bay.path, bay.length, bay.ahead) for b, bay in enumerate(bays)]
     todo, opposite = list(range(len(bays))), []
@@ -36,9 +32,7 @@ def all_doors(track: Track, junctions: Junctions, bays: list[Bay], truck: Truck)
 def _checked(
     track: Track, j: Junctions, bays: list[Bay], doors: list[Door], half: tuple[float, float]
 ) -> list[Door]:
-    """Those that touch no parked truck and no safe part of lanes but their own and the one they cross;
-    with that crossing.
-    """
+    """Those that touch no parked truck and only lanes that they end on or cross; with that crossing."""
     from fleetlog.simulate.kernels.geometry import meetings
 
     if not doors:

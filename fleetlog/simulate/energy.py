@@ -16,19 +16,13 @@ from fleetlog.simulate.state import Log, Mode
 from fleetlog.simulate.track import Track
 
 CHARGE_RATE = 0.25
-"""Power of a charger that the site does not state, in battery capacities an hour:
-a full charge in some four hours.
-"""
+"""Power of a charger that the site does not state, in battery capacities an hour."""
 TAPER_FROM = 0.8
-"""State of charge from which charging power falls, to a tenth when full:
-constant current, then constant voltage.
-"""
+"""State of charge from which charging power falls, to a tenth when full: then voltage is constant."""
 
 
 class Energy(NamedTuple):
-    """(V, K) of a batch: battery power [W], state of charge at the start of each step;
-    voltage [V] and current [A] or None.
-    """
+    """(V, K) battery power [W], charge at the start of each step, voltage [V], current [A] or None."""
 
     power: Floats
     soc: Floats
@@ -66,11 +60,7 @@ def locate(ground: Track, log: Log) -> Batch:
 
 @dataclass
 class Meter:
-    """Follows the charge of every truck.
-
-    ``charger`` (B,) charging power [W] of each bay, NaN where it is none; ``battery`` None for the nominal
-    model.
-    """
+    """Follows the charge of trucks; ``charger`` (B,) power of bays [W], NaN: none, ``battery`` None: nominal."""
 
     physics: Physics
     ground: Track
@@ -81,9 +71,7 @@ class Meter:
     battery: BatteryModel | None = None
 
     def batch(self, log: Log, place: Batch, bay: Index, step0: int, first: int = 0) -> Energy:
-        """Power and charge of trucks ``first`` ... over a batch that began at step ``step0``;
-        ``bay`` (V,) where each stands.
-        """
+        """Power and charge of trucks ``first`` ... from step ``step0`` on; ``bay`` (V,) where each stands."""
         trucks, steps = log.piece.shape
         n, which = trucks * steps, slice(first, first + trucks)
         motion = Motion(

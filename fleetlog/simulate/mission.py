@@ -34,8 +34,7 @@ FINE = 0.1
 MOST = 100_000_000
 """Rows of one truck between two of its trips."""
 CHARGING = -300.0
-"""A standing truck whose battery takes more than this is being charged: that is taken over as recorded
-[W]."""
+"""A standing truck whose battery takes more is being charged: that is taken over as recorded [W]."""
 Progress = Callable[[float, float], None]
 
 
@@ -55,10 +54,7 @@ class MissionSummary:
 
 @dataclass
 class Trip:
-    """A recorded trip.
-
-    Its rows, when it sets off and arrives [s since the first row], what it drives and how.
-    """
+    """A recorded trip: rows, when it leaves and arrives [s since the first row], leg and speeds."""
 
     number: int
     rows: Trajectory
@@ -258,10 +254,7 @@ class VehicleReplay:
     def _work_at(
         self, trip: Trip, time: Floats, dt: float, leave: float, arrival: float
     ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Fork height, its rate, load and recorded power, counted from the arrival.
-
-        On the way the load of the trip.
-        """
+        """Fork height, its rate, load (on the way the trip's) and recorded power, as after the arrival."""
         shift = np.where(time < leave, time - leave + trip.leave, time - arrival + trip.arrive)
         known = (trip.rows.time - self.recorded.time[0]) * 1e-6
         near = np.clip(np.searchsorted(known, shift), 0, len(known) - 1)

@@ -37,9 +37,7 @@ def simplified(points: Floats) -> Floats:
 
 
 def rounded(points: Floats, radius: float) -> Floats:
-    """The (n, 2) polyline with every corner replaced by an arc of at least ``radius``
-    where the legs are long enough.
-    """
+    """The (n, 2) polyline, corners rounded with ``radius`` or more as far as the legs are long enough."""
     points = simplified(points)
     if len(points) < 3:
         return points
@@ -58,9 +56,7 @@ def rounded(points: Floats, radius: float) -> Floats:
 
 
 def arc(corner: Floats, into: Floats, turn: float, reach: float) -> Floats:
-    """Points of the arc that leaves direction ``into`` ``reach`` metres before ``corner`` and turns
-    by ``turn`` rad.
-    """
+    """An arc that turns by ``turn`` [rad] from ``reach`` [m] before ``corner`` on, heading ``into``."""
     radius = reach / np.tan(abs(turn) / 2.0)
     begin = corner - reach * into
     normal = np.array([-into[1], into[0]]) * np.sign(turn)
@@ -73,11 +69,7 @@ def arc(corner: Floats, into: Floats, turn: float, reach: float) -> Floats:
 
 
 def joined(start: Floats, out: float, end: Floats, into: float) -> Floats:
-    """A smooth way from point ``start`` with heading ``out`` to ``end`` with heading ``into``: straight, arc,
-    straight.
-
-    Where the two tangents do not meet ahead (an S or a turning round) a cubic curve.
-    """
+    """Straight, arc, straight from ``start`` heading ``out`` to ``end`` heading ``into``, else a cubic."""
     a, b = np.array([np.cos(out), np.sin(out)]), np.array([np.cos(into), np.sin(into)])
     gap = end - start
     cross = a[0] * b[1] - a[1] * b[0]
@@ -101,9 +93,7 @@ def _cubic(start: Floats, a: Floats, end: Floats, b: Floats) -> Floats:
 
 
 def even(points: Floats, spacing: float) -> tuple[Floats, float]:
-    """Samples of a polyline at even distances of at most ``spacing`` [m]: (n, 4) x, y, heading, curvature;
-    and its length.
-    """
+    """(n, 4) x, y, heading, curvature evenly, at most ``spacing`` [m] apart, along a polyline; its length."""
     from fleetlog.simulate.kernels.curves import even_samples
 
     shape, length = even_samples(np.ascontiguousarray(simplified(points)), spacing)

@@ -1,6 +1,4 @@
-"""Places and demand of a recording: where its trucks stand again and again, what they do there,
-who carries what when.
-"""
+"""Places and demand of a recording: where its trucks stand again and again, and who carries what when."""
 
 from __future__ import annotations
 
@@ -163,9 +161,7 @@ def kind_of(stands: Stands, mine: Flags) -> PlaceKind:
 
 
 def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
-    """One row a place: id, kind, x, y [m], spread [m], visits, vehicles, dwell [s], shares of picks,
-    drops and charges.
-    """
+    """One row a place: id, kind, x, y, spread [m], visits, vehicles, dwell [s], shares of visits."""
     import pandas as pd
 
     rows, counts = [], {"pick": 0, "drop": 0, "park": 0, "charge": 0}
@@ -209,9 +205,7 @@ def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:
 
 
 def with_room(site: Site, stands: Stands, cluster: Ints, names: list[str]) -> Site:
-    """The site with room at each place, chargers apart,
-    for as many trucks as were seen there at the same time.
-    """
+    """The site with room at each place, chargers apart, for as many trucks as were seen there at one time."""
     most: dict[str, int] = {}
     for k, name in enumerate(names):
         mine = cluster == k
@@ -338,10 +332,7 @@ def like(
     dataset: Dataset, site: Site, truck: Truck, vehicles: int, start: int, duration: float, seed: int,
     assigned: bool = False,
 ) -> tuple[Site, list[Task], list[str]]:  # fmt: skip
-    """The site with the places of a recording, tasks drawn like its own, and notes to say aloud.
-
-    With ``assigned`` the tasks also say which truck did them, by where it came from and what it had done before.
-    """
+    """The site with a recording's places, tasks like its own (``assigned``: also whose they were), notes."""
     stands = find_stands(dataset)
     cluster = clusters(stands)
     table = place_table(stands, cluster)

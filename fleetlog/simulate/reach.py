@@ -34,10 +34,7 @@ def parts(network: Network) -> Ints:
 
 
 def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> Flags:
-    """(E,) edges of the strongly connected part that most of the places lie on; of equal ones the longest.
-
-    ``wanted`` has the edges near each place.
-    """
+    """(E,) the strongly connected part with most places, then longest; ``wanted``: edges near places."""
     label = parts(network)
     if (label < 0).all():
         return np.zeros(len(network), dtype=bool)

@@ -15,10 +15,7 @@ from fleetlog.simulate.spurs import Bay, span
 
 
 def lay_out(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str], spots: int) -> list[str]:
-    """Make all bays on lanes that lead to one another, drawn ones for ``spots`` trucks; what to say about it.
-
-    :class:`SiteError` for a place off the roads or without room, unless it is ``mined``, and for too many trucks.
-    """
+    """Make bays at places and for ``spots`` trucks; notes, or :class:`SiteError` (see ``_at_place``)."""
     notes = _lasting_lanes(site, maker, mined)
     notes += [note for place in site.places if (note := _at_place(maker, place, place.id in mined))]
     notes += _drawn(site, maker, spots)

@@ -58,9 +58,7 @@ class Door:
 
 
 def span(track: Track, j: Junctions, lane: int) -> tuple[float, float]:
-    """First and last offset [m] of a lane where a truck may stand;
-    a single-lane aisle is its own who is on it.
-    """
+    """First and last offset [m] of a lane where a truck may stand; in a single-lane aisle, alone."""
     low, high = float(j.clear[lane]), float(j.stop[lane])
     if high < low:
         low, high = EDGE, float(track.length[lane]) - EDGE
@@ -68,11 +66,7 @@ def span(track: Track, j: Junctions, lane: int) -> tuple[float, float]:
 
 
 def opposite_spur(track: Track, j: Junctions, bay: Bay, radius: float, half_width: float) -> Door | None:
-    """The spur from the opposite lane to the end of a bay, an arc of ``radius`` [m]; None where there is none
-    or no room on it.
-
-    The door's bay number is left open (-1).
-    """
+    """The spur, an arc of ``radius`` [m], from the opposite lane to a bay, its number left -1; None without room."""
     lane = int(track.network.reverse[bay.lane])
     if lane < 0:
         return None
@@ -101,7 +95,5 @@ def opposite_spur(track: Track, j: Junctions, bay: Bay, radius: float, half_widt
 
 @lru_cache(maxsize=4096)
 def _bow(ahead: float, left: float, turn: float) -> tuple[Floats, float]:
-    """The way from the origin along x to a point ``ahead`` and ``left`` of it [m], turned by ``turn`` [rad];
-    often the same.
-    """
+    """The way from the origin along x to ``ahead``, ``left`` [m], turned by ``turn`` [rad]."""
     return even(joined(np.zeros(2), 0.0, np.array([ahead, left]), turn), 0.5 * SPACING)

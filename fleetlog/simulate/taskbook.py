@@ -20,12 +20,7 @@ WAITING, ASSIGNED, LOADED, DONE, LATER, LEFT_OUT = range(6)
 
 
 class TaskBook:
-    """One line a task, numbered as they are given; some sixty bytes each.
-
-    Attributes
-    ----------
-    of : (V,) number of the task that each truck has, -1: none.
-    """
+    """One line a task, numbered as given; ``of`` (V,) is the number that each truck has, -1: none."""
 
     def __init__(self, vehicles: Sequence[str]) -> None:
         self.vehicles = tuple(vehicles)

@@ -103,10 +103,7 @@ class TaskStream:
 
 
 def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0) -> list[Task]:
-    """Tasks of a CSV with the columns vehicle (empty: any), from, to, payload [kg], earliest [s after the start].
-
-    :class:`InputError` names the line at fault: an unknown place, a load above the rated one, a number that is none.
-    """
+    """Tasks of a CSV whose columns are ``COLUMNS``; :class:`InputError` names the line at fault."""
     path = Path(path)
     rng = np.random.default_rng(seed)
     tasks = [_task(row, path, line, site, truck, rng) for line, row in _rows(path)]

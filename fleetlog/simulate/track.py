@@ -1,6 +1,4 @@
-"""The ways that trucks drive on: a lane for every directed edge, a connector for every turn,
-in even samples.
-"""
+"""The ways that trucks drive on, sampled: a lane for every directed edge, a connector for every turn."""
 
 from __future__ import annotations
 
@@ -78,9 +76,7 @@ class Track:
 
 
 def lane_shift(network: Network, truck: Truck, traffic: str) -> Floats:
-    """(E,) metres that each lane lies left (+) or right (-) of its edge;
-    0 on one-way and on single-lane roads.
-    """
+    """(E,) metres that lanes lie left (+) or right (-) of their edges; 0 on one-way and single-lane roads."""
     width = np.where(np.isfinite(network.width), network.width, DEFAULT_WIDTH)
     two_lanes = (network.reverse >= 0) & (width >= 2.0 * (truck.chassis.width + CLEARANCE))
     shift = np.where(two_lanes, np.minimum(width / 4.0, WIDEST_SHIFT), 0.0)
@@ -88,10 +84,7 @@ def lane_shift(network: Network, truck: Truck, traffic: str) -> Floats:
 
 
 def build_track(network: Network, truck: Truck, traffic: str = "right") -> Track:
-    """Lanes and connectors of a network for one type of truck.
-
-    Lanes end before a junction by what the truck's turn radius needs; connectors round the corner with it.
-    """
+    """Lanes, cut before junctions for the turns, and connectors that turn with the turn radius."""
     shift = lane_shift(network, truck, traffic)
     before, after = _trims(network, truck.chassis.turn_radius, np.abs(shift))
     radius = truck.chassis.turn_radius

@@ -90,9 +90,7 @@ class Untangler:
                 self._detour(v)
 
     def _break(self, ring: list[int]) -> bool:
-        """One truck of a ring takes another way;
-        where none can and they wait for room on full lanes, all move up together.
-        """
+        """Send one truck of a ring another way, or let all move up if all wait for room on full lanes."""
         f = self.fleet
         if any(self._other_door(v) if f.mode[v] != Mode.DRIVING else self._detour(v) for v in ring):
             return True
@@ -102,9 +100,7 @@ class Untangler:
         return full
 
     def _other_door(self, v: int) -> bool:
-        """Who cannot turn into its bay, or back out of it, takes another door;
-        on the road it drives on to it.
-        """
+        """Send who cannot get into its bay, or out of it, by another door; on the road it drives on."""
         f, ways, door = self.fleet, self.world.ways, self.world.doors[self.fleet.door[v]]
         if f.entry[v] or f.mode[v] not in (Mode.AT_BAY, Mode.WANTS_OUT):
             return False

@@ -22,9 +22,7 @@ class Watch:
         """Longest time that any truck which wanted to move stood [s]."""
 
     def still(self, now: float) -> Floats:
-        """(V,) seconds for which each truck has wanted to move and has not;
-        0 for those that stand because they want to.
-        """
+        """(V,) seconds for which trucks have wanted to move and have not, 0 where they do not want to."""
         f = self.fleet
         busy = np.isin(f.mode, (Mode.WANTS_OUT, Mode.LEAVING, Mode.DRIVING, Mode.AT_BAY, Mode.ENTERING))
         self._since[(f.moved > self._moved + 0.05) | ~busy] = now

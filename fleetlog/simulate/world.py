@@ -61,11 +61,7 @@ def build_world(
     mined: frozenset[str] = frozenset(),
     room: int = 0,
 ) -> World:
-    """Lay out a site for a number of trucks, spots for ``room`` trucks; :class:`SiteError` where it cannot hold them.
-
-    Places in ``mined`` are left out where there is no room beside the road, and any place that trucks cannot reach and leave
-    again; ``notes`` say so.
-    """
+    """Lay out a site, ``mined`` places where there is room; :class:`SiteError` where it cannot hold the trucks."""
     site, notes = with_loops(site)
     network = site.roads()
     physics = (physics or Physics(truck)).fleet

@@ -65,9 +65,7 @@ def put(c: Cells, boxes: Floats, group: Index) -> None:
 def meets_group(
     c: Cells, x: float, y: float, heading: float, half_l: float, half_w: float, one: int, other: int
 ) -> bool:
-    """Whether a box meets one of a group that is neither ``one`` nor ``other``;
-    cells are wider than two boxes.
-    """
+    """Whether a box meets one of a group other than ``one`` and ``other``; cells are wider than two boxes."""
     columns, rows = int(c.shape[3]), int(c.shape[4])
     column, row = _at(x, c.shape[0], c.shape[2], columns), _at(y, c.shape[1], c.shape[2], rows)
     for r in range(max(row - 1, 0), min(row + 2, rows)):

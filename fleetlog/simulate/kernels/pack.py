@@ -41,9 +41,7 @@ def pack_codes(values: tuple[Index, ...], column: int, every: int, out: Index, r
 
 @njit(cache=True, nogil=True)
 def unpack(kept: Index, scale: Floats, null: int, out: Floats) -> None:
-    """Rows of (trucks, batches, columns, rows) whole numbers, the first ``len(scale)`` columns,
-    to (columns, all rows) numbers.
-    """
+    """(trucks, batches, columns, rows) whole numbers to (columns, all rows) numbers."""
     at = 0
     for v in range(kept.shape[0]):
         for b in range(kept.shape[1]):

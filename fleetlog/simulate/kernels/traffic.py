@@ -213,9 +213,7 @@ def forks(f: Fleet, v: int, since: float, raise_speed: float, lower_speed: float
 def handling(
     f: Fleet, log: Log, v: int, column: int, now: float, dt: float, raise_speed: float, lower_speed: float
 ) -> None:
-    """Forks and load of a truck that works at a place;
-    the rate is the mean over the step, so that its energy is exact.
-    """
+    """Forks and load of a truck that works; the rate is a mean over the step, so energy is exact."""
     since = now - f.hand_start[v]
     height = forks(f, v, since, raise_speed, lower_speed)
     after = forks(f, v, since + dt, raise_speed, lower_speed)
