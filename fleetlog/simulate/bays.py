@@ -68,12 +68,8 @@ class BayMaker:
         t, reverse = self.track, int(self.track.network.reverse[lane])
         if reverse < 0:
             return True
-        from fleetlog.simulate.kernels.curves import abreast
-
-        at = abreast(
-            centre, t.offset, t.first[lane], t.first[lane + 1], t.spacing[lane], t.network.length[lane],
-            t.first[reverse], t.first[reverse + 1], t.spacing[reverse],
-        ) - radius  # fmt: skip
+        on_road = np.interp(max(centre, 0.0), *_offsets(t, lane))
+        at = np.interp(t.network.length[lane] - on_road, *_offsets(t, reverse)[::-1]) - radius
         low, high = span(t, self.junctions, reverse)
         return bool(low + SPACING <= at <= high)
 
@@ -190,3 +186,9 @@ class Ground:
 def side_of(site: Site) -> float:
     """+1 where bays lie left of the lane, -1 right: the side that traffic keeps to."""
     return 1.0 if site.traffic == "left" else -1.0
+
+
+def _offsets(t: Track, lane: int) -> tuple[Floats, Floats]:
+    """Metres along a lane of its samples, and along its road."""
+    rows = slice(t.first[lane], t.first[lane + 1])
+    return np.arange(rows.stop - rows.start) * t.spacing[lane], t.offset[rows]

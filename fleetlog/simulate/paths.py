@@ -94,7 +94,15 @@ def _cubic(start: Floats, a: Floats, end: Floats, b: Floats) -> Floats:
 
 def even(points: Floats, spacing: float) -> tuple[Floats, float]:
     """(n, 4) x, y, heading, curvature evenly, at most ``spacing`` [m] apart, along a polyline; its length."""
-    from fleetlog.simulate.kernels.curves import even_samples
-
-    shape, length = even_samples(np.ascontiguousarray(simplified(points)), spacing)
-    return shape, float(length)
+    x, y = simplified(points).T
+    dx, dy = np.diff(x), np.diff(y)
+    along = np.concatenate([[0.0], np.cumsum(np.sqrt(dx * dx + dy * dy))])
+    chord = np.arctan2(dy, dx)
+    chord[1:] -= 2.0 * np.pi * np.cumsum(np.round(np.diff(chord) / (2.0 * np.pi)))
+    length = max(float(along[-1]), 1e-3)
+    n = max(2, int(np.ceil(length / spacing)) + 1)
+    s = np.arange(n) * (length / (n - 1))
+    # A chord's direction is that of the curve at its middle.
+    heading = np.interp(s, 0.5 * (along[:-1] + along[1:]), chord)
+    curvature = np.gradient(heading, length / (n - 1))
+    return np.column_stack([np.interp(s, along, x), np.interp(s, along, y), heading, curvature]), length
