@@ -9,7 +9,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Flags, Floats, Index
 from fleetlog.simulate.junctions import Junctions, half_box
 from fleetlog.simulate.paths import arc, even
-from fleetlog.simulate.spurs import SHARES, Bay, opposite_spur, span
+from fleetlog.simulate.spurs import SHARES, Bay, Door, opposite_spur, span
 from fleetlog.simulate.track import SPACING, Track
 
 OFF_ROADS = 15.0
@@ -89,7 +89,7 @@ class BayMaker:
 
     def _keep(self, bay: Bay) -> None:
         self.bays.append(bay)
-        self._ground.take(bay.path)
+        self._ground.take(bay.door.path)
 
     def _try(self, place: Place, lane: int, at: float, shift: float, both: bool) -> Bay | None:
         sides = (self.side,) if self._two_lanes(lane) else (self.side, -self.side)
@@ -123,7 +123,8 @@ class BayMaker:
         path = shape.copy()
         path[:, 0], path[:, 1] = x + c * shape[:, 0] - s * shape[:, 1], y + s * shape[:, 0] + c * shape[:, 1]
         path[:, 2] += heading
-        return Bay(place, lane, at, path, length, max(radius + self.half[1], self.half[0]))
+        door = Door(lane, at, path, length, max(radius + self.half[1], self.half[0]))
+        return Bay(place, door)
 
     def _spur(self, radius: float, deep: float, side: float) -> tuple[Floats, float]:
         """The way into a bay ``deep`` m to one side, from the origin and heading along x."""
@@ -136,17 +137,19 @@ class BayMaker:
 
     def _free(self, bay: Bay) -> bool:
         """Whether no piece or bay touches its ground, no bay or other lane's safe part its spur."""
-        own = bay.lane
+        own = bay.door.lane
         narrow = self.junctions.stop[own] < self.junctions.clear[own]
-        return self._ground.is_free(bay.path, own, int(self.track.network.reverse[own]) if narrow else -1)
+        return self._ground.is_free(
+            bay.door.path, own, int(self.track.network.reverse[own]) if narrow else -1
+        )
 
     def _opposite_free(self, bay: Bay) -> bool:
         """Whether the opposite lane of its road leads to it too; True where there is none."""
-        reverse = int(self.track.network.reverse[bay.lane])
+        reverse = int(self.track.network.reverse[bay.door.lane])
         for share in SHARES:
             radius = share * self.truck.chassis.turn_radius
-            door = opposite_spur(self.track, self.junctions, bay, radius, self.half[1])
-            if door is not None and self._ground.is_free(door.path, bay.lane, reverse):
+            door = opposite_spur(self.track, self.junctions, bay.door, radius, self.half[1])
+            if door is not None and self._ground.is_free(door.path, bay.door.lane, reverse):
                 return True
         return reverse < 0
 

@@ -15,11 +15,12 @@ from fleetlog.simulate.track import Track
 def all_doors(track: Track, junctions: Junctions, bays: list[Bay], truck: Truck) -> list[Door]:
     """Door b of bay b on its own lane, for every bay; then those on opposite lanes that have room."""
     half = half_box(truck)
-    own = [Door(b, bay.lane, bay.at, bay.path, bay.length, bay.ahead) for b, bay in enumerate(bays)]
+    own = [replace(bay.door, bay=b) for b, bay in enumerate(bays)]
     todo, opposite = list(range(len(bays))), []
     for share in SHARES:
         tried = [
-            opposite_spur(track, junctions, bays[b], share * truck.chassis.turn_radius, half[1]) for b in todo
+            opposite_spur(track, junctions, bays[b].door, share * truck.chassis.turn_radius, half[1])
+            for b in todo
         ]
         found = [replace(d, bay=b) for b, d in zip(todo, tried, strict=True) if d is not None]
         good = _checked(track, junctions, bays, found, half)
@@ -38,13 +39,13 @@ def _checked(
     if not doors:
         return []
     samples, pieces = len(track.x), len(track)
-    ends = np.array([b.path[-1] for b in bays])
+    ends = np.array([b.door.path[-1] for b in bays])
     shape = np.concatenate([d.path for d in doors])
     count = np.array([len(d.path) for d in doors])
     x, y, heading = (
         np.concatenate([t, ends[:, k], shape[:, k]]) for k, t in enumerate((track.x, track.y, track.heading))
     )
-    floor = track.z[track.first[[b.lane for b in bays]]]
+    floor = track.z[track.first[[b.door.lane for b in bays]]]
     z = np.concatenate([track.z, floor, np.repeat(floor[[d.bay for d in doors]], count)])
     number = np.repeat(np.arange(len(doors)), count)
     owner = np.concatenate(
@@ -55,7 +56,7 @@ def _checked(
     skip[start:] = np.array([d.lane for d in doors])[number]
     pairs = meetings(x, y, z, heading, owner, skip >= 0, *half, skip)
     a, door = pairs[:, 0], number[np.maximum(pairs[:, 1] - start, 0)]
-    near = np.array([bays[d.bay].lane for d in doors])[door]
+    near = np.array([bays[d.bay].door.lane for d in doors])[door]
     on_track = a < samples
     piece = owner[a]
     free = np.where(on_track, j.resource[np.minimum(a, samples - 1)] < 0, False)
@@ -71,7 +72,7 @@ def _checked(
     out = []
     for i, d in enumerate(doors):
         if good[i]:
-            own = bays[d.bay].lane
+            own = bays[d.bay].door.lane
             safe = j.capacity[own] > 0 and low[i] <= high[i]
             pad = float(track.spacing[own])
             out.append(replace(d, crosses=own, low=low[i] - pad, high=high[i] + pad) if safe else d)

@@ -67,7 +67,7 @@ class EventLog:
     def _bays(self) -> Columns:
         world = self.dispatcher.world
         ends = world.ground.first[len(world.track) + 1 : len(world.track) + 1 + len(world.bays)] - 1
-        shape = np.round([b.path[-1, :3] for b in world.bays], 3).T
+        shape = np.round([b.door.path[-1, :3] for b in world.bays], 3).T
         # Four decimals of a half turn are more than a half turn.
         heading = np.clip(np.round(np.angle(np.exp(1j * shape[2])), 4), -3.1415, 3.1415)
         kinds = ("pick", "drop", "park", "charge")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from fleetlog.core.site import Place, Site
@@ -90,8 +88,8 @@ def _spare(maker: BayMaker, wanted: int) -> list[Bay]:
     made = auto_places(maker, wanted, ("park",))
     start = len(maker.bays) - len(made)
     for i, bay in enumerate(made):
-        spot = Place(f"spot-{i + 1}", "park", float(bay.path[-1, 0]), float(bay.path[-1, 1]))
-        maker.bays[start + i] = replace(bay, place=spot)
+        spot = Place(f"spot-{i + 1}", "park", float(bay.door.path[-1, 0]), float(bay.door.path[-1, 1]))
+        maker.bays[start + i] = bay._replace(place=spot)
     return made
 
 
