@@ -53,7 +53,7 @@ class EventLog:
     def close(self, now: float) -> None:
         """The end, at ``now`` [s]: what is still done and still held ends here."""
         s, ms, n = self.seen, round(now * 1000.0), len(self.vehicles)
-        owner, k = np.nonzero(np.arange(s.way.shape[1]) < s.count[:, None])
+        owner, k = np.nonzero(np.arange(s.way.shape[1]) < s.reserved[:, None])
         still = np.column_stack([owner, s.way[owner, k], s.start[owner, k], np.full(len(owner), ms)])
         self._write(still)
         self._stretches(np.column_stack([np.arange(n), s.key, s.since, np.full(n, ms)]))

@@ -103,10 +103,10 @@ def swinging(track: Track) -> Flags:
     return np.asarray((np.abs(np.angle(np.exp(1j * turn))) > SWING) & (track.source >= 0))
 
 
-def _turns(track: Track) -> set[tuple[int, int]]:
-    """Lanes that follow each other and do not lie side by side."""
-    straight = np.flatnonzero((track.source >= 0) & ~swinging(track))
-    return {(int(track.source[p]), int(track.target[p])) for p in straight}
+def _turns(track: Track) -> Ints:
+    """Number ``a * len(track) + b`` of all lanes a, b that follow each other and do not lie side by side."""
+    straight = (track.source >= 0) & ~swinging(track)
+    return track.source[straight].astype(np.int64) * len(track) + track.target[straight]
 
 
 def unique_pairs(a: NDArray[np.integer], b: NDArray[np.integer]) -> Ints:
@@ -126,11 +126,10 @@ def conflict_lists(a: NDArray[np.integer], b: NDArray[np.integer], count: int) -
 def _follow_each_other(track: Track, a: Index, b: Index) -> Flags:
     """(N,) pairs of pieces that a truck drives one after the other: there the rule of following holds."""
     pair = np.zeros(len(a), dtype=bool)
-    turns = _turns(track)
+    lanes = np.flatnonzero((track.source[a] < 0) & (track.source[b] < 0))
     for one, other in ((a, b), (b, a)):
         pair |= (track.source[one] == other) | (track.target[one] == other)
-        rows = np.flatnonzero((track.source[one] < 0) & (track.source[other] < 0))
-        pair[rows] |= np.array([(int(one[k]), int(other[k])) in turns for k in rows], dtype=bool)
+        pair[lanes] |= np.isin(one[lanes].astype(np.int64) * len(track) + other[lanes], _turns(track))
     return pair
 
 
@@ -159,25 +158,20 @@ def _in_line(track: Track, a: Index, b: Index) -> Flags:
     """(N,) pairs of resources that a truck takes one after the other."""
     pieces, lanes = len(track), len(track.network)
     out = np.zeros(len(a), dtype=bool)
+
+    def lane_of(resource: Index, low: int) -> Ints:
+        part = np.where((resource >= low) & (resource < low + lanes), resource - low, -1)
+        return np.where(resource < lanes, resource, part).astype(np.int64)
+
     for one, other in ((a, b), (b, a)):
-        connector = (one < pieces) & (track.source[np.minimum(one, pieces - 1)] >= 0)
-        source = track.source[np.minimum(one, pieces - 1)]
-        target = track.target[np.minimum(one, pieces - 1)]
+        piece = np.minimum(one, pieces - 1)
+        source, target = track.source[piece], track.target[piece]
+        connector = (one < pieces) & (source >= 0)
         out |= connector & ((other == source) | (other == pieces + source))
         out |= connector & ((other == target) | (other == pieces + lanes + target))
         out |= (one >= pieces) & (one < pieces + lanes) & (other == one + lanes)
-    # Exit of one lane and entry of the next, joined by a connector.
-    turns = _turns(track)
-
-    def lane_of(resource: int, leaving: bool) -> int:
-        if resource < lanes:
-            return resource
-        low = pieces if leaving else pieces + lanes
-        return resource - low if low <= resource < low + lanes else -1
-
-    for k in np.flatnonzero(~out):
-        for this, that in ((int(a[k]), int(b[k])), (int(b[k]), int(a[k]))):
-            i, j = lane_of(this, True), lane_of(that, False)
-            if i >= 0 and j >= 0 and (i, j) in turns:
-                out[k] = True
+        # Exit of one lane and entry of the next, joined by a connector.
+        left, entered = lane_of(one, pieces), lane_of(other, pieces + lanes)
+        both = (left >= 0) & (entered >= 0)
+        out |= both & np.isin(left * pieces + entered, _turns(track))
     return out

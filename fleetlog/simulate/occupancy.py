@@ -100,7 +100,8 @@ class Occupancy(Untangler):
 
     def _gaps(self, bays: Sequence[int] | Ints, v: int) -> Floats:
         """Metres as the crow flies from where truck ``v`` stands."""
-        return np.hypot(*(self.where[bays] - self.where[self.home[v]]).T)
+        dx, dy = (self.where[bays] - self.where[self.home[v]]).T
+        return np.asarray(np.hypot(dx, dy))
 
     def _free_place(self, kind: str, ranks: Floats) -> str | None:
         """The unoccupied place of that kind that ranks lowest."""

@@ -96,25 +96,25 @@ def build_track(network: Network, truck: Truck, traffic: str = "right") -> Track
         shapes.append(even(joined(start[:2], start[2], end[:2], end[2]), SPACING))
     none = np.full(len(network), -1, np.int32)
     source, target = np.concatenate([none, owner]), np.concatenate([none, network.next_edges])
-    return assemble(network, shapes, source, target)
+    return assemble(network, shapes, source, target, np.arange(len(shapes), dtype=np.int32))
 
 
-def assemble(network: Network, shapes: list[tuple[Floats, float]], source: Index, target: Index) -> Track:
-    """The track of given shapes, each sample laid on the map."""
+def assemble(
+    network: Network, shapes: list[tuple[Floats, float]], source: Index, target: Index, lanes: Index
+) -> Track:
+    """The track of given shapes, each sample laid on the map: on its lane, of connectors on the nearer one."""
     count = np.array([len(s) for s, _ in shapes])
     first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     length = np.array([size for _, size in shapes])
-    all_samples = np.concatenate([s for s, _ in shapes])
-    edge = np.concatenate([
-        np.full(n, p) if source[p] < 0 else np.where(np.arange(n) < n / 2, source[p], target[p])
-        for p, n in enumerate(count)
-    ]).astype(np.int32)  # fmt: skip
-    x, y = np.ascontiguousarray(all_samples[:, 0]), np.ascontiguousarray(all_samples[:, 1])
+    x, y, heading, curvature = np.ascontiguousarray(np.concatenate([s for s, _ in shapes]).T)
+    piece = np.repeat(np.arange(len(count)), count)
+    late = np.arange(len(x)) - first[piece] >= count[piece] / 2
+    edge = np.where(source[piece] < 0, lanes[piece], np.where(late, target[piece], source[piece]))
     offset, lateral = project(network, edge, x, y)
     return Track(
         network, first, length / (count - 1), length, source.astype(np.int32), target.astype(np.int32), x, y,
-        network.position(edge, offset)[:, 2], np.angle(np.exp(1j * all_samples[:, 2])),
-        np.ascontiguousarray(all_samples[:, 3]), network.slope(edge, offset), edge, offset, lateral,
+        network.position(edge, offset)[:, 2], np.angle(np.exp(1j * heading)), curvature,
+        network.slope(edge, offset), edge, offset, lateral,
     )  # fmt: skip
 
 

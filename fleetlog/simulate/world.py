@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from fleetlog.simulate.reach import with_loops
 from fleetlog.simulate.spots import lay_out
 from fleetlog.simulate.spurs import Bay, Door
 from fleetlog.simulate.state import Roads
-from fleetlog.simulate.track import Track, build_track, project
+from fleetlog.simulate.track import Track, assemble, build_track
 from fleetlog.simulate.ways import Ways
 
 PLAN = 0.9
@@ -61,7 +61,7 @@ def build_world(
     mined: frozenset[str] = frozenset(),
     room: int = 0,
 ) -> World:
-    """Lay out a site, ``mined`` places where there is room; :class:`SiteError` where it cannot hold the trucks."""
+    """Lay out a site, ``mined`` places if there is room; :class:`SiteError` if it cannot hold the trucks."""
     site, notes = with_loops(site)
     network = site.roads()
     physics = (physics or Physics(truck)).fleet
@@ -83,22 +83,12 @@ def with_spurs(track: Track, doors: list[Door]) -> Track:
     """The track with one piece more for each door, laid on the edge of its lane."""
     if not doors:
         return track
-    shape = np.concatenate([d.path for d in doors])
-    count = np.array([len(d.path) for d in doors])
-    edge = np.repeat(np.array([d.lane for d in doors], dtype=np.int32), count)
-    x, y = np.ascontiguousarray(shape[:, 0]), np.ascontiguousarray(shape[:, 1])
-    offset, lateral = project(track.network, edge, x, y)
-    length, none = np.array([d.length for d in doors]), np.full(len(doors), -1, np.int32)
-    join = np.concatenate
-    return Track(
-        track.network, join([track.first, track.first[-1] + np.cumsum(count)]),
-        join([track.spacing, length / (count - 1)]), join([track.length, length]),
-        join([track.source, none]), join([track.target, none]), join([track.x, x]), join([track.y, y]),
-        join([track.z, track.network.position(edge, offset)[:, 2]]),
-        join([track.heading, np.angle(np.exp(1j * shape[:, 2]))]), join([track.curvature, shape[:, 3]]),
-        join([track.slope, np.zeros(len(x))]), join([track.edge, edge]), join([track.offset, offset]),
-        join([track.lateral, lateral]),
-    )  # fmt: skip
+    none = np.full(len(doors), -1, np.int32)
+    lanes = np.array([d.lane for d in doors], dtype=np.int32)
+    spurs = assemble(track.network, [(d.path, d.length) for d in doors], none, none, lanes)
+    spurs = replace(spurs, first=spurs.first[1:] + track.first[-1], slope=np.zeros(len(spurs.x)))
+    parts = (f.name for f in fields(Track) if f.name != "network")
+    return replace(track, **{n: np.concatenate([getattr(track, n), getattr(spurs, n)]) for n in parts})
 
 
 def speed_limits(site: Site, track: Track) -> Floats:
@@ -118,7 +108,7 @@ def speed_limits(site: Site, track: Track) -> Floats:
 
 
 def caps(site: Site, track: Track, physics: Physics) -> Floats:
-    """(2, S) highest speed [m/s] without and with a load: limits, truck, turns, and every term that acts on speed."""
+    """(2, S) highest speed [m/s] without and with a load, by limits, truck, turns and the terms on speed."""
     from fleetlog.simulate.kernels.profile import brake_ahead
 
     truck = physics.actual_truck()
@@ -159,7 +149,7 @@ def _roads(
 
 
 def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck) -> Ints:
-    """(N, 2) resources that exclude each other because of a spur; those that only follow onto its lane do not."""
+    """(N, 2) resources that exclude each other because of a spur, but for those that lead onto its lane."""
     from fleetlog.simulate.kernels.geometry import meetings
 
     pieces, lanes, samples = len(track), len(track.network), len(track.x)

@@ -50,7 +50,7 @@ class Ground(NamedTuple):
 class Seen(NamedTuple):
     """(V,) key of the activity and since when [ms], ends of the passage, door of the spur, as seen last.
 
-    ``way``, ``start`` (V, n) are what a truck has reserved and since when [ms], ``count`` (V,) how many;
+    ``way``, ``start`` (V, n) are what a truck has reserved and since when [ms], ``reserved`` (V,) how many;
     ``fresh``, ``begun`` (n,) the same of the truck that is looked at.
     """
 
@@ -59,7 +59,7 @@ class Seen(NamedTuple):
     low: Index
     high: Index
     spur: Index
-    count: Index
+    reserved: Index
     way: Index
     start: Ints
     fresh: Index
@@ -120,7 +120,7 @@ def note_ways(t: Trucks, g: Ground, s: Seen, p: Pages, v: int, now: int) -> None
         n = has(g, s, n, resource(g, t, v, k, low, high), now)
     if s.spur[v] >= 0:
         n = has(g, s, n, len(g.length) + 2 * len(g.clear) + s.spur[v], now)
-    for k in range(s.count[v]):
+    for k in range(s.reserved[v]):
         i = 0
         while i < n and s.fresh[i] != s.way[v, k]:
             i += 1
@@ -128,7 +128,7 @@ def note_ways(t: Trucks, g: Ground, s: Seen, p: Pages, v: int, now: int) -> None
             s.begun[i] = s.start[v, k]
         else:
             write(p.held, p.filled, 1, v, s.way[v, k], s.start[v, k], now)
-    s.count[v] = n
+    s.reserved[v] = n
     for k in range(n):
         s.way[v, k], s.start[v, k] = s.fresh[k], s.begun[k]
 
@@ -138,7 +138,7 @@ def note_ways(t: Trucks, g: Ground, s: Seen, p: Pages, v: int, now: int) -> None
 def look(t: Trucks, g: Ground, s: Seen, p: Pages, first: int, now: int) -> int:
     """Look at the trucks from ``first`` on at ``now`` [ms]: the first without room on the pages, or their number."""
     for v in range(first, len(t.mode)):
-        if p.filled[0] == len(p.stretches) or p.filled[1] + s.count[v] > len(p.held):
+        if p.filled[0] == len(p.stretches) or p.filled[1] + s.reserved[v] > len(p.held):
             return v
         doing = activity(t, v)
         door = t.goal[v] if doing <= LADEN and t.goal[v] >= 0 else t.door[v]
