@@ -138,7 +138,7 @@ class _Problem:
         self.prior = np.array([physics.truck.value(u.key) for u in unknowns])
         self.spread = np.array([u.deviation(physics.truck) for u in unknowns])
         bounds = np.array([u.bounds() for u in unknowns])
-        self.low, self.high = ((bounds.T - self.prior) / self.spread).tolist()
+        self.low, self.high = (bounds.T - self.prior) / self.spread
 
     def truck(self, z: Floats) -> Truck:
         truck = self.physics.truck
@@ -152,35 +152,30 @@ class _Problem:
     def misfit(self, z: Floats) -> Floats:
         return np.asarray((self.predict(z) - self.observed.measured) / self.observed.sigma)
 
-    def residual(self, z: Floats, free: NDArray[np.bool_]) -> Floats:
-        return np.concatenate([self.misfit(z), z[free]])
-
     def solve(self, free: NDArray[np.bool_]) -> Floats:
         """The optimum with all but the free numbers at their prior."""
         from scipy.optimize import least_squares
 
-        z = np.zeros(len(self.unknowns))
         if not free.any():
-            return z
-        low, high = np.array(self.low)[free], np.array(self.high)[free]
-        # The trust region wants a start inside the bounds; where the prior stands on one it moves by a
-        # little.
-        start = np.clip(z[free], low + 1e-2, high - 1e-2)
+            return np.zeros(len(self.unknowns))
+        low, high = self.low[free], self.high[free]
 
         def full(part: Floats) -> Floats:
-            out = z.copy()
+            out = np.zeros(len(self.unknowns))
             out[free] = part
             return out
+
+        def residual(part: Floats) -> Floats:
+            return np.concatenate([self.misfit(full(part)), part])
 
         def slope(part: Floats) -> Floats:
             return np.concatenate([self.jacobian(full(part), free), np.eye(len(part))])
 
-        found = least_squares(
-            lambda part: self.residual(full(part), free), start, jac=slope, bounds=(low, high), xtol=1e-10
-        )
+        # The trust region wants a start inside the bounds, also where the prior stands on one.
+        start = np.clip(np.zeros(len(low)), low + 1e-2, high - 1e-2)
+        found = least_squares(residual, start, jac=slope, bounds=(low, high), xtol=1e-10)
         # A solution a hair from its bound is the bound.
-        z[free] = np.where(found.x - low < 1e-6, low, np.where(high - found.x < 1e-6, high, found.x))
-        return z
+        return full(np.where(found.x - low < 1e-6, low, np.where(high - found.x < 1e-6, high, found.x)))
 
     def jacobian(self, z: Floats, free: NDArray[np.bool_] | None = None) -> Floats:
         """(M, K) derivative of prediction / sigma by z (the free columns), central where the bounds allow."""
@@ -222,22 +217,17 @@ def _telling(jacobian: Floats) -> NDArray[np.bool_]:
     from scipy.linalg import qr
 
     triangle, order = qr(jacobian, mode="r", pivoting=True)
-    information = np.zeros(jacobian.shape[1])
     diagonal = np.abs(np.diag(triangle))
-    information[: len(diagonal)] = diagonal
-    free = np.zeros(jacobian.shape[1], dtype=bool)
-    free[order[information >= LEAST_INFORMATION]] = True
-    return free
+    return np.isin(np.arange(len(order)), order[: len(diagonal)][diagonal >= LEAST_INFORMATION])
 
 
 def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, ...]) -> list[Blind]:
     """For each held number the free ones that hide its effect: the least-squares x of J_free x = -J_held."""
     basis, out = np.flatnonzero(free), []
     for k in np.flatnonzero(~free):
-        if np.linalg.norm(jacobian[:, k]) < LEAST_INFORMATION or not len(basis):
-            out.append(Blind(unknowns[k], ()))
-            continue
-        weight = -np.linalg.lstsq(jacobian[:, basis], jacobian[:, k], rcond=None)[0]
+        weight = np.zeros(len(basis))
+        if np.linalg.norm(jacobian[:, k]) >= LEAST_INFORMATION and len(basis):
+            weight = -np.linalg.lstsq(jacobian[:, basis], jacobian[:, k], rcond=None)[0]
         strong = [j for j in np.argsort(-np.abs(weight)) if abs(weight[j]) >= COMPANION]
         out.append(Blind(unknowns[k], tuple((unknowns[basis[j]], float(weight[j])) for j in strong)))
     return out
@@ -246,8 +236,8 @@ def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, .
 def _weak(estimates: tuple[Estimate, ...], blind: tuple[Blind, ...]) -> list[Blind]:
     """Tied numbers that no held one explains."""
     named = {u.key for b in blind for u, _ in b.companions}
-    loose = (e.unknown for e in estimates if e.status == "tied" and e.unknown.key not in named)
-    return [Blind(u, (), weak=True) for u in loose]
+    tied = [e.unknown for e in estimates if e.status == "tied"]
+    return [Blind(u, (), weak=True) for u in tied if u.key not in named]
 
 
 def _combinations(
