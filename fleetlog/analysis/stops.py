@@ -10,7 +10,8 @@ from fleetlog.core.arguments import Between
 from fleetlog.core.result import Marks, Result, Shape
 from fleetlog.core.site import PlaceKind
 from fleetlog.core.words import count
-from fleetlog.simulate.places import carried, clusters, find_stands, mined_site, place_table
+from fleetlog.simulate.demand import carried
+from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table
 from fleetlog.store import Dataset
 
 if TYPE_CHECKING:

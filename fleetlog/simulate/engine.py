@@ -53,7 +53,7 @@ class Settings:
     policy: Policy = field(default_factory=Policy)
     battery: BatteryModel | None = None
     room: int = 0
-    """Spots along the roads are drawn for at least so many trucks, so that fleets of several sizes meet the same site."""
+    """Trucks for which spots are drawn at least, so that fleets of several sizes meet the same site."""
 
 
 def simulate(
@@ -71,8 +71,6 @@ def simulate(
 
     Parameters
     ----------
-    site, truck : where and with what.
-    writer : takes the rows; :meth:`DatasetWriter.create` made it.
     demand : tasks; by default endless ones between random places.
     physics : terms beyond the nominal model; each can be switched off in it.
     progress : called with seconds done and in all.

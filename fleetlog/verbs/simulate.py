@@ -188,9 +188,9 @@ def _share(text: str) -> Callable[[float, float], None]:
 def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
     """What the arguments ask for, with one seed; and notes on it."""
     from fleetlog.physics.battery import battery_of
+    from fleetlog.simulate.demand import like as take_over
     from fleetlog.simulate.dispatch import Policy
     from fleetlog.simulate.engine import Settings
-    from fleetlog.simulate.places import like as take_over
     from fleetlog.simulate.scenario import Scenario
     from fleetlog.simulate.tasks import Demand, read_tasks
 

@@ -34,7 +34,7 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, trial: Trial) -> dict[str, A
     Tasks are drawn like the recorded ones, with the same seed for both; where the recording shows no loads, they are
     random, and then only the seed is the same.  Power of a planned plug is that of the site's first charger that states one.
     """
-    from fleetlog.simulate.places import like
+    from fleetlog.simulate.demand import like
 
     start = DEFAULT_START if dataset.kind == "simulated" else _start(dataset)
     own = {p.id for p in dataset.site.places}
