@@ -24,7 +24,7 @@ DUE = 50
 
 
 class Dispatcher(Occupancy):
-    """Takes over whenever a truck needs attention, once a second; ``done`` (V,) is the task that each did last."""
+    """Takes over whenever a truck needs attention, once a second; ``done`` (V,) the task of each before."""
 
     def __init__(
         self, world: World, fleet: Fleet, names: list[str], demand: Demand, policy: Policy, seed: int
@@ -152,7 +152,7 @@ class Dispatcher(Occupancy):
             self._wait_for(v, bays, now)
 
     def _wait_for(self, v: int, bays: list[int], now: float) -> None:
-        """Stand until a bay is free: the idle are asked to leave them; who is in the way of others goes aside."""
+        """Stand until a bay is free: the idle are asked to leave; who is in the way of others goes aside."""
         job, here = self.jobs[v], int(self.home[v])
         self._wanted_now.append((v, bays))
         self._lack(v, DROP_PLACE if self.fleet.load[v] > 0.0 else PICK_PLACE, bays)

@@ -48,19 +48,17 @@ def locate(ground: Track, log: Log) -> Batch:
     """Where on the map every logged state is."""
     from fleetlog.simulate.kernels.profile import expand
 
-    shape = log.piece.shape
-    t = ground
+    t, shape = ground, log.piece.shape
     out, edge = expand(
-        log.piece.ravel(), log.s.ravel(), (log.mode == Mode.LEAVING).ravel(), t.first, t.spacing, t.x, t.y, t.z,
-        t.heading, t.curvature, t.slope, t.edge, t.offset, t.lateral,
+        log.piece.ravel(), log.s.ravel(), (log.mode == Mode.LEAVING).ravel(), t.first, t.spacing, t.x, t.y,
+        t.z, t.heading, t.curvature, t.slope, t.edge, t.offset, t.lateral,
     )  # fmt: skip
-    x, y, z, heading, curvature, slope, offset, lateral = (row.reshape(shape) for row in out)
-    return Batch(x, y, z, heading, curvature, slope, offset, lateral, edge.reshape(shape))
+    return Batch(*out.reshape(-1, *shape), edge.reshape(shape))
 
 
 @dataclass
 class Meter:
-    """Follows the charge of trucks; ``charger`` (B,) power of bays [W], NaN: none, ``battery`` None: nominal."""
+    """Follows the charge of trucks; ``charger`` (B,) [W] of bays, NaN: none; no ``battery``: nominal."""
 
     physics: Physics
     ground: Track

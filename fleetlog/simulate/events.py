@@ -1,4 +1,4 @@
-"""What each truck does and has reserved, and what becomes of the tasks: looked at once a second, never acted on."""
+"""What each truck does and has reserved, and what becomes of tasks: looked at once a second, no more."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KEPT = 1 << 16
 
 
 class EventLog:
-    """Writes the tables of a run that begins at ``start`` [us since 1970]; times inside are milliseconds from there."""
+    """Writes the tables of a run that begins at ``start`` [us since 1970]; times inside are ms from there."""
 
     def __init__(self, dispatcher: Dispatcher, writer: DatasetWriter, start: int) -> None:
         from fleetlog.simulate.kernels.look import Ground, Pages, Seen, Trucks

@@ -112,10 +112,9 @@ class Tally:
         tasks = self._task_waits()
         found = [self._places(kind) for kind in PLACES if (d.kind == KIND_OF[kind]).any()]
         found += [self._junctions(traffic), self._trucks(tasks)]
-        summary = {
-            "mean": float(tasks.mean()), "p95": float(np.quantile(tasks, 0.95)),
-            "longest": float(tasks.max()),
-        } if len(tasks) else dict.fromkeys(("mean", "p95", "longest"), 0.0)  # fmt: skip
+        some = tasks if len(tasks) else np.zeros(1)
+        waits = {"mean": some.mean(), "p95": np.quantile(some, 0.95), "longest": some.max()}
+        summary = {name: float(seconds) for name, seconds in waits.items()}
         return Limits(tuple(found), self._bottleneck(found), waiting, summary)
 
     def _task_waits(self) -> Floats:

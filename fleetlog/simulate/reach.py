@@ -20,7 +20,7 @@ TURN_REACH = 30.0
 
 
 def parts(network: Network) -> Ints:
-    """(E,) number of the strongly connected part of every edge; -1 where none of the edges ahead leads back."""
+    """(E,) strongly connected part of every edge; -1 where none of the edges ahead leads back."""
     from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -47,7 +47,7 @@ def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> Flags:
 
 
 def turning_round(network: Network) -> tuple[Network, int]:
-    """The network with turns from lanes that lead nowhere to opposite lanes that begin there; and how many."""
+    """The network with turns from lanes that lead nowhere to opposite lanes that begin there; how many."""
     every = np.arange(len(network), dtype=np.int32)
     leave, enter = network.heading(every, network.length), network.heading(every, np.zeros(len(network)))
     starts, ends = network.points[network.first[:-1]], network.points[network.first[1:] - 1]
@@ -64,7 +64,7 @@ def turning_round(network: Network) -> tuple[Network, int]:
 
 
 def with_loops(site: Site) -> tuple[Site, list[str]]:
-    """The site, with turning round at open ends where its map has no closed loop; and what to say about that."""
+    """The site, with turning round at open ends where its map has no closed loop; and notes on it."""
     network = site.roads()
     if (parts(network) >= 0).any():
         return site, []

@@ -34,7 +34,7 @@ class Roads(NamedTuple):
     length: Floats
     slope: Floats
     cap: Floats
-    """(2, S) highest speed without and with a load, braking ahead of every bend of the piece included [m/s]."""
+    """(2, S) highest speed without and with a load, braking ahead of every bend included [m/s]."""
     clear: Floats
     stop: Floats
     capacity: Index

@@ -38,12 +38,8 @@ class TaskBook:
     def give(self, task: Task, status: int = WAITING) -> None:
         """A task can be done from now on."""
         self._open.setdefault(task, []).append(len(self))
-        line = {
-            "vehicle_id": -1,
-            "from_place": self._place(task.source),
-            "to_place": self._place(task.target),
-        }
-        for text, code in {**line, "status": status}.items():
+        places = {"from_place": self._place(task.source), "to_place": self._place(task.target)}
+        for text, code in {"vehicle_id": -1, **places, "status": status}.items():
             self._text[text].append(code)
         for name, column in self._numbers.items():
             column.append(getattr(task, name, NONE))

@@ -44,7 +44,7 @@ class Watch:
             if f.why[v] == 2:
                 return self._first_on(self.next_lane(v))
             if f.why[v] == 1:
-                return self._holder(self._wanted(v), v, holders)
+                return self._holder(self._passage(v, int(f.at[v]), self._end(v)), v, holders)
             return self._in_front(v)
         door = int(f.door[v])
         found = self._holder([len(r.length) + 2 * len(r.clear) + door], v, holders)
@@ -71,27 +71,21 @@ class Watch:
         """The truck that holds each reserved resource."""
         f, spurs = self.fleet, len(self.roads.length) + 2 * len(self.roads.clear)
         out = {
-            self._resource(int(v), k): int(v)
+            way: int(v)
             for v in np.flatnonzero(f.held_to >= f.held_from)
-            for k in range(f.held_from[v], f.held_to[v] + 1)
+            for way in self._passage(int(v), int(f.held_from[v]), int(f.held_to[v]))
         }
         on_spur = np.isin(f.mode, (Mode.LEAVING, Mode.ENTERING)) | f.entry
         return out | {spurs + int(f.door[v]): int(v) for v in np.flatnonzero(on_spur)}
 
-    def _resource(self, v: int, k: int) -> int:
-        f = self.fleet
-        return self._named(int(f.route[v, k]), k == f.held_to[v], k == f.held_from[v])
-
-    def _named(self, piece: int, last: bool, first: bool) -> int:
-        """See ``kernels.reserve.resource``."""
+    def _passage(self, v: int, low: int, high: int) -> list[int]:
+        """Resources of route positions ``low`` to ``high``; see ``kernels.reserve.resource``."""
         pieces, lanes = len(self.roads.length), len(self.roads.clear)
-        if self._safe(piece) and (last or first):
-            return pieces + (lanes if last else 0) + piece
-        return piece
-
-    def _wanted(self, v: int) -> list[int]:
-        f, low, high = self.fleet, int(self.fleet.at[v]), self._end(v)
-        return [self._named(int(f.route[v, k]), k == high, k == low) for k in range(low, high + 1)]
+        out: list[int] = self.fleet.route[v, low : high + 1].tolist()
+        for k, part in ((0, pieces), (-1, pieces + lanes)):
+            out[k] = int(self.fleet.route[v, (low, high)[k]])
+            out[k] += part if self._safe(out[k]) else 0
+        return out
 
     def _holder(self, wanted: list[int], v: int, holders: dict[int, int]) -> int:
         r = self.roads
@@ -102,8 +96,8 @@ class Watch:
         return -1
 
     def _first_on(self, lane: int) -> int:
-        on = np.flatnonzero(self.fleet.piece == lane)
-        return int(on[np.argmax(self.fleet.s[on])]) if len(on) else int(self.fleet.asks[lane])
+        first = self._between(lane, -np.inf, np.inf, -1)
+        return first if first >= 0 else int(self.fleet.asks[lane])
 
     def _between(self, lane: int, low: float, high: float, v: int) -> int:
         f = self.fleet

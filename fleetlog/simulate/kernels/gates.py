@@ -144,7 +144,7 @@ def past_door(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
 
 @inner
 def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
-    """Turn into the bay if ground, road and crossing are clear, rolling up to it or at rest: 0 done, 1 not yet."""
+    """Turn into the bay if ground, road and crossing are clear, rolling or at rest: 0 done, 1 not yet."""
     d = f.door[v]
     spur = len(r.length) + 2 * len(r.clear) + d
     if not past_door(r, f, v, x):

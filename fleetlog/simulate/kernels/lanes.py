@@ -10,7 +10,7 @@ from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 @inner
 def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
-    """Speed that still stops behind one ``room`` m ahead who brakes from ``u``: Krauss 1998, linear over a step."""
+    """Speed that still stops behind one ``room`` m ahead who brakes from ``u`` (Krauss 1998)."""
     q = 0.25 * brake * brake * dt * dt + 2.0 * brake * (room - 0.5 * v * dt) + u * u
     return -0.5 * brake * dt + np.sqrt(q) if q > 0.0 else 0.0
 

@@ -67,7 +67,7 @@ class Seen(NamedTuple):
 
 
 class Pages(NamedTuple):
-    """(n, 4) truck, key or way, since, until of what has ended, in order of ``until``; (2,) how many of each."""
+    """(n, 4) truck, key or way, since, until of what has ended, in this order; (2,) how many of each."""
 
     stretches: Ints
     held: Ints
@@ -105,7 +105,7 @@ def write(page: Ints, filled: Ints, which: int, v: int, what: int, since: int, u
 
 @inner
 def has(g: Ground, s: Seen, n: int, way: int, now: int) -> int:
-    """Make a way number ``n`` of those that the truck has, unless it excludes nobody; how many it has then."""
+    """Make a way number ``n`` of those that the truck has, if it excludes others; how many it has."""
     if not g.matters[way]:
         return n
     s.fresh[n], s.begun[n] = way, now
@@ -136,7 +136,7 @@ def note_ways(t: Trucks, g: Ground, s: Seen, p: Pages, v: int, now: int) -> None
 # Nothing is allocated here: see kernels.inner.
 @njit(cache=True, _nrt=False)
 def look(t: Trucks, g: Ground, s: Seen, p: Pages, first: int, now: int) -> int:
-    """Look at the trucks from ``first`` on at ``now`` [ms]: the first without room on the pages, or their number."""
+    """Look at the trucks from ``first`` on at ``now`` [ms]; the first without room on the pages, or all."""
     for v in range(first, len(t.mode)):
         if p.filled[0] == len(p.stretches) or p.filled[1] + s.reserved[v] > len(p.held):
             return v

@@ -25,7 +25,7 @@ def expand(
     x: Floats, y: Floats, z: Floats, heading: Floats, curvature: Floats, slope: Floats,
     edge: Index, offset: Floats, lateral: Floats,
 ) -> tuple[Floats, Index]:  # fmt: skip
-    """(8, N) x, y, z, heading, curvature, slope, offset, lateral and (N,) edge at places; ``back``: backing."""
+    """(8, N) x, y, z, heading, curvature, slope, offset, lateral, (N,) edge at places; ``back``: backing."""
     n = len(piece)
     out = np.empty((8, n))
     where = np.empty(n, np.int32)
