@@ -106,7 +106,7 @@ def summary(fit: Fit) -> dict[str, Any]:
             "product": {u.key: power for u, power in c.powers}, "value": c.value,
             "relative_deviation": c.deviation,
         } for c in fit.combinations],
-        "runs": [dict(zip(columns, r, strict=True)) for r in runs] if len(fit.labels) <= 500 else len(fit.labels),
+        "runs": len(fit.labels) if len(fit.labels) > 500 else [dict(zip(columns, r, strict=True)) for r in runs],
         "spread_factor": fit.spread_factor,
     }  # fmt: skip
 

@@ -46,7 +46,8 @@ def run_cycle(
     change = soc_change(mean, np.full(len(at), every), physics.actual_truck())
     columns = rounded({
         "x": x, "heading": np.where(back, np.pi, 0.0), "speed": one.speed[k], "battery_power": mean,
-        "edge_offset": np.where(back, 30.0 - x, x), "fork_height": np.cumsum(one.lift_speed * one.dt)[k] + 0.3,
+        "edge_offset": np.where(back, 30.0 - x, x),
+        "fork_height": np.cumsum(one.lift_speed * one.dt)[k] + 0.3,
         "soc": np.clip(soc + np.concatenate([[0.0], np.cumsum(change)[:-1]]), 0.0, 1.0),
     }) | {
         "y": np.zeros(len(at)), "lateral_offset": np.zeros(len(at)), "payload": one.payload[k],

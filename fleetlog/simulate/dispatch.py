@@ -200,7 +200,7 @@ class Dispatcher(Occupancy):
         return True
 
     def _due_task(self, v: int, now: float) -> Task | None:
-        """The nearest task that this truck can do now, of those due at least half as long as the first of them."""
+        """The nearest task that this truck can do now, of those due half as long as the first or longer."""
         for task in self._due:
             if task.after >= 0 and task.after == self.done[v] and self._open(task.source, v):
                 return task

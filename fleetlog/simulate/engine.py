@@ -106,7 +106,8 @@ def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
     if not doable and not demand.endless:
         first = left_out[0]
         raise SiteError(
-            f"place {first.target!r} cannot be reached from {first.source!r} and back, nor any place of another task",
+            f"place {first.target!r} cannot be reached from {first.source!r} and back,"
+            " nor any place of another task",
             do="check one-way roads and turns of the map",
         )
     note = f"{len(left_out)} tasks from or to places that were left out are dropped"
@@ -235,8 +236,8 @@ class Run:
             notes.append("the site has no charger: nobody charges")
         open_tasks = d.count.tasks_given - d.count.tasks_done
         return Summary(
-            len(self.names), total * self.settings.step, self.recorder.written, total * len(self.names), d.count,
-            float(self.fleet.moved.sum()), self.used, self.charged, [float(s) for s in self.meter.soc],
+            len(self.names), total * self.settings.step, self.recorder.written, total * len(self.names),
+            d.count, float(self.fleet.moved.sum()), self.used, self.charged, [float(s) for s in self.meter.soc],
             self.soc_lowest, self.soc_sum / total,
             self.tally.limits(self.waiting), d.watch.longest, open_tasks, notes,
         )  # fmt: skip

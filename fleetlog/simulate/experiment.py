@@ -138,8 +138,8 @@ def experiment(
 ) -> Result:
     """Run every variant of every base, which differ in their seeds alone.
 
-    Tables ``runs`` (a row a variant and seed) and ``variants`` (means over the seeds, half widths of their 95 %
-    intervals, changes paired by seed).  :class:`DataError` for no factor, or where no run is possible.
+    Tables ``runs`` (a row a variant and seed) and ``variants`` (means over the seeds, half widths of their
+    95 % intervals, changes paired by seed).  :class:`DataError` for no factor, or where no run is possible.
     """
     import pandas as pd
 

@@ -18,7 +18,7 @@ from fleetlog.simulate.world import World
 
 @dataclass(frozen=True)
 class Policy:
-    """When trucks charge: below ``low`` always, below ``chance`` when there is nothing else to do, up to ``full``.
+    """When trucks charge: below ``low``, with nothing else to do below ``chance``, up to ``full``.
 
     From ``enough`` on a truck leaves the charger when tasks wait.
     """
@@ -39,7 +39,7 @@ class Policy:
 
 @dataclass
 class Job:
-    """What a truck is about: a stage, its task (and how that was drawn), the bay it goes to, since when [s]."""
+    """What a truck is about: a stage, its task (and how that was drawn), its bay, since when [s]."""
 
     stage: str = "idle"
     task: Task | None = None
@@ -137,7 +137,7 @@ class Occupancy(Untangler):
         self._go(v, b, "park")
 
     def _send_away(self, v: int, bays: Sequence[int], only_low: bool = False) -> None:
-        """One idle truck leaves one of the bays, unless one is being left; ``only_low``: one that has to charge."""
+        """One idle truck, with ``only_low`` one that has to charge, leaves a bay, unless one is being left."""
         holders, leaving = [int(self.owner[b]) for b in bays], (Mode.WANTS_OUT, Mode.LEAVING)
         for u in holders:
             if self.home[u] in bays and self.jobs[u].goal not in bays and self.fleet.mode[u] in leaving:

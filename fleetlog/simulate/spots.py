@@ -42,8 +42,8 @@ def _lasting_lanes(site: Site, maker: BayMaker, mined: frozenset[str]) -> list[s
     if not out:
         return []
     return [
-        f"{int((~maker.lasting).sum())} of {len(network)} lanes ({out:.0f} m) cannot be reached and left again:"
-        " nobody stops there"
+        f"{int((~maker.lasting).sum())} of {len(network)} lanes ({out:.0f} m) cannot be reached and left"
+        " again: nobody stops there"
     ]
 
 
@@ -112,7 +112,7 @@ def auto_places(maker: BayMaker, wanted: int, kinds: tuple[str, ...] = ("park", 
         kind = kinds[len(made) % len(kinds)]
         spot = maker.track.first[lane] + int(at / maker.track.spacing[lane])
         x, y = float(maker.track.x[spot]), float(maker.track.y[spot])
-        place = Place(f"{kind}-{len(made) + 1}", kind, x, y)  # type: ignore[arg-type]  # one of the kinds above
+        place = Place(f"{kind}-{len(made) + 1}", kind, x, y)  # type: ignore[arg-type]
         bay = maker.along(lane, at, place)
         if bay is not None:
             made.append(bay)

@@ -13,8 +13,8 @@ from fleetlog.simulate.arrays import Flags, Floats, Index, Ints, Modes
 
 
 class Mode(IntEnum):
-    """What a truck does: it stands in a bay, works there, waits to leave it, backs out, drives, waits on the road
-    before its bay, goes in, charges, or stands with an empty battery.
+    """What a truck does: it stands in a bay, works there, waits to leave it, backs out, drives, waits on the
+    road before its bay, goes in, charges, or stands with an empty battery.
     """
 
     PARKED, HANDLING, WANTS_OUT, LEAVING, DRIVING, AT_BAY, ENTERING, CHARGING, EMPTY = range(9)

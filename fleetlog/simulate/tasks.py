@@ -28,10 +28,10 @@ ENGAGE = 6.0
 class Task:
     """One load.
 
-    ``vehicle`` None: any; ``source``, ``target`` places; ``payload`` kg; ``earliest`` s after the start; ``dwell``
-    (pick, drop) s, at least what the lift needs, with ``on_road`` the way into the bay and out of it included;
-    ``height`` (pick, drop) m.  A truck near ``origin``, where a recorded truck set off to do it, takes it, or one
-    near the source.  ``after`` is the number of the task after which the same truck did this one, -1: none.
+    ``vehicle`` None: any; ``source``, ``target`` places; ``payload`` kg; ``earliest`` s after the start;
+    ``dwell`` (pick, drop) s, at least what the lift needs, ``on_road`` with the way into the bay and out of it;
+    ``height`` (pick, drop) m.  A truck near ``origin``, where a recorded truck set off to do it, takes it, or
+    one near the source.  ``after`` is the number of the task that the same truck did before, -1: none.
     """
 
     vehicle: str | None

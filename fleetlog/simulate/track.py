@@ -102,7 +102,7 @@ def build_track(network: Network, truck: Truck, traffic: str = "right") -> Track
 def assemble(
     network: Network, shapes: list[tuple[Floats, float]], source: Index, target: Index, lanes: Index
 ) -> Track:
-    """The track of given shapes, each sample laid on the map: on its lane, of connectors on the nearer one."""
+    """The track of given shapes, each sample laid on its lane, of connectors on the nearer one."""
     count = np.array([len(s) for s, _ in shapes])
     first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     length = np.array([size for _, size in shapes])
