@@ -225,7 +225,7 @@ def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, .
     """For each held number the free ones that hide its effect: the least-squares x of J_free x = -J_held."""
     basis, out = np.flatnonzero(free), []
     for k in np.flatnonzero(~free):
-        weight = np.zeros(len(basis))
+        weight: Floats = np.zeros(len(basis))
         if np.linalg.norm(jacobian[:, k]) >= LEAST_INFORMATION and len(basis):
             weight = -np.linalg.lstsq(jacobian[:, basis], jacobian[:, k], rcond=None)[0]
         strong = [j for j in np.argsort(-np.abs(weight)) if abs(weight[j]) >= COMPANION]

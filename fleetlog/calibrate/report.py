@@ -94,7 +94,8 @@ def summary(fit: Fit) -> dict[str, Any]:
     """JSON-ready; ``value`` and its interval are null for a number that the runs do not carry."""
     keys = [e.unknown.key for e in fit.estimates]
     columns = ("run", "measured", "sigma", "before", "after")
-    runs = zip(fit.labels, fit.measured, fit.sigma, fit.before, fit.after, strict=True)
+    rows = zip(fit.labels, fit.measured, fit.sigma, fit.before, fit.after, strict=True)
+    runs = [dict(zip(columns, row, strict=True)) for row in rows]
     return {
         "format_version": 1, "confidence": CONFIDENCE, "parameters": [_parameter(e) for e in fit.estimates],
         "correlation": {"keys": keys, "matrix": fit.correlation},
@@ -106,7 +107,7 @@ def summary(fit: Fit) -> dict[str, Any]:
             "product": {u.key: power for u, power in c.powers}, "value": c.value,
             "relative_deviation": c.deviation,
         } for c in fit.combinations],
-        "runs": len(fit.labels) if len(fit.labels) > 500 else [dict(zip(columns, r, strict=True)) for r in runs],
+        "runs": runs if len(runs) <= 500 else len(runs),
         "spread_factor": fit.spread_factor,
     }  # fmt: skip
 

@@ -54,10 +54,10 @@ def demand_like(
 ) -> list[Task]:  # fmt: skip
     """Tasks drawn like those of :func:`carried`, for ``duration`` [s] from ``start_of_day`` [s] on.
 
-    Each hour has a Poisson number of tasks: the recorded mean of that hour of day (of the whole recording where
-    it was not recorded; ``hours`` (24,) says how many were), times ``share``, trucks simulated over recorded.
-    Each is one recorded task within ``JITTER`` of its time of day, so that places, loads, dwells and lulls keep
-    their joint distribution; at any time where less of the hour was recorded than is simulated.
+    Each hour has a Poisson number of tasks: the recorded mean of that hour of day (of the whole recording
+    where it was not recorded; ``hours`` (24,) says how many were), times ``share``, trucks simulated over recorded.
+    Each is one recorded task within ``JITTER`` of its time of day, so that places, loads, dwells and lulls
+    keep their joint distribution; at any time where less of the hour was recorded than is simulated.
     """
     rng = np.random.Generator(np.random.PCG64([seed, 7]))
     hour = np.array([int(t.earliest // 3600) % 24 for t in carried_tasks])
@@ -86,8 +86,8 @@ def demand_like(
 def chained(tasks: list[Task]) -> list[Task]:
     """The tasks in order of time, numbered, each after one that ends where its recorded truck set off.
 
-    That is the last of those that nobody follows yet and that began at least ``BETWEEN`` earlier; a task after
-    another may begin ``JITTER`` earlier, as its time is known no better than that.
+    That is the last of those that nobody follows yet and that began at least ``BETWEEN`` earlier; a task
+    after another may begin ``JITTER`` earlier, as its time is known no better than that.
     """
     ends: dict[str, list[Task]] = {}
     out: list[Task] = []

@@ -53,7 +53,7 @@ def locate(ground: Track, log: Log) -> Batch:
         log.piece.ravel(), log.s.ravel(), (log.mode == Mode.LEAVING).ravel(), t.first, t.spacing, t.x, t.y,
         t.z, t.heading, t.curvature, t.slope, t.edge, t.offset, t.lateral,
     )  # fmt: skip
-    return Batch(*out.reshape(-1, *shape), edge.reshape(shape))
+    return Batch._make([*out.reshape(-1, *shape), edge.reshape(shape)])
 
 
 @dataclass

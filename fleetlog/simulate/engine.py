@@ -237,7 +237,7 @@ class Run:
         open_tasks = d.count.tasks_given - d.count.tasks_done
         return Summary(
             len(self.names), total * self.settings.step, self.recorder.written, total * len(self.names),
-            d.count, float(self.fleet.moved.sum()), self.used, self.charged, [float(s) for s in self.meter.soc],
+            d.count, float(self.fleet.moved.sum()), self.used, self.charged, self.meter.soc.tolist(),
             self.soc_lowest, self.soc_sum / total,
             self.tally.limits(self.waiting), d.watch.longest, open_tasks, notes,
         )  # fmt: skip

@@ -137,7 +137,7 @@ class Occupancy(Untangler):
         self._go(v, b, "park")
 
     def _send_away(self, v: int, bays: Sequence[int], only_low: bool = False) -> None:
-        """One idle truck, with ``only_low`` one that has to charge, leaves a bay, unless one is being left."""
+        """One idle truck, with ``only_low`` one that must charge, leaves a bay, unless one is being left."""
         holders, leaving = [int(self.owner[b]) for b in bays], (Mode.WANTS_OUT, Mode.LEAVING)
         for u in holders:
             if self.home[u] in bays and self.jobs[u].goal not in bays and self.fleet.mode[u] in leaving:

@@ -26,8 +26,8 @@ DEEPEST = 25.0
 class Door:
     """A spur between a lane and a bay, driven forwards into it and backwards out of it.
 
-    It leaves ``lane`` at ``at`` [m]; ``path`` (n, 4) x, y, heading, curvature leads from there into bay number
-    ``bay``, ``length`` [m]; a truck on it can be met on the lane up to ``ahead`` [m] past ``at``.  It crosses
+    It leaves ``lane`` at ``at`` [m]; ``path`` (n, 4) x, y, heading, curvature leads from there into bay
+    number ``bay``, ``length`` [m]; a truck on it can be met on the lane up to ``ahead`` [m] past ``at``.  It crosses
     lane ``crosses`` (-1: none): no truck there is between ``low`` and ``high`` [m] meanwhile.
     """
 

@@ -29,7 +29,7 @@ class Task:
     """One load.
 
     ``vehicle`` None: any; ``source``, ``target`` places; ``payload`` kg; ``earliest`` s after the start;
-    ``dwell`` (pick, drop) s, at least what the lift needs, ``on_road`` with the way into the bay and out of it;
+    ``dwell`` (pick, drop) s, at least what the lift needs, ``on_road`` with the way into and out of the bay;
     ``height`` (pick, drop) m.  A truck near ``origin``, where a recorded truck set off to do it, takes it, or
     one near the source.  ``after`` is the number of the task that the same truck did before, -1: none.
     """
@@ -71,11 +71,11 @@ def random_dwell(rng: np.random.Generator) -> float:
     return float(np.clip(rng.lognormal(np.log(22.0), 0.35), 12.0, 90.0))
 
 
-def random_visits(rng: np.random.Generator) -> dict[str, tuple[float, float]]:
-    """Dwell [s] and height of the shelf [m] where a load is picked and where it is dropped."""
+def random_visits(rng: np.random.Generator) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Dwell [s] and height of the shelf [m], each where a load is picked and where it is dropped."""
     dwell = (random_dwell(rng), random_dwell(rng))
-    low, high = (HEIGHTS[int(rng.integers(len(HEIGHTS)))] for _ in range(2))
-    return {"dwell": dwell, "height": (low, high)}
+    pick, drop = (HEIGHTS[int(rng.integers(len(HEIGHTS)))] for _ in range(2))
+    return dwell, (pick, drop)
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class TaskStream:
         rng = np.random.Generator(np.random.PCG64([self.seed, self.drawn]))
         self.drawn += 1
         load, pause = random_load(rng, self.truck), float(rng.exponential(self.pause))
-        task = Task(None, "", "", load, now, **random_visits(rng))
+        task = Task(None, "", "", load, now, *random_visits(rng))
         return Drawn(task, rng.random(self.places), pause)
 
 
@@ -156,7 +156,7 @@ def _task(
     earliest = _number(row.get("earliest"), 0.0, "earliest", path, place)
     given = (row.get("vehicle") or "").strip()
     vehicle = given if given not in ("", "any") else None
-    return Task(vehicle, row["from"], row["to"], payload, earliest, **random_visits(rng))
+    return Task(vehicle, row["from"], row["to"], payload, earliest, *random_visits(rng))
 
 
 def _number(text: str | None, default: float, name: str, path: Path, place: str) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -88,7 +89,8 @@ def with_spurs(track: Track, doors: list[Door]) -> Track:
     spurs = assemble(track.network, [(d.path, d.length) for d in doors], none, none, lanes)
     spurs = replace(spurs, first=spurs.first[1:] + track.first[-1], slope=np.zeros(len(spurs.x)))
     parts = (f.name for f in fields(Track) if f.name != "network")
-    return replace(track, **{n: np.concatenate([getattr(track, n), getattr(spurs, n)]) for n in parts})
+    joined: dict[str, Any] = {n: np.concatenate([getattr(track, n), getattr(spurs, n)]) for n in parts}
+    return replace(track, **joined)
 
 
 def speed_limits(site: Site, track: Track) -> Floats:
