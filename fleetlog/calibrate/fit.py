@@ -227,7 +227,7 @@ def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, .
     for k in np.flatnonzero(~free):
         weight: Floats = np.zeros(len(basis))
         if np.linalg.norm(jacobian[:, k]) >= LEAST_INFORMATION and len(basis):
-            weight = -np.linalg.lstsq(jacobian[:, basis], jacobian[:, k], rcond=None)[0]
+            weight = -np.asarray(np.linalg.lstsq(jacobian[:, basis], jacobian[:, k], rcond=None)[0], float)
         strong = [j for j in np.argsort(-np.abs(weight)) if abs(weight[j]) >= COMPANION]
         out.append(Blind(unknowns[k], tuple((unknowns[basis[j]], float(weight[j])) for j in strong)))
     return out

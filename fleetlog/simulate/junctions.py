@@ -60,16 +60,11 @@ def half_box(truck: Truck) -> tuple[float, float]:
     return 0.5 * truck.chassis.length + MARGIN, 0.5 * truck.chassis.width + MARGIN
 
 
-def owners(track: Track) -> Index:
-    """(S,) piece of every sample."""
-    return np.repeat(np.arange(len(track), dtype=np.int32), np.diff(track.first))
-
-
 def find_junctions(track: Track, truck: Truck) -> Junctions:
     """Safe parts of all lanes, and the conflicts between everything else."""
     from fleetlog.simulate.kernels.geometry import meetings
 
-    lanes, owner = len(track.network), owners(track)
+    lanes, owner = len(track.network), track.owner
     every = np.ones(len(owner), dtype=np.bool_)
     skip = np.full(len(owner), -1, np.int32)
     pairs = meetings(track.x, track.y, track.z, track.heading, owner, every, *half_box(truck), skip)

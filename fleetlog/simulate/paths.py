@@ -106,3 +106,10 @@ def even(points: Floats, spacing: float) -> tuple[Floats, float]:
     heading = np.interp(s, 0.5 * (along[:-1] + along[1:]), chord)
     curvature = np.gradient(heading, length / (n - 1))
     return np.column_stack([np.interp(s, along, x), np.interp(s, along, y), heading, curvature]), length
+
+
+def moved(shape: Floats, x: float, y: float, heading: float) -> Floats:
+    """(n, 4) x, y, heading, curvature of a curve that begins at the origin along x, begun elsewhere."""
+    c, s = np.cos(heading), np.sin(heading)
+    along, left, turn, curvature = shape.T
+    return np.column_stack([x + c * along - s * left, y + s * along + c * left, turn + heading, curvature])

@@ -11,7 +11,7 @@ import numpy as np
 from fleetlog.core.site import Place
 from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.junctions import START, Junctions
-from fleetlog.simulate.paths import even, joined
+from fleetlog.simulate.paths import even, joined, moved
 from fleetlog.simulate.track import SPACING, Track
 
 SHARES = (1.0, 0.7, 0.5)
@@ -27,8 +27,8 @@ class Door:
     """A spur between a lane and a bay, driven forwards into it and backwards out of it.
 
     It leaves ``lane`` at ``at`` [m]; ``path`` (n, 4) x, y, heading, curvature leads from there into bay
-    number ``bay``, ``length`` [m]; a truck on it can be met on the lane up to ``ahead`` [m] past ``at``.  It crosses
-    lane ``crosses`` (-1: none): no truck there is between ``low`` and ``high`` [m] meanwhile.
+    number ``bay``, ``length`` [m]; a truck on it can be met on the lane up to ``ahead`` [m] past ``at``.  It
+    crosses lane ``crosses`` (-1: none): no truck there is between ``low`` and ``high`` [m] meanwhile.
     """
 
     lane: int
@@ -83,11 +83,7 @@ def opposite_spur(track: Track, j: Junctions, bay: Door, radius: float, half_wid
     toward = float(track.heading[k])
     turn = float(np.angle(np.exp(1j * (heading - toward))))
     shape, length = _bow(round(ahead, 3), round(left, 3), round(turn, 4))
-    path = shape.copy()
-    c, s = np.cos(toward), np.sin(toward)
-    path[:, 0] = track.x[k] + c * shape[:, 0] - s * shape[:, 1]
-    path[:, 1] = track.y[k] + s * shape[:, 0] + c * shape[:, 1]
-    path[:, 2] += toward
+    path = moved(shape, track.x[k], track.y[k], toward)
     return Door(lane, at, path, length, ahead + half_width)
 
 

@@ -56,22 +56,20 @@ class Track:
         return len(self.length)
 
     @cached_property
-    def _by_turn(self) -> dict[tuple[int, int], int]:
-        return {
-            (int(a), int(b)): p
-            for p, (a, b) in enumerate(zip(self.source, self.target, strict=True))
-            if a >= 0
-        }
+    def owner(self) -> Index:
+        """(S,) piece of every sample."""
+        return np.repeat(np.arange(len(self), dtype=np.int32), np.diff(self.first))
 
-    def connector(self, lane: int, following: int) -> int:
-        """The piece that joins two lanes."""
-        return self._by_turn[lane, following]
+    @cached_property
+    def _by_turn(self) -> dict[tuple[int, int], int]:
+        turns = zip(self.source.tolist(), self.target.tolist(), strict=True)
+        return {turn: p for p, turn in enumerate(turns) if turn[0] >= 0}
 
     def pieces(self, edges: NDArray[np.integer]) -> list[int]:
         """Lanes and connectors along a chain of edges."""
         out = [int(edges[0])]
         for a, b in itertools.pairwise(edges):
-            out += [self.connector(int(a), int(b)), int(b)]
+            out += [self._by_turn[int(a), int(b)], int(b)]
         return out
 
 

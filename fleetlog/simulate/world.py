@@ -13,7 +13,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
 from fleetlog.simulate.arrays import Floats, Index, Ints
-from fleetlog.simulate.bays import BayMaker, side_of
+from fleetlog.simulate.bays import BayMaker
 from fleetlog.simulate.doors import all_doors
 from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box, unique_pairs
 from fleetlog.simulate.reach import with_loops
@@ -69,7 +69,7 @@ def build_world(
     actual = physics.actual_truck()
     track = build_track(network, truck, site.traffic)
     junctions = find_junctions(track, truck)
-    maker = BayMaker(track, junctions, truck, side_of(site))
+    maker = BayMaker(track, junctions, truck, 1.0 if site.traffic == "left" else -1.0)
     notes += lay_out(site, maker, vehicles, mined, max(vehicles, room))
     doors = all_doors(track, junctions, maker.bays, truck)
     ground = with_spurs(track, doors)
@@ -155,11 +155,10 @@ def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], ground: Track
     from fleetlog.simulate.kernels.geometry import meetings
 
     pieces, lanes, samples = len(track), len(track.network), len(track.x)
-    owner = np.repeat(np.arange(len(ground), dtype=np.int32), np.diff(ground.first))
-    ask = np.arange(len(owner)) >= samples
-    skip = np.full(len(owner), -1, np.int32)
-    pairs = meetings(ground.x, ground.y, ground.z, ground.heading, owner, ask, *half_box(truck), skip)
-    resource = np.concatenate([j.resource, 2 * lanes + owner[samples:]]).astype(np.int64)
+    g, ask = ground, np.arange(len(ground.x)) >= samples
+    skip = np.full(len(ask), -1, np.int32)
+    pairs = meetings(g.x, g.y, g.z, g.heading, g.owner, ask, *half_box(truck), skip)
+    resource = np.concatenate([j.resource, 2 * lanes + ground.owner[samples:]]).astype(np.int64)
     # b > a always, and spurs come last: b is the spur.
     a, b = resource[pairs[:, 0]], resource[pairs[:, 1]]
     keep = a >= 0
