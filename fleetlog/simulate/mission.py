@@ -37,6 +37,8 @@ class MissionSummary:
     """Trips off the roads, which follow their recorded positions."""
     lost_share: float | None = None
     """Of the travel time, lost to other trucks; None where each drives by itself."""
+    let_past: int | None = None
+    """How often a truck was let past another, as each waited for the other."""
 
 
 def replay(
@@ -50,10 +52,10 @@ def replay(
     trucks keep to their lanes and wait for one another, in the order in which they passed each place.
     """
     replays = _replays(dataset, truck, writer, physics or Physics(truck))
-    lost = None
+    lost, past = None, None
     if together:
         replays = iter(found := list(replays))
-        lost = _together(found, truck)
+        lost, past = _together(found, truck)
     total, rows, trips, own = np.zeros(6), 0, 0, 0
     for i, one in enumerate(replays):
         one.run()
@@ -66,7 +68,7 @@ def replay(
         do = "import it with speed or denser positions"
         raise DataError("the recording has no trip", where=dataset.path, do=do)
     distance, duration, energy = (float(b / a) if a > 0.0 else float("nan") for a, b in total.reshape(2, 3).T)
-    return MissionSummary(len(dataset.vehicles), trips, rows, distance, duration, energy, own, lost)
+    return MissionSummary(len(dataset.vehicles), trips, rows, distance, duration, energy, own, lost, past)
 
 
 def _replays(
@@ -80,7 +82,7 @@ def _replays(
             yield VehicleReplay(recorded, found, site, physics.of(vehicle, recorded.time[0] * 1e-6), writer)
 
 
-def _together(replays: list[VehicleReplay], truck: Truck) -> float:
+def _together(replays: list[VehicleReplay], truck: Truck) -> tuple[float, int]:
     from fleetlog.simulate.together import meet_again
 
     for one in replays:

@@ -1,9 +1,8 @@
 """Recorded missions in one another's way.
 
-Every truck drives its own path. At a place that two want, the one that passed it first in the recording passes it
-first again, and the other waits before it until there is room: the order of an action dependency graph (Hönig,
-Kiesel, Tinka, Durham and Ayanian 2019, Persistent and robust execution of MAPF schedules in warehouses). Since
-every wait is for something that the recording has earlier, no ring of trucks can wait for one another.
+Every truck drives its own path. Where the footprints of two would touch, the one that comes there first goes first,
+and the other waits until the place is free. A truck that stands for more than a minute for another that stands
+too is let past: such rings are counted.
 """
 
 from __future__ import annotations
@@ -18,12 +17,14 @@ import pandas as pd
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion.legs import Leg
 from fleetlog.physics.motion.profile import SpeedProfile
-from fleetlog.simulate.arrays import Floats, Ints
+from fleetlog.simulate.arrays import Flags, Floats, Ints
 from fleetlog.simulate.junctions import half_box
 from fleetlog.simulate.retrace import Trip, VehicleReplay
 
-WINDOW = 180.0
-"""Who passes a place so much later than another cannot meet it there [s]."""
+WINDOW = 60.0
+"""Who would be at a place so much later than another does not meet it there [s]."""
+CLOSE = 6
+"""Touching nodes of two trucks so many nodes apart are one meeting."""
 AFTER = 6.0
 """A truck that set off at most so long after the way ahead became free had stood for that [s]."""
 REACH = 12.0
@@ -31,29 +32,31 @@ REACH = 12.0
 
 
 class Nodes(NamedTuple):
-    """(N,) nodes of all trips, truck after truck: where, when in the recording [s], whose, how far on its trip [m]."""
+    """(N,) nodes of all trips, truck after truck: where, when in the recording and when driven alone [s], whose."""
 
     x: Floats
     y: Floats
     heading: Floats
-    time: Floats
+    recorded: Floats
+    alone: Floats
     truck: Ints
-    distance: Floats
 
 
-def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> float:
-    """Let the trips of all trucks wait for one another; the share of the travel time that is lost by that."""
+def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, int]:
+    """Let trucks wait for one another: the share of the travel time that they lose, and how many were let past."""
     trips = [(u, trip) for u, r in enumerate(replays) for trip in r.trips if trip.leg is not None]
     start = min(r.recorded.time[0] for r in replays)
     clock = [float(r.recorded.time[0] - start) * 1e-6 for r in replays]
-    nodes = _nodes(trips, clock)
     first = np.cumsum([0, *(len(_leg(t).distance) for _, t in trips)])
-    gates = _gates(nodes, half_box(truck), len(replays))
+    half = half_box(truck)
+    nodes = _nodes(replays, trips, clock)
+    was = _gates(nodes._replace(alone=nodes.recorded), half)
     for k, (u, trip) in enumerate(trips):
-        stops = _own_stops(_leg(trip), nodes, gates, int(first[k]))
+        stops = _own_stops(_leg(trip), nodes, was, int(first[k]))
         if len(stops) < len(_leg(trip).stops):
             replays[u].drive_on(trip, replace(_leg(trip), stops=stops))
-    return _driven(replays, trips, clock, first, _needed(gates, nodes))
+    gates = _gates(_nodes(replays, trips, clock), half)
+    return _driven(replays, trips, clock, first, gates)
 
 
 def _leg(trip: Trip) -> Leg:
@@ -61,61 +64,96 @@ def _leg(trip: Trip) -> Leg:
     return trip.leg
 
 
-def _nodes(trips: Sequence[tuple[int, Trip]], clock: Sequence[float]) -> Nodes:
+def _nodes(
+    replays: Sequence[VehicleReplay], trips: Sequence[tuple[int, Trip]], clock: Sequence[float]
+) -> Nodes:
     legs = [(u, _leg(trip)) for u, trip in trips]
     x, y, heading = (np.concatenate([getattr(g.path, c) for _, g in legs]) for c in ("x", "y", "heading"))
-    time = np.concatenate([g.path.time + clock[u] for u, g in legs])
+    recorded = np.concatenate([g.path.time + clock[u] for u, g in legs])
+    alone, ready = [], dict.fromkeys(range(len(replays)), -np.inf)
+    for u, trip in trips:
+        assert trip.drive is not None
+        begin = max(replays[u].earliest(trip), ready[u])
+        alone.append(begin + trip.drive.time + clock[u])
+        ready[u] = begin + trip.drive.duration + replays[u].work(trip)
     owner = np.concatenate([np.full(len(g.distance), u) for u, g in legs])
-    return Nodes(x, y, heading, time, owner, np.concatenate([g.distance for _, g in legs]))
+    return Nodes(x, y, heading, recorded, np.concatenate(alone), owner)
 
 
-def _gates(n: Nodes, half: tuple[float, float], trucks: int) -> pd.DataFrame:
-    """Node ``at`` could be entered when ``truck`` had reached its ``node``: a row a node and other truck."""
-    parts = [_met(n, half, begin) for begin in np.arange(n.time.min(), n.time.max() + 1e-3, WINDOW)]
-    met = pd.DataFrame(np.concatenate(parts), columns=["at", "node"])
-    met["truck"] = n.truck[met.node]
-    found = met.groupby(["at", "truck"])["node"].max().reset_index()
-    # Past what was met, or as far as the recording shows that it was by then.
-    ends = np.searchsorted(n.truck, np.arange(trucks + 1))
-    for u in range(trucks):
-        rows = found.truck == u
-        own = n.time[ends[u] : ends[u + 1]]
-        last = ends[u] + np.searchsorted(own, n.time[found["at"][rows]]) - 1
-        found.loc[rows, "node"] = np.minimum(found.node[rows] + 1, last)
-    return found
+def _gates(n: Nodes, half: tuple[float, float]) -> pd.DataFrame:
+    """A row a node and meeting: after ``truck``, node ``at`` is free when that has reached its ``node``.
+
+    ``side`` says which of the two trucks of ``meeting`` it is whose node ``at`` is.
+    """
+    pairs, meeting = _meetings(n, _met(n, half))
+    parts = []
+    for side in (0, 1):
+        rows = pd.DataFrame({"at": pairs[:, side], "meeting": meeting, "node": pairs[:, 1 - side]})
+        rows = rows.groupby(["at", "meeting"])["node"].max().reset_index()
+        parts.append(rows.assign(side=side, truck=n.truck[rows.node]))
+    found = pd.concat(parts, ignore_index=True)
+    # Past the last node that is touched; whose truck goes no farther stands there for good.
+    found["node"] = np.minimum(found.node + 1, len(n.x) - 1)
+    found["owner"] = n.truck[found["at"]]
+    found = found[n.truck[found.node] == found.truck].sort_values(["at", "meeting"])
+    # What says no more than a gate before it is none.
+    of = [found.meeting, found.side]
+    before = found.groupby(of).node.cummax().groupby(of).shift(fill_value=-1)
+    return pd.DataFrame(found[found.node > before])
 
 
-def _met(n: Nodes, half: tuple[float, float], begin: float) -> Ints:
-    """(P, 2) later and earlier node of footprints of two trucks that meet, from a time on for two windows."""
+def _met(n: Nodes, half: tuple[float, float]) -> Ints:
+    """(P, 2) nodes whose footprints touch, of two trucks within ``WINDOW``; standing trucks are there all the time."""
     from fleetlog.simulate.kernels.geometry import meetings
 
-    rows = np.flatnonzero((n.time >= begin) & (n.time < begin + 2.0 * WINDOW))
-    if not len(rows):
-        return np.zeros((0, 2), np.int64)
-    x, y, heading, flat = n.x[rows], n.y[rows], n.heading[rows], np.zeros(len(rows))
-    every, skip = np.ones(len(rows), bool), np.full(len(rows), -1, np.int32)
-    pairs = rows[meetings(x, y, flat, heading, n.truck[rows].astype(np.int32), every, *half, skip)]
-    gap = n.time[pairs[:, 0]] - n.time[pairs[:, 1]]
-    near = (np.abs(gap) <= WINDOW) & (gap != 0.0)
-    return np.asarray(np.where(gap[near, None] > 0.0, pairs[near], pairs[near][:, ::-1]))
+    stands = np.where(np.diff(n.truck) == 0, np.diff(n.alone), 0.0)
+    more = np.maximum(np.ceil(stands / WINDOW).astype(int) - 1, 0)
+    node = np.concatenate([np.arange(len(n.x)), np.repeat(np.arange(len(more)), more)])
+    time = np.concatenate(
+        [n.alone, *(n.alone[k] + WINDOW * np.arange(1, more[k] + 1) for k in np.flatnonzero(more))]
+    )
+    found = [np.zeros((0, 2), np.int64)]
+    for begin in np.arange(time.min(), time.max() + 1e-3, WINDOW):
+        own = node[(time >= begin) & (time < begin + 2.0 * WINDOW)]
+        flat, every, skip = np.zeros(len(own)), np.ones(len(own), bool), np.full(len(own), -1, np.int32)
+        if len(own):
+            trucks = n.truck[own].astype(np.int32)
+            found.append(own[meetings(n.x[own], n.y[own], flat, n.heading[own], trucks, every, *half, skip)])
+    return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
 
 
-def _needed(gates: pd.DataFrame, n: Nodes) -> pd.DataFrame:
-    """The gates that say more of a truck than those before them, in order."""
-    gates = gates.assign(owner=n.truck[gates["at"]]).sort_values(["at", "truck"])
-    known = gates.groupby(["owner", "truck"]).node.cummax()
-    before = known.groupby([gates.owner, gates.truck]).shift(fill_value=-1)
-    return gates[gates.node > before]
+def _meetings(n: Nodes, pairs: Ints) -> tuple[Ints, Ints]:
+    """Touching nodes, and (P,) the meeting of two trucks that each pair belongs to."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    # Nodes of different trucks are never neighbours.
+    cells, of = np.unique((pairs + 100 * CLOSE * n.truck[pairs]) // CLOSE, axis=0, return_inverse=True)
+    near = cKDTree(cells).query_pairs(1.5, output_type="ndarray") if len(cells) else np.zeros((0, 2), int)
+    graph = coo_matrix((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(cells), len(cells)))
+    meeting = connected_components(graph, directed=False)[1][of.ravel()].astype(np.int64)
+    # Who drove past a truck that stood there in the recording can do so again.
+    passed = _stood_by(n, pairs[:, 0], pairs[:, 1]) | _stood_by(n, pairs[:, 1], pairs[:, 0])
+    kept = ~np.isin(meeting, meeting[passed])
+    return pairs[kept], meeting[kept]
+
+
+def _stood_by(n: Nodes, stood: Ints, passed: Ints) -> Flags:
+    """Whether a recorded truck was at ``passed`` while another stood at ``stood``."""
+    after = np.minimum(stood + 1, len(n.x) - 1)
+    when, until = n.recorded[passed], np.where(n.truck[after] == n.truck[stood], n.recorded[after], np.inf)
+    return np.asarray((when > n.recorded[stood] + 1.0) & (when < until - 1.0))
 
 
 def _own_stops(leg: Leg, n: Nodes, gates: pd.DataFrame, first: int) -> dict[int, float]:
     """The stops on the way at which no other truck was in the way."""
     kept = {}
     for k, seconds in leg.stops.items():
-        until = n.time[first + k] + seconds
+        until = n.recorded[first + k] + seconds
         end = first + int(np.searchsorted(leg.distance, leg.distance[k] + REACH))
         low, high = np.searchsorted(gates["at"], [first + k, end])
-        opened = n.time[gates.node[low:high]]
+        opened = n.recorded[gates.node[low:high]]
         if not ((opened > until - min(seconds, AFTER)) & (opened <= until + 1.0)).any():
             kept[k] = seconds
     return kept
@@ -124,7 +162,7 @@ def _own_stops(leg: Leg, n: Nodes, gates: pd.DataFrame, first: int) -> dict[int,
 def _driven(
     replays: Sequence[VehicleReplay], trips: Sequence[tuple[int, Trip]], clock: Sequence[float], first: Ints,
     gates: pd.DataFrame,
-) -> float:  # fmt: skip
+) -> tuple[float, int]:  # fmt: skip
     """Give each hindered trip its beginning and its drive."""
     from fleetlog.simulate.kernels.meet import Drives, Gates, meet
 
@@ -134,8 +172,8 @@ def _driven(
     work = np.array([replays[u].work(trip) for u, trip in trips])
     trucks = np.arange(len(replays) + 1)
     owner = np.array([u for u, _ in trips])
-    table = (gates[c].to_numpy(np.int64) for c in ("at", "truck", "node"))
-    begin, took, hindered, log = meet(
+    table = (gates[c].to_numpy(np.int64) for c in ("at", "truck", "node", "meeting", "side"))
+    begin, took, hindered, forced, log = meet(
         np.searchsorted(owner, trucks), Drives._make([*columns, first, leave, work]),
         Gates._make([np.searchsorted(gates.owner, trucks), *table]),
         np.array([r.physics.actual_truck().drive.max_acceleration for r in replays]),
@@ -150,5 +188,4 @@ def _driven(
         t, v = np.concatenate([[0.0], t, [took[k]]]), np.concatenate([[0.0], v, [0.0]])
         x = np.concatenate([[0.0], x, [_leg(trip).distance[-1]]])
         trip.begin, trip.drive = float(begin[k] - clock[u]), SpeedProfile(x, v, t, np.zeros(len(t)))
-    lost = took.sum() - free
-    return float(lost / took.sum())
+    return float((took.sum() - free) / took.sum()), int(forced)

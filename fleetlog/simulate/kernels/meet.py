@@ -19,6 +19,8 @@ FAR = 2.0
 """What lies so far beyond its braking distance does not concern a truck yet [m]."""
 NEAR = 0.05
 """A node this close ahead is reached [m]; slower than this a truck stands [m/s]."""
+PATIENCE = 60.0
+"""A truck that has stood so long for one that stands for another is let past [s]."""
 STANDS, ALONE, HINDERED = range(3)
 
 
@@ -37,12 +39,17 @@ class Drives(NamedTuple):
 
 
 class Gates(NamedTuple):
-    """Truck v, gates first[v]:first[v + 1] in order: node ``at`` is closed until ``truck`` has reached ``node``."""
+    """Truck v, gates first[v]:first[v + 1] in order: node ``at`` is closed until ``truck`` has reached ``node``.
+
+    That is where the other side of the ``meeting`` goes first.
+    """
 
     first: Ints
     at: Ints
     truck: Ints
     node: Ints
+    meeting: Ints
+    side: Ints
 
 
 @inner
@@ -87,25 +94,35 @@ def opens_in(rest: float, v: float, down: float) -> float:
 def meet(first_trip: Ints, d: Drives, g: Gates, up: Floats, down: Floats) -> Any:
     """Drive all trips, those of truck v being ``first_trip[v]:first_trip[v + 1]``.
 
-    (K,) when each began and how long it took [s], whether others hindered it, and (M, 4) trip, seconds since it
-    began, distance, speed at every step.
+    (K,) when each began and how long it took [s], whether others hindered it; how often one was let past; and
+    (M, 4) trip, seconds since it began, distance, speed at every step.
     """
     trucks, trips = len(first_trip) - 1, len(d.leave)
     trip, gate = first_trip[:-1].copy(), g.first[:-1].copy()
     node, phase = np.zeros(trucks, np.int64), np.zeros(trucks, np.int64)
     x, v, tau, ready = np.zeros(trucks), np.zeros(trucks), np.zeros(trucks), np.full(trucks, -np.inf)
     begin, took, hindered = np.zeros(trips), np.zeros(trips), np.zeros(trips, np.bool_)
-    log, n, left, now = np.empty((65536, 4)), 0, trips, 0.0
+    waits, blocked = np.zeros(trucks), np.zeros(trucks, np.bool_)
+    log, n, left, now, forced = np.empty((65536, 4)), 0, trips, 0.0, 0
+    goes_first = np.full(g.meeting.max() + 1 if len(g.meeting) else 0, -1)
     for u in range(trucks):
         node[u] = d.first[trip[u]] - 1
+        for q in range(g.first[u], g.first[u + 1]):
+            # Where a truck stands at first it is first.
+            if g.at[q] == d.first[trip[u]] and goes_first[g.meeting[q]] < 0:
+                goes_first[g.meeting[q]] = g.side[q]
     while left > 0:
-        reached, was_at, was_on, pace = node.copy(), x.copy(), trip.copy(), v.copy()
+        reached, was_at, was_on, pace, stuck = node.copy(), x.copy(), trip.copy(), v.copy(), blocked.copy()
         for u in range(trucks):
             k, step = trip[u], STEP
-            if k == first_trip[u + 1]:
+            if k == first_trip[u + 1] or (phase[u] == STANDS and now + STEP <= max(d.leave[k], ready[u])):
                 continue
             low, high = d.first[k], d.first[k + 1]
-            while gate[u] < g.first[u + 1] and reached[g.truck[gate[u]]] >= g.node[gate[u]]:
+            while gate[u] < g.first[u + 1]:
+                p = gate[u]
+                goes = goes_first[g.meeting[p]]
+                if goes < 0 or (goes != g.side[p] and reached[g.truck[p]] < g.node[p]):
+                    break
                 gate[u] += 1
             room, stop, at = np.inf, high, x[u] if phase[u] != STANDS else 0.0
             for q in range(gate[u], g.first[u + 1]):
@@ -113,21 +130,26 @@ def meet(first_trip: Ints, d: Drives, g: Gates, up: Floats, down: Floats) -> Any
                 if g.at[q] >= high or ahead > v[u] * v[u] / (2.0 * down[u]) + FAR:
                     break
                 i, other = g.node[q], g.truck[q]
-                if reached[other] >= i:
+                if goes_first[g.meeting[q]] < 0:
+                    # Who comes first goes first.
+                    goes_first[g.meeting[q]] = g.side[q]
+                if goes_first[g.meeting[q]] == g.side[q] or reached[other] >= i:
                     continue
                 if reached[other] >= d.first[was_on[other]] and i < d.first[was_on[other] + 1]:
                     rest = d.distance[i] - was_at[other]
                     if opens_in(rest, pace[other], down[other]) * (v[u] + up[u] * step) < ahead:
                         continue
+                if waits[u] > PATIENCE and q == gate[u] and stuck[other]:
+                    goes_first[g.meeting[q]], waits[u], forced = g.side[q], 0.0, forced + 1
+                    continue
                 stop = g.at[q]
                 room = max(ahead, d.distance[max(stop - 1, low)] - at)
                 break
             if phase[u] == STANDS:
                 start = max(d.leave[k], ready[u])
-                if now + STEP <= start:
-                    continue
                 if stop <= low:
-                    ready[u], hindered[k] = now + STEP, True
+                    ready[u], hindered[k], blocked[u] = now + STEP, True, True
+                    waits[u] += STEP
                     continue
                 begin[k], step, phase[u] = start, min(now + STEP - start, STEP), ALONE
                 node[u], x[u], v[u], tau[u] = low, 0.0, 0.0, 0.0
@@ -146,6 +168,8 @@ def meet(first_trip: Ints, d: Drives, g: Gates, up: Floats, down: Floats) -> Any
                 alone, clock = at_distance(d, node[u], high, x[u])
                 if v[u] >= alone - 0.01:
                     phase[u], tau[u] = ALONE, clock
+            blocked[u] = phase[u] == HINDERED and v[u] < NEAR and stop < high
+            waits[u] = waits[u] + step if blocked[u] else 0.0
             while node[u] + 1 < high and d.distance[node[u] + 1] <= x[u] + NEAR:
                 node[u] += 1
             if n == len(log):
@@ -159,4 +183,4 @@ def meet(first_trip: Ints, d: Drives, g: Gates, up: Floats, down: Floats) -> Any
                 ready[u] = begin[k] + took[k] + d.work[k]
                 node[u], phase[u], trip[u], v[u], left = high - 1, STANDS, k + 1, 0.0, left - 1
         now += STEP
-    return begin, took, hindered, log[:n]
+    return begin, took, hindered, forced, log[:n]
