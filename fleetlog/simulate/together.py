@@ -17,7 +17,7 @@ import pandas as pd
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion.legs import Leg
 from fleetlog.physics.motion.profile import SpeedProfile
-from fleetlog.simulate.arrays import Flags, Floats, Ints
+from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.junctions import half_box
 from fleetlog.simulate.retrace import Trip, VehicleReplay
 
@@ -32,7 +32,7 @@ REACH = 12.0
 
 
 class Nodes(NamedTuple):
-    """(N,) nodes of all trips, truck after truck: where, when in the recording and when driven alone [s], whose."""
+    """(N,) nodes of all trips, truck after truck: where, when in the recording and when alone [s], whose."""
 
     x: Floats
     y: Floats
@@ -40,6 +40,7 @@ class Nodes(NamedTuple):
     recorded: Floats
     alone: Floats
     truck: Ints
+    trip: Ints
 
 
 def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, int]:
@@ -76,8 +77,9 @@ def _nodes(
         begin = max(replays[u].earliest(trip), ready[u])
         alone.append(begin + trip.drive.time + clock[u])
         ready[u] = begin + trip.drive.duration + replays[u].work(trip)
-    owner = np.concatenate([np.full(len(g.distance), u) for u, g in legs])
-    return Nodes(x, y, heading, recorded, np.concatenate(alone), owner)
+    trip_of = np.repeat(np.arange(len(legs)), [len(g.distance) for _, g in legs])
+    owner = np.array([u for u, _ in legs])[trip_of]
+    return Nodes(x, y, heading, recorded, np.concatenate(alone), owner, trip_of)
 
 
 def _gates(n: Nodes, half: tuple[float, float]) -> pd.DataFrame:
@@ -85,17 +87,19 @@ def _gates(n: Nodes, half: tuple[float, float]) -> pd.DataFrame:
 
     ``side`` says which of the two trucks of ``meeting`` it is whose node ``at`` is.
     """
-    pairs, meeting = _meetings(n, _met(n, half))
+    pairs = _met(n, half)
+    meeting = _meetings(n, pairs)
     parts = []
     for side in (0, 1):
         rows = pd.DataFrame({"at": pairs[:, side], "meeting": meeting, "node": pairs[:, 1 - side]})
         rows = rows.groupby(["at", "meeting"])["node"].max().reset_index()
         parts.append(rows.assign(side=side, truck=n.truck[rows.node]))
     found = pd.concat(parts, ignore_index=True)
-    # Past the last node that is touched; whose truck goes no farther stands there for good.
-    found["node"] = np.minimum(found.node + 1, len(n.x) - 1)
+    # Past the last node that is touched; who has arrived stands in nobody's way.
+    ahead = np.minimum(found.node + 1, len(n.x) - 1)
+    found["node"] = np.where(n.trip[ahead] == n.trip[found.node], ahead, found.node)
     found["owner"] = n.truck[found["at"]]
-    found = found[n.truck[found.node] == found.truck].sort_values(["at", "meeting"])
+    found = found.sort_values(["at", "meeting"])
     # What says no more than a gate before it is none.
     of = [found.meeting, found.side]
     before = found.groupby(of).node.cummax().groupby(of).shift(fill_value=-1)
@@ -103,18 +107,12 @@ def _gates(n: Nodes, half: tuple[float, float]) -> pd.DataFrame:
 
 
 def _met(n: Nodes, half: tuple[float, float]) -> Ints:
-    """(P, 2) nodes whose footprints touch, of two trucks within ``WINDOW``; standing trucks are there all the time."""
+    """(P, 2) nodes whose footprints touch, of two trucks that are there within ``WINDOW``."""
     from fleetlog.simulate.kernels.geometry import meetings
 
-    stands = np.where(np.diff(n.truck) == 0, np.diff(n.alone), 0.0)
-    more = np.maximum(np.ceil(stands / WINDOW).astype(int) - 1, 0)
-    node = np.concatenate([np.arange(len(n.x)), np.repeat(np.arange(len(more)), more)])
-    time = np.concatenate(
-        [n.alone, *(n.alone[k] + WINDOW * np.arange(1, more[k] + 1) for k in np.flatnonzero(more))]
-    )
     found = [np.zeros((0, 2), np.int64)]
-    for begin in np.arange(time.min(), time.max() + 1e-3, WINDOW):
-        own = node[(time >= begin) & (time < begin + 2.0 * WINDOW)]
+    for begin in np.arange(n.alone.min(), n.alone.max() + 1e-3, WINDOW):
+        own = np.flatnonzero((n.alone >= begin) & (n.alone < begin + 2.0 * WINDOW))
         flat, every, skip = np.zeros(len(own)), np.ones(len(own), bool), np.full(len(own), -1, np.int32)
         if len(own):
             trucks = n.truck[own].astype(np.int32)
@@ -122,28 +120,18 @@ def _met(n: Nodes, half: tuple[float, float]) -> Ints:
     return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
 
 
-def _meetings(n: Nodes, pairs: Ints) -> tuple[Ints, Ints]:
-    """Touching nodes, and (P,) the meeting of two trucks that each pair belongs to."""
+def _meetings(n: Nodes, pairs: Ints) -> Ints:
+    """(P,) the meeting of two trips that each pair of touching nodes belongs to."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    # Nodes of different trucks are never neighbours.
-    cells, of = np.unique((pairs + 100 * CLOSE * n.truck[pairs]) // CLOSE, axis=0, return_inverse=True)
+    # Nodes of different trips are never neighbours.
+    cells, of = np.unique((pairs + 3 * CLOSE * n.trip[pairs]) // CLOSE, axis=0, return_inverse=True)
     near = cKDTree(cells).query_pairs(1.5, output_type="ndarray") if len(cells) else np.zeros((0, 2), int)
     graph = coo_matrix((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(cells), len(cells)))
-    meeting = connected_components(graph, directed=False)[1][of.ravel()].astype(np.int64)
-    # Who drove past a truck that stood there in the recording can do so again.
-    passed = _stood_by(n, pairs[:, 0], pairs[:, 1]) | _stood_by(n, pairs[:, 1], pairs[:, 0])
-    kept = ~np.isin(meeting, meeting[passed])
-    return pairs[kept], meeting[kept]
-
-
-def _stood_by(n: Nodes, stood: Ints, passed: Ints) -> Flags:
-    """Whether a recorded truck was at ``passed`` while another stood at ``stood``."""
-    after = np.minimum(stood + 1, len(n.x) - 1)
-    when, until = n.recorded[passed], np.where(n.truck[after] == n.truck[stood], n.recorded[after], np.inf)
-    return np.asarray((when > n.recorded[stood] + 1.0) & (when < until - 1.0))
+    _, label = connected_components(graph, directed=False)
+    return np.asarray(label[of.ravel()], dtype=np.int64)
 
 
 def _own_stops(leg: Leg, n: Nodes, gates: pd.DataFrame, first: int) -> dict[int, float]:
@@ -181,11 +169,12 @@ def _driven(
     )  # fmt: skip
     log = log[np.argsort(log[:, 0], kind="stable")]
     rows = np.searchsorted(log[:, 0], np.arange(len(trips) + 1))
-    free = sum(p.duration for p in alone)
+    free = np.array([p.duration for p in alone])
+    lost = float((took - free)[hindered].sum())
     for k in np.flatnonzero(hindered).tolist():
         u, trip = trips[k]
         _, t, x, v = log[rows[k] : rows[k + 1]][log[rows[k] : rows[k + 1], 1] < took[k] - 1e-6].T
         t, v = np.concatenate([[0.0], t, [took[k]]]), np.concatenate([[0.0], v, [0.0]])
         x = np.concatenate([[0.0], x, [_leg(trip).distance[-1]]])
         trip.begin, trip.drive = float(begin[k] - clock[u]), SpeedProfile(x, v, t, np.zeros(len(t)))
-    return float((took.sum() - free) / took.sum()), int(forced)
+    return lost / (float(free.sum()) + lost), int(forced)

@@ -147,10 +147,6 @@ def meet(first_trip: Ints, d: Drives, g: Gates, up: Floats, down: Floats) -> Any
                 break
             if phase[u] == STANDS:
                 start = max(d.leave[k], ready[u])
-                if stop <= low:
-                    ready[u], hindered[k], blocked[u] = now + STEP, True, True
-                    waits[u] += STEP
-                    continue
                 begin[k], step, phase[u] = start, min(now + STEP - start, STEP), ALONE
                 node[u], x[u], v[u], tau[u] = low, 0.0, 0.0, 0.0
             if phase[u] == ALONE:
