@@ -46,6 +46,8 @@ class Nodes(NamedTuple):
 def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, int]:
     """Let trucks wait for one another: the share of the travel time that they lose, and how many were let past."""
     trips = [(u, trip) for u, r in enumerate(replays) for trip in r.trips if trip.leg is not None]
+    if not trips:
+        return 0.0, 0
     start = min(r.recorded.time[0] for r in replays)
     clock = [float(r.recorded.time[0] - start) * 1e-6 for r in replays]
     first = np.cumsum([0, *(len(_leg(t).distance) for _, t in trips)])
@@ -152,29 +154,29 @@ def _driven(
     gates: pd.DataFrame,
 ) -> tuple[float, int]:  # fmt: skip
     """Give each hindered trip its beginning and its drive."""
-    from fleetlog.simulate.kernels.meet import Drives, Gates, meet
+    from fleetlog.simulate.kernels.meet import Drives, Gates, meet, new_state
 
     alone = [trip.drive for _, trip in trips if trip.drive is not None]
     columns = (np.concatenate([getattr(p, c) for p in alone]) for c in ("distance", "speed", "time", "wait"))
     leave = np.array([clock[u] + replays[u].earliest(trip) for u, trip in trips])
     work = np.array([replays[u].work(trip) for u, trip in trips])
+    drives = Drives._make([*columns, first, leave, work])
     trucks = np.arange(len(replays) + 1)
-    owner = np.array([u for u, _ in trips])
     table = (gates[c].to_numpy(np.int64) for c in ("at", "truck", "node", "meeting", "side"))
-    begin, took, hindered, forced, log = meet(
-        np.searchsorted(owner, trucks), Drives._make([*columns, first, leave, work]),
-        Gates._make([np.searchsorted(gates.owner, trucks), *table]),
-        np.array([r.physics.actual_truck().drive.max_acceleration for r in replays]),
-        np.array([r.physics.actual_truck().drive.max_deceleration for r in replays]),
-    )  # fmt: skip
+    closed = Gates._make([np.searchsorted(gates.owner, trucks), *table])
+    first_trip = np.searchsorted([u for u, _ in trips], trucks)
+    limits = [r.physics.actual_truck().drive for r in replays]
+    up, down = (np.array([getattr(d, f"max_{c}") for d in limits]) for c in ("acceleration", "deceleration"))
+    state = new_state(first_trip, drives, closed)
+    log = meet(first_trip, drives, closed, state, up, down)
     log = log[np.argsort(log[:, 0], kind="stable")]
-    rows = np.searchsorted(log[:, 0], np.arange(len(trips) + 1))
-    free = np.array([p.duration for p in alone])
-    lost = float((took - free)[hindered].sum())
-    for k in np.flatnonzero(hindered).tolist():
-        u, trip = trips[k]
-        _, t, x, v = log[rows[k] : rows[k + 1]][log[rows[k] : rows[k + 1], 1] < took[k] - 1e-6].T
-        t, v = np.concatenate([[0.0], t, [took[k]]]), np.concatenate([[0.0], v, [0.0]])
-        x = np.concatenate([[0.0], x, [_leg(trip).distance[-1]]])
-        trip.begin, trip.drive = float(begin[k] - clock[u]), SpeedProfile(x, v, t, np.zeros(len(t)))
-    return lost / (float(free.sum()) + lost), int(forced)
+    rows, lost = np.searchsorted(log[:, 0], np.arange(len(trips) + 1)), 0.0
+    for k in np.flatnonzero(state.hindered).tolist():
+        (u, trip), took = trips[k], float(state.took[k])
+        _, t, x, v = log[rows[k] : rows[k + 1]].T
+        on = slice(int(np.searchsorted(t, took - 1e-6)))
+        t, v = np.concatenate([[0.0], t[on], [took]]), np.concatenate([[0.0], v[on], [0.0]])
+        x = np.concatenate([[0.0], x[on], [_leg(trip).distance[-1]]])
+        trip.begin, trip.drive = float(state.begin[k] - clock[u]), SpeedProfile(x, v, t, np.zeros(len(t)))
+        lost += took - alone[k].duration
+    return lost / (sum(p.duration for p in alone) + lost), int(state.past[0])

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from fleetlog.simulate.arrays import Floats, Ints
+from fleetlog.simulate.arrays import Flags, Floats, Ints
 from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.kernels.lanes import safe
 
@@ -52,6 +52,43 @@ class Gates(NamedTuple):
     side: Ints
 
 
+class State(NamedTuple):
+    """(V,) where trucks are on their trips, (K,) what became of trips, (M,) which side goes first at a meeting.
+
+    ``gate`` is the first that may be closed, ``clock`` the time since setting off of a truck that nobody hinders,
+    ``ready`` when it has done its last trip, ``waits`` how long it has stood for another [s]; ``goes_first`` -1:
+    not decided; ``past`` (1,) how often one of two that stood for each other was let past.
+    """
+
+    trip: Ints
+    gate: Ints
+    node: Ints
+    phase: Ints
+    x: Floats
+    v: Floats
+    clock: Floats
+    ready: Floats
+    waits: Floats
+    begin: Floats
+    took: Floats
+    hindered: Flags
+    goes_first: Ints
+    past: Ints
+
+
+def new_state(first_trip: Ints, d: Drives, g: Gates) -> State:
+    """All before their first trip; where a truck stands then, it is the first."""
+    v, k, trip = len(first_trip) - 1, len(d.leave), first_trip[:-1].copy()
+    goes_first = np.full(g.meeting.max(initial=-1) + 1, -1)
+    here = np.isin(g.at, d.first[trip])
+    goes_first[g.meeting[here]] = g.side[here]
+    zero = [np.zeros(v) for _ in range(5)]
+    return State(
+        trip, g.first[:-1].copy(), d.first[trip] - 1, np.zeros(v, np.int64), *zero, np.zeros(k), np.zeros(k),
+        np.zeros(k, np.bool_), goes_first, np.zeros(1, np.int64),
+    )  # fmt: skip
+
+
 @inner
 def at_time(d: Drives, low: int, high: int, t: float) -> tuple[float, float]:
     """Distance and speed ``t`` [s] after setting off alone on the trip of nodes ``low`` to ``high`` - 1."""
@@ -84,99 +121,121 @@ def at_distance(d: Drives, node: int, high: int, x: float) -> tuple[float, float
 
 
 @inner
-def opens_in(rest: float, v: float, down: float) -> float:
-    """Seconds in which a truck goes ``rest`` [m] even if it brakes from now on; inf where it could stop before."""
-    square = v * v - 2.0 * down * rest
-    return (v - np.sqrt(square)) / down if square > 0.0 else np.inf
+def skip_open(g: Gates, s: State, u: int) -> None:
+    """Forget the gates of truck ``u`` that cannot close any more."""
+    while s.gate[u] < g.first[u + 1]:
+        p = s.gate[u]
+        goes = s.goes_first[g.meeting[p]]
+        if goes < 0 or (goes != g.side[p] and s.node[g.truck[p]] < g.node[p]):
+            return
+        s.gate[u] += 1
+
+
+@inner
+def opens_before(d: Drives, g: Gates, s: State, q: int, ahead: float, pace: float, down: Floats) -> bool:
+    """Whether gate ``q`` opens before a truck comes there that is ``ahead`` [m] of it and goes at most at ``pace``.
+
+    So it is where its other truck, on the trip in question, can no longer stop before it has passed.
+    """
+    other, i = g.truck[q], g.node[q]
+    k = s.trip[other]
+    if s.node[other] < d.first[k] or i >= d.first[k + 1]:
+        return False
+    v, rest = s.v[other], d.distance[i] - s.x[other]
+    square = v * v - 2.0 * down[other] * rest
+    return square > 0.0 and ((v - np.sqrt(square)) / down[other] + STEP) * pace < ahead
+
+
+@inner
+def room_ahead(d: Drives, g: Gates, s: State, u: int, up: Floats, down: Floats) -> float:
+    """Metres to the first closed gate before truck ``u``, inf where none concerns it; who comes first goes first."""
+    low, high = d.first[s.trip[u]], d.first[s.trip[u] + 1]
+    far, pace = s.v[u] * s.v[u] / (2.0 * down[u]) + FAR, s.v[u] + up[u] * STEP
+    for q in range(s.gate[u], g.first[u + 1]):
+        ahead, m = d.distance[g.at[q]] - BEFORE - s.x[u], g.meeting[q]
+        if g.at[q] >= high or ahead > far:
+            return np.inf
+        if s.goes_first[m] < 0:
+            s.goes_first[m] = g.side[q]
+        if s.goes_first[m] == g.side[q] or s.node[g.truck[q]] >= g.node[q]:
+            continue
+        if s.waits[u] > PATIENCE and s.waits[g.truck[q]] > 0.0:
+            s.goes_first[m], s.waits[u] = g.side[q], 0.0
+            s.past[0] += 1
+        elif not opens_before(d, g, s, q, ahead, pace, down):
+            return max(ahead, d.distance[max(g.at[q] - 1, low)] - s.x[u])
+    return np.inf
+
+
+@inner
+def go_on(d: Drives, s: State, u: int, room: float, step: float, up: float, down: float) -> None:
+    """Move a truck: as if it were alone, or so that it can stop within ``room`` [m], until it is as fast as alone."""
+    k = s.trip[u]
+    low, high = d.first[k], d.first[k + 1]
+    if s.phase[u] == ALONE:
+        ahead, v = at_time(d, low, high, s.clock[u] + step)
+        if ahead == s.x[u] or ahead - s.x[u] + v * v / (2.0 * down) <= room:
+            s.x[u], s.v[u], s.clock[u] = ahead, v, s.clock[u] + step
+        else:
+            s.phase[u], s.hindered[k] = HINDERED, True
+    if s.phase[u] == HINDERED:
+        cap, _ = at_distance(d, s.node[u], high, s.x[u] + max(s.v[u] * step, NEAR))
+        v = min(min(s.v[u] + up * step, cap), safe(s.v[u], max(room, 0.0), 0.0, down, step))
+        v = max(max(v, s.v[u] - down * step), 0.0)
+        s.x[u] += 0.5 * (s.v[u] + v) * step
+        s.v[u] = v
+        alone, clock = at_distance(d, s.node[u], high, s.x[u])
+        if v >= alone - 0.01:
+            s.phase[u], s.clock[u] = ALONE, clock
+    stands = s.phase[u] == HINDERED and s.v[u] < NEAR and room < np.inf
+    s.waits[u] = s.waits[u] + step if stands else 0.0
+    while s.node[u] + 1 < high and d.distance[s.node[u] + 1] <= s.x[u] + NEAR:
+        s.node[u] += 1
+
+
+@inner
+def arrives(d: Drives, s: State, u: int, now: float) -> bool:
+    """Whether a truck is at the end of its trip at ``now`` [s]; it turns to its next one then."""
+    k = s.trip[u]
+    last = d.first[k + 1] - 1
+    late = s.clock[u] - d.time[last]
+    alone = s.phase[u] == ALONE and late >= 0.0
+    if not alone and (d.distance[last] - s.x[u] >= NEAR or s.v[u] >= NEAR):
+        return False
+    s.took[k] = now - s.begin[k] - (late if alone else 0.0)
+    s.ready[u] = s.begin[k] + s.took[k] + d.work[k]
+    s.node[u], s.phase[u], s.trip[u], s.x[u], s.v[u] = last, STANDS, k + 1, 0.0, 0.0
+    return True
 
 
 @njit(cache=True)
-def meet(first_trip: Ints, d: Drives, g: Gates, up: Floats, down: Floats) -> Any:
+def meet(first_trip: Ints, d: Drives, g: Gates, s: State, up: Floats, down: Floats) -> Floats:
     """Drive all trips, those of truck v being ``first_trip[v]:first_trip[v + 1]``.
 
-    (K,) when each began and how long it took [s], whether others hindered it; how often one was let past; and
     (M, 4) trip, seconds since it began, distance, speed at every step.
     """
-    trucks, trips = len(first_trip) - 1, len(d.leave)
-    trip, gate = first_trip[:-1].copy(), g.first[:-1].copy()
-    node, phase = np.zeros(trucks, np.int64), np.zeros(trucks, np.int64)
-    x, v, tau, ready = np.zeros(trucks), np.zeros(trucks), np.zeros(trucks), np.full(trucks, -np.inf)
-    begin, took, hindered = np.zeros(trips), np.zeros(trips), np.zeros(trips, np.bool_)
-    waits, blocked = np.zeros(trucks), np.zeros(trucks, np.bool_)
-    log, n, left, now, forced = np.empty((65536, 4)), 0, trips, 0.0, 0
-    goes_first = np.full(g.meeting.max() + 1 if len(g.meeting) else 0, -1)
-    for u in range(trucks):
-        node[u] = d.first[trip[u]] - 1
-        for q in range(g.first[u], g.first[u + 1]):
-            # Where a truck stands at first it is first.
-            if g.at[q] == d.first[trip[u]] and goes_first[g.meeting[q]] < 0:
-                goes_first[g.meeting[q]] = g.side[q]
+    log, n, left, now = np.empty((65536, 4)), 0, len(d.leave), 0.0
     while left > 0:
-        reached, was_at, was_on, pace, stuck = node.copy(), x.copy(), trip.copy(), v.copy(), blocked.copy()
-        for u in range(trucks):
-            k, step = trip[u], STEP
-            if k == first_trip[u + 1] or (phase[u] == STANDS and now + STEP <= max(d.leave[k], ready[u])):
+        soonest = np.inf
+        for u in range(len(first_trip) - 1):
+            k, step = s.trip[u], STEP
+            if k == first_trip[u + 1]:
                 continue
-            low, high = d.first[k], d.first[k + 1]
-            while gate[u] < g.first[u + 1]:
-                p = gate[u]
-                goes = goes_first[g.meeting[p]]
-                if goes < 0 or (goes != g.side[p] and reached[g.truck[p]] < g.node[p]):
-                    break
-                gate[u] += 1
-            room, stop, at = np.inf, high, x[u] if phase[u] != STANDS else 0.0
-            for q in range(gate[u], g.first[u + 1]):
-                ahead = d.distance[g.at[q]] - BEFORE - at
-                if g.at[q] >= high or ahead > v[u] * v[u] / (2.0 * down[u]) + FAR:
-                    break
-                i, other = g.node[q], g.truck[q]
-                if goes_first[g.meeting[q]] < 0:
-                    # Who comes first goes first.
-                    goes_first[g.meeting[q]] = g.side[q]
-                if goes_first[g.meeting[q]] == g.side[q] or reached[other] >= i:
+            if s.phase[u] == STANDS:
+                start = max(d.leave[k], s.ready[u])
+                soonest = min(soonest, start)
+                if start >= now + STEP:
                     continue
-                if reached[other] >= d.first[was_on[other]] and i < d.first[was_on[other] + 1]:
-                    rest = d.distance[i] - was_at[other]
-                    if opens_in(rest, pace[other], down[other]) * (v[u] + up[u] * step) < ahead:
-                        continue
-                if waits[u] > PATIENCE and q == gate[u] and stuck[other]:
-                    goes_first[g.meeting[q]], waits[u], forced = g.side[q], 0.0, forced + 1
-                    continue
-                stop = g.at[q]
-                room = max(ahead, d.distance[max(stop - 1, low)] - at)
-                break
-            if phase[u] == STANDS:
-                start = max(d.leave[k], ready[u])
-                begin[k], step, phase[u] = start, min(now + STEP - start, STEP), ALONE
-                node[u], x[u], v[u], tau[u] = low, 0.0, 0.0, 0.0
-            if phase[u] == ALONE:
-                s1, v1 = at_time(d, low, high, tau[u] + step)
-                if s1 > x[u] and s1 - x[u] + v1 * v1 / (2.0 * down[u]) > room:
-                    phase[u], hindered[k] = HINDERED, True
-                else:
-                    x[u], v[u], tau[u] = s1, v1, tau[u] + step
-            if phase[u] == HINDERED:
-                cap, _ = at_distance(d, node[u], high, x[u] + max(v[u] * step, NEAR))
-                new = min(min(v[u] + up[u] * step, cap), safe(v[u], max(room, 0.0), 0.0, down[u], step))
-                new = max(max(new, v[u] - down[u] * step), 0.0)
-                x[u] += 0.5 * (v[u] + new) * step
-                v[u] = new
-                alone, clock = at_distance(d, node[u], high, x[u])
-                if v[u] >= alone - 0.01:
-                    phase[u], tau[u] = ALONE, clock
-            blocked[u] = phase[u] == HINDERED and v[u] < NEAR and stop < high
-            waits[u] = waits[u] + step if blocked[u] else 0.0
-            while node[u] + 1 < high and d.distance[node[u] + 1] <= x[u] + NEAR:
-                node[u] += 1
+                s.begin[k], step = start, min(now + STEP - start, STEP)
+                s.node[u], s.phase[u], s.clock[u] = d.first[k], ALONE, 0.0
+            soonest = now
+            skip_open(g, s, u)
+            go_on(d, s, u, room_ahead(d, g, s, u, up, down), step, up[u], down[u])
             if n == len(log):
                 log = np.concatenate((log, np.empty_like(log)))
-            log[n, 0], log[n, 1], log[n, 2], log[n, 3] = k, now + STEP - begin[k], x[u], v[u]
+            log[n, 0], log[n, 1], log[n, 2], log[n, 3] = k, now + STEP - s.begin[k], s.x[u], s.v[u]
             n += 1
-            late = tau[u] - d.time[high - 1]
-            there = phase[u] == ALONE and late >= 0.0
-            if there or (d.distance[high - 1] - x[u] < NEAR and v[u] < NEAR):
-                took[k] = now + STEP - begin[k] - (late if there else 0.0)
-                ready[u] = begin[k] + took[k] + d.work[k]
-                node[u], phase[u], trip[u], v[u], left = high - 1, STANDS, k + 1, 0.0, left - 1
-        now += STEP
-    return begin, took, hindered, forced, log[:n]
+            left -= arrives(d, s, u, now + STEP)
+        # While nobody drives nothing happens.
+        now = max(now + STEP, np.floor(soonest / STEP) * STEP)
+    return log[:n]
