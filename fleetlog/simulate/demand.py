@@ -55,7 +55,7 @@ def demand_like(
     """Tasks drawn like those of :func:`carried`, for ``duration`` [s] from ``start_of_day`` [s] on.
 
     Each hour has a Poisson number of tasks: the recorded mean of that hour of day (of the whole recording
-    where it was not recorded; ``hours`` (24,) says how many were), times ``share``, trucks over recorded ones.
+    where it was not recorded; ``hours`` (24,) says how many were), times ``share``, trucks over recorded.
     Each is one recorded task within ``JITTER`` of its time of day, so that places, loads, dwells and lulls
     keep their joint distribution; at any time where less of the hour was recorded than is simulated.
     """

@@ -1,7 +1,7 @@
 """The same mission as a recording.
 
-Each truck drives the recorded trips at the recorded times, as the model would: each by itself, so that what differs
-from the recording, trip by trip, is the physics and not the traffic, or in one another's way.
+Each truck drives the recorded trips at the recorded times, as the model would: each by itself, so that what
+differs from the recording, trip by trip, is the physics and not the traffic, or in one another's way.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ def replay(
 ) -> MissionSummary:  # fmt: skip
     """Drive every recorded trip of ``dataset`` through the model, under the same vehicle and trip ids.
 
-    Rows come at the recorded interval.  Loads, fork heights, charging and temperature are the recorded ones, shifted
-    to the simulated arrival; where a trip takes longer than it took, the next one sets off later.  ``together`` the
-    trucks keep to their lanes and wait for one another, in the order in which they passed each place.
+    Rows come at the recorded interval.  Loads, fork heights, charging and temperature are the recorded ones,
+    shifted to the simulated arrival; where a trip takes longer than it took, the next one sets off later.
+    ``together`` the trucks keep to their lanes and wait for one another (:mod:`fleetlog.simulate.together`).
     """
     replays = _replays(dataset, truck, writer, physics or Physics(truck))
     lost, past = None, None

@@ -111,7 +111,7 @@ class VehicleReplay:
         trip.leg, trip.drive = leg, self._free_flow(leg)
 
     def keep_to_lanes(self, lanes: Floats) -> None:
-        """Draw the trips beside the middle of their roads, (E,) metres to the left, without a jump at corners."""
+        """Draw the trips (E,) metres left of the middle of their roads, without a jump at corners."""
         from scipy.ndimage import uniform_filter1d
 
         self.lanes = lanes
@@ -124,7 +124,7 @@ class VehicleReplay:
                 trip.leg = replace(trip.leg, path=p.replaced(x=x, y=y))
 
     def earliest(self, trip: Trip) -> float:
-        """From when on a trip may begin: after what the truck did before without driving [s since the first row]."""
+        """When a trip may begin: after what the truck did before without driving [s since the first row]."""
         k = self.trips.index(trip)
         stood = itertools.takewhile(lambda t: t.leg is None, reversed(self.trips[:k]))
         return max([trip.begin, *(t.begin + self.work(t) for t in stood)])

@@ -1,8 +1,8 @@
 """Recorded missions in one another's way.
 
-Every truck drives its own path. Where the footprints of two would touch, the one that comes there first goes first,
-and the other waits until the place is free. A truck that stands for more than a minute for another that stands
-too is let past: such rings are counted.
+Every truck drives its own path. Where the footprints of two would touch, the one that comes there first goes
+first, and the other waits until the place is free. A truck that stands for more than a minute for another that
+stands too is let past: such rings are counted. Who has arrived stands in nobody's way.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Nodes(NamedTuple):
 
 
 def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, int]:
-    """Let trucks wait for one another: the share of the travel time that they lose, and how many were let past."""
+    """Let trucks wait for one another: the share of travel time that they lose; how many were let past."""
     trips = [(u, trip) for u, r in enumerate(replays) for trip in r.trips if trip.leg is not None]
     if not trips:
         return 0.0, 0

@@ -25,8 +25,9 @@ STANDS, ALONE, HINDERED = range(3)
 
 
 class Drives(NamedTuple):
-    """N nodes of all trips, those of a truck in order: ``SpeedProfile`` of a truck alone; K trips: their first nodes
-    (K + 1,), when a truck may leave [s], and how long it works after the arrival [s].
+    """(N,) nodes of all trips, those of a truck in order: ``SpeedProfile`` of a truck alone.
+
+    (K + 1,) first nodes of trips, (K,) when a truck may leave, and how long it works after the arrival [s].
     """
 
     distance: Floats
@@ -39,9 +40,9 @@ class Drives(NamedTuple):
 
 
 class Gates(NamedTuple):
-    """Truck v, gates first[v]:first[v + 1] in order: node ``at`` is closed until ``truck`` has reached ``node``.
+    """Truck v has gates first[v]:first[v + 1], in order of ``at``.
 
-    That is where the other side of the ``meeting`` goes first.
+    Node ``at`` is closed until ``truck`` has reached ``node``, unless this ``side`` of the meeting goes first.
     """
 
     first: Ints
@@ -53,11 +54,11 @@ class Gates(NamedTuple):
 
 
 class State(NamedTuple):
-    """(V,) where trucks are on their trips, (K,) what became of trips, (M,) which side goes first at a meeting.
+    """(V,) where trucks are on their trips, (K,) what became of trips, (M,) which side of a meeting goes first.
 
-    ``gate`` is the first that may be closed, ``clock`` the time since setting off of a truck that nobody hinders,
-    ``ready`` when it has done its last trip, ``waits`` how long it has stood for another [s]; ``goes_first`` -1:
-    not decided; ``past`` (1,) how often one of two that stood for each other was let past.
+    ``gate`` is the first that may be closed, ``clock`` the time since setting off where nobody hinders a truck,
+    ``ready`` when it has done its last trip, ``waits`` how long it has stood for another [s]; ``goes_first``
+    -1: not decided; ``past`` (1,) how often one of two that stood for each other was let past.
     """
 
     trip: Ints
@@ -82,11 +83,9 @@ def new_state(first_trip: Ints, d: Drives, g: Gates) -> State:
     goes_first = np.full(g.meeting.max(initial=-1) + 1, -1)
     here = np.isin(g.at, d.first[trip])
     goes_first[g.meeting[here]] = g.side[here]
-    zero = [np.zeros(v) for _ in range(5)]
-    return State(
-        trip, g.first[:-1].copy(), d.first[trip] - 1, np.zeros(v, np.int64), *zero, np.zeros(k), np.zeros(k),
-        np.zeros(k, np.bool_), goes_first, np.zeros(1, np.int64),
-    )  # fmt: skip
+    trips = (np.zeros(k), np.zeros(k), np.zeros(k, np.bool_))
+    first = (trip, g.first[:-1].copy(), d.first[trip] - 1, np.zeros(v, np.int64))
+    return State._make([*first, *np.zeros((5, v)), *trips, goes_first, np.zeros(1, np.int64)])
 
 
 @inner
@@ -133,9 +132,9 @@ def skip_open(g: Gates, s: State, u: int) -> None:
 
 @inner
 def opens_before(d: Drives, g: Gates, s: State, q: int, ahead: float, pace: float, down: Floats) -> bool:
-    """Whether gate ``q`` opens before a truck comes there that is ``ahead`` [m] of it and goes at most at ``pace``.
+    """Whether gate ``q`` opens before a truck comes there that has ``ahead`` [m] to go, at most at ``pace``.
 
-    So it is where its other truck, on the trip in question, can no longer stop before it has passed.
+    So it is where the other truck, on the trip in question, can no longer stop before it has passed.
     """
     other, i = g.truck[q], g.node[q]
     k = s.trip[other]
@@ -148,7 +147,7 @@ def opens_before(d: Drives, g: Gates, s: State, q: int, ahead: float, pace: floa
 
 @inner
 def room_ahead(d: Drives, g: Gates, s: State, u: int, up: Floats, down: Floats) -> float:
-    """Metres to the first closed gate before truck ``u``, inf where none concerns it; who comes first goes first."""
+    """Metres to the first closed gate of a truck, inf where none concerns it; who comes first goes first."""
     low, high = d.first[s.trip[u]], d.first[s.trip[u] + 1]
     far, pace = s.v[u] * s.v[u] / (2.0 * down[u]) + FAR, s.v[u] + up[u] * STEP
     for q in range(s.gate[u], g.first[u + 1]):
@@ -169,7 +168,7 @@ def room_ahead(d: Drives, g: Gates, s: State, u: int, up: Floats, down: Floats) 
 
 @inner
 def go_on(d: Drives, s: State, u: int, room: float, step: float, up: float, down: float) -> None:
-    """Move a truck: as if it were alone, or so that it can stop within ``room`` [m], until it is as fast as alone."""
+    """Move a truck as if it were alone or, where that would not stop within ``room`` [m], more slowly."""
     k = s.trip[u]
     low, high = d.first[k], d.first[k + 1]
     if s.phase[u] == ALONE:
