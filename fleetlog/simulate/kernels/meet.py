@@ -42,7 +42,7 @@ class Drives(NamedTuple):
 class Gates(NamedTuple):
     """Truck v has gates first[v]:first[v + 1], in order of ``at``.
 
-    Node ``at`` is closed until ``truck`` has reached ``node``, unless this ``side`` of the meeting goes first.
+    Node ``at`` is closed until ``truck`` has reached ``node``, unless this ``side`` of a meeting goes first.
     """
 
     first: Ints
@@ -54,9 +54,9 @@ class Gates(NamedTuple):
 
 
 class State(NamedTuple):
-    """(V,) where trucks are on their trips, (K,) what became of trips, (M,) which side of a meeting goes first.
+    """(V,) where trucks are on their trips, (K,) what became of trips, (M,) who goes first at meetings.
 
-    ``gate`` is the first that may be closed, ``clock`` the time since setting off where nobody hinders a truck,
+    ``gate`` is the first that may be closed, ``clock`` the time since setting off where nobody hinders it,
     ``ready`` when it has done its last trip, ``waits`` how long it has stood for another [s]; ``goes_first``
     -1: not decided; ``past`` (1,) how often one of two that stood for each other was let past.
     """
