@@ -140,28 +140,19 @@ class VehicleReplay:
         return replace(leg, path=path)
 
     def _limits(self, path: Motion) -> Floats:
-        limit = speed_limits(self.site, path)
-        if (path.edge >= 0).any():
+        limit, off = speed_limits(self.site, path), path.edge < 0
+        if not off.all():
             # Into a bay and out of it a truck creeps.
-            limit = np.where(
-                path.edge < 0, np.minimum(limit, creep_speed(self.physics.actual_truck())), limit
-            )
+            limit = np.where(off, np.minimum(limit, creep_speed(self.physics.actual_truck())), limit)
         return limit
 
     def work(self, trip: Trip) -> float:
         """Seconds after the arrival until loads and forks have come to rest."""
-        time = self._since_arrival(trip)
-        after = time >= 0.0
+        time = (trip.rows.time - self.recorded.time[0]) * 1e-6 - trip.arrive
         busy = np.zeros(len(time), dtype=bool)
         for name in ("payload", "fork_height"):
-            values = np.nan_to_num(trip.rows.floats(name))
-            busy[1:] |= np.abs(np.diff(values)) > 0.02
-        busy &= after
-        return float(time[busy].max()) if busy.any() else 0.0
-
-    def _since_arrival(self, trip: Trip) -> Floats:
-        seconds = (trip.rows.time - self.recorded.time[0]) * 1e-6
-        return np.asarray(seconds - trip.arrive)
+            busy[1:] |= np.abs(np.diff(np.nan_to_num(trip.rows.floats(name)))) > 0.02
+        return float(np.max(time[busy & (time >= 0.0)], initial=0.0))
 
     def _write(self, trip: Trip, leave: float, arrival: float, rows: Floats) -> None:
         rows = rows[self._logged(rows, leave, arrival)]
