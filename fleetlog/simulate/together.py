@@ -1,8 +1,8 @@
 """Recorded missions in one another's way.
 
 Every truck drives its own path. Where the footprints of two would touch, the one that comes there first goes
-first, and the other waits until the place is free. A truck that stands for a minute for another that stands is
-let past: such rings are counted. Who has arrived stands in nobody's way.
+first, and the other waits until the place is free. A truck that stands for a minute for another that stands
+is let past: such rings are counted. Who has arrived stands in nobody's way.
 """
 
 from __future__ import annotations
