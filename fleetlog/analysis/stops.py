@@ -11,7 +11,8 @@ from fleetlog.core.arguments import Between
 from fleetlog.core.result import Marks, Result, Shape
 from fleetlog.core.site import PlaceKind
 from fleetlog.core.words import count, listed
-from fleetlog.simulate.places import carried, clusters, find_stands, mined_site, place_table
+from fleetlog.simulate.demand import carried
+from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table
 from fleetlog.store import Dataset
 
 KINDS: tuple[PlaceKind, ...] = ("pick", "drop", "park", "charge")

@@ -16,11 +16,7 @@ from fleetlog.store.dataset import Dataset
 
 
 def calibrate(measurements: Sequence[str | Path], truck: Truck, physics: Physics | None = None) -> Fit:
-    """Fit ``truck`` to measured runs: each a table (CSV, see :class:`fleetlog.calibrate.runs.Run`) or a
-    dataset.
-
-    ``physics`` adds terms that are known beforehand (``rotational_inertia``, say); its truck is not used.
-    """
+    """Fit a truck to datasets and CSV tables (:class:`fleetlog.calibrate.runs.Run`), ``physics`` given."""
     base = Physics(truck) if physics is None else Physics(truck, physics.values, physics.off, physics.fields)
     return fit(together([observations(Path(m), base) for m in measurements]), base)
 

@@ -29,9 +29,7 @@ from fleetlog.physics.power import Physics
 Floats = NDArray[np.float64]
 Status = Literal["fitted", "tied", "held"]
 LEAST_INFORMATION = 1.0
-"""Of a free number, in prior deviations, given those more telling:
-below it the runs say less than was known before.
-"""
+"""Of a free number, given those more telling: with less the prior says more than the runs."""
 CARRIED = 0.25
 """A number is fitted if the runs leave at most this share of its prior variance ..."""
 BORROWED = 0.5
@@ -41,9 +39,7 @@ CONFIDENCE = 0.95
 STEP = 1e-3
 """Of the numerical derivatives, in prior deviations."""
 COMPANION = 0.2
-"""A number stands in for a held one if it moves by this much (in prior deviations) when the held one moves
-by one.
-"""
+"""A number stands in for a held one if it moves by this when that moves by one (prior deviations)."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +62,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Blind:
-    """A direction that the runs do not see: ``held`` and, by how much, the ``companions`` that can stand in
-    for it.
-
-    ``weak``: seen, so not held, but too faintly to be fitted, and not because of a held one.
-    """
+    """What the runs do not see: ``held`` and the ``companions`` that hide it; ``weak``: seen too faintly."""
 
     held: Unknown
     companions: tuple[tuple[Unknown, float], ...]
@@ -79,9 +71,7 @@ class Blind:
 
 @dataclass(frozen=True)
 class Combination:
-    """What the runs do carry of a tied number:
-    the product of ``powers`` has ``value``, known to ``deviation`` (a share of it).
-    """
+    """What the runs carry of a tied number: a product of ``powers``; ``deviation`` is a share."""
 
     powers: tuple[tuple[Unknown, float], ...]
     value: float
@@ -148,7 +138,7 @@ class _Problem:
         self.prior = np.array([physics.truck.value(u.key) for u in unknowns])
         self.spread = np.array([u.deviation(physics.truck) for u in unknowns])
         bounds = np.array([u.bounds() for u in unknowns])
-        self.low, self.high = ((bounds.T - self.prior) / self.spread).tolist()
+        self.low, self.high = (bounds.T - self.prior) / self.spread
 
     def truck(self, z: Floats) -> Truck:
         truck = self.physics.truck
@@ -162,35 +152,30 @@ class _Problem:
     def misfit(self, z: Floats) -> Floats:
         return np.asarray((self.predict(z) - self.observed.measured) / self.observed.sigma)
 
-    def residual(self, z: Floats, free: NDArray[np.bool_]) -> Floats:
-        return np.concatenate([self.misfit(z), z[free]])
-
     def solve(self, free: NDArray[np.bool_]) -> Floats:
         """The optimum with all but the free numbers at their prior."""
         from scipy.optimize import least_squares
 
-        z = np.zeros(len(self.unknowns))
         if not free.any():
-            return z
-        low, high = np.array(self.low)[free], np.array(self.high)[free]
-        # The trust region wants a start inside the bounds; where the prior stands on one it moves by a
-        # little.
-        start = np.clip(z[free], low + 1e-2, high - 1e-2)
+            return np.zeros(len(self.unknowns))
+        low, high = self.low[free], self.high[free]
 
         def full(part: Floats) -> Floats:
-            out = z.copy()
+            out = np.zeros(len(self.unknowns))
             out[free] = part
             return out
+
+        def residual(part: Floats) -> Floats:
+            return np.concatenate([self.misfit(full(part)), part])
 
         def slope(part: Floats) -> Floats:
             return np.concatenate([self.jacobian(full(part), free), np.eye(len(part))])
 
-        found = least_squares(
-            lambda part: self.residual(full(part), free), start, jac=slope, bounds=(low, high), xtol=1e-10
-        )
+        # The trust region wants a start inside the bounds, also where the prior stands on one.
+        start = np.clip(np.zeros(len(low)), low + 1e-2, high - 1e-2)
+        found = least_squares(residual, start, jac=slope, bounds=(low, high), xtol=1e-10)
         # A solution a hair from its bound is the bound.
-        z[free] = np.where(found.x - low < 1e-6, low, np.where(high - found.x < 1e-6, high, found.x))
-        return z
+        return full(np.where(found.x - low < 1e-6, low, np.where(high - found.x < 1e-6, high, found.x)))
 
     def jacobian(self, z: Floats, free: NDArray[np.bool_] | None = None) -> Floats:
         """(M, K) derivative of prediction / sigma by z (the free columns), central where the bounds allow."""
@@ -211,9 +196,7 @@ class _Problem:
     def estimates(
         self, z: Floats, remaining: Floats, alone: Floats, free: NDArray[np.bool_]
     ) -> tuple[Estimate, ...]:
-        """The numbers; ``remaining`` and ``alone`` are the posterior variances with the held ones unknown
-        and known.
-        """
+        """The numbers; ``remaining``, ``alone``: posterior variances with the held ones unknown and known."""
         from scipy.stats import norm
 
         tails = (1.0 - CONFIDENCE) / len(self.unknowns)
@@ -234,24 +217,17 @@ def _telling(jacobian: Floats) -> NDArray[np.bool_]:
     from scipy.linalg import qr
 
     triangle, order = qr(jacobian, mode="r", pivoting=True)
-    information = np.zeros(jacobian.shape[1])
     diagonal = np.abs(np.diag(triangle))
-    information[: len(diagonal)] = diagonal
-    free = np.zeros(jacobian.shape[1], dtype=bool)
-    free[order[information >= LEAST_INFORMATION]] = True
-    return free
+    return np.isin(np.arange(len(order)), order[: len(diagonal)][diagonal >= LEAST_INFORMATION])
 
 
 def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, ...]) -> list[Blind]:
-    """For each held number those free ones that hide its effect:
-    the least-squares solution of J_free x = -J_held.
-    """
+    """For each held number the free ones that hide its effect: the least-squares x of J_free x = -J_held."""
     basis, out = np.flatnonzero(free), []
     for k in np.flatnonzero(~free):
-        if np.linalg.norm(jacobian[:, k]) < LEAST_INFORMATION or not len(basis):
-            out.append(Blind(unknowns[k], ()))
-            continue
-        weight = -np.linalg.lstsq(jacobian[:, basis], jacobian[:, k], rcond=None)[0]
+        weight: Floats = np.zeros(len(basis))
+        if np.linalg.norm(jacobian[:, k]) >= LEAST_INFORMATION and len(basis):
+            weight = -np.asarray(np.linalg.lstsq(jacobian[:, basis], jacobian[:, k], rcond=None)[0], float)
         strong = [j for j in np.argsort(-np.abs(weight)) if abs(weight[j]) >= COMPANION]
         out.append(Blind(unknowns[k], tuple((unknowns[basis[j]], float(weight[j])) for j in strong)))
     return out
@@ -260,16 +236,14 @@ def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, .
 def _weak(estimates: tuple[Estimate, ...], blind: tuple[Blind, ...]) -> list[Blind]:
     """Tied numbers that no held one explains."""
     named = {u.key for b in blind for u, _ in b.companions}
-    loose = (e.unknown for e in estimates if e.status == "tied" and e.unknown.key not in named)
-    return [Blind(u, (), weak=True) for u in loose]
+    tied = [e.unknown for e in estimates if e.status == "tied"]
+    return [Blind(u, (), weak=True) for u in tied if u.key not in named]
 
 
 def _combinations(
     estimates: tuple[Estimate, ...], blind: tuple[Blind, ...], alone: Floats, problem: _Problem
 ) -> list[Combination]:
-    """For each tied number p the product p * held^-e that the runs do carry,
-    e being its elasticity by the held ones.
-    """
+    """For each tied number p the product p * held^-e that the runs carry, e its elasticity by the held."""
     value = {e.unknown.key: e.value for e in estimates}
     spread = dict(zip(value, problem.spread, strict=True))
     out = []

@@ -16,27 +16,18 @@ from fleetlog.physics.power import Physics, battery_power, ledger, term_forces
 
 Floats = NDArray[np.float64]
 WINDOW = 20.0
-"""Length of the pieces that a recording is cut into [s]:
-long against the noise of one sample, short against a trip.
-"""
+"""Pieces that a recording is cut into: long against the noise of one sample, short against a trip [s]."""
 MODEL_DOUBT = 0.02
-"""Share by which each term of the ledger may be wrong in form where the motion was estimated from a log: what
-sampling hides, loads that were weighed badly, what the nominal model leaves out.  Not noise: more rows do not
-average it away."""
+"""Share by which each term may be wrong in form in a log; more rows do not average it away."""
 BRAKING_DOUBT = 0.03
-"""Share of the braking work that smoothing may hide, in traction and in braking alike:
-short brakings are rounded off.
-"""
+"""Share of the braking work that smoothing may hide, in traction and in braking alike."""
 BLOCK = 15
 """Windows whose sum tells how much longer than a window the disagreement lasts (5 minutes)."""
 
 
 @dataclass(frozen=True)
 class Observations:
-    """M measured figures, their standard deviations and the model's function for them.
-
-    ``doubt`` (M, D): D patterns in which the figures may be off altogether, one standard deviation each.
-    """
+    """M figures, deviations and the model of them; ``doubt`` (M, D) patterns by which all may be off."""
 
     measured: Floats
     sigma: Floats
@@ -99,9 +90,7 @@ def of_motion(motion: Motion, physics: Physics) -> Observations:
 
 
 def _doubts(motion: Motion, physics: Physics) -> list[Floats]:
-    """Ways in which the power of an estimated motion may be off altogether, (N,) watts each,
-    one standard deviation.
-    """
+    """(N,) watts, one standard deviation each, by which estimated power may be off altogether."""
     forces = term_forces(motion, physics)
     rows = [MODEL_DOUBT * watts for watts in ledger(motion, physics, forces).values()]
     work = sum(forces.values(), np.zeros(len(motion))) * motion.speed
@@ -116,9 +105,7 @@ def _doubts(motion: Motion, physics: Physics) -> list[Floats]:
 
 
 def _windows(motion: Motion) -> NDArray[np.int64]:
-    """(N,) number of the window of each sample;
-    a window never crosses from one trip or vehicle to the next.
-    """
+    """(N,) window of each sample; a window never crosses from one trip or vehicle to the next."""
     key = np.stack([motion.vehicle, motion.trip, np.floor(motion.time / WINDOW).astype(np.int64)])
     return np.cumsum(np.any(np.diff(key, axis=1, prepend=key[:, :1]) != 0, axis=0))
 

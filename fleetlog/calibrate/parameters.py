@@ -48,19 +48,10 @@ class Unknown:
 UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("drive.efficiency", "drive efficiency", 0.08, "a coast-down or a ramp of known grade"),
     Unknown("drive.regeneration", "regeneration", 0.20, "stop-and-go runs beside a coast-down"),
-    Unknown("resistance.rolling", "rolling coefficient", 0.35, "a coast-down", relative=True, floor=0.001),
-    Unknown(
-        "resistance.drag_area",
-        "drag area",
-        0.5,
-        "long runs at two speeds above 5 m/s",
-        relative=True,
-        floor=0.5,
-    ),
+    Unknown("resistance.rolling", "rolling coefficient", 0.35, "a coast-down", True, 0.001),
+    Unknown("resistance.drag_area", "drag area", 0.5, "long runs at two speeds above 5 m/s", True, 0.5),
     Unknown("lift.efficiency", "lift efficiency", 0.10, "lifts with half and full load"),
     Unknown("lift.recuperation", "lowering recuperation", 0.20, "lowering runs with full load"),
-    Unknown(
-        "lift.carriage_mass", "carriage mass", 0.30, "lifts with an empty carriage", relative=True, floor=10.0
-    ),
-    Unknown("auxiliary.power", "auxiliary power", 0.50, "ten minutes idle", relative=True, floor=50.0),
+    Unknown("lift.carriage_mass", "carriage mass", 0.30, "lifts with an empty carriage", True, 10.0),
+    Unknown("auxiliary.power", "auxiliary power", 0.50, "ten minutes idle", True, 50.0),
 )

@@ -18,18 +18,13 @@ def number(value: float) -> str:
     return f"{value:.4g}"
 
 
-def _and(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-
-
 def blind_line(blind: Blind) -> str:
     """What the runs cannot tell, and which run would."""
-    if blind.weak:
-        return f"these runs say too little of {blind.held.words}: add {blind.held.run}"
+    held, need = blind.held.words, f"add {blind.held.run}"
     if not blind.companions:
-        return f"these runs say nothing of {blind.held.words}: add {blind.held.run}"
-    names = _and([*(u.words for u, _ in blind.companions), blind.held.words])
-    return f"{names} cannot be told apart from these runs: add {blind.held.run}"
+        return f"these runs say {'too little' if blind.weak else 'nothing'} of {held}: {need}"
+    names = ", ".join(u.words for u, _ in blind.companions)
+    return f"{names} and {held} cannot be told apart from these runs: {need}"
 
 
 def combination_words(combination: Combination) -> str:
@@ -90,63 +85,39 @@ def lines(fit: Fit) -> list[str]:
 
 def correlations(fit: Fit, keys: set[str]) -> list[tuple[str, str, float]]:
     """Pairs of numbers among ``keys`` whose posterior correlation is strong, in words."""
-    out = []
-    for i, a in enumerate(fit.estimates):
-        for j in range(i):
-            b, r = fit.estimates[j], float(fit.correlation[i, j])
-            if abs(r) >= STRONG and {a.unknown.key, b.unknown.key} <= keys:
-                out.append((b.unknown.words, a.unknown.words, r))
-    return out
+    mine = [(k, e.unknown) for k, e in enumerate(fit.estimates) if e.unknown.key in keys]
+    pairs = [(a, b, float(fit.correlation[i, j])) for i, a in mine for j, b in mine if j < i]
+    return [(b.words, a.words, r) for a, b, r in pairs if abs(r) >= STRONG]
 
 
 def summary(fit: Fit) -> dict[str, Any]:
     """JSON-ready; ``value`` and its interval are null for a number that the runs do not carry."""
     keys = [e.unknown.key for e in fit.estimates]
+    columns = ("run", "measured", "sigma", "before", "after")
+    rows = zip(fit.labels, fit.measured, fit.sigma, fit.before, fit.after, strict=True)
+    runs = [dict(zip(columns, row, strict=True)) for row in rows]
     return {
-        "format_version": 1,
-        "confidence": CONFIDENCE,
-        "parameters": [
-            {
-                "key": e.unknown.key,
-                "unit": e.unknown.unit,
-                "status": e.status,
-                "prior": e.prior,
-                "value": e.value if e.status == "fitted" else None,
-                "low": e.low if e.status == "fitted" else None,
-                "high": e.high if e.status == "fitted" else None,
-                "in_truck_file": e.value,
-                "share_of_prior_variance": e.remaining,
-            }
-            for e in fit.estimates
-        ],
+        "format_version": 1, "confidence": CONFIDENCE, "parameters": [_parameter(e) for e in fit.estimates],
         "correlation": {"keys": keys, "matrix": fit.correlation},
-        "not_identified": [
-            {
-                "parameter": b.held.key,
-                "stands_in": [u.key for u, _ in b.companions],
-                "needs": b.held.run,
-                "statement": blind_line(b),
-            }
-            for b in fit.blind
-        ],
-        "carried": [
-            {
-                "product": {u.key: power for u, power in c.powers},
-                "value": c.value,
-                "relative_deviation": c.deviation,
-            }
-            for c in fit.combinations
-        ],
-        "runs": [
-            {"run": name, "measured": m, "sigma": s, "before": b, "after": a}
-            for name, m, s, b, a in zip(
-                fit.labels, fit.measured, fit.sigma, fit.before, fit.after, strict=True
-            )
-        ]
-        if len(fit.labels) <= 500
-        else len(fit.labels),
+        "not_identified": [{
+            "parameter": b.held.key, "stands_in": [u.key for u, _ in b.companions], "needs": b.held.run,
+            "statement": blind_line(b),
+        } for b in fit.blind],
+        "carried": [{
+            "product": {u.key: power for u, power in c.powers}, "value": c.value,
+            "relative_deviation": c.deviation,
+        } for c in fit.combinations],
+        "runs": runs if len(runs) <= 500 else len(runs),
         "spread_factor": fit.spread_factor,
-    }
+    }  # fmt: skip
+
+
+def _parameter(e: Estimate) -> dict[str, Any]:
+    carried = {name: getattr(e, name) if e.status == "fitted" else None for name in ("value", "low", "high")}
+    return {
+        "key": e.unknown.key, "unit": e.unknown.unit, "status": e.status, "prior": e.prior, **carried,
+        "in_truck_file": e.value, "share_of_prior_variance": e.remaining,
+    }  # fmt: skip
 
 
 def truck_toml(fit: Fit) -> str:

@@ -74,11 +74,12 @@ class Run:
             return vdi2198(truck, load=self.payload, speed=VDI_SPEED if np.isnan(self.speed) else self.speed)
         return legs(_PIECES[self.kind](self, truck), self.payload, self.grade)
 
-    def drive(self, truck: Truck) -> list[Piece]:
-        """From rest to rest."""
-        up = truck.drive.max_acceleration if np.isnan(self.acceleration) else self.acceleration
-        down = truck.drive.max_deceleration if np.isnan(self.deceleration) else self.deceleration
-        return run(self.length, self.speed, up, down)
+
+def _drive(r: Run, truck: Truck) -> list[Piece]:
+    """From rest to rest."""
+    up = truck.drive.max_acceleration if np.isnan(r.acceleration) else r.acceleration
+    down = truck.drive.max_deceleration if np.isnan(r.deceleration) else r.deceleration
+    return run(r.length, r.speed, up, down)
 
 
 def _steady(r: Run, truck: Truck) -> list[Piece]:
@@ -89,19 +90,12 @@ _PIECES: dict[str, Callable[[Run, Truck], list[Piece]]] = {
     "idle": lambda r, t: [Piece(r.duration)],
     "lift": lambda r, t: [Piece(r.height / t.lift.raise_speed, lift_speed=t.lift.raise_speed)],
     "lower": lambda r, t: [Piece(r.height / t.lift.lower_speed, lift_speed=-t.lift.lower_speed)],
-    "drive": lambda r, t: r.drive(t),
-    "stop_and_go": lambda r, t: r.drive(t),
-    "steady": _steady,
-    "ramp": _steady,
-}
+    "drive": _drive, "stop_and_go": _drive, "steady": _steady, "ramp": _steady,
+}  # fmt: skip
 NEEDS: dict[str, tuple[str, ...]] = {
     "idle": ("energy", "duration"),
-    "lift": ("energy", "height"),
-    "lower": ("energy", "height"),
-    "drive": ("energy", "length", "speed"),
-    "stop_and_go": ("energy", "length", "speed"),
-    "steady": ("energy", "length", "speed"),
-    "ramp": ("energy", "length", "speed"),
+    **dict.fromkeys(("lift", "lower"), ("energy", "height")),
+    **dict.fromkeys(("drive", "stop_and_go", "steady", "ramp"), ("energy", "length", "speed")),
     "coast_down": ("speed", "duration"),
     "vdi2198": ("energy",),
 }
@@ -110,11 +104,7 @@ POSITIVE = ("sigma", "repeats", "length", "height", "speed", "acceleration", "de
 
 
 def coast_time(r: Run, physics: Physics) -> float:
-    """Seconds in which a truck out of gear slows from ``speed`` to ``end_speed``: integral of m_eff dv /
-    F(v).
-
-    Midpoint rule over 64 steps of speed; exact for a resistance that does not depend on speed.
-    """
+    """Seconds of a coast-down: integral of m_eff dv / F(v), by the midpoint rule over 64 steps of speed."""
     steps = 64
     v = r.end_speed + (np.arange(steps) + 0.5) * (r.speed - r.end_speed) / steps
     motion = Motion.of(steps, speed=v, slope=np.arctan(r.grade), payload=r.payload)
@@ -151,10 +141,8 @@ def _run(row: dict[str, str | None], path: Path, number: int) -> Run:
     name = given.pop("run", "") or f"{kind} {number}"
     numbers: dict[str, float] = {}
     for column, text in given.items():
-        if not text:
-            continue
         try:
-            numbers[column] = float(text)
+            numbers |= {column: float(text)} if text else {}
         except ValueError:
             raise InputError(f"{text!r} is not a number", where=path, place=f"{place}, {column}") from None
     for column in NEEDS[kind]:
@@ -167,12 +155,14 @@ def _run(row: dict[str, str | None], path: Path, number: int) -> Run:
 def _check(numbers: dict[str, float], path: Path, place: str) -> None:
     """Raise :class:`InputError` at the first number that no run can have."""
     for column, value in numbers.items():
-        where = f"{place}, {column}"
+        wrong = ""
         if not np.isfinite(value):
-            raise InputError(f"{value} is not a number", where=path, place=where)
-        if column in POSITIVE and value <= 0.0:
-            raise InputError(f"{value:g} must be more than 0", where=path, place=where)
-        if column in ("payload", "end_speed") and value < 0.0:
-            raise InputError(f"{value:g} must not be negative", where=path, place=where)
+            wrong = f"{value} is not a number"
+        elif column in POSITIVE and value <= 0.0:
+            wrong = f"{value:g} must be more than 0"
+        elif column in ("payload", "end_speed") and value < 0.0:
+            wrong = f"{value:g} must not be negative"
+        if wrong:
+            raise InputError(wrong, where=path, place=f"{place}, {column}")
     if numbers.get("end_speed", 0.0) >= numbers.get("speed", np.inf):
         raise InputError("the end speed is not below the speed", where=path, place=f"{place}, end_speed")

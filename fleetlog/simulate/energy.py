@@ -6,30 +6,23 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.physics.battery import BatteryModel, discharge
 from fleetlog.physics.power import Physics, battery_power, cell_power
-from fleetlog.simulate.state import CHARGING, EMPTY, ENTERING, LEAVING, Log
+from fleetlog.simulate.arrays import Floats, Index
+from fleetlog.simulate.state import Log, Mode
 from fleetlog.simulate.track import Track
 
-Floats = NDArray[np.float64]
 CHARGE_RATE = 0.25
-"""Power of a charger that the site does not state, in battery capacities an hour:
-a full charge in some four hours.
-"""
+"""Power of a charger that the site does not state, in battery capacities an hour."""
 TAPER_FROM = 0.8
-"""State of charge from which charging power falls, to a tenth when full:
-constant current, then constant voltage.
-"""
+"""State of charge from which charging power falls, to a tenth when full: then voltage is constant."""
 
 
 class Energy(NamedTuple):
-    """(V, K) of a batch: battery power [W], state of charge at the start of each step;
-    voltage [V] and current [A] or None.
-    """
+    """(V, K) battery power [W], charge at the start of each step, voltage [V], current [A] or None."""
 
     power: Floats
     soc: Floats
@@ -48,30 +41,24 @@ class Batch(NamedTuple):
     slope: Floats
     offset: Floats
     lateral: Floats
-    edge: NDArray[np.int32]
+    edge: Index
 
 
 def locate(ground: Track, log: Log) -> Batch:
     """Where on the map every logged state is."""
     from fleetlog.simulate.kernels.profile import expand
 
-    shape = log.piece.shape
-    t = ground
+    t, shape = ground, log.piece.shape
     out, edge = expand(
-        log.piece.ravel(), log.s.ravel(), (log.mode == LEAVING).ravel(), t.first, t.spacing, t.x, t.y, t.z,
-        t.heading, t.curvature, t.slope, t.edge, t.offset, t.lateral,
+        log.piece.ravel(), log.s.ravel(), (log.mode == Mode.LEAVING).ravel(), t.first, t.spacing, t.x, t.y,
+        t.z, t.heading, t.curvature, t.slope, t.edge, t.offset, t.lateral,
     )  # fmt: skip
-    x, y, z, heading, curvature, slope, offset, lateral = (row.reshape(shape) for row in out)
-    return Batch(x, y, z, heading, curvature, slope, offset, lateral, edge.reshape(shape))
+    return Batch._make([*out.reshape(-1, *shape), edge.reshape(shape)])
 
 
 @dataclass
 class Meter:
-    """Follows the charge of every truck.
-
-    ``charger`` (B,) charging power [W] of each bay, NaN where it is none; ``battery`` None for the nominal
-    model.
-    """
+    """Follows the charge of trucks; ``charger`` (B,) [W] of bays, NaN: none; no ``battery``: nominal."""
 
     physics: Physics
     ground: Track
@@ -81,10 +68,8 @@ class Meter:
     temperature: float = 20.0
     battery: BatteryModel | None = None
 
-    def batch(self, log: Log, place: Batch, bay: NDArray[np.int32], step0: int, first: int = 0) -> Energy:
-        """Power and charge of trucks ``first`` ... over a batch that began at step ``step0``;
-        ``bay`` (V,) where each stands.
-        """
+    def batch(self, log: Log, place: Batch, bay: Index, step0: int, first: int = 0) -> Energy:
+        """Power and charge of trucks ``first`` ... from step ``step0`` on; ``bay`` (V,) where each stands."""
         trucks, steps = log.piece.shape
         n, which = trucks * steps, slice(first, first + trucks)
         motion = Motion(
@@ -98,13 +83,13 @@ class Meter:
             trip=log.trip.ravel().astype(np.int64), power=np.zeros(n),
         )  # fmt: skip
         power = battery_power(motion, self.physics).reshape(trucks, steps)
-        charging = log.mode == CHARGING
+        charging = log.mode == Mode.CHARGING
         if charging.any():
             power = power - np.where(charging, self._charge_power(bay, which)[:, None], 0.0)
-        power[log.mode == EMPTY] = 0.0
+        power[log.mode == Mode.EMPTY] = 0.0
         return self._follow(power, which)
 
-    def _charge_power(self, bay: NDArray[np.int32], which: slice) -> Floats:
+    def _charge_power(self, bay: Index, which: slice) -> Floats:
         truck = self.physics.truck
         rate = self.charger[bay]
         rate = np.where(np.isfinite(rate), rate, CHARGE_RATE * truck.battery.capacity_wh)
@@ -133,8 +118,3 @@ class Meter:
             soc[v, 0], soc[v, 1:] = charge[v], d.soc[:-1]
             volts[v], amps[v], charge[v] = d.voltage, d.current, d.soc[-1]
         return Energy(power, soc, volts, amps)
-
-
-def moving(mode: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Whether trucks are on a spur."""
-    return np.asarray((mode == ENTERING) | (mode == LEAVING))

@@ -6,33 +6,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError, SiteError
 from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
+from fleetlog.simulate.arrays import Index
 from fleetlog.simulate.dispatch import Dispatcher, Policy
 from fleetlog.simulate.energy import Meter, locate
 from fleetlog.simulate.events import EventLog
 from fleetlog.simulate.junctions import GAP
 from fleetlog.simulate.limits import Tally
 from fleetlog.simulate.record import Recorder, columns_of
-from fleetlog.simulate.state import (
-    AT_BAY,
-    CHARGING,
-    DRIVING,
-    EMPTY,
-    HANDLING,
-    PARKED,
-    STANDS,
-    WANTS_OUT,
-    limits_of,
-    log_of,
-    new_fleet,
-    new_log,
-)
+from fleetlog.simulate.state import STANDS, Mode, limits_of, log_of, new_fleet, new_log
 from fleetlog.simulate.summary import Summary
 from fleetlog.simulate.tasks import Demand, check_vehicles
 from fleetlog.simulate.world import World, build_world
@@ -46,7 +33,7 @@ TOGETHER = 128
 """Trucks whose power is worked out at once: arrays that stay in the processor's cache take half the time."""
 BATCH = 10.0
 """Power is worked out for so many seconds at once [s]."""
-IN_TRAFFIC = np.isin(np.arange(EMPTY + 1), (DRIVING, AT_BAY, WANTS_OUT))
+IN_TRAFFIC = np.isin(np.arange(Mode.EMPTY + 1), (Mode.DRIVING, Mode.AT_BAY, Mode.WANTS_OUT))
 """By activity: a truck that stands meanwhile waits for others."""
 Progress = Callable[[float, float], None]
 
@@ -66,7 +53,7 @@ class Settings:
     policy: Policy = field(default_factory=Policy)
     battery: BatteryModel | None = None
     room: int = 0
-    """Spots along the roads are drawn for at least so many trucks, so that fleets of several sizes meet the same site."""
+    """Trucks for which spots are drawn at least, so that fleets of several sizes meet the same site."""
 
 
 def simulate(
@@ -84,8 +71,6 @@ def simulate(
 
     Parameters
     ----------
-    site, truck : where and with what.
-    writer : takes the rows; :meth:`DatasetWriter.create` made it.
     demand : tasks; by default endless ones between random places.
     physics : terms beyond the nominal model; each can be switched off in it.
     progress : called with seconds done and in all.
@@ -121,7 +106,8 @@ def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
     if not doable and not demand.endless:
         first = left_out[0]
         raise SiteError(
-            f"place {first.target!r} cannot be reached from {first.source!r} and back, nor any place of another task",
+            f"place {first.target!r} cannot be reached from {first.source!r} and back,"
+            " nor any place of another task",
             do="check one-way roads and turns of the map",
         )
     note = f"{len(left_out)} tasks from or to places that were left out are dropped"
@@ -219,14 +205,14 @@ class Run:
         self.recorder.next()
         self._stop_empty()
 
-    def _account(self, first: int, bay: NDArray[np.int32], step0: int) -> None:
+    def _account(self, first: int, bay: Index, step0: int) -> None:
         """Place, power and rows of some trucks over a batch."""
         which = slice(first, first + TOGETHER)
         log, dt = log_of(self.log, which), self.settings.step
         place = locate(self.world.ground, log)
         energy = self.meter.batch(log, place, bay[which], step0, first)
         self.used += float(np.maximum(energy.power, 0.0).sum()) * dt / 3600.0
-        charging = np.where(log.mode == CHARGING, energy.power, 0.0)
+        charging = np.where(log.mode == Mode.CHARGING, energy.power, 0.0)
         self.charged -= float(np.minimum(charging, 0.0).sum()) * dt / 3600.0
         slow = (log.v < STANDS) & IN_TRAFFIC[log.mode]
         self.waiting += float(slow.sum()) * dt
@@ -234,9 +220,12 @@ class Run:
 
     def _stop_empty(self) -> None:
         f = self.fleet
-        for v in np.flatnonzero((self.meter.soc <= 0.0) & (f.mode != EMPTY)):
-            if f.mode[v] in (PARKED, HANDLING, DRIVING, AT_BAY, WANTS_OUT) and not f.entry[v]:
-                f.mode[v] = EMPTY
+        for v in np.flatnonzero((self.meter.soc <= 0.0) & (f.mode != Mode.EMPTY)):
+            if (
+                f.mode[v] in (Mode.PARKED, Mode.HANDLING, Mode.DRIVING, Mode.AT_BAY, Mode.WANTS_OUT)
+                and not f.entry[v]
+            ):
+                f.mode[v] = Mode.EMPTY
                 f.asks[f.asks == v] = -1
                 self.dispatcher.count.empty.append(self.names[v])
 
@@ -247,8 +236,8 @@ class Run:
             notes.append("the site has no charger: nobody charges")
         open_tasks = d.count.tasks_given - d.count.tasks_done
         return Summary(
-            len(self.names), total * self.settings.step, self.recorder.written, total * len(self.names), d.count,
-            float(self.fleet.moved.sum()), self.used, self.charged, [float(s) for s in self.meter.soc],
+            len(self.names), total * self.settings.step, self.recorder.written, total * len(self.names),
+            d.count, float(self.fleet.moved.sum()), self.used, self.charged, self.meter.soc.tolist(),
             self.soc_lowest, self.soc_sum / total,
             self.tally.limits(self.waiting), d.watch.longest, open_tasks, notes,
         )  # fmt: skip

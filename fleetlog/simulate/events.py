@@ -1,55 +1,46 @@
-"""What each truck does, what it has reserved, and what becomes of the tasks: looked at once a second and
-written beside the rows.
-
-Nothing here acts on the simulation.
-"""
+"""What each truck does and has reserved, and what becomes of tasks: looked at once a second, no more."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Labels
+from fleetlog.simulate.arrays import Ints
 from fleetlog.simulate.dispatch import Dispatcher
-from fleetlog.simulate.holdings import Holdings
 from fleetlog.simulate.taskbook import LATER, LEFT_OUT
+from fleetlog.simulate.waytable import WayTable
 from fleetlog.store.events import ACTIVITIES, Columns
 from fleetlog.store.writer import DatasetWriter
 
-Ints = NDArray[np.int64]
 NAMES = tuple(ACTIVITIES)
 KEPT = 1 << 16
 """Changes of each kind that are kept before they are written; at least as many as a route has pieces."""
 
 
 class EventLog:
-    """Writes the tables of a run; times inside are milliseconds after its start,
-    at ``start`` microseconds since 1970.
-    """
+    """Writes the tables of a run that begins at ``start`` [us since 1970]; times inside are ms from there."""
 
     def __init__(self, dispatcher: Dispatcher, writer: DatasetWriter, start: int) -> None:
         from fleetlog.simulate.kernels.look import Ground, Pages, Seen, Trucks
 
-        self.dispatcher, self.start = dispatcher, start
-        self.tables = writer.tables
-        world, fleet = dispatcher.world, dispatcher.fleet
-        self.vehicles = tuple(dispatcher.names)
-        self.holdings = h = Holdings(world)
-        places = {bay.place.id: None for bay in world.bays}
-        self.places = tuple(places)
-        code = {place: k for k, place in enumerate(places)}
-        self.place_of_bay = np.array([code[b.place.id] for b in world.bays], dtype=np.int64)
-        at_door = self.place_of_bay[[d.bay for d in world.doors]]
-        n = len(self.vehicles)
+        self.dispatcher, self.start, self.tables = dispatcher, start, writer.tables
+        world, fleet, r = dispatcher.world, dispatcher.fleet, dispatcher.world.roads
+        self.vehicles, self.places = tuple(dispatcher.names), tuple(dispatcher.places)
+        self.ways = WayTable(world)
         own = {name: getattr(fleet, name) for name in Trucks._fields if name in fleet._fields}
         self.trucks = Trucks(**own, task=dispatcher.book.of, lacks=dispatcher.lacks)
-        self.ground = Ground(at_door, h.safe, h.matters, len(places), h.lanes)
-        none = np.full(n, -1, np.int32)
+        at_door = dispatcher.place_of[[d.bay for d in world.doors]]
+        matters = np.diff(r.conflict_first) > 0
+        self.ground = Ground(at_door, matters, len(self.places), r.length, r.clear, r.capacity)
+        n, most = len(self.vehicles), fleet.route.shape[1] + 1
         self.seen = Seen(
-            np.full(n, -1, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int32), none, none.copy()
+            np.full(n, -1, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int32), np.full(n, -1, np.int32),
+            np.full(n, -1, np.int32), np.zeros(n, np.int32), np.zeros((n, most), np.int32),
+            np.zeros((n, most), np.int64), np.zeros(most, np.int32), np.zeros(most, np.int64),
+        )  # fmt: skip
+        self.pages = Pages(
+            np.zeros((KEPT, 4), np.int64), np.zeros((KEPT, 4), np.int64), np.zeros(2, np.int64)
         )
-        stretches, looks, held = (np.zeros((KEPT, k), np.int64) for k in (4, 2, 3))
-        self.pages = Pages(stretches, looks, held, np.zeros(3, np.int64))
 
     def tick(self, now: float) -> None:
         """After the decisions of a second; ``now`` [s]."""
@@ -60,27 +51,29 @@ class EventLog:
             self._write()
 
     def close(self, now: float) -> None:
-        """The end, at ``now`` [s]."""
-        ms, n = round(now * 1000.0), len(self.vehicles)
-        self._write(ms)
-        self._stretches(np.column_stack([np.arange(n), self.seen.key, self.seen.since, np.full(n, ms)]))
+        """The end, at ``now`` [s]: what is still done and still held ends here."""
+        s, ms, n = self.seen, round(now * 1000.0), len(self.vehicles)
+        owner, k = np.nonzero(np.arange(s.way.shape[1]) < s.reserved[:, None])
+        still = np.column_stack([owner, s.way[owner, k], s.start[owner, k], np.full(len(owner), ms)])
+        self._write(still)
+        self._stretches(np.column_stack([np.arange(n), s.key, s.since, np.full(n, ms)]))
         d, book = self.dispatcher, self.dispatcher.book
         book.never(d.pending[d.given :], LATER)
         book.never(d.demand.left_out, LEFT_OUT)
         self.tables.add("tasks", book.columns(self.start))
-        self.tables.add("ways", self.holdings.ways())
+        self.tables.add("ways", self.ways.table())
         self.tables.add("bays", self._bays())
 
     def _bays(self) -> Columns:
         world = self.dispatcher.world
         ends = world.ground.first[len(world.track) + 1 : len(world.track) + 1 + len(world.bays)] - 1
-        shape = np.round([b.path[-1, :3] for b in world.bays], 3).T
+        shape = np.round([b.door.path[-1, :3] for b in world.bays], 3).T
         # Four decimals of a half turn are more than a half turn.
         heading = np.clip(np.round(np.angle(np.exp(1j * shape[2])), 4), -3.1415, 3.1415)
         kinds = ("pick", "drop", "park", "charge")
         codes = np.array([kinds.index(b.place.kind) for b in world.bays])
         return {
-            "place": _labels(self.place_of_bay, self.places),
+            "place": _labels(self.dispatcher.place_of, self.places),
             "kind": _labels(codes, kinds),
             "x": shape[0],
             "y": shape[1],
@@ -88,14 +81,14 @@ class EventLog:
             "heading": heading,
         }
 
-    def _write(self, end: int | None = None) -> None:
-        """Empty the pages; with the ``end`` [ms] also what is still held."""
+    def _write(self, still: Ints | None = None) -> None:
+        """Empty the pages; reservations that are ``still`` held are written too."""
         p = self.pages
         self._stretches(p.stretches[: p.filled[0]])
-        held = self.holdings.ended(p.looks[: p.filled[1]].T, p.held[: p.filled[2]].T, end)
-        self.tables.add(
-            "reservations", {**self._stretch(held.truck, held.since, held.until), "way": held.way}
-        )
+        held = p.held[: p.filled[1]] if still is None else np.concatenate([p.held[: p.filled[1]], still])
+        truck, way, since, until = held[np.lexsort((held[:, 1], held[:, 0], held[:, 3]))].T
+        self.ways.used[way] = True
+        self.tables.add("reservations", {**self._stretch(truck, since, until), "way": way})
         p.filled[:] = 0
 
     def _stretches(self, rows: Ints) -> None:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fleetlog.core.result import Result, Spread, half_width
-from fleetlog.core.site import Site
 from fleetlog.errors import DataError, nearest
 from fleetlog.simulate.dispatch import Policy
 from fleetlog.simulate.scenario import Scenario, run_all, with_plugs
@@ -83,12 +82,10 @@ def _plugs(scenario: Scenario, value: str) -> Scenario:
     plugs, site = _whole(value, "plugs"), scenario.site
     for k, place in enumerate(chargers):
         share = plugs // len(chargers) + (k < plugs % len(chargers))
-        site = with_plugs(site, place, share) if share else _without_place(site, place)
-    return replace(scenario, site=site)
-
-
-def _without_place(site: Site, place: str) -> Site:
-    return replace(site, places=tuple(p for p in site.places if p.id != place))
+        site = with_plugs(site, place, share)
+    # A charger without a plug is none.
+    kept = tuple(p for p in site.places if p.plugs or p.id not in chargers)
+    return replace(scenario, site=replace(site, places=kept))
 
 
 def _close(scenario: Scenario, value: str) -> Scenario:
@@ -141,16 +138,8 @@ def experiment(
 ) -> Result:
     """Run every variant of every base, which differ in their seeds alone.
 
-    Returns
-    -------
-    Result
-        Tables ``runs`` (one row a variant and seed) and ``variants`` (means, and half the width of their 95 %
-        confidence intervals over the seeds); the difference to the first variant is taken seed by seed.
-
-    Raises
-    ------
-    DataError
-        For a factor that is none, or where no run at all is possible.
+    Tables ``runs`` (a row a variant and seed) and ``variants`` (means over the seeds, half widths of their
+    95 % intervals, changes paired by seed).  :class:`DataError` for no factor, or where no run is possible.
     """
     import pandas as pd
 
@@ -203,11 +192,9 @@ def _compared(runs: pd.DataFrame, names: list[str]) -> pd.DataFrame:
         good = group.dropna(subset="tasks_done").set_index("seed")
         row["possible"] = len(good)
         for name in MEASURES:
-            row[name] = float(good[name].mean()) if len(good) else float("nan")
-            row[f"{name}_ci"] = half_width(good[name].to_numpy(float)) if len(good) else float("nan")
-            change = (good[name] - first[name]).dropna().to_numpy(float)
-            row[f"{name}_change"] = float(change.mean()) if len(change) else float("nan")
-            row[f"{name}_change_ci"] = half_width(change) if len(change) else float("nan")
+            for key, values in ((name, good[name]), (f"{name}_change", (good[name] - first[name]).dropna())):
+                row[key] = float(values.mean()) if len(values) else float("nan")
+                row[f"{key}_ci"] = half_width(values.to_numpy(float)) if len(values) else float("nan")
         row["bottleneck"] = good.bottleneck.mode().iloc[0] if len(good) else str(group.error.iloc[0])
         out.append(row)
     return pd.DataFrame(out)
@@ -246,11 +233,11 @@ def _shapes(runs: pd.DataFrame, factors: Sequence[Factor]) -> list[Any]:
     for name, label in MEASURES.items():
         if not runs[name].any():
             continue
-        curves = {}
-        for key, group in groups:
-            title = ", ".join(f"{n} {v}" for n, v in zip(rest, key, strict=True))
-            curves[title] = [
+        curves = {
+            ", ".join(f"{n} {v}" for n, v in zip(rest, key, strict=True)): [
                 group[group[first.name] == v][name].dropna().to_numpy(float) for v in first.values
             ]
+            for key, group in groups
+        }
         out.append(Spread(name, first.values, curves, first.name, label))
     return out

@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.truck import Truck
+from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.track import Track
-
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 
 MARGIN = 0.15
 """Kept free round every truck [m]."""
@@ -52,9 +50,9 @@ class Junctions:
     stop: Floats
     capacity: Index
     resource: Index
-    conflict_first: NDArray[np.int64]
+    conflict_first: Ints
     conflicts: Index
-    swings: NDArray[np.bool_]
+    swings: Flags
 
 
 def half_box(truck: Truck) -> tuple[float, float]:
@@ -62,16 +60,11 @@ def half_box(truck: Truck) -> tuple[float, float]:
     return 0.5 * truck.chassis.length + MARGIN, 0.5 * truck.chassis.width + MARGIN
 
 
-def owners(track: Track) -> Index:
-    """(S,) piece of every sample."""
-    return np.repeat(np.arange(len(track), dtype=np.int32), np.diff(track.first))
-
-
 def find_junctions(track: Track, truck: Truck) -> Junctions:
     """Safe parts of all lanes, and the conflicts between everything else."""
     from fleetlog.simulate.kernels.geometry import meetings
 
-    lanes, owner = len(track.network), owners(track)
+    lanes, owner = len(track.network), track.owner
     every = np.ones(len(owner), dtype=np.bool_)
     skip = np.full(len(owner), -1, np.int32)
     pairs = meetings(track.x, track.y, track.z, track.heading, owner, every, *half_box(truck), skip)
@@ -99,48 +92,43 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     return Junctions(clear, stop, capacity, resource, first, conflicts, swinging(track))
 
 
-def swinging(track: Track) -> NDArray[np.bool_]:
+def swinging(track: Track) -> Flags:
     """(P,) connectors that turn by more than ``SWING``: their two lanes lie side by side."""
     turn = track.heading[track.first[1:] - 1] - track.heading[track.first[:-1]]
     return np.asarray((np.abs(np.angle(np.exp(1j * turn))) > SWING) & (track.source >= 0))
 
 
-def _turns(track: Track) -> set[tuple[int, int]]:
-    """Lanes that follow each other and do not lie side by side."""
-    straight = np.flatnonzero((track.source >= 0) & ~swinging(track))
-    return {(int(track.source[p]), int(track.target[p])) for p in straight}
+def _turns(track: Track) -> Ints:
+    """Number ``a * len(track) + b`` of all lanes a, b that follow each other and do not lie side by side."""
+    straight = (track.source >= 0) & ~swinging(track)
+    return track.source[straight].astype(np.int64) * len(track) + track.target[straight]
 
 
-def unique_pairs(a: NDArray[np.integer], b: NDArray[np.integer]) -> NDArray[np.int64]:
+def unique_pairs(a: NDArray[np.integer], b: NDArray[np.integer]) -> Ints:
     """(N, 2) each pair of numbers once, in order."""
     size = int(b.max(initial=0)) + 1
     key = np.unique(a.astype(np.int64) * size + b)
     return np.column_stack([key // size, key % size])
 
 
-def conflict_lists(
-    a: NDArray[np.integer], b: NDArray[np.integer], count: int
-) -> tuple[NDArray[np.int64], Index]:
+def conflict_lists(a: NDArray[np.integer], b: NDArray[np.integer], count: int) -> tuple[Ints, Index]:
     """Symmetric CSR of pairs, each once."""
     key = np.unique(np.concatenate([a.astype(np.int64) * count + b, b.astype(np.int64) * count + a]))
     first = np.searchsorted(key, np.arange(count + 1, dtype=np.int64) * count)
     return first.astype(np.int64), (key % count).astype(np.int32)
 
 
-def _follow_each_other(track: Track, a: Index, b: Index) -> NDArray[np.bool_]:
+def _follow_each_other(track: Track, a: Index, b: Index) -> Flags:
     """(N,) pairs of pieces that a truck drives one after the other: there the rule of following holds."""
     pair = np.zeros(len(a), dtype=bool)
-    turns = _turns(track)
+    lanes = np.flatnonzero((track.source[a] < 0) & (track.source[b] < 0))
     for one, other in ((a, b), (b, a)):
         pair |= (track.source[one] == other) | (track.target[one] == other)
-        rows = np.flatnonzero((track.source[one] < 0) & (track.source[other] < 0))
-        pair[rows] |= np.array([(int(one[k]), int(other[k])) in turns for k in rows], dtype=bool)
+        pair[lanes] |= np.isin(one[lanes].astype(np.int64) * len(track) + other[lanes], _turns(track))
     return pair
 
 
-def _safe_part(
-    track: Track, lane: int, touched: NDArray[np.bool_], clear: Floats, stop: Floats, resource: Index
-) -> None:
+def _safe_part(track: Track, lane: int, touched: Flags, clear: Floats, stop: Floats, resource: Index) -> None:
     """Find the longest untouched run of a lane's samples and number what lies before and after it."""
     low, high = int(track.first[lane]), int(track.first[lane + 1])
     free = ~touched[low:high]
@@ -161,29 +149,24 @@ def _safe_part(
     resource[low + end : high] = pieces + lane
 
 
-def _in_line(track: Track, a: Index, b: Index) -> NDArray[np.bool_]:
+def _in_line(track: Track, a: Index, b: Index) -> Flags:
     """(N,) pairs of resources that a truck takes one after the other."""
     pieces, lanes = len(track), len(track.network)
     out = np.zeros(len(a), dtype=bool)
+
+    def lane_of(resource: Index, low: int) -> Ints:
+        part = np.where((resource >= low) & (resource < low + lanes), resource - low, -1)
+        return np.where(resource < lanes, resource, part).astype(np.int64)
+
     for one, other in ((a, b), (b, a)):
-        connector = (one < pieces) & (track.source[np.minimum(one, pieces - 1)] >= 0)
-        source = track.source[np.minimum(one, pieces - 1)]
-        target = track.target[np.minimum(one, pieces - 1)]
+        piece = np.minimum(one, pieces - 1)
+        source, target = track.source[piece], track.target[piece]
+        connector = (one < pieces) & (source >= 0)
         out |= connector & ((other == source) | (other == pieces + source))
         out |= connector & ((other == target) | (other == pieces + lanes + target))
         out |= (one >= pieces) & (one < pieces + lanes) & (other == one + lanes)
-    # Exit of one lane and entry of the next, joined by a connector.
-    turns = _turns(track)
-
-    def lane_of(resource: int, leaving: bool) -> int:
-        if resource < lanes:
-            return resource
-        low = pieces if leaving else pieces + lanes
-        return resource - low if low <= resource < low + lanes else -1
-
-    for k in np.flatnonzero(~out):
-        for this, that in ((int(a[k]), int(b[k])), (int(b[k]), int(a[k]))):
-            i, j = lane_of(this, True), lane_of(that, False)
-            if i >= 0 and j >= 0 and (i, j) in turns:
-                out[k] = True
+        # Exit of one lane and entry of the next, joined by a connector.
+        left, entered = lane_of(one, pieces), lane_of(other, pieces + lanes)
+        both = (left >= 0) & (entered >= 0)
+        out |= both & np.isin(left * pieces + entered, _turns(track))
     return out

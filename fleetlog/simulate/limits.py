@@ -6,12 +6,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.dispatch import Dispatcher
-from fleetlog.simulate.state import CHARGER, DRIVING, DROP_PLACE, PARKED, PICK_PLACE, STANDS
+from fleetlog.simulate.state import CHARGER, DROP_PLACE, PICK_PLACE, STANDS, Mode
 
-Floats = NDArray[np.float64]
 MATERIAL = 0.1
 """Places, chargers or traffic limit a fleet that spends more than this share of its time waiting for them."""
 BUSY = 0.85
@@ -90,7 +89,7 @@ class Tally:
         self.seconds += 1
         self.held += d.owner >= 0
         self.lacking += np.bincount(d.lacks, minlength=4)
-        self.idle += int(((f.mode == PARKED) & (d.lacks == 0) & (d.book.of < 0)).sum())
+        self.idle += int(((f.mode == Mode.PARKED) & (d.lacks == 0) & (d.book.of < 0)).sum())
         for v, bays in d.wants.items():
             places = np.unique(d.place_of[bays])
             self.wanted[places] += 1.0 / len(places)
@@ -98,7 +97,7 @@ class Tally:
             causes = d.lacks[d.owner[bays]]
             causes[(causes == 0) | (d.owner[bays] < 0)] = d.lacks[v]
             self.caused += np.bincount(causes, minlength=4) / len(causes)
-        drives = f.mode == DRIVING
+        drives = f.mode == Mode.DRIVING
         self.crossed[self.node[f.piece[drives & (f.piece >= len(d.world.roads.clear))]]] += 1.0
         stands = np.flatnonzero(drives & (f.v < STANDS))
         # Who waits for room on a lane waits for the junction at its end.
@@ -113,10 +112,9 @@ class Tally:
         tasks = self._task_waits()
         found = [self._places(kind) for kind in PLACES if (d.kind == KIND_OF[kind]).any()]
         found += [self._junctions(traffic), self._trucks(tasks)]
-        summary = {
-            "mean": float(tasks.mean()), "p95": float(np.quantile(tasks, 0.95)),
-            "longest": float(tasks.max()),
-        } if len(tasks) else dict.fromkeys(("mean", "p95", "longest"), 0.0)  # fmt: skip
+        some = tasks if len(tasks) else np.zeros(1)
+        waits = {"mean": some.mean(), "p95": np.quantile(some, 0.95), "longest": some.max()}
+        summary = {name: float(seconds) for name, seconds in waits.items()}
         return Limits(tuple(found), self._bottleneck(found), waiting, summary)
 
     def _task_waits(self) -> Floats:

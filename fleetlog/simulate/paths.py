@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from fleetlog.simulate.arrays import Floats
+
 BOW = 0.1
 """A gentle kink is rounded as widely as it can be while the curve stays this close to the corner [m]."""
 FINE = 0.1
@@ -37,9 +37,7 @@ def simplified(points: Floats) -> Floats:
 
 
 def rounded(points: Floats, radius: float) -> Floats:
-    """The (n, 2) polyline with every corner replaced by an arc of at least ``radius``
-    where the legs are long enough.
-    """
+    """The (n, 2) polyline, corners rounded with ``radius`` or more as far as the legs are long enough."""
     points = simplified(points)
     if len(points) < 3:
         return points
@@ -58,9 +56,7 @@ def rounded(points: Floats, radius: float) -> Floats:
 
 
 def arc(corner: Floats, into: Floats, turn: float, reach: float) -> Floats:
-    """Points of the arc that leaves direction ``into`` ``reach`` metres before ``corner`` and turns
-    by ``turn`` rad.
-    """
+    """An arc that turns by ``turn`` [rad] from ``reach`` [m] before ``corner`` on, heading ``into``."""
     radius = reach / np.tan(abs(turn) / 2.0)
     begin = corner - reach * into
     normal = np.array([-into[1], into[0]]) * np.sign(turn)
@@ -73,11 +69,7 @@ def arc(corner: Floats, into: Floats, turn: float, reach: float) -> Floats:
 
 
 def joined(start: Floats, out: float, end: Floats, into: float) -> Floats:
-    """A smooth way from point ``start`` with heading ``out`` to ``end`` with heading ``into``: straight, arc,
-    straight.
-
-    Where the two tangents do not meet ahead (an S or a turning round) a cubic curve.
-    """
+    """Straight, arc, straight from ``start`` heading ``out`` to ``end`` heading ``into``, else a cubic."""
     a, b = np.array([np.cos(out), np.sin(out)]), np.array([np.cos(into), np.sin(into)])
     gap = end - start
     cross = a[0] * b[1] - a[1] * b[0]
@@ -101,10 +93,23 @@ def _cubic(start: Floats, a: Floats, end: Floats, b: Floats) -> Floats:
 
 
 def even(points: Floats, spacing: float) -> tuple[Floats, float]:
-    """Samples of a polyline at even distances of at most ``spacing`` [m]: (n, 4) x, y, heading, curvature;
-    and its length.
-    """
-    from fleetlog.simulate.kernels.curves import even_samples
+    """(n, 4) x, y, heading, curvature evenly, at most ``spacing`` [m] apart, along a polyline; its length."""
+    x, y = simplified(points).T
+    dx, dy = np.diff(x), np.diff(y)
+    along = np.concatenate([[0.0], np.cumsum(np.sqrt(dx * dx + dy * dy))])
+    chord = np.arctan2(dy, dx)
+    chord[1:] -= 2.0 * np.pi * np.cumsum(np.round(np.diff(chord) / (2.0 * np.pi)))
+    length = max(float(along[-1]), 1e-3)
+    n = max(2, int(np.ceil(length / spacing)) + 1)
+    s = np.arange(n) * (length / (n - 1))
+    # A chord's direction is that of the curve at its middle.
+    heading = np.interp(s, 0.5 * (along[:-1] + along[1:]), chord)
+    curvature = np.gradient(heading, length / (n - 1))
+    return np.column_stack([np.interp(s, along, x), np.interp(s, along, y), heading, curvature]), length
 
-    shape, length = even_samples(np.ascontiguousarray(simplified(points)), spacing)
-    return shape, float(length)
+
+def moved(shape: Floats, x: float, y: float, heading: float) -> Floats:
+    """(n, 4) x, y, heading, curvature of a curve that begins at the origin along x, begun elsewhere."""
+    c, s = np.cos(heading), np.sin(heading)
+    along, left, turn, curvature = shape.T
+    return np.column_stack([x + c * along - s * left, y + s * along + c * left, turn + heading, curvature])

@@ -1,19 +1,16 @@
-"""Places and demand of a recording: where its trucks stand again and again, what they do there,
-who carries what when.
-"""
+"""Places of a recording: where its trucks stand again and again, and what they do there."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.site import Place, PlaceKind, Site
-from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
-from fleetlog.simulate.tasks import Task
+from fleetlog.simulate.arrays import Flags, Floats, Ints
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
 from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED
@@ -21,7 +18,6 @@ from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED
 if TYPE_CHECKING:
     import pandas as pd
 
-Floats = NDArray[np.float64]
 COLUMNS = ("x", "y", "speed", "payload", "soc", "fork_height")
 MIN_DWELL = 8.0
 """A shorter standstill is a wait on the way, unless the load changes [s]."""
@@ -35,11 +31,6 @@ KNOWN = 6.0
 """A mined place this close to one of the site is that one [m]."""
 MAJORITY = 0.3
 """A place where loads (or charge) change in more than this share of the visits is one for that."""
-JITTER = 120.0
-"""A drawn task comes this much earlier or later than the recorded one at most [s]."""
-
-BETWEEN, LONGEST_GAP = 60.0, 900.0
-"""From when one task of a truck begins to when its next one does [s]."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +41,9 @@ class Stands:
     ``charged`` change of the state of charge; ``height`` m, the highest of the forks.
     """
 
-    vehicle: NDArray[np.int64]
-    start: NDArray[np.int64]
-    end: NDArray[np.int64]
+    vehicle: Ints
+    start: Ints
+    end: Ints
     x: Floats
     y: Floats
     before: Floats
@@ -97,62 +88,43 @@ def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
         changes = abs(load[last] - load[first]) > MIN_LOAD_CHANGE
         if gap[a + 1 : b].any() or ((t.time[b - 1] - t.time[a]) * 1e-6 < MIN_DWELL and not changes):
             continue
-        rise = soc[b - 1] - soc[a]
-        out.append(
-            (
-                t.time[a],
-                t.time[b - 1],
-                np.nanmedian(x[a:b]),
-                np.nanmedian(y[a:b]),
-                load[first],
-                load[last],
-                rise if np.isfinite(rise) else 0.0,
-                height[a:b].max(),
-            )
-        )
+        at = np.nanmedian(x[a:b]), np.nanmedian(y[a:b])
+        rise = np.nan_to_num(soc[b - 1] - soc[a])
+        out.append((t.time[a], t.time[b - 1], *at, load[first], load[last], rise, height[a:b].max()))
     return vehicle, np.array(out, dtype=np.float64).reshape(-1, 8)
 
 
-def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> NDArray[np.int64]:
-    """(N,) cluster of every stand, -1 where there are fewer than ``min_visits``: touching occupied cells are
-    one.
+def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> Ints:
+    """(N,) cluster of every stand, numbered from west to east, -1 where there are fewer than ``min_visits``.
 
-    Time and memory grow linearly with the stands.  Clusters are numbered from west to east, then from south
-    to north.
+    Touching occupied cells are one.  Time and memory grow linearly with the stands.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
 
-    cell = np.column_stack([np.floor(stands.x / CELL), np.floor(stands.y / CELL)]).astype(np.int64)
+    cell = np.floor(np.column_stack([stands.x, stands.y]) / CELL)
     cells, of, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
     of = of.ravel()
     # A lone stand between two places must not join them.
     firm = count >= max(2, min_visits // 2)
-    index = {(int(i), int(j)): k for k, (i, j) in enumerate(cells) if firm[k]}
-    pairs = [
-        (k, index[i + di, j + dj])
-        for (i, j), k in index.items()
-        for di in (-1, 0, 1)
-        for dj in (-1, 0, 1)
-        if (i + di, j + dj) in index
-    ]
-    a, b = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    rows = np.flatnonzero(firm)
+    touching = (
+        cKDTree(cells[rows]).query_pairs(1.5, output_type="ndarray") if len(rows) else np.zeros((0, 2), int)
+    )
+    a, b = rows[touching].T
     graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(len(cells), len(cells)))
     _, label = connected_components(graph, directed=False)
     of_stand = np.where(firm[of], label[of], -1).astype(np.int64)
     names, code, visits = np.unique(of_stand, return_inverse=True, return_counts=True)
-    keep = (names >= 0) & (visits >= min_visits)
-    centre = [
-        (float(np.median(stands.x[code == k])), float(np.median(stands.y[code == k])), int(k))
-        for k in np.flatnonzero(keep)
-    ]
+    kept = np.flatnonzero((names >= 0) & (visits >= min_visits)).tolist()
+    centre = {k: (np.median(stands.x[code == k]), np.median(stands.y[code == k])) for k in kept}
     number = np.full(len(names), -1, dtype=np.int64)
-    for new, (_, _, k) in enumerate(sorted(centre)):
-        number[k] = new
+    number[sorted(kept, key=lambda k: (*centre[k], k))] = np.arange(len(kept))
     return np.asarray(number[code])
 
 
-def kind_of(stands: Stands, mine: NDArray[np.bool_]) -> PlaceKind:
+def kind_of(stands: Stands, mine: Flags) -> PlaceKind:
     """What a place is for, from loads and charge; ``park`` where neither changes or the log has neither."""
     up = float(np.mean(stands.after[mine] - stands.before[mine] > MIN_LOAD_CHANGE))
     down = float(np.mean(stands.before[mine] - stands.after[mine] > MIN_LOAD_CHANGE))
@@ -163,25 +135,23 @@ def kind_of(stands: Stands, mine: NDArray[np.bool_]) -> PlaceKind:
     return "park"
 
 
-def place_table(stands: Stands, cluster: NDArray[np.int64]) -> pd.DataFrame:
-    """One row a place: id, kind, x, y [m], spread [m], visits, vehicles, dwell [s], shares of picks,
-    drops and charges.
-    """
+def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
+    """One row a place: id, kind, x, y, spread [m], visits, vehicles, dwell [s], shares of visits."""
     import pandas as pd
 
-    rows, counts = [], {"pick": 0, "drop": 0, "park": 0, "charge": 0}
+    rows, counts = [], Counter[str]()
     for k in range(int(cluster.max(initial=-1)) + 1):
         mine = cluster == k
         kind = kind_of(stands, mine)
         counts[kind] += 1
         x, y = float(np.median(stands.x[mine])), float(np.median(stands.y[mine]))
-        change = stands.after[mine] - stands.before[mine]
+        change, dwell = stands.after[mine] - stands.before[mine], stands.dwell[mine]
         rows.append({
             "place": f"{kind}-{counts[kind]}", "kind": kind, "x": x, "y": y,
             "spread": float(np.median(np.hypot(stands.x[mine] - x, stands.y[mine] - y))),
             "visits": int(mine.sum()), "vehicles": len(np.unique(stands.vehicle[mine])),
-            "dwell_median": float(np.median(stands.dwell[mine])),
-            "dwell_total": float(stands.dwell[mine].sum()), "picks": float(np.mean(change > MIN_LOAD_CHANGE)),
+            "dwell_median": float(np.median(dwell)), "dwell_total": float(dwell.sum()),
+            "picks": float(np.mean(change > MIN_LOAD_CHANGE)),
             "drops": float(np.mean(change < -MIN_LOAD_CHANGE)),
             "charges": float(np.mean(stands.charged[mine] > MIN_CHARGE)),
         })  # fmt: skip
@@ -192,27 +162,21 @@ def place_table(stands: Stands, cluster: NDArray[np.int64]) -> pd.DataFrame:
 def mined_site(site: Site, table: pd.DataFrame) -> tuple[Site, list[str]]:
     """The site with the mined places that it does not have yet; and the place of every row of ``table``."""
     places, names = list(site.places), []
-    used = {p.id for p in places}
-    spots = table[["x", "y"]].to_numpy(float)
-    for k, (first, kind) in enumerate(zip(table["place"].tolist(), table["kind"].tolist(), strict=True)):
-        x, y = float(spots[k, 0]), float(spots[k, 1])
+    for first, kind, x, y in table[["place", "kind", "x", "y"]].itertuples(index=False, name=None):
         gaps = [float(np.hypot(p.x - x, p.y - y)) for p in site.places]
         if gaps and min(gaps) <= KNOWN:
             names.append(site.places[int(np.argmin(gaps))].id)
             continue
         name = str(first)
-        while name in used:
+        while name in {p.id for p in places}:
             name = f"{name}m"
-        used.add(name)
         names.append(name)
         places.append(Place(name, kind, x, y))
     return replace(site, places=tuple(places)), names
 
 
-def with_room(site: Site, stands: Stands, cluster: NDArray[np.int64], names: list[str]) -> Site:
-    """The site with room at each place, chargers apart,
-    for as many trucks as were seen there at the same time.
-    """
+def with_room(site: Site, stands: Stands, cluster: Ints, names: list[str]) -> Site:
+    """The site with room at each place, chargers apart, for as many trucks as were seen there at one time."""
     most: dict[str, int] = {}
     for k, name in enumerate(names):
         mine = cluster == k
@@ -225,138 +189,3 @@ def with_room(site: Site, stands: Stands, cluster: NDArray[np.int64], names: lis
         p if p.kind == "charge" else replace(p, plugs=max(p.plugs, most.get(p.id, 1))) for p in site.places
     )
     return replace(site, places=tuple(places))
-
-
-def carried(stands: Stands, cluster: NDArray[np.int64], names: list[str]) -> list[Task]:
-    """Every load that the recording shows: taken up at one place, set down at another by the same truck.
-
-    ``earliest`` is the time of day [s] at which the truck set off to fetch it.  Recorded trucks mostly stood
-    on the road, so the way into a bay and out of it counts as time at the place.
-    """
-    tasks: list[Task] = []
-    held: tuple[int, int] | None = None
-    for i in range(len(stands)):
-        change = stands.after[i] - stands.before[i]
-        if change > MIN_LOAD_CHANGE:
-            held = (i, int(stands.vehicle[i]))
-        elif change < -MIN_LOAD_CHANGE and held is not None:
-            k, vehicle = held
-            held = None
-            a, b = int(cluster[k]), int(cluster[i])
-            if vehicle != stands.vehicle[i] or a < 0 or b < 0 or names[a] == names[b]:
-                continue
-            known = k > 0 and stands.vehicle[k - 1] == vehicle
-            day = float((stands.end[k - 1] if known else stands.start[k]) % 86_400_000_000) * 1e-6
-            origin = names[cluster[k - 1]] if known and cluster[k - 1] >= 0 else None
-            load = float(stands.after[k] - stands.before[k])
-            dwell, height = ((float(v[k]), float(v[i])) for v in (stands.dwell, stands.height))
-            tasks.append(Task(None, names[a], names[b], load, day, dwell, height, True, origin))
-    return tasks
-
-
-def demand_like(
-    carried_tasks: list[Task], hours: Floats, start_of_day: float, duration: float, share: float, truck: Truck, seed: int
-) -> list[Task]:  # fmt: skip
-    """Tasks drawn like the recorded ones.
-
-    Parameters
-    ----------
-    carried_tasks : of :func:`carried`.
-    hours : (24,) hours of the day that the recording covers, each as often as it occurs.
-    start_of_day : time of day at which the simulation starts [s];  duration : of it [s].
-    share : trucks simulated over trucks recorded; demand grows with the fleet.
-
-    Notes
-    -----
-    Each hour has a Poisson number of tasks with the recorded mean of that hour of day (of the whole recording
-    where that hour was not recorded); places, payload, dwell times and heights of each are drawn together
-    from one recorded task, so that they keep their joint distribution.  A task comes within ``JITTER`` of the
-    time of day of that one, so that lulls and rushes come again, and at any time where the recording covers
-    less of the hour than is simulated.
-    """
-    rng = np.random.Generator(np.random.PCG64([seed, 7]))
-    hour = np.array([int(t.earliest // 3600) % 24 for t in carried_tasks])
-    mean = len(carried_tasks) / max(float(hours.sum()), 1e-9)
-    out: list[Task] = []
-    begin = 0.0
-    while begin < duration:
-        now = int((start_of_day + begin) // 3600) % 24
-        end = min(begin + 3600.0 - (start_of_day + begin) % 3600.0, duration)
-        here = np.flatnonzero(hour == now)
-        rate = len(here) / hours[now] if hours[now] > 0.1 else mean
-        pool = here if len(here) else np.arange(len(carried_tasks))
-        covered = len(here) > 0 and 3600.0 * hours[now] >= 0.95 * (end - begin)
-        drawn = rng.choice(pool, rng.poisson(rate * share * (end - begin) / 3600.0))
-        for like in (carried_tasks[int(i)] for i in drawn):
-            in_hour = like.earliest % 3600.0 - (start_of_day + begin) % 3600.0
-            at = in_hour + begin + rng.uniform(-JITTER, JITTER)
-            if not covered or at >= end:
-                at = rng.uniform(begin, end)
-            load = min(like.payload, truck.chassis.rated_load)
-            out.append(replace(like, payload=load, earliest=float(max(at, begin))))
-        begin = end
-    return sorted(out, key=lambda t: t.earliest)
-
-
-def chained(tasks: list[Task]) -> list[Task]:
-    """The tasks in order of time, numbered, each after one that ends where its truck set off in the recording.
-
-    Of those that end there and nobody follows yet, the last one that began at least ``BETWEEN`` earlier; a task after
-    another one may begin ``JITTER`` earlier, as it is known no better than that when it did.
-    """
-    ends: dict[str, list[Task]] = {}
-    out: list[Task] = []
-    for number, task in enumerate(tasks):
-        found = [
-            t for t in ends.get(task.origin or "", ()) if BETWEEN <= task.earliest - t.earliest <= LONGEST_GAP
-        ]
-        after = found[-1].number if found else -1
-        if found:
-            ends[task.origin or ""].remove(found[-1])
-        earliest = max(task.earliest - JITTER, 0.0) if found else task.earliest
-        out.append(replace(task, number=number, after=after, earliest=earliest))
-        ends.setdefault(task.target, []).append(replace(task, number=number))
-    return sorted(out, key=lambda t: (t.earliest, t.number))
-
-
-def _seconds(iso: str) -> float:
-    return float(np.datetime64(iso.removesuffix("Z"), "us").astype(np.int64)) * 1e-6
-
-
-def recorded_hours(stands: Stands, dataset: Dataset) -> Floats:
-    """(24,) how many hours of recording fall on each hour of the day."""
-    start, end = (_seconds(str(dataset.meta[k])) for k in ("start", "end"))
-    out = np.zeros(24)
-    at = start
-    while at < end:
-        until = min((at // 3600.0 + 1.0) * 3600.0, end)
-        out[int(at // 3600.0) % 24] += (until - at) / 3600.0
-        at = until
-    return out
-
-
-def like(
-    dataset: Dataset, site: Site, truck: Truck, vehicles: int, start: int, duration: float, seed: int,
-    assigned: bool = False,
-) -> tuple[Site, list[Task], list[str]]:  # fmt: skip
-    """The site with the places of a recording, tasks drawn like its own, and notes to say aloud.
-
-    With ``assigned`` the tasks also say which truck did them, by where it came from and what it had done before.
-    """
-    stands = find_stands(dataset)
-    cluster = clusters(stands)
-    table = place_table(stands, cluster)
-    site, names = mined_site(site, table)
-    site = with_room(site, stands, cluster, names)
-    known = carried(stands, cluster, names)
-    kinds = ", ".join(f"{n} {k}" for k, n in table.kind.value_counts().items())
-    notes = [f"{len(table)} places mined from {len(stands)} stops ({kinds})"]
-    if not known:
-        notes.append("the recording shows no load carried between two places: tasks are random")
-        return site, [], notes
-    day = float(start % 86_400_000_000) * 1e-6
-    share = vehicles / max(len(dataset.vehicles), 1)
-    tasks = demand_like(known, recorded_hours(stands, dataset), day, duration, share, truck, seed)
-    tasks = chained(tasks) if assigned else [replace(t, origin=None) for t in tasks]
-    notes.append(f"{len(tasks)} tasks drawn like the {len(known)} recorded ones")
-    return site, tasks, notes

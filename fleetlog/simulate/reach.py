@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.errors import SiteError
+from fleetlog.simulate.arrays import Flags, Ints
 
 OPPOSITE = 2.4
 """A lane whose heading differs by more than this from that of another leads the other way [rad]."""
@@ -18,8 +19,8 @@ TURN_REACH = 30.0
 """A truck turns round at the open end of a lane onto lanes that begin at most this far away [m]."""
 
 
-def parts(network: Network) -> NDArray[np.int64]:
-    """(E,) number of the strongly connected part of every edge; -1 where none of the edges ahead leads back."""
+def parts(network: Network) -> Ints:
+    """(E,) strongly connected part of every edge; -1 where none of the edges ahead leads back."""
     from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -32,11 +33,8 @@ def parts(network: Network) -> NDArray[np.int64]:
     return np.where(lone & ~into_itself, -1, label).astype(np.int64)
 
 
-def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> NDArray[np.bool_]:
-    """(E,) edges of the strongly connected part that most of the places lie on; of equal ones the longest.
-
-    ``wanted`` has the edges near each place.
-    """
+def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> Flags:
+    """(E,) the strongly connected part with most places, then longest; ``wanted``: edges near places."""
     label = parts(network)
     if (label < 0).all():
         return np.zeros(len(network), dtype=bool)
@@ -49,7 +47,7 @@ def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> NDArra
 
 
 def turning_round(network: Network) -> tuple[Network, int]:
-    """The network with turns from lanes that lead nowhere to opposite lanes that begin there; and how many."""
+    """The network with turns from lanes that lead nowhere to opposite lanes that begin there; how many."""
     every = np.arange(len(network), dtype=np.int32)
     leave, enter = network.heading(every, network.length), network.heading(every, np.zeros(len(network)))
     starts, ends = network.points[network.first[:-1]], network.points[network.first[1:] - 1]
@@ -66,7 +64,7 @@ def turning_round(network: Network) -> tuple[Network, int]:
 
 
 def with_loops(site: Site) -> tuple[Site, list[str]]:
-    """The site, with turning round at open ends where its map has no closed loop; and what to say about that."""
+    """The site, with turning round at open ends where its map has no closed loop; and notes on it."""
     network = site.roads()
     if (parts(network) >= 0).any():
         return site, []

@@ -1,6 +1,4 @@
-"""From steps to rows of the dataset, in bounded memory;
-written by other threads while the fleet drives on.
-"""
+"""From steps to rows of the dataset, in bounded memory, written by threads as the fleet drives on."""
 
 from __future__ import annotations
 
@@ -13,24 +11,20 @@ from mmap import mmap
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Labels, Trajectory, Values
+from fleetlog.simulate.arrays import Flags, Floats, Index
 from fleetlog.simulate.energy import Batch, Energy
 from fleetlog.simulate.state import Log
 from fleetlog.store.writer import DatasetWriter
 
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 ROWS = 8_000_000
 """Rows that are kept at most before they are written; some 50 bytes each."""
 DIGITS = {
     "x": 3, "y": 3, "z": 3, "heading": 5, "speed": 4, "edge_offset": 3, "lateral_offset": 3, "payload": 1,
     "fork_height": 3, "battery_power": 2, "battery_voltage": 3, "battery_current": 3, "soc": 8,
 }  # fmt: skip
-"""Decimals that are written: millimetres and the like, so that files are small;
-rows wait as whole numbers of them.
-"""
+"""Decimals that are written, so that files are small; rows wait as whole numbers of them."""
 MEANS = ("battery_power", "battery_voltage", "battery_current")
 """Columns of which a row has the mean over the time around it."""
 CODES = ("edge_id", "trip_id")
@@ -133,7 +127,7 @@ class Recorder:
         job.result()
         self._free.append(block)
 
-    def _hand_over(self, due: NDArray[np.bool_]) -> None:
+    def _hand_over(self, due: Flags) -> None:
         """Let groups of trucks be written, and give them other rows to fill."""
         for group in np.flatnonzero(due[:: self.together]).tolist():
             if not self._free:
@@ -149,9 +143,7 @@ class Recorder:
             self._filled[trucks] = 0
 
     def _write(self, first: int, group: Index, before: Future[None] | None) -> None:
-        """(trucks, batches, columns, rows of a batch) of trucks ``first`` ...,
-        after what was handed over ``before``.
-        """
+        """(trucks, batches, columns, rows) of trucks ``first`` ..., after what was handed over ``before``."""
         from fleetlog.simulate.kernels.pack import unpack
 
         if before is not None:
@@ -180,9 +172,7 @@ class Recorder:
 
 
 def _untouched(*shape: int) -> Index:
-    """An array that takes memory where it is filled only;
-    NumPy's own would take it in huge pages, most of them at once.
-    """
+    """An array that takes memory only where it is filled; NumPy's would take most of it at once."""
     return np.frombuffer(mmap(-1, 4 * math.prod(shape)), np.int32).reshape(shape)
 
 
@@ -192,8 +182,6 @@ def rounded(columns: dict[str, Floats]) -> dict[str, Values]:
 
 
 def columns_of(hilly: bool, chemistry: bool) -> tuple[str, ...]:
-    """Columns that a simulation knows: height where the site has one,
-    voltage and current where the battery has a chemistry.
-    """
+    """Columns that are known: height of hilly sites, voltage and current by a battery's chemistry."""
     unknown = (() if hilly else ("z",)) + (() if chemistry else ("battery_voltage", "battery_current"))
     return tuple(c for c in DIGITS if c not in unknown)

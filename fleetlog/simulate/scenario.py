@@ -33,16 +33,8 @@ class Scenario:
 
     def write(self, writer: DatasetWriter, progress: Callable[[float, float], None] | None = None) -> Summary:
         """Simulate and write the trajectories."""
-        return simulate(
-            self.site,
-            self.truck,
-            writer,
-            self.settings,
-            self.demand,
-            self.physics,
-            progress,
-            mined=self.mined,
-        )
+        what = (self.settings, self.demand, self.physics)
+        return simulate(self.site, self.truck, writer, *what, progress, mined=self.mined)
 
     def run(self) -> Summary:
         """Simulate and keep only the summary."""
@@ -64,7 +56,7 @@ def attempt(scenario: Scenario) -> Summary | str:
 
 
 def run_all(scenarios: Sequence[Scenario]) -> Iterator[Summary | str]:
-    """What becomes of every scenario, in their order, on the engine in use; each run is independent of the others."""
+    """What becomes of every scenario, in their order, on the engine in use."""
     yield from engines.current().run(attempt, scenarios, lambda s: f"seed {s.settings.seed}")
 
 

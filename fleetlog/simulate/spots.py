@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from fleetlog.core.site import Place, Site
@@ -15,10 +13,7 @@ from fleetlog.simulate.spurs import Bay, span
 
 
 def lay_out(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str], spots: int) -> list[str]:
-    """Make all bays on lanes that lead to one another, drawn ones for ``spots`` trucks; what to say about it.
-
-    :class:`SiteError` for a place off the roads or without room, unless it is ``mined``, and for too many trucks.
-    """
+    """Make bays at places and for ``spots`` trucks; notes, or :class:`SiteError` (see ``_at_place``)."""
     notes = _lasting_lanes(site, maker, mined)
     notes += [note for place in site.places if (note := _at_place(maker, place, place.id in mined))]
     notes += _drawn(site, maker, spots)
@@ -47,8 +42,8 @@ def _lasting_lanes(site: Site, maker: BayMaker, mined: frozenset[str]) -> list[s
     if not out:
         return []
     return [
-        f"{int((~maker.lasting).sum())} of {len(network)} lanes ({out:.0f} m) cannot be reached and left again:"
-        " nobody stops there"
+        f"{int((~maker.lasting).sum())} of {len(network)} lanes ({out:.0f} m) cannot be reached and left"
+        " again: nobody stops there"
     ]
 
 
@@ -93,8 +88,8 @@ def _spare(maker: BayMaker, wanted: int) -> list[Bay]:
     made = auto_places(maker, wanted, ("park",))
     start = len(maker.bays) - len(made)
     for i, bay in enumerate(made):
-        spot = Place(f"spot-{i + 1}", "park", float(bay.path[-1, 0]), float(bay.path[-1, 1]))
-        maker.bays[start + i] = replace(bay, place=spot)
+        spot = Place(f"spot-{i + 1}", "park", float(bay.door.path[-1, 0]), float(bay.door.path[-1, 1]))
+        maker.bays[start + i] = bay._replace(place=spot)
     return made
 
 
@@ -117,7 +112,7 @@ def auto_places(maker: BayMaker, wanted: int, kinds: tuple[str, ...] = ("park", 
         kind = kinds[len(made) % len(kinds)]
         spot = maker.track.first[lane] + int(at / maker.track.spacing[lane])
         x, y = float(maker.track.x[spot]), float(maker.track.y[spot])
-        place = Place(f"{kind}-{len(made) + 1}", kind, x, y)  # type: ignore[arg-type]  # one of the kinds above
+        place = Place(f"{kind}-{len(made) + 1}", kind, x, y)  # type: ignore[arg-type]
         bay = maker.along(lane, at, place)
         if bay is not None:
             made.append(bay)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.site import Place
+from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.junctions import START, Junctions
-from fleetlog.simulate.paths import even, joined
+from fleetlog.simulate.paths import even, joined, moved
 from fleetlog.simulate.track import SPACING, Track
 
-Floats = NDArray[np.float64]
 SHARES = (1.0, 0.7, 0.5)
 """Of the turn radius that the way into a bay is tried with, in this order; a truck creeps in there."""
 EDGE = 0.25
@@ -23,68 +23,59 @@ DEEPEST = 25.0
 
 
 @dataclass(frozen=True)
-class Bay:
-    """A spot for one truck.
-
-    ``lane`` is where its spur leaves at offset ``at`` [m]; ``path`` (n, 4) x, y, heading, curvature from
-    there into the bay, ``length`` [m]; ``ahead`` [m] is how far past ``at`` a truck on the spur can be met on
-    the lane.
-    """
-
-    place: Place
-    lane: int
-    at: float
-    path: Floats
-    length: float
-    ahead: float
-
-
-@dataclass(frozen=True)
 class Door:
     """A spur between a lane and a bay, driven forwards into it and backwards out of it.
 
-    ``bay`` is the number of its bay; lane, at, path, length, ahead as in :class:`Bay`.  It crosses lane
-    ``crosses`` (-1: none): no truck there has its centre between ``low`` and ``high`` [m] meanwhile.
+    It leaves ``lane`` at ``at`` [m]; ``path`` (n, 4) x, y, heading, curvature leads from there into bay
+    number ``bay``, ``length`` [m]; a truck on it can be met on the lane up to ``ahead`` [m] past ``at``.  It
+    crosses lane ``crosses`` (-1: none): no truck there is between ``low`` and ``high`` [m] meanwhile.
     """
 
-    bay: int
     lane: int
     at: float
     path: Floats
     length: float
     ahead: float
+    bay: int = -1
     crosses: int = -1
     low: float = 0.0
     high: float = 0.0
 
 
+class Bay(NamedTuple):
+    """A spot for one truck, and the door on the lane beside it."""
+
+    place: Place
+    door: Door
+
+
 def span(track: Track, j: Junctions, lane: int) -> tuple[float, float]:
-    """First and last offset [m] of a lane where a truck may stand;
-    a single-lane aisle is its own who is on it.
-    """
+    """First and last offset [m] of a lane where a truck may stand; in a single-lane aisle, alone."""
     low, high = float(j.clear[lane]), float(j.stop[lane])
     if high < low:
         low, high = EDGE, float(track.length[lane]) - EDGE
     return max(low, START), high
 
 
-def opposite_spur(track: Track, j: Junctions, bay: Bay, radius: float, half_width: float) -> Door | None:
-    """The spur from the opposite lane to the end of a bay, an arc of ``radius`` [m]; None where there is none
-    or no room on it.
-
-    The door's bay number is left open (-1).
-    """
+def opposite_spur(track: Track, j: Junctions, bay: Door, radius: float, half_width: float) -> Door | None:
+    """The spur, an arc of ``radius`` [m], from the opposite lane to a bay; None without room."""
     lane = int(track.network.reverse[bay.lane])
     if lane < 0:
         return None
-    from fleetlog.simulate.kernels.geometry import first_before
-
+    rows = slice(track.first[lane], track.first[lane + 1])
     x, y, heading, _ = bay.path[-1]
-    k, ahead, left = first_before(
-        track.x, track.y, track.heading, track.first[lane], track.first[lane + 1], x, y, radius, DEEPEST
+    dx, dy, c, s = (
+        x - track.x[rows],
+        y - track.y[rows],
+        np.cos(track.heading[rows]),
+        np.sin(track.heading[rows]),
     )
-    if k < 0:
+    along, aside = dx * c + dy * s, dy * c - dx * s
+    fits = (along >= radius) & (np.abs(aside) < DEEPEST)
+    if not fits.any():
         return None
+    nearest = int(np.argmin(np.where(fits, along, np.inf)))
+    k, ahead, left = rows.start + nearest, float(along[nearest]), float(aside[nearest])
     at = (k - int(track.first[lane])) * float(track.spacing[lane])
     low, high = span(track, j, lane)
     if ahead > radius + 2.0 * SPACING or abs(left) < radius or not low <= at <= high:
@@ -92,17 +83,11 @@ def opposite_spur(track: Track, j: Junctions, bay: Bay, radius: float, half_widt
     toward = float(track.heading[k])
     turn = float(np.angle(np.exp(1j * (heading - toward))))
     shape, length = _bow(round(ahead, 3), round(left, 3), round(turn, 4))
-    path = shape.copy()
-    c, s = np.cos(toward), np.sin(toward)
-    path[:, 0] = track.x[k] + c * shape[:, 0] - s * shape[:, 1]
-    path[:, 1] = track.y[k] + s * shape[:, 0] + c * shape[:, 1]
-    path[:, 2] += toward
-    return Door(-1, lane, at, path, length, ahead + half_width)
+    path = moved(shape, track.x[k], track.y[k], toward)
+    return Door(lane, at, path, length, ahead + half_width)
 
 
 @lru_cache(maxsize=4096)
 def _bow(ahead: float, left: float, turn: float) -> tuple[Floats, float]:
-    """The way from the origin along x to a point ``ahead`` and ``left`` of it [m], turned by ``turn`` [rad];
-    often the same.
-    """
+    """The way from the origin along x to ``ahead``, ``left`` [m], turned by ``turn`` [rad]."""
     return even(joined(np.zeros(2), 0.0, np.array([ahead, left]), turn), 0.5 * SPACING)

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.truck import Truck
+from fleetlog.simulate.arrays import Flags, Floats, Index, Ints, Modes
 
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 
-PARKED, HANDLING, WANTS_OUT, LEAVING, DRIVING, AT_BAY, ENTERING, CHARGING, EMPTY = range(9)
-"""What a truck does: stands in a bay, works there, waits to leave it, backs out, drives, waits on the road before its bay,
-goes in, charges, or stands with an empty battery."""
+class Mode(IntEnum):
+    """What a truck does: it stands in a bay, works there, waits to leave it, backs out, drives, waits on the
+    road before its bay, goes in, charges, or stands with an empty battery.
+    """
+
+    PARKED, HANDLING, WANTS_OUT, LEAVING, DRIVING, AT_BAY, ENTERING, CHARGING, EMPTY = range(9)
+
+
 PICK_PLACE, DROP_PLACE, CHARGER = 1, 2, 3
 """What a truck that stands in a bay waits for; 0: nothing."""
 STANDS = 0.05
@@ -24,18 +29,18 @@ STANDS = 0.05
 class Roads(NamedTuple):
     """P pieces, E lanes, S samples, D doors, R resources; see Track, Junctions and Door for the meaning."""
 
-    first: NDArray[np.int64]
+    first: Ints
     spacing: Floats
     length: Floats
     slope: Floats
     cap: Floats
-    """(2, S) highest speed without and with a load, braking ahead of every bend of the piece included [m/s]."""
+    """(2, S) highest speed without and with a load, braking ahead of every bend included [m/s]."""
     clear: Floats
     stop: Floats
     capacity: Index
-    swings: NDArray[np.bool_]
+    swings: Flags
     """(P,) whether a truck turns so far on a piece that it comes back beside the lane that it left."""
-    conflict_first: NDArray[np.int64]
+    conflict_first: Ints
     conflicts: Index
     door_lane: Index
     door_at: Floats
@@ -67,7 +72,7 @@ class Limits(NamedTuple):
 class Fleet(NamedTuple):
     """V trucks; and the queues and reservations on the roads."""
 
-    mode: NDArray[np.int8]
+    mode: Modes
     piece: Index
     s: Floats
     v: Floats
@@ -93,8 +98,8 @@ class Fleet(NamedTuple):
     hand_before: Floats
     hand_after: Floats
     until: Floats
-    attention: NDArray[np.bool_]
-    force: NDArray[np.bool_]
+    attention: Flags
+    force: Flags
     left: Index
     left_by: Floats
     left_hold: Floats
@@ -108,12 +113,12 @@ class Fleet(NamedTuple):
     """(E,) where they stop for it [m]."""
     crossed: Index
     """(E,) the truck that crosses a lane on its way into a bay or out of it, -1: none."""
-    entry: NDArray[np.bool_]
+    entry: Flags
     """Whether a truck on the road has the ground of its bay reserved."""
     held: Index
-    claimed: NDArray[np.int64]
-    round: NDArray[np.int64]
-    why: NDArray[np.int8]
+    claimed: Ints
+    round: Ints
+    why: Modes
     """Why a truck waits: 0 does not, 1 others are in the way, 2 no room behind the junction."""
     moved: Floats
     line: Index
@@ -131,7 +136,7 @@ class Log(NamedTuple):
     lift: Floats
     load: Floats
     trip: Index
-    mode: NDArray[np.int8]
+    mode: Modes
 
 
 def new_log(trucks: int, steps: int) -> Log:

@@ -56,13 +56,14 @@ class Summary:
     def lines(self) -> list[str]:
         """For the terminal."""
         c, hours = self.count, {k: s / 3600.0 for k, s in self.limits.waiting_s.items()}
+        kinds = ", ".join(f"{kind} {h:.2f}" for kind, h in hours.items())
         out = [
-            f"{self.vehicles} trucks, {self.duration_s / 3600.0:.2f} h, {self.rows} rows, {self.distance_m / 1000.0:.1f} km",
+            f"{self.vehicles} trucks, {self.duration_s / 3600.0:.2f} h, {self.rows} rows,"
+            f" {self.distance_m / 1000.0:.1f} km",
             f"tasks: {c.tasks_done} done of {c.tasks_given}, {self.unfinished} not finished at the end",
-            f"energy: {self.energy_wh / 1000.0:.2f} kWh used, {self.charged_wh / 1000.0:.2f} kWh charged in {c.charges} visits",
-            f"waiting: {sum(hours.values()):.2f} truck hours ("
-            + ", ".join(f"{kind} {h:.2f}" for kind, h in hours.items())
-            + ")",
+            f"energy: {self.energy_wh / 1000.0:.2f} kWh used,"
+            f" {self.charged_wh / 1000.0:.2f} kWh charged in {c.charges} visits",
+            f"waiting: {sum(hours.values()):.2f} truck hours ({kinds})",
             f"traffic: {self.longest_wait_s:.0f} s of waiting at most,"
             f" {c.deadlocks} deadlocks ({c.deadlocks_released} released), {c.detours} detours",
             *self.limits.lines(),

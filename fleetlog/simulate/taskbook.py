@@ -7,9 +7,9 @@ from array import array
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Labels
+from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.tasks import Task
 from fleetlog.store.events import Columns
 
@@ -20,12 +20,7 @@ WAITING, ASSIGNED, LOADED, DONE, LATER, LEFT_OUT = range(6)
 
 
 class TaskBook:
-    """One line a task, numbered as they are given; some sixty bytes each.
-
-    Attributes
-    ----------
-    of : (V,) number of the task that each truck has, -1: none.
-    """
+    """One line a task, numbered as given; ``of`` (V,) is the number that each truck has, -1: none."""
 
     def __init__(self, vehicles: Sequence[str]) -> None:
         self.vehicles = tuple(vehicles)
@@ -43,12 +38,8 @@ class TaskBook:
     def give(self, task: Task, status: int = WAITING) -> None:
         """A task can be done from now on."""
         self._open.setdefault(task, []).append(len(self))
-        line = {
-            "vehicle_id": -1,
-            "from_place": self._place(task.source),
-            "to_place": self._place(task.target),
-        }
-        for text, code in {**line, "status": status}.items():
+        places = {"from_place": self._place(task.source), "to_place": self._place(task.target)}
+        for text, code in {"vehicle_id": -1, **places, "status": status}.items():
             self._text[text].append(code)
         for name, column in self._numbers.items():
             column.append(getattr(task, name, NONE))
@@ -91,7 +82,7 @@ class TaskBook:
         for task in tasks:
             self.give(task, status)
 
-    def taken(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def taken(self) -> tuple[Floats, Floats]:
         """When each task might be done and when a truck took it, negative: not yet [s]."""
         return np.array(self._numbers["earliest"]), np.array(self._numbers["assigned"])
 
@@ -101,7 +92,7 @@ class TaskBook:
         def text(name: str, names: Iterable[str]) -> Labels:
             return Labels(np.array(self._text[name], dtype=np.int32), tuple(names))
 
-        def time(name: str) -> NDArray[np.int64]:
+        def time(name: str) -> Ints:
             seconds = np.array(self._numbers[name])
             return np.where(seconds < 0.0, -1, start + np.rint(seconds * 1e6).astype(np.int64))
 

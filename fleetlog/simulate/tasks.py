@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
+from fleetlog.simulate.arrays import Floats
 
 COLUMNS = ("vehicle", "from", "to", "payload", "earliest")
 HEIGHTS = (0.3, 1.2, 2.4, 3.6)
@@ -28,10 +28,10 @@ ENGAGE = 6.0
 class Task:
     """One load.
 
-    ``vehicle`` is an id or None for any; ``source`` and ``target`` are places; ``payload`` kg; ``earliest`` s after the
-    start; ``dwell`` (pick, drop) seconds at the two places, at least what the lift needs; ``height`` (pick, drop) m.  With
-    ``on_road`` the dwell includes the way into the bay and out of it.  ``origin`` is the place from which a truck set off to do
-    it in a recording: a truck near there takes it, or where that is unknown a truck near the source.
+    ``vehicle`` None: any; ``source``, ``target`` places; ``payload`` kg; ``earliest`` s after the start;
+    ``dwell`` (pick, drop) s, at least what the lift needs, ``on_road`` with the way into and out of the bay;
+    ``height`` (pick, drop) m.  A truck near ``origin``, where a recorded truck set off to do it, takes it, or
+    one near the source.  ``after`` is the number of the task that the same truck did before, -1: none.
     """
 
     vehicle: str | None
@@ -45,12 +45,11 @@ class Task:
     origin: str | None = None
     number: int = -1
     after: int = -1
-    """Number of the task after which the same truck did this one, -1: none."""
 
 
 @dataclass
 class Demand:
-    """Tasks to do: ``given`` ones in order of their earliest time, and with ``endless`` new ones for whoever is idle."""
+    """Tasks to do: ``given`` ones in order of time, and with ``endless`` new ones for whoever is idle."""
 
     given: list[Task] = field(default_factory=list)
     endless: bool = True
@@ -72,9 +71,11 @@ def random_dwell(rng: np.random.Generator) -> float:
     return float(np.clip(rng.lognormal(np.log(22.0), 0.35), 12.0, 90.0))
 
 
-def random_height(rng: np.random.Generator) -> float:
-    """Height of a shelf [m]."""
-    return HEIGHTS[int(rng.integers(len(HEIGHTS)))]
+def random_visits(rng: np.random.Generator) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Dwell [s] and height of the shelf [m], each where a load is picked and where it is dropped."""
+    dwell = (random_dwell(rng), random_dwell(rng))
+    pick, drop = (HEIGHTS[int(rng.integers(len(HEIGHTS)))] for _ in range(2))
+    return dwell, (pick, drop)
 
 
 @dataclass(frozen=True)
@@ -82,12 +83,12 @@ class Drawn:
     """An endless task; ``ranks`` (P,): of the free places the lowest is taken; ``pause`` after it [s]."""
 
     task: Task
-    ranks: NDArray[np.float64]
+    ranks: Floats
     pause: float
 
 
 class TaskStream:
-    """Endless tasks: number k of a seed is the same task, whichever truck does it and whatever else is varied."""
+    """Endless tasks: number k of a seed is the same task, whoever does it and whatever else is varied."""
 
     def __init__(self, seed: int, truck: Truck, places: int, pause: float) -> None:
         self.seed, self.truck, self.places, self.pause = seed, truck, places, pause
@@ -98,15 +99,12 @@ class TaskStream:
         rng = np.random.Generator(np.random.PCG64([self.seed, self.drawn]))
         self.drawn += 1
         load, pause = random_load(rng, self.truck), float(rng.exponential(self.pause))
-        dwell, height = (random_dwell(rng), random_dwell(rng)), (random_height(rng), random_height(rng))
-        return Drawn(Task(None, "", "", load, now, dwell, height), rng.random(self.places), pause)
+        task = Task(None, "", "", load, now, *random_visits(rng))
+        return Drawn(task, rng.random(self.places), pause)
 
 
 def read_tasks(path: str | Path, site: Site, truck: Truck, seed: int = 0) -> list[Task]:
-    """Tasks of a CSV with the columns vehicle (empty: any), from, to, payload [kg], earliest [s after the start].
-
-    :class:`InputError` names the line at fault: an unknown place, a load above the rated one, a number that is none.
-    """
+    """Tasks of a CSV whose columns are ``COLUMNS``; :class:`InputError` names the line at fault."""
     path = Path(path)
     rng = np.random.default_rng(seed)
     tasks = [_task(row, path, line, site, truck, rng) for line, row in _rows(path)]
@@ -156,11 +154,9 @@ def _task(
             where=path, place=place, do="split the load or take a stronger truck",
         )  # fmt: skip
     earliest = _number(row.get("earliest"), 0.0, "earliest", path, place)
-    vehicle = (row.get("vehicle") or "").strip()
-    return Task(
-        vehicle if vehicle not in ("", "any") else None, row["from"], row["to"], payload, earliest,
-        (random_dwell(rng), random_dwell(rng)), (random_height(rng), random_height(rng)),
-    )  # fmt: skip
+    given = (row.get("vehicle") or "").strip()
+    vehicle = given if given not in ("", "any") else None
+    return Task(vehicle, row["from"], row["to"], payload, earliest, *random_visits(rng))
 
 
 def _number(text: str | None, default: float, name: str, path: Path, place: str) -> float:
@@ -170,7 +166,7 @@ def _number(text: str | None, default: float, name: str, path: Path, place: str)
         value = float(text)
     except ValueError:
         raise InputError(f"{name} {text!r} is not a number", where=path, place=place) from None
-    if not np.isfinite(value) or value < 0.0:
+    if not 0.0 <= value < np.inf:
         raise InputError(f"{name} {text!r} is negative or not finite", where=path, place=place)
     return value
 

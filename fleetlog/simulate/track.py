@@ -1,6 +1,4 @@
-"""The ways that trucks drive on: a lane for every directed edge, a connector for every turn,
-in even samples.
-"""
+"""The ways that trucks drive on, sampled: a lane for every directed edge, a connector for every turn."""
 
 from __future__ import annotations
 
@@ -13,10 +11,8 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
 from fleetlog.core.truck import Truck
+from fleetlog.simulate.arrays import Floats, Index, Ints
 from fleetlog.simulate.paths import even, joined, rounded, shifted, simplified
-
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 
 SPACING = 0.5
 """Between samples, at most [m]."""
@@ -41,7 +37,7 @@ class Track:
     """
 
     network: Network
-    first: NDArray[np.int64]
+    first: Ints
     spacing: Floats
     length: Floats
     source: Index
@@ -60,29 +56,25 @@ class Track:
         return len(self.length)
 
     @cached_property
-    def _by_turn(self) -> dict[tuple[int, int], int]:
-        return {
-            (int(a), int(b)): p
-            for p, (a, b) in enumerate(zip(self.source, self.target, strict=True))
-            if a >= 0
-        }
+    def owner(self) -> Index:
+        """(S,) piece of every sample."""
+        return np.repeat(np.arange(len(self), dtype=np.int32), np.diff(self.first))
 
-    def connector(self, lane: int, following: int) -> int:
-        """The piece that joins two lanes."""
-        return self._by_turn[lane, following]
+    @cached_property
+    def _by_turn(self) -> dict[tuple[int, int], int]:
+        turns = zip(self.source.tolist(), self.target.tolist(), strict=True)
+        return {turn: p for p, turn in enumerate(turns) if turn[0] >= 0}
 
     def pieces(self, edges: NDArray[np.integer]) -> list[int]:
         """Lanes and connectors along a chain of edges."""
         out = [int(edges[0])]
         for a, b in itertools.pairwise(edges):
-            out += [self.connector(int(a), int(b)), int(b)]
+            out += [self._by_turn[int(a), int(b)], int(b)]
         return out
 
 
 def lane_shift(network: Network, truck: Truck, traffic: str) -> Floats:
-    """(E,) metres that each lane lies left (+) or right (-) of its edge;
-    0 on one-way and on single-lane roads.
-    """
+    """(E,) metres that lanes lie left (+) or right (-) of their edges; 0 on one-way and single-lane roads."""
     width = np.where(np.isfinite(network.width), network.width, DEFAULT_WIDTH)
     two_lanes = (network.reverse >= 0) & (width >= 2.0 * (truck.chassis.width + CLEARANCE))
     shift = np.where(two_lanes, np.minimum(width / 4.0, WIDEST_SHIFT), 0.0)
@@ -90,10 +82,7 @@ def lane_shift(network: Network, truck: Truck, traffic: str) -> Floats:
 
 
 def build_track(network: Network, truck: Truck, traffic: str = "right") -> Track:
-    """Lanes and connectors of a network for one type of truck.
-
-    Lanes end before a junction by what the truck's turn radius needs; connectors round the corner with it.
-    """
+    """Lanes, cut before junctions for the turns, and connectors that turn with the turn radius."""
     shift = lane_shift(network, truck, traffic)
     before, after = _trims(network, truck.chassis.turn_radius, np.abs(shift))
     radius = truck.chassis.turn_radius
@@ -105,25 +94,25 @@ def build_track(network: Network, truck: Truck, traffic: str = "right") -> Track
         shapes.append(even(joined(start[:2], start[2], end[:2], end[2]), SPACING))
     none = np.full(len(network), -1, np.int32)
     source, target = np.concatenate([none, owner]), np.concatenate([none, network.next_edges])
-    return assemble(network, shapes, source, target)
+    return assemble(network, shapes, source, target, np.arange(len(shapes), dtype=np.int32))
 
 
-def assemble(network: Network, shapes: list[tuple[Floats, float]], source: Index, target: Index) -> Track:
-    """The track of given shapes, each sample laid on the map."""
+def assemble(
+    network: Network, shapes: list[tuple[Floats, float]], source: Index, target: Index, lanes: Index
+) -> Track:
+    """The track of given shapes, each sample laid on its lane, of connectors on the nearer one."""
     count = np.array([len(s) for s, _ in shapes])
     first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     length = np.array([size for _, size in shapes])
-    all_samples = np.concatenate([s for s, _ in shapes])
-    edge = np.concatenate([
-        np.full(n, p) if source[p] < 0 else np.where(np.arange(n) < n / 2, source[p], target[p])
-        for p, n in enumerate(count)
-    ]).astype(np.int32)  # fmt: skip
-    x, y = np.ascontiguousarray(all_samples[:, 0]), np.ascontiguousarray(all_samples[:, 1])
+    x, y, heading, curvature = np.ascontiguousarray(np.concatenate([s for s, _ in shapes]).T)
+    piece = np.repeat(np.arange(len(count)), count)
+    late = np.arange(len(x)) - first[piece] >= count[piece] / 2
+    edge = np.where(source[piece] < 0, lanes[piece], np.where(late, target[piece], source[piece]))
     offset, lateral = project(network, edge, x, y)
     return Track(
         network, first, length / (count - 1), length, source.astype(np.int32), target.astype(np.int32), x, y,
-        network.position(edge, offset)[:, 2], np.angle(np.exp(1j * all_samples[:, 2])),
-        np.ascontiguousarray(all_samples[:, 3]), network.slope(edge, offset), edge, offset, lateral,
+        network.position(edge, offset)[:, 2], np.angle(np.exp(1j * heading)), curvature,
+        network.slope(edge, offset), edge, offset, lateral,
     )  # fmt: skip
 
 

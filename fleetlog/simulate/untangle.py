@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fleetlog.simulate.state import AT_BAY, DRIVING, EMPTY, WANTS_OUT, Fleet
+from fleetlog.simulate.state import Fleet, Mode
 from fleetlog.simulate.watch import Watch, rings
 from fleetlog.simulate.ways import Itinerary
 from fleetlog.simulate.world import World
@@ -60,16 +60,16 @@ class Untangler:
     def _closed(self) -> list[int]:
         """Edges on which a truck with an empty battery stands."""
         f = self.fleet
-        stands = f.piece[np.flatnonzero((f.mode == EMPTY) & (f.piece >= 0))]
+        stands = f.piece[np.flatnonzero((f.mode == Mode.EMPTY) & (f.piece >= 0))]
         return sorted({int(p) for p in stands if p < len(self.world.track.network)})
 
     def _untangle(self, now: float) -> None:
         """Look for trucks that make no progress: rings of them are broken, others look for another way."""
         f = self.fleet
-        for v in np.flatnonzero((f.mode == AT_BAY) | (f.mode == WANTS_OUT)).tolist():
+        for v in np.flatnonzero((f.mode == Mode.AT_BAY) | (f.mode == Mode.WANTS_OUT)).tolist():
             since = max(float(f.waits[v]), self._changed.get(v, 0.0))
             # Twice as long at each door: on a full lane others need time to make room.
-            patience = PASS if f.mode[v] == AT_BAY else max(CHANGE, 0.5 * (now - float(f.waits[v])))
+            patience = PASS if f.mode[v] == Mode.AT_BAY else max(CHANGE, 0.5 * (now - float(f.waits[v])))
             if now - since > patience:
                 self._changed[v] = now
                 self._other_door(v)
@@ -86,15 +86,13 @@ class Untangler:
             self._known[ring] = released or self._known.get(ring, False)
         self._known = {ring: done for ring, done in self._known.items() if ring in found}
         for v in stuck:
-            if f.mode[v] == DRIVING and f.why[v] == 2 and now - f.waits[v] > DETOUR:
+            if f.mode[v] == Mode.DRIVING and f.why[v] == 2 and now - f.waits[v] > DETOUR:
                 self._detour(v)
 
     def _break(self, ring: list[int]) -> bool:
-        """One truck of a ring takes another way;
-        where none can and they wait for room on full lanes, all move up together.
-        """
+        """Send one truck of a ring another way, or let all move up if all wait for room on full lanes."""
         f = self.fleet
-        if any(self._other_door(v) if f.mode[v] != DRIVING else self._detour(v) for v in ring):
+        if any(self._other_door(v) if f.mode[v] != Mode.DRIVING else self._detour(v) for v in ring):
             return True
         full = any(f.why[v] == 2 for v in ring)
         if full:
@@ -102,16 +100,14 @@ class Untangler:
         return full
 
     def _other_door(self, v: int) -> bool:
-        """Who cannot turn into its bay, or back out of it, takes another door;
-        on the road it drives on to it.
-        """
+        """Send who cannot get into its bay, or out of it, by another door; on the road it drives on."""
         f, ways, door = self.fleet, self.world.ways, self.world.doors[self.fleet.door[v]]
-        if f.entry[v] or f.mode[v] not in (AT_BAY, WANTS_OUT):
+        if f.entry[v] or f.mode[v] not in (Mode.AT_BAY, Mode.WANTS_OUT):
             return False
         if f.held_to[v] >= f.held_from[v]:
             # What it has reserved is counted along its old way.
             return False
-        if f.mode[v] == WANTS_OUT:
+        if f.mode[v] == Mode.WANTS_OUT:
             others = [d for d in ways.of_bay[door.bay] if d != f.door[v]]
             way = ways.between(door.bay, self.world.doors[f.goal[v]].bay, only=others[0]) if others else None
         else:
@@ -120,9 +116,9 @@ class Untangler:
             return False
         f.asks[f.asks == v] = -1
         self._take(v, way)
-        if f.mode[v] == AT_BAY:
+        if f.mode[v] == Mode.AT_BAY:
             # In a bay it has not begun to wait anew: who waits longest asks first.
-            f.mode[v], f.waits[v] = DRIVING, np.inf
+            f.mode[v], f.waits[v] = Mode.DRIVING, np.inf
         self.count.detours += 1
         return True
 

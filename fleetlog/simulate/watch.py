@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fleetlog.simulate.state import AT_BAY, DRIVING, ENTERING, LEAVING, WANTS_OUT, Fleet, Roads
+from fleetlog.simulate.arrays import Floats
+from fleetlog.simulate.state import Fleet, Mode, Roads
 
 NEAR = 8.0
 """A truck this close on a lane can be in the way of one that comes out onto it [m]."""
@@ -20,12 +21,10 @@ class Watch:
         self.longest = 0.0
         """Longest time that any truck which wanted to move stood [s]."""
 
-    def still(self, now: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """(V,) seconds for which each truck has wanted to move and has not;
-        0 for those that stand because they want to.
-        """
+    def still(self, now: float) -> Floats:
+        """(V,) seconds for which trucks have wanted to move and have not, 0 where they do not want to."""
         f = self.fleet
-        busy = np.isin(f.mode, (WANTS_OUT, LEAVING, DRIVING, AT_BAY, ENTERING))
+        busy = np.isin(f.mode, (Mode.WANTS_OUT, Mode.LEAVING, Mode.DRIVING, Mode.AT_BAY, Mode.ENTERING))
         self._since[(f.moved > self._moved + 0.05) | ~busy] = now
         self._moved[:] = f.moved
         out = now - self._since
@@ -39,13 +38,13 @@ class Watch:
 
     def _blocker(self, v: int, holders: dict[int, int]) -> int:
         f, r = self.fleet, self.roads
-        if f.mode[v] == DRIVING:
+        if f.mode[v] == Mode.DRIVING:
             if f.ahead[v] >= 0:
                 return int(f.ahead[v])
             if f.why[v] == 2:
                 return self._first_on(self.next_lane(v))
             if f.why[v] == 1:
-                return self._holder(self._wanted(v), v, holders)
+                return self._holder(self._passage(v, int(f.at[v]), self._end(v)), v, holders)
             return self._in_front(v)
         door = int(f.door[v])
         found = self._holder([len(r.length) + 2 * len(r.clear) + door], v, holders)
@@ -72,27 +71,21 @@ class Watch:
         """The truck that holds each reserved resource."""
         f, spurs = self.fleet, len(self.roads.length) + 2 * len(self.roads.clear)
         out = {
-            self._resource(int(v), k): int(v)
+            way: int(v)
             for v in np.flatnonzero(f.held_to >= f.held_from)
-            for k in range(f.held_from[v], f.held_to[v] + 1)
+            for way in self._passage(int(v), int(f.held_from[v]), int(f.held_to[v]))
         }
-        on_spur = np.isin(f.mode, (LEAVING, ENTERING)) | f.entry
+        on_spur = np.isin(f.mode, (Mode.LEAVING, Mode.ENTERING)) | f.entry
         return out | {spurs + int(f.door[v]): int(v) for v in np.flatnonzero(on_spur)}
 
-    def _resource(self, v: int, k: int) -> int:
-        f = self.fleet
-        return self._named(int(f.route[v, k]), k == f.held_to[v], k == f.held_from[v])
-
-    def _named(self, piece: int, last: bool, first: bool) -> int:
-        """See ``kernels.reserve.resource``."""
+    def _passage(self, v: int, low: int, high: int) -> list[int]:
+        """Resources of route positions ``low`` to ``high``; see ``kernels.reserve.resource``."""
         pieces, lanes = len(self.roads.length), len(self.roads.clear)
-        if self._safe(piece) and (last or first):
-            return pieces + (lanes if last else 0) + piece
-        return piece
-
-    def _wanted(self, v: int) -> list[int]:
-        f, low, high = self.fleet, int(self.fleet.at[v]), self._end(v)
-        return [self._named(int(f.route[v, k]), k == high, k == low) for k in range(low, high + 1)]
+        out: list[int] = self.fleet.route[v, low : high + 1].tolist()
+        for k, part in ((0, pieces), (-1, pieces + lanes)):
+            out[k] = int(self.fleet.route[v, (low, high)[k]])
+            out[k] += part if self._safe(out[k]) else 0
+        return out
 
     def _holder(self, wanted: list[int], v: int, holders: dict[int, int]) -> int:
         r = self.roads
@@ -103,8 +96,8 @@ class Watch:
         return -1
 
     def _first_on(self, lane: int) -> int:
-        on = np.flatnonzero(self.fleet.piece == lane)
-        return int(on[np.argmax(self.fleet.s[on])]) if len(on) else int(self.fleet.asks[lane])
+        first = self._between(lane, -np.inf, np.inf, -1)
+        return first if first >= 0 else int(self.fleet.asks[lane])
 
     def _between(self, lane: int, low: float, high: float, v: int) -> int:
         f = self.fleet

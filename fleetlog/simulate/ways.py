@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.roads.routing import Router
+from fleetlog.simulate.arrays import Index
 from fleetlog.simulate.spurs import Door
 from fleetlog.simulate.track import Track
 
-Index = NDArray[np.int32]
 CROSSING = 3.0
 """What crossing a lane on the way into a bay or out of it costs in choosing a way [s]."""
 AHEAD = 0.5
@@ -73,9 +73,7 @@ class Ways:
         return self._known[key]
 
     def _search(self, a: int, b: int, onward: bool, shut: tuple[int, ...]) -> tuple[Index, float] | None:
-        """Pieces from lane ``a`` to lane ``b`` and their cost [s];
-        round the block where they are one and the goal lies behind.
-        """
+        """Pieces from lane ``a`` to ``b``, round the block if it lies behind on the same one; cost [s]."""
         time = self.router.time
         if a == b and onward:
             return np.array([a], dtype=np.int32), float(time[a])

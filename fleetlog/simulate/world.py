@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
-from fleetlog.simulate.bays import BayMaker, side_of
+from fleetlog.simulate.arrays import Floats, Index, Ints
+from fleetlog.simulate.bays import BayMaker
 from fleetlog.simulate.doors import all_doors
 from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box, unique_pairs
 from fleetlog.simulate.reach import with_loops
 from fleetlog.simulate.spots import lay_out
 from fleetlog.simulate.spurs import Bay, Door
 from fleetlog.simulate.state import Roads
-from fleetlog.simulate.track import Track, build_track, project
+from fleetlog.simulate.track import Track, assemble, build_track
 from fleetlog.simulate.ways import Ways
 
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 PLAN = 0.9
 """Share of its braking that a truck plans with."""
 TURN_TIME = 3.0
@@ -63,18 +62,14 @@ def build_world(
     mined: frozenset[str] = frozenset(),
     room: int = 0,
 ) -> World:
-    """Lay out a site for a number of trucks, spots for ``room`` trucks; :class:`SiteError` where it cannot hold them.
-
-    Places in ``mined`` are left out where there is no room beside the road, and any place that trucks cannot reach and leave
-    again; ``notes`` say so.
-    """
+    """Lay out a site, ``mined`` places if there is room; :class:`SiteError` if it cannot hold the trucks."""
     site, notes = with_loops(site)
     network = site.roads()
     physics = (physics or Physics(truck)).fleet
     actual = physics.actual_truck()
     track = build_track(network, truck, site.traffic)
     junctions = find_junctions(track, truck)
-    maker = BayMaker(track, junctions, truck, side_of(site))
+    maker = BayMaker(track, junctions, truck, 1.0 if site.traffic == "left" else -1.0)
     notes += lay_out(site, maker, vehicles, mined, max(vehicles, room))
     doors = all_doors(track, junctions, maker.bays, truck)
     ground = with_spurs(track, doors)
@@ -89,22 +84,13 @@ def with_spurs(track: Track, doors: list[Door]) -> Track:
     """The track with one piece more for each door, laid on the edge of its lane."""
     if not doors:
         return track
-    shape = np.concatenate([d.path for d in doors])
-    count = np.array([len(d.path) for d in doors])
-    edge = np.repeat(np.array([d.lane for d in doors], dtype=np.int32), count)
-    x, y = np.ascontiguousarray(shape[:, 0]), np.ascontiguousarray(shape[:, 1])
-    offset, lateral = project(track.network, edge, x, y)
-    length, none = np.array([d.length for d in doors]), np.full(len(doors), -1, np.int32)
-    join = np.concatenate
-    return Track(
-        track.network, join([track.first, track.first[-1] + np.cumsum(count)]),
-        join([track.spacing, length / (count - 1)]), join([track.length, length]),
-        join([track.source, none]), join([track.target, none]), join([track.x, x]), join([track.y, y]),
-        join([track.z, track.network.position(edge, offset)[:, 2]]),
-        join([track.heading, np.angle(np.exp(1j * shape[:, 2]))]), join([track.curvature, shape[:, 3]]),
-        join([track.slope, np.zeros(len(x))]), join([track.edge, edge]), join([track.offset, offset]),
-        join([track.lateral, lateral]),
-    )  # fmt: skip
+    none = np.full(len(doors), -1, np.int32)
+    lanes = np.array([d.lane for d in doors], dtype=np.int32)
+    spurs = assemble(track.network, [(d.path, d.length) for d in doors], none, none, lanes)
+    spurs = replace(spurs, first=spurs.first[1:] + track.first[-1], slope=np.zeros(len(spurs.x)))
+    parts = (f.name for f in fields(Track) if f.name != "network")
+    joined: dict[str, Any] = {n: np.concatenate([getattr(track, n), getattr(spurs, n)]) for n in parts}
+    return replace(track, **joined)
 
 
 def speed_limits(site: Site, track: Track) -> Floats:
@@ -124,7 +110,7 @@ def speed_limits(site: Site, track: Track) -> Floats:
 
 
 def caps(site: Site, track: Track, physics: Physics) -> Floats:
-    """(2, S) highest speed [m/s] without and with a load: limits, truck, turns, and every term that acts on speed."""
+    """(2, S) highest speed [m/s] without and with a load, by limits, truck, turns and the terms on speed."""
     from fleetlog.simulate.kernels.profile import brake_ahead
 
     truck = physics.actual_truck()
@@ -164,18 +150,15 @@ def _roads(
     )  # fmt: skip
 
 
-def _spur_conflicts(
-    track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck
-) -> NDArray[np.int64]:
-    """(N, 2) resources that exclude each other because of a spur; those that only follow onto its lane do not."""
+def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck) -> Ints:
+    """(N, 2) resources that exclude each other because of a spur, but for those that lead onto its lane."""
     from fleetlog.simulate.kernels.geometry import meetings
 
     pieces, lanes, samples = len(track), len(track.network), len(track.x)
-    owner = np.repeat(np.arange(len(ground), dtype=np.int32), np.diff(ground.first))
-    ask = np.arange(len(owner)) >= samples
-    skip = np.full(len(owner), -1, np.int32)
-    pairs = meetings(ground.x, ground.y, ground.z, ground.heading, owner, ask, *half_box(truck), skip)
-    resource = np.concatenate([j.resource, 2 * lanes + owner[samples:]]).astype(np.int64)
+    g, ask = ground, np.arange(len(ground.x)) >= samples
+    skip = np.full(len(ask), -1, np.int32)
+    pairs = meetings(g.x, g.y, g.z, g.heading, g.owner, ask, *half_box(truck), skip)
+    resource = np.concatenate([j.resource, 2 * lanes + ground.owner[samples:]]).astype(np.int64)
     # b > a always, and spurs come last: b is the spur.
     a, b = resource[pairs[:, 0]], resource[pairs[:, 1]]
     keep = a >= 0

@@ -46,7 +46,7 @@ Asked = SimpleNamespace
 def simulate(
     *, site: SiteLike | None = None, truck: TruckLike, vehicles: Annotated[int | str | None, Counts()] = None,
     duration: Annotated[float | str, Duration()] = "1h", like: DatasetLike | None = None,
-    same_mission: bool = False, tasks: TableLike | None = None, cycle: Literal["vdi2198"] | None = None,
+    same_mission: bool = False, together: bool = False, tasks: TableLike | None = None, cycle: Literal["vdi2198"] | None = None,
     close: tuple[str, ...] = (), physics: PhysicsLike | None = None, without: tuple[str, ...] = (),
     seed: Seed = 0, rate: Annotated[float, Between(0.0, 1000.0)] = 1.0,
     step: Annotated[float, Between(0.001, 60.0)] = 0.1, start: str | None = None, soc: Share = 0.95,
@@ -66,6 +66,7 @@ def simulate(
     duration : simulated time: 8h, 30m, 600s.
     like : dataset whose places and demand are taken over.
     same_mission : drive the trips of --like again, each by itself, for comparison.
+    together : with --same-mission, in one another's way.
     tasks : CSV (in Python also a DataFrame): vehicle (or any), from, to, payload [kg], earliest [s].
     cycle : a test cycle on a strip of its own.
     close : close a road to all trucks; may be repeated.
@@ -113,6 +114,8 @@ def _check(asked: Asked) -> None:
     alone = asked.same_mission or asked.cycle
     if asked.same_mission and asked.like is None:
         raise ArgumentError("--same-mission needs the recording", do="name it with --like")
+    if asked.together and not asked.same_mission:
+        raise ArgumentError("--together is for recorded missions", do="add --same-mission and --like")
     if asked.close and alone:
         raise ArgumentError("--close is for a fleet: not with --same-mission or --cycle")
     if is_experiment(asked) and alone:
@@ -188,9 +191,9 @@ def _share(text: str) -> Callable[[float, float], None]:
 def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
     """What the arguments ask for, with one seed; and notes on it."""
     from fleetlog.physics.battery import battery_of
+    from fleetlog.simulate.demand import like as take_over
     from fleetlog.simulate.dispatch import Policy
     from fleetlog.simulate.engine import Settings
-    from fleetlog.simulate.places import like as take_over
     from fleetlog.simulate.scenario import Scenario
     from fleetlog.simulate.tasks import Demand, read_tasks
 
@@ -221,7 +224,7 @@ def _mission(asked: Asked, writer: DatasetWriter) -> tuple[dict[str, Any], list[
     from fleetlog.simulate.mission import replay
 
     writer.site = asked.like.site
-    summary = replay(asked.like, asked.truck, writer, asked.physics, _share("simulating"))
+    summary = replay(asked.like, asked.truck, writer, asked.physics, _share("simulating"), asked.together)
     lines = [
         f"{summary.trips} trips of {summary.vehicles} trucks driven again, {summary.rows} rows",
         f"simulated / recorded: distance {summary.distance_ratio:.3f}, driving {summary.duration_ratio:.3f}, "
@@ -229,7 +232,9 @@ def _mission(asked: Asked, writer: DatasetWriter) -> tuple[dict[str, Any], list[
     ]
     if summary.own_path:
         lines.append(f"{summary.own_path} trips follow their recorded positions: they are not on the roads")
-    return asdict(summary), lines
+    if summary.lost_share is not None:
+        lines.append(f"traffic: {100.0 * summary.lost_share:.1f} % of the travel time lost to other trucks")
+    return {k: v for k, v in asdict(summary).items() if v is not None}, lines
 
 
 def _cycle(asked: Asked, writer: DatasetWriter) -> tuple[dict[str, Any], list[str]]:

@@ -10,7 +10,7 @@ from simulated_sites import TRUCK, aisle, grid, place
 from fleetlog.simulate import engine
 from fleetlog.simulate.dispatch import Policy
 from fleetlog.simulate.engine import DEFAULT_START, Settings, simulate
-from fleetlog.simulate.state import ENTERING, LEAVING
+from fleetlog.simulate.state import Mode
 from fleetlog.simulate.taskbook import LEFT_OUT, TaskBook
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.simulate.world import build_world
@@ -299,6 +299,6 @@ def test_what_counts_as_reserved_is_what_trucks_hold(tmp_path):
                     if piece < lanes and world.roads.capacity[piece] > 0 and any(end):
                         piece += pieces + (lanes if end[0] else 0)
                     held[piece] += 1
-                if f.entry[v] or f.mode[v] in (ENTERING, LEAVING):
+                if f.entry[v] or f.mode[v] in (Mode.ENTERING, Mode.LEAVING):
                     held[pieces + 2 * lanes + f.door[v]] += 1
             assert (held == f.held).all(), f"after {step0 / 10:.0f} s"

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from simulated_sites import TRUCK, grid, place
 
+from fleetlog.simulate.demand import carried, like
 from fleetlog.simulate.mission import replay
-from fleetlog.simulate.places import carried, clusters, find_stands, like, mined_site, place_table
+from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.store.events import read_table

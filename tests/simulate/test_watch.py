@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fleetlog.simulate.state import DRIVING, PARKED, new_fleet
+from fleetlog.simulate.state import Mode, new_fleet
 from fleetlog.simulate.watch import Watch, rings
 
 
@@ -27,7 +27,7 @@ def test_rings_are_all_cycles_each_once(blocker):
 
 def test_only_who_wants_to_move_and_does_not_is_still():
     fleet = new_fleet(3, 1, 1, 1, 4)
-    fleet.mode[:] = (DRIVING, DRIVING, PARKED)
+    fleet.mode[:] = (Mode.DRIVING, Mode.DRIVING, Mode.PARKED)
     watch = Watch(None, fleet)
     for now in range(0, 100, 10):
         fleet.moved[0] += 1.0

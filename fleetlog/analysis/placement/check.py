@@ -35,7 +35,7 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, trial: Trial) -> dict[str, A
     they are random, and then only the seed is the same.  The power of a planned plug is that of the site's
     first charger that states one.
     """
-    from fleetlog.simulate.places import like
+    from fleetlog.simulate.demand import like
 
     start = DEFAULT_START if dataset.kind == "simulated" else _start(dataset)
     own = {p.id for p in dataset.site.places}

@@ -136,7 +136,8 @@ def lay_out(
     day: Day, fleet: Fleet, lanes: Stretches, length: float
 ) -> tuple[Path, Windows, Floats, Mask] | None:
     """Return the path of a day, its windows, what they took (W,) [s], and which of them count (W,)."""
-    found = [v for v in day.drives if v.leg.whole and v.leg.distance[-1] >= SHORTEST]
+    drives = [v for v in day.drives if v.leg.whole and v.leg.distance[-1] >= SHORTEST]
+    found = [v for v in drives if (v.leg.path.edge >= 0).all()]
     if not found:
         return None
     parts = [v.leg for v in found]

@@ -5,12 +5,10 @@ from __future__ import annotations
 from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.kernels.lanes import front, insert, is_safe_lane, run_in
 from fleetlog.simulate.kernels.reserve import acquire, is_free, is_free_ahead
-from fleetlog.simulate.state import AT_BAY, ENTERING, LEAVING, WANTS_OUT, Fleet, Limits, Roads
+from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 SHORT = 0.3
-"""Who stops for another stops this much earlier than it must [m]:
-a hair too far, and both would wait for ever.
-"""
+"""Who stops for another stops this much early: a hair too far, and both would wait for ever [m]."""
 
 
 @inner
@@ -36,7 +34,7 @@ def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
 def ask(r: Roads, f: Fleet, v: int, x: Limits) -> None:
     """Ask those on the lane that ``v`` comes out onto, and on the one that it crosses, to stop."""
     d = f.door[v]
-    if f.mode[v] == WANTS_OUT and f.asks[r.door_lane[d]] < 0:
+    if f.mode[v] == Mode.WANTS_OUT and f.asks[r.door_lane[d]] < 0:
         f.asks[r.door_lane[d]] = v
         f.ask_at[r.door_lane[d]] = r.door_at[d] - x.length - x.gap - SHORT
     c = r.door_crosses[d]
@@ -58,9 +56,7 @@ def unask(r: Roads, f: Fleet, v: int) -> None:
 
 @inner
 def comes_in(r: Roads, f: Fleet, lane: int, at: float, stop: float, x: Limits) -> bool:
-    """Whether somebody comes onto a lane who could not stop at ``stop``;
-    behind another one before ``at`` he stops anyway.
-    """
+    """Whether somebody comes onto a lane, behind nobody before ``at``, who could not stop at ``stop``."""
     if f.inbound[lane] == 0 or stop >= run_in(r, lane, x):
         return False
     return f.tail[lane] < 0 or f.s[f.tail[lane]] >= at
@@ -68,9 +64,7 @@ def comes_in(r: Roads, f: Fleet, lane: int, at: float, stop: float, x: Limits) -
 
 @inner
 def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
-    """Whether the lane that the truck's door crosses is clear there,
-    and nobody comes who could not stop before it.
-    """
+    """Whether the lane that the door crosses is clear, and nobody comes who could not stop before it."""
     d = f.door[v]
     lane, low, high = r.door_crosses[d], r.door_low[d], r.door_high[d]
     if lane < 0:
@@ -89,9 +83,7 @@ def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
 
 @inner
 def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
-    """Whether the stretch of lane that a truck backs out onto is clear,
-    ahead and of trucks that could not stop behind.
-    """
+    """Whether the lane that a truck backs out onto is clear, also of those behind who could not stop."""
     d = f.door[v]
     lane, at = r.door_lane[d], r.door_at[d]
     rear = at - 0.5 * x.length - x.gap
@@ -138,7 +130,7 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     f.held[spur] += 1
     if r.door_crosses[d] >= 0:
         f.crossed[r.door_crosses[d]] = v
-    f.mode[v] = LEAVING
+    f.mode[v] = Mode.LEAVING
     f.trip[v] += 1
     return 0
 
@@ -152,11 +144,7 @@ def past_door(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
 
 @inner
 def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
-    """Turn into the bay if its ground, the road just ahead and the lane to cross are clear: 0 done, 1 not
-    yet.
-
-    A truck that still rolls towards its door has the ground reserved from then on, and need not stop.
-    """
+    """Turn into the bay if ground, road and crossing are clear, rolling or at rest: 0 done, 1 not yet."""
     d = f.door[v]
     spur = len(r.length) + 2 * len(r.clear) + d
     if not past_door(r, f, v, x):
@@ -174,7 +162,7 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
             f.crossed[r.door_crosses[d]] = v
         f.held[spur] += 1
         f.entry[v] = True
-    if f.mode[v] == AT_BAY:
-        f.mode[v] = ENTERING
+    if f.mode[v] == Mode.AT_BAY:
+        f.mode[v] = Mode.ENTERING
         f.spur[v] = 0.0
     return 0

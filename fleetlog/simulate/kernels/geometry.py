@@ -6,10 +6,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
+from fleetlog.simulate.arrays import Flags, Floats, Index
 
 
 @njit(cache=True)
@@ -60,26 +58,6 @@ def turned_boxes_meet(
 
 
 @njit(cache=True)
-def first_before(
-    x: Floats, y: Floats, heading: Floats, low: int, high: int, px: float, py: float, least: float,
-    widest: float
-) -> Any:  # fmt: skip
-    """Which of samples ``low`` to ``high`` - 1 has a point least far ahead of it, and how far that is ahead
-    and to the left [m].
-
-    It is at least ``least`` ahead and less than ``widest`` aside; the number is -1 where there is none.
-    """
-    best, ahead, left = -1, np.inf, 0.0
-    for k in range(low, high):
-        dx, dy = px - x[k], py - y[k]
-        c, s = np.cos(heading[k]), np.sin(heading[k])
-        along, aside = dx * c + dy * s, dy * c - dx * s
-        if along >= least and abs(aside) < widest and along < ahead:
-            best, ahead, left = k, along, aside
-    return best, ahead, left
-
-
-@njit(cache=True)
 def grid_of(x: Floats, y: Floats, cell: float) -> Any:
     """Points in square cells: order, start of each cell in it, west and south edge, columns, rows."""
     x0, y0 = x.min(), y.min()
@@ -109,7 +87,7 @@ def twice(pairs: Index) -> Index:
 
 @njit(cache=True)
 def meetings(
-    x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: NDArray[np.bool_], half_l: float,
+    x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: Flags, half_l: float,
     half_w: float, skip: Index,
 ) -> Any:  # fmt: skip
     """Pairs (a, b), a < b, of samples of different owners whose boxes meet; at least one of them in ``ask``.

@@ -6,12 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from fleetlog.simulate.arrays import Floats, Index, Ints
 from fleetlog.simulate.kernels.geometry import boxes_meet
-
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
 
 
 class Cells(NamedTuple):
@@ -23,11 +20,11 @@ class Cells(NamedTuple):
     """
 
     shape: Floats
-    head: NDArray[np.int64]
-    after: NDArray[np.int64]
+    head: Ints
+    after: Ints
     box: Floats
     group: Index
-    size: NDArray[np.int64]
+    size: Ints
 
 
 def new_cells(x: Floats, y: Floats, cell: float, room: int) -> Cells:
@@ -68,9 +65,7 @@ def put(c: Cells, boxes: Floats, group: Index) -> None:
 def meets_group(
     c: Cells, x: float, y: float, heading: float, half_l: float, half_w: float, one: int, other: int
 ) -> bool:
-    """Whether a box meets one of a group that is neither ``one`` nor ``other``;
-    cells are wider than two boxes.
-    """
+    """Whether a box meets one of a group other than ``one`` and ``other``; cells are wider than two boxes."""
     columns, rows = int(c.shape[3]), int(c.shape[4])
     column, row = _at(x, c.shape[0], c.shape[2], columns), _at(y, c.shape[1], c.shape[2], rows)
     for r in range(max(row - 1, 0), min(row + 2, rows)):

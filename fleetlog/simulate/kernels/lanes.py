@@ -5,16 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.state import ENTERING, LEAVING, Fleet, Limits, Roads
+from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 
 @inner
 def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
-    """Highest speed after the next step that still stops ``brake``-ing behind one that does so from ``u``,
-    ``room`` m ahead.
-
-    Krauss 1998, written for a speed that is linear over the step.
-    """
+    """Speed that still stops behind one ``room`` m ahead who brakes from ``u`` (Krauss 1998)."""
     q = 0.25 * brake * brake * dt * dt + 2.0 * brake * (room - 0.5 * v * dt) + u * u
     return -0.5 * brake * dt + np.sqrt(q) if q > 0.0 else 0.0
 
@@ -85,6 +81,6 @@ def insert(f: Fleet, v: int, piece: int) -> None:
 def front(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     """How far along its lane a truck reaches [m]."""
     reach = 0.5 * x.length
-    if f.mode[v] == LEAVING or f.mode[v] == ENTERING:
+    if f.mode[v] == Mode.LEAVING or f.mode[v] == Mode.ENTERING:
         reach = max(reach, r.door_ahead[f.door[v]])
     return f.s[v] + reach

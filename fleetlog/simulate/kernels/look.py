@@ -4,41 +4,24 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy import inf
 
+from fleetlog.simulate.arrays import Flags, Floats, Index, Ints, Modes
 from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.state import (
-    AT_BAY,
-    CHARGER,
-    CHARGING,
-    DRIVING,
-    EMPTY,
-    ENTERING,
-    HANDLING,
-    LEAVING,
-    PARKED,
-    STANDS,
-    WANTS_OUT,
-)
+from fleetlog.simulate.kernels.reserve import resource
+from fleetlog.simulate.state import CHARGER, STANDS, Mode
 
-Ints = NDArray[np.int64]
-Index = NDArray[np.int32]
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-DRIVES, LADEN, WAITS, WAITS_FOR_PLACE, PICKS, DROPS, CHARGES, WAITS_FOR_CHARGER, PARKS, DEAD, NAMES = range(
+(DRIVES, LADEN, WAITS, WAITS_FOR_PLACE, PICKS, DROPS, CHARGES, WAITS_FOR_CHARGER, PARKS, DEAD, NAMES) = range(
     11
 )
 """Activities in the order of :data:`fleetlog.store.events.ACTIVITIES`, and how many there are."""
 
 
 class Trucks(NamedTuple):
-    """(V,) of the fleet, and (V, n) routes; see :class:`fleetlog.simulate.state.Fleet`.
-    ``task`` is -1 for none.
-    """
+    """(V,) of the fleet, and (V, n) routes; see :class:`fleetlog.simulate.state.Fleet`; ``task`` -1: none."""
 
-    mode: NDArray[np.int8]
+    mode: Modes
     v: Floats
     waits: Floats
     load: Floats
@@ -50,22 +33,25 @@ class Trucks(NamedTuple):
     held_to: Index
     route: Index
     task: Ints
-    lacks: NDArray[np.int8]
+    lacks: Modes
 
 
 class Ground(NamedTuple):
-    """(D,) place of every door, (P,) lanes on which trucks can stand, (R,) ways that exclude others."""
+    """(D,) place of every door, (R,) ways that exclude others, number of places; the rest as in ``Roads``."""
 
     place: Ints
-    safe: Flags
     matters: Flags
     places: int
-    lanes: int
+    length: Floats
+    clear: Floats
+    capacity: Index
 
 
 class Seen(NamedTuple):
-    """(V,) what was seen last: key of the activity and since when [ms], ends of the passage,
-    door of the spur.
+    """(V,) key of the activity and since when [ms], ends of the passage, door of the spur, as seen last.
+
+    ``way``, ``start`` (V, n) are what a truck has reserved and since when [ms], ``reserved`` (V,) how many;
+    ``fresh``, ``begun`` (n,) the same of the truck that is looked at.
     """
 
     key: Ints
@@ -73,17 +59,18 @@ class Seen(NamedTuple):
     low: Index
     high: Index
     spur: Index
+    reserved: Index
+    way: Index
+    start: Ints
+    fresh: Index
+    begun: Ints
 
 
 class Pages(NamedTuple):
-    """Changes in order of time, and (3,) how many there are of each kind."""
+    """(n, 4) truck, key or way, since, until of what has ended, in this order; (2,) how many of each."""
 
     stretches: Ints
-    """(n, 4) truck, key, since, until."""
-    looks: Ints
-    """(n, 2) truck whose reservations have changed, when."""
     held: Ints
-    """(n, 3) truck, way that it has, when."""
     filled: Ints
 
 
@@ -91,74 +78,78 @@ class Pages(NamedTuple):
 def activity(t: Trucks, v: int) -> int:
     """What truck ``v`` does."""
     m = t.mode[v]
-    if m == PARKED:
+    if m == Mode.PARKED:
         if t.lacks[v] == CHARGER:
             return WAITS_FOR_CHARGER
         return WAITS_FOR_PLACE if t.lacks[v] > 0 or t.task[v] >= 0 else PARKS
-    if m == HANDLING:
+    if m == Mode.HANDLING:
         return PICKS if t.hand_after[v] > 0.0 else DROPS
-    if m == CHARGING:
+    if m == Mode.CHARGING:
         return CHARGES
-    if m == EMPTY:
+    if m == Mode.EMPTY:
         return DEAD
     # Who has just been sent off has not been kept waiting yet.
-    if m == AT_BAY or (m == WANTS_OUT and t.waits[v] != np.inf) or (m == DRIVING and t.v[v] < STANDS):
+    out = m == Mode.WANTS_OUT and t.waits[v] != inf
+    if m == Mode.AT_BAY or out or (m == Mode.DRIVING and t.v[v] < STANDS):
         return WAITS
     return LADEN if t.load[v] > 0.0 else DRIVES
 
 
 @inner
-def way_of(t: Trucks, g: Ground, v: int, k: int) -> int:
-    """The way that position ``k`` of a truck's passage stands for; see ``kernels.reserve.resource``."""
-    piece = t.route[v, k]
-    if g.safe[piece]:
-        if k == t.held_to[v]:
-            return len(g.safe) + g.lanes + piece
-        if k == t.held_from[v]:
-            return len(g.safe) + piece
-    return piece
+def write(page: Ints, filled: Ints, which: int, v: int, what: int, since: int, until: int) -> None:
+    """Add a line to a page."""
+    n = filled[which]
+    page[n, 0], page[n, 1], page[n, 2], page[n, 3] = v, what, since, until
+    filled[which] += 1
 
 
 @inner
-def hold(g: Ground, p: Pages, v: int, way: int, now: int) -> None:
-    """Write down one way, unless it excludes nobody."""
-    if g.matters[way]:
-        n = p.filled[2]
-        p.held[n, 0], p.held[n, 1], p.held[n, 2] = v, way, now
-        p.filled[2] += 1
+def has(g: Ground, s: Seen, n: int, way: int, now: int) -> int:
+    """Make a way number ``n`` of those that the truck has, if it excludes others; how many it has."""
+    if not g.matters[way]:
+        return n
+    s.fresh[n], s.begun[n] = way, now
+    return n + 1
+
+
+@inner
+def note_ways(t: Trucks, g: Ground, s: Seen, p: Pages, v: int, now: int) -> None:
+    """Write down what truck ``v`` has given back, and remember since when it has the rest."""
+    low, high, n = t.held_from[v], t.held_to[v], 0
+    for k in range(low, high + 1):
+        n = has(g, s, n, resource(g, t, v, k, low, high), now)
+    if s.spur[v] >= 0:
+        n = has(g, s, n, len(g.length) + 2 * len(g.clear) + s.spur[v], now)
+    for k in range(s.reserved[v]):
+        i = 0
+        while i < n and s.fresh[i] != s.way[v, k]:
+            i += 1
+        if i < n:
+            s.begun[i] = s.start[v, k]
+        else:
+            write(p.held, p.filled, 1, v, s.way[v, k], s.start[v, k], now)
+    s.reserved[v] = n
+    for k in range(n):
+        s.way[v, k], s.start[v, k] = s.fresh[k], s.begun[k]
 
 
 # Nothing is allocated here: see kernels.inner.
 @njit(cache=True, _nrt=False)
 def look(t: Trucks, g: Ground, s: Seen, p: Pages, first: int, now: int) -> int:
-    """Look at the trucks from ``first`` on at ``now`` [ms];
-    the first one that there was no room for, or how many there are.
-    """
+    """Look at the trucks from ``first`` on at ``now`` [ms]; the first without room on the pages, or all."""
     for v in range(first, len(t.mode)):
-        low, high = t.held_from[v], t.held_to[v]
-        room = p.filled[2] + max(high - low, -1) + 2 <= len(p.held)
-        if not room or p.filled[0] == len(p.stretches) or p.filled[1] == len(p.looks):
+        if p.filled[0] == len(p.stretches) or p.filled[1] + s.reserved[v] > len(p.held):
             return v
         doing = activity(t, v)
         door = t.goal[v] if doing <= LADEN and t.goal[v] >= 0 else t.door[v]
         key = ((t.task[v] + 1) * g.places + g.place[door]) * NAMES + doing
         if key != s.key[v]:
             if s.key[v] >= 0:
-                n = p.filled[0]
-                p.stretches[n, 0], p.stretches[n, 1], p.stretches[n, 2], p.stretches[n, 3] = (
-                    v, s.key[v], s.since[v], now,
-                )  # fmt: skip
-                p.filled[0] += 1
+                write(p.stretches, p.filled, 0, v, s.key[v], s.since[v], now)
             s.key[v], s.since[v] = key, now
-        on_spur = t.mode[v] == LEAVING or t.mode[v] == ENTERING or t.entry[v]
+        on_spur = t.mode[v] == Mode.LEAVING or t.mode[v] == Mode.ENTERING or t.entry[v]
         spur = t.door[v] if on_spur else -1
-        if low == s.low[v] and high == s.high[v] and spur == s.spur[v]:
-            continue
-        s.low[v], s.high[v], s.spur[v] = low, high, spur
-        p.looks[p.filled[1], 0], p.looks[p.filled[1], 1] = v, now
-        p.filled[1] += 1
-        for k in range(low, high + 1):
-            hold(g, p, v, way_of(t, g, v, k), now)
-        if spur >= 0:
-            hold(g, p, v, len(g.safe) + 2 * g.lanes + spur, now)
+        if t.held_from[v] != s.low[v] or t.held_to[v] != s.high[v] or spur != s.spur[v]:
+            s.low[v], s.high[v], s.spur[v] = t.held_from[v], t.held_to[v], spur
+            note_ways(t, g, s, p, v, now)
     return len(t.mode)

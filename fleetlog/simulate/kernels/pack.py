@@ -6,15 +6,13 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
+from fleetlog.simulate.arrays import Flags, Floats, Index
 
 
 @njit(cache=True, nogil=True)
 def pack(
-    values: tuple[Floats, ...], mean: NDArray[np.bool_], scale: Floats, every: int, null: int, out: Index,
+    values: tuple[Floats, ...], mean: Flags, scale: Floats, every: int, null: int, out: Index,
     row: Index, at: Index
 ) -> None:  # fmt: skip
     """Each column's (V, K) values, times its ``scale`` and rounded, to ``out[row[v], at[v], column]``; NaN is
@@ -43,9 +41,7 @@ def pack_codes(values: tuple[Index, ...], column: int, every: int, out: Index, r
 
 @njit(cache=True, nogil=True)
 def unpack(kept: Index, scale: Floats, null: int, out: Floats) -> None:
-    """Rows of (trucks, batches, columns, rows) whole numbers, the first ``len(scale)`` columns,
-    to (columns, all rows) numbers.
-    """
+    """(trucks, batches, columns, rows) whole numbers to (columns, all rows) numbers."""
     at = 0
     for v in range(kept.shape[0]):
         for b in range(kept.shape[1]):

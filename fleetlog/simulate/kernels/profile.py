@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 
 
 @njit(cache=True)
-def brake_ahead(cap: Floats, first: NDArray[np.int64], spacing: Floats, down: float) -> Floats:
+def brake_ahead(cap: Floats, first: Ints, spacing: Floats, down: float) -> Floats:
     """(S,) caps lowered so that on every piece each can be reached from the one before by braking."""
     out = cap.copy()
     for p in range(len(first) - 1):
@@ -22,15 +21,11 @@ def brake_ahead(cap: Floats, first: NDArray[np.int64], spacing: Floats, down: fl
 
 @njit(cache=True, nogil=True)
 def expand(
-    piece: NDArray[np.int32], s: Floats, back: NDArray[np.bool_], first: NDArray[np.int64], spacing: Floats,
+    piece: Index, s: Floats, back: Flags, first: Ints, spacing: Floats,
     x: Floats, y: Floats, z: Floats, heading: Floats, curvature: Floats, slope: Floats,
-    edge: NDArray[np.int32], offset: Floats, lateral: Floats,
-) -> tuple[Floats, NDArray[np.int32]]:  # fmt: skip
-    """(8, N) x, y, z, heading of motion, curvature, slope, edge offset, lateral offset; and (N,) edges, at
-    places on pieces.
-
-    ``back`` marks motion against the piece's direction.
-    """
+    edge: Index, offset: Floats, lateral: Floats,
+) -> tuple[Floats, Index]:  # fmt: skip
+    """(8, N) x, y, z, heading, curvature, slope, offset, lateral, (N,) edge at places; ``back``: backing."""
     n = len(piece)
     out = np.empty((8, n))
     where = np.empty(n, np.int32)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.kernels.lanes import is_safe_lane, run_in
-from fleetlog.simulate.state import WANTS_OUT, Fleet, Limits, Roads
+from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 
 @inner
@@ -48,9 +48,7 @@ def is_free(r: Roads, f: Fleet, v: int, what: int) -> bool:
 
 @inner
 def is_free_ahead(r: Roads, f: Fleet, v: int, what: int) -> bool:
-    """Whether nobody else holds what excludes resource ``what`` but those behind truck ``v`` on its piece:
-    they stay there.
-    """
+    """Whether only trucks behind ``v`` on its piece, who stay there, hold what excludes ``what``."""
     for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
         q = r.conflicts[i]
         others = held_by_others(r, f, v, q)
@@ -75,9 +73,7 @@ def passage_end(r: Roads, f: Fleet, v: int, low: int) -> int:
 
 @inner
 def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
-    """Whether one more truck can stand on a lane,
-    a place being kept for one that has asked to come out of a bay.
-    """
+    """Whether one more can stand on a lane; room is kept for one who asked to come out of a bay."""
     room = r.capacity[lane]
     asker = f.asks[lane]
     if asker >= 0 and asker != v:
@@ -93,9 +89,7 @@ def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
 
 @inner
 def ends_here(r: Roads, f: Fleet, piece: int) -> bool:
-    """Whether somebody on a piece goes into a bay there:
-    who followed with a reservation beyond it could be in his way.
-    """
+    """Whether somebody on a piece goes into a bay there: a reservation beyond it could be in his way."""
     u = f.tail[piece]
     while u >= 0:
         if f.at[u] == f.last[u]:
@@ -106,9 +100,7 @@ def ends_here(r: Roads, f: Fleet, piece: int) -> bool:
 
 @inner
 def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int:
-    """Reserve the way to the next safe lane whole or not at all:
-    0 done, 1 others are in the way, 2 no room there.
-    """
+    """Reserve the way to the next safe lane, whole: 0 done, 1 others are in the way, 2 no room there."""
     high = passage_end(r, f, v, low)
     ends_safe = is_safe_lane(r, f.route[v, high])
     if ends_safe and high > low and not has_room(r, f, v, f.route[v, high], x):
@@ -116,7 +108,7 @@ def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int
     for k in range(low + 1, high):
         if ends_here(r, f, f.route[v, k]):
             return 1
-    if f.mode[v] == WANTS_OUT and f.held[f.route[v, low]] > 0:
+    if f.mode[v] == Mode.WANTS_OUT and f.held[f.route[v, low]] > 0:
         # Who comes along a single-lane aisle may have a reservation beyond it already: it goes first.
         if claim:
             f.claimed[f.route[v, low]] = f.round[0]

@@ -8,7 +8,7 @@ from fleetlog.simulate.kernels.gates import try_enter, try_leave
 from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.kernels.lanes import is_safe_lane
 from fleetlog.simulate.kernels.reserve import acquire
-from fleetlog.simulate.state import AT_BAY, DRIVING, WANTS_OUT, Fleet, Limits, Roads
+from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 
 @inner
@@ -39,8 +39,13 @@ def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
     n = 0
     for v in range(len(f.mode)):
         m = f.mode[v]
-        rolls = m == DRIVING and wants_entry(r, f, v, x)
-        if m == WANTS_OUT or m == AT_BAY or rolls or (m == DRIVING and wants_passage(r, f, v, x)):
+        rolls = m == Mode.DRIVING and wants_entry(r, f, v, x)
+        if (
+            m == Mode.WANTS_OUT
+            or m == Mode.AT_BAY
+            or rolls
+            or (m == Mode.DRIVING and wants_passage(r, f, v, x))
+        ):
             if f.waits[v] == np.inf:
                 f.waits[v] = now
             # Into the line behind all who have waited as long.
@@ -52,9 +57,9 @@ def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
             n += 1
     for i in range(n):
         v = f.line[i]
-        if f.mode[v] == WANTS_OUT:
+        if f.mode[v] == Mode.WANTS_OUT:
             answer = try_leave(r, f, v, x, now)
-        elif f.mode[v] == AT_BAY or f.at[v] == f.last[v]:
+        elif f.mode[v] == Mode.AT_BAY or f.at[v] == f.last[v]:
             answer = try_enter(r, f, v, x, now)
         else:
             answer = acquire(r, f, v, f.at[v], x, now - f.waits[v] > x.patience)

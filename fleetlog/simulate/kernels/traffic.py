@@ -5,35 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from fleetlog.simulate.kernels.arrivals import REST, arrive, cross, end_spur, let_go, roll_in
 from fleetlog.simulate.kernels.gates import may_ask, past_door
 from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.kernels.lanes import cap_at, drop, is_safe_lane, push, safe
-from fleetlog.simulate.kernels.reserve import release
+from fleetlog.simulate.kernels.lanes import cap_at, is_safe_lane, safe
 from fleetlog.simulate.kernels.rounds import reservations
-from fleetlog.simulate.state import (
-    AT_BAY,
-    CHARGING,
-    DRIVING,
-    EMPTY,
-    ENTERING,
-    HANDLING,
-    LEAVING,
-    PARKED,
-    WANTS_OUT,
-    Fleet,
-    Limits,
-    Log,
-    Roads,
-)
+from fleetlog.simulate.state import Fleet, Limits, Log, Mode, Roads
 
-# As in inner: nothing allocates, references need no counting.
 GRAVITY = 9.81
 ROUND = 5
 """Steps between two rounds of reservations."""
-NEAR = 0.02
-"""At rest this close to its mark a truck is there [m]."""
-REST = 0.01
-"""Slower than this it is at rest [m/s]."""
 
 
 @inner
@@ -50,7 +31,7 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
             limit = min(limit, safe(speed, off, r.cap[laden, r.first[p]], x.plan, dt))
         u = f.ahead[v] if j == f.at[v] else f.tail[p]
         if u >= 0:
-            pace = f.v[u] if f.mode[u] == DRIVING or f.mode[u] == EMPTY else 0.0
+            pace = f.v[u] if f.mode[u] == Mode.DRIVING or f.mode[u] == Mode.EMPTY else 0.0
             limit = min(limit, safe(speed, off + f.s[u] - x.length - x.gap, pace, x.plan, dt))
         if p < len(r.clear):
             if u < 0:
@@ -103,111 +84,15 @@ def pull(r: Roads, f: Fleet, v: int, x: Limits) -> float:
 def next_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     """Speed at the end of the step."""
     m, speed = f.mode[v], f.v[v]
-    if m == DRIVING:
+    if m == Mode.DRIVING:
         new = min(speed + pull(r, f, v, x) * dt, wanted_speed(r, f, v, x, dt))
-    elif m == ENTERING or m == LEAVING:
-        rest = r.door_length[f.door[v]] - f.spur[v] if m == ENTERING else f.spur[v]
+    elif m == Mode.ENTERING or m == Mode.LEAVING:
+        rest = r.door_length[f.door[v]] - f.spur[v] if m == Mode.ENTERING else f.spur[v]
         new = min(min(speed + x.up * dt, x.creep), safe(speed, rest, 0.0, x.plan, dt))
     else:
         new = 0.0
     new = max(new, speed - x.down * dt)
     return new if new > 1e-3 else 0.0
-
-
-@inner
-def cross(r: Roads, f: Fleet, v: int) -> None:
-    """Go over to the next pieces of the route where the end of one is passed."""
-    while f.s[v] > r.length[f.piece[v]] and f.at[v] < f.last[v]:
-        p = f.piece[v]
-        if is_safe_lane(r, p) and f.held_to[v] <= f.at[v]:
-            # A hair beyond the stop line by rounding, without a reservation: not over it.
-            f.s[v] = r.length[p]
-            return
-        f.s[v] -= r.length[p]
-        drop(f, v, p)
-        f.at[v] += 1
-        q = f.route[v, f.at[v]]
-        if p < len(r.clear):
-            f.on[p] -= 1
-            f.last_out[p] = v
-            f.left[v] = p
-            f.left_by[v] = f.s[v]
-            f.left_hold[v] = r.length[q] + 1.0 if r.swings[q] else 0.0
-        if q < len(r.clear):
-            f.on[q] += 1
-            if is_safe_lane(r, q) and f.held_to[v] == f.at[v]:
-                f.inbound[q] -= 1
-        push(f, v, q)
-        f.piece[v] = q
-
-
-@inner
-def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
-    """Give back what is behind the truck."""
-    if f.held_to[v] < f.held_from[v]:
-        return
-    p = f.piece[v]
-    if f.at[v] == f.held_to[v] and is_safe_lane(r, p) and f.s[v] >= r.clear[p]:
-        release(r, f, v, f.held_to[v] + 1)
-    elif f.s[v] > 0.5 * x.length + 0.3:
-        release(r, f, v, min(f.at[v], f.held_to[v]))
-
-
-@inner
-def arrive(r: Roads, f: Fleet, v: int) -> None:
-    """Wait before the bay when its mark is reached."""
-    if f.at[v] == f.last[v] and f.v[v] < REST and abs(f.s[v] - r.door_at[f.door[v]]) < NEAR:
-        f.s[v] = r.door_at[f.door[v]]
-        f.v[v] = 0.0
-        f.mode[v] = AT_BAY
-        f.waits[v] = np.inf
-
-
-@inner
-def roll_in(r: Roads, f: Fleet, v: int) -> None:
-    """Turn onto the spur where its door is passed."""
-    past = f.s[v] - r.door_at[f.door[v]]
-    if f.entry[v] and past >= 0.0:
-        f.spur[v], f.s[v] = past, r.door_at[f.door[v]]
-        f.mode[v] = ENTERING
-        f.waits[v] = np.inf
-
-
-@inner
-def clear_lane(r: Roads, f: Fleet, d: int) -> None:
-    """The lane that door ``d`` crosses is free again."""
-    if r.door_crosses[d] >= 0:
-        f.crossed[r.door_crosses[d]] = -1
-
-
-@inner
-def end_spur(r: Roads, f: Fleet, v: int) -> None:
-    """Stand in the bay, or on the lane, at the end of a spur."""
-    d = f.door[v]
-    lane = r.door_lane[d]
-    spur = len(r.length) + 2 * len(r.clear) + d
-    if f.mode[v] == ENTERING and r.door_length[d] - f.spur[v] < NEAR and f.v[v] < REST:
-        f.spur[v] = r.door_length[d]
-        f.v[v] = 0.0
-        f.held[spur] -= 1
-        clear_lane(r, f, d)
-        drop(f, v, lane)
-        f.on[lane] -= 1
-        if f.held_to[v] >= f.held_from[v]:
-            release(r, f, v, f.held_to[v] + 1)
-        f.mode[v], f.entry[v] = PARKED, False
-        f.piece[v] = -1
-        f.left[v] = -1
-        f.attention[v] = True
-    elif f.mode[v] == LEAVING and f.spur[v] < NEAR and f.v[v] < REST:
-        f.spur[v] = 0.0
-        f.v[v] = 0.0
-        f.held[spur] -= 1
-        clear_lane(r, f, d)
-        f.mode[v] = DRIVING
-        f.at[v] = 0
-        f.door[v] = f.goal[v]
-        f.attention[v] = True
 
 
 @inner
@@ -227,9 +112,7 @@ def forks(f: Fleet, v: int, since: float, raise_speed: float, lower_speed: float
 def handling(
     f: Fleet, log: Log, v: int, column: int, now: float, dt: float, raise_speed: float, lower_speed: float
 ) -> None:
-    """Forks and load of a truck that works at a place;
-    the rate is the mean over the step, so that its energy is exact.
-    """
+    """Forks and load of a truck that works; the rate is a mean over the step, so energy is exact."""
     since = now - f.hand_start[v]
     height = forks(f, v, since, raise_speed, lower_speed)
     after = forks(f, v, since + dt, raise_speed, lower_speed)
@@ -241,7 +124,7 @@ def handling(
 def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
     """The state at the start of a step."""
     m = f.mode[v]
-    if m == DRIVING or m == AT_BAY or (m == EMPTY and f.piece[v] >= 0):
+    if m == Mode.DRIVING or m == Mode.AT_BAY or (m == Mode.EMPTY and f.piece[v] >= 0):
         log.piece[v, column], log.s[v, column] = f.piece[v], f.s[v]
     else:
         log.piece[v, column], log.s[v, column] = len(r.length) + f.door[v], f.spur[v]
@@ -249,6 +132,7 @@ def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
     log.trip[v, column], log.mode[v, column] = f.trip[v], m
 
 
+# As in inner: nothing allocates, references need no counting.
 @njit(cache=True, _nrt=False, nogil=True)
 def advance(
     r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, step0: int, dt: float,
@@ -262,32 +146,32 @@ def advance(
             reservations(r, f, x, now)
         for v in range(trucks):
             m = f.mode[v]
-            if m == PARKED or m == CHARGING or m == WANTS_OUT or m == AT_BAY:
+            if m == Mode.PARKED or m == Mode.CHARGING or m == Mode.WANTS_OUT or m == Mode.AT_BAY:
                 f.a[v] = 0.0
                 continue
-            if m == HANDLING and now >= f.until[v] - 1e-9:
-                f.mode[v] = PARKED
+            if m == Mode.HANDLING and now >= f.until[v] - 1e-9:
+                f.mode[v] = Mode.PARKED
                 f.attention[v] = True
             f.a[v] = (next_speed(r, f, v, x, dt) - f.v[v]) / dt
         for v in range(trucks):
             log.height[v, column + k], log.lift[v, column + k] = 0.0, 0.0
             m = f.mode[v]
-            if m == HANDLING:
+            if m == Mode.HANDLING:
                 handling(f, log, v, column + k, now, dt, raise_speed, lower_speed)
             write(r, f, log, v, column + k)
             if f.v[v] == 0.0 and f.a[v] == 0.0:
-                if m == DRIVING and f.at[v] == f.last[v]:
+                if m == Mode.DRIVING and f.at[v] == f.last[v]:
                     arrive(r, f, v)
-                elif m == ENTERING or m == LEAVING:
+                elif m == Mode.ENTERING or m == Mode.LEAVING:
                     end_spur(r, f, v)
                 continue
             step = dt * (f.v[v] + 0.5 * f.a[v] * dt)
             f.v[v] = max(f.v[v] + f.a[v] * dt, 0.0)
             f.moved[v] += step
-            if m == ENTERING:
+            if m == Mode.ENTERING:
                 f.spur[v] = min(f.spur[v] + step, r.door_length[f.door[v]])
                 end_spur(r, f, v)
-            elif m == LEAVING:
+            elif m == Mode.LEAVING:
                 f.spur[v] = max(f.spur[v] - step, 0.0)
                 end_spur(r, f, v)
             else:
@@ -298,7 +182,7 @@ def advance(
                     cross(r, f, v)
                 if f.held_to[v] >= f.held_from[v]:
                     let_go(r, f, v, x)
-                if m == DRIVING and f.at[v] == f.last[v]:
+                if m == Mode.DRIVING and f.at[v] == f.last[v]:
                     roll_in(r, f, v)
-                    if f.mode[v] == DRIVING and f.v[v] < REST:
+                    if f.mode[v] == Mode.DRIVING and f.v[v] < REST:
                         arrive(r, f, v)

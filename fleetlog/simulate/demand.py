@@ -1,0 +1,140 @@
+"""Demand like a recording's: who carried what when, and tasks drawn like that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fleetlog.core.site import Site
+from fleetlog.core.truck import Truck
+from fleetlog.simulate.arrays import Floats, Ints
+from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
+from fleetlog.simulate.tasks import Task
+from fleetlog.store.dataset import Dataset
+from fleetlog.store.trips import MIN_LOAD_CHANGE
+
+JITTER = 120.0
+"""A drawn task comes this much earlier or later than the recorded one at most [s]."""
+
+BETWEEN, LONGEST_GAP = 60.0, 900.0
+"""From when one task of a truck begins to when its next one does [s]."""
+
+
+def carried(stands: Stands, cluster: Ints, names: list[str]) -> list[Task]:
+    """Every load that the recording shows: taken up at one place, set down at another by the same truck.
+
+    ``earliest`` is the time of day [s] at which the truck set off to fetch it.  Recorded trucks mostly stood
+    on the road, so the way into a bay and out of it counts as time at the place.
+    """
+    tasks: list[Task] = []
+    held: tuple[int, int] | None = None
+    for i in range(len(stands)):
+        change = stands.after[i] - stands.before[i]
+        if change > MIN_LOAD_CHANGE:
+            held = (i, int(stands.vehicle[i]))
+        elif change < -MIN_LOAD_CHANGE and held is not None:
+            k, vehicle = held
+            held = None
+            a, b = int(cluster[k]), int(cluster[i])
+            if vehicle != stands.vehicle[i] or a < 0 or b < 0 or names[a] == names[b]:
+                continue
+            known = k > 0 and stands.vehicle[k - 1] == vehicle
+            day = float((stands.end[k - 1] if known else stands.start[k]) % 86_400_000_000) * 1e-6
+            origin = names[cluster[k - 1]] if known and cluster[k - 1] >= 0 else None
+            load = float(stands.after[k] - stands.before[k])
+            dwell, height = ((float(v[k]), float(v[i])) for v in (stands.dwell, stands.height))
+            tasks.append(Task(None, names[a], names[b], load, day, dwell, height, True, origin))
+    return tasks
+
+
+def demand_like(
+    carried_tasks: list[Task], hours: Floats, start_of_day: float, duration: float, share: float,
+    truck: Truck, seed: int,
+) -> list[Task]:  # fmt: skip
+    """Tasks drawn like those of :func:`carried`, for ``duration`` [s] from ``start_of_day`` [s] on.
+
+    Each hour has a Poisson number of tasks: the recorded mean of that hour of day (of the whole recording
+    where it was not recorded; ``hours`` (24,) says how many were), times ``share``, trucks over recorded.
+    Each is one recorded task within ``JITTER`` of its time of day, so that places, loads, dwells and lulls
+    keep their joint distribution; at any time where less of the hour was recorded than is simulated.
+    """
+    rng = np.random.Generator(np.random.PCG64([seed, 7]))
+    hour = np.array([int(t.earliest // 3600) % 24 for t in carried_tasks])
+    mean = len(carried_tasks) / max(float(hours.sum()), 1e-9)
+    out: list[Task] = []
+    begin = 0.0
+    while begin < duration:
+        now = int((start_of_day + begin) // 3600) % 24
+        end = min(begin + 3600.0 - (start_of_day + begin) % 3600.0, duration)
+        here = np.flatnonzero(hour == now)
+        rate = len(here) / hours[now] if hours[now] > 0.1 else mean
+        pool = here if len(here) else np.arange(len(carried_tasks))
+        covered = len(here) > 0 and 3600.0 * hours[now] >= 0.95 * (end - begin)
+        drawn = rng.choice(pool, rng.poisson(rate * share * (end - begin) / 3600.0))
+        for like in (carried_tasks[int(i)] for i in drawn):
+            in_hour = like.earliest % 3600.0 - (start_of_day + begin) % 3600.0
+            at = in_hour + begin + rng.uniform(-JITTER, JITTER)
+            if not covered or at >= end:
+                at = rng.uniform(begin, end)
+            load = min(like.payload, truck.chassis.rated_load)
+            out.append(replace(like, payload=load, earliest=float(max(at, begin))))
+        begin = end
+    return sorted(out, key=lambda t: t.earliest)
+
+
+def chained(tasks: list[Task]) -> list[Task]:
+    """The tasks in order of time, numbered, each after one that ends where its recorded truck set off.
+
+    That is the last of those that nobody follows yet and that began at least ``BETWEEN`` earlier; a task
+    after another may begin ``JITTER`` earlier, as its time is known no better than that.
+    """
+    ends: dict[str, list[Task]] = {}
+    out: list[Task] = []
+    for number, task in enumerate(tasks):
+        found = [
+            t for t in ends.get(task.origin or "", ()) if BETWEEN <= task.earliest - t.earliest <= LONGEST_GAP
+        ]
+        after = found[-1].number if found else -1
+        if found:
+            ends[task.origin or ""].remove(found[-1])
+        earliest = max(task.earliest - JITTER, 0.0) if found else task.earliest
+        out.append(replace(task, number=number, after=after, earliest=earliest))
+        ends.setdefault(task.target, []).append(replace(task, number=number))
+    return sorted(out, key=lambda t: (t.earliest, t.number))
+
+
+def recorded_hours(dataset: Dataset) -> Floats:
+    """(24,) how many hours of recording fall on each hour of the day."""
+    start, end = (np.datetime64(str(dataset.meta[k]).removesuffix("Z"), "us") for k in ("start", "end"))
+    at, last = (float(t.astype(np.int64)) * 1e-6 for t in (start, end))
+    out = np.zeros(24)
+    while at < last:
+        until = min((at // 3600.0 + 1.0) * 3600.0, last)
+        out[int(at // 3600.0) % 24] += (until - at) / 3600.0
+        at = until
+    return out
+
+
+def like(
+    dataset: Dataset, site: Site, truck: Truck, vehicles: int, start: int, duration: float, seed: int,
+    assigned: bool = False,
+) -> tuple[Site, list[Task], list[str]]:  # fmt: skip
+    """The site with a recording's places, tasks like its own (``assigned``: also whose they were), notes."""
+    stands = find_stands(dataset)
+    cluster = clusters(stands)
+    table = place_table(stands, cluster)
+    site, names = mined_site(site, table)
+    site = with_room(site, stands, cluster, names)
+    known = carried(stands, cluster, names)
+    kinds = ", ".join(f"{n} {k}" for k, n in table.kind.value_counts().items())
+    notes = [f"{len(table)} places mined from {len(stands)} stops ({kinds})"]
+    if not known:
+        notes.append("the recording shows no load carried between two places: tasks are random")
+        return site, [], notes
+    day = float(start % 86_400_000_000) * 1e-6
+    share = vehicles / max(len(dataset.vehicles), 1)
+    tasks = demand_like(known, recorded_hours(dataset), day, duration, share, truck, seed)
+    tasks = chained(tasks) if assigned else [replace(t, origin=None) for t in tasks]
+    notes.append(f"{len(tasks)} tasks drawn like the {len(known)} recorded ones")
+    return site, tasks, notes

@@ -1,0 +1,178 @@
+"""Who stands in which bay, who leaves one for whom, and who charges."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fleetlog.errors import InputError, nearest
+from fleetlog.simulate.arrays import Floats, Ints
+from fleetlog.simulate.state import CHARGER, Fleet, Mode
+from fleetlog.simulate.tasks import Drawn, Task
+from fleetlog.simulate.untangle import Untangler
+from fleetlog.simulate.world import World
+
+
+@dataclass(frozen=True)
+class Policy:
+    """When trucks charge: below ``low``, with nothing else to do below ``chance``, up to ``full``.
+
+    From ``enough`` on a truck leaves the charger when tasks wait.
+    """
+
+    low: float = 0.3
+    chance: float = 0.8
+    full: float = 0.95
+    enough: float = 0.8
+
+    @classmethod
+    def named(cls, name: str, low: float = 0.3) -> Policy:
+        """``opportunity`` charges also when there is nothing else to do, ``threshold`` only below ``low``."""
+        known = {"opportunity": cls(low), "threshold": cls(low, chance=low, enough=cls.full)}
+        if name not in known:
+            raise InputError(f"unknown charging policy {name!r}", do=nearest(name, known))
+        return known[name]
+
+
+@dataclass
+class Job:
+    """What a truck is about: a stage, its task (and how that was drawn), its bay, since when [s]."""
+
+    stage: str = "idle"
+    task: Task | None = None
+    drawn: Drawn | None = None
+    goal: int = -1
+    since: float = 0.0
+
+
+class Occupancy(Untangler):
+    """The part of a dispatcher that gives bays to trucks.
+
+    Attributes
+    ----------
+    home : (V,) the bay that a truck stands in, or stood in last;  soc : (V,) state of charge.
+    lacks : (V,) what a truck that stands in a bay waits for, see ``state.PICK_PLACE``; ``wants``: its bays.
+    owner : (B,) the truck that stands in a bay or goes there, -1: none;  place_of, kind, where : of each bay.
+    working : the bays of pick and of drop places; of any working place where there is none of that kind.
+    """
+
+    def __init__(self, world: World, fleet: Fleet, policy: Policy) -> None:
+        super().__init__(world, fleet)
+        trucks, self.policy, self.queue = len(fleet.mode), policy, deque[int]()
+        self.jobs = [Job() for _ in range(trucks)]
+        self.home, self.soc = np.full(trucks, -1, np.int64), np.ones(trucks)
+        self.lacks, self.wants = np.zeros(trucks, np.int8), dict[int, Sequence[int]]()
+        self.owner = np.full(len(world.bays), -1, np.int64)
+        self.bays_of = world.by_place
+        self.places = list(self.bays_of)
+        self.place_of = np.array([self.places.index(b.place.id) for b in world.bays])
+        self.kind = np.array([b.place.kind for b in world.bays])
+        self.where = np.array([b.door.path[-1, :2] for b in world.bays])
+        work = np.isin(self.kind, ("pick", "drop"))
+        work = work if work.any() else self.kind != "charge"
+        own = {k: self.kind == k for k in ("pick", "drop")}
+        self.working = {k: np.flatnonzero(work & mine if mine.any() else work) for k, mine in own.items()}
+        self.chargers: list[int] = np.flatnonzero(self.kind == "charge").tolist()
+
+    def settle(self) -> None:
+        """Put every truck into a bay: parking places first, then any but chargers, in the site's order."""
+        order = np.concatenate([
+            np.flatnonzero(self.kind == "park"), np.flatnonzero(~np.isin(self.kind, ("park", "charge")))
+        ])  # fmt: skip
+        for v, b in enumerate(order[: len(self.jobs)]):
+            self.fleet.door[v] = self.home[v] = b
+            self.fleet.spur[v] = self.world.bays[b].door.length
+            self.owner[b] = v
+
+    def _idles(self, v: int) -> bool:
+        """Whether a truck stands with nothing to do."""
+        return bool(self.fleet.mode[v] == Mode.PARKED) and self.jobs[v].stage == "idle"
+
+    def _lack(self, v: int, what: int, bays: Sequence[int]) -> None:
+        self.lacks[v], self.wants[v] = what, bays
+
+    def _open(self, place: str, v: int) -> bool:
+        """Whether a bay of a place is free, or this truck's own."""
+        return any(self.owner[b] in (-1, v) for b in self.bays_of[place])
+
+    def _gaps(self, bays: Sequence[int] | Ints, v: int) -> Floats:
+        """Metres as the crow flies from where truck ``v`` stands."""
+        dx, dy = (self.where[bays] - self.where[self.home[v]]).T
+        return np.asarray(np.hypot(dx, dy))
+
+    def _free_place(self, kind: str, ranks: Floats) -> str | None:
+        """The unoccupied place of that kind that ranks lowest."""
+        bays = self.working[kind]
+        free = np.unique(self.place_of[bays[self.owner[bays] < 0]])
+        return self.places[int(free[np.argmin(ranks[free])])] if len(free) else None
+
+    def _cost(self, v: int, b: int) -> float:
+        """Seconds to bay ``b``."""
+        way = self.world.ways.between(int(self.home[v]), b)
+        return np.inf if way is None else way.cost
+
+    def _go(self, v: int, b: int, stage: str) -> None:
+        f, home = self.fleet, int(self.home[v])
+        way = self.world.ways.between(home, b, self._closed()) or self.world.ways.between(home, b)
+        assert way is not None
+        self.owner[b], self.lacks[v] = v, 0
+        self.wants.pop(v, None)
+        self.jobs[v].stage, self.jobs[v].goal = stage, b
+        self._take(v, way)
+        f.mode[v], f.waits[v] = Mode.WANTS_OUT, np.inf
+
+    # -- making room
+
+    def _spare_bay(self, v: int, only_park: bool = False) -> int | None:
+        free = np.flatnonzero((self.owner < 0) & (self.kind == "park"))
+        if not len(free) and not only_park:
+            free = np.flatnonzero((self.owner < 0) & (self.kind != "charge"))
+        return int(free[np.argmin(self._gaps(free, v))]) if len(free) else None
+
+    def _make_room(self, v: int, b: int) -> None:
+        self.count.made_room += 1
+        self._go(v, b, "park")
+
+    def _send_away(self, v: int, bays: Sequence[int], only_low: bool = False) -> None:
+        """One idle truck, with ``only_low`` one that must charge, leaves a bay, unless one is being left."""
+        holders, leaving = [int(self.owner[b]) for b in bays], (Mode.WANTS_OUT, Mode.LEAVING)
+        for u in holders:
+            if self.home[u] in bays and self.jobs[u].goal not in bays and self.fleet.mode[u] in leaving:
+                return
+        for u in holders:
+            if u != v and self._idles(u) and not (only_low and self.soc[u] >= self.policy.low):
+                spare = self._spare_bay(u)
+                if spare is not None:
+                    self._make_room(u, spare)
+                return
+
+    # -- charging
+
+    def _wants_charge(self, v: int) -> bool:
+        """Queue for a charger; False where the site has none."""
+        if self.chargers and v not in self.queue:
+            self.queue.append(v)
+        return bool(self.chargers)
+
+    def _charging(self, now: float, tasks_wait: bool) -> None:
+        """Who has enough leaves its charger, who is first in the queue takes it."""
+        f = self.fleet
+        for v in np.flatnonzero(f.mode == Mode.CHARGING):
+            busy = tasks_wait and self.soc[v] >= max(self.policy.enough, self.policy.low)
+            if self.soc[v] >= self.policy.full or busy:
+                f.mode[v] = Mode.PARKED
+                self.jobs[v].stage, self.jobs[v].since = "idle", now
+        free = [b for b in self.chargers if self.owner[b] < 0]
+        while self.queue and free:
+            first = self.queue.popleft()
+            if self._idles(first) and self.soc[first] > 0.0:
+                self._go(first, free.pop(int(np.argmin(self._gaps(free, first)))), "charge")
+        if self.queue and not free:
+            self._send_away(self.queue[0], self.chargers)
+        for u in self.queue:
+            # Who could go on does the next task; only who must charge waits.
+            if f.mode[u] == Mode.PARKED and self.soc[u] < self.policy.low:
+                self._lack(u, CHARGER, self.chargers)

@@ -1,0 +1,254 @@
+"""One truck's recorded trips, driven again as the model would."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fleetlog.core.motion import Motion
+from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Labels, Trajectory
+from fleetlog.errors import DataError
+from fleetlog.physics.motion import Reconstruction
+from fleetlog.physics.motion.channels import forks
+from fleetlog.physics.motion.legs import Leg, free_flow, joined, legs, speed_limits
+from fleetlog.physics.motion.profile import SpeedProfile
+from fleetlog.physics.power import Physics, battery_power, cell_power
+from fleetlog.simulate.arrays import Flags, Floats
+from fleetlog.simulate.record import rounded
+from fleetlog.simulate.state import creep_speed
+from fleetlog.store.trips import MAX_GAP
+from fleetlog.store.writer import DatasetWriter
+
+FINE = 0.1
+"""Length of the steps that power is worked out in [s]."""
+MOST = 100_000_000
+"""Rows of one truck between two of its trips."""
+CHARGING = -300.0
+"""A standing truck whose battery takes more is being charged: that is taken over as recorded [W]."""
+ROUNDED = 9
+"""Nodes over which a truck goes from one lane over to the next."""
+
+
+@dataclass
+class Trip:
+    """A recorded trip: rows, when it left and arrived [s since the first row], leg and speeds.
+
+    It is driven from ``begin`` on, or when the one before is done.
+    """
+
+    number: int
+    rows: Trajectory
+    leave: float
+    arrive: float
+    leg: Leg | None
+    drive: SpeedProfile | None
+    payload: float
+    begin: float
+
+
+class VehicleReplay:
+    """One truck's recording, driven again."""
+
+    def __init__(
+        self, recorded: Trajectory, found: Reconstruction, site: Site, physics: Physics, writer: DatasetWriter
+    ) -> None:
+        self.recorded, self.site, self.physics, self.writer = recorded, site, physics, writer
+        self.energy = found.rows(np.nan_to_num(found.motion.power) * found.motion.dt)
+        self.legs: dict[int, list[Leg]] = {}
+        for leg in legs(found):
+            self.legs.setdefault(leg.trip, []).append(leg)
+        self.mast = forks(recorded.seconds(), recorded)
+        self.time = recorded.seconds()
+        gaps = np.diff(self.time)
+        self.interval = max(round(float(np.median(gaps)) / FINE), 1) * FINE
+        self.totals = np.zeros(6)
+        self.written = 0
+        soc = recorded.floats("soc")
+        known = soc[np.isfinite(soc)]
+        self.soc = float(known[0]) if len(known) else 0.95
+        self.place: Leg | None = None
+        self.lanes = np.zeros(0 if site.network is None else len(site.network))
+        """(E,) metres that trucks keep to the left of the middle of their roads."""
+        ids = recorded.trip_ids()
+        begins = np.concatenate([[0], np.flatnonzero(np.diff(ids)) + 1, [len(ids)]])
+        self.trips = [self._trip(int(ids[a]), int(a), int(b)) for a, b in itertools.pairwise(begins)]
+
+    def run(self) -> None:
+        """All trips in order of time."""
+        clock, row = 0.0, 0
+        for k, trip in enumerate(self.trips):
+            leave = max(trip.begin, clock)
+            arrival = leave + (trip.drive.duration if trip.drive is not None else 0.0)
+            ready = arrival + self.work(trip)
+            last = k + 1 == len(self.trips)
+            until = max(ready, float(self.time[-1])) if last else max(ready, self.trips[k + 1].begin)
+            end = int(np.ceil((until - 1e-9) / self.interval)) + (1 if last else 0)
+            if end - row > MOST:
+                what = f"a truck stands for {(end - row) * self.interval / 86400.0:,.0f} days"
+                raise DataError(what, place=f"trip {trip.number}", do="take out the rows with a wrong time")
+            self._write(trip, leave, arrival, np.arange(row, max(end, row), dtype=np.float64) * self.interval)
+            clock, row = until, max(end, row)
+
+    def _trip(self, number: int, a: int, b: int) -> Trip:
+        rows = self.recorded[a:b]
+        driven = self.legs.get(number)
+        if not driven:
+            return Trip(number, rows, *(float(self.time[a]),) * 2, None, None, 0.0, float(self.time[a]))
+        leg = self._drawn(joined(driven))
+        self.totals[:3] += leg.distance[-1], leg.duration, self.energy[a:b].sum()
+        leave, arrive = float(leg.path.time[0]), float(leg.path.time[-1])
+        payload = float(np.median(leg.path.payload))
+        return Trip(number, rows, leave, arrive, leg, self._free_flow(leg), payload, leave)
+
+    def _free_flow(self, leg: Leg) -> SpeedProfile:
+        return free_flow(leg, self.physics.at(leg.path.time[0]), self._limits(leg.path))
+
+    def drive_on(self, trip: Trip, leg: Leg) -> None:
+        """Drive another leg on a trip."""
+        trip.leg, trip.drive = leg, self._free_flow(leg)
+
+    def keep_to_lanes(self, lanes: Floats) -> None:
+        """Draw the trips (E,) metres left of the middle of their roads, without a jump at corners."""
+        from scipy.ndimage import uniform_filter1d
+
+        self.lanes = lanes
+        for trip in self.trips:
+            if trip.leg is not None and len(lanes):
+                p = trip.leg.path
+                left = np.where(p.edge >= 0, lanes[np.maximum(p.edge, 0)], 0.0)
+                left = uniform_filter1d(left, ROUNDED, mode="nearest")
+                x, y = p.x - left * np.sin(p.heading), p.y + left * np.cos(p.heading)
+                trip.leg = replace(trip.leg, path=p.replaced(x=x, y=y))
+
+    def earliest(self, trip: Trip) -> float:
+        """When a trip may begin: after what the truck did before without driving [s since the first row]."""
+        k = self.trips.index(trip)
+        stood = itertools.takewhile(lambda t: t.leg is None, reversed(self.trips[:k]))
+        return max([trip.begin, *(t.begin + self.work(t) for t in stood)])
+
+    def _drawn(self, leg: Leg) -> Leg:
+        """The leg on the middle of its roads, where it lies on roads."""
+        network, p = self.site.network, leg.path
+        if network is None:
+            return leg
+        on = np.maximum(p.edge, 0)
+        x, y, _ = network.position(on, p.edge_offset).T
+        path = p.replaced(x=np.where(p.edge >= 0, x, p.x), y=np.where(p.edge >= 0, y, p.y))
+        return replace(leg, path=path)
+
+    def _limits(self, path: Motion) -> Floats:
+        limit, off = speed_limits(self.site, path), path.edge < 0
+        if not off.all():
+            # Into a bay and out of it a truck creeps.
+            limit = np.where(off, np.minimum(limit, creep_speed(self.physics.actual_truck())), limit)
+        return limit
+
+    def work(self, trip: Trip) -> float:
+        """Seconds after the arrival until loads and forks have come to rest."""
+        time = (trip.rows.time - self.recorded.time[0]) * 1e-6 - trip.arrive
+        busy = np.zeros(len(time), dtype=bool)
+        for name in ("payload", "fork_height"):
+            busy[1:] |= np.abs(np.diff(np.nan_to_num(trip.rows.floats(name)))) > 0.02
+        return float(np.max(time[busy & (time >= 0.0)], initial=0.0))
+
+    def _write(self, trip: Trip, leave: float, arrival: float, rows: Floats) -> None:
+        rows = rows[self._logged(rows, leave, arrival)]
+        if not len(rows):
+            return
+        steps = max(round(self.interval / FINE), 1)
+        inside = ((np.arange(steps) + 0.5) / steps - 0.5) * self.interval
+        fine = (rows[:, None] + inside).ravel()
+        motion = self._motion(trip, fine, leave, arrival)
+        power = battery_power(motion, self.physics)
+        charging = motion.power < CHARGING
+        power = np.where(charging & (motion.speed == 0.0), motion.power, power)
+        truck = self.physics.at(fine[0]).actual_truck()
+        cell = cell_power(power, truck).reshape(-1, steps).mean(axis=1)
+        used = np.cumsum(cell) * self.interval / (3600.0 * truck.battery.capacity_wh)
+        soc = np.clip(self.soc - np.concatenate([[0.0], used[:-1]]), 0.0, 1.0)
+        self.soc = float(np.clip(self.soc - used[-1], 0.0, 1.0))
+        mean = power.reshape(-1, steps).mean(axis=1)
+        at = self._motion(trip, rows, leave, arrival)
+        self._emit(trip, rows, at, mean, soc)
+        if trip.leg is not None:
+            assert trip.drive is not None
+            # Energy is compared only where it was measured.
+            joules = float(mean.sum() * self.interval) if trip.rows.has("battery_power") else 0.0
+            self.totals[3:] += trip.leg.distance[-1], trip.drive.duration, joules
+
+    def _logged(self, rows: Floats, leave: float, arrival: float) -> Flags:
+        """Rows near a recorded one, or on the way: where the log was silent overnight, so is the replay."""
+        k = np.clip(np.searchsorted(self.time, rows), 1, len(self.time) - 1)
+        near = np.minimum(np.abs(rows - self.time[k - 1]), np.abs(rows - self.time[k])) <= MAX_GAP / 2.0
+        return np.asarray(near | ((rows >= leave) & (rows <= arrival)))
+
+    def _motion(self, trip: Trip, time: Floats, leave: float, arrival: float) -> Motion:
+        s, v, a = np.zeros((3, len(time)))
+        if trip.leg is not None and trip.drive is not None:
+            s, v, a = trip.drive.at(time - leave)
+            self.place = trip.leg
+        elif self.place is not None:
+            s = s + self.place.distance[-1]
+        dt = self.interval if len(time) < 2 else float(time[1] - time[0])
+        height, lift, payload, recorded = self._work_at(trip, time, dt, leave, arrival)
+        base = (
+            Motion.of(len(time), x=self._along("x", time), y=self._along("y", time))
+            if self.place is None
+            else self.place.at(s)
+        )
+        return base.replaced(
+            time=time, dt=np.full(len(time), dt), speed=v, acceleration=a, payload=payload,
+            fork_height=height,
+            lift_speed=lift, ambient_temperature=self._along("ambient_temperature", time), power=recorded,
+            soc=np.full(len(time), self.soc),
+        )  # fmt: skip
+
+    def _along(self, name: str, time: Floats) -> Floats:
+        values = self.recorded.floats(name)
+        good = np.isfinite(values)
+        if not good.any():
+            return np.full(len(time), np.nan)
+        return np.interp(time, self.time[good], values[good])
+
+    def _work_at(
+        self, trip: Trip, time: Floats, dt: float, leave: float, arrival: float
+    ) -> tuple[Floats, Floats, Floats, Floats]:
+        """Fork height, its rate, load (on the way the trip's) and recorded power, as after the arrival."""
+        shift = np.where(time < leave, time - leave + trip.leave, time - arrival + trip.arrive)
+        known = (trip.rows.time - self.recorded.time[0]) * 1e-6
+        near = np.clip(np.searchsorted(known, shift), 0, len(known) - 1)
+        inside = (shift >= known[0]) & (shift < known[-1])
+        shift = np.clip(shift, known[0], known[-1])
+        lift = np.where(inside, self.mast.speed(shift - 0.5 * dt, np.full(len(shift), dt)), 0.0)
+        payload = np.nan_to_num(trip.rows.floats("payload"))[near]
+        power = np.where(inside, np.nan_to_num(trip.rows.floats("battery_power"))[near], 0.0)
+        way = (time >= leave) & (time < arrival)
+        return (
+            np.where(way, 0.0, self.mast.at(shift)), np.where(way, 0.0, lift),
+            np.where(way, trip.payload, payload), np.where(way, 0.0, power),
+        )  # fmt: skip
+
+    def _emit(self, trip: Trip, rows: Floats, at: Motion, power: Floats, soc: Floats) -> None:
+        columns = rounded({
+            "x": at.x, "y": at.y, "heading": at.heading, "speed": at.speed, "payload": at.payload,
+            "fork_height": at.fork_height, "battery_power": power, "soc": soc,
+        })  # fmt: skip
+        columns["trip_id"] = np.full(len(rows), trip.number, np.int64)
+        if np.isfinite(at.ambient_temperature).any():
+            columns["ambient_temperature"] = np.round(at.ambient_temperature, 2)
+        if self.site.network is not None and (at.edge >= 0).any():
+            used, places = np.unique(at.edge, return_inverse=True)
+            names = self.site.network.edge_ids
+            codes = np.where(at.edge < 0, -1, places - int(used[0] < 0)).astype(np.int32)
+            columns["edge_id"] = Labels(codes, tuple(names[i] for i in used if i >= 0))
+            length = self.site.network.length[np.maximum(at.edge, 0)]
+            columns["edge_offset"] = np.where(
+                at.edge < 0, np.nan, np.round(np.clip(at.edge_offset, 0.0, length), 3)
+            )
+            columns["lateral_offset"] = np.where(at.edge < 0, np.nan, self.lanes[np.maximum(at.edge, 0)])
+        time = self.recorded.time[0] + np.rint(rows * 1e6).astype(np.int64)
+        self.writer.write(Trajectory(self.recorded.vehicle_id, time, columns))
+        self.written += len(rows)
