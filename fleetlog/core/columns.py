@@ -1,6 +1,4 @@
-"""Every column of a trajectory: name, type, unit, meaning.
-Schema, checks and documentation are made from this.
-"""
+"""Every column of a trajectory, of which schema, checks and documentation are made."""
 
 from __future__ import annotations
 
@@ -13,6 +11,8 @@ if TYPE_CHECKING:
 
 HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
 """The name of a partition that Hive, and every reader of its layout, takes for null."""
+
+_PI = 3.1415927
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +37,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("x", "double", "m", "cleaned position, east, in the site frame"),
     Column("y", "double", "m", "cleaned position, north, in the site frame"),
     Column("z", "double", "m", "cleaned position, up, in the site frame"),
-    Column(
-        "heading", "double", "rad", "direction of motion, counter-clockwise from east", -3.1415927, 3.1415927
-    ),
+    Column("heading", "double", "rad", "direction of motion, counter-clockwise from east", -_PI, _PI),
     Column("speed", "double", "m/s", "along the path", 0.0, 60.0),
     Column("edge_id", "label", "", "directed road edge; null where no road fits"),
     Column("edge_offset", "double", "m", "along the directed edge from its start", 0.0),
@@ -71,12 +69,8 @@ def arrow_field(column: Column) -> pa.Field:
         "int64": pa.int64(),
     }
     metadata = {"unit": column.unit, "meaning": column.meaning}
-    return pa.field(
-        column.name,
-        types[column.kind],
-        nullable=column.name not in ("vehicle_id", "timestamp"),
-        metadata=metadata,
-    )
+    known = column.name in ("vehicle_id", "timestamp")
+    return pa.field(column.name, types[column.kind], nullable=not known, metadata=metadata)
 
 
 @cache

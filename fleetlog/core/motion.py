@@ -66,9 +66,7 @@ class Motion:
 
     @classmethod
     def of(cls, n: int, **arrays: Any) -> Motion:
-        """``n`` samples with the given arrays (scalars are spread);
-        the rest at rest, level, unloaded, one second apart.
-        """
+        """``n`` samples with the given arrays or scalars; else at rest, level, unloaded, one second apart."""
         base: dict[str, Any] = {f.name: np.zeros(n) for f in fields(cls)}
         base.update(time=np.arange(n, dtype=float), dt=np.ones(n), edge=np.full(n, -1, np.int32))
         base.update(vehicle=np.zeros(n, np.int64), trip=np.zeros(n, np.int64))

@@ -42,9 +42,7 @@ class Labels:
         return [self.names[c] if c >= 0 else None for c in self.codes]
 
     def recode(self, order: Mapping[str, int]) -> Codes:
-        """Codes in another numbering, for example a network's edge indices;
-        -1 for null and for unknown names.
-        """
+        """Codes in another numbering, as a network's edge indices; -1 for null and for unknown names."""
         table = np.array([order.get(n, -1) for n in self.names] + [-1], dtype=np.int32)
         return table[self.codes]
 
@@ -90,19 +88,15 @@ class Trajectory:
     def floats(self, name: str) -> Floats:
         """A float column; all NaN where the log has none."""
         values = self.columns.get(name)
-        if values is None:
-            return np.full(len(self), np.nan)
-        return np.asarray(values, dtype=np.float64)
+        return np.full(len(self), np.nan) if values is None else np.asarray(values, dtype=np.float64)
 
     def has(self, name: str) -> bool:
         """Whether the column is there with at least one known value."""
         values = self.columns.get(name)
         if values is None:
             return False
-        if isinstance(values, Labels):
-            return bool((values.codes >= 0).any())
-        if name == "trip_id":
-            return bool((values >= 0).any())
+        if isinstance(values, Labels) or name == "trip_id":
+            return bool((getattr(values, "codes", values) >= 0).any())
         return values.dtype.kind not in "f" or bool(np.isfinite(values).any())
 
     def labels(self, name: str) -> Labels:
@@ -126,58 +120,45 @@ class Trajectory:
         return Trajectory(self.vehicle_id, self.time, {**self.columns, **new})
 
     def to_pandas(self) -> pd.DataFrame:
-        """The rows as a DataFrame: ``vehicle_id``, ``timestamp`` (UTC), then every column that is known.
-
-        Unknown is NaN, or None for a label.
-        """
+        """The rows as a DataFrame: ``vehicle_id``, ``timestamp`` (UTC), then every known column."""
         known = [n for n in cols.NAMES if n in self.columns or n in ("vehicle_id", "timestamp")]
         own = sorted(set(self.columns) - set(cols.NAMES))
         frame: pd.DataFrame = to_arrow(self).select([*known, *own]).to_pandas()
         return frame
 
     def to_geopandas(self, frame: Frame | None = None) -> gpd.GeoDataFrame:
-        """The rows as points: WGS 84 where ``frame`` (a site's) is given, else metres without a system.
-
-        Needs geopandas: ``pip install geopandas``.
-        """
+        """The rows as points: WGS 84 where ``frame`` (a site's) is given, else metres without a system."""
         try:
             import geopandas as gpd
         except ImportError:
             raise DataError("geopandas is not installed", do="pip install 'fleetlog[geo]'") from None
         x, y = self.floats("x"), self.floats("y")
-        if frame is None:
-            return gpd.GeoDataFrame(self.to_pandas(), geometry=gpd.points_from_xy(x, y))
-        latitude, longitude = frame.to_geographic(x, y)
-        points = gpd.points_from_xy(longitude, latitude, crs="EPSG:4326")
-        return gpd.GeoDataFrame(self.to_pandas(), geometry=points)
+        system = None if frame is None else "EPSG:4326"
+        if frame is not None:
+            y, x = frame.to_geographic(x, y)
+        return gpd.GeoDataFrame(self.to_pandas(), geometry=gpd.points_from_xy(x, y, crs=system))
 
     def check(self) -> None:
         """Raise :class:`DataError` unless lengths agree and time increases strictly."""
         for name, values in self.columns.items():
             if len(values) != len(self):
-                raise DataError(
-                    f"vehicle {self.vehicle_id}: column {name} has {len(values)} rows, time has {len(self)}"
-                )
+                what = f"column {name} has {len(values)} rows, time has {len(self)}"
+                raise DataError(f"vehicle {self.vehicle_id}: {what}")
         if len(self) > 1 and not bool((np.diff(self.time) > 0).all()):
             row = int(np.argmax(np.diff(self.time) <= 0)) + 1
             raise DataError(f"vehicle {self.vehicle_id}: time does not increase at row {row}")
 
 
 def to_arrow(trajectory: Trajectory, *, part: bool = False) -> pa.Table:
-    """The trajectory as an Arrow table: the contract's columns in order, then the log's own ones by name.
-
-    With ``part`` the column ``vehicle_id`` is left out, as in a part of a dataset.
-    """
+    """The trajectory as an Arrow table; a ``part`` of a dataset leaves the column ``vehicle_id`` out."""
     import pyarrow as pa
 
     schema = cols.part_schema() if part else cols.arrow_schema()
     arrays = [_arrow_array(trajectory, cols.BY_NAME[f.name], f.type) for f in schema]
     for name in sorted(set(trajectory.columns) - set(cols.NAMES)):
-        array = _extra_array(trajectory.columns[name])
-        arrays.append(array)
-        schema = schema.append(
-            pa.field(name, array.type, metadata={"unit": "", "meaning": "kept from the log"})
-        )
+        arrays.append(_extra_array(trajectory.columns[name]))
+        metadata = {"unit": "", "meaning": "kept from the log"}
+        schema = schema.append(pa.field(name, arrays[-1].type, metadata=metadata))
     return pa.Table.from_arrays(arrays, schema=schema)
 
 

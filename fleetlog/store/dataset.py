@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,16 +31,13 @@ class Dataset:
             what = "is not a dataset (it has no dataset.json)" if self.path.exists() else "no such dataset"
             raise InputError(what, where=self.path, do="make one with fleetlog import or fleetlog simulate")
         try:
-            text = description.read_text(encoding="utf-8")
-            self.meta: dict[str, Any] = json.loads(text)
+            self._text = description.read_text(encoding="utf-8")
+            self.meta: dict[str, Any] = json.loads(self._text)
         except (OSError, ValueError) as error:
             raise InputError(f"not readable: {error}", where=description) from None
-        self._text = text
-        version = self.meta.get("format_version")
-        if version != FORMAT_VERSION:
-            raise InputError(
-                f"format version {version}, this fleetlog reads {FORMAT_VERSION}", where=description
-            )
+        if (version := self.meta.get("format_version")) != FORMAT_VERSION:
+            what = f"format version {version}, this fleetlog reads {FORMAT_VERSION}"
+            raise InputError(what, where=description)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For another process: by its name; the description tells a dataset that was made again."""
@@ -138,11 +136,7 @@ class Dataset:
     def pieces(
         self, vehicle: str, date: str, columns: Sequence[str] | None = None, rows: int = 100_000
     ) -> Iterator[Trajectory]:
-        """The rows of a vehicle's day in pieces of whole trips, of about ``rows`` rows each: bounded memory
-        for any rate.
-
-        A trip longer than ``rows`` comes as one piece.
-        """
+        """The rows of a vehicle's day in pieces of whole trips, of about ``rows`` rows unless a trip is longer."""
         import numpy as np
 
         rest: list[Trajectory] = []
@@ -169,34 +163,31 @@ def _reopened(path: str, text: str) -> Dataset:
     return Dataset(path)
 
 
-def read_batches(path: Path, vehicle: str, columns: Sequence[str] | None, rows: int) -> Iterator[Trajectory]:
-    """The rows of one Parquet file of a dataset, at most ``rows`` at a time."""
+@contextmanager
+def _part(path: Path, columns: Sequence[str] | None) -> Iterator[tuple[Any, list[str] | None]]:
+    """A Parquet file of a dataset, and those of the wanted columns that it has, with the time."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
         with path.open("rb") as stream, pq.ParquetFile(stream) as file:
-            for batch in file.iter_batches(rows, columns=_present(file, columns)):
-                yield from_arrow(pa.Table.from_batches([batch]), vehicle)
+            have = {*file.schema_arrow.names, "timestamp"}
+            wanted = None if columns is None else dict.fromkeys(["timestamp", *columns])
+            yield file, None if wanted is None else [c for c in wanted if c in have]
     except (OSError, pa.ArrowInvalid) as error:
         raise InputError(f"damaged: {error}", where=path, do="make the dataset again") from None
 
 
-def _present(file: Any, columns: Sequence[str] | None) -> list[str] | None:
-    """Those of the wanted columns that a file has, with the time."""
-    have = set(file.schema_arrow.names)
-    if columns is None:
-        return None
-    return ["timestamp", *(c for c in columns if c in have and c != "timestamp")]
+def read_batches(path: Path, vehicle: str, columns: Sequence[str] | None, rows: int) -> Iterator[Trajectory]:
+    """The rows of one Parquet file of a dataset, at most ``rows`` at a time."""
+    import pyarrow as pa
+
+    with _part(path, columns) as (file, wanted):
+        for batch in file.iter_batches(rows, columns=wanted):
+            yield from_arrow(pa.Table.from_batches([batch]), vehicle)
 
 
 def read_part(path: Path, vehicle: str, columns: Sequence[str] | None = None) -> Trajectory:
     """The rows of one Parquet file of a dataset."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        with path.open("rb") as stream, pq.ParquetFile(stream) as file:
-            return from_arrow(file.read(columns=_present(file, columns)), vehicle)
-    except (OSError, pa.ArrowInvalid) as error:
-        raise InputError(f"damaged: {error}", where=path, do="make the dataset again") from None
+    with _part(path, columns) as (file, wanted):
+        return from_arrow(file.read(columns=wanted), vehicle)

@@ -1,4 +1,4 @@
-"""A question asked of every vehicle-day, or of other parts of a dataset: on the engine in use, with what was found before."""
+"""A question asked of every part of a dataset: on the engine in use, with what was found before."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""What happened in a simulation beside the motion: tasks, activities, reservations, as tables beside the
-trajectories.
+"""Tasks, activities and reservations of a simulation, as tables beside the trajectories.
 
-``dataset.json`` names those that a dataset has under ``tables``; a dataset without them (every import) has no
-such key.
+``dataset.json`` names those that a dataset has under ``tables``; an import has no such key.
 """
 
 from __future__ import annotations
@@ -48,9 +46,7 @@ TABLES: dict[Name, tuple[Column, ...]] = {
         Column("payload", "double", "kg", "the load"),
         Column("earliest", "time", "", "from when on it may be done"),
         Column("assigned", "time", "", "when the truck took it; null: not yet"),
-        Column(
-            "picked", "time", "", "when the load was on the forks and these were down again; null: not yet"
-        ),
+        Column("picked", "time", "", "when the load was on and the forks were down again; null: not yet"),
         Column("dropped", "time", "", "when it was set down and the forks were down again; null: not yet"),
         Column("status", "label", "", "at the end: waiting, assigned, loaded, done, later or left out"),
     ),
@@ -71,12 +67,7 @@ TABLES: dict[Name, tuple[Column, ...]] = {
     "ways": (
         Column("way", "int64", "", "number of a piece of the road that was ever reserved"),
         Column("kind", "label", "", "see below"),
-        Column(
-            "edge_id",
-            "label",
-            "",
-            "directed road edge that it lies on; of a turn, the one that it comes from",
-        ),
+        Column("edge_id", "label", "", "directed road edge that it lies on; of a turn, where it comes from"),
         Column("to_edge", "label", "", "of a turn, the edge that it leads to"),
         Column("place", "label", "", "of the way into a bay, the place"),
         Column("x", "line", "m", "its middle line, east, in the site frame"),
@@ -97,7 +88,7 @@ ACTIVITIES: dict[str, str] = {
     "drive_empty": "is on its way without a load",
     "drive_laden": "is on its way with a load",
     "wait": "stands although it wants to go on: others are in its way, on the road or before its bay",
-    "wait_place": "stands in a bay until the place that it has to go to is free, also where it cannot begin a task for that",
+    "wait_place": "stands in a bay until the place is free that it has to go to, or that its next task needs",
     "pick": "takes a load up",
     "drop": "sets a load down",
     "charge": "charges",
@@ -141,9 +132,8 @@ class Tables:
 
         table = pa.concat_tables(self._kept.pop(name))
         if name not in self._writers:
-            self._writers[name] = pq.ParquetWriter(
-                self.folder / f"{name}.parquet", table.schema, compression="zstd"
-            )
+            file = self.folder / f"{name}.parquet"
+            self._writers[name] = pq.ParquetWriter(file, table.schema, compression="zstd")
         self._writers[name].write_table(table.combine_chunks())
 
     def close(self) -> dict[str, dict[str, Any]]:
@@ -188,10 +178,7 @@ def _array(values: NDArray[Any] | Labels | Lines, kind: str) -> pa.Array:
 
 
 def read_table(dataset: Dataset, name: Name, *, compact: bool = False) -> pd.DataFrame | None:
-    """A table of a dataset, None where it has none; :class:`InputError` where it is damaged.
-
-    ``compact`` gives texts as categories: a tenth of the memory.
-    """
+    """A table of a dataset, None where it has none; ``compact`` has texts as categories."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
