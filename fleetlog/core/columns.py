@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import pyarrow as pa
+import pyarrow as pa
 
 HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
 """The name of a partition that Hive, and every reader of its layout, takes for null."""
@@ -54,30 +52,27 @@ COLUMNS: tuple[Column, ...] = (
 BY_NAME: dict[str, Column] = {c.name: c for c in COLUMNS}
 NAMES: tuple[str, ...] = tuple(BY_NAME)
 FLOATS: tuple[str, ...] = tuple(c.name for c in COLUMNS if c.kind == "double")
+ARROW: dict[str, pa.DataType] = {
+    "string": pa.string(),
+    "label": pa.dictionary(pa.int32(), pa.string()),
+    "time": pa.timestamp("us", tz="UTC"),
+    "double": pa.float64(),
+    "int64": pa.int64(),
+    "line": pa.list_(pa.float64()),
+}
 
 
 @cache
 def arrow_field(column: Column) -> pa.Field:
     """The Arrow field of ``column``, with ``unit`` and ``meaning`` as metadata."""
-    import pyarrow as pa
-
-    types = {
-        "string": pa.string(),
-        "label": pa.dictionary(pa.int32(), pa.string()),
-        "time": pa.timestamp("us", tz="UTC"),
-        "double": pa.float64(),
-        "int64": pa.int64(),
-    }
     metadata = {"unit": column.unit, "meaning": column.meaning}
     known = column.name in ("vehicle_id", "timestamp")
-    return pa.field(column.name, types[column.kind], nullable=not known, metadata=metadata)
+    return pa.field(column.name, ARROW[column.kind], nullable=not known, metadata=metadata)
 
 
 @cache
 def arrow_schema() -> pa.Schema:
     """The Arrow schema of the columns that every dataset has, in the order of the contract."""
-    import pyarrow as pa
-
     return pa.schema([arrow_field(c) for c in COLUMNS])
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from fleetlog.core import columns as cols
@@ -15,7 +16,6 @@ from fleetlog.errors import DataError
 if TYPE_CHECKING:
     import geopandas as gpd
     import pandas as pd
-    import pyarrow as pa
 
     from fleetlog.core.site import Frame
 
@@ -95,8 +95,10 @@ class Trajectory:
         values = self.columns.get(name)
         if values is None:
             return False
-        if isinstance(values, Labels) or name == "trip_id":
-            return bool((getattr(values, "codes", values) >= 0).any())
+        if isinstance(values, Labels):
+            return bool((values.codes >= 0).any())
+        if name == "trip_id":
+            return bool((values >= 0).any())
         return values.dtype.kind not in "f" or bool(np.isfinite(values).any())
 
     def labels(self, name: str) -> Labels:
@@ -151,8 +153,6 @@ class Trajectory:
 
 def to_arrow(trajectory: Trajectory, *, part: bool = False) -> pa.Table:
     """The trajectory as an Arrow table; a ``part`` of a dataset leaves the column ``vehicle_id`` out."""
-    import pyarrow as pa
-
     schema = cols.part_schema() if part else cols.arrow_schema()
     arrays = [_arrow_array(trajectory, cols.BY_NAME[f.name], f.type) for f in schema]
     for name in sorted(set(trajectory.columns) - set(cols.NAMES)):
@@ -163,8 +163,6 @@ def to_arrow(trajectory: Trajectory, *, part: bool = False) -> pa.Table:
 
 
 def _arrow_array(t: Trajectory, column: cols.Column, kind: pa.DataType) -> pa.Array:
-    import pyarrow as pa
-
     if column.name == "vehicle_id":
         return pa.repeat(pa.scalar(t.vehicle_id, kind), len(t)) if len(t) else pa.array([], kind)
     if column.name == "timestamp":
@@ -180,8 +178,6 @@ def _arrow_array(t: Trajectory, column: cols.Column, kind: pa.DataType) -> pa.Ar
 
 
 def _floats_array(values: NDArray[Any]) -> pa.Array:
-    import pyarrow as pa
-
     with np.errstate(invalid="ignore", over="ignore"):
         # Where the sum is a number, all values are.
         known = np.isfinite(values.sum())
@@ -189,22 +185,16 @@ def _floats_array(values: NDArray[Any]) -> pa.Array:
 
 
 def _with_nulls(values: NDArray[Any], unknown: NDArray[np.bool_]) -> pa.Array:
-    import pyarrow as pa
-
     # Without a mask nothing is copied.
     return pa.array(values, mask=unknown) if unknown.any() else pa.array(values)
 
 
 def _label_array(labels: Labels) -> pa.Array:
-    import pyarrow as pa
-
     indices = _with_nulls(labels.codes, labels.codes < 0)
     return pa.DictionaryArray.from_arrays(indices, pa.array(list(labels.names), pa.string()))
 
 
 def _extra_array(values: Values) -> pa.Array:
-    import pyarrow as pa
-
     if isinstance(values, Labels):
         return _label_array(values)
     if values.dtype.kind == "f":
@@ -214,8 +204,6 @@ def _extra_array(values: Values) -> pa.Array:
 
 def from_arrow(table: pa.Table, vehicle_id: str) -> Trajectory:
     """The trajectory in an Arrow table of one vehicle; columns that are wholly null are left out."""
-    import pyarrow as pa
-
     time = table.column("timestamp").cast(pa.timestamp("us", tz="UTC")).cast(pa.int64()).to_numpy()
     columns: dict[str, Values] = {}
     for name in table.column_names:
@@ -227,8 +215,6 @@ def from_arrow(table: pa.Table, vehicle_id: str) -> Trajectory:
 
 
 def _numpy_values(chunk: pa.ChunkedArray, name: str) -> Values:
-    import pyarrow as pa
-
     if pa.types.is_string(chunk.type) or pa.types.is_large_string(chunk.type):
         chunk = chunk.dictionary_encode()
     if pa.types.is_dictionary(chunk.type):
@@ -248,7 +234,5 @@ def concatenate(pieces: list[Trajectory]) -> Trajectory:
     """Pieces of one vehicle in order of time, as one; a column missing in a piece is null there."""
     if len(pieces) == 1:
         return pieces[0]
-    import pyarrow as pa
-
     tables = [to_arrow(p) for p in pieces]
     return from_arrow(pa.concat_tables(tables, promote_options="default"), pieces[0].vehicle_id)

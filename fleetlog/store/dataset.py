@@ -11,6 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from fleetlog.core.site import Site, site_from_dict
 from fleetlog.core.trajectory import Trajectory, concatenate, from_arrow
 from fleetlog.errors import DataError, InputError, nearest
@@ -128,8 +132,6 @@ class Dataset:
         """All rows of a vehicle (of one day); ``columns`` to read only some beside the time."""
         pieces = [p for p in (read_part(f, vehicle, columns) for f in self.parts(vehicle, date)) if len(p)]
         if not pieces:
-            import numpy as np
-
             return Trajectory(vehicle, np.zeros(0, np.int64))
         return concatenate(pieces)
 
@@ -137,8 +139,6 @@ class Dataset:
         self, vehicle: str, date: str, columns: Sequence[str] | None = None, rows: int = 100_000
     ) -> Iterator[Trajectory]:
         """The rows of a vehicle's day in pieces of whole trips, of about ``rows`` rows unless a trip is longer."""
-        import numpy as np
-
         rest: list[Trajectory] = []
         for batch in (b for f in self.parts(vehicle, date) for b in read_batches(f, vehicle, columns, rows)):
             piece = concatenate([*rest, batch])
@@ -166,9 +166,6 @@ def _reopened(path: str, text: str) -> Dataset:
 @contextmanager
 def _part(path: Path, columns: Sequence[str] | None) -> Iterator[tuple[Any, list[str] | None]]:
     """A Parquet file of a dataset, and those of the wanted columns that it has, with the time."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     try:
         with path.open("rb") as stream, pq.ParquetFile(stream) as file:
             have = {*file.schema_arrow.names, "timestamp"}
@@ -180,8 +177,6 @@ def _part(path: Path, columns: Sequence[str] | None) -> Iterator[tuple[Any, list
 
 def read_batches(path: Path, vehicle: str, columns: Sequence[str] | None, rows: int) -> Iterator[Trajectory]:
     """The rows of one Parquet file of a dataset, at most ``rows`` at a time."""
-    import pyarrow as pa
-
     with _part(path, columns) as (file, wanted):
         for batch in file.iter_batches(rows, columns=wanted):
             yield from_arrow(pa.Table.from_batches([batch]), vehicle)

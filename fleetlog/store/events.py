@@ -10,15 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from fleetlog.core.columns import Column
+from fleetlog.core.columns import ARROW, Column
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
-    import pyarrow as pa
 
     from fleetlog.store.dataset import Dataset
 
@@ -116,8 +117,6 @@ class Tables:
 
     def add(self, name: Name, columns: Columns) -> None:
         """Append rows; they are written when enough have come together."""
-        import pyarrow as pa
-
         arrays = [_array(columns[c.name], c.kind) for c in TABLES[name]]
         table = pa.Table.from_arrays(arrays, schema=schema(name))
         self.rows[name] = self.rows.get(name, 0) + len(table)
@@ -127,9 +126,6 @@ class Tables:
             self._write(name)
 
     def _write(self, name: Name) -> None:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         table = pa.concat_tables(self._kept.pop(name))
         if name not in self._writers:
             file = self.folder / f"{name}.parquet"
@@ -148,23 +144,13 @@ class Tables:
 
 def schema(name: Name) -> pa.Schema:
     """Of a table; the fields carry ``unit`` and ``meaning``."""
-    import pyarrow as pa
-
-    kinds = {
-        "label": pa.string(),
-        "time": pa.timestamp("us", tz="UTC"),
-        "double": pa.float64(),
-        "int64": pa.int64(),
-        "line": pa.list_(pa.float64()),
-    }
+    kinds = ARROW | {"label": pa.string()}
     return pa.schema(
         pa.field(c.name, kinds[c.kind], metadata={"unit": c.unit, "meaning": c.meaning}) for c in TABLES[name]
     )
 
 
 def _array(values: NDArray[Any] | Labels | Lines, kind: str) -> pa.Array:
-    import pyarrow as pa
-
     if isinstance(values, Labels):
         names = pa.array([*values.names, None], pa.string())
         return names.take(pa.array(np.where(values.codes < 0, len(values.names), values.codes)))
@@ -174,14 +160,11 @@ def _array(values: NDArray[Any] | Labels | Lines, kind: str) -> pa.Array:
     if kind == "double":
         return pa.array(values, pa.float64())
     whole = pa.array(values, pa.int64(), mask=values < 0)
-    return whole.cast(pa.timestamp("us", tz="UTC")) if kind == "time" else whole
+    return whole.cast(ARROW[kind]) if kind == "time" else whole
 
 
 def read_table(dataset: Dataset, name: Name, *, compact: bool = False) -> pd.DataFrame | None:
     """A table of a dataset, None where it has none; ``compact`` has texts as categories."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     entry = (dataset.meta.get("tables") or {}).get(name)
     if entry is None:
         return None

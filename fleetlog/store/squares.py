@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fleetlog.core.site import Frame
@@ -36,9 +38,6 @@ def outlines(table: pd.DataFrame, size: float, frame: Frame | None) -> Floats:
 
 def write_squares(table: pd.DataFrame, size: float, path: Path, frame: Frame | None) -> None:
     """``path``.parquet with a ``geometry`` column, and ``path``.geojson where the cells are not too many."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     rings = outlines(table, size, frame)
     wkb = np.zeros(len(rings), _WKB)
     wkb["order"], wkb["kind"], wkb["rings"], wkb["points"], wkb["xy"] = 1, 3, 1, 5, rings

@@ -8,10 +8,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 from urllib.parse import quote
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fleetlog.core.columns import HIVE_NULL
@@ -26,9 +28,6 @@ from fleetlog.store.places import is_url, located, uploaded
 from fleetlog.store.trips import table_of, trip_columns
 from fleetlog.store.written import Before, Written, before_of
 from fleetlog.version import FORMAT_VERSION
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Kind = Literal["recorded", "simulated"]
 DAY = 86_400_000_000
@@ -136,9 +135,6 @@ class DatasetWriter:
                 self.written.columns[name] = (schema.field(name).metadata or {}).get(b"unit", b"").decode()
 
     def _write_part(self, vehicle: str, day: int, table: pa.Table) -> None:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         date = str(np.datetime64(day, "D"))
         folder = self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(vehicle, safe='')}"
         number = self._parts.get((vehicle, date), self.before.parts.get((vehicle, date), 0))
