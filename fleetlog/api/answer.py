@@ -71,7 +71,7 @@ class Answer(Result):
         raise DataError(f"{self.name} gives no dataset", do="use the result of read_logs or simulate")
 
     def write_to(self, scratch: Path) -> None:
-        """Write into an empty folder or a file; an answer that has no more to write gives its summary as JSON."""
+        """Write into an empty folder or a file; of an answer that has no more, the summary as JSON."""
         if self.write is not None:
             self.write(scratch)
         else:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def find_place() -> str | None:
-    """Set ``NUMBA_CACHE_DIR`` to a folder that ends with the run, where numba's own choices cannot be written.
+    """Set ``NUMBA_CACHE_DIR`` to a folder of this run where numba's own choices cannot be written.
 
     Its name cannot be foreseen: numba loads what lies in it.
     """

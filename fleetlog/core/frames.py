@@ -1,4 +1,4 @@
-"""Frames that files state: a projected system by its EPSG code, and how a log's own frame lies in the site's."""
+"""Frames that files state: a projected system by its EPSG code, and a log's own frame in the site's."""
 
 from __future__ import annotations
 

@@ -39,37 +39,23 @@ class Edge:
 
 @dataclass(frozen=True)
 class Network:
-    """Directed edges as arrays; edge i is ``edge_ids[i]``.
-
-    Attributes
-    ----------
-    edge_ids : E names.  An edge and its reverse share ``roads[i]``.
-    node_ids : V names.
-    start, end : (E,) node indices.
-    points : (P, 3) vertices of all edges, end to end;  ``first`` (E + 1,): edge i owns points
-        first[i]:first[i + 1].
-    distance : (P,) length in three dimensions along its edge from the edge's start to each vertex [m].
-    length : (E,) [m];  speed_limit : (E,) [m/s], NaN unknown;  width : (E,) [m], NaN unknown.
-    reverse : (E,) index of the same road in the other direction, -1 where there is none.
-    next_first, next_edges : CSR of the edges that may follow an edge.
-    has_elevation : whether the map gave heights; where not, z is 0 and slope is unknown, not level.
-    """
+    """E directed edges as arrays; edge i is ``edge_ids[i]``; V nodes, P vertices."""
 
     edge_ids: tuple[str, ...]
-    roads: tuple[str, ...]
+    roads: tuple[str, ...]  # of each edge; an edge and its reverse share one
     node_ids: tuple[str, ...]
-    start: Index
+    start: Index  # (E,) nodes
     end: Index
-    points: Floats
-    first: Index
-    distance: Floats
-    length: Floats
-    speed_limit: Floats
-    width: Floats
-    reverse: Index
-    next_first: Index
+    points: Floats  # (P, 3) vertices of all edges, end to end [m]
+    first: Index  # (E + 1,): edge i owns points first[i]:first[i + 1]
+    distance: Floats  # (P,) from its edge's start along the edge, in three dimensions [m]
+    length: Floats  # (E,) [m]
+    speed_limit: Floats  # (E,) [m/s], NaN unknown
+    width: Floats  # (E,) [m], NaN unknown
+    reverse: Index  # (E,) edge of the same road in the other direction, -1 where there is none
+    next_first: Index  # (E + 1,): edge i may be followed by next_edges[next_first[i]:next_first[i + 1]]
     next_edges: Index
-    has_elevation: bool = False
+    has_elevation: bool = False  # without it z is 0 and slope is unknown, not level
 
     def __len__(self) -> int:
         return len(self.edge_ids)
@@ -126,7 +112,7 @@ class Network:
         return self.distance + starts[owner], starts
 
     def segment(self, edge: Index, offset: Floats) -> tuple[NDArray[np.intp], Floats]:
-        """Index of the vertex before each of (N,) edges and offsets [m], and the share of that segment passed."""
+        """Vertex before each of (N,) edges and offsets [m], and the share of that segment that is passed."""
         ladder, starts = self._ladder
         offset = np.clip(offset, 0.0, self.length[edge])
         k = np.searchsorted(ladder, starts[edge] + offset, side="right") - 1

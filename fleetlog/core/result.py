@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 class Grid:
     """A raster over the floor: ``values`` from south to north and from west to east, NaN where empty.
 
-    ``x0, y0`` is the south-west corner [m], ``cell`` the size of a cell [m]; ``diverging`` colours about zero.
+    ``x0, y0`` is the south-west corner [m], ``cell`` its size [m]; ``diverging`` colours about zero.
     """
 
     name: str
@@ -131,7 +131,7 @@ class Result:
     """The answer to one question.
 
     ``summary`` is JSON-ready; a quantity's key ends in its unit or ``units`` says it.  ``tables`` are written
-    as Parquet, ``places`` (with columns x, y) as GeoJSON too.  ``lines`` is the answer in at most ten sentences.
+    as Parquet, ``places`` (with columns x, y) as GeoJSON too.  ``lines`` are at most ten sentences.
     ``squares`` names tables of square cells about x, y, with their size [m].
     """
 

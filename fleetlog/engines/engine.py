@@ -15,7 +15,7 @@ AHEAD = 4
 
 
 class Engine:
-    """Does jobs; a function, its jobs and its results must be picklable.  This one does them here, in turn."""
+    """Does jobs; function, jobs and results must be picklable.  This one does them here, in turn."""
 
     workers = 1
     """Jobs that run at the same time."""

@@ -138,7 +138,7 @@ class Dataset:
     def pieces(
         self, vehicle: str, date: str, columns: Sequence[str] | None = None, rows: int = 100_000
     ) -> Iterator[Trajectory]:
-        """The rows of a vehicle's day in pieces of whole trips, of about ``rows`` rows unless a trip is longer."""
+        """The rows of a vehicle's day in whole trips, about ``rows`` at a time unless a trip is longer."""
         rest: list[Trajectory] = []
         for batch in (b for f in self.parts(vehicle, date) for b in read_batches(f, vehicle, columns, rows)):
             piece = concatenate([*rest, batch])

@@ -90,7 +90,7 @@ def _full_disk(target: str | Path) -> Iterator[None]:
 
 @contextmanager
 def remade(part: Path) -> Iterator[Path]:
-    """The name of a scratch file that replaces ``part``, a file of fleetlog's own, when the block ends well."""
+    """The name of a scratch file that replaces ``part``, fleetlog's own, when the block ends well."""
     with _claimed(part) as scratch:
         yield scratch / "new"
         _sync(scratch / "new")
@@ -98,7 +98,7 @@ def remade(part: Path) -> Iterator[Path]:
 
 
 def share(source: Path, target: Path) -> None:
-    """Make ``target`` a folder with the files of ``source``, as hard links, or copies where there are none."""
+    """Make ``target`` a folder with the files of ``source``: hard links, or copies where there are none."""
     if source.is_dir():
         shutil.copytree(source, target, copy_function=_linked)
 
@@ -140,7 +140,7 @@ def check_free(
 
 
 def _at_input(target: Path, given: Path) -> str | None:
-    """Why an output is not apart from what is read: at it, above it, or inside a dataset; None where it is."""
+    """Why an output is not apart from an input: at it, above it, or inside a dataset; None where it is."""
     source = Path(os.path.realpath(given))
     if target.exists() and _same(target, source):
         return "is what this run reads"

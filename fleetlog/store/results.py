@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def write_result(result: Result, folder: Path, frame: Frame | None = None) -> None:
-    """``NAME.json``, tables as (Geo)Parquet, places as GeoJSON, grids as GeoTIFF; WGS 84 where there is a frame."""
+    """``NAME.json``, tables as (Geo)Parquet, places as GeoJSON, grids as GeoTIFF; WGS 84 with a frame."""
     from fleetlog.store.geotiff import write_geotiff
 
     write_json(folder / f"{result.name}.json", {"format_version": 1, **result.summary}, indent=1)

@@ -67,7 +67,7 @@ class DatasetWriter:
         overwrite: bool = False,
         inputs: Iterable[Path] = (),
     ) -> Iterator[DatasetWriter]:
-        """A writer whose dataset appears as ``target`` when the block ends well; ``inputs`` are what is read."""
+        """A writer whose dataset appears as ``target`` when the block ends well; ``inputs`` are read."""
         if is_url(target):
             place = uploaded(located(target), overwrite=overwrite)
         else:
@@ -103,7 +103,7 @@ class DatasetWriter:
         self.write_together((trajectory.vehicle_id,), trajectory)
 
     def write_together(self, vehicles: Sequence[str], rows: Trajectory) -> None:
-        """Append rows of several vehicles, as many of each, one vehicle after the other, by way of one table."""
+        """Append rows of several vehicles, as many of each, one vehicle after the other, as one table."""
         each = len(rows) // len(vehicles)
         if not each:
             return

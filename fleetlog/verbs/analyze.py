@@ -23,7 +23,7 @@ OUTPUT = (
 
 
 class Analysis(Verb):
-    """An analysis as a function of the library: inputs may be paths, and the result can be saved and shown."""
+    """An analysis as a function of the library: inputs may be paths, the result can be saved and shown."""
 
     def __init__(self, name: str, function: Callable[..., Any]) -> None:
         super().__init__(function, name=name, added=(*JOBS, *OUTPUT))

@@ -20,13 +20,14 @@ if TYPE_CHECKING:
     from fleetlog.discovery.diagnose import Diagnosis
     from fleetlog.discovery.report.finding import Verdict
 
+List = Annotated[tuple[str, ...], Names()]
 CHANNELS = ("battery_power", "soc", "speed")
 
 
 @verb_with_jobs
 def diagnose(
-    dataset: DatasetLike, *, truck: TruckLike, site: SiteLike | None = None, against: DatasetLike | None = None,
-    channels: Annotated[tuple[str, ...], Names()] = (), terms: Annotated[tuple[str, ...], Names()] = (),
+    dataset: DatasetLike, *, truck: TruckLike, site: SiteLike | None = None,
+    against: DatasetLike | None = None, channels: List = (), terms: List = (),
     holdout: Literal["trips", "vehicles", "days"] = "trips", gate: bool = False, seed: Seed = 0,
     output: PathLike | None = None, overwrite: bool = False,
 ) -> Answer:  # fmt: skip

@@ -16,8 +16,8 @@ from fleetlog.listening import notice
 def record(
     url: Annotated[str, Named("mqtt://HOST[:PORT]/TOPIC")], *, output: PathLike,
     duration: Annotated[float, Between(0.0, 1e9, above=True)] | None = None,
-    messages: Annotated[int, Between(1, 1_000_000_000, whole=True)] | None = None, client_id: str = "fleetlog",
-    overwrite: bool = False,
+    messages: Annotated[int, Between(1, 1_000_000_000, whole=True)] | None = None,
+    client_id: str = "fleetlog", overwrite: bool = False,
 ) -> Answer:  # fmt: skip
     """Capture the messages of an MQTT broker until Ctrl-C, for ``fleetlog import``.
 
