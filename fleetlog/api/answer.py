@@ -133,12 +133,9 @@ def _table(name: str, table: pd.DataFrame) -> str:
 
 @contextmanager
 def destination(
-    output: PathLike | None,
-    kind: str,
-    overwrite: bool = False,
-    inputs: Iterable[Path] = (),
+    output: PathLike | None, kind: str, overwrite: bool = False, inputs: Iterable[Path] = (),
     folder: bool = True,
-) -> Iterator[Callable[[Answer], Answer]]:
+) -> Iterator[Callable[[Answer], Answer]]:  # fmt: skip
     """Check and hold the place of an output; the function that is given writes an answer there.
 
     Without ``output`` the answer stays in memory.

@@ -156,7 +156,7 @@ def to_arrow(trajectory: Trajectory, *, part: bool = False) -> pa.Table:
     schema = cols.part_schema() if part else cols.arrow_schema()
     arrays = [_arrow_array(trajectory, cols.BY_NAME[f.name], f.type) for f in schema]
     for name in sorted(set(trajectory.columns) - set(cols.NAMES)):
-        arrays.append(_extra_array(trajectory.columns[name]))
+        arrays.append(_own_array(trajectory.columns[name]))
         metadata = {"unit": "", "meaning": "kept from the log"}
         schema = schema.append(pa.field(name, arrays[-1].type, metadata=metadata))
     return pa.Table.from_arrays(arrays, schema=schema)
@@ -170,36 +170,24 @@ def _arrow_array(t: Trajectory, column: cols.Column, kind: pa.DataType) -> pa.Ar
     values = t.columns.get(column.name)
     if values is None:
         return pa.nulls(len(t), kind)
-    if isinstance(values, Labels):
-        return _label_array(values)
     if column.kind == "int64":
         return _with_nulls(ints := np.asarray(values, dtype=np.int64), ints < 0)
-    return _floats_array(np.asarray(values, dtype=np.float64))
+    if column.kind == "double":
+        values = np.asarray(values, dtype=np.float64)
+    return _own_array(values)
 
 
-def _floats_array(values: NDArray[Any]) -> pa.Array:
-    with np.errstate(invalid="ignore", over="ignore"):
-        # Where the sum is a number, all values are.
-        known = np.isfinite(values.sum())
-    return pa.array(values) if known else _with_nulls(values, np.isnan(values))
+def _own_array(values: Values) -> pa.Array:
+    """Labels as a dictionary; NaN is null."""
+    if not isinstance(values, Labels):
+        return pa.array(values, from_pandas=True)
+    indices = _with_nulls(values.codes, values.codes < 0)
+    return pa.DictionaryArray.from_arrays(indices, pa.array(list(values.names), pa.string()))
 
 
 def _with_nulls(values: NDArray[Any], unknown: NDArray[np.bool_]) -> pa.Array:
     # Without a mask nothing is copied.
     return pa.array(values, mask=unknown) if unknown.any() else pa.array(values)
-
-
-def _label_array(labels: Labels) -> pa.Array:
-    indices = _with_nulls(labels.codes, labels.codes < 0)
-    return pa.DictionaryArray.from_arrays(indices, pa.array(list(labels.names), pa.string()))
-
-
-def _extra_array(values: Values) -> pa.Array:
-    if isinstance(values, Labels):
-        return _label_array(values)
-    if values.dtype.kind == "f":
-        return _floats_array(values)
-    return pa.array(values)
 
 
 def from_arrow(table: pa.Table, vehicle_id: str) -> Trajectory:
