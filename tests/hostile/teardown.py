@@ -70,7 +70,7 @@ DEMO = """
 from pathlib import Path
 import fleetlog.verbs.demo as demo
 from fleetlog.cli.main import entry
-folder, steps, short = Path("small").resolve(), demo.steps, {"vehicles": 2, "duration": "60s"}
+folder, steps, short = Path("sample").resolve(), demo.steps, {"vehicles": 2, "duration": "60s"}
 demo.sample_folder = lambda: folder
 demo.steps = lambda sample: ((*s, o | short if "duration" in o else o) for *s, o in steps(sample))
 entry()
@@ -195,7 +195,7 @@ def prepare(folder: Path) -> None:
         assert done.status == 0, done.err
     (folder / "tasks.csv").write_text("from,to,payload,earliest\n" + TASKS)
     several = shutil.ignore_patterns("fleet.csv.gz", "other_maker.csv.gz", "T8*", "messy", "*.py")
-    shutil.copytree(SAMPLE, folder / "small", ignore=several)
+    shutil.copytree(SAMPLE, folder / "sample", ignore=several)
 
 
 def reading(verb: str, inputs: Path, folder: Path, rounds: int, rng: random.Random) -> list[str]:

@@ -24,6 +24,7 @@ from fleetlog.importers._open import FREE, open_bytes
 from fleetlog.importers._profile import load_profile
 from fleetlog.importers.base import importers
 from fleetlog.ingest.files import find_logs
+from fleetlog.listening import Listener, listening
 from fleetlog.physics.model import load_physics
 from fleetlog.roads import load_site
 
@@ -362,6 +363,17 @@ def test_outputs_among_the_logs_are_not_read_again(tmp_path: Path) -> None:
         assert (out.status, out.rows) == (0, seeds.ROWS), out.text
     assert [log.path.name for log in find_logs([logs / "*"])] == ["a.csv"]
     assert judge.imported(logs / "out", tmp_path).rows == seeds.ROWS
+
+
+def test_files_of_a_folder_that_are_no_logs_are_named(tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    for name, data in (("good.csv", seeds.csv()), ("bad.csv", b"\x1b\x07" * 40), ("empty.csv", b"")):
+        put(folder / name, data)
+    said: list[str] = []
+    with listening(Listener(notice=said.append)):
+        assert judge.imported(folder, tmp_path).status == 0
+    assert said == [f"{folder}: 2 files passed over, not of the format of a log: bad.csv, empty.csv"]
 
 
 def test_what_a_pattern_matches_is_an_input(tmp_path: Path) -> None:
