@@ -61,9 +61,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         raise FormatError(
             "no line is a pose of twelve numbers with a time", where=path, do="check the format"
         )
-    since = "the profile's origin" if options.origin else "1970"
+    since = " since the profile's origin" if options.origin else ""
     options.report.recognised.update({
-        "pose": "x, y, z from m, heading, the yaw of the rotation", TIMES: f"timestamp, from s since {since}",
+        "pose": "x, y, z from m, heading, the yaw of the rotation", TIMES: f"timestamp, from s{since}",
     })  # fmt: skip
     yield from rows.drain()
 

@@ -60,10 +60,6 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             "time": "timestamp, from s",
         }
     )
-    if not origin:
-        options.report.note(
-            "simulation time placed at 1970-01-01: a profile may say when it began ([time] origin = ...)"
-        )
     for rows in positions.values():
         yield from rows.drain()
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes, plain_stem
 from fleetlog.importers._rows import Rows, heading_of_quaternion
-from fleetlog.importers._times import epoch_unit
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 FIELDS = 8
@@ -44,14 +43,13 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     vehicle = options.vehicle or plain_stem(path)
     rows = Rows("x", "y", share=lambda: raw.share)
     origin = options.origin
-    number, since_1970 = 0, False
+    number = 0
     with stream:
         while line := stream.readline(LINE_LIMIT):
             number += 1
             if not line.strip() or line.lstrip().startswith(b"#"):
                 continue
             pose = _numbers(line)
-            since_1970 = since_1970 or (pose is not None and epoch_unit(pose[0]) == "s")
             if pose is None or not -(1 << 62) < pose[0] * 1e6 < 1 << 62:
                 rows.reject(
                     number, "not eight numbers ending in a unit quaternion", line.decode("latin-1").strip()
@@ -62,12 +60,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
                 yield rows.take()
     if not rows.total:
         raise FormatError("no line reads 'timestamp x y z qx qy qz qw'", where=path, do="check the format")
-    since = "the profile's origin" if origin else "1970"
-    if not origin and not since_1970:
-        note = "the times count from an unknown start, placed at 1970-01-01"
-        options.report.note(f"{note}: a profile may say when it was ([time] origin = ...)")
+    since = " since the profile's origin" if origin else ""
     options.report.recognised.update({
-        "timestamp": f"timestamp, from s since {since}", "x y z": "position in the site frame, from m",
+        "timestamp": f"timestamp, from s{since}", "x y z": "position in the site frame, from m",
         "qx qy qz qw": "heading, the yaw of the quaternion",
     })  # fmt: skip
     yield from rows.drain()

@@ -196,6 +196,7 @@ def test_analyses_of_nearly_nothing_answer(tmp_path: Path) -> None:
         "analyze trips D -o D", "analyze heatmap D -o D/new", "diagnose D --truck T -o D", "export D --to csv -o D/dataset.json",
         "simulate --like D --truck T -o D", "simulate --like D --truck T --vehicles 1..2 -o D", "import D -o D",
         "calibrate D --truck T -o D/truck.toml", "view D --beside D --save D/recording.rrd",
+        "report D -o D/dataset.json", "report D --truck T --tables D -o D.html", "learn D -o D", "view D --screenshot D/new.png",
     ],
 )  # fmt: skip
 def test_no_command_writes_over_what_it_reads(words: str, tmp_path: Path) -> None:
