@@ -140,11 +140,11 @@ def _parameter(option: Option, verb: str) -> click.Parameter:
     if option.flag:
         text = f"Do not {text[:1].lower()}{text[1:]}" if option.default is True else text
         return click.Option(names, is_flag=True, help=text)
-    default = None if option.default in (REQUIRED, ()) else option.default
-    if isinstance(default, tuple):
-        default = ",".join(map(str, default))
-    more = {"type": kind, "multiple": option.many, "required": required, "default": default}
-    return click.Option(names, help=text, show_default=True, **more)
+    more: dict[str, Any] = {"type": kind, "multiple": option.many, "required": required, "show_default": True}
+    if not required:  # None, given as a default, is a value to some releases of click
+        listed = isinstance(option.default, tuple)
+        more["default"] = (",".join(map(str, option.default)) or None) if listed else option.default
+    return click.Option(names, help=text, **more)
 
 
 def _run(verb: Verb, as_json: bool, quiet: bool, verbose: bool, **values: Any) -> int:

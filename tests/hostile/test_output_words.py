@@ -164,6 +164,7 @@ def test_a_gate_stays_shut_for_what_was_not_judged() -> None:
         "simulate --truck T --soc 60", "simulate --truck T --soc nan", "simulate --truck T --seed -5",
         "simulate --truck T --vehicles 1000000000", "simulate --truck T --vehicles -1", "simulate --truck T --rate inf",
         "simulate --truck T --step 0", "simulate --truck T --temperature nan", "simulate --truck T --duration 1000000h",
+        "simulate", "export .", "calibrate .", "diagnose .", "analyze energy .", f"simulate --truck T --vehicles {10**400}",
         "simulate --truck T --charge-below 30", "simulate --truck T --chemistry gold", "simulate --truck T --cycle x", "simulate --truck T --runs 0", "simulate --truck T --workers 1e9", "analyze density . --threshold nan",
         "analyze density . --step 0", "analyze heatmap . --cell 0", "analyze heatmap . --cell inf", "analyze stops . --min-visits 0",
         "analyze trips . --min-distance nan", "analyze chargers . -k 0", "analyze chargers . --radius nan", "analyze nothing .",
