@@ -17,12 +17,16 @@ import pyarrow.parquet as pq
 
 from fleetlog.core.site import Site, site_from_dict
 from fleetlog.core.trajectory import Trajectory, concatenate, from_arrow
-from fleetlog.errors import DataError, InputError, nearest
+from fleetlog.errors import DataError, FleetlogError, InputError, nearest
 from fleetlog.store.places import is_url, located
 from fleetlog.version import FORMAT_VERSION
 
 if TYPE_CHECKING:
     import pandas as pd
+
+REMAKE = "make the dataset again"
+DESCRIPTION = {"kind": str, "site": dict, "vehicles": dict, "rows": int, "columns": dict, "provenance": dict}
+"""Keys of ``dataset.json`` that everything relies on, and what they are."""
 
 
 class Dataset:
@@ -34,14 +38,16 @@ class Dataset:
         if not description.is_file():
             what = "is not a dataset (it has no dataset.json)" if self.path.exists() else "no such dataset"
             raise InputError(what, where=self.path, do="make one with fleetlog import or fleetlog simulate")
-        try:
+        with _undamaged(description):
             self._text = description.read_text(encoding="utf-8")
             self.meta: dict[str, Any] = json.loads(self._text)
-        except (OSError, ValueError) as error:
-            raise InputError(f"not readable: {error}", where=description) from None
-        if (version := self.meta.get("format_version")) != FORMAT_VERSION:
+            version = self.meta["format_version"]
+        if version != FORMAT_VERSION:
             what = f"format version {version}, this fleetlog reads {FORMAT_VERSION}"
             raise InputError(what, where=description)
+        for key, kind in DESCRIPTION.items():
+            if not isinstance(self.meta.get(key), kind):
+                raise InputError(f"damaged: {key} is missing or wrong", where=description, do=REMAKE)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For another process: by its name; the description tells a dataset that was made again."""
@@ -102,11 +108,13 @@ class Dataset:
     @cached_property
     def site(self) -> Site:
         """The site that it was made with."""
-        return site_from_dict(json.loads(self._site_text))
+        with _undamaged(self.path / "site.json"):
+            return site_from_dict(json.loads(self._site_text))
 
     @cached_property
     def _site_text(self) -> str:
-        return (self.path / "site.json").read_text(encoding="utf-8")
+        with _undamaged(self.path / "site.json"):
+            return (self.path / "site.json").read_text(encoding="utf-8")
 
     @property
     def site_digest(self) -> str:
@@ -118,7 +126,8 @@ class Dataset:
         """One row a trip; see :func:`fleetlog.store.trips.trip_table`."""
         import pandas as pd
 
-        with (self.path / "trips.parquet").open("rb") as stream:
+        file = self.path / "trips.parquet"
+        with _undamaged(file), file.open("rb") as stream:
             return pd.read_parquet(stream)
 
     def parts(self, vehicle: str, date: str | None = None) -> list[Path]:
@@ -164,15 +173,28 @@ def _reopened(path: str, text: str) -> Dataset:
 
 
 @contextmanager
+def _undamaged(path: Path) -> Iterator[None]:
+    """Whatever goes wrong while a file of a dataset is read is damage of that file."""
+    try:
+        yield
+    except (FleetlogError, MemoryError):
+        raise
+    except Exception as error:
+        what = (
+            f"damaged: {type(error).__name__} {error}"
+            if isinstance(error, LookupError)
+            else f"damaged: {error}"
+        )
+        raise InputError(what, where=path, do=REMAKE) from None
+
+
+@contextmanager
 def _part(path: Path, columns: Sequence[str] | None) -> Iterator[tuple[Any, list[str] | None]]:
     """A Parquet file of a dataset, and those of the wanted columns that it has, with the time."""
-    try:
-        with path.open("rb") as stream, pq.ParquetFile(stream) as file:
-            have = {*file.schema_arrow.names, "timestamp"}
-            wanted = None if columns is None else dict.fromkeys(["timestamp", *columns])
-            yield file, None if wanted is None else [c for c in wanted if c in have]
-    except (OSError, pa.ArrowInvalid) as error:
-        raise InputError(f"damaged: {error}", where=path, do="make the dataset again") from None
+    with _undamaged(path), path.open("rb") as stream, pq.ParquetFile(stream) as file:
+        have = {*file.schema_arrow.names, "timestamp"}
+        wanted = None if columns is None else dict.fromkeys(["timestamp", *columns])
+        yield file, None if wanted is None else [c for c in wanted if c in have]
 
 
 def read_batches(path: Path, vehicle: str, columns: Sequence[str] | None, rows: int) -> Iterator[Trajectory]:
