@@ -14,7 +14,7 @@ import seeds
 import fleetlog
 from fleetlog.errors import FleetlogError
 
-MUTANTS, IMPORTS = 1000, 50
+MUTANTS, IMPORTS = 1000, 30
 """For each reader, and for a whole import of each format."""
 
 
