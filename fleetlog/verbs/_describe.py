@@ -87,7 +87,8 @@ def _dataset(path: Path) -> Described:
         f"{path}: a {d.kind} dataset (format {meta['format_version']})",
         f"  rows      {d.rows:,} of {_some(d.vehicles, 'vehicle')}, {count(len(d.trips), 'trip')}",
         f"  span      {meta['start']} to {meta['end']} ({count(len(d.dates), 'day')})",
-        f"  site      {site.get('name', '?')}, {site.get('edges', '?')} directed edges, {_place(site.get('frame'))}",
+        f"  site      {site.get('name', '?')}, {site.get('edges', '?')} directed edges, "
+        + _place(site.get("frame")),
         f"  columns   {', '.join(n + (f' [{u}]' if u else '') for n, u in meta['columns'].items())}",
         f"  replay    {'recording.rrd' if summary['replay'] else 'none'}",
         *happened,
