@@ -88,10 +88,21 @@ def as_path(value: Any) -> Path:
         value = value.dataset
     where = value if "://" in str(value) else getattr(value, "path", value)
     if "://" not in str(where):
-        return Path(where)
+        return _local(where)
     from fleetlog.store.places import located
 
     return located(where)
+
+
+def _local(where: str | os.PathLike[str]) -> Path:
+    """The path of a file of this machine; :class:`InputError` for what no file can be called."""
+    try:
+        good = b"\0" not in os.fsencode(where)
+    except UnicodeEncodeError:
+        good = False
+    if not good:
+        raise InputError("is no name of a file", where=repr(str(where)), do="correct it")
+    return Path(where)
 
 
 def as_csv(value: TableLike) -> Path:

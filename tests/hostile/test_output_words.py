@@ -18,6 +18,7 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+import fleetlog
 from fleetlog.analysis.heatmap import heatmap
 from fleetlog.analysis.stops import stops
 from fleetlog.analysis.trips import trips
@@ -29,7 +30,7 @@ from fleetlog.core.result import Grid, Result
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.discovery.report.finding import ChannelFit, Verdict
-from fleetlog.errors import DataError, InputError, OutputError
+from fleetlog.errors import DataError, FleetlogError, InputError, OutputError
 from fleetlog.exporters.base import export_dataset
 from fleetlog.exporters.csv import defused
 from fleetlog.store import Dataset, DatasetWriter
@@ -178,6 +179,12 @@ def test_numbers_and_choices_out_of_bounds_are_wrong_usage(words: str, tmp_path:
     )
     assert done.exit_code == 2, done.exception
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["a\0b", "\ud800"])
+def test_what_cannot_be_a_name_is_said_to_be_none(name: str) -> None:
+    with pytest.raises(FleetlogError, match="is no name of a file"):
+        fleetlog.info(name)
 
 
 def test_analyses_of_nearly_nothing_answer(tmp_path: Path) -> None:
