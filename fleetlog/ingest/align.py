@@ -1,8 +1,7 @@
 """How a log's own frame lies in the site's: the rotation and shift that put its tracks on the roads.
 
-Every rotation is tried, and for each of them every shift at once by correlation of what was driven with the
-roads, direction by direction; the best of them are fitted to the centre lines by least squares.  Where
-another place fits about as well, or the roads leave a direction open, the frame is ambiguous and refused.
+Every rotation is tried, with every shift at once by correlation of what was driven with the roads, direction
+by direction; the best are fitted to the centre lines by least squares.  An ambiguous frame is refused.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
 from fleetlog.core.site import MapFrame
+from fleetlog.core.words import percent
 from fleetlog.errors import DataError
 
 Floats = NDArray[np.float64]
@@ -62,11 +62,9 @@ class Alignment:
     def line(self) -> str:
         """One sentence."""
         x, y = self.frame.shift
-        return (
-            f"aligned: rotation {np.degrees(self.frame.rotation):.2f} deg, shift ({x:.2f}, {y:.2f}) m; "
-            f"median residual {self.residual:.2f} m, {100.0 * self.on_roads:.0f} % on roads "
-            f"(next best {100.0 * self.runner_up:.0f} %)"
-        )
+        frame = f"rotation {np.degrees(self.frame.rotation):.2f} deg, shift ({x:.2f}, {y:.2f}) m"
+        fit = f"median residual {self.residual:.2f} m, {percent(self.on_roads)} on roads"
+        return f"aligned: {frame}; {fit} (next best {percent(self.runner_up)})"
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -96,18 +94,10 @@ class _Fit:
 
 
 def align(tracks: list[tuple[Floats, Floats]], network: Network, name: str = "log") -> Alignment:
-    """Fit the frame of a log.
+    """Fit the frame of a log, called ``name``, to the roads of a site.
 
-    Parameters
-    ----------
-    tracks : x, y [m] of each vehicle in the log's frame, in order of time; NaN where unknown.
-    network : the roads, in the site's frame.
-    name : of the frame that is found.
-
-    Raises
-    ------
-    DataError
-        Nothing fits, or more than one place does.
+    ``tracks`` are x, y [m] of each vehicle in the log's frame, in order of time; NaN where unknown.
+    :class:`~fleetlog.errors.DataError` where nothing fits, or more than one place does.
     """
     place, heading = _places(tracks)
     if len(place) < 50:
@@ -128,12 +118,10 @@ def align(tracks: list[tuple[Floats, Floats]], network: Network, name: str = "lo
 def _check(best: _Fit, runner_up: float, shift_sd: float, rotation_sd: float) -> None:
     what = None
     if best.on_roads < LEAST:
-        what = f"no frame puts more than {100.0 * best.on_roads:.0f} % of the log on the roads"
+        what = f"no frame puts more than {percent(best.on_roads)} of the log on the roads"
     elif runner_up > best.on_roads - MARGIN:
-        what = (
-            f"two frames fit about as well ({100.0 * best.on_roads:.0f} % and {100.0 * runner_up:.0f} % "
-            "of the log on roads)"
-        )
+        shares = f"{percent(best.on_roads)} and {percent(runner_up)} of the log on roads"
+        what = f"two frames fit about as well ({shares})"
     elif 2.0 * shift_sd > SURE[0] or 2.0 * rotation_sd > SURE[1]:
         what = f"the log leaves the shift open by {2.0 * shift_sd:.2f} m"
     if what is not None:
@@ -151,9 +139,8 @@ def _places(tracks: list[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
         track = np.column_stack([x[known], y[known]])
         if len(track) < 5:
             continue
-        way = np.concatenate(
-            [[0.0], np.cumsum(np.hypot(*np.diff(gaussian_filter1d(track, 3.0, axis=0), axis=0).T))]
-        )
+        steps = np.hypot(*np.diff(gaussian_filter1d(track, 3.0, axis=0), axis=0).T)
+        way = np.concatenate([[0.0], np.cumsum(steps)])
         at = np.arange(0.0, way[-1], 1.0)
         if len(at) < 5:
             continue
@@ -195,7 +182,8 @@ def _starts(place: Floats, heading: Floats, lines: _Lines) -> list[tuple[float, 
             peak = np.unravel_index(int(np.argmax(score)), score.shape)
             shift = np.array([peak[1], peak[0]], float) * cell + origin
             found.append((float(score[peak]), float(rotation), shift - _turned(middle[None], rotation)[0]))
-            _blank(score, peak, int(4.0 / cell) + 1)
+            near = np.arange(-int(4.0 / cell) - 1, int(4.0 / cell) + 2)
+            score[np.ix_((near + peak[0]) % side, (near + peak[1]) % side)] = -np.inf
     found.sort(key=lambda f: -f[0])
     return _distinct(found, place)
 
@@ -206,22 +194,12 @@ def _distinct(found: list[tuple[float, float, Floats]], place: Floats) -> list[t
     middle = place.mean(axis=0)
     for _, rotation, shift in found:
         at = _turned(middle[None], rotation)[0] + shift
-        near = (
-            abs(np.remainder(rotation - r + np.pi, 2 * np.pi) - np.pi) < 3.0 * TURN
-            and np.hypot(*(_turned(middle[None], r)[0] + s - at)) < 4.0
-            for r, s in kept
-        )
-        if not any(near):
+        gaps = ((rotation - r, _turned(middle[None], r)[0] + s - at) for r, s in kept)
+        if not any(abs(_wrapped(turn)) < 3.0 * TURN and np.hypot(*gap) < 4.0 for turn, gap in gaps):
             kept.append((rotation, shift))
         if len(kept) == TRIED:
             break
     return kept
-
-
-def _blank(score: Floats, peak: Any, size: int) -> None:
-    rows = (np.arange(-size, size + 1) + peak[0]) % score.shape[0]
-    columns = (np.arange(-size, size + 1) + peak[1]) % score.shape[1]
-    score[np.ix_(rows, columns)] = -np.inf
 
 
 def _turned(points: Floats, rotation: float) -> Floats:
@@ -250,14 +228,14 @@ def _spectra(place: Floats, heading: Floats, cell: float, side: int, blur: float
 
 
 def _fitted(place: Floats, heading: Floats, lines: _Lines, rotation: float, shift: Floats) -> _Fit:
-    """Least squares of the distances from the lines, ever closer; trucks may keep to one side of a two-way road."""
+    """Least squares of the distances from the lines, ever closer; ``side``: trucks may keep to one."""
     from scipy.spatial import cKDTree
 
     use = slice(None, None, max(len(place) // POINTS, 1))
     place, heading = place[use], heading[use]
     tree = cKDTree(lines.place)
     centre = place.mean(axis=0)
-    covariance, side, step = np.full((3, 3), np.inf), 0.0, len(place)
+    covariance, side, step = np.full((3, 3), np.inf), 0.0, max(len(place) // POINTS, 1)
     left, good = np.zeros(len(place)), np.zeros(len(place), bool)
     for reach in (*np.geomspace(WIDE, NARROW, 8), *[NARROW] * 8):
         at = _turned(place, rotation) + shift
@@ -275,21 +253,16 @@ def _fitted(place: Floats, heading: Floats, lines: _Lines, rotation: float, shif
         shift = middle - _turned(centre[None], rotation)[0]
         side += float(change[3])
         variance = float(np.sum(weight * left[good] ** 2) / max(weight.sum() - 4.0, 1.0))
-        step = max(len(place) // POINTS, 1)
         covariance = np.linalg.inv(matrix)[:3, :3] * variance * max(CORRELATED / step, 1.0)
     on_roads = float(good.mean())
     residual = float(np.median(np.abs(left[good]))) if good.any() else float("inf")
-    return _Fit(
-        float(np.remainder(rotation + np.pi, 2 * np.pi) - np.pi), shift, on_roads, residual, covariance
-    )
+    return _Fit(_wrapped(rotation), shift, on_roads, residual, covariance)
 
 
 def _residuals(
     at: Floats, heading: Floats, lines: _Lines, tree: Any, reach: float, side: float
 ) -> tuple[Floats, NDArray[np.bool_], Floats, Floats]:
-    """Distance to the left [m] of the best line of a place's direction, whether there is one, its normal, and
-    whether trucks keep to a side of it.
-    """
+    """Distance to the left [m] of the best line, whether there is one, its normal, whether two-way."""
     far, near = tree.query(at, k=12, distance_upper_bound=reach + abs(side) + 1.0)
     known = np.isfinite(far)
     near = np.where(known, near, 0)
@@ -309,5 +282,8 @@ def _differs(a: _Fit, b: _Fit, place: Floats) -> bool:
     """Whether two fits put the middle of the log, or its direction, elsewhere."""
     middle = place.mean(axis=0)[None]
     gap = _turned(middle, a.rotation)[0] + a.shift - _turned(middle, b.rotation)[0] - b.shift
-    turn = abs(np.remainder(a.rotation - b.rotation + np.pi, 2 * np.pi) - np.pi)
-    return bool(np.hypot(*gap) > APART or turn > TURNED)
+    return bool(np.hypot(*gap) > APART or abs(_wrapped(a.rotation - b.rotation)) > TURNED)
+
+
+def _wrapped(angle: float) -> float:
+    return float(np.remainder(angle + np.pi, 2 * np.pi) - np.pi)
