@@ -43,7 +43,8 @@ if TYPE_CHECKING:
 
 NAMES = {
     "read_logs": "verbs.import_:import_", "Result": "api.answer:Answer", "open": "api.inputs:as_dataset",
-    "Dataset": "store:Dataset", "FleetlogError": "errors:FleetlogError", "Trajectory": "core.trajectory:Trajectory",
+    "Dataset": "store:Dataset", "FleetlogError": "errors:FleetlogError",
+    "Trajectory": "core.trajectory:Trajectory",
 }  # fmt: skip
 """What is offered beside the verbs, and where it is."""
 VERBS = (
@@ -53,8 +54,9 @@ VERBS = (
 """The functions behind the commands, each in the module of its name in :mod:`fleetlog.verbs`."""
 
 __all__ = [
-    "FORMAT_VERSION", "Dataset", "FleetlogError", "Result", "Trajectory", "__version__", "analyze", "calibrate", "demo",
-    "diagnose", "export", "import_", "info", "learn", "open", "read_logs", "record", "report", "simulate", "view",
+    "FORMAT_VERSION", "Dataset", "FleetlogError", "Result", "Trajectory", "__version__", "analyze",
+    "calibrate", "demo", "diagnose", "export", "import_", "info", "learn", "open", "read_logs", "record",
+    "report", "simulate", "view",
 ]  # fmt: skip
 
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import base64
 import html
-import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fleetlog.api.inputs import temporary
+from fleetlog.api.kinds import PathLike
 from fleetlog.core.result import Result
 from fleetlog.core.site import Site
-from fleetlog.errors import DataError
+from fleetlog.errors import DataError, OutputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,7 +71,7 @@ class Answer(Result):
         raise DataError(f"{self.name} gives no dataset", do="use the result of read_logs or simulate")
 
     def write_to(self, scratch: Path) -> None:
-        """Write into an empty folder or a file; an answer that has no more to write gives its summary as JSON."""
+        """Write into an empty folder or a file; of an answer that has no more, the summary as JSON."""
         if self.write is not None:
             self.write(scratch)
         else:
@@ -79,7 +79,7 @@ class Answer(Result):
 
             write_json(scratch, self.summary, indent=1)
 
-    def save(self, output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+    def save(self, output: PathLike, *, overwrite: bool = False) -> Path:
         """Write everything to ``output``, as the command does with ``-o``; whole or not at all."""
         folder = self.folder and self.write is not None
         with destination(output, self.kind, overwrite, self.inputs, folder) as keep:
@@ -97,14 +97,10 @@ class Answer(Result):
             return
         from fleetlog.view import viewer
 
-        viewer.show(viewer.recording_of(self._written()))
-
-    def _written(self) -> Path:
-        if self.output is not None and self.output.exists():
-            return self.output
-        if not self.folder or self.write is None:
+        written = self.output if self.output is not None and self.output.exists() else None
+        if written is None and (not self.folder or self.write is None):
             raise DataError(f"{self.name} has no recording to show", do="print it, or look at its tables")
-        return self.save(temporary() / self.name)
+        viewer.show(viewer.recording_of(written or self.save(temporary() / self.name)))
 
     def __str__(self) -> str:
         return "\n".join(self.lines)
@@ -137,32 +133,31 @@ def _table(name: str, table: pd.DataFrame) -> str:
 
 @contextmanager
 def destination(
-    output: str | os.PathLike[str] | None, kind: str, overwrite: bool = False, inputs: Iterable[Path] = (),
+    output: PathLike | None, kind: str, overwrite: bool = False, inputs: Iterable[Path] = (),
     folder: bool = True,
 ) -> Iterator[Callable[[Answer], Answer]]:  # fmt: skip
     """Check and hold the place of an output; the function that is given writes an answer there.
 
     Without ``output`` the answer stays in memory.
     """
-    inputs = tuple(inputs)
-
-    def keep(answer: Answer, scratch: Path | None = None) -> Answer:
-        answer.kind, answer.folder, answer.inputs = kind, folder, inputs
-        if scratch is not None and output is not None:
-            answer.write_to(scratch)
-            answer.output = Path(output)
-        return answer
-
-    if output is None:
-        yield keep
-        return
-    from fleetlog.errors import OutputError
     from fleetlog.store.output import atomic_output
 
+    inputs, place = tuple(inputs), None if output is None else Path(output)
     if "://" in str(output):
         raise OutputError("only datasets are written to a URL", where=str(output), do="name a folder")
-    with atomic_output(Path(output), kind, overwrite=overwrite, folder=folder, inputs=inputs) as scratch:
-        yield lambda answer: keep(answer, scratch)
+
+    def keep(answer: Answer) -> Answer:
+        answer.kind, answer.folder, answer.inputs = kind, folder, inputs
+        if scratch is not None:
+            answer.write_to(scratch)
+            answer.output = place
+        return answer
+
+    held: AbstractContextManager[Path | None] = nullcontext()
+    if place is not None:
+        held = atomic_output(place, kind, overwrite=overwrite, folder=folder, inputs=inputs)
+    with held as scratch:
+        yield keep
 
 
 def write_folder(result: Result, site: Site, folder: Path) -> None:

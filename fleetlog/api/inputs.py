@@ -1,46 +1,24 @@
-"""What functions of the library take: paths, objects, DataFrames; each becomes one kind of thing."""
+"""Arguments of the functions of the library as what they hold: datasets, trucks, sites, physics, paths."""
 
 from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, cast
 
-from fleetlog.core.arguments import Named
+from fleetlog.api.kinds import DatasetLike, PhysicsLike, SiteLike, TableLike, TruckLike
 from fleetlog.errors import InputError
 from fleetlog.listening import notice
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from fleetlog.api.answer import Answer
     from fleetlog.core.network import Network
     from fleetlog.core.site import Site
     from fleetlog.core.truck import Truck
     from fleetlog.physics.power import Physics
     from fleetlog.store import Dataset
-
-    PathLike: TypeAlias = "str | os.PathLike[str]"
-    DatasetLike: TypeAlias = "PathLike | Dataset | Answer | pd.DataFrame"
-    TableLike: TypeAlias = "PathLike | pd.DataFrame"
-    TruckLike: TypeAlias = "PathLike | Truck | Answer"
-    SiteLike: TypeAlias = "PathLike | Site"
-    PhysicsLike: TypeAlias = "PathLike | Physics | Answer"
-    LogsLike: TypeAlias = "PathLike | pd.DataFrame | Sequence[PathLike | pd.DataFrame]"
-    MeasurementsLike: TypeAlias = "DatasetLike | Sequence[DatasetLike]"
-    DatasetsLike: TypeAlias = "DatasetLike | Sequence[DatasetLike]"
-else:
-    PathLike = Annotated[Any, Named("PATH", path=True)]
-    DatasetLike = Annotated[Any, Named("DATASET", path=True)]
-    TableLike = Annotated[Any, Named("FILE", path=True)]
-    TruckLike = Annotated[Any, Named("TRUCK", path=True)]
-    SiteLike = Annotated[Any, Named("FILE", path=True)]
-    PhysicsLike = Annotated[Any, Named("PATH", path=True)]
-    LogsLike = Annotated[tuple[Any, ...], Named("LOG", path=True)]
-    MeasurementsLike = Annotated[tuple[Any, ...], Named("MEASUREMENTS", path=True)]
-    DatasetsLike = Annotated[tuple[Any, ...], Named("DATASET", path=True)]
 
 _kept: list[tempfile.TemporaryDirectory[str]] = []
 
@@ -110,10 +88,21 @@ def as_path(value: Any) -> Path:
         value = value.dataset
     where = value if "://" in str(value) else getattr(value, "path", value)
     if "://" not in str(where):
-        return Path(where)
+        return _local(where)
     from fleetlog.store.places import located
 
     return located(where)
+
+
+def _local(where: str | os.PathLike[str]) -> Path:
+    """The path of a file of this machine; :class:`InputError` for what no file can be called."""
+    try:
+        good = b"\0" not in os.fsencode(where)
+    except UnicodeEncodeError:
+        good = False
+    if not good:
+        raise InputError("is no name of a file", where=repr(str(where)), do="correct it")
+    return Path(where)
 
 
 def as_csv(value: TableLike) -> Path:

@@ -74,8 +74,7 @@ class Option:
         if self.flag:
             return bool(value)
         if self.many:
-            values = (value,) if not isinstance(value, list | tuple) else value
-            return tuple(self._one(v) for v in values)
+            return tuple(self._one(v) for v in (value if isinstance(value, list | tuple) else (value,)))
         return self._one(value)
 
     def _one(self, value: Any) -> Any:
@@ -93,9 +92,8 @@ def options_of(function: Function) -> tuple[Option, ...]:
     hints = get_type_hints(inspect.unwrap(function), include_extras=True)
     texts = {**SHARED, **parameter_texts(function.__doc__)}
     parameters = list(inspect.signature(function).parameters.values())
-    return tuple(
-        _option(p, hints.get(p.name, Any), texts.get(p.name, ""), p is parameters[0]) for p in parameters
-    )
+    asked = ((p, hints.get(p.name, Any), texts.get(p.name, "")) for p in parameters)
+    return tuple(_option(*one, first=one[0] is parameters[0]) for one in asked)
 
 
 def _option(parameter: inspect.Parameter, hint: Any, text: str, first: bool) -> Option:
@@ -110,9 +108,8 @@ def _option(parameter: inspect.Parameter, hint: Any, text: str, first: bool) -> 
     if isinstance(check, PartOf):
         text = f"{text[:-1]}: {', '.join(check.names())}."
     positional = first and parameter.kind is not parameter.KEYWORD_ONLY
-    return Option(
-        parameter.name, parameter.default, text, positional, many, kind is bool, choices, check, kind
-    )  # fmt: skip
+    more = positional, many, kind is bool, choices, check, kind
+    return Option(parameter.name, parameter.default, text, *more)
 
 
 def _usual(kind: Any) -> Callable[[Any], Any]:

@@ -16,8 +16,6 @@ from fleetlog.errors import ArgumentError, nearest
 
 F = TypeVar("F", bound=Callable[..., Any])
 Fill = Callable[[dict[str, Any]], dict[str, Any]]
-
-
 JOBS = (
     Option("workers", None, SHARED["workers"], check=Between(1, 1024, whole=True)),
     Option("scheduler", None, SHARED["scheduler"], check=Named("ADDRESS")),
@@ -93,7 +91,7 @@ def verb(function: F) -> F:
 
 
 def verb_with_jobs(function: F) -> F:
-    """Check the arguments as :func:`verb` does; the function's jobs run where ``workers`` and ``scheduler`` say."""
+    """Check the arguments as :func:`verb` does; jobs run where ``workers`` and ``scheduler`` say."""
     return Verb(function, added=JOBS)  # type: ignore[return-value]
 
 

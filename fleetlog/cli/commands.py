@@ -24,6 +24,7 @@ TELLING = (
     click.Option(["-q", "--quiet"], is_flag=True, help="Print nothing but errors."),
     click.Option(["-v", "--verbose"], is_flag=True, help="Tell every step, with its time."),
 )
+Load = Callable[[str], click.Command]
 OPTIONAL_OUTPUT = {"import", "demo", "view", "info"}
 """Commands that write nothing, or only when asked to; the others must be told where."""
 
@@ -54,9 +55,7 @@ def _whole(text: str) -> str:
 class Listed(click.Group):
     """A group whose commands are imported only when called; ``lines`` has each with its line of help."""
 
-    def __init__(
-        self, lines: Callable[[], dict[str, str]], load: Callable[[str], click.Command], **more: Any
-    ) -> None:
+    def __init__(self, lines: Callable[[], dict[str, str]], load: Load, **more: Any) -> None:
         super().__init__(**more)
         self.lines, self.load = lines, load
 
@@ -138,22 +137,14 @@ def _parameter(option: Option, verb: str) -> click.Parameter:
         return click.Argument([option.name], type=kind, nargs=-1 if option.many else 1, required=required)
     names = [option.name, option.spelling, *(["-o"] if option.name == "output" else [])]
     text = option.help
-    if option.default is True:
-        text = f"Do not {text[:1].lower()}{text[1:]}"
     if option.flag:
+        text = f"Do not {text[:1].lower()}{text[1:]}" if option.default is True else text
         return click.Option(names, is_flag=True, help=text)
-    default = None if option.default in (REQUIRED, ()) else option.default
-    if isinstance(default, tuple):
-        default = ",".join(map(str, default))
-    return click.Option(
-        names,
-        type=kind,
-        multiple=option.many,
-        required=required,
-        help=text,
-        default=default,
-        show_default=True,
-    )
+    more: dict[str, Any] = {"type": kind, "multiple": option.many, "required": required, "show_default": True}
+    if not required:  # None, given as a default, is a value to some releases of click
+        listed = isinstance(option.default, tuple)
+        more["default"] = (",".join(map(str, option.default)) or None) if listed else option.default
+    return click.Option(names, help=text, **more)
 
 
 def _run(verb: Verb, as_json: bool, quiet: bool, verbose: bool, **values: Any) -> int:

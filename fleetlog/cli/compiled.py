@@ -1,6 +1,4 @@
-"""A place for compiled kernels where the installation
-and the home folder cannot be written (containers, services).
-"""
+"""A place for compiled kernels where neither installation nor home can be written (containers, services)."""
 
 from __future__ import annotations
 
@@ -9,10 +7,9 @@ from pathlib import Path
 
 
 def find_place() -> str | None:
-    """Set ``NUMBA_CACHE_DIR`` to a folder of this run's own where numba's own choices cannot be written; it
-    ends with the run.
+    """Set ``NUMBA_CACHE_DIR`` to a folder of this run where numba's own choices cannot be written.
 
-    The folder, where one was made, has a name that nobody can foresee: numba loads what lies in it.
+    Its name cannot be foreseen: numba loads what lies in it.
     """
     if "NUMBA_CACHE_DIR" in os.environ or _writable(Path(__file__).parent):
         return None

@@ -1,6 +1,4 @@
-"""``fleetlog``: the verbs, loaded when called;
-the one place that turns errors into a line and an exit status.
-"""
+"""``fleetlog``: the verbs; the one place that turns errors into a line and an exit status."""
 
 from __future__ import annotations
 

@@ -1,3 +1,1 @@
-"""What the data is: columns, trajectories, trucks, sites, networks, motion, results.
-No file format, no drawing.
-"""
+"""What the data is: columns, trajectories, trucks, sites, networks, results; no file format, no drawing."""

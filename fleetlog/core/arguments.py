@@ -54,7 +54,7 @@ class Between:
             number: float | int = (int if self.whole else float)(value)
         except (TypeError, ValueError, OverflowError):
             raise ValueError(f"{value!r} is not {'a whole number' if self.whole else 'a number'}") from None
-        if not math.isfinite(number) or (self.whole and isinstance(value, float) and number != value):
+        if not (self.whole or math.isfinite(number)) or (isinstance(value, float) and number != value):
             raise ValueError(f"{value} is not a {'whole' if self.whole else 'finite'} number")
         low = number > self.low if self.above else number >= self.low
         high = number < self.high if self.below else number <= self.high

@@ -1,18 +1,16 @@
-"""Every column of a trajectory: name, type, unit, meaning.
-Schema, checks and documentation are made from this.
-"""
+"""Every column of a trajectory, of which schema, checks and documentation are made."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import pyarrow as pa
+import pyarrow as pa
 
 HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
 """The name of a partition that Hive, and every reader of its layout, takes for null."""
+
+_PI = 3.1415927
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +35,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("x", "double", "m", "cleaned position, east, in the site frame"),
     Column("y", "double", "m", "cleaned position, north, in the site frame"),
     Column("z", "double", "m", "cleaned position, up, in the site frame"),
-    Column(
-        "heading", "double", "rad", "direction of motion, counter-clockwise from east", -3.1415927, 3.1415927
-    ),
+    Column("heading", "double", "rad", "direction of motion, counter-clockwise from east", -_PI, _PI),
     Column("speed", "double", "m/s", "along the path", 0.0, 60.0),
     Column("edge_id", "label", "", "directed road edge; null where no road fits"),
     Column("edge_offset", "double", "m", "along the directed edge from its start", 0.0),
@@ -56,34 +52,27 @@ COLUMNS: tuple[Column, ...] = (
 BY_NAME: dict[str, Column] = {c.name: c for c in COLUMNS}
 NAMES: tuple[str, ...] = tuple(BY_NAME)
 FLOATS: tuple[str, ...] = tuple(c.name for c in COLUMNS if c.kind == "double")
+ARROW: dict[str, pa.DataType] = {
+    "string": pa.string(),
+    "label": pa.dictionary(pa.int32(), pa.string()),
+    "time": pa.timestamp("us", tz="UTC"),
+    "double": pa.float64(),
+    "int64": pa.int64(),
+    "line": pa.list_(pa.float64()),
+}
 
 
 @cache
 def arrow_field(column: Column) -> pa.Field:
     """The Arrow field of ``column``, with ``unit`` and ``meaning`` as metadata."""
-    import pyarrow as pa
-
-    types = {
-        "string": pa.string(),
-        "label": pa.dictionary(pa.int32(), pa.string()),
-        "time": pa.timestamp("us", tz="UTC"),
-        "double": pa.float64(),
-        "int64": pa.int64(),
-    }
     metadata = {"unit": column.unit, "meaning": column.meaning}
-    return pa.field(
-        column.name,
-        types[column.kind],
-        nullable=column.name not in ("vehicle_id", "timestamp"),
-        metadata=metadata,
-    )
+    known = column.name in ("vehicle_id", "timestamp")
+    return pa.field(column.name, ARROW[column.kind], nullable=not known, metadata=metadata)
 
 
 @cache
 def arrow_schema() -> pa.Schema:
     """The Arrow schema of the columns that every dataset has, in the order of the contract."""
-    import pyarrow as pa
-
     return pa.schema([arrow_field(c) for c in COLUMNS])
 
 

@@ -20,9 +20,7 @@ _KINDS = {
 
 
 def open_regular(path: Path, error: type[InputError] = InputError) -> BinaryIO:
-    """Open a regular file for reading; ``error`` for anything else, without waiting for what a pipe may
-    bring.
-    """
+    """Open a regular file for reading; ``error`` for anything else, without waiting on a pipe."""
     try:
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except (OSError, ValueError) as problem:

@@ -1,8 +1,9 @@
-"""Frames that files state: a projected system by its EPSG code, and how a log's own frame lies in the site's."""
+"""Frames that files state: a projected system by its EPSG code, and a log's own frame in the site's."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -35,9 +36,7 @@ def _to_geographic(name: str) -> Any:
 
 
 def geographic(name: str, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Latitude, longitude [degrees] of coordinates of a reference system, x east and y north;
-    not a number where it does not reach.
-    """
+    """Latitude, longitude [degrees] of coordinates of a reference system; NaN where it does not reach."""
     longitude, latitude = _to_geographic(name).transform(np.asarray(x, float), np.asarray(y, float))
     known = np.isfinite(longitude) & np.isfinite(latitude)
     return np.where(known, latitude, np.nan), np.where(known, longitude, np.nan)
@@ -52,11 +51,8 @@ def frame_of_crs(name: str, easting: float, northing: float, rotation: float | N
     latitude, longitude = geographic(name, [easting, easting + 100.0], [northing, northing])
     origin = Frame(float(latitude[0]), float(longitude[0]))
     east, north = origin.to_local(latitude[1], longitude[1])
-    return Frame(
-        origin.latitude,
-        origin.longitude,
-        math.atan2(float(north), float(east)) if rotation is None else rotation,
-    )
+    turned = math.atan2(float(north), float(east)) if rotation is None else rotation
+    return replace(origin, rotation=turned)
 
 
 def shift(value: Any) -> tuple[float, float]:
@@ -77,7 +73,5 @@ def map_frames(
     raw = data.get("map_frame", [])
     if not isinstance(raw, list):
         raise error("is not a list of tables", where=where, place="map_frame", do="write [[map_frame]]")
-    return tuple(
-        MapFrame(**table(row, MAP_FRAME, where, f"map_frame[{n}]", ("name",), error))
-        for n, row in enumerate(raw)
-    )
+    checked = (table(row, MAP_FRAME, where, f"map_frame[{n}]", ("name",), error) for n, row in enumerate(raw))
+    return tuple(MapFrame(**row) for row in checked)

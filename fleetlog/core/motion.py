@@ -13,45 +13,27 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Motion:
-    """N samples of motion; all arrays are (N,) float64 unless said otherwise.
+    """N samples of motion; all arrays are (N,)."""
 
-    Attributes
-    ----------
-    time : s since any origin, increasing.
-    dt : s that each sample stands for (energy is ``sum(power * dt)``); 0 where the log has a gap.
-    speed : m/s along the path, >= 0.
-    acceleration : m/s2 along the path.
-    slope : rad along the motion, uphill positive; 0 where unknown.
-    curvature : 1/m of the path, left positive.
-    heading : rad, counter-clockwise from east.
-    payload : kg;  lift_speed : m/s, raising positive;  fork_height : m.
-    x, y : m in the site frame.
-    edge : int32 index into the network's edges, -1 off the map;  edge_offset : m along it.
-    ambient_temperature : degC, NaN unknown.
-    soc : share, NaN unknown.
-    vehicle, trip : int64 codes.
-    power : measured battery power [W], NaN where not measured.
-    """
-
-    time: Floats
-    dt: Floats
-    speed: Floats
-    acceleration: Floats
-    slope: Floats
-    curvature: Floats
-    heading: Floats
-    payload: Floats
-    lift_speed: Floats
-    fork_height: Floats
-    x: Floats
+    time: Floats  # s since any origin, increasing
+    dt: Floats  # s that each sample stands for (energy is sum(power * dt)); 0 where the log has a gap
+    speed: Floats  # m/s along the path, >= 0
+    acceleration: Floats  # m/s2 along the path
+    slope: Floats  # rad along the motion, uphill positive; 0 where unknown
+    curvature: Floats  # 1/m of the path, left positive
+    heading: Floats  # rad, counter-clockwise from east
+    payload: Floats  # kg
+    lift_speed: Floats  # m/s, raising positive
+    fork_height: Floats  # m
+    x: Floats  # m in the site frame
     y: Floats
-    edge: NDArray[np.int32]
-    edge_offset: Floats
-    ambient_temperature: Floats
-    soc: Floats
-    vehicle: NDArray[np.int64]
+    edge: NDArray[np.int32]  # index into the network's edges, -1 off the map
+    edge_offset: Floats  # m along the edge
+    ambient_temperature: Floats  # degC, NaN unknown
+    soc: Floats  # share, NaN unknown
+    vehicle: NDArray[np.int64]  # codes
     trip: NDArray[np.int64]
-    power: Floats
+    power: Floats  # measured at the battery [W], NaN where not measured
 
     def __len__(self) -> int:
         return len(self.time)
@@ -66,9 +48,7 @@ class Motion:
 
     @classmethod
     def of(cls, n: int, **arrays: Any) -> Motion:
-        """``n`` samples with the given arrays (scalars are spread);
-        the rest at rest, level, unloaded, one second apart.
-        """
+        """``n`` samples with the given arrays or scalars; else at rest, level, unloaded, a second apart."""
         base: dict[str, Any] = {f.name: np.zeros(n) for f in fields(cls)}
         base.update(time=np.arange(n, dtype=float), dt=np.ones(n), edge=np.full(n, -1, np.int32))
         base.update(vehicle=np.zeros(n, np.int64), trip=np.zeros(n, np.int64))

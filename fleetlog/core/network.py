@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -24,9 +24,8 @@ Index = NDArray[np.int32]
 class Edge:
     """One directed edge as a map format describes it; the raw material of :class:`Network`.
 
-    ``points`` is (n, 3), n >= 2, metres in the site frame, along the direction of travel.  ``start`` and
-    ``end`` name nodes.  ``road`` is the id that both directions share.  ``speed_limit`` [m/s] and ``width``
-    [m] are NaN where unknown.
+    ``points`` is (n, 3), n >= 2, metres in the site frame, along the direction of travel.  ``start``, ``end``
+    name nodes; both directions share ``road``; ``speed_limit`` [m/s], ``width`` [m] are NaN where unknown.
     """
 
     id: str
@@ -40,42 +39,33 @@ class Edge:
 
 @dataclass(frozen=True)
 class Network:
-    """Directed edges as arrays; edge i is ``edge_ids[i]``.
-
-    Attributes
-    ----------
-    edge_ids : E names.  An edge and its reverse share ``roads[i]``.
-    node_ids : V names.
-    start, end : (E,) node indices.
-    points : (P, 3) vertices of all edges, end to end;  ``first`` (E + 1,): edge i owns points
-        first[i]:first[i + 1].
-    distance : (P,) length along its edge from the edge's start to each vertex [m] (horizontal and vertical:
-        3-D).
-    length : (E,) [m];  speed_limit : (E,) [m/s], NaN unknown;  width : (E,) [m], NaN unknown.
-    reverse : (E,) index of the same road in the other direction, -1 where there is none.
-    next_first, next_edges : CSR of the edges that may follow: of edge i,
-        next_edges[next_first[i]:next_first[i + 1]].
-    has_elevation : whether the map gave heights; where not, z is 0 and slope is unknown, not level.
-    """
+    """E directed edges as arrays; edge i is ``edge_ids[i]``; V nodes, P vertices."""
 
     edge_ids: tuple[str, ...]
-    roads: tuple[str, ...]
+    roads: tuple[str, ...]  # of each edge; an edge and its reverse share one
     node_ids: tuple[str, ...]
-    start: Index
+    start: Index  # (E,) nodes
     end: Index
-    points: Floats
-    first: Index
-    distance: Floats
-    length: Floats
-    speed_limit: Floats
-    width: Floats
-    reverse: Index
-    next_first: Index
+    points: Floats  # (P, 3) vertices of all edges, end to end [m]
+    first: Index  # (E + 1,): edge i owns points first[i]:first[i + 1]
+    distance: Floats  # (P,) from its edge's start along the edge, in three dimensions [m]
+    length: Floats  # (E,) [m]
+    speed_limit: Floats  # (E,) [m/s], NaN unknown
+    width: Floats  # (E,) [m], NaN unknown
+    reverse: Index  # (E,) edge of the same road in the other direction, -1 where there is none
+    next_first: Index  # (E + 1,): edge i may be followed by next_edges[next_first[i]:next_first[i + 1]]
     next_edges: Index
-    has_elevation: bool = False
+    has_elevation: bool = False  # without it z is 0 and slope is unknown, not level
 
     def __len__(self) -> int:
         return len(self.edge_ids)
+
+    def edges(self) -> list[Edge]:
+        """The edges one by one, as :func:`build_network` takes them."""
+        names = [self.node_ids[i] for i in self.start], [self.node_ids[i] for i in self.end]
+        sizes = self.roads, self.speed_limit.tolist(), self.width.tolist()
+        lines = map(self.polyline, range(len(self)))
+        return [Edge(*one) for one in zip(self.edge_ids, *names, lines, *sizes, strict=True)]
 
     @cached_property
     def index(self) -> dict[str, int]:
@@ -94,11 +84,8 @@ class Network:
         """(V, 3) position of every node: the mean of the edge ends that meet there [m]."""
         total = np.zeros((len(self.node_ids), 3))
         count = np.zeros(len(self.node_ids))
-        for node, point in (
-            (self.start, self.points[self.first[:-1]]),
-            (self.end, self.points[self.first[1:] - 1]),
-        ):
-            np.add.at(total, node, point)
+        for node, vertex in ((self.start, self.first[:-1]), (self.end, self.first[1:] - 1)):
+            np.add.at(total, node, self.points[vertex])
             np.add.at(count, node, 1.0)
         return np.asarray(total / np.maximum(count, 1.0)[:, None], dtype=np.float64)
 
@@ -125,9 +112,7 @@ class Network:
         return self.distance + starts[owner], starts
 
     def segment(self, edge: Index, offset: Floats) -> tuple[NDArray[np.intp], Floats]:
-        """Index of the vertex before each place, and the share of that segment passed,
-        for (N,) edges and offsets [m].
-        """
+        """Vertex before each of (N,) edges and offsets [m], and the share of that segment that is passed."""
         ladder, starts = self._ladder
         offset = np.clip(offset, 0.0, self.length[edge])
         k = np.searchsorted(ladder, starts[edge] + offset, side="right") - 1
@@ -149,42 +134,26 @@ class Network:
         return np.asarray(np.arctan2(d[:, 1], d[:, 0]), dtype=np.float64)
 
     def slope(self, edge: Index, offset: Floats) -> Floats:
-        """(N,) slope angle along the direction of travel [rad], uphill positive;
-        0 where the map has no elevation.
-        """
+        """(N,) slope angle along the direction of travel [rad], uphill positive; 0 without elevation."""
         k, _ = self.segment(edge, offset)
         d = self.points[k + 1] - self.points[k]
         return np.asarray(np.arctan2(d[:, 2], np.maximum(np.hypot(d[:, 0], d[:, 1]), 1e-9)), dtype=np.float64)
 
     def without(self, closed: Collection[str]) -> Network:
-        """The network without some roads, named as a road (both directions) or as an edge; :class:`SiteError`
-        for an unknown name.
+        """The network without some roads, named as a road (both directions) or as an edge.
 
         Turns stay as they are; where none is left a truck may turn round, as at any dead end.
         """
         for name in set(closed) - set(self.roads):
             self.edge(name)
-        kept = [i for i, e in enumerate(self.edge_ids) if e not in closed and self.roads[i] not in closed]
-        edges = [
-            Edge(
-                self.edge_ids[i],
-                self.node_ids[self.start[i]],
-                self.node_ids[self.end[i]],
-                self.polyline(i),
-                self.roads[i],
-                float(self.speed_limit[i]),
-                float(self.width[i]),
-            )
-            for i in kept
-        ]
-        open_ways = set(kept)
+        kept = {i: e for i, e in enumerate(self.edges()) if e.id not in closed and e.road not in closed}
         turns = []
-        for i in kept:
-            follow = [int(j) for j in self.successors(i) if int(j) in open_ways]
-            if not follow and self.reverse[i] in open_ways:
+        for i, edge in kept.items():
+            follow = [j for j in self.successors(i).tolist() if j in kept]
+            if not follow and self.reverse[i] in kept:
                 follow = [int(self.reverse[i])]
-            turns += [(self.edge_ids[i], self.edge_ids[j]) for j in follow]
-        return build_network(edges, turns, has_elevation=self.has_elevation)
+            turns += [(edge.id, self.edge_ids[j]) for j in follow]
+        return build_network([*kept.values()], turns, has_elevation=self.has_elevation)
 
     def to_networkx(self) -> nx.DiGraph[int]:
         """The line graph, edge to edge; ``length`` [m] of an arc is that of the edge it leaves."""
@@ -204,15 +173,8 @@ def reverse_id(edge_id: str) -> str:
 
 def reversed_edge(edge: Edge) -> Edge:
     """The same road in the other direction."""
-    return Edge(
-        reverse_id(edge.id),
-        edge.end,
-        edge.start,
-        edge.points[::-1].copy(),
-        edge.road,
-        edge.speed_limit,
-        edge.width,
-    )
+    points = edge.points[::-1].copy()
+    return replace(edge, id=reverse_id(edge.id), start=edge.end, end=edge.start, points=points)
 
 
 def build_network(
@@ -227,15 +189,13 @@ def build_network(
     ----------
     edges : in any order; ids must differ.
     turns : the allowed (edge id, next edge id).  By default every edge that leaves the node where one ends
-        may follow it, but not its own reverse unless nothing else leaves (a dead end lets a truck turn
-        round).
+        may follow it; its own reverse only at a dead end.
     forbidden : (edge id, next edge id) to leave out of the default.
     has_elevation : by default whether any height differs from another.
     """
     if not edges:
-        raise SiteError(
-            "the map has no drivable road", do="check the lane types or road classes that are kept"
-        )
+        do = "check the lane types or road classes that are kept"
+        raise SiteError("the map has no drivable road", do=do)
     index = {e.id: i for i, e in enumerate(edges)}
     if len(index) != len(edges):
         twice, _ = Counter(e.id for e in edges).most_common(1)[0]
@@ -249,18 +209,14 @@ def build_network(
     steps[first[:-1]] = 0.0
     distance = np.cumsum(steps)
     distance -= np.repeat(distance[first[:-1]], np.diff(first))
-    by_road: dict[str, list[int]] = {}
-    for i, e in enumerate(edges):
-        by_road.setdefault(e.road, []).append(i)
     reverse = np.full(len(edges), -1, dtype=np.int32)
     for i, e in enumerate(edges):
-        for j in by_road[e.road]:
-            if j != i and start[j] == end[i] and end[j] == start[i] and edges[j].id == reverse_id(e.id):
-                reverse[i] = j
+        j = index.get(reverse_id(e.id), -1)
+        if j >= 0 and edges[j].road == e.road and start[j] == end[i] and end[j] == start[i]:
+            reverse[i] = j
     if turns is None:
-        follow = _default_turns(
-            start, end, reverse, {(index[a], index[b]) for a, b in forbidden if a in index and b in index}
-        )
+        never = {(index[a], index[b]) for a, b in forbidden if a in index and b in index}
+        follow = _default_turns(start, end, reverse, never)
     else:
         follow = [[] for _ in edges]
         for a, b in turns:
@@ -301,9 +257,7 @@ def _default_turns(
 
 @dataclass(frozen=True)
 class LoadReport:
-    """What became of the roads of a map file:
-    ``read`` came in, ``kept`` are driven, ``dropped`` counts by reason.
-    """
+    """What became of the roads of a map file; ``dropped`` counts those left out by reason."""
 
     format: str
     read: int
@@ -314,6 +268,5 @@ class LoadReport:
     def line(self) -> str:
         """One sentence for the terminal."""
         why = ", ".join(f"{n} {reason}" for reason, n in self.dropped.items())
-        return f"{self.format}: {self.read} roads read, {self.kept} kept" + (
-            f" (left out: {why})" if why else ""
-        )
+        left_out = f" (left out: {why})" if why else ""
+        return f"{self.format}: {self.read} roads read, {self.kept} kept{left_out}"

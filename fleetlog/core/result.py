@@ -1,6 +1,4 @@
-"""What an analysis answers: numbers, tables and a few drawable shapes.
-``store`` writes it, ``view`` draws it.
-"""
+"""What an analysis answers: numbers, tables and a few shapes; ``store`` writes it, ``view`` draws it."""
 
 from __future__ import annotations
 
@@ -18,11 +16,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Grid:
-    """A raster over the floor: ``values`` (rows from south to north, columns from west to east), NaN where
-    empty.
+    """A raster over the floor: ``values`` from south to north and from west to east, NaN where empty.
 
-    ``x0, y0`` is the south-west corner [m], ``cell`` the cell size [m].  ``diverging`` draws with a symmetric
-    colour map around zero.
+    ``x0, y0`` is the south-west corner [m], ``cell`` its size [m]; ``diverging`` colours about zero.
     """
 
     name: str
@@ -37,9 +33,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class EdgeValues:
-    """A value on directed edges, or on stretches of them:
-    ``edge`` (N,) indices, ``start``/``end`` (N,) offsets [m].
-    """
+    """Values on stretches of directed edges: ``edge`` (N,) indices, ``start``/``end`` (N,) offsets [m]."""
 
     name: str
     edge: NDArray[np.int32]
@@ -54,8 +48,7 @@ class EdgeValues:
 class Marks:
     """Labelled points on the floor ((N, 2) m): stops, chargers, critical areas.  ``size`` (N,) in metres.
 
-    ``on`` names the one map that they belong to, where a result has several; by default they are drawn on
-    all.
+    ``on`` names the one map that they belong to; by default they are drawn on all.
     """
 
     name: str
@@ -79,9 +72,7 @@ class Flows:
 
 @dataclass(frozen=True)
 class MovingLines:
-    """Line segments on the floor that change with time:
-    at ``time[i]`` (int64 us) the strips ``lines[i]`` ((k, 2, 2) m) with flags.
-    """
+    """Lines on the floor that change: at ``time[i]`` (int64 us) ``lines[i]`` ((k, 2, 2) m) with flags."""
 
     name: str
     time: NDArray[np.int64]
@@ -115,7 +106,7 @@ class Bars:
 
 @dataclass(frozen=True)
 class Spread:
-    """Curves with confidence intervals: for each curve, at each of the ``values`` of a setting, the results of some runs."""
+    """Curves with confidence intervals: of each, the results of some runs at each value of a setting."""
 
     name: str
     values: tuple[str, ...]
@@ -125,7 +116,7 @@ class Spread:
 
 
 def half_width(values: Floats) -> float:
-    """Half the width of the 95 % confidence interval of the mean of (N,) values (Student's t); NaN for a single value."""
+    """Half the 95 % confidence interval of the mean of (N,) values (Student's t); NaN for a single value."""
     from scipy.stats import t
 
     n = len(values)
@@ -140,9 +131,8 @@ class Result:
     """The answer to one question.
 
     ``summary`` is JSON-ready; a quantity's key ends in its unit or ``units`` says it.  ``tables`` are written
-    as Parquet, those named in ``places`` (with columns x, y) as GeoJSON too.  ``lines`` is the answer in at
-    most ten sentences for the terminal.  ``squares`` names the tables whose rows are square cells about x, y,
-    with the size of a cell [m]: they get an outline.  Every :class:`Grid` is written as a GeoTIFF too.
+    as Parquet, ``places`` (with columns x, y) as GeoJSON too.  ``lines`` are at most ten sentences.
+    ``squares`` names tables of square cells about x, y, with their size [m].
     """
 
     name: str

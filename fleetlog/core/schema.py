@@ -1,9 +1,7 @@
-"""The one checker of settings (TOML): every key is known, every value of its kind, finite and within its
-range.
+"""The one checker of settings (TOML): every key is known, every value of its kind, finite and in range.
 
 A schema is a dictionary: key -> check.  A check takes the value as TOML gives it and returns it as it is
-used, or
-raises :class:`Wrong` with what was expected.
+used, or raises :class:`Wrong` with what was expected.
 """
 
 from __future__ import annotations
@@ -29,9 +27,7 @@ class Wrong(Exception):
 
 
 def load_toml(path: Path, error: Errors = InputError, do: str | None = None) -> dict[str, Any]:
-    """The tables of a TOML file; ``error`` in one line where it cannot be read, with ``do`` where there is
-    none.
-    """
+    """The tables of a TOML file; ``error`` where it cannot be read, with ``do`` where there is none."""
     if not path.exists():
         raise error("no such file", where=path, do=do)
     data = read_whole(path, SETTINGS, error)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Literal
 
@@ -33,9 +33,8 @@ class Frame:
     def _projection(self) -> Any:
         from pyproj import Transformer
 
-        local = (
-            f"+proj=aeqd +lat_0={self.latitude!r} +lon_0={self.longitude!r} +ellps=WGS84 +units=m +no_defs"
-        )
+        origin = f"+lat_0={self.latitude!r} +lon_0={self.longitude!r}"
+        local = f"+proj=aeqd {origin} +ellps=WGS84 +units=m +no_defs"
         return Transformer.from_crs("EPSG:4326", local, always_xy=True)
 
     def to_local(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Floats, Floats]:
@@ -43,6 +42,10 @@ class Frame:
         east, north = self._projection.transform(np.asarray(longitude, float), np.asarray(latitude, float))
         c, s = np.cos(self.rotation), np.sin(self.rotation)
         return c * east + s * north, -s * east + c * north
+
+    def to_dict(self) -> dict[str, Any]:
+        """What it was made with, by name."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def to_geographic(self, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
         """Latitude, longitude [degrees] of local coordinates [m]."""
@@ -96,8 +99,9 @@ class Building:
 
 @dataclass(frozen=True)
 class MapFrame:
-    """How a log's own frame lies in the site's: its points are turned by ``rotation`` [rad], counter-clockwise,
-    then moved by ``shift`` [m].  ``level`` names the floor, where a site has several.
+    """How a log's own frame lies in the site's: turned by ``rotation`` [rad], then moved by ``shift`` [m].
+
+    ``level`` names the floor, where a site has several.
     """
 
     name: str
@@ -113,9 +117,7 @@ class MapFrame:
 
 @dataclass(frozen=True)
 class Site:
-    """The plant.  ``frame`` is None where nothing says where on earth it lies;
-    ``network`` is None without a map.
-    """
+    """The plant; ``frame`` is None where its place on earth is unknown, ``network`` without a map."""
 
     name: str = "site"
     frame: Frame | None = None
@@ -141,100 +143,63 @@ class Site:
 
 
 def site_to_dict(site: Site) -> dict[str, Any]:
-    """A JSON-ready picture of the whole site, network included;
-    :func:`site_from_dict` reads it back exactly.
-    """
+    """The whole site JSON-ready, network included; :func:`site_from_dict` reads it back exactly."""
     out: dict[str, Any] = {"name": site.name, "traffic": site.traffic, "source": site.source}
     if site.frame:
-        out["frame"] = {k: getattr(site.frame, k) for k in ("latitude", "longitude", "rotation", "timezone")}
-    out["place"] = [
-        {k: _json(getattr(p, k)) for k in ("id", "kind", "x", "y", "plugs", "power")} for p in site.places
-    ]
-    out["zone"] = [
-        {"id": z.id, "polygon": z.polygon.tolist(), "speed_limit": _json(z.speed_limit), "covered": z.covered}
-        for z in site.zones
-    ]
-    out["building"] = [
-        {"id": b.id, "polygon": b.polygon.tolist(), "height": b.height} for b in site.buildings
-    ]
-    out["map_frame"] = [vars(f) | {"shift": list(f.shift)} for f in site.map_frames]
+        out["frame"] = site.frame.to_dict()
+    parts = {
+        "place": site.places,
+        "zone": site.zones,
+        "building": site.buildings,
+        "map_frame": site.map_frames,
+    }
+    for name, items in parts.items():
+        out[name] = [{k: _json(v) for k, v in vars(item).items()} for item in items]
     if site.network is not None:
         out["network"] = _network_to_dict(site.network)
     return out
 
 
 def _json(value: Any) -> Any:
+    if isinstance(value, np.ndarray | tuple):
+        return np.asarray(value).tolist()
     return None if isinstance(value, float) and np.isnan(value) else value
 
 
 def _network_to_dict(n: Network) -> dict[str, Any]:
-    edges = [
-        {
-            "id": n.edge_ids[i],
-            "road": n.roads[i],
-            "from": n.node_ids[n.start[i]],
-            "to": n.node_ids[n.end[i]],
-            "speed_limit": _json(float(n.speed_limit[i])),
-            "width": _json(float(n.width[i])),
-            "next": [n.edge_ids[j] for j in n.successors(i)],
-            "points": n.polyline(i).tolist(),
-        }
-        for i in range(len(n))
-    ]
+    edges = []
+    for i, e in enumerate(n.edges()):
+        ends = {"id": e.id, "road": e.road, "from": e.start, "to": e.end}
+        sizes = {"speed_limit": _json(e.speed_limit), "width": _json(e.width)}
+        follow = [n.edge_ids[j] for j in n.successors(i)]
+        edges.append({**ends, **sizes, "next": follow, "points": e.points.tolist()})
     return {"has_elevation": n.has_elevation, "edges": edges}
 
 
 def site_from_dict(data: dict[str, Any]) -> Site:
     """The site of a dictionary made by :func:`site_to_dict`."""
-    nan = float("nan")
-    frame = Frame(**data["frame"]) if data.get("frame") else None
-    places = tuple(
-        Place(
-            p["id"],
-            p["kind"],
-            p["x"],
-            p["y"],
-            p.get("plugs", 1),
-            nan if p.get("power") is None else p["power"],
-        )
-        for p in data.get("place", ())
-    )
-    zones = tuple(
-        Zone(
-            z["id"],
-            np.asarray(z["polygon"], float),
-            nan if z.get("speed_limit") is None else z["speed_limit"],
-            z["covered"],
-        )
-        for z in data.get("zone", ())
-    )
-    buildings = tuple(
-        Building(b["id"], np.asarray(b["polygon"], float), b["height"]) for b in data.get("building", ())
-    )
-    network = _network_from_dict(data["network"]) if data.get("network") else None
-    map_frames = tuple(MapFrame(**{**f, "shift": tuple(f["shift"])}) for f in data.get("map_frame", ()))
     return Site(
         data["name"],
-        frame,
-        network,
+        Frame(**data["frame"]) if data.get("frame") else None,
+        _network_from_dict(data["network"]) if data.get("network") else None,
         data.get("traffic", "right"),
-        places,
-        zones,
-        buildings,
-        map_frames,
+        tuple(Place(**_known(p)) for p in data.get("place", ())),
+        tuple(Zone(**_known(z)) for z in data.get("zone", ())),
+        tuple(Building(**_known(b)) for b in data.get("building", ())),
+        tuple(MapFrame(**{**f, "shift": tuple(f["shift"])}) for f in data.get("map_frame", ())),
         data.get("source", {}),
     )
 
 
+def _known(item: dict[str, Any]) -> dict[str, Any]:
+    """The known values of a place, zone, building or edge; points as an array."""
+    known = {k: v for k, v in item.items() if v is not None}
+    return known | {k: np.asarray(known[k], float) for k in ("polygon", "points") if k in known}
+
+
 def _network_from_dict(data: dict[str, Any]) -> Network:
-    nan = float("nan")
-    edges = [
-        Edge(
-            e["id"], e["from"], e["to"], np.asarray(e["points"], float), e["road"],
-            nan if e["speed_limit"] is None else e["speed_limit"],
-            nan if e["width"] is None else e["width"],
-        )
-        for e in data["edges"]
-    ]  # fmt: skip
-    turns = [(e["id"], j) for e in data["edges"] for j in e["next"]]
+    edges, turns = [], []
+    for item in map(_known, data["edges"]):
+        turns += [(item["id"], follow) for follow in item.pop("next")]
+        edges.append(Edge(start=item.pop("from"), end=item.pop("to"), **item))
     return build_network(edges, turns=turns, has_elevation=data["has_elevation"])

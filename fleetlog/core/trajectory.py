@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from fleetlog.core import columns as cols
@@ -15,7 +16,6 @@ from fleetlog.errors import DataError
 if TYPE_CHECKING:
     import geopandas as gpd
     import pandas as pd
-    import pyarrow as pa
 
     from fleetlog.core.site import Frame
 
@@ -42,9 +42,7 @@ class Labels:
         return [self.names[c] if c >= 0 else None for c in self.codes]
 
     def recode(self, order: Mapping[str, int]) -> Codes:
-        """Codes in another numbering, for example a network's edge indices;
-        -1 for null and for unknown names.
-        """
+        """Codes in another numbering, as a network's edge indices; -1 for null and for unknown names."""
         table = np.array([order.get(n, -1) for n in self.names] + [-1], dtype=np.int32)
         return table[self.codes]
 
@@ -90,9 +88,7 @@ class Trajectory:
     def floats(self, name: str) -> Floats:
         """A float column; all NaN where the log has none."""
         values = self.columns.get(name)
-        if values is None:
-            return np.full(len(self), np.nan)
-        return np.asarray(values, dtype=np.float64)
+        return np.full(len(self), np.nan) if values is None else np.asarray(values, dtype=np.float64)
 
     def has(self, name: str) -> bool:
         """Whether the column is there with at least one known value."""
@@ -126,64 +122,47 @@ class Trajectory:
         return Trajectory(self.vehicle_id, self.time, {**self.columns, **new})
 
     def to_pandas(self) -> pd.DataFrame:
-        """The rows as a DataFrame: ``vehicle_id``, ``timestamp`` (UTC), then every column that is known.
-
-        Unknown is NaN, or None for a label.
-        """
+        """The rows as a DataFrame: ``vehicle_id``, ``timestamp`` (UTC), then every known column."""
         known = [n for n in cols.NAMES if n in self.columns or n in ("vehicle_id", "timestamp")]
         own = sorted(set(self.columns) - set(cols.NAMES))
         frame: pd.DataFrame = to_arrow(self).select([*known, *own]).to_pandas()
         return frame
 
     def to_geopandas(self, frame: Frame | None = None) -> gpd.GeoDataFrame:
-        """The rows as points: WGS 84 where ``frame`` (a site's) is given, else metres without a system.
-
-        Needs geopandas: ``pip install geopandas``.
-        """
+        """The rows as points: WGS 84 where ``frame`` (a site's) is given, else metres without a system."""
         try:
             import geopandas as gpd
         except ImportError:
             raise DataError("geopandas is not installed", do="pip install 'fleetlog[geo]'") from None
         x, y = self.floats("x"), self.floats("y")
-        if frame is None:
-            return gpd.GeoDataFrame(self.to_pandas(), geometry=gpd.points_from_xy(x, y))
-        latitude, longitude = frame.to_geographic(x, y)
-        points = gpd.points_from_xy(longitude, latitude, crs="EPSG:4326")
-        return gpd.GeoDataFrame(self.to_pandas(), geometry=points)
+        system = None if frame is None else "EPSG:4326"
+        if frame is not None:
+            y, x = frame.to_geographic(x, y)
+        return gpd.GeoDataFrame(self.to_pandas(), geometry=gpd.points_from_xy(x, y, crs=system))
 
     def check(self) -> None:
         """Raise :class:`DataError` unless lengths agree and time increases strictly."""
         for name, values in self.columns.items():
             if len(values) != len(self):
-                raise DataError(
-                    f"vehicle {self.vehicle_id}: column {name} has {len(values)} rows, time has {len(self)}"
-                )
+                what = f"column {name} has {len(values)} rows, time has {len(self)}"
+                raise DataError(f"vehicle {self.vehicle_id}: {what}")
         if len(self) > 1 and not bool((np.diff(self.time) > 0).all()):
             row = int(np.argmax(np.diff(self.time) <= 0)) + 1
             raise DataError(f"vehicle {self.vehicle_id}: time does not increase at row {row}")
 
 
 def to_arrow(trajectory: Trajectory, *, part: bool = False) -> pa.Table:
-    """The trajectory as an Arrow table: the contract's columns in order, then the log's own ones by name.
-
-    With ``part`` the column ``vehicle_id`` is left out, as in a part of a dataset.
-    """
-    import pyarrow as pa
-
+    """The trajectory as an Arrow table; a ``part`` of a dataset leaves the column ``vehicle_id`` out."""
     schema = cols.part_schema() if part else cols.arrow_schema()
     arrays = [_arrow_array(trajectory, cols.BY_NAME[f.name], f.type) for f in schema]
     for name in sorted(set(trajectory.columns) - set(cols.NAMES)):
-        array = _extra_array(trajectory.columns[name])
-        arrays.append(array)
-        schema = schema.append(
-            pa.field(name, array.type, metadata={"unit": "", "meaning": "kept from the log"})
-        )
+        arrays.append(_own_array(trajectory.columns[name]))
+        metadata = {"unit": "", "meaning": "kept from the log"}
+        schema = schema.append(pa.field(name, arrays[-1].type, metadata=metadata))
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
 def _arrow_array(t: Trajectory, column: cols.Column, kind: pa.DataType) -> pa.Array:
-    import pyarrow as pa
-
     if column.name == "vehicle_id":
         return pa.repeat(pa.scalar(t.vehicle_id, kind), len(t)) if len(t) else pa.array([], kind)
     if column.name == "timestamp":
@@ -191,50 +170,28 @@ def _arrow_array(t: Trajectory, column: cols.Column, kind: pa.DataType) -> pa.Ar
     values = t.columns.get(column.name)
     if values is None:
         return pa.nulls(len(t), kind)
-    if isinstance(values, Labels):
-        return _label_array(values)
     if column.kind == "int64":
         return _with_nulls(ints := np.asarray(values, dtype=np.int64), ints < 0)
-    return _floats_array(np.asarray(values, dtype=np.float64))
+    if column.kind == "double":
+        values = np.asarray(values, dtype=np.float64)
+    return _own_array(values)
 
 
-def _floats_array(values: NDArray[Any]) -> pa.Array:
-    import pyarrow as pa
-
-    with np.errstate(invalid="ignore", over="ignore"):
-        # Where the sum is a number, all values are.
-        known = np.isfinite(values.sum())
-    return pa.array(values) if known else _with_nulls(values, np.isnan(values))
+def _own_array(values: Values) -> pa.Array:
+    """Labels as a dictionary; NaN is null."""
+    if not isinstance(values, Labels):
+        return pa.array(values, from_pandas=True)
+    indices = _with_nulls(values.codes, values.codes < 0)
+    return pa.DictionaryArray.from_arrays(indices, pa.array(list(values.names), pa.string()))
 
 
 def _with_nulls(values: NDArray[Any], unknown: NDArray[np.bool_]) -> pa.Array:
-    import pyarrow as pa
-
     # Without a mask nothing is copied.
     return pa.array(values, mask=unknown) if unknown.any() else pa.array(values)
 
 
-def _label_array(labels: Labels) -> pa.Array:
-    import pyarrow as pa
-
-    indices = _with_nulls(labels.codes, labels.codes < 0)
-    return pa.DictionaryArray.from_arrays(indices, pa.array(list(labels.names), pa.string()))
-
-
-def _extra_array(values: Values) -> pa.Array:
-    import pyarrow as pa
-
-    if isinstance(values, Labels):
-        return _label_array(values)
-    if values.dtype.kind == "f":
-        return _floats_array(values)
-    return pa.array(values)
-
-
 def from_arrow(table: pa.Table, vehicle_id: str) -> Trajectory:
     """The trajectory in an Arrow table of one vehicle; columns that are wholly null are left out."""
-    import pyarrow as pa
-
     time = table.column("timestamp").cast(pa.timestamp("us", tz="UTC")).cast(pa.int64()).to_numpy()
     columns: dict[str, Values] = {}
     for name in table.column_names:
@@ -246,8 +203,6 @@ def from_arrow(table: pa.Table, vehicle_id: str) -> Trajectory:
 
 
 def _numpy_values(chunk: pa.ChunkedArray, name: str) -> Values:
-    import pyarrow as pa
-
     if pa.types.is_string(chunk.type) or pa.types.is_large_string(chunk.type):
         chunk = chunk.dictionary_encode()
     if pa.types.is_dictionary(chunk.type):
@@ -267,7 +222,5 @@ def concatenate(pieces: list[Trajectory]) -> Trajectory:
     """Pieces of one vehicle in order of time, as one; a column missing in a piece is null there."""
     if len(pieces) == 1:
         return pieces[0]
-    import pyarrow as pa
-
     tables = [to_arrow(p) for p in pieces]
     return from_arrow(pa.concat_tables(tables, promote_options="default"), pieces[0].vehicle_id)

@@ -1,10 +1,8 @@
-"""A truck: what the nominal model needs to know of a vehicle type, with a documented default for every key
-but mass.
-"""
+"""A truck: what the nominal model needs to know of a vehicle type; every key but mass has a default."""
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ from fleetlog.core.schema import anything, load_toml, real, table, text
 from fleetlog.errors import TruckError, nearest
 
 
-def _key(default: float, unit: str, meaning: str, low: float = 0.0, high: float = 1e9) -> Any:
+def _key(default: Any, unit: str, meaning: str, low: float = 0.0, high: float = 1e9) -> Any:
     return field(default=default, metadata={"unit": unit, "meaning": meaning, "low": low, "high": high})
 
 
@@ -20,9 +18,7 @@ def _key(default: float, unit: str, meaning: str, low: float = 0.0, high: float 
 class Chassis:
     """Mass and shape."""
 
-    mass: float = field(
-        metadata={"unit": "kg", "meaning": "with battery, without load", "low": 1.0, "high": 1e5}
-    )
+    mass: float = _key(MISSING, "kg", "with battery, without load", 1.0, 1e5)
     rated_load: float = _key(2500.0, "kg", "heaviest load that may be lifted")
     turn_radius: float = _key(2.5, "m", "paths are rounded with this radius at junctions")
     length: float = _key(3.0, "m", "of the footprint, forks included", 0.1, 30.0)
@@ -102,15 +98,8 @@ class Truck:
 
 
 SECTIONS: dict[str, type] = {
-    "chassis": Chassis,
-    "drive": Drive,
-    "resistance": Resistance,
-    "lift": Lift,
-    "auxiliary": Auxiliary,
-    "battery": Battery,
+    kind.__name__.lower(): kind for kind in (Chassis, Drive, Resistance, Lift, Auxiliary, Battery)
 }
-
-
 PRESETS = Path(__file__).parents[1] / "physics" / "presets"
 """Folder of the trucks that come with fleetlog; every number's source stands in the file."""
 
@@ -121,9 +110,7 @@ def preset_names() -> list[str]:
 
 
 def load_truck(path: str | Path) -> Truck:
-    """Read a truck file (TOML) or a preset by its name; :class:`TruckError` names the key at fault and the
-    nearest known one.
-    """
+    """Read a truck file (TOML) or a preset by its name; :class:`TruckError` names the key at fault."""
     path = Path(path)
     if not path.exists() and path.name == str(path) and path.name in preset_names():
         path = PRESETS / f"{path.name}.toml"
@@ -148,7 +135,4 @@ def _section(name: str, kind: type, values: Any, where: str | Path | None) -> An
 
 def truck_to_dict(truck: Truck) -> dict[str, Any]:
     """Nested sections, as in the file."""
-    return {
-        "name": truck.name,
-        **{s: {f.name: getattr(getattr(truck, s), f.name) for f in fields(k)} for s, k in SECTIONS.items()},
-    }
+    return {"name": truck.name, **{section: asdict(getattr(truck, section)) for section in SECTIONS}}

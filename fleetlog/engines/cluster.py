@@ -5,32 +5,30 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any
 
-from fleetlog.engines.engine import AHEAD, J, R, attempt, successes
+from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt, successes
 from fleetlog.errors import DataError, FleetlogError, InputError
 
 TIMEOUT = 20
 """For the scheduler to answer [s]."""
 
 
-class Cluster:
+class Cluster(Engine):
     """A Dask cluster; its workers have fleetlog installed and see the same files under the same names."""
 
     def __init__(self, address: str) -> None:
         try:
             from distributed import Client
         except ImportError:
-            raise InputError(
-                "dask.distributed is not installed", where=address, do="pip install 'fleetlog[cluster]'"
-            ) from None
+            what, do = "dask.distributed is not installed", "pip install 'fleetlog[cluster]'"
+            raise InputError(what, where=address, do=do) from None
         try:
             self.client: Any = Client(address, timeout=TIMEOUT, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
-            raise InputError(
-                f"no Dask scheduler answers ({error})", where=address, do="check the address"
-            ) from None
+            what = f"no Dask scheduler answers ({error})"
+            raise InputError(what, where=address, do="check the address") from None
 
     @property
-    def workers(self) -> int:
+    def workers(self) -> int:  # type: ignore[override]  # it may grow
         """Threads of all workers."""
         return max(1, sum(int(n) for n in self.client.nthreads().values()))
 
@@ -38,18 +36,11 @@ class Cluster:
         """Always: who names a cluster wants it used."""
         return True
 
-    def run(
-        self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str] = str
-    ) -> Generator[R, None, None]:
-        """Yield the results; see :class:`~fleetlog.engines.engine.Engine`.
-
-        The scheduler gives the jobs of a lost worker to others.
-        """
+    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str) -> Generator[R, None, None]:
+        """Yield the results; the scheduler gives the jobs of a lost worker to others."""
         return successes(self._run(work, jobs, name))
 
-    def _run(
-        self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str]
-    ) -> Iterator[R | FleetlogError]:
+    def _run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
         ahead, sent = AHEAD * self.workers, 0
         futures: list[Any] = []
         try:

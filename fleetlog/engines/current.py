@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from fleetlog.engines.engine import Engine
+from fleetlog.engines.engine import Engine, Serial
 from fleetlog.engines.processes import Processes
-from fleetlog.engines.serial import Serial
 from fleetlog.errors import DataError
 
 PER_WORKER = 1 << 30
@@ -44,9 +43,7 @@ def using(workers: int | None = None, scheduler: str | None = None) -> Iterator[
         yield engine
     finally:
         _current.reset(token)
-        close = getattr(engine, "close", None)
-        if close is not None:
-            close()
+        engine.close()
 
 
 def cores() -> int:

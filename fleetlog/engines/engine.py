@@ -3,40 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from fleetlog.errors import DataError, FleetlogError, fault
 
 J = TypeVar("J")
 R = TypeVar("R")
+Name: TypeAlias = Callable[[J], str]
 AHEAD = 4
 """Jobs per worker that may be done before their turn; their results wait in memory."""
 
 
-class Engine(Protocol):
-    """Does jobs; a function, its jobs and its results must be picklable."""
+class Engine:
+    """Does jobs; function, jobs and results must be picklable.  This one does them here, in turn."""
 
-    @property
-    def workers(self) -> int:
-        """Jobs that run at the same time."""
-        ...
+    workers = 1
+    """Jobs that run at the same time."""
 
     def pays(self, cost: float) -> bool:
         """Return whether jobs that would take ``cost`` seconds here are worth handing over."""
-        ...
+        return False
 
-    def run(
-        self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str] = str
-    ) -> Generator[R, None, None]:
+    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str) -> Generator[R, None, None]:
         """Yield ``work(job)`` of every job, in the order of ``jobs``.
 
         A job that fails leaves the rest: the first failure is raised in its turn, after the others were done.
         ``name`` says what a job reads, for the error of an unforeseen fault.
         """
-        ...
+        return successes(attempt(work, job, name) for job in jobs)
+
+    def close(self) -> None:
+        """Leave everything as it was."""
 
 
-def attempt(work: Callable[[J], R], job: J, name: Callable[[J], str]) -> R | FleetlogError:
+class Serial(Engine):
+    """No other process takes part."""
+
+
+def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | FleetlogError:
     """The result of one job, or the error of a job that failed."""
     try:
         return work(job)

@@ -16,8 +16,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from fleetlog import interrupt
-from fleetlog.engines.engine import AHEAD, J, R, attempt, successes
-from fleetlog.engines.serial import Serial
+from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt, successes
 from fleetlog.errors import DataError, FleetlogError
 
 START = 0.5
@@ -32,11 +31,8 @@ PR_SET_PDEATHSIG = 1
 _context: Any = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
 
 
-class Processes:
-    """``workers`` processes of this machine, started for every run.
-
-    ``always`` hands jobs over however small they are.
-    """
+class Processes(Engine):
+    """``workers`` processes of this machine, started for every run; ``always`` however small the jobs are."""
 
     def __init__(self, workers: int, *, always: bool = False) -> None:
         self.workers, self.always = workers, always
@@ -45,13 +41,11 @@ class Processes:
         """Return whether the work is more than starting processes."""
         return self.workers > 1 and (self.always or cost > START)
 
-    def run(
-        self, work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str] = str
-    ) -> Generator[R, None, None]:
+    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str) -> Generator[R, None, None]:
         """Yield the results; see :class:`~fleetlog.engines.engine.Engine`."""
         count = min(self.workers, len(jobs))
         if count < 2 or multiprocessing.current_process().daemon:
-            return Serial().run(work, jobs, name)
+            return super().run(work, jobs, name)
         return successes(_run(work, jobs, name, count))
 
 
@@ -63,9 +57,7 @@ class _Worker:
     """Of the job that it does."""
 
 
-def _run(
-    work: Callable[[J], R], jobs: Sequence[J], name: Callable[[J], str], count: int
-) -> Iterator[R | FleetlogError]:
+def _run(work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int) -> Iterator[R | FleetlogError]:
     """Outcomes in the order of the jobs; at most ``AHEAD`` jobs per worker wait for their turn."""
     crew = [_start(work, name) for _ in range(count)]
     waiting, turn = list(range(len(jobs)))[::-1], 0
@@ -92,7 +84,7 @@ def _run(
         _end(crew)
 
 
-def _start(work: Callable[[J], R], name: Callable[[J], str]) -> _Worker:
+def _start(work: Callable[[J], R], name: Name[J]) -> _Worker:
     ours, theirs = _context.Pipe()
     process = _context.Process(target=_serve, args=(work, name, theirs, os.getpid()), daemon=True)
     with warnings.catch_warnings():  # of threads that a fork does not copy: a worker needs none of them
@@ -109,10 +101,7 @@ def _give(worker: _Worker, number: int, jobs: Sequence[Any]) -> None:
 
 
 def _events(crew: list[_Worker]) -> list[tuple[int, int, tuple[Any] | None]]:
-    """What happened next: worker, job, and its outcome, or None where the worker died.
-
-    An idle worker that dies is told with the next job that it is given.
-    """
+    """What happened next: worker, job, and its outcome, or None where the worker died at it."""
     busy = {w.pipe: k for k, w in enumerate(crew) if w.number is not None}
     out: list[tuple[int, int, tuple[Any] | None]] = []
     for pipe in wait(list(busy)):

@@ -15,11 +15,15 @@ from fleetlog.errors import REPORT, FleetlogError, FormatError, fault
 from fleetlog.importers._profile import TARGETS
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import renamed
-from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
+from fleetlog.importers._times import EARLIEST, EARLIEST_LOG, LATEST, OFF_TIME
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
 
 LONGEST_ID = 200
 """Characters of a vehicle's id as the name of a folder."""
+UNKNOWN_START = (
+    "the times count from an unknown start, placed at 1970-01-01: "
+    "a profile may say when it was ([time] origin = ...)"
+)
 NO_NAME = f"the vehicle id is missing, longer than {LONGEST_ID} characters, or the word for unknown"
 
 
@@ -28,7 +32,7 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
 
     What comes after the first row and cannot be read, for whatever reason, is damage in ``options.report``.
     """
-    batches, last = importer.read(path, options), 0
+    batches, last, latest = importer.read(path, options), 0, -1
     while True:
         try:
             batch = next(batches, None)
@@ -46,8 +50,11 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
             options.report.damaged(f"breaks off after record {last:,}: {what}; {REPORT}")
             return
         if batch is None:
+            if 0 <= latest < EARLIEST_LOG and not options.origin:
+                options.report.note(UNKNOWN_START)
             return
         last = max(last, int(batch.record.max(initial=0)))
+        latest = max(latest, int(batch.time.max(initial=-1)))
         yield _sound(batch, options)
 
 

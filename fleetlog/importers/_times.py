@@ -23,7 +23,7 @@ MISSING = "the time is missing"
 UNREADABLE = "the time cannot be read"
 OFF_TIME = "the time is outside 1678 to 2262"
 SKIPPED = "a local time that does not exist (the clocks went forward over it)"
-_EARLIEST, _LATEST = 157_766_400_000_000, 4_102_444_800_000_000  # 1975 and 2100 [us]
+EARLIEST_LOG, _LATEST = 157_766_400_000_000, 4_102_444_800_000_000  # 1975 and 2100 [us]
 
 EARLIEST, LATEST = -9_214_560_000_000_000, 9_223_286_400_000_000
 """Times that a dataset can hold [us]: 1678-01-01 to 2262-04-11, what nanoseconds in 64 bits can count."""
@@ -87,7 +87,7 @@ def _epoch(stamps: Any) -> Ints:
 def epoch_unit(count: float) -> str | None:
     """The unit in which a count from 1970 gives a date from 1975 to 2100; None where none does."""
     for unit, us in EPOCH_UNITS.items():
-        if _EARLIEST <= (count * us if us > 0 else count / -us) <= _LATEST:
+        if EARLIEST_LOG <= (count * us if us > 0 else count / -us) <= _LATEST:
             return unit
     return None
 

@@ -42,9 +42,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         yield from gather(iter(lambda: stream.readline(LINE_LIMIT), b""), take, rows)
     if not rows.total:
         raise options.report.nothing("no line is a pose of twelve numbers with a time")
-    since = "the profile's origin" if options.origin else "1970"
+    since = " since the profile's origin" if options.origin else ""
     options.report.recognised |= {
-        "pose": "x, y, z from m, heading, the yaw of the rotation", TIMES: f"timestamp, from s since {since}",
+        "pose": "x, y, z from m, heading, the yaw of the rotation", TIMES: f"timestamp, from s{since}",
     }  # fmt: skip
     yield from rows.drain()
 

@@ -42,9 +42,6 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         "angle": "heading, from degrees clockwise from north",
         "time": "timestamp, from s",
     }
-    if not origin:
-        when = "a profile may say when it began ([time] origin = ...)"
-        report.note(f"simulation time placed at 1970-01-01: {when}")
     yield from (*metres.drain(), *degrees.drain())
 
 

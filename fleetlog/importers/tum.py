@@ -8,7 +8,6 @@ from pathlib import Path
 
 from fleetlog.importers._open import open_bytes
 from fleetlog.importers._rows import Rows, figures, gather, heading_of_quaternion, mostly
-from fleetlog.importers._times import epoch_unit
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 LINE_LIMIT = 4096
@@ -23,25 +22,18 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """One row a line; the heading is the yaw of the quaternion."""
     stream, raw = open_bytes(path, options.report)
     rows = Rows("x", "y", share=lambda: raw.share)
-    dated: set[bool] = set()
 
     def take(line: bytes, number: int) -> None:
         if line.strip() and not line.lstrip().startswith(b"#"):
-            pose = _pose(line)
-            if pose is not None and True not in dated:
-                dated.add(epoch_unit(pose[0]) == "s")
-            _add(rows, options, pose, line, number)
+            _add(rows, options, _pose(line), line, number)
 
     with stream:
         yield from gather(iter(lambda: stream.readline(LINE_LIMIT), b""), take, rows)
     if not rows.total:
         raise options.report.nothing("no line reads 'timestamp x y z qx qy qz qw'")
-    if not options.origin and True not in dated:
-        note = "the times count from an unknown start, placed at 1970-01-01"
-        options.report.note(f"{note}: a profile may say when it was ([time] origin = ...)")
-    since = "the profile's origin" if options.origin else "1970"
+    since = " since the profile's origin" if options.origin else ""
     options.report.recognised |= {
-        "timestamp": f"timestamp, from s since {since}", "x y z": "position in the site frame, from m",
+        "timestamp": f"timestamp, from s{since}", "x y z": "position in the site frame, from m",
         "qx qy qz qw": "heading, the yaw of the quaternion",
     }  # fmt: skip
     yield from rows.drain()

@@ -8,13 +8,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from fleetlog.core.words import count
 from fleetlog.errors import FleetlogError, InputError
 from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._profile import Profile
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, by_name, detect, find
 from fleetlog.ingest.summary import FileSummary
+from fleetlog.listening import notice
 from fleetlog.store.output import MARK
+
+NAMED = 5
+"""Files that are named among those that are passed over."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +96,7 @@ def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
     whole = find(folder)
     if whole is not None and importer in (None, whole):
         return [Log(folder, whole)]
-    found = []
+    found, other = [], []
     for path in sorted(_files(folder)):
         try:
             one = find(path) if path.stat().st_size else None
@@ -100,6 +105,11 @@ def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
             continue
         if one is not None and importer in (None, one):
             found.append(Log(path, one))
+        else:
+            other.append(str(path.relative_to(folder)))
+    if found and other:
+        named = ", ".join(other[:NAMED]) + (" ..." if len(other) > NAMED else "")
+        notice(f"{folder}: {count(len(other), 'file')} passed over, not of the format of a log: {named}")
     return found
 
 

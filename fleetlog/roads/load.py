@@ -18,7 +18,7 @@ from fleetlog.registry import parts
 from fleetlog.roads import _tables
 from fleetlog.roads._placing import distance_to_roads, place_map
 from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap
-from fleetlog.store.provenance import sha256
+from fleetlog.store.documents import digest as sha256
 
 HEAD = 4096
 """Bytes that a format is recognised by."""

@@ -5,19 +5,28 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from fleetlog.core.site import Site, site_from_dict
 from fleetlog.core.trajectory import Trajectory, concatenate, from_arrow
-from fleetlog.errors import DataError, InputError, nearest
+from fleetlog.errors import DataError, FleetlogError, InputError, nearest
 from fleetlog.store.places import is_url, located
 from fleetlog.version import FORMAT_VERSION
 
 if TYPE_CHECKING:
     import pandas as pd
+
+REMAKE = "make the dataset again"
+DESCRIPTION = {"kind": str, "site": dict, "vehicles": dict, "rows": int, "columns": dict, "provenance": dict}
+"""Keys of ``dataset.json`` that everything relies on, and what they are."""
 
 
 class Dataset:
@@ -29,17 +38,16 @@ class Dataset:
         if not description.is_file():
             what = "is not a dataset (it has no dataset.json)" if self.path.exists() else "no such dataset"
             raise InputError(what, where=self.path, do="make one with fleetlog import or fleetlog simulate")
-        try:
-            text = description.read_text(encoding="utf-8")
-            self.meta: dict[str, Any] = json.loads(text)
-        except (OSError, ValueError) as error:
-            raise InputError(f"not readable: {error}", where=description) from None
-        self._text = text
-        version = self.meta.get("format_version")
+        with _undamaged(description):
+            self._text = description.read_text(encoding="utf-8")
+            self.meta: dict[str, Any] = json.loads(self._text)
+            version = self.meta["format_version"]
         if version != FORMAT_VERSION:
-            raise InputError(
-                f"format version {version}, this fleetlog reads {FORMAT_VERSION}", where=description
-            )
+            what = f"format version {version}, this fleetlog reads {FORMAT_VERSION}"
+            raise InputError(what, where=description)
+        for key, kind in DESCRIPTION.items():
+            if not isinstance(self.meta.get(key), kind):
+                raise InputError(f"damaged: {key} is missing or wrong", where=description, do=REMAKE)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For another process: by its name; the description tells a dataset that was made again."""
@@ -100,11 +108,13 @@ class Dataset:
     @cached_property
     def site(self) -> Site:
         """The site that it was made with."""
-        return site_from_dict(json.loads(self._site_text))
+        with _undamaged(self.path / "site.json"):
+            return site_from_dict(json.loads(self._site_text))
 
     @cached_property
     def _site_text(self) -> str:
-        return (self.path / "site.json").read_text(encoding="utf-8")
+        with _undamaged(self.path / "site.json"):
+            return (self.path / "site.json").read_text(encoding="utf-8")
 
     @property
     def site_digest(self) -> str:
@@ -116,7 +126,8 @@ class Dataset:
         """One row a trip; see :func:`fleetlog.store.trips.trip_table`."""
         import pandas as pd
 
-        with (self.path / "trips.parquet").open("rb") as stream:
+        file = self.path / "trips.parquet"
+        with _undamaged(file), file.open("rb") as stream:
             return pd.read_parquet(stream)
 
     def parts(self, vehicle: str, date: str | None = None) -> list[Path]:
@@ -130,21 +141,13 @@ class Dataset:
         """All rows of a vehicle (of one day); ``columns`` to read only some beside the time."""
         pieces = [p for p in (read_part(f, vehicle, columns) for f in self.parts(vehicle, date)) if len(p)]
         if not pieces:
-            import numpy as np
-
             return Trajectory(vehicle, np.zeros(0, np.int64))
         return concatenate(pieces)
 
     def pieces(
         self, vehicle: str, date: str, columns: Sequence[str] | None = None, rows: int = 100_000
     ) -> Iterator[Trajectory]:
-        """The rows of a vehicle's day in pieces of whole trips, of about ``rows`` rows each: bounded memory
-        for any rate.
-
-        A trip longer than ``rows`` comes as one piece.
-        """
-        import numpy as np
-
+        """The rows of a vehicle's day in whole trips, about ``rows`` at a time unless a trip is longer."""
         rest: list[Trajectory] = []
         for batch in (b for f in self.parts(vehicle, date) for b in read_batches(f, vehicle, columns, rows)):
             piece = concatenate([*rest, batch])
@@ -169,34 +172,39 @@ def _reopened(path: str, text: str) -> Dataset:
     return Dataset(path)
 
 
+@contextmanager
+def _undamaged(path: Path) -> Iterator[None]:
+    """Whatever goes wrong while a file of a dataset is read is damage of that file."""
+    try:
+        yield
+    except (FleetlogError, MemoryError):
+        raise
+    except Exception as error:
+        what = (
+            f"damaged: {type(error).__name__} {error}"
+            if isinstance(error, LookupError)
+            else f"damaged: {error}"
+        )
+        raise InputError(what, where=path, do=REMAKE) from None
+
+
+@contextmanager
+def _part(path: Path, columns: Sequence[str] | None) -> Iterator[tuple[Any, list[str] | None]]:
+    """A Parquet file of a dataset, and those of the wanted columns that it has, with the time."""
+    with _undamaged(path), path.open("rb") as stream, pq.ParquetFile(stream) as file:
+        have = {*file.schema_arrow.names, "timestamp"}
+        wanted = None if columns is None else dict.fromkeys(["timestamp", *columns])
+        yield file, None if wanted is None else [c for c in wanted if c in have]
+
+
 def read_batches(path: Path, vehicle: str, columns: Sequence[str] | None, rows: int) -> Iterator[Trajectory]:
     """The rows of one Parquet file of a dataset, at most ``rows`` at a time."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        with path.open("rb") as stream, pq.ParquetFile(stream) as file:
-            for batch in file.iter_batches(rows, columns=_present(file, columns)):
-                yield from_arrow(pa.Table.from_batches([batch]), vehicle)
-    except (OSError, pa.ArrowInvalid) as error:
-        raise InputError(f"damaged: {error}", where=path, do="make the dataset again") from None
-
-
-def _present(file: Any, columns: Sequence[str] | None) -> list[str] | None:
-    """Those of the wanted columns that a file has, with the time."""
-    have = set(file.schema_arrow.names)
-    if columns is None:
-        return None
-    return ["timestamp", *(c for c in columns if c in have and c != "timestamp")]
+    with _part(path, columns) as (file, wanted):
+        for batch in file.iter_batches(rows, columns=wanted):
+            yield from_arrow(pa.Table.from_batches([batch]), vehicle)
 
 
 def read_part(path: Path, vehicle: str, columns: Sequence[str] | None = None) -> Trajectory:
     """The rows of one Parquet file of a dataset."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        with path.open("rb") as stream, pq.ParquetFile(stream) as file:
-            return from_arrow(file.read(columns=_present(file, columns)), vehicle)
-    except (OSError, pa.ArrowInvalid) as error:
-        raise InputError(f"damaged: {error}", where=path, do="make the dataset again") from None
+    with _part(path, columns) as (file, wanted):
+        return from_arrow(file.read(columns=wanted), vehicle)

@@ -1,4 +1,4 @@
-"""A question asked of every vehicle-day, or of other parts of a dataset: on the engine in use, with what was found before."""
+"""A question asked of every part of a dataset: on the engine in use, with what was found before."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROW_COST = 1e-6
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a dataset: its name as a path, what the question takes of it, and the vehicle-days it reads."""
+    """A part of a dataset: its name as a path, what the question takes of it, the vehicle-days it reads."""
 
     name: str
     key: tuple[Any, ...]

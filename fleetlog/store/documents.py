@@ -1,7 +1,8 @@
-"""The one way to JSON: no NaN, no infinity, unknown is null."""
+"""The one way to JSON: no NaN, no infinity, unknown is null; and the digest of a file."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 from datetime import date
 from pathlib import Path
@@ -31,3 +32,9 @@ def json_text(value: Any, indent: int | None = None) -> str:
 def write_json(path: Path, value: Any, indent: int | None = None) -> None:
     """Write ``value`` as a JSON file with a last line end."""
     path.write_text(json_text(value, indent) + "\n", encoding="utf-8")
+
+
+def digest(path: Path) -> str:
+    """The SHA-256 of a file in hexadecimal digits."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -1,4 +1,4 @@
-"""Plain data as bytes and back: dataclasses of arrays, numbers and texts, without running anything found in them."""
+"""Dataclasses of arrays, numbers and texts as bytes and back, without running anything found in them."""
 
 from __future__ import annotations
 

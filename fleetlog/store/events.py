@@ -1,8 +1,6 @@
-"""What happened in a simulation beside the motion: tasks, activities, reservations, as tables beside the
-trajectories.
+"""Tasks, activities and reservations of a simulation, as tables beside the trajectories.
 
-``dataset.json`` names those that a dataset has under ``tables``; a dataset without them (every import) has no
-such key.
+``dataset.json`` names those that a dataset has under ``tables``; an import has no such key.
 """
 
 from __future__ import annotations
@@ -12,15 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from fleetlog.core.columns import Column
+from fleetlog.core.columns import ARROW, Column
 from fleetlog.core.trajectory import Labels
 from fleetlog.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
-    import pyarrow as pa
 
     from fleetlog.store.dataset import Dataset
 
@@ -48,9 +47,7 @@ TABLES: dict[Name, tuple[Column, ...]] = {
         Column("payload", "double", "kg", "the load"),
         Column("earliest", "time", "", "from when on it may be done"),
         Column("assigned", "time", "", "when the truck took it; null: not yet"),
-        Column(
-            "picked", "time", "", "when the load was on the forks and these were down again; null: not yet"
-        ),
+        Column("picked", "time", "", "when the load was on and the forks were down again; null: not yet"),
         Column("dropped", "time", "", "when it was set down and the forks were down again; null: not yet"),
         Column("status", "label", "", "at the end: waiting, assigned, loaded, done, later or left out"),
     ),
@@ -71,12 +68,7 @@ TABLES: dict[Name, tuple[Column, ...]] = {
     "ways": (
         Column("way", "int64", "", "number of a piece of the road that was ever reserved"),
         Column("kind", "label", "", "see below"),
-        Column(
-            "edge_id",
-            "label",
-            "",
-            "directed road edge that it lies on; of a turn, the one that it comes from",
-        ),
+        Column("edge_id", "label", "", "directed road edge that it lies on; of a turn, where it comes from"),
         Column("to_edge", "label", "", "of a turn, the edge that it leads to"),
         Column("place", "label", "", "of the way into a bay, the place"),
         Column("x", "line", "m", "its middle line, east, in the site frame"),
@@ -97,7 +89,7 @@ ACTIVITIES: dict[str, str] = {
     "drive_empty": "is on its way without a load",
     "drive_laden": "is on its way with a load",
     "wait": "stands although it wants to go on: others are in its way, on the road or before its bay",
-    "wait_place": "stands in a bay until the place that it has to go to is free, also where it cannot begin a task for that",
+    "wait_place": "stands in a bay until the place is free that it has to go to, or that its next task needs",
     "pick": "takes a load up",
     "drop": "sets a load down",
     "charge": "charges",
@@ -125,8 +117,6 @@ class Tables:
 
     def add(self, name: Name, columns: Columns) -> None:
         """Append rows; they are written when enough have come together."""
-        import pyarrow as pa
-
         arrays = [_array(columns[c.name], c.kind) for c in TABLES[name]]
         table = pa.Table.from_arrays(arrays, schema=schema(name))
         self.rows[name] = self.rows.get(name, 0) + len(table)
@@ -136,14 +126,10 @@ class Tables:
             self._write(name)
 
     def _write(self, name: Name) -> None:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         table = pa.concat_tables(self._kept.pop(name))
         if name not in self._writers:
-            self._writers[name] = pq.ParquetWriter(
-                self.folder / f"{name}.parquet", table.schema, compression="zstd"
-            )
+            file = self.folder / f"{name}.parquet"
+            self._writers[name] = pq.ParquetWriter(file, table.schema, compression="zstd")
         self._writers[name].write_table(table.combine_chunks())
 
     def close(self) -> dict[str, dict[str, Any]]:
@@ -158,23 +144,13 @@ class Tables:
 
 def schema(name: Name) -> pa.Schema:
     """Of a table; the fields carry ``unit`` and ``meaning``."""
-    import pyarrow as pa
-
-    kinds = {
-        "label": pa.string(),
-        "time": pa.timestamp("us", tz="UTC"),
-        "double": pa.float64(),
-        "int64": pa.int64(),
-        "line": pa.list_(pa.float64()),
-    }
+    kinds = ARROW | {"label": pa.string()}
     return pa.schema(
         pa.field(c.name, kinds[c.kind], metadata={"unit": c.unit, "meaning": c.meaning}) for c in TABLES[name]
     )
 
 
 def _array(values: NDArray[Any] | Labels | Lines, kind: str) -> pa.Array:
-    import pyarrow as pa
-
     if isinstance(values, Labels):
         names = pa.array([*values.names, None], pa.string())
         return names.take(pa.array(np.where(values.codes < 0, len(values.names), values.codes)))
@@ -184,17 +160,11 @@ def _array(values: NDArray[Any] | Labels | Lines, kind: str) -> pa.Array:
     if kind == "double":
         return pa.array(values, pa.float64())
     whole = pa.array(values, pa.int64(), mask=values < 0)
-    return whole.cast(pa.timestamp("us", tz="UTC")) if kind == "time" else whole
+    return whole.cast(ARROW[kind]) if kind == "time" else whole
 
 
 def read_table(dataset: Dataset, name: Name, *, compact: bool = False) -> pd.DataFrame | None:
-    """A table of a dataset, None where it has none; :class:`InputError` where it is damaged.
-
-    ``compact`` gives texts as categories: a tenth of the memory.
-    """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    """A table of a dataset, None where it has none; ``compact`` has texts as categories."""
     entry = (dataset.meta.get("tables") or {}).get(name)
     if entry is None:
         return None

@@ -63,9 +63,7 @@ def _directory(tags: list[Tag], at: int) -> bytes:
 
 
 def transformation(grid: Grid, rotation: float = 0.0) -> NDArray[np.float64]:
-    """(2, 3) from (column, row, 1), counted from the north-west corner,
-    to metres east and north of the origin.
-    """
+    """(2, 3) from (column, row, 1), from the north-west corner, to metres east and north of the origin."""
     c, s = np.cos(rotation), np.sin(rotation)
     top = grid.y0 + len(grid.values) * grid.cell
     turn = np.array([[c, -s], [s, c]])

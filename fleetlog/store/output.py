@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import hashlib
 import json
 import os
 import shutil
@@ -21,11 +20,10 @@ from typing import Any
 
 from fleetlog import interrupt
 from fleetlog.errors import OutputError
+from fleetlog.store.documents import digest, write_json
 
 MARK = ".fleetlog"
-"""In a folder: its kind and the names written into it.  ``.NAME.fleetlog`` beside a file:
-its kind and digest.
-"""
+"""In a folder: its kind and the names written into it.  ``.NAME.fleetlog`` beside a file: kind and digest."""
 PARTIALS = ".partials"
 """In a dataset: partial results of questions asked of it."""
 REMADE = frozenset({MARK, "recording.rrd", ".recording.rrd.partial", PARTIALS})
@@ -86,17 +84,13 @@ def _full_disk(target: str | Path) -> Iterator[None]:
     except OSError as error:
         if error.filename is not None or error.errno not in NO_ROOM:
             raise
-        why = os.strerror(error.errno or 0)
-        raise OutputError(
-            f"not written: {why}", where=target, do="make room or write to another disk"
-        ) from error
+        what, do = f"not written: {os.strerror(error.errno or 0)}", "make room or write to another disk"
+        raise OutputError(what, where=target, do=do) from error
 
 
 @contextmanager
 def remade(part: Path) -> Iterator[Path]:
-    """The name of a scratch file that replaces ``part``, a file of fleetlog's own,
-    when the block ends well.
-    """
+    """The name of a scratch file that replaces ``part``, fleetlog's own, when the block ends well."""
     with _claimed(part) as scratch:
         yield scratch / "new"
         _sync(scratch / "new")
@@ -104,7 +98,7 @@ def remade(part: Path) -> Iterator[Path]:
 
 
 def share(source: Path, target: Path) -> None:
-    """Make ``target`` a folder with the files of ``source``, as hard links, or copies where there are none."""
+    """Make ``target`` a folder with the files of ``source``: hard links, or copies where there are none."""
     if source.is_dir():
         shutil.copytree(source, target, copy_function=_linked)
 
@@ -136,21 +130,17 @@ def check_free(
         raise OutputError("is a device, a pipe or a socket", where=given, do="name a file or a folder")
     if stat.S_ISDIR(mode) != folder:
         is_, wanted = ("file", "folder") if folder else ("folder", "file")
-        raise OutputError(
-            f"is a {is_}, and a {wanted} is to be written", where=given, do="choose another name"
-        )
+        what = f"is a {is_}, and a {wanted} is to be written"
+        raise OutputError(what, where=given, do="choose another name")
     if not overwrite:
         raise OutputError("is already there", where=given, do="choose another name or add --overwrite")
     if (why := _foreign(target, kind)) is not None:
-        raise OutputError(
-            f"{why}; it is not replaced", where=given, do="choose another name or remove it yourself"
-        )
+        do = "choose another name or remove it yourself"
+        raise OutputError(f"{why}; it is not replaced", where=given, do=do)
 
 
 def _at_input(target: Path, given: Path) -> str | None:
-    """Why an output is not apart from what is read: it is at or above it, or inside a dataset;
-    None where it is.
-    """
+    """Why an output is not apart from an input: at it, above it, or inside a dataset; None where it is."""
     source = Path(os.path.realpath(given))
     if target.exists() and _same(target, source):
         return "is what this run reads"
@@ -180,7 +170,7 @@ def _foreign(target: Path, kind: str) -> str | None:
     if made != kind:
         return f"is the output of another command ({made}, not {kind})"
     if names is None:
-        return None if _digest(target) in known else "was changed since fleetlog wrote it"
+        return None if digest(target) in known else "was changed since fleetlog wrote it"
     more = sorted(names - known - REMADE)
     return f"holds {more[0]!r}, which fleetlog did not write" if more else None
 
@@ -194,25 +184,16 @@ def _mark_of(target: Path) -> Path:
 
 
 def _mark(new: Path, kind: str, target: Path) -> Path | None:
-    """Mark the new output.
+    """Mark the new output; a file's mark is returned, to be put beside it.
 
-    A file's mark is returned, to be put beside it: it names the older file too, so that both are known at
-    every instant.
+    It names the older file too, so that both are known at every instant.
     """
     if new.is_dir():
-        (new / MARK).write_text(
-            json.dumps({"kind": kind, "names": sorted(_names(new))}) + "\n", encoding="utf-8"
-        )
+        write_json(new / MARK, {"kind": kind, "names": sorted(_names(new))})
         return None
     mark = new.with_name("mark")
-    digests = [_digest(p) for p in (new, target) if p.is_file()]
-    mark.write_text(json.dumps({"kind": kind, "sha256": digests}) + "\n", encoding="utf-8")
+    write_json(mark, {"kind": kind, "sha256": [digest(p) for p in (new, target) if p.is_file()]})
     return mark
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _sync(new: Path) -> None:

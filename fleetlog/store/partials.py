@@ -1,8 +1,8 @@
 """Partial results kept in a dataset's folder, so that a question asked again reads only what is new.
 
-``.partials/QUESTION/PART`` holds what a function made of a part, such as ``date=DAY/vehicle_id=ID``.  QUESTION is the
-digest of the function, its parameters, the site and fleetlog's own code; the file begins with the digest of
-the parts it was made from (names, sizes, times of modification).  What does not agree is made anew.
+``.partials/QUESTION/PART`` holds what a function made of a part, as ``date=DAY/vehicle_id=ID``.  QUESTION is
+the digest of the function, its parameters, the site and fleetlog's own code; the file begins with that of the
+parts it was made from (names, sizes, times of modification).  What does not agree is made anew.
 """
 
 from __future__ import annotations

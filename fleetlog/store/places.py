@@ -42,12 +42,8 @@ def located(path: str | Path) -> Path:
 def uploaded(target: Any, *, overwrite: bool = False, new: bool = True) -> Iterator[Path]:
     """A folder of this machine whose files are put under the URL ``target`` when the block ends well.
 
-    ``dataset.json`` is put last: until then there is no dataset, or the older one.  ``new``: there must be none.
-
-    Raises
-    ------
-    OutputError
-        There is a dataset already: objects cannot be exchanged at once, so none is replaced.
+    ``dataset.json`` is put last: until then there is no dataset, or the older one.  ``new``: there must be
+    none, since objects cannot be exchanged at once.
     """
     if overwrite or (new and (target / "dataset.json").exists()):
         what = "a dataset behind a URL is not replaced" if overwrite else "is already there"
@@ -71,7 +67,6 @@ def _upload(folder: Path, target: Any) -> None:
                 with suppress(Exception):
                     where.unlink()
         if isinstance(error, OSError):
-            raise OutputError(
-                f"cannot be written ({error})", where=str(target), do="check the rights"
-            ) from None
+            what = f"cannot be written ({error})"
+            raise OutputError(what, where=str(target), do="check the rights") from None
         raise

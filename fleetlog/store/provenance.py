@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-import hashlib
 import shlex
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from fleetlog.store.documents import digest
 from fleetlog.version import __version__
 
 ENGINE = ("--workers", "--scheduler")
 
 
-def sha256(path: Path) -> str:
-    """Hex digest of a file, read in pieces."""
-    digest = hashlib.sha256()
-    with path.open("rb") as stream:
-        while block := stream.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
-
-
 def provenance(inputs: Iterable[Path] = (), seed: int | None = None, **more: Any) -> dict[str, Any]:
     """Command line, version, inputs with their digests, seed."""
-    files = [{"file": p.name, "bytes": p.stat().st_size, "sha256": sha256(p)} for p in inputs if p.is_file()]
+    files = [{"file": p.name, "bytes": p.stat().st_size, "sha256": digest(p)} for p in inputs if p.is_file()]
     command = shlex.join(["fleetlog", *_that_matter(sys.argv[1:])])
     return {"command": command, "version": __version__, "inputs": files, "seed": seed, **more}
 

@@ -10,20 +10,16 @@ import numpy as np
 
 from fleetlog.core.result import Grid, Result
 from fleetlog.core.site import Frame
-from fleetlog.store.documents import plain, write_json
+from fleetlog.store.documents import write_json
+from fleetlog.store.squares import feature_collection, write_squares
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 def write_result(result: Result, folder: Path, frame: Frame | None = None) -> None:
-    """``NAME.json``, tables as Parquet, places as GeoJSON, cells as GeoParquet, grids as GeoTIFF into
-    ``folder``.
-
-    Geographic coordinates (WGS 84) where the site has a frame.
-    """
+    """``NAME.json``, tables as (Geo)Parquet, places as GeoJSON, grids as GeoTIFF; WGS 84 with a frame."""
     from fleetlog.store.geotiff import write_geotiff
-    from fleetlog.store.squares import write_squares
 
     write_json(folder / f"{result.name}.json", {"format_version": 1, **result.summary}, indent=1)
     for name, table in {**result.tables, **result.places}.items():
@@ -43,17 +39,9 @@ def file_name(text: str) -> str:
 
 
 def points_geojson(table: pd.DataFrame, frame: Frame | None) -> dict[str, Any]:
-    """Rows with x, y [m] as RFC 7946 points;
-    in local metres, said so in ``properties``, where there is no frame.
-    """
+    """Rows with x, y [m] as RFC 7946 points; in local metres, said so, where there is no frame."""
+    where = table[["x", "y"]].to_numpy()
     if frame is not None:
-        latitude, longitude = frame.to_geographic(table["x"].to_numpy(), table["y"].to_numpy())
+        latitude, longitude = frame.to_geographic(where[:, 0], where[:, 1])
         where = np.column_stack([np.round(longitude, 8), np.round(latitude, 8)])
-    else:
-        where = table[["x", "y"]].to_numpy()
-    features = [
-        {"type": "Feature", "properties": plain({**row, "frame": "wgs84" if frame else "local metres"}),
-         "geometry": {"type": "Point", "coordinates": plain(point)}}
-        for row, point in zip(table.to_dict("records"), where, strict=True)
-    ]  # fmt: skip
-    return {"type": "FeatureCollection", "features": features}
+    return feature_collection(table, "Point", where, frame)

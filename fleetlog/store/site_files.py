@@ -31,14 +31,10 @@ def write_site(site: Site, folder: Path, more: Mapping[str, Mapping[str, Any]] |
 
 
 def _tables(site: Site, frame: Frame) -> dict[str, Any]:
-    out: dict[str, Any] = {
-        "name": site.name,
-        "frame": {"latitude": frame.latitude, "longitude": frame.longitude},
+    own = {
+        k: v for k, v in frame.to_dict().items() if v not in (0.0, "UTC") or k in ("latitude", "longitude")
     }
-    if frame.rotation:
-        out["frame"]["rotation"] = frame.rotation
-    if frame.timezone != "UTC":
-        out["frame"]["timezone"] = frame.timezone
+    out: dict[str, Any] = {"name": site.name, "frame": own}
     if site.network is not None:
         out["network"] = {"file": "roads.geojson", "traffic": site.traffic}
     tables = {

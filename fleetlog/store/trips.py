@@ -45,12 +45,8 @@ def trip_ids(trajectory: Trajectory, first: int = 0) -> Ints:
     begins = np.zeros(n, dtype=bool)
     begins[1:] |= np.diff(t) > MAX_GAP
     for start, stop in runs(~moving):
-        if (
-            start > 0
-            and stop < n
-            and (t[stop] - t[start] >= MIN_STOP or _load_changes(trajectory, start, stop))
-        ):
-            begins[stop] = True
+        if start > 0 and stop < n:
+            begins[stop] |= t[stop] - t[start] >= MIN_STOP or _load_changes(trajectory, start, stop)
     return np.asarray(first + np.cumsum(begins), dtype=np.int64)
 
 
@@ -69,16 +65,12 @@ def _load_changes(t: Trajectory, start: int, stop: int) -> bool:
 
 
 def trip_table(*trajectories: Trajectory) -> pd.DataFrame:
-    """One row a trip: vehicle_id, trip_id, start, end, duration [s], distance [m], from/to [m], payload,
-    energy [J], SOC.
-    """
+    """One row a trip; see :func:`trip_columns`."""
     return table_of([trip_columns(t) for t in trajectories]).drop(columns=list(LAST), errors="ignore")
 
 
 def table_of(trips: list[dict[str, NDArray[Any]]]) -> pd.DataFrame:
-    """The table of all trips that :func:`trip_columns` gave:
-    one table for many vehicles, since making one is slow.
-    """
+    """One table of all trips that :func:`trip_columns` gave, since making one is slow."""
     import pandas as pd
 
     trips = [t for t in trips if t]
@@ -91,7 +83,7 @@ def table_of(trips: list[dict[str, NDArray[Any]]]) -> pd.DataFrame:
 
 
 def trip_columns(trajectory: Trajectory, vehicles: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
-    """The columns of :func:`trip_table`, times in microseconds, and ``LAST``; empty where there are no rows.
+    """Of every trip: times [us], distance [m], energy [J] and more, and ``LAST``; empty without rows.
 
     With ``vehicles`` the rows are those of several, one after the other and as many of each.
     """
@@ -139,9 +131,7 @@ def trip_columns(trajectory: Trajectory, vehicles: Sequence[str] | None = None) 
 
 
 def merge_split_trips(pieces: pd.DataFrame) -> pd.DataFrame:
-    """One row a trip where a trip was written in several pieces (at a chunk's edge),
-    in order of vehicle and trip.
-    """
+    """One row a trip, in order of vehicle and trip, where some were written in several pieces."""
     trip = ["vehicle_id", "trip_id"]
     trips = pieces.sort_values([*trip, "start"], ignore_index=True)
     begin = np.flatnonzero(~trips.duplicated(trip))
@@ -151,9 +141,7 @@ def merge_split_trips(pieces: pd.DataFrame) -> pd.DataFrame:
 
 
 def _merged(pieces: pd.DataFrame, begin: NDArray[np.intp]) -> pd.DataFrame:
-    """Sorted pieces as trips, which begin at the rows ``begin``;
-    what is unknown of a piece is unknown of its trip.
-    """
+    """Sorted pieces as trips, which begin at the rows ``begin``; what a piece lacks its trip lacks."""
     end = np.append(begin[1:], len(pieces)) - 1
     column = {name: pieces[name].to_numpy() for name in pieces}
     gap = np.append((pieces.start.shift(-1) - pieces.end).dt.total_seconds().to_numpy()[:-1], 0.0)

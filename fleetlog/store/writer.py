@@ -6,12 +6,14 @@ import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 from urllib.parse import quote
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fleetlog.core.columns import HIVE_NULL
@@ -27,17 +29,13 @@ from fleetlog.store.trips import table_of, trip_columns
 from fleetlog.store.written import Before, Written, before_of
 from fleetlog.version import FORMAT_VERSION
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
+Kind = Literal["recorded", "simulated"]
 DAY = 86_400_000_000
 ROW_GROUP, BATCH = 1 << 17, 1 << 13
 REPEATED = {"payload", "fork_height", "ambient_temperature"}
 """Numbers that stay the same for many rows."""
 SELECTED = ["timestamp", "x", "y", "edge_id", "trip_id"]
-"""Columns by which rows are selected: only their least and greatest values are kept,
-all of them cost a fifth of writing.
-"""
+"""Columns by which rows are selected: statistics of all columns would cost a fifth of writing."""
 
 
 class DatasetWriter:
@@ -48,9 +46,7 @@ class DatasetWriter:
     out the same.
     """
 
-    def __init__(
-        self, path: Path, kind: Literal["recorded", "simulated"], site: Site, before: Before | None = None
-    ) -> None:
+    def __init__(self, path: Path, kind: Kind, site: Site, before: Before | None = None) -> None:
         self.before = before or Before()
         self.path, self.kind, self.site = path, kind, site
         self.compression: Literal["zstd", "snappy"] = "zstd"
@@ -65,21 +61,17 @@ class DatasetWriter:
     def create(
         cls,
         target: str | Path,
-        kind: Literal["recorded", "simulated"],
+        kind: Kind,
         site: Site,
         *,
         overwrite: bool = False,
         inputs: Iterable[Path] = (),
     ) -> Iterator[DatasetWriter]:
-        """A writer whose dataset appears as ``target`` when the block ends well;
-        ``inputs`` are what is read.
-        """
-        kind_of = f"{kind} dataset"
-        place = (
-            uploaded(located(target), overwrite=overwrite)
-            if is_url(target)
-            else atomic_output(target, kind_of, overwrite=overwrite, inputs=inputs)
-        )
+        """A writer whose dataset appears as ``target`` when the block ends well; ``inputs`` are read."""
+        if is_url(target):
+            place = uploaded(located(target), overwrite=overwrite)
+        else:
+            place = atomic_output(target, f"{kind} dataset", overwrite=overwrite, inputs=inputs)
         with place as scratch:
             writer = cls(scratch, kind, site)
             yield writer
@@ -96,14 +88,9 @@ class DatasetWriter:
         old = Dataset(target)
         if old.kind != "recorded":
             raise DataError(f"is {old.kind}, not recorded: nothing can be added", where=target)
-        before = before_of(old)
-        remote = is_url(target)
-        place = (
-            uploaded(old.path, new=False)
-            if remote
-            else atomic_output(target, "recorded dataset", overwrite=True, inputs=inputs)
-        )
-        with place as scratch:
+        before, remote = before_of(old), is_url(target)
+        local = partial(atomic_output, target, "recorded dataset", overwrite=True, inputs=inputs)
+        with uploaded(old.path, new=False) if remote else local() as scratch:
             if not remote:
                 for name in ("trajectories", PARTIALS):
                     share(old.path / name, scratch / name)
@@ -116,9 +103,7 @@ class DatasetWriter:
         self.write_together((trajectory.vehicle_id,), trajectory)
 
     def write_together(self, vehicles: Sequence[str], rows: Trajectory) -> None:
-        """Append rows of several vehicles: as many of each, one vehicle after the other;
-        a table is made but once of them.
-        """
+        """Append rows of several vehicles, as many of each, one vehicle after the other, as one table."""
         each = len(rows) // len(vehicles)
         if not each:
             return
@@ -130,9 +115,8 @@ class DatasetWriter:
         for vehicle, piece in zip(vehicles, pieces, strict=True):
             time = rows.time[piece]
             for begin, end in _day_ranges(time):
-                self._write_part(
-                    vehicle, int(time[begin]) // DAY, table[piece.start + begin : piece.start + end]
-                )
+                rows_of_day = table[piece.start + begin : piece.start + end]
+                self._write_part(vehicle, int(time[begin]) // DAY, rows_of_day)
             self.written.first.setdefault(vehicle, int(time[0]))
             self.written.last[vehicle] = int(time[-1])
             self.written.rows[vehicle] = self.written.rows.get(vehicle, 0) + each
@@ -151,18 +135,14 @@ class DatasetWriter:
                 self.written.columns[name] = (schema.field(name).metadata or {}).get(b"unit", b"").decode()
 
     def _write_part(self, vehicle: str, day: int, table: pa.Table) -> None:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         date = str(np.datetime64(day, "D"))
         folder = self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(vehicle, safe='')}"
         number = self._parts.get((vehicle, date), self.before.parts.get((vehicle, date), 0))
         self._parts[vehicle, date] = number + 1
         if number == self.before.parts.get((vehicle, date), 0):
             if vehicle == HIVE_NULL:
-                raise DataError(
-                    f"no vehicle can be called {HIVE_NULL}", do="rename it: readers take it for unknown"
-                )
+                do = "rename it: readers take it for unknown"
+                raise DataError(f"no vehicle can be called {HIVE_NULL}", do=do)
             folder.mkdir(parents=True, exist_ok=True)
         with pa.OSFile(str(folder / f"part-{number:05d}.parquet"), "wb") as file:
             pq.write_table(
@@ -181,25 +161,14 @@ class DatasetWriter:
         first = [*written.first.values(), *([] if before.first is None else [before.first])]
         last = [*written.last.values(), *before.last.values()]
         start, end = (_iso(min(first)), _iso(max(last))) if rows else (None, None)
-        frame = self.site.frame
+        frame = None if self.site.frame is None else self.site.frame.to_dict()
+        edges = 0 if self.site.network is None else len(self.site.network)
         description = {
-            "format_version": FORMAT_VERSION,
-            "kind": self.kind,
-            "site": {
-                "name": self.site.name,
-                "frame": None
-                if frame is None
-                else {k: getattr(frame, k) for k in ("latitude", "longitude", "rotation", "timezone")},
-                "edges": 0 if self.site.network is None else len(self.site.network),
-            },
-            "vehicles": dict(sorted(rows.items())),
-            "start": start,
-            "end": end,
-            "rows": sum(rows.values()),
-            "columns": columns,
-            "provenance": self.provenance,
-            "summary": self.summary,
-        }
+            "format_version": FORMAT_VERSION, "kind": self.kind,
+            "site": {"name": self.site.name, "frame": frame, "edges": edges},
+            "vehicles": dict(sorted(rows.items())), "start": start, "end": end, "rows": sum(rows.values()),
+            "columns": columns, "provenance": self.provenance, "summary": self.summary,
+        }  # fmt: skip
         if tables := self.tables.close():
             description["tables"] = tables
         # Written last: a folder without it is no dataset.

@@ -43,17 +43,13 @@ def before_of(dataset: Dataset) -> Before:
     last = {str(v): int(np.datetime64(t.tz_localize(None), "us").astype(np.int64)) for v, t in ends.items()}
     first = None if meta["start"] is None else int(np.datetime64(meta["start"][:-1], "us").astype(np.int64))
     parts = {d: len(dataset.parts(*d)) for d in dataset.vehicle_days}
-    return Before(
-        dict(meta["vehicles"]), first, last, parts, meta["columns"], trips, meta["provenance"], meta["summary"],
-        dataset.path / "rejected.parquet",
-    )  # fmt: skip
+    told = meta["columns"], trips, meta["provenance"], meta["summary"], dataset.path / "rejected.parquet"
+    return Before(dict(meta["vehicles"]), first, last, parts, *told)
 
 
 @dataclass(frozen=True)
 class Before:
-    """What a dataset that is added to holds: rows and times [us] by vehicle, parts of each vehicle and date, units of
-    its columns, trips.
-    """
+    """What a dataset that is added to holds: by vehicle rows and times [us]; units of columns; trips."""
 
     rows: dict[str, int] = field(default_factory=dict)
     first: int | None = None

@@ -16,7 +16,7 @@ from fleetlog.store.output import MARK
 from fleetlog.store.places import is_url
 
 if TYPE_CHECKING:
-    from fleetlog.core.site import Site
+    from fleetlog.core.network import Network
     from fleetlog.store import Dataset
 
 Described = tuple[dict[str, Any], list[str]]
@@ -25,30 +25,21 @@ LISTED = 10
 
 
 def describe(path: Path) -> Described:
-    """A dataset, log, map, site, truck or recording, or another folder that fleetlog wrote;
-    :class:`InputError` says what was tried where nothing fits.
-    """
+    """What ``path`` holds; :class:`InputError` says what was tried where nothing fits."""
     if is_url(path) or (path / "dataset.json").is_file():
         return _dataset(path)
     if (path / MARK).is_file():
         return _output(path)
-    suffix = path.suffix.lower()
-    if suffix == ".rrd":
-        return _recording(path)
-    if suffix == ".toml":
-        return _toml(path)
-    if suffix in MAPS:
-        return _map(path)
-    return _log_or_map(path)
+    by_suffix = {".rrd": _recording, ".toml": _toml, **dict.fromkeys(MAPS, _map)}
+    return by_suffix.get(path.suffix.lower(), _log_or_map)(path)
 
 
 def _output(path: Path) -> Described:
     """A folder of results: what it is, its files, and the figures of its summary."""
-    made = json.loads((path / MARK).read_text(encoding="utf-8"))
+    kind = str(json.loads((path / MARK).read_text(encoding="utf-8"))["kind"])
     names = sorted(p.name for p in path.iterdir() if not p.name.startswith("."))
     documents = [n for n in names if n.endswith(".json") and (path / n).is_file()]
     figures = json.loads((path / documents[0]).read_text(encoding="utf-8")) if documents else {}
-    kind = str(made["kind"])
     summary = {"kind": kind, "path": str(path), "files": names, "summary": figures}
     lines = [f"{path}: {'an' if kind[0] in 'aeiou' else 'a'} {kind}", f"  files     {', '.join(names)}"]
     for key, value in figures.items():
@@ -74,13 +65,11 @@ def _log_or_map(path: Path) -> Described:
     except (FleetlogError, UnicodeDecodeError) as error:
         if refusal is not None:
             raise refusal from None
-        raise InputError(
-            "is no dataset, log, map, truck or recording that fleetlog knows",
-            where=path,
-            do="name a file in it, or see what an import would read with fleetlog import --dry-run"
-            if path.is_dir()
-            else f"see docs/logs.md and docs/maps.md (taken as a map: {getattr(error, 'what', error)})",
-        ) from None
+        what = "is no dataset, log, map, truck or recording that fleetlog knows"
+        do = f"see docs/logs.md and docs/maps.md (taken as a map: {getattr(error, 'what', error)})"
+        if path.is_dir():
+            do = "name a file in it, or see what an import would read with fleetlog import --dry-run"
+        raise InputError(what, where=path, do=do) from None
 
 
 def _dataset(path: Path) -> Described:
@@ -92,21 +81,20 @@ def _dataset(path: Path) -> Described:
     summary = {"kind": "dataset", "path": str(path), **{k: meta[k] for k in told}}
     summary |= {"recorded": d.kind, "trips": len(d.trips), "days": len(d.dates)}
     summary["replay"] = (path / "recording.rrd").is_file()
-    where = meta["site"]
+    site, made = meta["site"], meta["provenance"]
     events, happened = _events(d)
-    summary |= events
     lines = [
         f"{path}: a {d.kind} dataset (format {meta['format_version']})",
         f"  rows      {d.rows:,} of {_some(d.vehicles, 'vehicle')}, {count(len(d.trips), 'trip')}",
         f"  span      {meta['start']} to {meta['end']} ({count(len(d.dates), 'day')})",
-        f"  site      {where['name']}, {where['edges']} directed edges, " + _place(where.get("frame")),
+        f"  site      {site.get('name', '?')}, {site.get('edges', '?')} directed edges, "
+        + _place(site.get("frame")),
         f"  columns   {', '.join(n + (f' [{u}]' if u else '') for n, u in meta['columns'].items())}",
         f"  replay    {'recording.rrd' if summary['replay'] else 'none'}",
         *happened,
-        f"  made by   {meta['provenance'].get('command', 'unknown')} (fleetlog "
-        f"{meta['provenance'].get('version', '?')})",
+        f"  made by   {made.get('command', 'unknown')} (fleetlog {made.get('version', '?')})",
     ]
-    return summary, lines
+    return summary | events, lines
 
 
 def _events(dataset: Dataset) -> Described:
@@ -118,19 +106,19 @@ def _events(dataset: Dataset) -> Described:
         return {}, []
     status = {str(k): int(n) for k, n in tasks["status"].value_counts().items()}
     charging = stretches[stretches["activity"] == "charge"]
-    hours = (stretches["end"] - stretches["start"]).dt.total_seconds().groupby(
-        stretches["activity"]
-    ).sum() / 3600.0
+    lasted = (stretches["end"] - stretches["start"]).dt.total_seconds()
+    hours = lasted.groupby(stretches["activity"]).sum() / 3600.0
     reserved = int(dataset.meta["tables"]["reservations"]["rows"])
     summary = {
         "tasks": {"all": len(tasks), **status}, "charging_visits": len(charging), "reservations": reserved,
         "activity_hours": {str(k): round(float(h), 4) for k, h in hours.items()},
     }  # fmt: skip
-    open_ = ", ".join(f"{n} {s}" for s, n in sorted(status.items()) if s != "done")
+    unfinished = ", ".join(f"{n} {s}" for s, n in sorted(status.items()) if s != "done")
     shares = (hours / hours.sum()).sort_values(ascending=False, kind="stable")
     lines = [
         f"  time      {', '.join(f'{name} {100.0 * share:.0f} %' for name, share in shares.items())}",
-        f"  tasks     {status.get('done', 0):,} done of {len(tasks):,}" + (f" ({open_})" if open_ else ""),
+        f"  tasks     {status.get('done', 0):,} done of {len(tasks):,}"
+        + (f" ({unfinished})" if unfinished else ""),
         f"  charging  {count(len(charging), 'visit')} of {count(charging['vehicle_id'].nunique(), 'truck')}",
         f"  reserved  {count(reserved, 'reservation')} of pieces of road",
     ]
@@ -153,25 +141,21 @@ def _log(path: Path) -> Described:
 
     importer = detect(path)
     report = ReadReport(path, importer.name)
-    rows: Counter[str] = Counter()
-    rejects: Counter[str] = Counter()
+    rows, rejects = Counter[str](), Counter[str]()
     columns: dict[str, None] = {}
-    span: list[int] = []
     extent: dict[str, list[float]] = {}
     for batch in read_guarded(importer, path, ReadOptions(report)):
         rejects.update(r.reason for r in batch.rejects)
-        if not len(batch):
-            continue
-        columns |= dict.fromkeys(batch.columns)
-        codes, counts = np.unique(batch.vehicle.codes, return_counts=True)
+        columns |= dict.fromkeys(batch.columns if len(batch) else ())
         if batch.has_position:
+            codes, counts = np.unique(batch.vehicle.codes, return_counts=True)
             rows.update({batch.vehicle.names[c]: int(n) for c, n in zip(codes, counts, strict=True)})
-        span = [min([*span[:1], int(batch.time.min())]), max([*span[1:], int(batch.time.max())])]
+        _widen(extent, "time", batch.time)
         for name in (*GEOGRAPHIC, *LOCAL):
-            _widen(extent, name, batch.columns.get(name))
+            _widen(extent, name, batch.columns.get(name, ()))
     if not rows:
         raise FormatError("no row with a position in it", where=path, do="see docs/logs.md")
-    start, end = (f"{np.datetime64(t, 'us')}Z" for t in span)
+    start, end = (f"{np.datetime64(int(t), 'us')}Z" for t in extent.pop("time"))
     summary = {
         "kind": "log", "path": str(path), "format": report.format, "rows": sum(rows.values()),
         "vehicles": dict(sorted(rows.items())), "start": start, "end": end, "extent": extent,
@@ -192,39 +176,34 @@ def _log(path: Path) -> Described:
     return summary, lines
 
 
-def _widen(extent: dict[str, list[float]], name: str, values: Any) -> None:
-    known = np.asarray(values, float) if values is not None else np.zeros(0)
-    known = known[np.isfinite(known)]
+def _widen(extent: dict[str, list[Any]], name: str, values: Any) -> None:
+    known = np.asarray(values)[np.isfinite(values)]
     if len(known):
-        low, high = extent.get(name, [np.inf, -np.inf])
-        extent[name] = [min(low, float(known.min())), max(high, float(known.max()))]
+        known = np.append(known, extent.get(name, known[:1]))
+        extent[name] = [known.min().item(), known.max().item()]
 
 
 def _map(path: Path) -> Described:
     from fleetlog.roads import load_site
 
     site, reports = load_site(path)
+    kind = "site" if path.suffix.lower() == ".toml" or path.is_dir() else "map"
+    frame = None if site.frame is None else site.frame.to_dict()
+    things = {k: len(getattr(site, k)) for k in ("places", "zones", "buildings")}
     summary: dict[str, Any] = {
-        "kind": "site" if path.suffix.lower() == ".toml" or path.is_dir() else "map",
-        "path": str(path),
-    }
-    summary |= {"name": site.name, "traffic": site.traffic, "reports": [asdict(r) for r in reports]}
-    frame = site.frame
-    summary["frame"] = None if frame is None else asdict(frame)
-    summary |= {k: len(getattr(site, k)) for k in ("places", "zones", "buildings")}
-    lines = [
-        f"{path}: a {summary['kind']} ({site.name}), {_place(summary['frame'])}, {site.traffic}-hand traffic"
-    ]
+        "kind": kind, "path": str(path), "name": site.name, "traffic": site.traffic,
+        "reports": [asdict(r) for r in reports], "frame": frame, **things,
+    }  # fmt: skip
+    lines = [f"{path}: a {kind} ({site.name}), {_place(frame)}, {site.traffic}-hand traffic"]
     for report in reports:
         lines += [f"  roads     {report.line()}", *(f"  note      {note}" for note in report.notes)]
     if site.network is not None:
-        lines += _network(site, summary)
-    lines.append("  places    " + ", ".join(f"{summary[k]} {k}" for k in ("places", "zones", "buildings")))
+        lines += _network(site.network, summary)
+    lines.append("  places    " + ", ".join(f"{n} {k}" for k, n in things.items()))
     return summary, lines
 
 
-def _network(site: Site, summary: dict[str, Any]) -> list[str]:
-    n = site.roads()
+def _network(n: Network, summary: dict[str, Any]) -> list[str]:
     x0, y0, x1, y1 = n.extent
     heights = [float(n.points[:, 2].min()), float(n.points[:, 2].max())] if n.has_elevation else None
     one_way = int((n.reverse < 0).sum())
@@ -250,16 +229,11 @@ def _toml(path: Path) -> Described:
 
 
 def _truck(path: Path) -> Described:
-    from fleetlog.core.truck import load_truck, truck_to_dict
+    from fleetlog.core.truck import SECTIONS, load_truck, truck_to_dict
 
     data = truck_to_dict(load_truck(path))
-    lines = [f"{path}: a truck ({data.get('name', 'truck')})"]
-    for section, values in data.items():
-        if isinstance(values, dict):
-            lines.append(
-                f"  {section:<11}"
-                + ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in values.items())
-            )
+    lines = [f"{path}: a truck ({data['name']})"]
+    lines += [f"  {s:<11}{', '.join(f'{k} {v:g}' for k, v in data[s].items())}" for s in SECTIONS]
     return {"kind": "truck", "path": str(path), **data}, lines
 
 
@@ -269,10 +243,8 @@ def _recording(path: Path) -> Described:
     found = describe_recording(path)
     lines = [f"{path}: a Rerun recording, {'with' if found['blueprint'] else 'without'} a blueprint"]
     for r in found["recordings"]:
-        lines += [
-            f"  recording {r['recording']} of {r['application']}: {r['rows']:,} rows, "
-            f"timelines {', '.join(r['timelines']) or 'none'}",
-            *(f"  entity    {name}: {rows:,} rows" for name, rows in r["entities"].items()),
-        ]
+        head = f"  recording {r['recording']} of {r['application']}: {r['rows']:,} rows"
+        lines.append(f"{head}, timelines {', '.join(r['timelines']) or 'none'}")
+        lines += [f"  entity    {name}: {rows:,} rows" for name, rows in r["entities"].items()]
     lines += [f"  damaged   {damage}" for damage in found["damage"]]
     return {"kind": "recording", "path": str(path), **found}, lines

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+from fleetlog.api.signature import REQUIRED
 from fleetlog.core.schema import load_toml
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.listening import progress
@@ -37,11 +39,16 @@ def settings_file(given: dict[str, Any]) -> dict[str, Any]:
         if wrong:
             raise ArgumentError(f"{path}: {wrong}", option="--experiment")
     for name in table.keys() & {*FILES}:
-        if (path.parent / str(table[name])).exists():
+        with suppress(OSError, ValueError):  # what cannot be a name is none of a file
+            (path.parent / str(table[name])).stat()
             table[name] = str(path.parent / str(table[name]))
     if vary:
         table["vary"] = tuple(f"{k}={_values(v)}" for k, v in vary.items())
-    return {**table, **given}
+    merged = {**table, **given}
+    for name in (n for n, o in known.items() if o.default is REQUIRED and n not in merged):
+        do = f"add {name} = ... or give --{name}"
+        raise ArgumentError(f"{path}: {name} is missing", option="--experiment", do=do)
+    return merged
 
 
 def _as_typed(value: Any) -> Any:

@@ -23,7 +23,7 @@ OUTPUT = (
 
 
 class Analysis(Verb):
-    """An analysis as a function of the library: inputs may be paths, and the result can be saved and shown."""
+    """An analysis as a function of the library: inputs may be paths, the result can be saved and shown."""
 
     def __init__(self, name: str, function: Callable[..., Any]) -> None:
         super().__init__(function, name=name, added=(*JOBS, *OUTPUT))
@@ -74,17 +74,13 @@ class Analyses:
         return part_lines(PACKAGE, "ANALYSIS")
 
     @staticmethod
+    @cache
     def named(name: str) -> Analysis:
         """The analysis called ``name``, imported when first used."""
-        return _named(name)
+        return Analysis(name, part(PACKAGE, "ANALYSIS", name))
 
     def __repr__(self) -> str:
         return f"<fleetlog.analyze: {', '.join(self.lines())}>"
-
-
-@cache
-def _named(name: str) -> Analysis:
-    return Analysis(name, part(PACKAGE, "ANALYSIS", name))
 
 
 analyze = Analyses()

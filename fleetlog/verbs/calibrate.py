@@ -6,18 +6,8 @@ from collections.abc import Sequence
 from typing import cast
 
 from fleetlog.api.answer import Answer, destination
-from fleetlog.api.inputs import (
-    DatasetLike,
-    MeasurementsLike,
-    PathLike,
-    PhysicsLike,
-    TruckLike,
-    as_csv,
-    as_dataset,
-    as_physics,
-    as_truck,
-    files_of,
-)
+from fleetlog.api.inputs import as_csv, as_dataset, as_physics, as_truck, files_of
+from fleetlog.api.kinds import DatasetLike, MeasurementsLike, PathLike, PhysicsLike, TruckLike
 from fleetlog.api.verb import verb
 
 

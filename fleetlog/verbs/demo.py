@@ -11,7 +11,8 @@ from typing import Any
 
 import fleetlog
 from fleetlog.api.answer import Answer
-from fleetlog.api.inputs import PathLike, as_path
+from fleetlog.api.inputs import as_path
+from fleetlog.api.kinds import PathLike
 from fleetlog.api.verb import verb
 from fleetlog.listening import notice
 from fleetlog.store.output import atomic_output
@@ -52,35 +53,24 @@ def demo(
         for number, (what, name, given, options) in enumerate(steps(sample_folder()), start=1):
             for line in ("", f"{number}. {what}", f"$ fleetlog {command_line(name, given, options)}"):
                 notice(line)
-            verb_, _, analysis = name.partition(" ")
-            function = getattr(
-                getattr(fleetlog, "import_" if verb_ == "import" else verb_), analysis or "__call__"
-            )
-            lines = function(*given, **options).lines
+            verb_, _, analysis = name.replace("import", "import_").partition(" ")
+            lines = getattr(getattr(fleetlog, verb_), analysis or "__call__")(*given, **options).lines
             for line in lines:
                 notice(line)
     notice("")
     where = [f"  {target / path!s:40s} {what}" for path, what in WHERE.items()]
-    return Answer(
-        "demo", {"output": str(target)}, lines=["Where to look", *where], output=target, kind="demo"
-    )
+    lines = ["Where to look", *where]
+    return Answer("demo", {"output": str(target)}, lines=lines, output=target, kind="demo")
 
 
 def _data(target: Path, overwrite: bool) -> Answer:
     """Write the sample data; not the scripts that made them."""
-    sample = sample_folder()
+    scripts = shutil.ignore_patterns("*.py", "__pycache__")
     with atomic_output(target, "sample data", overwrite=overwrite) as scratch:
-        shutil.copytree(
-            sample, scratch, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.py", "__pycache__")
-        )  # fmt: skip
+        shutil.copytree(sample_folder(), scratch, dirs_exist_ok=True, ignore=scripts)
     names = sorted(p.name for p in target.iterdir() if not p.name.startswith("."))
-    return Answer(
-        "demo",
-        {"output": str(target), "files": names},
-        lines=[", ".join(names)],
-        output=target,
-        kind="sample data",
-    )
+    summary = {"output": str(target), "files": names}
+    return Answer("demo", summary, lines=[", ".join(names)], output=target, kind="sample data")
 
 
 def steps(sample: Path) -> Iterator[Step]:
@@ -88,23 +78,18 @@ def steps(sample: Path) -> Iterator[Step]:
     site, truck = sample / "site.toml", sample / "truck.toml"
     logs = tuple(sorted((sample / "logs").iterdir()))
     again = {"site": site, "truck": truck, "like": "recorded", "seed": 1}
-    yield "Logs of eight trucks in five formats become one dataset", "import", (logs,), {
-        "site": site, "output": "recorded",
-    }  # fmt: skip
+    recorded = {"truck": truck, "output": "diagnosis"}
+    mission = {**again, "same_mission": True, "physics": "diagnosis/model.toml", "output": "resimulated"}
+    fleet = {**again, "vehicles": 8, "duration": "30m", "output": "simulated"}
+    after = {"truck": truck, "against": "resimulated", "output": "after"}
+    imported = {"site": site, "output": "recorded"}
+    yield "Logs of eight trucks in five formats become one dataset", "import", (logs,), imported
     yield "Where trucks crowd", "analyze density", ("recorded",), {"output": "density"}
     yield "Where chargers belong", "analyze chargers", ("recorded",), {"k": 2, "output": "chargers"}
-    yield "A fleet of the same kind, simulated", "simulate", (), {
-        **again, "vehicles": 8, "duration": "30m", "output": "simulated",
-    }  # fmt: skip
-    yield "What physics does the model leave out?", "diagnose", ("recorded",), {
-        "truck": truck, "output": "diagnosis",
-    }  # fmt: skip
-    yield "The recorded trips again, with what was found", "simulate", (), {
-        **again, "same_mission": True, "physics": "diagnosis/model.toml", "output": "resimulated",
-    }  # fmt: skip
-    yield "Is the mismatch gone?", "diagnose", ("recorded",), {
-        "truck": truck, "against": "resimulated", "output": "after",
-    }  # fmt: skip
+    yield "A fleet of the same kind, simulated", "simulate", (), fleet
+    yield "What physics does the model leave out?", "diagnose", ("recorded",), recorded
+    yield "The recorded trips again, with what was found", "simulate", (), mission
+    yield "Is the mismatch gone?", "diagnose", ("recorded",), after
 
 
 def command_line(name: str, given: tuple[Any, ...], options: dict[str, Any]) -> str:

@@ -6,16 +6,8 @@ from collections.abc import Collection
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from fleetlog.api.answer import Answer, destination
-from fleetlog.api.inputs import (
-    DatasetLike,
-    PathLike,
-    SiteLike,
-    TruckLike,
-    as_dataset,
-    as_site,
-    as_truck,
-    files_of,
-)
+from fleetlog.api.inputs import as_dataset, as_site, as_truck, files_of
+from fleetlog.api.kinds import DatasetLike, PathLike, SiteLike, TruckLike
 from fleetlog.api.verb import verb_with_jobs
 from fleetlog.core.arguments import Names, Seed
 from fleetlog.errors import EXIT_DONE, EXIT_INPUT, ArgumentError, nearest
@@ -28,14 +20,14 @@ if TYPE_CHECKING:
     from fleetlog.discovery.diagnose import Diagnosis
     from fleetlog.discovery.report.finding import Verdict
 
+List = Annotated[tuple[str, ...], Names()]
 CHANNELS = ("battery_power", "soc", "speed")
 
 
 @verb_with_jobs
 def diagnose(
     dataset: DatasetLike, *, truck: TruckLike, site: SiteLike | None = None,
-    against: DatasetLike | None = None,
-    channels: Annotated[tuple[str, ...], Names()] = (), terms: Annotated[tuple[str, ...], Names()] = (),
+    against: DatasetLike | None = None, channels: List = (), terms: List = (),
     holdout: Literal["trips", "vehicles", "days"] = "trips", gate: bool = False, seed: Seed = 0,
     output: PathLike | None = None, overwrite: bool = False,
 ) -> Answer:  # fmt: skip

@@ -5,22 +5,17 @@ from __future__ import annotations
 from typing import Annotated
 
 from fleetlog.api.answer import Answer
-from fleetlog.api.inputs import DatasetLike, PathLike, as_dataset, as_path
+from fleetlog.api.inputs import as_dataset, as_path
+from fleetlog.api.kinds import DatasetLike, PathLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import PartOf
-
-Format = Annotated[str, PartOf("fleetlog.exporters", "EXPORTER")]
 
 
 @verb
 def export(
-    dataset: DatasetLike,
-    *,
-    to: Format,
-    output: PathLike,
-    vehicle: tuple[str, ...] = (),
-    overwrite: bool = False,
-) -> Answer:
+    dataset: DatasetLike, *, to: Annotated[str, PartOf("fleetlog.exporters", "EXPORTER")], output: PathLike,
+    vehicle: tuple[str, ...] = (), overwrite: bool = False,
+) -> Answer:  # fmt: skip
     """Write DATASET in another format: tables, tracks, recordings, SUMO.
 
     Parameters

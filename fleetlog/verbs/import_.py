@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, cast
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from fleetlog.api.answer import Answer, dataset_answer
-from fleetlog.api.inputs import LogsLike, PathLike, SiteLike, as_path, as_site, existing, files_of, temporary
+from fleetlog.api.inputs import as_path, as_site, existing, files_of, temporary
+from fleetlog.api.kinds import LogsLike, PathLike, SiteLike
 from fleetlog.api.verb import verb_with_jobs
 from fleetlog.core.arguments import Between, PartOf
 from fleetlog.errors import ArgumentError
@@ -20,7 +22,8 @@ if TYPE_CHECKING:
 
 @verb_with_jobs
 def import_(
-    logs: LogsLike, *, site: SiteLike | None = None, format: Annotated[str, PartOf("fleetlog.importers", "IMPORTER")] | None = None,
+    logs: LogsLike, *, site: SiteLike | None = None,
+    format: Annotated[str, PartOf("fleetlog.importers", "IMPORTER")] | None = None,
     profile: PathLike | None = None, align: bool = False, dry_run: bool = False, recording: bool = True,
     rate: Annotated[float, Between(0.0, 1e6, above=True)] = 2.0, append: bool = False,
     output: PathLike | None = None, overwrite: bool = False,
@@ -56,38 +59,19 @@ def import_(
     if align and site is None:
         raise ArgumentError("--align fits a log to the roads of --site: name it")
     paths = [as_path(log) for log in cast("Sequence[LogsLike]", logs)]
+    read: dict[str, Any] = {"format": format, "profile": None if profile is None else existing(profile)}
     if dry_run:
         from fleetlog.ingest.preview import preview
 
-        shown = preview(paths, format=format, profile=None if profile is None else existing(profile))
+        shown = preview(paths, **read)
         return Answer("import", shown.to_dict(), lines=shown.lines(), status=shown.exit_status)
-    return _written(
-        paths, site, format, None if profile is None else existing(profile), rate if recording and not append else None,
-        output, append, overwrite, align,
-    )  # fmt: skip
-
-
-def _written(
-    logs: list[Path], site: SiteLike | None, format: str | None, profile: Path | None, rate: float | None,
-    output: PathLike | None, append: bool, overwrite: bool, align: bool,
-) -> Answer:  # fmt: skip
-    from fleetlog.core.site import Site
     from fleetlog.ingest.files import expanded
     from fleetlog.ingest.pipeline import import_logs
-    from fleetlog.store import DatasetWriter
 
     target = temporary() / "dataset" if output is None else as_path(output)
-    inputs = files_of(*expanded(logs), site, profile)
-    if append:
-        opened = DatasetWriter.append(target, inputs=inputs)
-    else:
-        place = Site() if site is None else as_site(site)
-        opened = DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs)
-    with opened as writer:
-        summary = import_logs(
-            logs, writer.site, writer, format=format, profile=profile, progress=progress, align=align
-        )
-        if rate is not None:
+    with _writer(target, site, append, overwrite, files_of(*expanded(paths), site, profile)) as writer:
+        summary = import_logs(paths, writer.site, writer, progress=progress, align=align, **read)
+        if recording and not append:
             _replay(writer, rate)
     if summary.rejected_file:
         summary.rejected_file = str(target / summary.rejected_file)
@@ -97,6 +81,18 @@ def _written(
         kept = summary.rejected_file or target
         answer.warning = f"{summary.rows_rejected:,} rows were rejected or damaged; see {kept}"
     return answer
+
+
+def _writer(
+    target: Path, site: SiteLike | None, append: bool, overwrite: bool, inputs: list[Path]
+) -> AbstractContextManager[DatasetWriter]:
+    from fleetlog.core.site import Site
+    from fleetlog.store import DatasetWriter
+
+    if append:
+        return DatasetWriter.append(target, inputs=inputs)
+    place = Site() if site is None else as_site(site)
+    return DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs)
 
 
 def _replay(writer: DatasetWriter, rate: float) -> None:

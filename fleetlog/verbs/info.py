@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from fleetlog.api.answer import Answer
-from fleetlog.api.inputs import DatasetLike, existing
+from fleetlog.api.inputs import existing
+from fleetlog.api.kinds import DatasetLike
 from fleetlog.api.verb import verb
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated
 
 from fleetlog.api.answer import Answer, destination
-from fleetlog.api.inputs import DatasetLike, PathLike, SiteLike, as_dataset, as_site, files_of
+from fleetlog.api.inputs import as_dataset, as_site, files_of
+from fleetlog.api.kinds import DatasetLike, PathLike, SiteLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between
 
@@ -14,13 +15,14 @@ if TYPE_CHECKING:
 
     from fleetlog.learn.learn import Learned
 
+Passes = Annotated[int, Between(1, 1_000_000, whole=True)]
+
 
 @verb
 def learn(
     dataset: DatasetLike, *, site: SiteLike | None = None, lane: Annotated[float, Between(0.5, 20.0)] = 2.3,
-    spur: Annotated[float, Between(0.0, 200.0)] = 7.0, min_passes: Annotated[int, Between(1, 1_000_000, whole=True)] = 1,
-    min_visits: Annotated[int, Between(1, 1_000_000, whole=True)] = 3, output: PathLike | None = None,
-    overwrite: bool = False,
+    spur: Annotated[float, Between(0.0, 200.0)] = 7.0, min_passes: Passes = 1, min_visits: Passes = 3,
+    output: PathLike | None = None, overwrite: bool = False,
 ) -> Answer:  # fmt: skip
     """Learn the site of DATASET from its traces alone: roads, places and zones, each with its evidence.
 

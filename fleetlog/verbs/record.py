@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Annotated
 
 from fleetlog.api.answer import Answer
-from fleetlog.api.inputs import PathLike, as_path
+from fleetlog.api.inputs import as_path
+from fleetlog.api.kinds import PathLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between, Named
 from fleetlog.listening import notice
@@ -15,8 +16,8 @@ from fleetlog.listening import notice
 def record(
     url: Annotated[str, Named("mqtt://HOST[:PORT]/TOPIC")], *, output: PathLike,
     duration: Annotated[float, Between(0.0, 1e9, above=True)] | None = None,
-    messages: Annotated[int, Between(1, 1_000_000_000, whole=True)] | None = None, client_id: str = "fleetlog",
-    overwrite: bool = False,
+    messages: Annotated[int, Between(1, 1_000_000_000, whole=True)] | None = None,
+    client_id: str = "fleetlog", overwrite: bool = False,
 ) -> Answer:  # fmt: skip
     """Capture the messages of an MQTT broker until Ctrl-C, for ``fleetlog import``.
 

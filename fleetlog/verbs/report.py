@@ -6,17 +6,8 @@ from collections.abc import Sequence
 from typing import cast
 
 from fleetlog.api.answer import Answer, destination
-from fleetlog.api.inputs import (
-    DatasetLike,
-    DatasetsLike,
-    PathLike,
-    TruckLike,
-    as_dataset,
-    as_path,
-    as_truck,
-    existing,
-    files_of,
-)
+from fleetlog.api.inputs import as_dataset, as_path, as_truck, existing, files_of
+from fleetlog.api.kinds import DatasetLike, DatasetsLike, PathLike, TruckLike
 from fleetlog.api.verb import verb_with_jobs
 
 

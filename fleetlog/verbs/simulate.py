@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from fleetlog.api.answer import Answer, dataset_answer, destination
 from fleetlog.api.inputs import (
-    DatasetLike,
-    PathLike,
-    PhysicsLike,
-    SiteLike,
-    TableLike,
-    TruckLike,
     as_csv,
     as_dataset,
     as_path,
@@ -24,6 +19,7 @@ from fleetlog.api.inputs import (
     files_of,
     temporary,
 )
+from fleetlog.api.kinds import DatasetLike, PathLike, PhysicsLike, SiteLike, TableLike, TruckLike
 from fleetlog.api.verb import filled
 from fleetlog.core.arguments import Between, Counts, Duration, Seed, Share
 from fleetlog.errors import ArgumentError, nearest
@@ -105,9 +101,8 @@ def simulate(
     inputs = files_of(site, truck, like, tasks, physics, experiment)
     if is_experiment(asked):
         return _experiment(asked, inputs)
-    return _simulated(
-        asked, inputs, files_of(site, truck, tasks, physics), "" if like is None else as_path(like)
-    )
+    digested = [p for p in files_of(site, truck, tasks, physics) if p.is_file()]
+    return _simulated(asked, inputs, digested, None if like is None else str(as_path(like)))
 
 
 def _check(asked: Asked) -> None:
@@ -154,16 +149,14 @@ def _experiment(asked: Asked, inputs: list[Path]) -> Answer:
         return keep(Answer.of(result, asked.site))
 
 
-def _simulated(asked: Asked, inputs: list[Path], digested: list[Path], like: str | Path) -> Answer:
+def _simulated(asked: Asked, inputs: list[Path], digested: list[Path], like: str | None) -> Answer:
     from fleetlog.store import DatasetWriter
     from fleetlog.store.provenance import provenance
 
     target = temporary() / "dataset" if asked.output is None else as_path(asked.output)
-    with DatasetWriter.create(
-        target, "simulated", asked.site, overwrite=asked.overwrite, inputs=inputs
-    ) as writer:
-        files = [p for p in digested if p.is_file()]
-        writer.provenance = provenance(files, asked.seed, like=str(like) or None)
+    create = partial(DatasetWriter.create, overwrite=asked.overwrite, inputs=inputs)
+    with create(target, "simulated", asked.site) as writer:
+        writer.provenance = provenance(digested, asked.seed, like=like)
         run = _cycle if asked.cycle else _mission if asked.same_mission else _fleet
         summary, lines = run(asked, writer)
         writer.summary = summary
@@ -241,9 +234,7 @@ def _cycle(asked: Asked, writer: DatasetWriter) -> tuple[dict[str, Any], list[st
     from fleetlog.simulate.cycle import run_cycle
 
     start = _start(asked.start, None)
-    watts = run_cycle(
-        asked.cycle, asked.truck, asked.duration, writer, asked.physics, start, asked.soc
-    )  # fmt: skip
+    watts = run_cycle(asked.cycle, asked.truck, asked.duration, writer, asked.physics, start, asked.soc)
     line = f"{asked.cycle}: {watts / 1000.0:.3f} kWh/h at the battery"
     return {"cycle": asked.cycle, "mean_power_w": watts}, [line]
 

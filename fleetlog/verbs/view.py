@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Annotated
 
 from fleetlog.api.answer import Answer
-from fleetlog.api.inputs import DatasetLike, PathLike, as_path, as_site, existing, files_of, temporary
+from fleetlog.api.inputs import as_path, as_site, existing, files_of, temporary
+from fleetlog.api.kinds import DatasetLike, PathLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between
 from fleetlog.errors import ArgumentError, InputError
@@ -36,7 +37,7 @@ def view(
     """
     if save is not None and beside is None:
         raise ArgumentError("--save goes with --beside")
-    from fleetlog.view import viewer
+    from fleetlog.view import headless, viewer
 
     when = None if at is None else viewer.nanoseconds_of(at)
     source, inputs = existing(path), files_of(path, beside)
@@ -45,13 +46,16 @@ def view(
         _written(save, "recording", overwrite, inputs) as kept,
     ):
         if beside is None:
-            rrd = _recording(source, rate)
+            drawn = source.is_file() and source.suffix.lower() != ".rrd"
+            rrd = _drawn(source) if drawn else viewer.recording_of(source, rate_hz=rate, say=notice)
             if screenshot is not None and when is None:
                 when = viewer.middle_of_driving(source)
         else:
             rrd = _comparison(source, existing(beside), kept, rate)
-        if beside is None or kept is None or picture is not None:
-            _open(rrd, picture, when)
+        if picture is not None:
+            headless.screenshot(rrd, picture, at=when)
+        elif kept is None:
+            viewer.show(rrd)
     wrote = [str(as_path(p)) for p in (screenshot, save) if p is not None]
     lines = [f"wrote {name}" for name in wrote]
     return Answer("view", {"path": str(source), "wrote": wrote}, lines=lines)
@@ -68,16 +72,8 @@ def _written(
     return atomic_output(as_path(target), kind, overwrite=overwrite, folder=False, inputs=inputs)
 
 
-def _recording(path: Path, rate: float | None) -> Path:
-    """The recording of a folder or file; one is made of a map, a site or a log."""
-    from fleetlog.view import viewer
-
-    if path.is_file() and path.suffix.lower() != ".rrd":
-        return _drawn(path)
-    return viewer.recording_of(path, rate_hz=rate, say=notice)
-
-
 def _drawn(path: Path) -> Path:
+    """The recording of a map, a site or a log."""
     from fleetlog.core.result import Result
     from fleetlog.verbs._describe import describe
     from fleetlog.verbs.import_ import import_
@@ -103,13 +99,3 @@ def _comparison(path: Path, beside: Path, kept: Path | None, rate: float | None)
     both = kept or temporary() / "comparison.rrd"
     write_comparison(path, beside, both, rate_hz=rate or RATE)
     return both
-
-
-def _open(rrd: Path, picture: Path | None, when: int | None) -> None:
-    """Show a recording in a window, or draw it into a file."""
-    from fleetlog.view import headless, viewer
-
-    if picture is None:
-        viewer.show(rrd)
-    else:
-        headless.screenshot(rrd, picture, at=when)

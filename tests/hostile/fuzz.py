@@ -20,6 +20,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -135,7 +136,8 @@ def rechecked(data: bytes) -> bytes:
 
 def targets() -> dict[str, tuple[str, bytes]]:
     """Name of a reader (with a variant): name of the file, and its bytes."""
-    logs = {name: (f"log.{suffix}", make()) for name, (suffix, make) in seeds.LOGS.items()}
+    more = {n: log for n, log in seeds.MORE_LOGS.items() if n != "fit" or find_spec("fitdecode")}
+    logs = {name: (f"log.{suffix}", make()) for name, (suffix, make) in (seeds.LOGS | more).items()}
     whole = {f"import {name}": log for name, log in logs.items()}
     return logs | whole | {name: (name, data) for name, data in (seeds.MAPS | seeds.SETTINGS).items()}
 
@@ -155,7 +157,7 @@ def finding(name: str, path: Path) -> str | None:
 def _lines(name: str, path: Path) -> list[str]:
     if name.startswith("import "):
         return judge.imported(path, path.parent).lines
-    if name in seeds.LOGS:
+    if name in seeds.LOGS | seeds.MORE_LOGS:
         return judge.read(path, importer=by_name(name.split()[0])).lines
     if name in seeds.SETTINGS:
         return judge.settings(path).lines
@@ -172,6 +174,7 @@ def fuzz(name: str, count: int, seed: int, folder: Path, keep: Path | None = Non
     """``count`` mutants for one reader; the findings."""
     file, whole = targets()[name]
     path, found = folder / file, []
+    (folder / "times.txt").write_bytes(seeds.TIMES)
     for k in range(count):
         rng = random.Random(f"{seed} {name} {k}")
         data = mutant(rng, whole)

@@ -8,7 +8,8 @@ import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fleetlog.core.site import Site
+from fleetlog.analysis.tariff import load_tariff
+from fleetlog.core.site import Place, Site
 from fleetlog.core.truck import load_truck
 from fleetlog.errors import FleetlogError
 from fleetlog.importers._guard import read_guarded
@@ -18,7 +19,9 @@ from fleetlog.importers.base import Importer, ReadOptions, detect
 from fleetlog.ingest.pipeline import import_logs
 from fleetlog.physics.model import load_physics
 from fleetlog.roads import load_site
+from fleetlog.simulate.tasks import read_tasks
 from fleetlog.store import DatasetWriter
+from fleetlog.verbs.simulate import simulate
 
 
 @dataclass
@@ -101,6 +104,13 @@ def settings(path: Path) -> Outcome:
                 load_profile(path)
             elif path.name == "model.toml":
                 load_physics(path, load_truck("counterbalance-2.5t"))
+            elif path.name == "tariff.toml":
+                load_tariff(path)
+            elif path.name == "tasks.csv":
+                places = tuple(Place(name, "pick", 0.0, 0.0) for name in "pq")
+                read_tasks(path, Site(places=places), load_truck("counterbalance-2.5t"))
+            elif path.name == "experiment.toml":
+                simulate.converted(experiment=str(path))
             else:
                 site, _ = load_site(path)
                 return Outcome(0, rows=len(site.network) if site.network else 0)

@@ -186,6 +186,24 @@ def kml() -> bytes:
     return f'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n{marks}</Document></kml>'.encode()
 
 
+def kitti() -> bytes:
+    return b"".join(b"1 0 0 %d 0 1 0 2 0 0 1 0\n" % i for i in range(ROWS))
+
+
+TIMES = b"".join(b"%.6e\n" % (START + i) for i in range(ROWS))
+"""``times.txt``, which lies beside KITTI poses."""
+
+
+def fit() -> bytes:
+    """Record messages (FIT protocol 2.0) with time, position and altitude; without a checksum, which 0 states."""
+    fields = [(253, 4, 0x86), (0, 4, 0x85), (1, 4, 0x85), (2, 2, 0x84)]
+    body = struct.pack("<BBBHB", 0x40, 0, 0, 20, len(fields)) + b"".join(bytes(f) for f in fields)
+    for i in range(ROWS):
+        latitude, longitude = (round(v * 2**31 / 180.0) for v in (49.97 + i * 1e-5, 9.151))
+        body += struct.pack("<BIiiH", 0, START - 631_065_600 + i, latitude, longitude, (120 + 500) * 5)
+    return struct.pack("<BBHI4sH", 14, 0x20, 2100, len(body), b".FIT", 0) + body + bytes(2)
+
+
 LOGS: dict[str, tuple[str, Callable[[], bytes]]] = {
     "csv": ("csv", csv), "gpx": ("gpx", gpx), "nmea": ("nmea", nmea), "tum": ("tum", tum), "sumo-fcd": ("xml", fcd),
     "vda5050": ("jsonl", vda), "geojson": ("geojson", geojson), "geojson lines": ("geojson", lines),
@@ -194,6 +212,8 @@ LOGS: dict[str, tuple[str, Callable[[], bytes]]] = {
     "rosbag ros2": ("db3", lambda: bag(2)), "tcx": ("tcx", tcx), "kml": ("kml", kml),
 }  # fmt: skip
 """Name: suffix, and the bytes of a file of 40 rows."""
+MORE_LOGS: dict[str, tuple[str, Callable[[], bytes]]] = {"kitti": ("txt", kitti), "fit": ("fit", fit)}
+"""Logs that need a file beside them, or a package that may be missing."""
 
 ROAD = {"type": "Feature", "properties": {"id": "r", "speed_limit": 3.0},
         "geometry": {"type": "LineString", "coordinates": [[9.15, 49.97, 1.0], [9.151, 49.97, 2.0]]}}  # fmt: skip
@@ -226,10 +246,32 @@ LIF = {"metaInformation": {"lifVersion": "2.0.0"}, "layouts": [{
     "edges": [{"edgeId": "e1", "startNodeId": "A", "endNodeId": "B", "mobileRobotTypeEdgeProperties": [{"maximumSpeed": 1.5}]},
               {"edgeId": "e2", "startNodeId": "B", "endNodeId": "C", "vehicleTypeEdgeProperties": [{"maxSpeed": 1.0, "trajectory": CURVE}]}],
     "stations": []}]}  # fmt: skip
+GRAPH = b"""building_name: b
+levels:
+  L1:
+    lanes:
+    - [0, 1, {speed_limit: 0.5}]
+    - [1, 0, {}]
+    vertices:
+    - [0.0, 0.0, {name: dock, is_charger: true}]
+    - [10.0, 0.0, {name: ''}]
+"""
+BUILDING = b"""coordinate_system: reference_image
+levels:
+  L1:
+    drawing: {filename: a.png}
+    lanes:
+      - [0, 1, {bidirectional: [4, true], graph_idx: [2, 0]}]
+    measurements:
+      - [0, 1, {distance: [3, 10]}]
+    vertices:
+      - [0, 0, 0, dock, {is_charger: [4, true]}]
+      - [200, 0, 0, ""]
+"""
 MAPS: dict[str, bytes] = {
     "map.geojson": collection([ROAD]), "map.xodr": OPENDRIVE.encode(), "map.osm": OSM.encode(),
     "map.graphml": GRAPHML.encode(), "map.json": json.dumps(LIF).encode(), "model.xml": OPENTCS.encode(),
-    "map.net.xml": SUMO.encode(),
+    "map.net.xml": SUMO.encode(), "graph.yaml": GRAPH, "a.building.yaml": BUILDING,
 }  # fmt: skip
 
 TRUCK = b"""name = "t"
@@ -293,4 +335,28 @@ coefficient = 0.02
 [interval.auxiliary_load]
 power = [640.0, 690.0]
 """
-SETTINGS = {"truck.toml": TRUCK, "site.toml": SITE, "profile.toml": PROFILE, "model.toml": MODEL}
+TARIFF = b"""currency = "EUR"
+price = 0.31
+co2 = 0.4
+charger_efficiency = 0.9
+[[period]]
+name = "night"
+from = 22
+to = 6
+days = ["mon", "sun"]
+price = 0.2
+"""
+TASKS = b"vehicle,from,to,payload,earliest\nT1,p,q,500,0\n,q,p,700,10.5\n"
+EXPERIMENT = b"""vehicles = 3
+duration = "60s"
+truck = "counterbalance-2.5t"
+close = ["r"]
+shadow = false
+[vary]
+plugs = [2, 3]
+policy = ["opportunity", "threshold"]
+"""
+SETTINGS = {
+    "truck.toml": TRUCK, "site.toml": SITE, "profile.toml": PROFILE, "model.toml": MODEL, "tariff.toml": TARIFF,
+    "tasks.csv": TASKS, "experiment.toml": EXPERIMENT,
+}  # fmt: skip

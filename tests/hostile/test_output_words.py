@@ -18,6 +18,7 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+import fleetlog
 from fleetlog.analysis.heatmap import heatmap
 from fleetlog.analysis.stops import stops
 from fleetlog.analysis.trips import trips
@@ -29,7 +30,7 @@ from fleetlog.core.result import Grid, Result
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.discovery.report.finding import ChannelFit, Verdict
-from fleetlog.errors import DataError, InputError, OutputError
+from fleetlog.errors import DataError, FleetlogError, InputError, OutputError
 from fleetlog.exporters.base import export_dataset
 from fleetlog.exporters.csv import defused
 from fleetlog.store import Dataset, DatasetWriter
@@ -164,6 +165,7 @@ def test_a_gate_stays_shut_for_what_was_not_judged() -> None:
         "simulate --truck T --soc 60", "simulate --truck T --soc nan", "simulate --truck T --seed -5",
         "simulate --truck T --vehicles 1000000000", "simulate --truck T --vehicles -1", "simulate --truck T --rate inf",
         "simulate --truck T --step 0", "simulate --truck T --temperature nan", "simulate --truck T --duration 1000000h",
+        "simulate", "export .", "calibrate .", "diagnose .", "analyze energy .", f"simulate --truck T --vehicles {10**400}",
         "simulate --truck T --charge-below 30", "simulate --truck T --chemistry gold", "simulate --truck T --cycle x", "simulate --truck T --runs 0", "simulate --truck T --workers 1e9", "analyze density . --threshold nan",
         "analyze density . --step 0", "analyze heatmap . --cell 0", "analyze heatmap . --cell inf", "analyze stops . --min-visits 0",
         "analyze trips . --min-distance nan", "analyze chargers . -k 0", "analyze chargers . --radius nan", "analyze nothing .",
@@ -177,6 +179,12 @@ def test_numbers_and_choices_out_of_bounds_are_wrong_usage(words: str, tmp_path:
     )
     assert done.exit_code == 2, done.exception
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["a\0b", "\ud800"])
+def test_what_cannot_be_a_name_is_said_to_be_none(name: str) -> None:
+    with pytest.raises(FleetlogError, match="is no name of a file"):
+        fleetlog.info(name)
 
 
 def test_analyses_of_nearly_nothing_answer(tmp_path: Path) -> None:
@@ -196,6 +204,7 @@ def test_analyses_of_nearly_nothing_answer(tmp_path: Path) -> None:
         "analyze trips D -o D", "analyze heatmap D -o D/new", "diagnose D --truck T -o D", "export D --to csv -o D/dataset.json",
         "simulate --like D --truck T -o D", "simulate --like D --truck T --vehicles 1..2 -o D", "import D -o D",
         "calibrate D --truck T -o D/truck.toml", "view D --beside D --save D/recording.rrd",
+        "report D -o D/dataset.json", "report D --truck T --tables D -o D.html", "learn D -o D", "view D --screenshot D/new.png",
     ],
 )  # fmt: skip
 def test_no_command_writes_over_what_it_reads(words: str, tmp_path: Path) -> None:

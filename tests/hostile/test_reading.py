@@ -24,6 +24,7 @@ from fleetlog.importers._open import FREE, open_bytes
 from fleetlog.importers._profile import load_profile
 from fleetlog.importers.base import importers
 from fleetlog.ingest.files import find_logs
+from fleetlog.listening import Listener, listening
 from fleetlog.physics.model import load_physics
 from fleetlog.roads import load_site
 
@@ -187,9 +188,18 @@ def test_a_count_from_an_unknown_start_is_no_date(header: str, suffix: str, tmp_
 
 
 def test_a_format_that_counts_from_1970_says_where_it_cannot_be_so(tmp_path: Path) -> None:
-    early = b"".join(b"%d.5 %d 2 0 0 0 0 1\n" % (i, i) for i in range(40))
-    assert "unknown start, placed at 1970" in judge.read(put(tmp_path / "a.tum", early)).text
+    """Trajectories and simulations begin at zero: the count is kept, and said to be no date."""
+    put(tmp_path / "times.txt", b"".join(b"%.6e\n" % (0.1 * i) for i in range(40)))
+    early = {
+        "a.tum": b"".join(b"%d.5 %d 2 0 0 0 0 1\n" % (i, i) for i in range(40)),
+        "a.fcd.xml": seeds.LOGS["sumo-fcd"][1]().replace(b"fleetlog-epoch", b"no epoch"),
+        "00.txt": b"".join(b"1 0 0 %d 0 1 0 2 0 0 1 0\n" % i for i in range(40)),
+    }
+    for name, data in early.items():
+        out = judge.read(put(tmp_path / name, data))
+        assert out.rows == 40 and "unknown start, placed at 1970" in out.text, (name, out.text)
     assert "unknown start" not in judge.read(put(tmp_path / "b.tum", seeds.tum())).text
+    assert "unknown start" not in judge.read(put(tmp_path / "b.csv", seeds.csv())).text
 
 
 def test_midnight_is_the_next_day(tmp_path: Path) -> None:
@@ -362,6 +372,17 @@ def test_outputs_among_the_logs_are_not_read_again(tmp_path: Path) -> None:
         assert (out.status, out.rows) == (0, seeds.ROWS), out.text
     assert [log.path.name for log in find_logs([logs / "*"])] == ["a.csv"]
     assert judge.imported(logs / "out", tmp_path).rows == seeds.ROWS
+
+
+def test_files_of_a_folder_that_are_no_logs_are_named(tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    for name, data in (("good.csv", seeds.csv()), ("bad.csv", b"\x1b\x07" * 40), ("empty.csv", b"")):
+        put(folder / name, data)
+    said: list[str] = []
+    with listening(Listener(notice=said.append)):
+        assert judge.imported(folder, tmp_path).status == 0
+    assert said == [f"{folder}: 2 files passed over, not of the format of a log: bad.csv, empty.csv"]
 
 
 def test_what_a_pattern_matches_is_an_input(tmp_path: Path) -> None:
