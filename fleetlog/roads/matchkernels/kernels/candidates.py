@@ -7,76 +7,60 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from fleetlog.roads.matchkernels.kernels.growing import longer, wider
+from fleetlog.roads.matchkernels.kernels.records import Candidates, Floats, Grid, Index, Roads, Wide
 
-Floats = NDArray[np.float64]
-Wide = NDArray[np.int64]
-Index = NDArray[np.int32]
-
-
-@njit(cache=True, error_model="numpy", fastmath=True)
-def _visit_cells(
-    px: Floats,
-    py: Floats,
-    k: int,
-    x0: float,
-    y0: float,
-    cell: float,
-    nx: int,
-    ny: int,
-    counts: Wide,
-    fill: bool,
-    items: Wide,
-) -> None:
-    """Count (``fill`` false) or enter segment k (vertices k, k + 1) in every cell that its band crosses."""
-    ax, ay, bx, by = px[k], py[k], px[k + 1], py[k + 1]
-    i0 = max(int((min(ax, bx) - x0) / cell), 0)
-    i1 = min(int((max(ax, bx) - x0) / cell), nx - 1)
-    j0 = max(int((min(ay, by) - y0) / cell), 0)
-    j1 = min(int((max(ay, by) - y0) / cell), ny - 1)
-    dx, dy = bx - ax, by - ay
-    length = np.hypot(dx, dy)
-    for i in range(i0, i1 + 1):
-        for j in range(j0, j1 + 1):
-            if length > 0.0 and (i1 > i0 and j1 > j0):
-                cx, cy = x0 + (i + 0.5) * cell - ax, y0 + (j + 0.5) * cell - ay
-                if abs(cx * dy - cy * dx) / length > 0.75 * cell:  # the cell's half diagonal is 0.707
-                    continue
-            c = i * ny + j
-            if fill:
-                items[counts[c]] = k
-            counts[c] += 1
+Frame = tuple[float, float, float, int, int]
+"""Origin x, y and side [m] of cells, and their numbers along x and y."""
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
-def build_grid(
-    px: Floats, py: Floats, first: Wide, twin: Index, x0: float, y0: float, cell: float, nx: int, ny: int
-) -> Any:
-    """CSR of the segments in every cell: starts (nx * ny + 1,), segments (first vertex index).
+def _cell_range(low: float, high: float, origin: float, cell: float, count: int) -> Any:
+    return max(int((low - origin) / cell), 0), min(int((high - origin) / cell), count - 1) + 1
 
-    Of two edges that are each other's ``twin`` (the same line in both directions, -1 none) only the first is
-    entered.
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _visit_cells(roads: Roads, frame: Frame, counts: Wide, items: Wide) -> None:
+    """Enter every segment in ``items`` of every cell that its band crosses; without items, count only.
+
+    Of twins only the first edge is entered.
     """
+    x0, y0, cell, nx, ny = frame
+    px, py = roads.px, roads.py
+    for e in range(len(roads.length)):
+        if 0 <= roads.twin[e] < e:
+            continue
+        for k in range(roads.first[e], roads.first[e + 1] - 1):
+            ax, ay, bx, by = px[k], py[k], px[k + 1], py[k + 1]
+            i0, i1 = _cell_range(min(ax, bx), max(ax, bx), x0, cell, nx)
+            j0, j1 = _cell_range(min(ay, by), max(ay, by), y0, cell, ny)
+            dx, dy = bx - ax, by - ay
+            length = np.hypot(dx, dy)
+            for i in range(i0, i1):
+                for j in range(j0, j1):
+                    if length > 0.0 and i1 - i0 > 1 and j1 - j0 > 1:
+                        cx, cy = x0 + (i + 0.5) * cell - ax, y0 + (j + 0.5) * cell - ay
+                        if abs(cx * dy - cy * dx) / length > 0.75 * cell:  # the cell's half diagonal is 0.707
+                            continue
+                    c = i * ny + j
+                    if len(items):
+                        items[counts[c]] = k
+                    counts[c] += 1
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def build_grid(roads: Roads, frame: Frame) -> Grid:
+    """The segments of every cell, by their first vertex."""
+    x0, y0, cell, nx, ny = frame
     counts = np.zeros(nx * ny, np.int64)
-    empty = np.empty(0, np.int64)
-    for e in range(len(first) - 1):
-        if 0 <= twin[e] < e:
-            continue
-        for k in range(first[e], first[e + 1] - 1):
-            _visit_cells(px, py, k, x0, y0, cell, nx, ny, counts, False, empty)
+    _visit_cells(roads, frame, counts, np.empty(0, np.int64))
     starts = np.zeros(nx * ny + 1, np.int64)
-    for c in range(nx * ny):
-        starts[c + 1] = starts[c] + counts[c]
+    starts[1:] = np.cumsum(counts)
     items = np.empty(starts[-1], np.int64)
-    at = starts[:-1].copy()
-    for e in range(len(first) - 1):
-        if 0 <= twin[e] < e:
-            continue
-        for k in range(first[e], first[e + 1] - 1):
-            _visit_cells(px, py, k, x0, y0, cell, nx, ny, at, True, items)
-    return starts, items
+    if len(items):
+        _visit_cells(roads, frame, starts[:-1].copy(), items)
+    return Grid(x0, y0, cell, nx, ny, starts, items)
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
@@ -92,29 +76,13 @@ def project(px: Floats, py: Floats, k: int, x: float, y: float) -> Any:
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def find_candidates(
-    x: Floats,
-    y: Floats,
-    px: Floats,
-    py: Floats,
-    dist: Floats,
-    length: Floats,
-    owner: Index,
-    twin: Index,
-    grid: tuple[float, float, float, int, int],
-    starts: Wide,
-    items: Wide,
-    radius: float,
-    margin: float,
-    limit: int,
-) -> Any:
-    """Edges within ``radius`` of every position and not more than ``margin`` farther than the nearest; at
-    most ``limit``.
+    x: Floats, y: Floats, roads: Roads, grid: Grid, radius: float, margin: float, limit: int
+) -> Candidates:
+    """Edges within ``radius`` and not more than ``margin`` farther than the nearest; at most ``limit``.
 
-    ``grid`` is (x0, y0, cell, nx, ny).  Returns CSR starts (N + 1,), and of every candidate: edge; offset,
-    lateral distance (left positive; beyond an end the whole distance), tangent x, tangent y.  One candidate
-    an edge: its nearest point.
+    One candidate an edge: its nearest point; beyond an end the lateral distance is the whole one.
     """
-    x0, y0, cell, nx, ny = grid
+    px, py, dist = roads.px, roads.py, roads.dist
     n = len(x)
     ptr = np.zeros(n + 1, np.int64)
     capacity = 8 * n + limit
@@ -125,30 +93,29 @@ def find_candidates(
     total = 0
     for p in range(n):
         m = 0
-        best = radius * radius
-        cut = best
-        i0 = max(int(np.floor((x[p] - radius - x0) / cell)), 0)
-        i1 = min(int(np.floor((x[p] + radius - x0) / cell)), nx - 1)
-        j0 = max(int(np.floor((y[p] - radius - y0) / cell)), 0)
-        j1 = min(int(np.floor((y[p] + radius - y0) / cell)), ny - 1)
+        best = cut = radius * radius
+        i0 = max(int(np.floor((x[p] - radius - grid.x0) / grid.cell)), 0)
+        i1 = min(int(np.floor((x[p] + radius - grid.x0) / grid.cell)), grid.nx - 1)
+        j0 = max(int(np.floor((y[p] - radius - grid.y0) / grid.cell)), 0)
+        j1 = min(int(np.floor((y[p] + radius - grid.y0) / grid.cell)), grid.ny - 1)
         for i in range(i0, i1 + 1):
             for j in range(j0, j1 + 1):
-                for q in range(starts[i * ny + j], starts[i * ny + j + 1]):
-                    k = items[q]
+                for q in range(grid.starts[i * grid.ny + j], grid.starts[i * grid.ny + j + 1]):
+                    k = grid.items[q]
                     d2, share = project(px, py, k, x[p], y[p])
                     if d2 > cut:
                         continue
                     if d2 < best:
                         best = d2
                         cut = min((math.sqrt(best) + margin) ** 2, radius * radius)
-                    m = _keep(near_k, near, m, k, d2, share, owner)
+                    m = _keep(near_k, near, m, k, d2, share, roads.owner)
         if total + limit > capacity:
             capacity *= 2
             edge, value = longer(edge, capacity), wider(value, capacity)
         for c in range(m):
             if near[0, c] > cut:
                 continue
-            k, e = near_k[c], owner[near_k[c]]
+            k, e = near_k[c], roads.owner[near_k[c]]
             dx, dy = px[k + 1] - px[k], py[k + 1] - py[k]
             scale = 1.0 / max(math.sqrt(dx * dx + dy * dy), 1e-12)
             left = dx * (y[p] - py[k]) - dy * (x[p] - px[k]) >= 0.0
@@ -157,19 +124,21 @@ def find_candidates(
             edge[total], value[0, total], value[1, total] = e, offset, aside
             value[2, total], value[3, total] = dx * scale, dy * scale
             total += 1
-            if twin[e] >= 0:
-                edge[total], value[0, total], value[1, total] = twin[e], length[e] - offset, -aside
+            if roads.twin[e] >= 0:
+                edge[total], value[0, total], value[1, total] = (
+                    roads.twin[e],
+                    roads.length[e] - offset,
+                    -aside,
+                )
                 value[2, total], value[3, total] = -dx * scale, -dy * scale
                 total += 1
         ptr[p + 1] = total
-    return ptr, edge[:total].copy(), value[:, :total].copy()
+    return Candidates(ptr, edge[:total].copy(), value[:, :total].copy())
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def _keep(near_k: Wide, near: Floats, m: int, k: int, d2: float, share: float, owner: Index) -> Any:
-    """Enter a foot in the list of one position;
-    of an edge the nearest foot stays, of too many edges the farthest goes.
-    """
+    """Enter a foot in the list of one position: of an edge the nearest, of too many edges the farthest goes."""
     at = -1
     for c in range(m):
         if owner[near_k[c]] == owner[k]:
