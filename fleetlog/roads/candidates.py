@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
-from fleetlog.roads.matchkernels.kernels.records import Candidates, Grid, Roads, Store
+from fleetlog.roads.kernels.records import Candidates, Grid, Roads, Store
 
 Floats = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class Prepared:
 
     def candidates(self, x: Floats, y: Floats, radius: float, margin: float) -> Candidates:
         """The edges within ``radius`` of every position, ``margin`` [m] behind the nearest at most."""
-        from fleetlog.roads.matchkernels.kernels.candidates import find_candidates
+        from fleetlog.roads.kernels.candidates import find_candidates
 
         found: Candidates = find_candidates(x, y, self.roads, self.grid, radius, margin, MOST_CANDIDATES)
         return found
@@ -48,8 +48,8 @@ def prepare(network: Network) -> Prepared:
 
 
 def _prepare(network: Network) -> Prepared:
-    from fleetlog.roads.matchkernels.kernels.candidates import build_grid
-    from fleetlog.roads.matchkernels.kernels.distances import new_store
+    from fleetlog.roads.kernels.candidates import build_grid
+    from fleetlog.roads.kernels.distances import new_store
 
     # equal alternatives are decided by the edges' names, so that the order of a map file means nothing
     rank = np.empty(len(network), np.int64)

@@ -175,7 +175,7 @@ HEADING_WEIGHT = 1.0
 
 def group_track(track: Track, noise: float, sigma: float) -> Groups:
     """Groups of a track: standstills that speed or positions show, and steps of motion between."""
-    from fleetlog.roads.matchkernels.kernels.grouping import find_stops, group_means, group_points
+    from fleetlog.roads.kernels.grouping import find_stops, group_means, group_points
 
     span = group_span(track, noise)
     travelled = _travelled(track)

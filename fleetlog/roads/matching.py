@@ -22,7 +22,7 @@ from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads.candidates import Prepared, prepare
 from fleetlog.roads.grouping import Groups, Track, group_track, white_noise
-from fleetlog.roads.matchkernels.kernels.records import Candidates, Choice, Costs, Noise, Placed, Rows, Steps
+from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Noise, Placed, Rows, Steps
 
 Floats = NDArray[np.float64]
 
@@ -194,8 +194,8 @@ class Chain:
 
 
 def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> Chain:
-    from fleetlog.roads.matchkernels.kernels.costs import emission_costs
-    from fleetlog.roads.matchkernels.kernels.decoding import decode
+    from fleetlog.roads.kernels.costs import emission_costs
+    from fleetlog.roads.kernels.decoding import decode
 
     near = prepared.candidates(groups.x, groups.y, p.reach, max(4.5 * p.sigma, 1.5))
     weight = max((1.0 - p.persistence) / (1.0 + p.persistence), LEAST_WEIGHT)
@@ -212,8 +212,8 @@ def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> Chain:
 
 
 def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchParameters) -> Match:
-    from fleetlog.roads.matchkernels.kernels.placing import place_points, route_posterior
-    from fleetlog.roads.matchkernels.kernels.routes import build_routes
+    from fleetlog.roads.kernels.placing import place_points, route_posterior
+    from fleetlog.roads.kernels.routes import build_routes
 
     chain, size = _decode(groups, prepared, p), np.diff(groups.first)
     routes = build_routes(prepared.store, prepared.roads, chain.near, chain.choice, groups.moved, chain.back)
@@ -223,8 +223,11 @@ def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchPara
     placed = Placed(np.full(n, -1, np.int32), np.full(n, np.nan), np.full(n, np.nan), confidence)
     lasting = p.sigma**2 * max(p.persistence - CHANCE_PERSISTENCE, 0.0) / (1.0 - CHANCE_PERSISTENCE)
     noise = Noise(max(p.noise, 0.02) ** 2, lasting, p.speed_noise**2, p.acceleration)
+    group = np.repeat(np.arange(len(groups)), size)
     rows = Rows(track.t, track.x, track.y, track.speed)
-    place_points(rows, groups.first, groups.t, groups.still, routes, prepared.roads, posterior, noise, placed)
+    place_points(
+        rows, group, groups.first, groups.t, groups.still, routes, prepared.roads, posterior, noise, placed
+    )
     reason = np.repeat(_reasons(groups, chain, prepared, p), size).astype(np.uint8)
     restart = np.zeros(n, np.uint8)
     restart[groups.first[:-1][routes.spans[0]]] = NO_PATH

@@ -38,10 +38,10 @@ def bounded_distances(network: Network, limit: float, sources: Index | None = No
 
     ``sources`` (S,) are the edges to start from; all by default, then row i is edge i.
     """
-    from fleetlog.roads.routekernels import kernels
+    from fleetlog.roads.kernels import paths
 
     rows = np.arange(len(network), dtype=np.int32) if sources is None else np.asarray(sources, dtype=np.int32)
-    found = kernels.bounded(network.next_first, network.next_edges, network.length, float(limit), rows)
+    found = paths.bounded(network.next_first, network.next_edges, network.length, float(limit), rows)
     return Distances(*found)
 
 
@@ -93,7 +93,7 @@ class Router:
 
         ``closed`` edges are not entered (the source may be closed: who stands there may leave).
         """
-        from fleetlog.roads.routekernels import kernels
+        from fleetlog.roads.kernels import paths
 
         n = self.network
         for edge in (source, target):
@@ -104,7 +104,7 @@ class Router:
             shut = shut.copy()
             shut[numbers] = True
         bound, ends = self._bound(target), (np.int32(source), np.int32(target))
-        chain, entered = kernels.astar(n.next_first, n.next_edges, self.time, self._turn, shut, bound, *ends)
+        chain, entered = paths.astar(n.next_first, n.next_edges, self.time, self._turn, shut, bound, *ends)
         if not len(chain):
             return None
         return Route(chain, float(entered[-1] + self.time[target]), float(n.length[chain].sum()))

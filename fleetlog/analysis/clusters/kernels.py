@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fleetlog.roads.matchkernels.kernels.distances import forget, search
-from fleetlog.roads.matchkernels.kernels.growing import longer
+from fleetlog.roads.kernels.distances import forget, search
+from fleetlog.roads.kernels.growing import longer
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int32]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from fleetlog.roads.matchkernels.kernels.records import (
+from fleetlog.roads.kernels.records import (
     Candidates,
     Choice,
     Flags,
@@ -90,23 +90,15 @@ def _locate(where: float, piece: int, lo: int, hi: int, routes: Routes, roads: R
 
     ``piece`` is a guess nearby; ``cursor`` (2,) is the edge and vertex of the last place.
     """
-    p_edge, p_value, first, dist, px, py = (
-        routes.edge,
-        routes.value,
-        roads.first,
-        roads.dist,
-        roads.px,
-        roads.py,
-    )
+    p_value, dist, px, py = routes.value, roads.dist, roads.px, roads.py
     while piece > lo and where < p_value[2, piece]:
         piece -= 1
     while piece < hi - 1 and where >= p_value[2, piece] + p_value[1, piece] - p_value[0, piece]:
         piece += 1
-    e = p_edge[piece]
+    e = routes.edge[piece]
     offset = p_value[0, piece] + where - p_value[2, piece]
     inside = min(max(offset, p_value[0, piece]), p_value[1, piece])
-    k = first[e]
-    top = first[e + 1] - 2
+    k, top = roads.first[e], roads.first[e + 1] - 2
     if cursor[0] == e and cursor[1] <= top and dist[cursor[1]] <= inside:
         k = cursor[1]
     while k < top and dist[k + 1] < inside:
@@ -122,13 +114,14 @@ def _locate(where: float, piece: int, lo: int, hi: int, routes: Routes, roads: R
 
 @njit(cache=True, error_model="numpy")
 def place_points(
-    rows: Rows, first_row: Wide, group_time: Floats, still: Flags, routes: Routes, roads: Roads, near: Floats,
-    noise: Noise, out: Placed,
+    rows: Rows, group: Wide, first_row: Wide, group_time: Floats, still: Flags, routes: Routes, roads: Roads,
+    near: Floats, noise: Noise, out: Placed,
 ) -> None:  # fmt: skip
     """Edge, offset, lateral offset and confidence of every row that a stretch covers, into ``out``.
 
     Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is projected
-    onto the tangent of the route.  ``near`` (G,) is the posterior of the route about each group.
+    onto the tangent of the route.  ``group`` (N,) is that of each row, ``near`` (G,) the posterior of the route
+    about it.
     """
     t, x, y, speed = rows
     spans, firsts, place_of, p_value = routes.spans, routes.firsts, routes.place, routes.value
@@ -140,14 +133,12 @@ def place_points(
         end = p_value[2, hi - 1] + p_value[1, hi - 1] - p_value[0, hi - 1]
         n = b - a
         where, sd = np.empty(n), np.zeros(n)
-        _interpolate(t, a, g0, g1, first_row, group_time, place_of, still, where)
+        _interpolate(t, a, g0, g1, group, group_time, place_of, still, where)
         seen, var, v, v_var = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
         for _ in range(2):
-            piece, g = lo, g0
-            cursor[0] = -1
+            piece, cursor[0] = lo, -1
             for i in range(n):
-                while a + i >= first_row[g + 1]:
-                    g += 1
+                g = group[a + i]
                 if still[g]:
                     var[i] = noise.position / max(first_row[g + 1] - first_row[g], 1)
                     seen[i], v[i], v_var[i] = place_of[g], 0.0, 1e-6
@@ -157,20 +148,15 @@ def place_points(
                 along = ((x[a + i] - qx) * ux + (y[a + i] - qy) * uy) * stretch
                 seen[i], var[i], v[i], v_var[i] = c + along, noise.position, speed[a + i], noise.speed
             smooth_coordinate(t[a:b], seen, var, v, v_var, noise.acceleration, where, sd)
-        for g in range(g0, g1 + 1):
-            if still[g]:
-                for i in range(first_row[g] - a, first_row[g + 1] - a):
-                    where[i] = place_of[g]
-        make_monotone(where)  # a truck does not slide back on its route: a turn would be a piece of its own
-        for g in range(g0, g1 + 1):
-            if not still[g]:  # rows in motion stay nanometres apart: equal offsets mean a standstill
-                for i in range(first_row[g] - a, first_row[g + 1] - a):
-                    where[i] += 1e-9 * i
-        piece, g = lo, g0
-        cursor[0] = -1
         for i in range(n):
-            while a + i >= first_row[g + 1]:
-                g += 1
+            if still[group[a + i]]:
+                where[i] = place_of[group[a + i]]
+        make_monotone(where)  # a truck does not slide back on its route: a turn would be a piece of its own
+        piece, cursor[0] = lo, -1
+        for i in range(n):
+            g = group[a + i]
+            if not still[g]:  # rows in motion stay nanometres apart: equal offsets mean a standstill
+                where[i] += 1e-9 * i
             c = min(max(where[i], 0.0), end)
             piece, o, qx, qy, ux, uy, _s = _locate(c, piece, lo, hi, routes, roads, cursor)
             out.edge[a + i], out.offset[a + i] = routes.edge[piece], o
@@ -204,7 +190,7 @@ def make_monotone(values: Floats) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _interpolate(
-    t: Floats, a: int, g0: int, g1: int, first_row: Wide, group_time: Floats, place_of: Floats, still: Flags,
+    t: Floats, a: int, g0: int, g1: int, group: Wide, group_time: Floats, place_of: Floats, still: Flags,
     where: Floats,
 ) -> None:  # fmt: skip
     """Path coordinate of rows between the groups' centres, carried on with the nearest slope at both ends."""
@@ -212,18 +198,11 @@ def _interpolate(
     for i in range(a, a + len(where)):
         while g < g1 - 1 and t[i] > group_time[g + 1]:
             g += 1
-        if g1 == g0:
-            where[i - a] = place_of[g0]
+        if g1 == g0 or still[group[i]]:
+            where[i - a] = place_of[group[i]]
             continue
-        h = min(g + 1, g1)
-        if h == g:
-            g = h - 1
-        slope = (place_of[h] - place_of[g]) / max(group_time[h] - group_time[g], 1e-9)
+        slope = (place_of[g + 1] - place_of[g]) / max(group_time[g + 1] - group_time[g], 1e-9)
         where[i - a] = place_of[g] + slope * (t[i] - group_time[g])
-    for g in range(g0, g1 + 1):
-        if still[g]:
-            for i in range(first_row[g], first_row[g + 1]):
-                where[i - a] = place_of[g]
 
 
 @njit(cache=True, error_model="numpy")

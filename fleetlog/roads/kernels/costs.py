@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from fleetlog.roads.matchkernels.kernels.records import Candidates, Costs, Floats, Index, Roads, Store, Wide
+from fleetlog.roads.kernels.records import Candidates, Costs, Floats, Index, Roads, Store, Wide
 
 JUMP = 12.0
 """Cost of two groups on roads that no path connects: the chain starts anew."""

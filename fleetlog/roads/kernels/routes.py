@@ -7,17 +7,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from fleetlog.roads.matchkernels.kernels.distances import path_between
-from fleetlog.roads.matchkernels.kernels.growing import longer, wider
-from fleetlog.roads.matchkernels.kernels.records import (
-    Candidates,
-    Choice,
-    Floats,
-    Index,
-    Roads,
-    Routes,
-    Store,
-)
+from fleetlog.roads.kernels.distances import path_between
+from fleetlog.roads.kernels.growing import longer, wider
+from fleetlog.roads.kernels.records import Candidates, Choice, Floats, Index, Roads, Routes, Store
 
 
 @njit(cache=True)

@@ -12,18 +12,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from fleetlog.roads.matchkernels.kernels.costs import BY_JUMP, CHAIN_END, JUMP, RARE, reach_of, step_costs
-from fleetlog.roads.matchkernels.kernels.distances import ensure
-from fleetlog.roads.matchkernels.kernels.records import (
-    Candidates,
-    Choice,
-    Costs,
-    Floats,
-    Roads,
-    Steps,
-    Store,
-    Wide,
-)
+from fleetlog.roads.kernels.costs import BY_JUMP, CHAIN_END, JUMP, RARE, reach_of, step_costs
+from fleetlog.roads.kernels.distances import ensure
+from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Floats, Roads, Steps, Store, Wide
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from fleetlog.roads.matchkernels.kernels.growing import longer
-from fleetlog.roads.matchkernels.kernels.heap import pop, push
-from fleetlog.roads.matchkernels.kernels.records import Floats, Index, Roads, Store
+from fleetlog.roads.kernels.growing import longer
+from fleetlog.roads.kernels.heap import pop, push
+from fleetlog.roads.kernels.records import Floats, Index, Roads, Store
 
 
 @njit(cache=True)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from fleetlog.roads.matchkernels.kernels.growing import longer, wider
-from fleetlog.roads.matchkernels.kernels.records import Candidates, Floats, Grid, Index, Roads, Wide
+from fleetlog.roads.kernels.growing import longer, wider
+from fleetlog.roads.kernels.records import Candidates, Floats, Grid, Index, Roads, Wide
 
 Frame = tuple[float, float, float, int, int]
 """Origin x, y and side [m] of cells, and their numbers along x and y."""
