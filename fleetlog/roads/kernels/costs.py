@@ -58,7 +58,7 @@ def mismatch(d: float, moved: float, scale: float) -> Any:
     return z if z < 4.0 else 4.0 + 2.0 * math.log(0.25 * z)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
 def step_costs(
     store: Store, roads: Roads, near: Candidates, costs: Costs, g: int, moved: float, standing: tuple[bool, bool],
     slot: Wide, cost: Floats,

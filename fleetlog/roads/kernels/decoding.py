@@ -143,7 +143,7 @@ def _normalise(values: Floats, a: int, b: int) -> None:
         values[i] = values[i] / total if total > 0.0 else 1.0 / (b - a)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
 def _advance(
     h: int, g: int, near: Candidates, cost: Floats, emission: Floats, off: float, rank: Wide, states: Wide,
     at: Wide, steps: Floats, delta: Floats, alpha: Floats, came: Wide, own: Floats,
