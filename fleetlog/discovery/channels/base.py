@@ -26,9 +26,9 @@ Columns = NDArray[np.float32]
 class Unit:
     """Windows that are computed together, with the recorded quantity of each and which of them can be used.
 
-    ``own`` is the channel's; ``noise`` (W,) the variance that the uncertainty of the motion leaves to any
-    model; ``level``
-    (W,) what the nominal model says: noise grows with it.
+    ``own`` is the channel's; ``noise`` (W,) the variance that the uncertainty of the motion leaves to any model;
+    ``level`` (W,) what the nominal model says, and ``swing`` (W,) how far rows scatter about it, above zero: noise
+    grows with both.
     """
 
     windows: Windows
@@ -36,6 +36,7 @@ class Unit:
     whole: NDArray[np.bool_]
     noise: Floats
     level: Floats
+    swing: Floats
     own: Any
 
 

@@ -36,8 +36,8 @@ Ints = NDArray[np.int64]
 STANDS, PASSING, LIFTS, LOADED = 0.9, 0.15, 250.0, 0.3
 """Share of a window from which on it is a standstill, and up to which it is none; power above the usual that shows
 hydraulics [W]; a usual load that nobody weighed, as a share of the truck at most."""
-UNUSUAL, SWING = 3.0, 0.03
-"""Power that jumps by this many times what is usual leaves this share of a window's energy open, and its fourth power."""
+LEAST_SWING = 1.0
+"""Rows that scatter by less than this [W] are as good as a logger writes them."""
 CHARGING, LEAP = -300.0, 0.005
 """Power at a standstill below which a battery is being charged [W], and a rise of its charge from row to row."""
 ERRORS = (ErrorSource("sampling", 0.5), ErrorSource("ripple", 2.0), ErrorSource("lag", 0.15))
@@ -88,8 +88,10 @@ class EnergyChannel(FleetChannel):
         # Both ends of a window are rounded to a step: its drop scatters by a sixth of the step's square.
         coarse = (self.charge_step * 3.6 * self.truck.battery.capacity_wh) ** 2 / 6.0
         noise = coarse + (np.zeros(c.count) if self.measured else self._uncertain(block, c))
-        unit = Unit(frame, np.where(whole, energy, 0.0), whole, noise, energy, (block, c))
-        return replace(unit, level=np.abs(self.predict(unit, self.base)))
+        e = self.evaluation(block, self.base)
+        swing = np.ones(c.count) if self.name == "soc" else np.maximum(jumps(block, c, e), LEAST_SWING)
+        level = np.abs(c.energy(block, e.power))
+        return Unit(frame, np.where(whole, energy, 0.0), whole, noise, level, swing, (block, c))
 
     def _seen_lifts(self, block: Block, c: Cut, seconds: Floats, energy: Floats) -> NDArray[np.bool_]:
         """(W,) windows without hydraulics that nothing shows: a log without fork height has lifts at standstill all the same.
@@ -126,13 +128,7 @@ class EnergyChannel(FleetChannel):
         e = self.evaluation(block, self.base)
         known = block.known.window_variance(lambda m: battery_power(m, e.physics), c.of_sample) * 1e-6
         known += self._unknown_load(block, c, e) ** 2
-        if self.name == "soc":
-            return known
-        # Where power jumps from row to row far more than usual, the truck moves faster than the log resolves.
-        swings, moving = jumps(block, c, e), c.energy(block, e.motion.speed) > 0.0
-        usual = float(np.median(swings[moving])) if moving.any() else 0.0
-        wild = np.maximum(swings / max(UNUSUAL * usual, 1e-9), 1.0) ** 4 if usual > 0.0 else np.ones(c.count)
-        return np.asarray(known + (wild - 1.0) * (SWING * c.energy(block, e.power)) ** 2)
+        return np.asarray(known)
 
     def _unknown_load(self, block: Block, c: Cut, e: Evaluation) -> Floats:
         """(W,) what a usual load adds [kJ], where trucks carry loads that nobody recorded."""

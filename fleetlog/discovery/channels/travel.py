@@ -85,7 +85,7 @@ class TravelChannel(FleetChannel):
         if found is None:
             return None
         path, windows, recorded, whole = found
-        unit = Unit(windows, recorded, whole, np.zeros(len(recorded)), recorded, path)
+        unit = Unit(windows, recorded, whole, np.zeros(len(recorded)), recorded, np.ones(len(recorded)), path)
         return replace(unit, level=self.predict(unit, self.base))
 
     def predict(self, unit: Unit, model: Model) -> Floats:

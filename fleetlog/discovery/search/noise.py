@@ -1,9 +1,9 @@
 """How far windows scatter about a model that is right: the weights of the regression, and how alike
 windows of a trip err.
 
-Noise is judged from what the freest model leaves; judged from the nominal model, an effect yet to be found
-would pass for
-noise.  It grows with the power drawn, so it is measured in classes of power.
+Noise is judged from what the freest model leaves; judged from the nominal model, an effect yet to be found would pass
+for noise.  It grows with the power drawn, so it is measured in classes of power; and where rows scatter more than is
+usual at that power, as trucks jerk between them, by a power of that excess which is measured too.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ HUBER = 4.0
 MEDIAN = 2.198
 """The mean square of a normal variable over the median of its square."""
 FEWEST = 5
+EXPONENTS = np.linspace(0.0, 2.0, 9)
+"""Of the scatter of rows in the variance of windows: 0 where rows telescope, 2 where they err each by itself."""
 
 
 @dataclass
@@ -43,6 +45,9 @@ class Noise:
     variance: Floats
     model_error: float
     design: float = 1.0
+    usual: Floats = field(default_factory=lambda: np.array([1.0]))
+    """Usual scatter of rows in each class of power."""
+    exponent: float = 0.0
     robust: dict[int, NDArray[np.float32]] = field(default_factory=dict)
     levels: dict[int, NDArray[np.float32]] = field(default_factory=dict)
     """What the freest model says of the windows seen; noise grows with it."""
@@ -56,7 +61,9 @@ class Noise:
         """Return it without regard to outliers."""
         seconds = np.maximum(unit.windows.duration, 1e-6)
         level = self.levels.get(number, unit.level)
-        rate = np.interp(level / seconds, self.power, self.variance)
+        power = level / seconds
+        excess = unit.swing / np.interp(power, self.power, self.usual)
+        rate = np.interp(power, self.power, self.variance) * excess**self.exponent
         return np.asarray(1.0 / (rate * seconds + (self.model_error * level) ** 2 + unit.noise))
 
 
@@ -128,11 +135,23 @@ def _classes(
     edges = np.quantile(power, np.linspace(0.0, 1.0, CLASSES + 1))
     which = np.clip(np.searchsorted(edges, power) - 1, 0, CLASSES - 1)
     known = [k for k in range(CLASSES) if (which == k).sum() >= FEWEST]
-    variance = np.array([np.median(rate[which == k]) * MEDIAN for k in known])
+    swing = np.concatenate([u.swing for _, u, _, _ in kept])[use]
+    usual = np.array([np.median(swing[which == k]) for k in known])
     centre = np.array([power[which == k].mean() for k in known])
-    variance = np.maximum(variance, 0.1 * np.median(variance) + 1e-12)
+    excess = swing / np.interp(power, centre, usual)
     seen = {k[0]: level.astype(np.float32) for k, level in zip(kept, levels, strict=True)}
-    return Noise(centre, variance, model_error, levels=seen)
+    tried = []
+    for exponent in EXPONENTS:
+        part = rate / excess**exponent
+        variance = np.array([np.median(part[which == k]) * MEDIAN for k in known])
+        variance = np.maximum(variance, 0.1 * np.median(variance) + 1e-12)
+        scale = np.interp(power, centre, variance) * excess**exponent
+        # Twice the Student likelihood of four degrees of freedom, lost: a few gross errors do not decide.
+        lost = float(np.sum(np.log(scale) + 5.0 * np.log1p(rate / scale / 4.0)))
+        tried.append(
+            (lost, Noise(centre, variance, model_error, usual=usual, exponent=exponent, levels=seen))
+        )
+    return min(tried, key=lambda t: t[0])[1]
 
 
 def _design(
