@@ -40,7 +40,7 @@ LEAST = 0.5
 MARGIN = 0.04
 """The best fit has this much more of the log on the roads than any other."""
 SURE = (0.2, float(np.radians(0.2)))
-"""A fit counts as known where 99 in 100 like it are within this of the truth, everywhere in the log [m, rad]."""
+"""A fit is known where 99 in 100 like it are within this of the truth, everywhere in the log [m, rad]."""
 BLOCK = 60.0
 """Metres of track whose errors may be one: those of satellite positions last for tens of seconds."""
 NUDGE = 0.25
@@ -103,8 +103,8 @@ class _Lines:
 class _Fit:
     """A pose of the log, and how it fits.
 
-    ``pose`` (4,) is the place of the log's centre [m], its rotation [rad], and how far to the right of the line
-    trucks keep on roads whose directions share one [m].
+    ``pose`` (4,) is the place of the log's centre [m], its rotation [rad], and how far to the right of the
+    line trucks keep on roads whose directions share one [m].
     """
 
     pose: Floats
@@ -291,7 +291,7 @@ def _fitted(log: _Log, lines: _Lines, rotation: float, shift: Floats) -> _Fit:
 
 
 def _linear(log: _Log, lines: _Lines, pose: Floats, reach: float) -> tuple[Floats, Floats, Floats]:
-    """(n,) distance left of the line [m] and weight, 0 beyond reach, and (n, 4) its derivatives by the pose."""
+    """(n,) distance left of the line [m], weight, 0 beyond reach, and (n, 4) derivatives by the pose."""
     arm = _turned(log.place - log.centre, pose[2])
     left, good, normal, both = _residuals(pose[:2] + arm, log.heading + pose[2], lines, reach, pose[3])
     lever = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
@@ -300,11 +300,11 @@ def _linear(log: _Log, lines: _Lines, pose: Floats, reach: float) -> tuple[Float
 
 
 def _deviations(log: _Log, lines: _Lines, fit: _Fit) -> tuple[float, float, float]:
-    """Standard deviations of the log's worst place [m] and of the rotation [rad]; how many hold 99 in 100 fits.
+    """Standard deviations of the worst place [m] and the rotation [rad]; how many hold 99 in 100 fits.
 
     The sandwich of an M-estimator (Huber, 1967), its score summed over blocks of track, so that errors that
-    last count as one (Liang and Zeger, 1986, doi:10.1093/biomet/73.1.13).  The score's derivative is numerical,
-    for it must know that places come into reach of a line and leave it.
+    last count as one (Liang and Zeger, 1986, doi:10.1093/biomet/73.1.13).  The score's derivative is
+    numerical, for it must know that places come into reach of a line and leave it.
     """
     from scipy.stats import t
 

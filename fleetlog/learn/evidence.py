@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 WHOLE = 0.6
 """A visit that drives this share of an edge is a pass."""
 LONGEST, SLACK = 3.0, 20.0
-"""Between two rows no way is filled in that is longer than this many times the straight line, plus this [m]."""
+"""No way is filled in between rows that is longer than this many times the straight line, plus this [m]."""
 STEADY = 0.3
 """A truck slower than this stands or manoeuvres [m/s]."""
 
@@ -28,8 +28,8 @@ STEADY = 0.3
 class Evidence:
     """What a recording says of the E edges of a network.
 
-    ``passes`` visits of a whole edge; ``metres`` driven on it in all; ``speeds`` on it, a histogram of 0.1 m/s;
-    ``turns`` from edge to edge; ``vehicles`` and ``days`` by edge; ``rows`` in all and ``matched``.
+    ``passes`` visits of a whole edge; ``metres`` driven on it in all; ``speeds`` on it, a histogram of 0.1
+    m/s; ``turns`` from edge to edge; ``vehicles`` and ``days`` by edge; ``rows`` in all and ``matched``.
     """
 
     passes: NDArray[np.int64]

@@ -111,7 +111,7 @@ def _speed(histogram: NDArray[np.int64]) -> float:
 
 
 def _width(found: Roads, edge: int, both: bool, noise: float) -> float:
-    """Width [m] of the floor that trucks' middles cover, or twice the distance between both directions' lines."""
+    """Width [m] of the floor that trucks' middles cover, or twice the gap between both directions' lines."""
     fit = found.fits[edge]
     spread = np.sqrt(np.maximum(fit.spread**2 - noise**2, 0.0))
     apart = float(abs(fit.left[0] - fit.left[1])) if both else 0.0
@@ -149,7 +149,8 @@ def _result(
     rows = [asdict(p) for p in proposed]
     summary = {
         "roads": roads, "oneway": oneway, "length_m": metres, "nodes": nodes, "places": len(places),
-        "kinds": kinds, "zones": len(site.zones), "rows": e.rows, "rows_on_roads": e.matched, "proposals": rows,
+        "kinds": kinds, "zones": len(site.zones), "rows": e.rows, "rows_on_roads": e.matched,
+        "proposals": rows,
     }  # fmt: skip
     told = ": " + ", ".join(f"{n} {k}" for k, n in kinds.items()) if kinds else ""
     lines = [

@@ -1,4 +1,4 @@
-"""Centre lines fitted to the traces: the middle across the way at every metre, straight into the junctions."""
+"""Centre lines fitted to the traces: the middle across the way at every metre, straight into junctions."""
 
 from __future__ import annotations
 

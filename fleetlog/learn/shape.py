@@ -83,7 +83,7 @@ def _contracted(chains: list[Chain], junction: float) -> list[Chain]:
 
 
 def joined(chains: list[Chain], count: NDArray[np.int64] | None = None) -> list[Chain]:
-    """Two chains that meet at a node of no others are one; with passes ``count`` (n,), where as many go on."""
+    """Chains that alone meet at a node are one; with passes ``count`` (n,), where as many go on."""
     chains = list(chains)
     at = ends(chains)
     total = np.ones(len(chains)) if count is None else count.astype(np.float64)

@@ -1,12 +1,13 @@
 """Map matching: which directed edge every row was on.
 
-A hidden Markov model (Newson and Krumm, 2009, doi:10.1145/1653771.1653818) chooses the route, a fixed-interval
-smoother on the route places the rows:
+A hidden Markov model (Newson and Krumm, 2009, doi:10.1145/1653771.1653818) chooses the route, a
+fixed-interval smoother on the route places the rows:
 
 1. rows become *groups*: a step of motion long against its noise, or a whole standstill;
 2. every group gets *candidates*: the directed edges near its mean position;
 3. emission: lateral distance, direction of motion, axis of the log's heading; transition: |network distance -
-   travelled distance|, where turns and one-way roads are the network's; beside them one state "off the roads";
+   travelled distance|, where turns and one-way roads are the network's; beside them one state "off the
+   roads";
 4. Viterbi chooses, forward-backward weighs;
 5. the chosen candidates become routes, and the rows of each are smoothed along it.
 """

@@ -22,10 +22,10 @@ BOUNDS = 256
 class Distances(NamedTuple):
     """Driving distances from start to start, in compressed rows.
 
-    From the start of edge ``i`` (row i) the start of edge ``edge[k]`` is ``distance[k]`` metres away for k in
-    first[i]:first[i + 1], by the shortest chain of allowed turns.  Rows are sorted by distance, then by edge; the
-    first entry is the edge itself with 0.  From ``offset_from`` on edge i to ``offset_to`` on another one it is
-    ``distance - offset_from + offset_to``.
+    From the start of edge ``i`` (row i) the start of edge ``edge[k]`` is ``distance[k]`` metres away for k
+    in first[i]:first[i + 1], by the shortest chain of allowed turns.  Rows are sorted by distance, then by
+    edge; the first entry is the edge itself with 0.  From ``offset_from`` on edge i to ``offset_to`` on
+    another one it is ``distance - offset_from + offset_to``.
     """
 
     first: NDArray[np.int64]
@@ -34,7 +34,7 @@ class Distances(NamedTuple):
 
 
 def bounded_distances(network: Network, limit: float, sources: Index | None = None) -> Distances:
-    """Driving distances [m] from the start of every edge to the starts of all edges at most ``limit`` [m] away.
+    """Driving distances [m] from every edge to all edges at most ``limit`` [m] away, start to start.
 
     ``sources`` (S,) are the edges to start from; all by default, then row i is edge i.
     """
@@ -47,7 +47,7 @@ def bounded_distances(network: Network, limit: float, sources: Index | None = No
 
 @dataclass(frozen=True)
 class Route:
-    """A chain of edges (n,); ``cost`` [s] and ``length`` [m] from the start of the first to the last's end."""
+    """A chain of edges (n,); ``cost`` [s] and ``length`` [m] from its start to its end."""
 
     edges: Index
     cost: float

@@ -1,4 +1,4 @@
-"""NURBS trajectories of VDA 5050 and LIF as polylines (Piegl and Tiller, The NURBS Book, 1997, section 4.1)."""
+"""NURBS trajectories of VDA 5050 and LIF as polylines (Piegl and Tiller, The NURBS Book, 1997)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ APART = 1e-9
 
 
 def nurbs(raw: Any, tolerance: float) -> Floats:
-    """(n, 2) vertices [m] of {degree, knotVector, controlPoints}; chords within ``tolerance`` [m] of the curve.
+    """(n, 2) vertices [m] of {degree, knotVector, controlPoints}; chords within ``tolerance`` [m].
 
     Without a degree it is 1; a control point without a weight weighs 1.
     """

@@ -44,8 +44,8 @@ def arc(curvature: float) -> Curve:
 def spiral(start: float, end: float, length: float) -> Curve:
     """Curvature [1/m] linear in s from ``start`` to ``end``: h = k0 s + (k1 - k0) s^2 / (2 L), integrated.
 
-    Gauss-Legendre with 12 nodes on panels of less than 1 rad: exact to 1e-12 of the length, for any curvatures,
-    where Fresnel integrals lose digits as k1 approaches k0.
+    Gauss-Legendre with 12 nodes on panels of less than 1 rad: exact to 1e-12 of the length for all
+    curvatures, where Fresnel integrals lose digits as k1 approaches k0.
     """
     rate = (end - start) / length
     panels = 1 + math.ceil(max(abs(start), abs(end)) * length)
@@ -63,8 +63,8 @@ def spiral(start: float, end: float, length: float) -> Curve:
 def param_poly3(u: Floats, v: Floats, length: float, span: float) -> Curve:
     """u(p), v(p) cubic (coefficients (4,) a to d), p from 0 to ``span``; ds is arc length.
 
-    p is not proportional to the arc length; a table of the arc length over p is inverted, stretched so that the
-    end of the piece is that of the curve where the declared ``length`` differs by a little.
+    p is not proportional to the arc length; a table of the arc length over p is inverted, stretched so that
+    the end of the piece is that of the curve where the declared ``length`` differs by a little.
     """
     pu, pv = Polynomial(u), Polynomial(v)
     du, dv = pu.deriv(), pv.deriv()
@@ -155,10 +155,10 @@ class Cubics:
 
 
 def sample(points: Callable[[Floats], Floats], stations: Floats, tolerance: float) -> Floats:
-    """Stations s [m] so dense that chords stay within ``tolerance`` [m] of a curve, ``points`` (N,) to (N, 3).
+    """Stations s [m] so dense that chords stay within ``tolerance`` [m] of a curve, ``points`` (N, 3).
 
-    Between the given stations the curve is smooth.  Every chord is compared with the curve at its quarters and
-    halved until they agree, at most 14 times.  :class:`SiteError` beyond ``MOST`` stations.
+    Between the given stations the curve is smooth.  Every chord is compared with the curve at its quarters
+    and halved until they agree, at most 14 times.  :class:`SiteError` beyond ``MOST`` stations.
     """
     s = stations
     for _ in range(14):

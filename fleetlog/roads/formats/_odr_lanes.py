@@ -80,7 +80,7 @@ def _directed(road: Road, k: int, lane: Lane, left: bool, width: float) -> Itera
 
 
 def directions(lane: Lane, left: bool) -> tuple[bool, ...]:
-    """Whether the lane is driven along s (True) or against it; both for two-way lanes, the usual way first."""
+    """Whether the lane is driven along s (True) or against it; two-way lanes both, the usual way first."""
     usual = (lane.id < 0) != left
     if lane.direction in ("+s", "-s"):
         return (lane.direction == "+s",)

@@ -18,7 +18,7 @@ NOWHERE = "so the map has no place on earth"
 
 
 def offset(root: Element) -> tuple[float, float, float]:
-    """x, y [m] and heading [rad] of <offset>: X = x cos h - y sin h + x_off, Y = x sin h + y cos h + y_off."""
+    """x, y [m], h [rad] of <offset>: X = x cos h - y sin h + x_off, Y = x sin h + y cos h + y_off."""
     e = root.find("header/offset")
     if e is None:
         return 0.0, 0.0, 0.0

@@ -19,7 +19,7 @@ def tags(element: Element) -> dict[str, str]:
 def forbidden_turns(
     root: Element, parts: dict[str, list[Edge]], edges: list[Edge], tally: Tally
 ) -> frozenset[tuple[str, str]]:
-    """(edge id, next edge id) that ``no_*`` relations forbid, and all but those that ``only_*`` ones allow."""
+    """(edge id, next edge id) that ``no_*`` relations forbid, or that ``only_*`` ones do not allow."""
     leaving: dict[str, list[str]] = {}
     for edge in edges:
         leaving.setdefault(edge.start, []).append(edge.id)

@@ -43,7 +43,7 @@ class RoadMap:
 
     Attributes
     ----------
-    edges : directed; their points are longitude, latitude [degrees], height [m] where ``geographic``, else [m].
+    edges : directed; points are longitude, latitude [degrees], height [m] where ``geographic``, else [m].
     report : what came in and what is kept.
     geographic_of : for local metres of a known place on earth.
     turns : the allowed (edge id, next edge id); None: all that the nodes allow except ``forbidden``.
@@ -119,7 +119,7 @@ def number(text: Any, place: str | None = None) -> float:
 
 @contextmanager
 def at(place: str) -> Iterator[None]:
-    """Say in every :class:`SiteError` of this block which place of the map it is about, outer places first."""
+    """Say in every :class:`SiteError` of this block which place it is about, outer places first."""
     try:
         yield
     except SiteError as error:

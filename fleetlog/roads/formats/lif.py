@@ -1,9 +1,9 @@
 """LIF, the VDMA's layout interchange format of driverless vehicles (JSON, versions 1 and 2).
 
-Edges are directed and keep their ids, for VDA 5050 logs name them.  A ``trajectory`` (NURBS) gives an edge its
-line, else it is straight.  Stations become places where a node's actions tell their kind.  Several layouts are
-kept in one network; a transition between floors is an edge.  Source: VDMA, LIF 1.0.0 (March 2024) and the draft
-of 2.0.0 (January 2026), section 8.3.
+Edges are directed and keep their ids, for VDA 5050 logs name them.  A ``trajectory`` (NURBS) gives an edge
+its line, else it is straight.  Stations become places where a node's actions tell their kind.  Several
+layouts are kept in one network; a transition between floors is an edge.  Source: VDMA, LIF 1.0.0 (March
+2024) and the draft of 2.0.0 (January 2026), section 8.3.
 """
 
 from __future__ import annotations

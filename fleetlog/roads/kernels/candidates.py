@@ -138,7 +138,7 @@ def find_candidates(
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def _keep(near_k: Wide, near: Floats, m: int, k: int, d2: float, share: float, owner: Index) -> Any:
-    """Enter a foot in the list of one position: of an edge the nearest, of too many edges the farthest goes."""
+    """Enter a foot of one position: of an edge the nearest stays, of too many edges the farthest goes."""
     at = -1
     for c in range(m):
         if owner[near_k[c]] == owner[k]:

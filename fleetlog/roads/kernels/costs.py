@@ -60,13 +60,14 @@ def mismatch(d: float, moved: float, scale: float) -> Any:
 
 @njit(cache=True, error_model="numpy", fastmath=True, inline="always")
 def step_costs(
-    store: Store, roads: Roads, near: Candidates, costs: Costs, g: int, moved: float, standing: tuple[bool, bool],
-    slot: Wide, cost: Floats,
+    store: Store, roads: Roads, near: Candidates, costs: Costs, g: int, moved: float,
+    standing: tuple[bool, bool], slot: Wide, cost: Floats,
 ) -> None:  # fmt: skip
     """Cost of every step from the candidates of group g to those of g + 1 into ``cost`` (K + 1, L + 1).
 
-    A step costs about |network distance - travelled distance| / beta, more by a turn in mid edge and where it
-    enters another edge; steps that the network does not allow cost ``JUMP``.  ``standing`` are the two groups.
+    A step costs about |network distance - travelled distance| / beta, more by a turn in mid edge and where
+    it enters another edge; steps that the network does not allow cost ``JUMP``.  ``standing`` are the two
+    groups.
     """
     ptr, edge, value = near
     length, reverse, beta = roads.length, roads.reverse, costs.beta

@@ -19,7 +19,7 @@ from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Floats, Ro
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def _first_missing(known: Floats, near: Candidates, moved: Floats, a: int, b: int, beta: float) -> Any:
-    """The first group of a to b with a candidate whose reach is not stored, that edge (-1: none), its bound."""
+    """The first group of a to b with an edge whose reach is not stored, that edge (-1: none), its bound."""
     for g in range(a, b):
         need = max(reach_of(moved[g], beta), 20.0)
         for c in range(near.ptr[g], near.ptr[g + 1]):

@@ -14,13 +14,13 @@ from fleetlog.roads.kernels.records import Floats, Index, Roads, Store
 
 @njit(cache=True)
 def search(
-    source: int, bound: float, next_first: Index, next_edges: Index, length: Floats, best: Floats, before: Index,
-    heap_d: Floats, heap_e: Index, found: Index,
+    source: int, bound: float, next_first: Index, next_edges: Index, length: Floats, best: Floats,
+    before: Index, heap_d: Floats, heap_e: Index, found: Index,
 ) -> Any:  # fmt: skip
     """Dijkstra over edges from the end of ``source``: edges whose start is within ``bound``, nearest first.
 
-    ``best`` (E,) is infinite on entry; :func:`forget` makes it so again.  ``before`` holds the previous edge of
-    the path.  Returns how many were found.
+    ``best`` (E,) is infinite on entry; :func:`forget` makes it so again.  ``before`` holds the previous
+    edge of the path.  Returns how many were found.
     """
     size = 0
     count = 0
@@ -92,7 +92,7 @@ def ensure(store: Store, roads: Roads, source: int, bound: float) -> Store:
 
 @njit(cache=True)
 def path_between(store: Store, source: int, goal: int, path: Index) -> Any:
-    """Edges strictly between ``source``, whose reach is stored, and ``goal`` into ``path``; how many, or -1."""
+    """Edges between ``source``, whose reach is stored, and ``goal`` into ``path``; how many, or -1."""
     target, previous = store.target, store.previous
     a, b = store.begin[source], store.begin[source] + store.reached[source]
     m = 0

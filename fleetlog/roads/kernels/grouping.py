@@ -16,8 +16,8 @@ Wide = NDArray[np.int64]
 def group_points(t: Floats, speed: Floats, chain: Wide, span: float, standing_speed: float) -> Any:
     """First row of every group (G + 1,) and whether it stands (G,).
 
-    A group is at most ``span`` seconds of motion, or one whole standstill that the log's speed shows; ``chain``
-    (N,) counts up at gaps, ``speed`` is NaN where unknown.
+    A group is at most ``span`` seconds of motion, or one whole standstill that the log's speed shows;
+    ``chain`` (N,) counts up at gaps, ``speed`` is NaN where unknown.
     """
     n = len(t)
     first = np.empty(n + 1, np.int64)
@@ -65,7 +65,7 @@ def group_means(first: Wide, t: Floats, x: Floats, y: Floats, travelled: Floats,
 def find_stops(
     first: Wide, t: Floats, gx: Floats, gy: Floats, chain: Wide, radius: float, min_duration: float
 ) -> Any:
-    """First rows of groups, those merged that stay within ``radius`` of their mean; and whether each stands."""
+    """First rows of groups, those merged that stay within ``radius`` of their mean; which stand."""
     count = len(first) - 1
     merged = np.empty(count + 1, np.int64)
     still = np.zeros(count, np.bool_)

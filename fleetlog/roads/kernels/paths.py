@@ -54,11 +54,11 @@ def astar(
     next_first: Index, next_edges: Index, cost: Floats, turn_cost: Floats, closed: NDArray[np.bool_],
     bound: Floats, source: np.int32, target: np.int32,
 ) -> tuple[Index, Floats]:  # fmt: skip
-    """Cheapest chain of edges from ``source`` to ``target``, empty if none; the cost at which each is entered.
+    """Cheapest chain of edges from ``source`` to ``target``, empty if none; and the cost at each.
 
-    ``cost[i]`` is that of driving all of edge i, ``turn_cost[k]`` that of the turn next_edges[k], ``bound[j]``
-    never more than the cost from the start of edge j to that of the target (consistent: the first arrival is
-    the best).  Among equal costs the predecessor with the lower number wins.
+    ``cost[i]`` is that of driving all of edge i, ``turn_cost[k]`` that of the turn next_edges[k],
+    ``bound[j]`` never more than the cost from the start of edge j to that of the target (consistent: the
+    first arrival is the best).  Among equal costs the predecessor with the lower number wins.
     """
     edges = len(cost)
     best = np.full(edges, np.inf)

@@ -27,7 +27,7 @@ def smooth_coordinate(
     t: Floats, seen: Floats, seen_var: Floats, speed: Floats, speed_var: Floats, accel: float, out: Floats,
     sd: Floats,
 ) -> None:  # fmt: skip
-    """Rauch-Tung-Striebel smoother of (coordinate, speed) under white acceleration [m2/s3] of density ``accel``.
+    """Rauch-Tung-Striebel smoother of (coordinate, speed) under white acceleration ``accel`` [m2/s3].
 
     ``seen`` (n,) coordinates with variances ``seen_var`` (n,); ``speed`` (n,) is NaN where the log has none.
     Writes the smoothed coordinate and its standard deviation.
@@ -119,9 +119,9 @@ def place_points(
 ) -> None:  # fmt: skip
     """Edge, offset, lateral offset and confidence of every row that a stretch covers, into ``out``.
 
-    Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is projected
-    onto the tangent of the route.  ``group`` (N,) is that of each row, ``near`` (G,) the posterior of the route
-    about it.
+    Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is
+    projected onto the tangent of the route.  ``group`` (N,) is that of each row, ``near`` (G,) the
+    posterior of the route about it.
     """
     t, x, y, speed = rows
     spans, firsts, place_of, p_value = routes.spans, routes.firsts, routes.place, routes.value

@@ -17,8 +17,8 @@ class Roads(NamedTuple):
     """A network: edge e owns vertices first[e]:first[e + 1], ``dist`` [m] along it, and may be followed by
     next_edges[next_first[e]:next_first[e + 1]].
 
-    ``owner`` is the edge of a vertex, ``reverse`` an edge's other direction, ``twin`` that where it is the very
-    same line (-1: none), ``rank`` the order in which equal alternatives are taken.
+    ``owner`` is the edge of a vertex, ``reverse`` an edge's other direction, ``twin`` that where it is the
+    very same line (-1: none), ``rank`` the order in which equal alternatives are taken.
     """
 
     px: Floats
@@ -60,8 +60,8 @@ class Candidates(NamedTuple):
 class Store(NamedTuple):
     """Distances found so far, and the scratch arrays of the search.
 
-    ``known`` (E,) is the bound up to which an edge's reach is stored (-1: not at all), ``begin`` and ``reached``
-    its rows in ``target``, ``previous`` and ``away``; ``used`` (1,) is how many rows are taken.
+    ``known`` (E,) is the bound up to which an edge's reach is stored (-1: not at all), ``begin`` and
+    ``reached`` its rows in ``target``, ``previous`` and ``away``; ``used`` (1,) is how many rows are taken.
     """
 
     known: Floats
@@ -102,7 +102,7 @@ class Steps(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """(G,) the chosen candidate (-1 off the roads), (C,) posteriors of the candidates, (G,) posterior of being
+    """(G,) the chosen candidate (-1 off the roads), (C,) posteriors of the candidates, (G,) that of being
     off, and (G,) whether the step into a group is connected to the group before.
     """
 

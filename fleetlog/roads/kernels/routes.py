@@ -78,7 +78,7 @@ def _append(p_edge: Index, p_value: Floats, n: int, e: int, begin: float, end: f
 
 @njit(cache=True)
 def _kind(store: Store, roads: Roads, a: int, s: float, b: int, t: float, moved: float, back: float) -> Any:
-    """How one step goes, as the model priced it: 0 along the same edge, 1 by a path, 2 by a turn in mid edge."""
+    """How one step goes, as the model priced it: 0 along its edge, 1 by a path, 2 by a turn in mid edge."""
     length = roads.length
     by_path = np.inf
     for q in range(store.begin[a], store.begin[a] + store.reached[a]):
