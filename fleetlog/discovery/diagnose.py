@@ -25,7 +25,8 @@ from fleetlog.physics.power import all_terms
 from fleetlog.store import Dataset
 
 HANDED_OVER = 500_000
-"""Channels of a recording of more rows are explained one after the other: what is known of each would take as long to
+"""Channels of a recording of more rows are explained one after the other: what is known of each would take
+as long to
 hand over as it takes memory.
 """
 
@@ -115,7 +116,8 @@ def _split(fleet: Fleet, holdout: Kind, settings: Settings, seed: int) -> Split:
     vehicles = sorted({v for v, _ in fleet.days})
     window = max(settings.window, ROWS * fleet.step)
     return make_split(
-        holdout, fleet.trips, fleet.seconds, vehicles, list(fleet.dates), settings.folds, settings.held_out, seed,
+        holdout, fleet.trips, fleet.seconds, vehicles, list(fleet.dates), settings.folds, settings.held_out,
+        seed,
         window, fleet.seen_once(window),
     )  # fmt: skip
 

@@ -180,11 +180,13 @@ def _finding(
     fitted = scores.beside.get(h, fit.after)
     gain = None if unfitted is None or fitted is None else unfitted - fitted
     return Finding(
-        h.term or "unknown", channel.name, text, rivals, words.needs(h.term, rivals), list(h.depends_on), where,
+        h.term or "unknown", channel.name, text, rivals, words.needs(h.term, rivals), list(h.depends_on),
+        where,
         _classes(problem, beside[h]) if h in beside else _when(h),
         scope,
         parameters,
-        {"p_value": scores.p_values.get(h, fit.p_value), "held_out_gain": gain, "alternatives": _alternatives(found, h, gain)},
+        {"p_value": scores.p_values.get(h, fit.p_value), "held_out_gain": gain,
+        "alternatives": _alternatives(found, h, gain)},
         {"metric": channel.metric, "before": unfitted, "after": fitted}, gain or 0.0,
     )  # fmt: skip
 
@@ -241,7 +243,8 @@ def _when(h: Hypothesis) -> dict[str, Any] | None:
 
 
 def _classes(problem: Problem, beside: Joint) -> dict[str, Any] | None:
-    """What each trip has of its own, with its interval: a share of the weight for a force, watts for a power."""
+    """What each trip has of its own, with its interval: a share of the weight for a force, watts for a
+    power."""
     h = beside.chosen[-1]
     if h.curve is None or not h.curve.classes:
         return None

@@ -112,7 +112,8 @@ class Model:
         return knob.definition.value_of(self.total(knob))
 
     def values(self, vehicle: int | None = None) -> dict[str, dict[str, float]]:
-        """Return every number that is not nominal at all times, by term and parameter, of a vehicle or the fleet."""
+        """Return every number that is not nominal at all times, by term and parameter, of a vehicle or the
+        fleet."""
         out: dict[str, dict[str, float]] = {}
         for knob in self.at:
             if knob.scope.whole or (

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from fleetlog.core.columns import arrow_schema
 from fleetlog.core.trajectory import to_arrow
 from fleetlog.exporters.base import Selection
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 
 def union_schema(selection: Selection) -> pa.Schema:
-    """The contract's columns, then every further column of any part;
-    read from the files' descriptions only.
-    """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    """The contract's columns, then every further one of any part, from the files' descriptions only."""
     fields = {f.name: _plain(f) for f in arrow_schema()}
     for vehicle in selection.vehicles:
         for part in selection.dataset.parts(vehicle):
@@ -31,21 +25,14 @@ def union_schema(selection: Selection) -> pa.Schema:
 
 def _plain(field: pa.Field) -> pa.Field:
     """Labels as plain strings: dictionaries differ from part to part."""
-    import pyarrow as pa
-
     return field.with_type(pa.string()) if pa.types.is_dictionary(field.type) else field
 
 
 def tables(selection: Selection, schema: pa.Schema) -> Iterator[pa.Table]:
     """One table per vehicle and day, all of ``schema``."""
-    import pyarrow as pa
-
     for trajectory in selection.days():
         table = to_arrow(trajectory)
-        columns = [
-            table.column(f.name).cast(f.type, safe=False)
-            if f.name in table.column_names
-            else pa.nulls(len(table), f.type)
-            for f in schema
-        ]
-        yield pa.Table.from_arrays(columns, schema=schema)
+        for field in schema:
+            if field.name not in table.column_names:
+                table = table.append_column(field, pa.nulls(len(table), field.type))
+        yield table.select(schema.names).cast(schema, safe=False)

@@ -6,8 +6,9 @@ file that appears under the wanted name when it is whole.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -43,13 +44,14 @@ class Exporter:
     network: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass
 class Selection:
-    """The vehicles of a dataset that are exported, and the name that the file will have."""
+    """The vehicles of a dataset that are exported, the file's name to be, and the rows written so far."""
 
     dataset: Dataset
     vehicles: tuple[str, ...]
     target: Path
+    counts: dict[str, Any] = field(default_factory=lambda: {"rows": 0, "rows_without_position": 0})
 
     def days(self, columns: Sequence[str] | None = None) -> Iterator[Trajectory]:
         """One trajectory per vehicle and day, vehicle by vehicle."""
@@ -59,6 +61,13 @@ class Selection:
                 if len(trajectory):
                     yield trajectory
 
+    def placed(self, trajectory: Trajectory) -> Trajectory:
+        """The rows that have a position; they and the others are counted."""
+        known = np.isfinite(trajectory.floats("x")) & np.isfinite(trajectory.floats("y"))
+        self.counts["rows"] += int(known.sum())
+        self.counts["rows_without_position"] += int((~known).sum())
+        return trajectory[known]
+
     @property
     def frame(self) -> Frame | None:
         """Where on earth the site lies, if known."""
@@ -67,21 +76,17 @@ class Selection:
     def need_frame(self, name: str) -> Frame:
         """The frame, or an error that says why the format needs it."""
         if self.frame is None:
-            raise DataError(
-                f"{name} holds latitudes and longitudes, and this dataset's site has no [frame]",
-                where=self.dataset.path,
-                do="import it again with a site that has one, or export to csv, parquet, tum or sumo-fcd",
-            )
+            what = f"{name} holds latitudes and longitudes, and this dataset's site has no [frame]"
+            do = "import it again with a site that has one, or export to csv, parquet, tum or sumo-fcd"
+            raise DataError(what, where=self.dataset.path, do=do)
         return self.frame
 
     def need_one_vehicle(self, name: str) -> str:
         """The only vehicle, or an error that says to choose one."""
         if len(self.vehicles) != 1:
-            raise DataError(
-                f"a {name} file holds one vehicle, the dataset has {len(self.vehicles)}",
-                where=self.dataset.path,
-                do=f"choose one with --vehicle {self.vehicles[0] if self.vehicles else 'ID'}",
-            )
+            what = f"a {name} file holds one vehicle, the dataset has {len(self.vehicles)}"
+            do = f"choose one with --vehicle {self.vehicles[0] if self.vehicles else 'ID'}"
+            raise DataError(what, where=self.dataset.path, do=do)
         return self.vehicles[0]
 
 
@@ -91,26 +96,13 @@ def exporters() -> dict[str, Exporter]:
 
 
 def export_dataset(
-    dataset: str | Path | Dataset,
-    to: str,
-    output: str | Path,
-    *,
-    vehicles: Sequence[str] = (),
+    dataset: str | Path | Dataset, to: str, output: str | Path, *, vehicles: Sequence[str] = (),
     overwrite: bool = False,
-) -> dict[str, Any]:
-    """Write a dataset in the format ``to``.
+) -> dict[str, Any]:  # fmt: skip
+    """Write a dataset, or its folder, in the format ``to``; the file appears whole or not at all.
 
-    Parameters
-    ----------
-    dataset : the dataset or its folder.
-    to : a format's name.
-    output : the file; it appears whole or not at all.
-    vehicles : those to export; all by default.
-    overwrite : whether an older file may be replaced.
-
-    Returns
-    -------
-    A summary: format, file, vehicles, rows, bytes and what the format adds.
+    ``vehicles`` are those to export (all by default); ``overwrite`` says whether an older file may be
+    replaced.  Returns a summary: format, file, vehicles, rows, bytes and what the format adds.
     """
     known = exporters()
     if to not in known:
@@ -121,12 +113,20 @@ def export_dataset(
         if vehicle not in source.vehicles:
             raise DataError(f"no vehicle {vehicle!r} in {source.path}", do=nearest(vehicle, source.vehicles))
     chosen = tuple(vehicles) or tuple(source.vehicles)
-    with atomic_output(
-        output, f"{to} export", overwrite=overwrite, folder=False, inputs=[source.path]
-    ) as scratch:
+    kind = f"{to} export"
+    with atomic_output(output, kind, overwrite=overwrite, folder=False, inputs=[source.path]) as scratch:
         more = known[to].write(Selection(source, chosen, output), scratch)
         size = scratch.stat().st_size
     return {"format": to, "file": str(output), "vehicles": len(chosen), "bytes": size, **more}
+
+
+def write_features(path: Path, head: dict[str, Any], features: Iterable[dict[str, Any]]) -> None:
+    """A FeatureCollection: its members but the features, then those one by one."""
+    with path.open("w", encoding="utf-8") as out:
+        out.write(json.dumps({"type": "FeatureCollection", **head})[:-1] + ', "features": [')
+        for number, feature in enumerate(features):
+            out.write((",\n" if number else "\n") + json.dumps(feature, allow_nan=False))
+        out.write("\n]}\n")
 
 
 def iso_times(time: NDArray[np.int64]) -> list[str]:

@@ -1,18 +1,19 @@
-"""CSV with the contract's column names, read back without a profile;
-packed where the name ends in .gz or .zst.
-"""
+"""CSV with the contract's column names, read back without a profile; .gz and .zst are packed."""
 
 from __future__ import annotations
 
+import csv
+import io
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as pcsv
 
 from fleetlog.exporters._tables import tables, union_schema
 from fleetlog.exporters.base import Exporter, Selection
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 FORMULA = r"^([=@\t\r]|[+-][\pL\pN_.:-]*[^\pL\pN_.:-])"
 _PACKING = {".gz": "gzip", ".zst": "zstd"}
@@ -20,9 +21,6 @@ _PACKING = {".gz": "gzip", ".zst": "zstd"}
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """Times in ISO 8601 UTC, empty cells for null, every digit of a double."""
-    import pyarrow as pa
-    import pyarrow.csv as pcsv
-
     schema = union_schema(selection)
     text = pa.schema([f.with_type(pa.string()) if f.name == "timestamp" else f for f in schema])
     rows = 0
@@ -42,18 +40,12 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
 
 def _header(names: list[str]) -> bytes:
     """Quoted only where a name needs it; Arrow would quote every one."""
-    import csv
-    import io
-
     line = io.StringIO()
     csv.writer(line, lineterminator="\n").writerow(names)
     return line.getvalue().encode()
 
 
 def _with_iso_time(table: pa.Table, schema: pa.Schema) -> pa.Table:
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     at = table.column_names.index("timestamp")
     iso = pc.strftime(table.column("timestamp"), format="%Y-%m-%dT%H:%M:%SZ")
     table = table.set_column(at, "timestamp", iso).cast(schema)
@@ -67,11 +59,8 @@ def defused(texts: pa.ChunkedArray) -> pa.ChunkedArray:
     """An apostrophe before every text that a spreadsheet would run as a formula.
 
     Names such as ``-e012``, a road driven against its digitised direction, stay as they are: a sign before
-    letters,
-    digits and ``_ . : -`` calls nothing.
+    letters, digits and ``_ . : -`` calls nothing.
     """
-    import pyarrow.compute as pc
-
     return pc.replace_substring_regex(texts, pattern=FORMULA, replacement=r"'\1")
 
 

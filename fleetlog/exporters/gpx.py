@@ -1,10 +1,9 @@
-"""GPX 1.1: a track per vehicle, a segment per day;
-what GPX has no element for stands in extensions under its own name.
-"""
+"""GPX 1.1: a track per vehicle, a segment per day; other columns as extensions."""
 
 from __future__ import annotations
 
 import math
+from itertools import groupby
 from pathlib import Path
 from typing import Any, TextIO
 from xml.sax.saxutils import escape, quoteattr
@@ -24,45 +23,34 @@ _PLACED = ("x", "y", "z", "heading")
 
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
-    """Rows without a position have no place in a track and are counted."""
+    """Rows without a position have no place in a track."""
     frame = selection.need_frame("GPX")
-    rows = left_out = 0
     with path.open("w", encoding="utf-8") as out:
         out.write(_HEAD.format(creator=quoteattr(f"fleetlog {__version__}"), space=SPACE))
-        last = None
-        for trajectory in selection.days():
-            if trajectory.vehicle_id != last:
-                out.write("</trk>\n" if last is not None else "")
-                out.write(f"<trk><name>{escape(trajectory.vehicle_id)}</name>\n")
-                last = trajectory.vehicle_id
-            written = _segment(out, trajectory, frame)
-            rows += written
-            left_out += len(trajectory) - written
-        out.write("</trk>\n" if last is not None else "")
+        for vehicle, days in groupby(selection.days(), lambda t: t.vehicle_id):
+            out.write(f"<trk><name>{escape(vehicle)}</name>\n")
+            for t in days:
+                _segment(out, selection.placed(t), frame)
+            out.write("</trk>\n")
         out.write("</gpx>\n")
-    return {"rows": rows, "rows_without_position": left_out}
+    return selection.counts
 
 
-def _segment(out: TextIO, t: Trajectory, frame: Frame) -> int:
+def _segment(out: TextIO, t: Trajectory, frame: Frame) -> None:
     latitude, longitude = frame.to_geographic(t.floats("x"), t.floats("y"))
     extras = [n for n in t.columns if n not in _PLACED and _is_name(n)]
     places = zip(latitude.tolist(), longitude.tolist(), t.floats("z").tolist(), strict=True)
     headings = t.floats("heading").tolist()
     table = list(zip(*cells(t, extras), strict=True)) if extras else [()] * len(t)
-    written = 0
     out.write("<trkseg>\n")
     for (lat, lon, z), time, heading, row in zip(places, iso_times(t.time), headings, table, strict=True):
-        if not (math.isfinite(lat) and math.isfinite(lon)):
-            continue
         height = f"<ele>{z:.3f}</ele>" if z == z else ""
         more = "".join(_extension(n, v) for n, v in zip(extras, row, strict=True) if v is not None)
         if heading == heading:
             more += f"<fl:course>{math.degrees(math.pi / 2 - heading) % 360.0:.4f}</fl:course>"
         tail = f"<extensions>{more}</extensions>" if more else ""
         out.write(f'<trkpt lat="{lat:.9f}" lon="{lon:.9f}">{height}<time>{time}</time>{tail}</trkpt>\n')
-        written += 1
     out.write("</trkseg>\n")
-    return written
 
 
 def _is_name(name: str) -> bool:

@@ -13,19 +13,13 @@ from fleetlog.exporters.base import Exporter, Selection
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """Rotation about z by the heading; an unknown height or heading is written as 0."""
     vehicle = selection.need_one_vehicle("KITTI")
-    rows = left_out = 0
     with path.open("w", encoding="ascii") as out:
-        for t in selection.days(["x", "y", "z", "heading"]):
-            x, y = t.floats("x"), t.floats("y")
+        for t in map(selection.placed, selection.days(["x", "y", "z", "heading"])):
             z, yaw = np.nan_to_num(t.floats("z")), np.nan_to_num(t.floats("heading"))
-            good = np.isfinite(x) & np.isfinite(y)
-            left_out += int((~good).sum())
-            zero, one = np.zeros(len(t)), np.ones(len(t))
-            c, s = np.cos(yaw), np.sin(yaw)
-            poses = np.column_stack([c, -s, zero, x, s, c, zero, y, zero, zero, one, z])[good]
-            np.savetxt(out, poses, fmt="%.9g")
-            rows += len(poses)
-    return {"rows": rows, "rows_without_position": left_out, "vehicle": vehicle}
+            zero, one, c, s = np.zeros(len(t)), np.ones(len(t)), np.cos(yaw), np.sin(yaw)
+            rows = (c, -s, zero, t.floats("x")), (s, c, zero, t.floats("y")), (zero, zero, one, z)
+            np.savetxt(out, np.column_stack([v for row in rows for v in row]), fmt="%.9g")
+    return {**selection.counts, "vehicle": vehicle}
 
 
 EXPORTER = Exporter("kitti", ".txt", "KITTI poses of one vehicle, without times", write)

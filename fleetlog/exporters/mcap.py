@@ -1,10 +1,10 @@
 """MCAP with JSON channels that Foxglove draws: ``/ID/fix`` (foxglove.LocationFix) or, without a place on
-earth, ``/ID/pose`` (foxglove.PoseInFrame), and ``/ID/battery`` where the dataset knows it."""
+earth, ``/ID/pose`` (foxglove.PoseInFrame), and ``/ID/battery`` where the dataset knows it.
+"""
 
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from fleetlog.core.site import Frame
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.exporters.base import Exporter, Selection
+from fleetlog.version import __version__
 
 _TIME = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
 _NUMBER = {"type": "number"}
@@ -26,25 +27,28 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     "foxglove.Battery": {"timestamp": _TIME, "percentage": _NUMBER, "voltage": _NUMBER, "current": _NUMBER},
 }  # fmt: skip
 
+_BATTERY = (
+    ("percentage", "soc", 100.0), ("voltage", "battery_voltage", 1.0), ("current", "battery_current", -1.0),
+)  # fmt: skip
+
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """Vehicle by vehicle; readers sort by time through the index."""
     from mcap.writer import CompressionType, Writer
 
-    from fleetlog.version import __version__
-
-    rows = left_out = 0
     with path.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         writer.start(profile="", library=f"fleetlog {__version__}")
         channels = _Channels(writer)
-        for trajectory in selection.days():
-            written = _positions(channels, trajectory, selection.frame)
-            _batteries(channels, trajectory)
-            rows += written
-            left_out += len(trajectory) - written
+        for t in selection.days():
+            placed = selection.placed(t)
+            if selection.frame is not None:
+                _fixes(channels, placed, selection.frame)
+            else:
+                _poses(channels, placed)
+            _batteries(channels, t)
         writer.finish()
-    return {"rows": rows, "rows_without_position": left_out}
+    return selection.counts
 
 
 class _Channels:
@@ -70,44 +74,27 @@ def _topic(vehicle: str, what: str) -> str:
     return f"/{vehicle.strip('/').replace('/', '_')}/{what}"
 
 
-def _positions(channels: _Channels, t: Trajectory, frame: Frame | None) -> int:
-    x, y, z = t.floats("x"), t.floats("y"), t.floats("z")
-    written = 0
-    if frame is not None:
-        latitude, longitude = frame.to_geographic(x, y)
-        for time, lat, lon, up in zip(
-            t.time.tolist(), latitude.tolist(), longitude.tolist(), z.tolist(), strict=True
-        ):
-            if math.isfinite(lat) and math.isfinite(lon):
-                height = {"altitude": up} if up == up else {}
-                message = {"frame_id": "site", "latitude": lat, "longitude": lon, **height}
-                channels.send(_topic(t.vehicle_id, "fix"), "foxglove.LocationFix", time, message)
-                written += 1
-        return written
-    headings = np.nan_to_num(t.floats("heading")).tolist()
-    for time, a, b, up, yaw in zip(
-        t.time.tolist(), x.tolist(), y.tolist(), z.tolist(), headings, strict=True
-    ):
-        if a == a and b == b:
-            turn = {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
-            pose = {"position": {"x": a, "y": b, "z": up if up == up else 0.0}, "orientation": turn}
-            channels.send(
-                _topic(t.vehicle_id, "pose"), "foxglove.PoseInFrame", time, {"frame_id": "site", "pose": pose}
-            )
-            written += 1
-    return written
+def _fixes(channels: _Channels, t: Trajectory, frame: Frame) -> None:
+    topic, z = _topic(t.vehicle_id, "fix"), t.floats("z")
+    columns = (t.time, *frame.to_geographic(t.floats("x"), t.floats("y")), z)
+    for time, latitude, longitude, up in zip(*(v.tolist() for v in columns), strict=True):
+        place = {"frame_id": "site", "latitude": latitude, "longitude": longitude}
+        height = {"altitude": up} if up == up else {}
+        channels.send(topic, "foxglove.LocationFix", time, {**place, **height})
+
+
+def _poses(channels: _Channels, t: Trajectory) -> None:
+    topic, z, half = _topic(t.vehicle_id, "pose"), t.floats("z"), np.nan_to_num(t.floats("heading")) / 2
+    columns = (t.time, t.floats("x"), t.floats("y"), np.nan_to_num(z), np.sin(half), np.cos(half))
+    for time, x, y, up, s, c in zip(*(v.tolist() for v in columns), strict=True):
+        turn = {"x": 0.0, "y": 0.0, "z": s, "w": c}
+        pose = {"position": {"x": x, "y": y, "z": up}, "orientation": turn}
+        channels.send(topic, "foxglove.PoseInFrame", time, {"frame_id": "site", "pose": pose})
 
 
 def _batteries(channels: _Channels, t: Trajectory) -> None:
     """Current by the convention of ROS: negative while discharging."""
-    sources = (
-        ("percentage", "soc", 100.0),
-        ("voltage", "battery_voltage", 1.0),
-        ("current", "battery_current", -1.0),
-    )
-    columns = {
-        name: (t.floats(column) * factor).tolist() for name, column, factor in sources if t.has(column)
-    }
+    columns = {n: (t.floats(c) * factor).tolist() for n, c, factor in _BATTERY if t.has(c)}
     for i, time in enumerate(t.time.tolist() if columns else []):
         message = {name: values[i] for name, values in columns.items() if values[i] == values[i]}
         if message:

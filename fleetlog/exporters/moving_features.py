@@ -6,15 +6,15 @@ rows without a position.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fleetlog.core.columns import BY_NAME
+from fleetlog.core.site import Frame
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.exporters.base import Exporter, Selection, iso_times
+from fleetlog.exporters.base import Exporter, Selection, iso_times, write_features
 
 PROPERTIES = (
     "speed", "payload", "fork_height", "battery_power", "battery_voltage", "battery_current", "soc",
@@ -24,27 +24,17 @@ PROPERTIES = (
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """A feature a vehicle and day, so that memory is bounded by a day."""
-    rows = left_out = 0
     crs = "http://www.opengis.net/def/crs/OGC/1.3/CRS84" if selection.frame else "local metres"
-    head = {"type": "FeatureCollection", "crs": {"type": "Name", "properties": {"name": crs}}}
-    with path.open("w", encoding="utf-8") as out:
-        out.write(json.dumps(head)[:-1] + ', "features": [')
-        separator = "\n"
-        for t in selection.days(("x", "y", "z", *PROPERTIES)):
-            known = np.isfinite(t.floats("x")) & np.isfinite(t.floats("y"))
-            left_out += int((~known).sum())
-            if known.any():
-                out.write(separator + json.dumps(_feature(t[known], selection), allow_nan=False))
-                separator = ",\n"
-                rows += int(known.sum())
-        out.write("\n]}\n")
-    return {"rows": rows, "rows_without_position": left_out}
+    days = map(selection.placed, selection.days(("x", "y", "z", *PROPERTIES)))
+    head = {"crs": {"type": "Name", "properties": {"name": crs}}}
+    write_features(path, head, (_feature(t, selection.frame) for t in days if len(t)))
+    return selection.counts
 
 
-def _feature(t: Trajectory, selection: Selection) -> dict[str, Any]:
+def _feature(t: Trajectory, frame: Frame | None) -> dict[str, Any]:
     x, y, z = (t.floats(n) for n in ("x", "y", "z"))
-    if selection.frame is not None:
-        latitude, longitude = selection.frame.to_geographic(x, y)
+    if frame is not None:
+        latitude, longitude = frame.to_geographic(x, y)
         x, y = np.round(longitude, 9), np.round(latitude, 9)
     columns = [x, y] + ([z] if np.isfinite(z).all() else [])
     times = iso_times(t.time)

@@ -1,21 +1,18 @@
-"""One Parquet file; GeoParquet 1.1 (a point in WGS 84 for every row) where the site says where
-on earth it lies.
-"""
+"""One Parquet file; GeoParquet 1.1 (a WGS 84 point a row) where the site has a place on earth."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from fleetlog.core.site import Frame
 from fleetlog.exporters._tables import tables, union_schema
 from fleetlog.exporters.base import Exporter, Selection
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _GEO = {
     "version": "1.1.0",
@@ -27,9 +24,6 @@ _WKB_POINT = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """The columns of the contract, vehicle by vehicle, and ``geometry``."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     schema = union_schema(selection)
     frame = selection.frame
     if frame is not None:
@@ -48,23 +42,14 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
 
 def _points(table: pa.Table, frame: Frame) -> pa.Array:
     """Well-known binary of every position; null where it is unknown."""
-    import pyarrow as pa
-
     x, y = (table.column(c).to_numpy().astype(np.float64) for c in ("x", "y"))
     latitude, longitude = frame.to_geographic(x, y)
     wkb = np.zeros(len(table), _WKB_POINT)
     wkb["order"], wkb["kind"], wkb["x"], wkb["y"] = 1, 1, longitude, latitude
-    size = _WKB_POINT.itemsize
-    fixed = pa.FixedSizeBinaryArray.from_buffers(
-        pa.binary(size), len(table), [_bitmap(np.isfinite(x) & np.isfinite(y)), pa.py_buffer(wkb.tobytes())]
-    )
-    return fixed.cast(pa.binary())
-
-
-def _bitmap(known: Any) -> pa.Buffer:
-    import pyarrow as pa
-
-    return pa.py_buffer(np.packbits(known, bitorder="little").tobytes())
+    known = np.packbits(np.isfinite(x) & np.isfinite(y), bitorder="little")
+    buffers = [pa.py_buffer(known.tobytes()), pa.py_buffer(wkb.tobytes())]
+    fixed = pa.binary(_WKB_POINT.itemsize)
+    return pa.FixedSizeBinaryArray.from_buffers(fixed, len(table), buffers).cast(pa.binary())
 
 
 EXPORTER = Exporter("parquet", ".parquet", "one Parquet file, GeoParquet where the site is on the map", write)

@@ -14,10 +14,12 @@ from typing import Any, TextIO
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.exporters._sumo_names import sumo_name
 from fleetlog.exporters.base import Exporter, Selection, iso_times
+from fleetlog.exporters.sumo_net import sumo_name
 
 WINDOW = 600_000_000
 """Stretch of time that is held at once, all vehicles [us]."""
@@ -60,9 +62,6 @@ def _windows(selection: Selection) -> Iterator[list[Trajectory]]:
 
 def _read(selection: Selection, vehicle: str, date: str, begin: int) -> Trajectory:
     """A vehicle's rows from ``begin`` on for ``WINDOW``; parts and row groups outside are not read."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     from fleetlog.core.trajectory import from_arrow
 
     stamp = pa.timestamp("us", tz="UTC")

@@ -1,5 +1,4 @@
-"""The site's road network as a SUMO ``.net.xml``, which sumo, netconvert, duarouter and sumolib read as it
-is.
+"""The site's road network as a SUMO ``.net.xml``, for sumo, netconvert, duarouter and sumolib.
 
 A directed edge is an edge of one lane on the same line; what may follow it is a connection.  There are no
 lanes inside junctions: a vehicle passes from edge to edge at once.  Where two connections cross or merge the
@@ -9,7 +8,8 @@ https://sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html
 
 from __future__ import annotations
 
-from collections import defaultdict
+import re
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any, TextIO
 from xml.sax.saxutils import quoteattr
@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
 from fleetlog.core.site import Frame
-from fleetlog.exporters._sumo_names import sumo_name
 from fleetlog.exporters.base import Exporter, Selection
 
 DEFAULT_SPEED = 5.0
@@ -27,6 +26,7 @@ DEFAULT_SPEED = 5.0
 DEFAULT_WIDTH = 3.2
 """Width of a lane whose width the map does not give [m]: SUMO's own default."""
 Connection = tuple[int, int]
+_FORBIDDEN = re.compile(r"[\s|\\'\";,<>&!#%]")
 
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
@@ -49,12 +49,18 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
     return {"rows": len(n), "edges": len(n), "junctions": len(nodes)}
 
 
+def sumo_name(name: str) -> str:
+    """``name`` without the characters that SUMO's ids must not have."""
+    clean = _FORBIDDEN.sub("_", name)
+    return "_" + clean if clean.startswith(":") or not clean else clean
+
+
 def _unique(names: list[str]) -> list[str]:
     """Names that cleaning made equal, told apart again."""
-    seen: dict[str, int] = {}
+    seen: Counter[str] = Counter()
     out = []
     for name in names:
-        seen[name] = seen.get(name, 0) + 1
+        seen[name] += 1
         out.append(name if seen[name] == 1 else f"{name}__{seen[name]}")
     return out
 
@@ -129,9 +135,7 @@ def _square(x: float, y: float, z: float) -> NDArray[np.float64]:
 
 
 def _conflict(n: Network, a: Connection, b: Connection) -> bool:
-    """Whether two connections of one junction from different edges merge,
-    or cross on their straight ways through it.
-    """
+    """Whether two connections from different edges of a junction merge, or cross."""
     if a[0] == b[0]:
         return False
     if a[1] == b[1]:

@@ -8,6 +8,7 @@ temperature, fork height, power and the log's own columns.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,8 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.exporters.base import Exporter, Selection
 
 COLUMNS = (
-    "x", "y", "heading", "speed", "payload", "soc", "battery_voltage", "battery_current", "map_id", "order_id",
+    "x", "y", "heading", "speed", "payload", "soc", "battery_voltage", "battery_current", "map_id",
+    "order_id",
 )  # fmt: skip
 DRIVING = 0.05
 """A truck faster than this drives [m/s]."""
@@ -26,22 +28,16 @@ DRIVING = 0.05
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """Vehicle by vehicle; the name before a slash is the manufacturer's."""
-    rows = left_out = 0
-    header: dict[str, int] = {}
+    header: Counter[str] = Counter()
     with path.open("w", encoding="utf-8") as out:
-        for t in selection.days(COLUMNS):
-            first = header.get(t.vehicle_id, 0)
-            for message in _messages(t, first):
-                if message is None:
-                    left_out += 1
-                    continue
+        for t in map(selection.placed, selection.days(COLUMNS)):
+            for message in _messages(t, header[t.vehicle_id]):
                 out.write(json.dumps(message, allow_nan=False, separators=(",", ":")) + "\n")
-                rows += 1
-            header[t.vehicle_id] = first + len(t)
-    return {"rows": rows, "rows_without_position": left_out}
+            header[t.vehicle_id] += len(t)
+    return selection.counts
 
 
-def _messages(t: Trajectory, first: int) -> Iterator[dict[str, Any] | None]:
+def _messages(t: Trajectory, first: int) -> Iterator[dict[str, Any]]:
     maker, _, serial = t.vehicle_id.rpartition("/")
     stamps = np.datetime_as_string(t.time.view("datetime64[us]"), unit="ms").tolist()
     numbers = {n: t.floats(n).tolist() for n in COLUMNS[:8]}
@@ -49,9 +45,6 @@ def _messages(t: Trajectory, first: int) -> Iterator[dict[str, Any] | None]:
     fixed = {"version": "3.0.0", "manufacturer": maker or "fleetlog", "serialNumber": serial}
     for i, stamp in enumerate(stamps):
         row = {n: v[i] for n, v in numbers.items()}
-        if row["x"] != row["x"] or row["y"] != row["y"]:
-            yield None
-            continue
         yield {
             "headerId": first + i, "timestamp": f"{stamp}Z", **fixed, "orderId": orders[i] or "",
             "orderUpdateId": 0, "lastNodeId": "", "lastNodeSequenceId": 0, "nodeStates": [], "edgeStates": [],
@@ -64,13 +57,8 @@ def _messages(t: Trajectory, first: int) -> Iterator[dict[str, Any] | None]:
 def _state(row: dict[str, float], map_id: str) -> dict[str, Any]:
     """Position, velocity, loads and power supply; what is unknown and not required is left out."""
     known = {n: v for n, v in row.items() if v == v}
-    position = {
-        "x": row["x"],
-        "y": row["y"],
-        "theta": known.get("heading", 0.0),
-        "mapId": map_id,
-        "localized": True,
-    }
+    place = {"x": row["x"], "y": row["y"], "theta": known.get("heading", 0.0)}
+    position = {**place, "mapId": map_id, "localized": True}
     out: dict[str, Any] = {"mobileRobotPosition": position, "driving": known.get("speed", 0.0) > DRIVING}
     if "speed" in known:
         out["velocity"] = {"vx": known["speed"], "vy": 0.0, "omega": 0.0}

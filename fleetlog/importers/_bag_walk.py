@@ -10,7 +10,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from fleetlog.importers._bounded import LIMIT, Damaged, unpack
-from fleetlog.importers._walk import FAULTS, Channel, Message, Record, Summary, Walk
+from fleetlog.importers._messages import Topic
+from fleetlog.importers._walk import FAULTS, Message, Record, Summary, Walk
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
@@ -36,9 +37,7 @@ class BagWalk(Walk):
             self.at = len(MAGIC)
             first = self._next()
             (at,) = struct.unpack("<Q", first.header[b"index_pos"])
-            (connections,), (chunks,) = (
-                _LENGTH.unpack(first.header[k]) for k in (b"conn_count", b"chunk_count")
-            )
+            stated = tuple(_LENGTH.unpack(first.header[k])[0] for k in (b"conn_count", b"chunk_count"))
             if first.kind != HEADER or not 0 < at <= self.size:
                 return None
             self.at = at
@@ -49,7 +48,7 @@ class BagWalk(Walk):
         except FAULTS:
             return None
         found.channels = dict(self.channels)
-        return found if (len(self.channels), len(found.chunks)) == (connections, chunks) else None
+        return found if (len(self.channels), len(found.chunks)) == stated else None
 
     def _index(self, found: Summary, record: Record) -> None:
         if record.kind == CONNECTION:
@@ -107,7 +106,7 @@ class BagWalk(Walk):
         about = _header(data)
         topic = about.get(b"topic") or header[b"topic"]
         schema = about.get(b"type", b"").decode("utf-8", "replace")
-        self.channels[number] = Channel(topic.decode("utf-8", "replace"), schema, "ros1")
+        self.channels[number] = Topic(topic.decode("utf-8", "replace"), schema, "ros1")
 
 
 def _kind(header: Header) -> int:

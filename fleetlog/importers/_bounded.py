@@ -21,18 +21,13 @@ def refuse_packed(path: Path) -> None:
     """Raise where the whole file is packed: formats that are read by seeking must be unpacked first."""
     packing = compression(path)
     if packing is not None:
-        tool = {"gzip": "gunzip", "zstd": "zstd -d", "bzip2": "bunzip2"}.get(
-            packing, "the tool that packed it"
-        )
-        raise FormatError(
-            f"the whole file is packed with {packing}", where=path, do=f"unpack it first: {tool} {path.name}"
-        )
+        tool = {"gzip": "gunzip", "zstd": "zstd -d", "bzip2": "bunzip2"}[packing]
+        what, do = f"the whole file is packed with {packing}", f"unpack it first: {tool} {path.name}"
+        raise FormatError(what, where=path, do=do)
 
 
 def unpack(packing: str, packed: bytes, size: int) -> bytes:
-    """``size`` bytes; :class:`Damaged` where the packing is unknown or broken, or another length comes
-    out.
-    """
+    """``size`` bytes; :class:`Damaged` where the packing is unknown or broken, or the length differs."""
     if size > LIMIT:
         raise Damaged(f"it states {size:,} bytes")
     try:

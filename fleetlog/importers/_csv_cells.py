@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -24,12 +22,7 @@ _DEGREES = re.compile(
 
 
 def numbers(cells: pa.Array, decimal: str = ".") -> tuple[Floats, Mask]:
-    """Values of text cells, NaN where empty, and which cells are no numbers;
-    infinity is no number, NaN is an empty cell.
-    """
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
+    """Values of text cells, NaN where empty or ``nan``, and which cells are no numbers (infinity is none)."""
     text = pc.utf8_trim_whitespace(cells)
     if decimal != ".":
         text = pc.replace_substring(text, decimal, ".")

@@ -4,68 +4,56 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Ints, Labels
 from fleetlog.errors import FormatError, InputError
+from fleetlog.importers import _times
+from fleetlog.importers._csv_cells import numbers
 from fleetlog.importers._names import EPOCH_UNITS
 from fleetlog.importers._profile import Profile, has_date
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._times import (
-    NONE,
-    Days,
-    LocalClock,
-    epoch_unit,
-    from_counts,
-    from_format,
-    from_iso,
-    median,
-    microseconds,
-    of_day,
-)
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Mask = NDArray[np.bool_]
 
 
 class Clock:
-    """Times of one file, block by block; ``names`` are the columns that hold them, ``unit`` that of a count,
-    where a name says it.
-    """
+    """Times of one file, block by block; ``names`` are their columns, ``unit`` that of a count, if named."""
 
     def __init__(
         self, names: tuple[str, ...], unit: str | None, path: Path, profile: Profile, report: ReadReport
     ) -> None:
         self.names, self.path, self.profile, self.report = names, path, profile, report
         self.unit, self.style = unit, profile.time_format or ""
-        self.local = LocalClock(profile.zone) if profile.zone else None
-        self.days: Days | None = None
+        self.local = _times.LocalClock(profile.zone) if profile.zone else None
+        self.days: _times.Days | None = None
         self.missing: Mask = np.zeros(0, bool)
         self.skipped: Mask = np.zeros(0, bool)
 
     def times(self, table: pa.Table, vehicle: Labels) -> Ints:
         """(N,) microseconds UTC; ``NONE`` where a cell cannot be read."""
-        cells = self._cells(table)
+        parts = [table.column(n).combine_chunks() for n in self.names]
+        cells = pc.binary_join_element_wise(*parts, " ") if len(parts) > 1 else parts[0]
         self.missing = np.asarray(cells.is_null(), dtype=bool)
         self.skipped = np.zeros(len(cells), bool)
         if not self.style:
             self.style = self._decide(cells)
         if not self.style:
-            return np.full(len(cells), NONE)
+            return np.full(len(cells), _times.NONE)
         if self.style in EPOCH_UNITS:
             return self._counted(cells)
         if self.style == "of day" or not has_date(self.style):
-            time = self._dated(of_day(cells, self.style))
-            return self.to_utc(time, time != NONE, vehicle)
+            time = self._dated(_times.of_day(cells, self.style))
+            return self.to_utc(time, time != _times.NONE, vehicle)
         if self.profile.time_origin is not None:
-            raise self._profile_error("the times have dates of their own", "leave the origin out")
-        time, bare = from_iso(cells) if self.style == "iso" else from_format(cells, self.style)
-        return self.to_utc(time, bare & (time != NONE), vehicle)
+            what, where = "the times have dates of their own", self.profile.path
+            raise InputError(what, where=where, place="time.origin", do="leave the origin out")
+        time, bare = _times.from_iso(cells) if self.style == "iso" else _times.from_format(cells, self.style)
+        return self.to_utc(time, bare & (time != _times.NONE), vehicle)
 
     def _dated(self, of_day: Ints) -> Ints:
         """Times of day on the days from the profile's origin; a date is never made up."""
@@ -75,33 +63,22 @@ class Clock:
                 do = 'name a column of dates too, or state the first day: [time] origin = "2026-03-02"'
                 raise FormatError("the times are times of day without a date", where=self.path, do=do)
             here = origin.astimezone(self.profile.zone or UTC) if origin.tzinfo else origin
-            self.days = Days(microseconds(datetime(here.year, here.month, here.day)))
+            self.days = _times.Days(_times.microseconds(datetime(here.year, here.month, here.day)))
         return self.days.dated(of_day)
 
-    def _profile_error(self, what: str, do: str) -> InputError:
-        return InputError(what, where=self.profile.path, place="time.origin", do=do)
-
-    def _cells(self, table: pa.Table) -> pa.Array:
-        import pyarrow.compute as pc
-
-        parts = [table.column(n).combine_chunks() for n in self.names]
-        return pc.binary_join_element_wise(*parts, " ") if len(parts) > 1 else parts[0]
-
     def _decide(self, cells: pa.Array) -> str:
-        """ISO 8601, a count from 1970 or a time of day, from the first cells; an error that says what to
-        write otherwise.
-        """
+        """ISO 8601, a count from 1970 or a time of day, from the first cells; else an error."""
         known = cells.drop_null()
         sample = known.slice(0, 1000)
         if not len(sample):
             return ""
-        figures = _figures(sample)
+        figures, _ = numbers(sample)
         if np.isfinite(figures).mean() > 0.5:
             return self.decide_count(figures)
-        if (of_day(sample, "of day") != NONE).mean() > 0.5:
+        if (_times.of_day(sample, "of day") != _times.NONE).mean() > 0.5:
             return "of day"
-        time, _ = from_iso(sample)
-        if (time != NONE).any():
+        time, _ = _times.from_iso(sample)
+        if (time != _times.NONE).any():
             return "iso"
         do = "state its format in a profile: [time] format = '%d.%m.%Y %H:%M:%S'"
         shown = str(sample[0])[:60]
@@ -109,45 +86,42 @@ class Clock:
 
     def decide_count(self, figures: NDArray[np.float64]) -> str:
         """The unit of a count from 1970, or from the profile's origin: a start is never made up."""
-        middle, origin, name = median(figures), self.profile.time_origin, self.names[0]
-        likely = epoch_unit(middle)
+        middle, origin, name = _times.median(figures), self.profile.time_origin, self.names[0]
+        likely = _times.epoch_unit(middle)
         if self.unit is not None and (origin is not None or likely == self.unit):
             self.report.recognised[name] = f"timestamp, counted in {self.unit} from {origin or 1970}"
             return self.unit
         if likely is None or origin is not None or self.unit is not None:
             unit = self.unit or "in an unknown unit"
-            raise FormatError(
-                f"the time {middle:.12g} counts {unit} from an unknown start", where=self.path,
-                do='state both in a profile: [time] format = "s", origin = "2026-03-02T05:00:00Z"',
-            )  # fmt: skip
-        self.report.recognised[name] = (
-            f"timestamp, counted in {likely} from 1970 (no other unit gives a date near ours)"
-        )
+            what = f"the time {middle:.12g} counts {unit} from an unknown start"
+            do = 'state both in a profile: [time] format = "s", origin = "2026-03-02T05:00:00Z"'
+            raise FormatError(what, where=self.path, do=do)
+        why = "no other unit gives a date near ours"
+        self.report.recognised[name] = f"timestamp, counted in {likely} from 1970 ({why})"
         return likely
 
     def _counted(self, cells: pa.Array) -> Ints:
-        import pyarrow as pa
-
         try:
             whole = cells.cast(pa.int64())
         except pa.ArrowInvalid:
-            return from_counts(_figures(cells), self.style, self.profile.origin)
-        time = from_counts(np.asarray(whole.fill_null(0), dtype=np.int64), self.style, self.profile.origin)
-        return np.where(self.missing, NONE, time)
+            return _times.from_counts(numbers(cells)[0], self.style, self.profile.origin)
+        time = _times.from_counts(
+            np.asarray(whole.fill_null(0), dtype=np.int64), self.style, self.profile.origin
+        )
+        return np.where(self.missing, _times.NONE, time)
 
     def to_utc(self, time: Ints, bare: Mask, vehicle: Labels) -> Ints:
         """Times of which the ``bare`` ones are local (UTC without a zone in the profile)."""
         if not bare.any():
             return time
         if self.local is None:
-            self.report.note(
-                "the times state no zone: taken as UTC (a profile says otherwise: [time] zone = ...)"
-            )
+            otherwise = "(a profile says otherwise: [time] zone = ...)"
+            self.report.note(f"the times state no zone: taken as UTC {otherwise}")
             return time
         names = np.array([*vehicle.names, ""], dtype=object)[vehicle.codes]
         out = time.copy()
         out[bare] = self.local.to_utc(time[bare], names[bare])
-        self.skipped = (time != NONE) & (out == NONE)
+        self.skipped = (time != _times.NONE) & (out == _times.NONE)
         return out
 
     def close(self) -> None:
@@ -156,13 +130,5 @@ class Clock:
             return
         self.report.note(f"times are local of {self.local.zone.key}")
         if self.local.twice:
-            self.report.note(
-                f"{self.local.twice} rows lie in an hour that comes twice (clocks went back); "
-                "told apart by their order"
-            )
-
-
-def _figures(cells: pa.Array) -> NDArray[np.float64]:
-    from fleetlog.importers._csv_cells import numbers
-
-    return numbers(cells)[0]
+            hour = "in an hour that comes twice (clocks went back)"
+            self.report.note(f"{self.local.twice} rows lie {hour}; told apart by their order")

@@ -1,6 +1,4 @@
-"""What the columns of one text log are: names, what each is taken for, and what was decided without being
-asked.
-"""
+"""What the columns of a text log are: names, what each is taken for, and what was decided unasked."""
 
 from __future__ import annotations
 
@@ -10,7 +8,7 @@ from dataclasses import dataclass, field
 
 from fleetlog.core.columns import BY_NAME
 from fleetlog.errors import FormatError, InputError, nearest
-from fleetlog.importers._csv_lines import rows_of
+from fleetlog.importers._csv_blocks import rows_of
 from fleetlog.importers._names import Meaning, normal, recognise
 from fleetlog.importers._profile import Profile, Source
 from fleetlog.importers._report import ReadReport
@@ -59,9 +57,7 @@ def find_delimiter(lines: list[str]) -> str:
 
 
 def find_decimal(lines: list[str], delimiter: str, report: ReadReport) -> str:
-    """The decimal comma where another character separates the cells and none of the figures has a point;
-    said aloud.
-    """
+    """The decimal comma where another character separates cells and no figure has a point; noted."""
     if delimiter == ",":
         return "."
     cells = [cell.strip() for row in rows_of(lines, delimiter) for cell in row]
@@ -86,9 +82,7 @@ def unique(names: list[str], report: ReadReport) -> list[str]:
 
 
 def fit_header(names: list[str], rows: list[list[str]], report: ReadReport) -> list[str]:
-    """The header with a name more or less at its end, where most rows have one field more, or one less than
-    it promises.
-    """
+    """The header, a name longer or shorter where most rows have one field more or less than it."""
     usual = Counter(len(row) for row in rows).most_common(1)
     fields = usual[0][0] if usual else len(names)
     if fields == len(names) + 1:
@@ -101,9 +95,7 @@ def fit_header(names: list[str], rows: list[list[str]], report: ReadReport) -> l
 
 
 def lay_out(names: list[str], delimiter: str, skip: int, profile: Profile, report: ReadReport) -> Layout:
-    """Decide what every column is: the profile first, then the names; everything decided is said in
-    ``report``.
-    """
+    """Decide what every column is: the profile first, then the names; ``report`` hears of it all."""
     layout = Layout(unique(names, report), delimiter, skip)
     _from_profile(layout, profile, report)
     meanings = {n: m for n in layout.names if n not in layout.used and (m := recognise(n))}
@@ -135,9 +127,8 @@ def _from_profile(layout: Layout, profile: Profile, report: ReadReport) -> None:
 
 def _must_have(layout: Layout, name: str, place: str, profile: Profile) -> None:
     if name not in layout.names:
-        raise InputError(
-            f"the log has no column {name!r}", where=profile.path, place=place, do=nearest(name, layout.names)
-        )
+        what, do = f"the log has no column {name!r}", nearest(name, layout.names)
+        raise InputError(what, where=profile.path, place=place, do=do)
 
 
 def _split_time(layout: Layout, meanings: dict[str, Meaning], report: ReadReport) -> None:
@@ -187,12 +178,8 @@ def _check(layout: Layout, report: ReadReport) -> None:
     """An error where there is no time or nothing at all that is known."""
     seen = ", ".join(layout.names[:12]) + (" ..." if len(layout.names) > 12 else "")
     if not layout.time:
-        raise FormatError(
-            f"no time among the columns ({seen})",
-            where=report.path,
-            do="name it in a profile: [time] column = ...",
-        )
+        do = "name it in a profile: [time] column = ..."
+        raise FormatError(f"no time among the columns ({seen})", where=report.path, do=do)
     if not layout.values:
-        raise FormatError(
-            f"no known column beside the time ({seen})", where=report.path, do="map the columns in a profile"
-        )
+        what = f"no known column beside the time ({seen})"
+        raise FormatError(what, where=report.path, do="map the columns in a profile")

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Ints, Labels, Values
 from fleetlog.importers._csv_blocks import Block
-from fleetlog.importers._csv_cells import degrees, numbers
+from fleetlog.importers._csv_cells import Floats, Mask, degrees, numbers
 from fleetlog.importers._csv_clock import Clock
 from fleetlog.importers._csv_layout import Layout
 from fleetlog.importers._csv_table import TableReader
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers._profile import Profile, Source
 from fleetlog.importers._report import ReadReport
+from fleetlog.importers._rows import renamed
 from fleetlog.importers._times import MISSING, NONE, SKIPPED, UNREADABLE
 from fleetlog.importers.base import RawBatch, Reject
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-Floats = NDArray[np.float64]
+Masks = dict[str, Mask]
 _MUST = ("latitude", "longitude", "x", "y")
 """A row whose position is not a number is refused; of other columns only the value is."""
 
@@ -37,6 +36,7 @@ class RowReader:
         self.vehicle = self._constant_vehicle()
         sentinels = [*profile.sentinels, *(s for v in layout.values.values() for s in v.sentinels)]
         self.reader = TableReader(layout, [s for s in sentinels if isinstance(s, str)], report)
+        self._missing = Source("", sentinels=profile.sentinels)
         self._types: dict[str, Any] = {}
         self._percent = False
         self._angles: set[str] = set()
@@ -58,14 +58,16 @@ class RowReader:
         if not self._types:
             self._decide(block)
         table, lines, rejects = self.reader.read(block, self._types)
-        bad: dict[str, NDArray[np.bool_]] = {}
+        bad: Masks = {}
         columns = self._columns(table, bad)
         vehicle = self._vehicles(table)
         time = self.clock.times(table, vehicle)
         reason = self._reasons(table, time, vehicle, bad)
         for name, mask in bad.items():
             if name not in _MUST:
-                self._refuse_values(name, mask & (reason == ""), lines, block, rejects)
+                gone, why = lines[mask & (reason == "")].tolist(), f"{name} is not a number"
+                texts = zip(gone, block.texts(gone), strict=True)
+                rejects += [Reject(n, why, text, False) for n, text in texts]
         keep = reason == ""
         if not keep.all():
             gone = lines[~keep].tolist()
@@ -82,8 +84,6 @@ class RowReader:
 
     def _decide(self, block: Block) -> None:
         """Types of the columns, from the first block."""
-        import pyarrow as pa
-
         layout = self.layout
         inferred = self.reader.inferred(block)
         text = {*layout.time, *layout.labels.values(), *([layout.vehicle] if layout.vehicle else [])}
@@ -101,9 +101,7 @@ class RowReader:
 
     # ----------------------------------------------------------------------- table to columns
 
-    def _columns(self, table: pa.Table, bad: dict[str, NDArray[np.bool_]]) -> dict[str, Values]:
-        import pyarrow as pa
-
+    def _columns(self, table: pa.Table, bad: Masks) -> dict[str, Values]:
         columns: dict[str, Values] = {}
         for target, source in self.layout.values.items():
             columns[target] = self._si(target, source, self._figures(table, source.column, target, bad))
@@ -125,17 +123,13 @@ class RowReader:
         return columns
 
     def _decide_blank(self, chunk: pa.ChunkedArray, name: str) -> None:
-        import pyarrow as pa
-
         if chunk.null_count == len(chunk):
             return
         self._blank.discard(name)
         if not numbers(chunk.combine_chunks(), self.layout.decimal)[1].any():
             self._types[name] = pa.float64()
 
-    def _figures(self, table: pa.Table, name: str, target: str, bad: dict[str, NDArray[np.bool_]]) -> Floats:
-        import pyarrow as pa
-
+    def _figures(self, table: pa.Table, name: str, target: str, bad: Masks) -> Floats:
         chunk = table.column(name)
         if pa.types.is_floating(chunk.type):
             values = np.array(chunk.fill_null(np.nan) if chunk.null_count else chunk, dtype=np.float64)
@@ -148,20 +142,13 @@ class RowReader:
         if endless.any():
             bad[target] = bad.get(target, False) | endless
             values = np.where(endless, np.nan, values)
-        for sentinel in self.profile.sentinels:
-            if not isinstance(sentinel, str):
-                values = np.where(values == float(sentinel), np.nan, values)
-        return values
+        return self._missing.known(values)
 
     def _si(self, target: str, source: Source, values: Floats) -> Floats:
-        for sentinel in source.sentinels:
-            if not isinstance(sentinel, str):
-                values = np.where(values == float(sentinel), np.nan, values)
+        values = source.known(values)
         if target == "soc" and source.unit is None:
             values = self._share(source.column, values)
-        if source.unit is not None:
-            values = source.unit.to_si(values)
-        return values if source.scale == 1.0 else values * source.scale
+        return source.to_si(values)
 
     def _share(self, name: str, values: Floats) -> Floats:
         """A state of charge without a unit is in per cent where it is above 1; said aloud."""
@@ -173,13 +160,12 @@ class RowReader:
     def _vehicles(self, table: pa.Table) -> Labels:
         if self.layout.vehicle is None:
             return Labels(np.zeros(table.num_rows, np.int32), (self.vehicle,))
-        return _trimmed(_labels(table.column(self.layout.vehicle)))
+        labels = _labels(table.column(self.layout.vehicle))
+        return renamed(labels, [name.strip() or None for name in labels.names])
 
     # ----------------------------------------------------------------------- what is refused
 
-    def _reasons(
-        self, table: pa.Table, time: Ints, vehicle: Labels, bad: dict[str, NDArray[np.bool_]]
-    ) -> NDArray[np.str_]:
+    def _reasons(self, table: pa.Table, time: Ints, vehicle: Labels, bad: Masks) -> NDArray[np.str_]:
         """Why each row is refused; empty where it is not."""
         reason = np.full(len(time), "", dtype="<U64")
         reason[vehicle.codes < 0] = "the vehicle id is missing"
@@ -199,23 +185,6 @@ class RowReader:
                 return reason
         reason[again] = "the header line again"
         return reason
-
-    def _refuse_values(
-        self, name: str, mask: NDArray[np.bool_], lines: Ints, block: Block, rejects: list[Reject]
-    ) -> None:
-        gone = lines[mask].tolist()
-        reason = f"{name} is not a number"
-        rejects += [Reject(n, reason, text, False) for n, text in zip(gone, block.texts(gone), strict=True)]
-
-
-def _trimmed(labels: Labels) -> Labels:
-    """Names without blanks around them; nothing but blanks is no name."""
-    names = [n.strip() for n in labels.names]
-    if all(names) and names == list(labels.names):
-        return labels
-    order = {n: i for i, n in enumerate(dict.fromkeys(n for n in names if n))}
-    table = np.array([order.get(n, -1) for n in names] + [-1], dtype=np.int32)
-    return Labels(table[labels.codes], tuple(order))
 
 
 def _labels(chunk: pa.ChunkedArray) -> Labels:

@@ -1,25 +1,21 @@
-"""The text of a block to an Arrow table: fast where every row is whole, line by line where quotes make no
-sense.
-"""
+"""The text of a block to an Arrow table: fast where rows are whole, else line by line."""
 
 from __future__ import annotations
 
 import codecs
 import csv
 import io
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pv
 
 from fleetlog.core.trajectory import Ints
-from fleetlog.importers._csv_blocks import Block
+from fleetlog.importers._csv_blocks import Block, cells_of
 from fleetlog.importers._csv_layout import Layout
-from fleetlog.importers._csv_lines import cells_of
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers.base import Reject
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 NULLS = ["", "NA", "N/A", "NaN", "nan", "null", "NULL", "None", "-", "#N/A"]
 
@@ -33,17 +29,13 @@ codecs.register_error("fleetlog.cp1252", _as_cp1252)
 
 
 class TableReader:
-    """Blocks of one file to tables with the columns of ``layout``; ``missing`` are cells that mean
-    "unknown".
-    """
+    """Blocks of a file to tables with the columns of ``layout``; ``missing`` are cells for "unknown"."""
 
     def __init__(self, layout: Layout, missing: list[str], report: ReadReport) -> None:
         self.layout, self.missing, self.report = layout, missing, report
 
     def inferred(self, block: Block) -> pa.Schema:
         """The types that the cells of a block have."""
-        import pyarrow as pa
-
         text = self._as_utf8(block)
         try:
             return self._arrow(text, None)[0].schema
@@ -51,9 +43,7 @@ class TableReader:
             return self._arrow(self._one_by_one(text), None)[0].schema
 
     def read(self, block: Block, types: dict[str, Any]) -> tuple[pa.Table, Ints, list[Reject]]:
-        """The table of a block, the line of every row in it, and the lines that do not have as many fields
-        as the header.
-        """
+        """The table of a block, the line of every row, and the lines with too many or too few fields."""
         text, lines = self._as_utf8(block), block.lines()
         found = self._whole(text, types)
         if found is not None and len(lines) != found[0].num_rows + len(found[1]):
@@ -61,9 +51,8 @@ class TableReader:
             lines = starts if len(starts) == found[0].num_rows + len(found[1]) else lines
             found = found if lines is starts else None
         if found is None:
-            self.report.damaged(
-                f"quotation marks in lines {lines[0]} to {lines[-1]} are not closed: read line by line"
-            )
+            where = f"lines {lines[0]} to {lines[-1]}"
+            self.report.damaged(f"quotation marks in {where} are not closed: read line by line")
             text = self._one_by_one(text)
             found = self._whole(text, types)
             assert found is not None
@@ -79,9 +68,8 @@ class TableReader:
         reason = f"the line has {'fewer' if short else 'more'} fields than the header"
         if cut and short and at == len(lines) - 1:
             reason = "the line is cut off"
-            self.report.damaged(
-                f"the last line ({lines[at]}) is cut off; {at} lines before it in its block are whole"
-            )
+            whole = f"{at} lines before it in its block are whole"
+            self.report.damaged(f"the last line ({lines[at]}) is cut off; {whole}")
         return Reject(int(lines[at]), reason, row.text)
 
     def _as_utf8(self, block: Block) -> bytes:
@@ -95,8 +83,6 @@ class TableReader:
 
     def _whole(self, text: bytes, types: dict[str, Any]) -> tuple[pa.Table, list[Any]] | None:
         """The table and the ragged rows: typed, or else as text; None where the quotes make no sense."""
-        import pyarrow as pa
-
         for kinds in (types, dict.fromkeys(types, pa.string())):
             try:
                 return self._arrow(text, kinds)
@@ -105,8 +91,6 @@ class TableReader:
         return None
 
     def _arrow(self, text: bytes, types: dict[str, Any] | None) -> tuple[pa.Table, list[Any]]:
-        import pyarrow.csv as pv
-
         ragged: list[Any] = []
 
         def skip(row: Any) -> str:
@@ -126,22 +110,16 @@ class TableReader:
 
     def _one_by_one(self, text: bytes) -> bytes:
         """Every line a row of its own, quoted anew."""
-        out = io.StringIO()
-        writer = csv.writer(out, delimiter=self.layout.delimiter, lineterminator="\n")
+        out, delimiter = io.StringIO(), self.layout.delimiter
+        writer = csv.writer(out, delimiter=delimiter, lineterminator="\n")
         for line in text.decode("utf-8", "replace").replace("\r\n", "\n").split("\n"):
             odd = line.count('"') % 2
-            cells = (
-                line.replace('"', "").split(self.layout.delimiter)
-                if odd
-                else cells_of(line, self.layout.delimiter)
-            )
+            cells = line.replace('"', "").split(delimiter) if odd else cells_of(line, delimiter)
             writer.writerow(cells if line.strip() else [])
         return out.getvalue().encode()
 
     def _mended(self, text: bytes, block: Block, lines: Ints, ragged: list[Any]) -> bytes | None:
-        """The text with the rows whole that are ragged by an empty last field only; None where there is
-        none.
-        """
+        """The text, mended where rows are ragged by an empty last field only; None where none is."""
         delimiter, last = self.layout.delimiter, self.layout.names[-1]
         pieces = text.split(b"\n") if ragged else []
         mended = 0
@@ -158,9 +136,7 @@ class TableReader:
 
 
 def _records(block: Block, layout: Layout) -> Ints:
-    """First lines of the records where quoted cells span several; every line its own where quotes swallow
-    whole rows.
-    """
+    """First lines of records whose cells span several; every line where quotes swallow whole rows."""
     raw = np.frombuffer(block.text, np.uint8)
     ends = np.flatnonzero(raw == 10)
     quotes = np.searchsorted(np.flatnonzero(raw == 34), ends)

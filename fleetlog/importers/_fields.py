@@ -1,53 +1,25 @@
-"""The fields of a table or of a JSON object that are read by name: what each is, and the way of its values
-to SI.
-"""
+"""Fields of a table or JSON object, read by name: what each is, and how its values come to SI."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fleetlog.importers._names import EPOCH_UNITS, recognise
-from fleetlog.importers._profile import Profile, has_date
+from fleetlog.importers._profile import Profile, Source, has_date
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers._times import epoch_unit, microseconds
-from fleetlog.importers._units import Unit
 
 _PER = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 
 
-@dataclass(frozen=True)
-class Field:
-    """One field: its name in the log, its unit and factor, and the values that mean "missing"."""
-
-    source: str
-    unit: Unit | None = None
-    scale: float = 1.0
-    sentinels: tuple[float | str, ...] = ()
-
-    def values(self, raw: Any) -> NDArray[np.float64]:
-        """(N,) in SI, NaN for missing."""
-        values = np.array(raw, dtype=np.float64)
-        for sentinel in self.sentinels:
-            if isinstance(sentinel, int | float):
-                values[values == sentinel] = np.nan
-        if self.unit is not None:
-            values = self.unit.to_si(values)
-        return values * self.scale if self.scale != 1.0 else values
-
-
 @dataclass
 class Fields:
-    """All fields: ``columns`` by the dataset's names, ``time`` and ``vehicle`` by the log's, ``kept`` as
-    they are.
-    """
+    """All fields: ``columns`` by the dataset's names; ``time``, ``vehicle``, ``kept`` by the log's."""
 
-    columns: dict[str, Field] = field(default_factory=dict)
+    columns: dict[str, Source] = field(default_factory=dict)
     time: str | None = None
     epoch: str | None = None
     vehicle: str | None = None
@@ -55,11 +27,9 @@ class Fields:
     profile: Profile = field(default_factory=Profile)
 
     def instant(self, value: Any, epoch: str | None = "") -> int:
-        """Microseconds UTC of one time: a text, or a number that counts from 1970 or from the profile's
-        origin.
+        """Microseconds UTC of a text, or of a count in ``epoch`` (None: the likely one) from the origin.
 
-        :class:`ValueError` where it is none.  ``epoch`` is the unit of a count, None for the one that gives
-        a likely date.
+        :class:`ValueError` where it is no time.
         """
         if isinstance(value, str):
             return self._of_text(value)
@@ -84,9 +54,7 @@ class Fields:
 
 
 def fields_of(names: Iterable[str], profile: Profile | None, report: ReadReport) -> Fields:
-    """What the fields called ``names`` are: the profile's word first, then the spelling; the report says
-    it.
-    """
+    """What the fields called ``names`` are: the profile's word first, then the spelling."""
     found, names = Fields(profile=profile or Profile()), list(names)
     if profile is not None:
         found.time = profile.time[0] if profile.time and profile.time[0] in names else None
@@ -94,10 +62,9 @@ def fields_of(names: Iterable[str], profile: Profile | None, report: ReadReport)
             found.epoch = profile.time_format
         for target, source in profile.columns.items():
             if source.column in names:
-                found.columns[target] = Field(
-                    source.column, source.unit, source.scale, (*source.sentinels, *profile.sentinels)
-                )
-    given = {f.source for f in found.columns.values()} | {found.time}
+                missing = (*source.sentinels, *profile.sentinels)
+                found.columns[target] = replace(source, sentinels=missing)
+    given = {f.column for f in found.columns.values()} | {found.time}
     exact_first = sorted(names, key=lambda n: not ((m := recognise(n)) and m.exact))
     for name in exact_first:
         meaning = None if name in given else recognise(name)
@@ -108,11 +75,11 @@ def fields_of(names: Iterable[str], profile: Profile | None, report: ReadReport)
         elif meaning.column == "vehicle_id" and found.vehicle is None and "vehicle_id" not in found.columns:
             found.vehicle = name
         elif meaning.column not in found.columns and meaning.column not in ("timestamp", "vehicle_id"):
-            found.columns[meaning.column] = Field(name, meaning.unit)
+            found.columns[meaning.column] = Source(name, meaning.unit)
         else:
             found.kept.append(name)
     if "vehicle_id" in found.columns:
-        found.vehicle = found.columns.pop("vehicle_id").source
+        found.vehicle = found.columns.pop("vehicle_id").column
     if profile is not None and not profile.keep:
         found.kept = []
     _say(found, report)
@@ -121,8 +88,8 @@ def fields_of(names: Iterable[str], profile: Profile | None, report: ReadReport)
 
 def _say(found: Fields, report: ReadReport) -> None:
     for target, f in found.columns.items():
-        if f.source != target or f.unit is not None:
-            report.recognised[f.source] = f"{target}, from {f.unit.name}" if f.unit else target
+        if f.column != target or f.unit is not None:
+            report.recognised[f.column] = f"{target}, from {f.unit.name}" if f.unit else target
     for name, target in ((found.time, "timestamp"), (found.vehicle, "vehicle_id")):
         if name and name != target:
             report.recognised[name] = target

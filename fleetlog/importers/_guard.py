@@ -1,6 +1,4 @@
-"""The one way in which logs are read: whatever goes wrong within a reader is damage of that file, and rows
-come out sound.
-"""
+"""How all logs are read: whatever goes wrong within a reader is damage, and rows come out sound."""
 
 from __future__ import annotations
 
@@ -16,6 +14,7 @@ from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT, FleetlogError, FormatError, fault
 from fleetlog.importers._profile import TARGETS
 from fleetlog.importers._report import ReadReport
+from fleetlog.importers._rows import renamed
 from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
 
@@ -25,8 +24,7 @@ NO_NAME = f"the vehicle id is missing, longer than {LONGEST_ID} characters, or t
 
 
 def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterator[RawBatch]:
-    """The batches of a file, each checked; :class:`~fleetlog.errors.FleetlogError` where not one row is
-    usable.
+    """The batches of a file, each checked; :class:`~fleetlog.errors.FleetlogError` where no row is usable.
 
     What comes after the first row and cannot be read, for whatever reason, is damage in ``options.report``.
     """
@@ -40,11 +38,9 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
             options.report.damaged(f"breaks off after record {last:,}: {error.what}")
             return
         except Exception as error:
-            what = (
-                "needs more memory than there is"
-                if isinstance(error, MemoryError)
-                else fault(f"the reader of {importer.name}", error)
-            )
+            what = fault(f"the reader of {importer.name}", error)
+            if isinstance(error, MemoryError):
+                what = "needs more memory than there is"
             if not last:
                 raise FormatError(what, where=path, place="before the first row", do=REPORT) from error
             options.report.damaged(f"breaks off after record {last:,}: {what}; {REPORT}")
@@ -56,35 +52,31 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
 
 
 def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
-    """The batch with times that can be counted, names that can be written,
-    and known columns of their kind.
-    """
+    """The batch with times that can be counted, names that can be written, and columns of their kind."""
     checked = _Checked(batch, options.report)
     withheld = options.profile is not None and not options.profile.keep
-    columns = dict(
-        checked.column(_text(n), v) for n, v in batch.columns.items() if not withheld or n in TARGETS
-    )
+    given = ((n, v) for n, v in batch.columns.items() if not withheld or n in TARGETS)
+    columns = dict(checked.column(_text(name), values) for name, values in given)
+    texts = ("" if withheld else _text(r.text) for r in checked.rejects)
     rejects = [
-        r._replace(reason=_text(r.reason), text="" if withheld else _text(r.text)) for r in checked.rejects
+        r._replace(reason=_text(r.reason), text=t) for r, t in zip(checked.rejects, texts, strict=True)
     ]
     off = (batch.time < EARLIEST) | (batch.time > LATEST)
     vehicle = _named(batch.vehicle)
-    nameless = np.array(
-        [
-            *(not 0 < len(quote(n.strip(), safe="")) <= LONGEST_ID or n == HIVE_NULL for n in vehicle.names),
-            True,
-        ]
-    )[vehicle.codes]
+    nameless = np.array([*map(_nameless, vehicle.names), True])[vehicle.codes]
     keep = ~(off | checked.nowhere | nameless)
     if keep.all():
         return RawBatch(vehicle, batch.time, columns, batch.record, rejects, batch.progress)
     for n in np.flatnonzero(~keep).tolist():
         reason = OFF_TIME if off[n] else NO_NAME if nameless[n] else "the position is not a number"
-        rejects.append(
-            Reject(int(batch.record[n]), reason, _picture(vehicle, int(batch.time[n]), columns, n))
-        )
+        text = _picture(vehicle, int(batch.time[n]), columns, n)
+        rejects.append(Reject(int(batch.record[n]), reason, text))
     columns = {n: v[keep] for n, v in columns.items()}
     return RawBatch(vehicle[keep], batch.time[keep], columns, batch.record[keep], rejects, batch.progress)
+
+
+def _nameless(vehicle: str) -> bool:
+    return vehicle == HIVE_NULL or not 0 < len(quote(vehicle.strip(), safe="")) <= LONGEST_ID
 
 
 def _picture(vehicle: Labels, time: int, columns: dict[str, Values], row: int) -> str:
@@ -161,12 +153,7 @@ def _said(values: Values, row: int) -> str:
 
 def _named(labels: Labels) -> Labels:
     """Labels whose names are valid text, each once."""
-    names = [_text(n) for n in labels.names]
-    if names == list(labels.names):
-        return labels
-    order = {n: i for i, n in enumerate(dict.fromkeys(names))}
-    table = np.array([*(order[n] for n in names), -1], np.int32)
-    return Labels(table[labels.codes], tuple(order))
+    return renamed(labels, [_text(name) for name in labels.names])
 
 
 def _text(name: str) -> str:

@@ -19,8 +19,7 @@ _BETWEEN = re.compile(r"[\s,\x1e\ufeff]*")
 
 
 def features(stream: BufferedReader, report: ReadReport) -> Iterator[dict[str, Any]]:
-    """Every object of the ``features`` of a collection, or every object at the top (a single one, or one a
-    line).
+    """Every object of a collection's ``features``, or every one at the top (a single one, or one a line).
 
     Where the text is cut off or broken the features end, and ``report`` hears of it.
     """
@@ -73,9 +72,7 @@ class _Window:
             self.fill(BLOCK)
 
     def object(self) -> dict[str, Any] | None:
-        """The JSON object here, reading on (twice as much each time) until it is whole; None where it never
-        is.
-        """
+        """The JSON object here, reading on (twice as much each time) until it is whole, or None."""
         if self.text[self.at] != "{":
             return None
         size = BLOCK

@@ -9,23 +9,15 @@ from pathlib import Path
 from typing import BinaryIO
 
 from fleetlog.importers._bounded import LIMIT, Damaged, unpack
+from fleetlog.importers._messages import Topic
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._walk import FAULTS, Channel, Message, Record, Summary, Walk
+from fleetlog.importers._walk import FAULTS, Message, Record, Summary, Walk
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD, _CHUNK, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<QQQI"), struct.Struct("<HIQQ")
 _FOOTER = 9 + 20 + 8
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = (
-    2,
-    3,
-    4,
-    5,
-    6,
-    7,
-    8,
-    11,
-    15,
-)
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(2, 9)
+STATISTICS, DATA_END = 11, 15
 _READ = frozenset({SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX})
 
 
@@ -123,7 +115,7 @@ class McapWalk(Walk):
             number, schema = struct.unpack_from("<HH", record)
             topic, at = _text(record, 4)
             encoding, _ = _text(record, at)
-            self.channels[number] = Channel(topic, self._schemas.get(schema, ""), encoding)
+            self.channels[number] = Topic(topic, self._schemas.get(schema, ""), encoding)
 
 
 def _text(record: memoryview, at: int) -> tuple[str, int]:
@@ -148,9 +140,7 @@ def records(data: bytes) -> Iterator[tuple[int, memoryview]]:
 
 
 def unpack_chunk(body: bytes) -> bytes:
-    """The records of a chunk, unpacked to at most the size that it states and checked; :class:`Damaged`
-    otherwise.
-    """
+    """The records of a chunk, unpacked within the size that it states, and checked."""
     _, _, size, crc = _CHUNK.unpack_from(body)
     packing, at = _text(memoryview(body), _CHUNK.size)
     (length,) = struct.unpack_from("<Q", body, at)

@@ -12,29 +12,31 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from fleetlog.importers._protobuf import fields
-from fleetlog.importers._rows import NAN, finite, heading_of_quaternion
+from fleetlog.importers._rows import finite, heading_of_quaternion
 from fleetlog.importers._times import iso_time
-from fleetlog.importers._wire import Wire
+from fleetlog.importers._wire import Wire, fields
 
 
 class Sample(NamedTuple):
-    """One message: its stamp [us] (0 where it has none) and its values; ``fix`` False where the receiver had
-    none.
+    """One message: its stamp [us] (0: none) and values; ``fix`` False where the receiver had none.
+
+    ``vehicle`` is that which the message itself names.
     """
 
     stamp: int
-    values: dict[str, float]
+    values: dict[str, Any]
     fix: bool = True
+    vehicle: str = ""
+
+
+Decode = Callable[[Any], Sample]
 
 
 class Kind(NamedTuple):
-    """A kind of message: ``rank`` orders the sources of position (lowest first; 9 for a battery), ``decode``
-    by encoding.
-    """
+    """A kind of message: ``rank`` orders sources of position (9: a battery), ``decode`` by encoding."""
 
     rank: int
-    decode: dict[str, Callable[[Any], Sample]]
+    decode: dict[str, Decode]
     meaning: str
 
     @property
@@ -49,7 +51,7 @@ def normal_name(schema: str) -> str:
 
 
 def _navsat(w: Wire) -> Sample:
-    stamp = w.stamp()
+    stamp, _ = w.header()
     (status,), _ = w.take("b"), w.take("H")
     latitude, longitude, altitude = w.take("d", 3)
     return Sample(stamp, {"latitude": latitude, "longitude": longitude, "z": altitude}, status >= 0)
@@ -61,12 +63,12 @@ def _pose_values(w: Wire) -> dict[str, float]:
 
 
 def _pose(w: Wire) -> Sample:
-    return Sample(w.stamp(), _pose_values(w))
+    return Sample(w.header()[0], _pose_values(w))
 
 
 def _odometry(w: Wire) -> Sample:
-    stamp = w.stamp()
-    w.skip_string()
+    stamp, _ = w.header()
+    w.text()
     values = _pose_values(w)
     w.take("d", 36)
     forward, sideways = w.take("d", 2)
@@ -76,22 +78,19 @@ def _odometry(w: Wire) -> Sample:
 
 def _battery(w: Wire) -> Sample:
     """ROS counts the current negative while discharging; the contract the other way round."""
-    stamp = w.stamp()
+    stamp, _ = w.header()
     voltage, temperature, current, _, _, _, share = w.take("f", 7)
     return Sample(stamp, _battery_values(voltage, current, temperature, share))
 
 
 def _battery_values(voltage: float, current: float, temperature: float, soc: float) -> dict[str, float]:
-    values = {
-        "battery_voltage": voltage,
-        "battery_current": -current,
-        "battery_temperature": temperature,
-        "soc": soc,
-    }
+    values = {"battery_voltage": voltage, "battery_current": -current, "soc": soc}
+    values["battery_temperature"] = temperature
     return {name: value for name, value in values.items() if value == value}
 
 
-def _json_stamp(message: dict[str, Any]) -> int:
+def json_stamp(message: dict[str, Any]) -> int:
+    """The stamp [us] of a message or of its header; 0 where it has none."""
     header = message.get("header")
     stamp = message.get("timestamp", header.get("stamp") if isinstance(header, dict) else None)
     if isinstance(stamp, str):
@@ -103,14 +102,16 @@ def _json_stamp(message: dict[str, Any]) -> int:
     return int(seconds) * 1_000_000 + (int(nanoseconds) + 500) // 1000
 
 
-def _object(data: Any) -> dict[str, Any]:
+def json_object(data: Any) -> dict[str, Any]:
+    """The object that a message is."""
     message = json.loads(bytes(data))
     if not isinstance(message, dict):
         raise ValueError("the message is no JSON object")
     return message
 
 
-def _part(message: dict[str, Any], *path: str) -> dict[str, Any]:
+def json_part(message: dict[str, Any], *path: str) -> dict[str, Any]:
+    """The object below some keys."""
     for key in path:
         below = message.get(key)
         if not isinstance(below, dict):
@@ -120,36 +121,35 @@ def _part(message: dict[str, Any], *path: str) -> dict[str, Any]:
 
 
 def _json_fix(data: Any) -> Sample:
-    m = _object(data)
+    m = json_object(data)
     status = m.get("status")
     fix = not (isinstance(status, dict) and finite(status.get("status")) < 0)
     where = {"latitude": finite(m.get("latitude")), "longitude": finite(m.get("longitude"))}
-    return Sample(_json_stamp(m), {**where, "z": finite(m.get("altitude"))}, fix)
+    return Sample(json_stamp(m), {**where, "z": finite(m.get("altitude"))}, fix)
 
 
-def _json_pose(*path: str) -> Callable[[Any], Sample]:
+def _json_pose(*path: str) -> Decode:
     def decode(data: Any) -> Sample:
-        m = _object(data)
-        pose = _part(m, *path)
-        p, q = _part(pose, "position"), _part(pose, "orientation")
+        m = json_object(data)
+        pose = json_part(m, *path)
+        p, q = json_part(pose, "position"), json_part(pose, "orientation")
         values = {k: finite(p.get(k)) for k in ("x", "y", "z")}
         values["heading"] = heading_of_quaternion(*(finite(q.get(k)) for k in ("x", "y", "z", "w")))
         twist = m.get("twist")
         if isinstance(twist, dict):
-            linear = _part(twist, "twist", "linear")
+            linear = json_part(twist, "twist", "linear")
             values["speed"] = math.hypot(finite(linear.get("x")), finite(linear.get("y")))
-        return Sample(_json_stamp(m), values)
+        return Sample(json_stamp(m), values)
 
     return decode
 
 
-def _json_battery(percent: float) -> Callable[[Any], Sample]:
+def _json_battery(percent: float) -> Decode:
     def decode(data: Any) -> Sample:
-        m = _object(data)
-        volts, amperes, degrees, share = (
-            finite(m.get(k)) for k in ("voltage", "current", "temperature", "percentage")
-        )
-        return Sample(_json_stamp(m), _battery_values(volts, amperes, degrees, share * percent))
+        m = json_object(data)
+        names = ("voltage", "current", "temperature", "percentage")
+        volts, amperes, degrees, share = (finite(m.get(name)) for name in names)
+        return Sample(json_stamp(m), _battery_values(volts, amperes, degrees, share * percent))
 
     return decode
 
@@ -180,9 +180,7 @@ def _proto_pose(data: Any) -> Sample:
     return Sample(_proto_stamp(message[1]) if 1 in message else 0, values)
 
 
-def _ros(
-    decode: Callable[[Wire], Sample], in_json: Callable[[Any], Sample]
-) -> dict[str, Callable[[Any], Sample]]:
+def _ros(decode: Callable[[Wire], Sample], in_json: Decode) -> dict[str, Decode]:
     return {"cdr": lambda d: decode(Wire(d)), "ros1": lambda d: decode(Wire(d, ros1=True)), "json": in_json}
 
 
@@ -202,7 +200,15 @@ KINDS: dict[str, Kind] = {
 POSITIONS = ("latitude", "longitude", "x", "y", "z")
 
 
-def unplaced(values: dict[str, float]) -> bool:
-    """Whether the position is not a number."""
-    a, b = values.get("latitude", values.get("x", NAN)), values.get("longitude", values.get("y", NAN))
-    return not (math.isfinite(a) and math.isfinite(b))
+class Topic(NamedTuple):
+    """A topic of a recording: its name, the name of its schema and the encoding of its messages."""
+
+    name: str
+    schema: str
+    encoding: str
+
+    @property
+    def kind(self) -> Kind | None:
+        """How it is read, or None."""
+        kind = KINDS.get(normal_name(self.schema))
+        return kind if kind and self.encoding in kind.decode else None

@@ -61,9 +61,7 @@ class Meaning:
 
 
 def normal(name: str) -> str:
-    """Lower case, words joined by underscores:
-    ``Battery Power`` and ``batteryPower`` both give ``battery_power``.
-    """
+    """Lower case, joined by underscores: ``Battery Power``, ``batteryPower`` give ``battery_power``."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])", "_", name.strip())
     return re.sub(r"[^0-9a-z]+", "_", spaced.lower()).strip("_")
 

@@ -6,8 +6,11 @@ Field positions: NMEA 0183 version 4.11; NAV-PVT: u-blox M10 interface descripti
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import date
+from functools import partial
+from typing import NamedTuple
 
 from fleetlog.importers._rows import NAN, finite, heading_of_course
 
@@ -15,6 +18,11 @@ KNOT = 1852.0 / 3600.0
 """One knot [m/s]."""
 DAY = 86_400_000_000
 _PVT = struct.Struct("<IHBBBBBBIiBBBBiiiiIIiiiiiIIH")
+_PVT_FIELDS = (
+    "itow", "year", "month", "day", "hour", "minute", "second", "valid", "t_accuracy", "nano", "fix", "flags",
+    "flags2", "satellites", "lon", "lat", "height", "above_sea", "h_accuracy", "v_accuracy", "north", "east",
+    "down", "speed", "course", "s_accuracy", "c_accuracy", "dop",
+)  # fmt: skip
 _NO_FIX = frozenset({b"", b"0"})
 
 
@@ -37,9 +45,7 @@ class Part:
 
 
 def decode(kind: bytes, body: bytes) -> Part | None:
-    """The parts of a frame; None for a kind that says nothing about motion;
-    :class:`ValueError` for broken fields.
-    """
+    """The parts of a frame; None for a kind without motion; :class:`ValueError` for broken fields."""
     if kind == b"UBX":
         return _nav_pvt(body) if body[:2] == b"\x01\x07" else None
     if kind[:1] == b"P":
@@ -89,21 +95,53 @@ def _put(part: Part, name: str, cell: bytes, factor: float = 1.0) -> None:
             part.values[name] = value * factor
 
 
+class _Layout(NamedTuple):
+    """Where the cells of a sentence stand: least number, time of day, position and its rank, values."""
+
+    least: int
+    tod: int
+    place: int
+    rank: int
+    values: dict[str, int]
+
+
+_LAYOUTS = {
+    b"RMC": _Layout(9, 0, 2, 2, {}),
+    b"GGA": _Layout(9, 0, 1, 4, {"gps_quality": 5, "satellites": 6, "hdop": 7, "z": 8}),
+    b"GNS": _Layout(9, 0, 1, 3, {"satellites": 6, "hdop": 7, "z": 8}),
+    b"GLL": _Layout(5, 4, 0, 1, {}),
+}
+
+
+def _valid(kind: bytes, cells: list[bytes]) -> bool | None:
+    """Whether the receiver says that it has a fix; None where it does not say."""
+    if kind == b"GGA":
+        return cells[5] not in _NO_FIX
+    if kind == b"GNS":
+        return bool(cells[5].strip(b"N"))
+    cell = cells[1] if kind == b"RMC" else cells[5] if len(cells) > 5 else b""
+    return cell in (b"A", b"D") if cell or kind == b"RMC" else None
+
+
+def _fix(kind: bytes, cells: list[bytes]) -> Part:
+    layout = _LAYOUTS[kind]
+    _need(cells, layout.least)
+    part = Part(time_of_day(cells[layout.tod]), valid=_valid(kind, cells))
+    if kind == b"RMC" and cells[8]:
+        part.day = _day(cells[8][4:], cells[8][2:4], cells[8][:2])
+    _position(part, cells, layout.place, layout.rank)
+    if part.valid:
+        for name, at in layout.values.items():
+            _put(part, name, cells[at])
+        if kind == b"RMC":
+            _put(part, "speed", cells[6], KNOT)
+            _course(part, cells[7])
+    return part
+
+
 def _need(cells: list[bytes], count: int) -> None:
     if len(cells) < count:
         raise ValueError("the sentence has too few fields")
-
-
-def _rmc(cells: list[bytes]) -> Part:
-    _need(cells, 9)
-    part = Part(time_of_day(cells[0]), valid=cells[1] in (b"A", b"D"))
-    if cells[8]:
-        part.day = _day(cells[8][4:], cells[8][2:4], cells[8][:2])
-    _position(part, cells, 2, 2)
-    if part.valid:
-        _put(part, "speed", cells[6], KNOT)
-        _course(part, cells[7])
-    return part
 
 
 def _course(part: Part, cell: bytes) -> None:
@@ -119,38 +157,6 @@ def _day(year: bytes, month: bytes, day: bytes) -> int:
     if len(year) == 2:
         number += 1900 if number >= 80 else 2000
     return date(number, int(month), int(day)).toordinal() - 719_163
-
-
-def _gga(cells: list[bytes]) -> Part:
-    _need(cells, 9)
-    part = Part(time_of_day(cells[0]), valid=cells[5] not in _NO_FIX)
-    _position(part, cells, 1, 4)
-    if part.valid:
-        _put(part, "gps_quality", cells[5])
-        _put(part, "satellites", cells[6])
-        _put(part, "hdop", cells[7])
-        _put(part, "z", cells[8])
-    return part
-
-
-def _gns(cells: list[bytes]) -> Part:
-    _need(cells, 9)
-    part = Part(time_of_day(cells[0]), valid=bool(cells[5].strip(b"N")))
-    _position(part, cells, 1, 3)
-    if part.valid:
-        _put(part, "satellites", cells[6])
-        _put(part, "hdop", cells[7])
-        _put(part, "z", cells[8])
-    return part
-
-
-def _gll(cells: list[bytes]) -> Part:
-    _need(cells, 5)
-    part = Part(
-        time_of_day(cells[4]), valid=cells[5] in (b"A", b"D") if len(cells) > 5 and cells[5] else None
-    )
-    _position(part, cells, 0, 1)
-    return part
 
 
 def _vtg(cells: list[bytes]) -> Part:
@@ -169,45 +175,27 @@ def _zda(cells: list[bytes]) -> Part:
     return part
 
 
-_DECODERS = {b"RMC": _rmc, b"GGA": _gga, b"GNS": _gns, b"GLL": _gll, b"VTG": _vtg, b"ZDA": _zda}
+_DECODERS: dict[bytes, Callable[[list[bytes]], Part]] = {k: partial(_fix, k) for k in _LAYOUTS}
+_DECODERS |= {b"VTG": _vtg, b"ZDA": _zda}
 
 
 def _nav_pvt(body: bytes) -> Part:
     """NAV-PVT: date, time, fix type, 1e-7 degrees, mm, mm/s, 1e-5 degrees."""
     if len(body) < 2 + _PVT.size:
         raise ValueError("NAV-PVT is too short")
-    f = _PVT.unpack_from(body, 2)
-    (
-        _,
-        year,
-        month,
-        day,
-        hour,
-        minute,
-        second,
-        valid,
-        _,
-        nano,
-        fix,
-        flags,
-        _,
-        satellites,
-        lon,
-        lat,
-        _,
-        above_sea,
-    ) = f[:18]
-    part = Part(valid=fix in (2, 3, 4) and bool(flags & 1))
-    if valid & 2 and hour < 24 and minute < 60 and second < 61:
+    f = dict(zip(_PVT_FIELDS, _PVT.unpack_from(body, 2), strict=True))
+    part = Part(valid=f["fix"] in (2, 3, 4) and bool(f["flags"] & 1))
+    if f["valid"] & 2 and f["hour"] < 24 and f["minute"] < 60 and f["second"] < 61:
         # Rounded to 10 ms, as the same receiver's sentences are, so that both make one fix.
-        moment = ((hour * 60 + minute) * 60 + second) * 1_000_000 + round(nano * 1e-7) * 10_000
+        seconds = (f["hour"] * 60 + f["minute"]) * 60 + f["second"]
+        moment = seconds * 1_000_000 + round(f["nano"] * 1e-7) * 10_000
         part.tod = moment % DAY
-        if valid & 1:
-            part.day = date(year, month, day).toordinal() - 719_163 + moment // DAY
-    part.latitude, part.longitude, part.rank = lat * 1e-7, lon * 1e-7, 5
+        if f["valid"] & 1:
+            part.day = date(f["year"], f["month"], f["day"]).toordinal() - 719_163 + moment // DAY
+    part.latitude, part.longitude, part.rank = f["lat"] * 1e-7, f["lon"] * 1e-7, 5
     if part.valid:
         part.values = {
-            "z": above_sea * 1e-3, "speed": f[23] * 1e-3, "heading": heading_of_course(f[24] * 1e-5),
-            "satellites": float(satellites),
+            "z": f["above_sea"] * 1e-3, "speed": f["speed"] * 1e-3,
+            "heading": heading_of_course(f["course"] * 1e-5), "satellites": float(f["satellites"]),
         }  # fmt: skip
     return part

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fleetlog.core.files import open_regular
+from fleetlog.core.words import count
 from fleetlog.errors import FormatError
 from fleetlog.importers._report import ReadReport
 
@@ -24,11 +25,6 @@ LARGEST = 1 << 38
 _PIECE, _SIP = 1 << 16, 1 << 10
 _MAGIC = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bzip2"}
 _PACKED = {".gz", ".zst", ".bz2"}
-
-
-def plural(count: int, noun: str) -> str:
-    """``1 row``, ``2,000 rows``."""
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 def plain_suffix(path: Path) -> str:
@@ -91,10 +87,8 @@ class Unpacked(io.RawIOBase):
         view[: len(data)] = data
         self._given += len(data)
         if self._packing and self._given > min(max(FREE, RATIO * self._size), LARGEST):
-            raise FormatError(
-                f"unpacks to more than {self._given >> 20} MB, from {self._size:,} bytes", where=self.path,
-                do="if that is meant, unpack it first",
-            )  # fmt: skip
+            what = f"unpacks to more than {self._given >> 20} MB, from {self._size:,} bytes"
+            raise FormatError(what, where=self.path, do="if that is meant, unpack it first")
         return len(data)
 
     def _unpacked(self, size: int) -> bytes:
@@ -122,10 +116,9 @@ class Unpacked(io.RawIOBase):
         self._unpacker, self._waiting = None, b""
         self._file.seek(0, io.SEEK_END)
         if self._report is not None:
-            at = plural(self._given, "byte")
-            self._report.damaged(
-                f"the {self._packing} packing is broken or cut off after about {at} of unpacked log ({why})"
-            )
+            at = count(self._given, "byte")
+            what = f"the {self._packing} packing is broken or cut off"
+            self._report.damaged(f"{what} after about {at} of unpacked log ({why})")
         return b""
 
     def close(self) -> None:
@@ -155,9 +148,7 @@ def _step(unpacker: Any, packing: str, packed: bytes, size: int) -> tuple[bytes,
 
 
 def open_bytes(path: Path, report: ReadReport | None = None) -> tuple[io.BufferedReader, Unpacked]:
-    """A buffered stream of the unpacked bytes, and the raw one below it, which knows the share that was
-    read.
-    """
+    """A buffered stream of the unpacked bytes, and the raw one below, which knows the share read."""
     raw = Unpacked(path, report)
     return io.BufferedReader(raw, 1 << 20), raw
 

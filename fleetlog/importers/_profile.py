@@ -1,6 +1,4 @@
-"""A profile: what a log's columns are, where their names do not say it.  ``docs/logs.md`` has a worked
-one.
-"""
+"""A profile: what a log's columns are, where their names do not say it; see ``docs/logs.md``."""
 
 from __future__ import annotations
 
@@ -11,6 +9,8 @@ from datetime import UTC, date, datetime, time
 from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
+
+import numpy as np
 
 from fleetlog.core.columns import NAMES
 from fleetlog.core.frames import crs, map_frames
@@ -29,6 +29,7 @@ from fleetlog.core.schema import (
     whole,
 )
 from fleetlog.core.site import MapFrame
+from fleetlog.core.trajectory import Floats
 from fleetlog.errors import InputError
 from fleetlog.importers._names import EPOCH_UNITS
 from fleetlog.importers._open import plain_stem
@@ -49,6 +50,19 @@ class Source:
     sentinels: tuple[float | str, ...] = ()
     scale: float = 1.0
     """Multiplied last; -1 turns a current that is negative when discharging."""
+
+    def known(self, values: Floats) -> Floats:
+        """The values, NaN where they mean "missing"."""
+        for sentinel in self.sentinels:
+            if not isinstance(sentinel, str):
+                values = np.where(values == float(sentinel), np.nan, values)
+        return values
+
+    def to_si(self, values: Floats) -> Floats:
+        """The values in SI."""
+        if self.unit is not None:
+            values = self.unit.to_si(values)
+        return values if self.scale == 1.0 else values * self.scale
 
 
 @dataclass(frozen=True)
@@ -74,9 +88,7 @@ class Profile:
     """As ``strptime`` takes it, or ``iso``, ``s``, ``ms``, ``us``, ``ns``."""
     time_zone: str | None = None
     time_origin: datetime | None = None
-    """Instant from which a time counts, where that is not 1970, or the first day of times of day; local
-    without a zone.
-    """
+    """Instant from which times count, or the first day of times of day; local without a zone."""
     columns: dict[str, Source] = field(default_factory=dict)
     crs: str | None = None
     """Reference system of x, y, as ``EPSG:25832``."""
@@ -201,17 +213,11 @@ def profile_from_dict(data: dict[str, Any], where: str = "profile") -> Profile:
     if "timestamp" in columns:
         do = "write [time] column = ..."
         raise InputError("the time has a section of its own", where=where, place="columns.timestamp", do=do)
-    names = stamp.get("column", ())
-    return Profile(
-        path=where,
-        time=(names,) if isinstance(names, str) else names,
-        time_format=stamp.get("format"),
-        time_zone=stamp.get("zone"),
-        time_origin=stamp.get("origin"),
-        columns={k: _source(k, v, where) for k, v in columns.items()},
-        map_frames=frames,
-        **given,
-    )
+    names = stamp.pop("column", ())
+    given |= {f"time_{name}": value for name, value in stamp.items()}
+    given["columns"] = {k: _source(k, v, where) for k, v in columns.items()}
+    time = (names,) if isinstance(names, str) else names
+    return Profile(path=where, time=time, map_frames=frames, **given)
 
 
 def _source(target: str, value: Any, where: str) -> Source:
@@ -219,18 +225,10 @@ def _source(target: str, value: Any, where: str) -> Source:
         return Source(value)
     place = f"columns.{target}"
     if not isinstance(value, dict):
-        raise InputError(
-            f"{value!r} names no column",
-            where=where,
-            place=place,
-            do='write { column = "...", unit = "..." }',
-        )
+        do = 'write { column = "...", unit = "..." }'
+        raise InputError(f"{value!r} names no column", where=where, place=place, do=do)
     value = table(value, _COLUMN, where, place)
     if "unit" in value and target not in KINDS:
         raise InputError("has no unit", where=where, place=place, do="leave the unit out")
-    return Source(
-        value.get("column", target),
-        unit(value["unit"], target, where) if "unit" in value else None,
-        value.get("sentinels", ()),
-        value.get("scale", 1.0),
-    )
+    known = unit(value["unit"], target, where) if "unit" in value else None
+    return Source(**{"column": target, **value, "unit": known})

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from fleetlog.errors import FormatError
+
 
 @dataclass
 class ReadReport:
@@ -28,3 +30,8 @@ class ReadReport:
         """Report damage once."""
         if text not in self.damage:
             self.damage.append(text)
+
+    def nothing(self, what: str, do: str = "check the format") -> FormatError:
+        """The error for a file that gave no row: what it holds, and the first damage that was met."""
+        damage = f"; {self.damage[0]}" if self.damage else ""
+        return FormatError(what + damage, where=self.path, do=do)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT
-from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME
+from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME, iso_time
 from fleetlog.importers.base import RawBatch, Reject
 
 BATCH = 1 << 16
@@ -24,8 +26,7 @@ class Rows:
     """Rows of one kind, column by column; :meth:`take` gives them as a :class:`RawBatch`.
 
     ``always`` names the columns that every batch has (the positions, unless the rows are a channel);
-    ``share`` says how
-    much of the file has been read.
+    ``share`` says how much of the file has been read.
     """
 
     def __init__(self, *always: str, share: Callable[[], float] = lambda: 0.0) -> None:
@@ -44,9 +45,7 @@ class Rows:
         self._rejects: list[Reject] = []
 
     def add(self, vehicle: str, time: int, record: int, values: dict[str, Any]) -> None:
-        """One row; ``time`` in microseconds.  A value is a float, or a string for a label; a column missing
-        here is null.
-        """
+        """One row at ``time`` [us]; a value is a float, or a string for a label; missing is null."""
         if not EARLIEST <= time <= LATEST:
             self.reject(record, OFF_TIME, values)
             return
@@ -64,17 +63,19 @@ class Rows:
         self._record.append(record)
         self.total += 1
 
+    def add_iso(self, vehicle: str, time: str | None, record: int, values: dict[str, Any]) -> None:
+        """One row with its time in ISO 8601."""
+        try:
+            stamp = iso_time(time or "")
+        except ValueError:
+            self.reject(record, "time is not ISO 8601", time)
+        else:
+            self.add(vehicle, stamp, record, values)
+
     def reject(self, record: int, reason: str, text: object = "") -> None:
         """A row that cannot be used."""
         self.rejected += 1
         self._rejects.append(Reject(record, reason, str(text)[:REJECT_TEXT]))
-
-    def attempt(self, record: int, take: Callable[..., None], *args: Any) -> None:
-        """Call ``take(*args)``; whatever goes wrong in it is one rejected record."""
-        try:
-            take(*args)
-        except Exception as error:
-            self.reject(record, f"a fault in the reader ({type(error).__name__}); {REPORT}", args[0])
 
     @property
     def full(self) -> bool:
@@ -85,14 +86,9 @@ class Rows:
         """The rows so far as a batch; starts afresh."""
         n = len(self._time)
         columns: dict[str, Values] = {k: _column(v, n) for k, v in self._columns.items()}
-        batch = RawBatch(
-            Labels.of(self._vehicle) if n else Labels(np.zeros(0, np.int32), ()),
-            np.array(self._time, dtype=np.int64),
-            columns,
-            np.array(self._record, dtype=np.int64),
-            self._rejects,
-            self._share(),
-        )
+        time, record = (np.array(v, dtype=np.int64) for v in (self._time, self._record))
+        vehicle = Labels.of(self._vehicle) if n else Labels(np.zeros(0, np.int32), ())
+        batch = RawBatch(vehicle, time, columns, record, self._rejects, self._share())
         self._clear()
         return batch
 
@@ -100,6 +96,40 @@ class Rows:
         """The last batch, if anything waits."""
         if self._time or self._rejects:
             yield self.take()
+
+
+def gather(records: Iterable[Any], take: Callable[[Any, int], None], *tables: Rows) -> Iterator[RawBatch]:
+    """Give every record and its number, from 1, to ``take``; the batches of ``tables`` as they fill.
+
+    Whatever goes wrong in ``take`` is one rejected record of the first table.
+    """
+    for number, record in enumerate(records, 1):
+        try:
+            take(record, number)
+        except Exception as error:
+            tables[0].reject(number, f"a fault in the reader ({type(error).__name__}); {REPORT}", record)
+        for rows in tables:
+            if rows.full:
+                yield rows.take()
+
+
+def figures(line: bytes, count: int) -> list[float] | None:
+    """The ``count`` finite numbers that a line consists of, or None."""
+    try:
+        numbers = [float(cell) for cell in line.split()]
+    except ValueError:
+        return None
+    return numbers if len(numbers) == count and all(map(math.isfinite, numbers)) else None
+
+
+def mostly(parse: Callable[[bytes], object]) -> Callable[[Path, bytes], bool]:
+    """The ``sniff`` of a format where ``parse`` makes something of most of the first lines but comments."""
+    return partial(_mostly, parse)
+
+
+def _mostly(parse: Callable[[bytes], object], _: Path, head: bytes) -> bool:
+    lines = [s for s in head.split(b"\n")[:20] if s.strip() and not s.lstrip().startswith(b"#")]
+    return 2 * sum(parse(line) is not None for line in lines) > len(lines)
 
 
 def _column(values: list[Any], n: int) -> Values:
@@ -128,9 +158,21 @@ def heading_of_course(degrees: float) -> float:
 
 
 def heading_of_quaternion(x: float, y: float, z: float, w: float) -> float:
-    """Yaw [rad] of a unit quaternion: atan2(2 (w z + x y), 1 - 2 (y^2 + z^2)); NaN for the zero
-    quaternion.
-    """
+    """Yaw [rad] of a unit quaternion: atan2(2 (w z + x y), 1 - 2 (y^2 + z^2)); NaN for zero."""
     if not x * x + y * y + z * z + w * w > 1e-6:
         return NAN
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def unplaced(values: Mapping[str, float]) -> bool:
+    """Whether the position is not a number."""
+    across, along = ("latitude", "longitude") if "latitude" in values else ("x", "y")
+    return not (math.isfinite(values.get(across, NAN)) and math.isfinite(values.get(along, NAN)))
+
+
+def renamed(labels: Labels, names: Sequence[str | None]) -> Labels:
+    """The labels with a new name for each of theirs; None is null, and equal names become one."""
+    if list(names) == list(labels.names):
+        return labels
+    fresh = Labels.of(names)
+    return Labels(np.append(fresh.codes, np.int32(-1))[labels.codes], fresh.names)

@@ -1,6 +1,4 @@
-"""Times of logs as microseconds since 1970 UTC: ISO 8601, counts, other spellings, local time with daylight
-saving.
-"""
+"""Times of logs as microseconds since 1970 UTC: ISO 8601, counts, formats, local times."""
 
 from __future__ import annotations
 
@@ -9,6 +7,8 @@ from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Ints
@@ -16,8 +16,6 @@ from fleetlog.importers._names import EPOCH_UNITS
 
 if TYPE_CHECKING:
     from zoneinfo import ZoneInfo
-
-    import pyarrow as pa
 
 NONE = np.iinfo(np.int64).min
 """A time that could not be read."""
@@ -48,18 +46,14 @@ class LocalClock:
     zone: ZoneInfo
     last: dict[str, int] = field(default_factory=dict)
     twice: int = 0
-    skipped: int = 0
 
     def to_utc(self, local: Ints, vehicle: Strings) -> Ints:
         """UTC of local times; ``NONE`` where the clocks never showed such a time."""
-        import pandas as pd
-
         known = local != NONE
         stamps = pd.DatetimeIndex(np.where(known, local, 0).astype("datetime64[us]"))
         zone: Any = self.zone
         first = _epoch(stamps.tz_localize(zone, ambiguous=np.ones(len(local), bool), nonexistent="NaT"))
         second = _epoch(stamps.tz_localize(zone, ambiguous=np.zeros(len(local), bool), nonexistent="NaT"))
-        self.skipped += int((known & (first == NONE)).sum())
         out = np.where(known, first, NONE)
         for row in np.flatnonzero(known & (first != second)).tolist():
             before = self._before(row, out, vehicle)
@@ -105,9 +99,7 @@ def median(values: NDArray[np.float64]) -> float:
 
 
 def from_counts(values: NDArray[np.float64] | Ints, unit: str, origin: int = 0) -> Ints:
-    """Times counted in ``unit`` from ``origin`` [us]; ``NONE`` where not finite or beyond what can be
-    counted.
-    """
+    """Times counted in ``unit`` from ``origin`` [us]; ``NONE`` where not finite or out of reach."""
     us = EPOCH_UNITS[unit]
     reach = (LATEST - EARLIEST) // us if us > 0 else (LATEST - EARLIEST) * -us
     if values.dtype.kind == "i":
@@ -121,11 +113,7 @@ def from_counts(values: NDArray[np.float64] | Ints, unit: str, origin: int = 0) 
 
 
 def of_day(cells: pa.Array, style: str) -> Ints:
-    """Microseconds since midnight of times of day, in a ``strptime`` format or as hh:mm:ss; ``NONE``
-    elsewhere.
-    """
-    import pandas as pd
-
+    """Microseconds since midnight, in a ``strptime`` format or as hh:mm:ss; ``NONE`` elsewhere."""
     if style != "of day":
         return np.where((time := from_format(cells, style)[0]) == NONE, NONE, np.mod(time, DAY))
     text = pd.Series(cells.to_pandas(), dtype=object)
@@ -136,9 +124,7 @@ def of_day(cells: pa.Array, style: str) -> Ints:
 
 @dataclass
 class Days:
-    """Days that times of day fall on: the first one is given, a step back by half a day and more is the next
-    midnight.
-    """
+    """Days of times of day from a given first one; a step back by half a day or more is midnight."""
 
     first: int
     last: int = 0
@@ -156,11 +142,7 @@ class Days:
 
 
 def from_iso(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
-    """Times of ISO 8601 cells, and which of them state no zone; ``NONE`` where a cell is null or not ISO
-    8601.
-    """
-    import pyarrow as pa
-
+    """Times of ISO 8601 cells, and which state no zone; ``NONE`` where null or not ISO 8601."""
     for kind, bare in ((pa.timestamp("ns", "UTC"), False), (pa.timestamp("ns"), True)):
         try:
             time = cells.cast(kind)
@@ -174,8 +156,6 @@ def from_iso(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
 
 
 def _iso_one_by_one(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
-    import pandas as pd
-
     text = pd.Series(cells.to_pandas(), dtype=object).str.strip()
     zoned = np.asarray(
         text.str.contains(r"(?:[zZ]|[+-]\d\d:?\d\d|[+-]\d\d)$", na=False) & text.str.contains(":", na=False)
@@ -187,11 +167,7 @@ def _iso_one_by_one(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
 
 
 def from_format(cells: pa.Array, style: str) -> tuple[Ints, NDArray[np.bool_]]:
-    """Times of cells in a ``strptime`` format, and which state no zone; ``NONE`` where a cell does not fit
-    it.
-    """
-    import pandas as pd
-
+    """Times of cells in a ``strptime`` format, and which state no zone; ``NONE`` where one does not fit."""
     zoned = "%z" in style or "%Z" in style
     stamps = pd.to_datetime(
         pd.Series(cells.to_pandas(), dtype=object), format=style, errors="coerce", utc=zoned

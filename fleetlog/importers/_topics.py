@@ -1,46 +1,33 @@
-"""From the topics of a recording to vehicles: which topic says where which truck is, and which adds its
-battery.
-"""
+"""From topics to vehicles: which topic says where which truck is, which adds its battery."""
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from fleetlog.core.files import open_regular
+from fleetlog.core.words import count
 from fleetlog.errors import FormatError
 from fleetlog.importers._bounded import refuse_packed
-from fleetlog.importers._messages import KINDS, POSITIONS, Kind, Sample, normal_name, unplaced
-from fleetlog.importers._open import plain_stem, plural
+from fleetlog.importers._messages import KINDS, POSITIONS, Sample, Topic, normal_name
+from fleetlog.importers._open import plain_stem
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import Rows
+from fleetlog.importers._rows import BATCH, Rows, unplaced
+from fleetlog.importers._transforms import ODOMETRY, Transforms, decoder
 from fleetlog.importers._walk import Walk
 from fleetlog.importers.base import RawBatch, ReadOptions
 
 LISTED = 12
 
 
-class Topic(NamedTuple):
-    """A topic of a recording: its name, the name of its schema and the encoding of its messages."""
-
-    name: str
-    schema: str
-    encoding: str
-
-    @property
-    def kind(self) -> Kind | None:
-        """How it is read, or None."""
-        kind = KINDS.get(normal_name(self.schema))
-        return kind if kind and self.encoding in kind.decode else None
-
-
 class Role(NamedTuple):
     """What a topic is used for."""
 
     vehicle: str
-    decode: Callable[[Any], Sample]
+    decode: Callable[[Any], Sample | list[Sample]]
     is_position: bool
 
 
@@ -50,38 +37,55 @@ def plan(
     """The role of every topic that is used.
 
     A vehicle is told by the part of the names in which topics of one kind differ (``/T00/fix``,
-    ``/T01/fix``), else by a
-    name in front of all of them; ``default`` otherwise and ``one`` always, if given.  Each vehicle takes its
-    position from one
-    topic, the most absolute one.
+    ``/T01/fix``), else by a name in front of all of them; ``default`` otherwise and ``one`` always, if given.
+    Each vehicle takes its position from one topic, the most absolute one.
     """
     topics = sorted(set(topics))
     wanted = [t for t in topics if t.kind is not None]
-    if not any(t.kind and t.kind.is_position for t in wanted):
-        raise FormatError(_no_position(topics), where=path, do="record " + " or ".join(list(KINDS)[:3]))
-    names = {t.name: one or default for t in wanted} if one else _vehicles(wanted, default)
-    roles: dict[str, Role] = {}
+    placed = any(t.kind and t.kind.is_position for t in wanted)
+    frames = [] if placed else [t for t in topics if decoder(t.schema, t.encoding)]
+    if not placed and not frames:
+        what = "no topic in it, so no position"
+        if topics:
+            what = f"none of its {count(len(topics), 'topic')} carries a position: {listed(topics)}"
+        raise FormatError(what, where=path, do="record " + " or ".join(list(KINDS)[:3]))
+    naming = [*wanted, *(t for t in frames if not _is_static(t))]
+    names = {t.name: one for t in topics} if one else _vehicles(naming, default)
+    roles = _frames(frames, names, default, named=not one)
+    report.recognised |= dict.fromkeys(roles, "position and heading of base_link, from transforms")
     taken: dict[str, str] = {}
     for topic in sorted(wanted, key=lambda t: (t.kind.rank if t.kind else 9, t.name)):
         kind, vehicle = topic.kind, names[topic.name]
         assert kind is not None
         if kind.is_position and vehicle in taken:
+            why = f"{vehicle} takes its position from {taken[vehicle]}"
             if kind is not KINDS["nav_msgs/Odometry"]:
-                report.note(
-                    f"topic {topic.name} left out: {vehicle} takes its position from {taken[vehicle]}"
-                )
+                report.note(f"topic {topic.name} left out: {why}")
                 continue
-            report.note(
-                f"only the speed of topic {topic.name} is used: {vehicle} takes its position from "
-                f"{taken[vehicle]}"
-            )
+            report.note(f"only the speed of topic {topic.name} is used: {why}")
         first = kind.is_position and taken.setdefault(vehicle, topic.name) == topic.name
         roles[topic.name] = Role(vehicle, kind.decode[topic.encoding], first)
         report.recognised[topic.name] = f"{kind.meaning}, of {vehicle}"
     unused = [t for t in topics if t.name not in roles and t not in wanted]
     if unused:
-        report.note(f"{plural(len(unused), 'topic')} without position or battery left out: {listed(unused)}")
+        report.note(f"{count(len(unused), 'topic')} without position or battery left out: {listed(unused)}")
     return roles
+
+
+def _frames(topics: list[Topic], names: dict[str, str], default: str, *, named: bool) -> dict[str, Role]:
+    """The roles of topics of transforms; those of one namespace make one tree of frames."""
+    trees: dict[str, Transforms] = defaultdict(Transforms)
+    roles = {}
+    for topic in topics:
+        if decode := decoder(topic.schema, topic.encoding):
+            tree = trees[topic.name.rpartition("/")[0]]
+            take = partial(tree.take, decode, static=_is_static(topic), named=named)
+            roles[topic.name] = Role(names.get(topic.name, default), take, True)
+    return roles
+
+
+def _is_static(topic: Topic) -> bool:
+    return topic.name.endswith("tf_static")
 
 
 def _vehicles(topics: list[Topic], default: str) -> dict[str, str]:
@@ -106,12 +110,6 @@ def listed(topics: list[Topic]) -> str:
     return shown + (f" and {len(topics) - LISTED} more" if len(topics) > LISTED else "")
 
 
-def _no_position(topics: list[Topic]) -> str:
-    if not topics:
-        return "no topic in it, so no position"
-    return f"none of its {plural(len(topics), 'topic')} carries a position: {listed(topics)}"
-
-
 class Decoder:
     """Messages in, batches out: positions and channels apart, what cannot be decoded rejected."""
 
@@ -129,17 +127,17 @@ class Decoder:
         if role is None:
             return
         try:
-            sample = role.decode(data)
+            decoded = role.decode(data)
         except Exception as error:  # whatever a hostile message does, it is one rejected message
-            self._log.reject(
-                self.record, f"{topic}: message cannot be decoded", f"{type(error).__name__}: {error}"
-            )
+            why = f"{type(error).__name__}: {error}"
+            self._log.reject(self.record, f"{topic}: message cannot be decoded", why)
             if self._log.full:
                 yield self._log.take()
             return
-        rows = self._take(topic, role, sample, time)
-        if rows is not None and rows.full:
-            yield rows.take()
+        for sample in decoded if isinstance(decoded, list) else [decoded]:
+            rows = self._take(topic, role, sample, time)
+            if rows is not None and rows.full:
+                yield rows.take()
 
     def _take(self, topic: str, role: Role, sample: Sample, time: int) -> Rows | None:
         values = sample.values
@@ -151,13 +149,14 @@ class Decoder:
         elif unplaced(values):
             self._log.reject(self.record, f"{topic}: position is not a number", values)
             return None
-        names = tuple(values)
-        if not names:
+        if not values:
             return None
-        rows = self._rows.get(names)
+        vehicle, frame = sample.vehicle or role.vehicle, values.get("map_id")
+        key = (*values, vehicle, frame) if frame else tuple(values)
+        rows = self._rows.get(key)
         if rows is None:
-            rows = self._rows[names] = Rows(*names, share=self._share)
-        rows.add(role.vehicle, sample.stamp or time, self.record, values)
+            rows = self._rows[key] = Rows(*values, share=self._share)
+        rows.add(vehicle, sample.stamp or time, self.record, values)
         return rows
 
     @property
@@ -165,17 +164,21 @@ class Decoder:
         """Rows with positions so far."""
         return sum(r.total for names, r in self._rows.items() if "latitude" in names or "x" in names)
 
-    def finish(self, path: Path) -> Iterator[RawBatch]:
+    def finish(self) -> Iterator[RawBatch]:
         """What waits; an error where there was not one usable position."""
         if not self.positions:
             topics = ", ".join(name for name, role in self.roles.items() if role.is_position)
-            damage = f"; {self.report.damage[0]}" if self.report.damage else ""
-            what = f"not one usable position on {topics}{damage}"
-            raise FormatError(what, where=path, do="record it again")
-        for topic, count in self.no_fix.items():
-            self.report.note(f"{topic}: {plural(count, 'message')} without a fix left out")
-        for rows in (*self._rows.values(), self._log):
-            yield from rows.drain()
+            raise self.report.nothing(f"not one usable position on {topics}", "record it again")
+        for topic, blind in self.no_fix.items():
+            self.report.note(f"{topic}: {count(blind, 'message')} without a fix left out")
+        for key, rows in self._rows.items():
+            rivals = (k for k in self._rows if k[:-1] == key[:-1] and k != key)
+            if key[-1].endswith(ODOMETRY) and rows.total < BATCH and any(rivals):
+                drifted = count(rows.total, "pose")
+                self.report.note(f"{drifted} of {key[-2]} before {key[-1]!r} had its place on a map left out")
+            else:
+                yield from rows.drain()
+        yield from self._log.drain()
 
 
 def read_recording(
@@ -199,13 +202,11 @@ def read_recording(
                 pass
             walk.channels |= scan.channels
             if not scan.channels and scan.report.damage:
-                raise FormatError(
-                    f"nothing in it is whole; {scan.report.damage[0]}", where=path, do="record it again"
-                )
-        topics = [Topic(*c) for c in walk.channels.values()]
+                raise scan.report.nothing("nothing in it is whole", "record it again")
+        topics = walk.channels.values()
         roles = plan(topics, path, name or plain_stem(path), options.vehicle, options.report)
         decoder = Decoder(roles, options.report, walk.share)
         for channel, time, data in walk.messages(summary):
-            yield from decoder.feed(channel.topic, time, data)
-        yield from decoder.finish(path)
+            yield from decoder.feed(channel.name, time, data)
+        yield from decoder.finish()
         return walk.count

@@ -24,9 +24,7 @@ class Unit:
     shift: float = 0.0
 
     def to_si(self, values: Floats) -> Floats:
-        """Values in SI; angles become radians within -pi and pi,
-        compass angles also turn into the site's sense.
-        """
+        """Values in SI; angles within -pi and pi, compass angles turned into the site's sense."""
         if self.name == "compass_deg":
             values = 90.0 - values
         if self.name == "ddmm":
@@ -92,11 +90,7 @@ def unit(text: str, column: str, where: str | None = None) -> Unit:
 
 def si_unit(column: str) -> Unit:
     """The unit that the dataset has for ``column``."""
-    return (
-        next(u for u in UNITS if u.kind == KINDS[column] and u.factor == 1.0 and u.shift == 0.0)
-        if (KINDS[column] != "degrees")
-        else Unit("deg", "degrees")
-    )
+    return next(u for u in UNITS if (u.kind, u.factor, u.shift) == (KINDS[column], 1.0, 0.0))
 
 
 def packed_minutes(values: Floats) -> Floats:

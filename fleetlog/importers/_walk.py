@@ -1,9 +1,7 @@
-"""Recordings in binary containers, walked in the order of the file: verify every record, resume behind
-damage, count.
+"""Binary recordings, walked in the order of the file: verify every record, resume behind damage, count.
 
-No index is needed, so a file that was cut off gives all that is whole; an index at its end says where to go
-on behind damage and
-how many messages there must be.
+No index is needed: a file that was cut off gives all that is whole.  An index at its end says where to go on
+behind damage and how many messages there must be.
 """
 
 from __future__ import annotations
@@ -15,8 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar, NamedTuple
 
+from fleetlog.core.words import count
 from fleetlog.importers._bounded import Damaged
-from fleetlog.importers._open import plural
+from fleetlog.importers._messages import Topic
 from fleetlog.importers._report import ReadReport
 
 DAMAGE_LINES = 10
@@ -24,16 +23,8 @@ FAULTS = (Damaged, struct.error, KeyError, ValueError)
 """What broken bytes raise."""
 
 
-class Channel(NamedTuple):
-    """A channel: topic, name of the schema, encoding of the messages."""
-
-    topic: str
-    schema: str
-    encoding: str
-
-
-Message = tuple[Channel, int, Any]
-"""Channel, time [us], data."""
+Message = tuple[Topic, int, Any]
+"""Topic, time [us], data."""
 
 
 class Record(NamedTuple):
@@ -49,7 +40,7 @@ class Record(NamedTuple):
 class Summary:
     """What the end of a whole file says about it."""
 
-    channels: dict[int, Channel] = field(default_factory=dict)
+    channels: dict[int, Topic] = field(default_factory=dict)
     chunks: set[int] = field(default_factory=set)
     messages: int = 0
 
@@ -60,9 +51,7 @@ class Walk(ABC):
     called: ClassVar[str]
     magic: ClassVar[bytes]
     kinds: ClassVar[frozenset[int]]
-    """Records that the format has; ``chunk`` is that of chunks, ``ends`` those behind which no message
-    comes.
-    """
+    """Records that the format has; ``chunk`` holds messages, behind ``ends`` come none."""
     chunk: ClassVar[int]
     ends: ClassVar[frozenset[int]] = frozenset()
 
@@ -70,7 +59,7 @@ class Walk(ABC):
         self.stream, self.report = stream, report
         self.size = path.stat().st_size
         self.at = 0
-        self.channels: dict[int, Channel] = {}
+        self.channels: dict[int, Topic] = {}
         self.count = 0
         """Whole messages so far."""
         self.indexed = 0
@@ -79,9 +68,7 @@ class Walk(ABC):
 
     @abstractmethod
     def summary(self) -> Summary | None:
-        """Channels, places of chunks and number of messages from the index; None where that is missing or
-        damaged.
-        """
+        """Channels, chunks and number of messages from the index; None where it is damaged."""
 
     @abstractmethod
     def _next(self) -> Record:
@@ -100,9 +87,7 @@ class Walk(ABC):
         return min(self.at / max(self.size, 1), 1.0)
 
     def messages(self, summary: Summary | None) -> Iterator[Message]:
-        """Every whole message, in the order of the file; ``report`` hears of all that is damaged or
-        missing.
-        """
+        """Every whole message, in the order of the file; ``report`` hears of damage and gaps."""
         chunks = summary.chunks if summary else set()
         self.at = len(self.magic)
         while self.at < self.size:
@@ -126,9 +111,7 @@ class Walk(ABC):
         self._close(max(summary.messages if summary else 0, self.indexed))
 
     def _checked(self, record: Record, chunks: set[int]) -> Record:
-        """The record as what it must be: the index knows where chunks are, and that messages come after an
-        end.
-        """
+        """The record as the index has it: it knows where chunks are, and that more follows."""
         if self.at in chunks and record.kind != self.chunk:
             self.say(f"the kind of the chunk at byte {self.at:,} is wrong")
             return record._replace(kind=self.chunk)
@@ -145,12 +128,10 @@ class Walk(ABC):
         if self.count < expected:
             missing = expected - self.count
             verb = "is" if missing == 1 else "are"
-            self.say(f"{plural(missing, 'message')} that the file counts {verb} not in it")
+            self.say(f"{count(missing, 'message')} that the file counts {verb} not in it")
         if self._damages:
-            whole = plural(self.count, "message")
-            self.report.damaged(
-                f"{whole} of {expected:,} are whole" if expected else f"{whole} before and between are whole"
-            )
+            share = f"of {expected:,}" if expected else "before and between"
+            self.report.damaged(f"{count(self.count, 'message')} {share} are whole")
 
     def say(self, text: str) -> None:
         """Report damage; of very much the first."""

@@ -1,16 +1,17 @@
-"""ROS messages as bytes: CDR (ROS 2) and ROS 1 serialisation, read field by field.
+"""ROS and protobuf messages as bytes, read field by field; no schema, no code from the file.
 
-CDR: OMG DDSI-RTPS, encapsulation identifiers 0x0000 to 0x0009; a primitive is aligned to its own size counted
-from the end of the encapsulation header (to at most 4 bytes in XCDR2).  ROS 1 packs without gaps, little
-endian.
+CDR: OMG DDSI-RTPS, encapsulation identifiers 0x0000 to 0x0009; a primitive is aligned to its own size (in
+XCDR2 at most 4 bytes) from the end of the encapsulation header.  ROS 1 packs without gaps, little endian.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
+_DOUBLE, _FIXED32 = struct.Struct("<d"), struct.Struct("<I")
 _SIZES = {"b": 1, "B": 1, "h": 2, "H": 2, "i": 4, "I": 4, "f": 4, "d": 8}
 
 
@@ -20,9 +21,7 @@ def _layout(order: str, kind: str, count: int) -> struct.Struct:
 
 
 class Wire:
-    """A reading position in one message; every method raises :class:`ValueError`
-    or ``struct.error`` beyond its end.
-    """
+    """A place in one message; methods raise :class:`ValueError` or ``struct.error`` beyond its end."""
 
     __slots__ = ("_at", "_base", "_data", "_order", "_ros1", "_widest")
 
@@ -44,19 +43,62 @@ class Wire:
         self._at = at + size * count
         return _layout(self._order, kind, count).unpack_from(self._data, at)
 
-    def skip_string(self) -> None:
-        """Pass over a string."""
+    def text(self) -> str:
+        """A string."""
         (length,) = self.take("I")
         if length > len(self._data) - self._at:
             raise ValueError("a string runs beyond the end of the message")
         self._at += length
+        return bytes(self._data[self._at - length : self._at]).rstrip(b"\0").decode("utf-8", "replace")
 
-    def stamp(self) -> int:
-        """Pass over a ``std_msgs/Header`` and give its stamp [us]; 0 where it was not set."""
+    def header(self) -> tuple[int, str]:
+        """The stamp [us] of a ``std_msgs/Header``, 0 where it was not set, and its frame."""
         if self._ros1:
             self.take("I")
             seconds, nanoseconds = self.take("I", 2)
         else:
             (seconds,), (nanoseconds,) = self.take("i"), self.take("I")
-        self.skip_string()
-        return int(seconds) * 1_000_000 + (int(nanoseconds) + 500) // 1000
+        return int(seconds) * 1_000_000 + (int(nanoseconds) + 500) // 1000, self.text()
+
+
+def fields(data: Any) -> Iterator[tuple[int, Any]]:
+    """(field number, value) of a message: varints as int, 64-bit as double, 32-bit as int, the rest as bytes.
+
+    Broken bytes raise as in :class:`Wire`.  https://protobuf.dev/programming-guides/encoding/
+    """
+    data = bytes(data)
+    at, end = 0, len(data)
+    while at < end:
+        key, at = _varint(data, at)
+        number, wire = key >> 3, key & 7
+        if wire == 1:
+            yield number, _DOUBLE.unpack_from(data, at)[0]
+            at += 8
+        elif wire == 2:
+            length, at = _varint(data, at)
+            if length > end - at:
+                raise ValueError("a field runs beyond the end of the message")
+            yield number, data[at : at + length]
+            at += length
+        elif wire == 0:
+            value, at = _varint(data, at)
+            yield number, value
+        elif wire == 5:
+            yield number, _FIXED32.unpack_from(data, at)[0]
+            at += 4
+        else:
+            raise ValueError("unknown wire type")
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    value = shift = 0
+    while shift < 70:
+        if at >= len(data):
+            raise ValueError("the message is cut off")
+        byte = data[at]
+        at += 1
+        value |= (byte & 0x7F) << shift
+        if byte < 0x80:
+            return value, at
+        shift += 7
+    raise ValueError("a number is too long")

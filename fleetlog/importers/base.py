@@ -1,23 +1,23 @@
 """What every log format gives: batches of rows in SI units, and a report of what was read.
 
 A format is one module of this package that holds ``IMPORTER``, an :class:`Importer`.  It turns a file into
-:class:`RawBatch` es and does nothing else: cleaning, frames, derived columns and matching are
-:mod:`fleetlog.ingest`'s.
+:class:`RawBatch` es; cleaning, frames, derived columns and matching are :mod:`fleetlog.ingest`'s.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Ints, Labels, Values
+from fleetlog.core.words import count
 from fleetlog.errors import FormatError, InputError, nearest
-from fleetlog.importers._open import compression, head_of, plain_suffix, plural
+from fleetlog.importers._open import compression, head_of, plain_stem, plain_suffix
 from fleetlog.importers._profile import Profile
 from fleetlog.importers._report import ReadReport
 from fleetlog.registry import parts
@@ -27,8 +27,7 @@ LOCAL = ("x", "y")
 
 
 class Reject(NamedTuple):
-    """A row that could not be used: its line or record number (from 1), why, and its text (or a picture of
-    its values).
+    """A row that could not be used: its line or record number (from 1), why, and its text or values.
 
     Where ``whole`` is False only one value was refused; the row stays, with that value unknown.
     """
@@ -41,22 +40,18 @@ class Reject(NamedTuple):
 
 @dataclass(frozen=True)
 class RawBatch:
-    """N rows as a log gives them, several vehicles mixed, in any order; nothing cleaned but everything in SI
-    units.
+    """N rows as a log gives them, vehicles mixed, in any order; nothing cleaned but everything in SI units.
 
     Attributes
     ----------
     vehicle : (N,) labels, no nulls.
     time : (N,) int64, microseconds since 1970-01-01 UTC.
     columns : (N,) arrays by name.  Positions are ``latitude``, ``longitude`` [degrees, WGS 84] or ``x``,
-        ``y`` [m, site
-        frame], ``z`` [m, up; ellipsoid or sea level as the log has it]; the further columns of
+        ``y`` [m, site frame], ``z`` [m, up; ellipsoid or sea level as the log has it]; the further columns of
         :mod:`fleetlog.core.columns` in the contract's units (NaN for unknown); then the log's own columns
-        under their own
-        names, float64 or :class:`~fleetlog.core.trajectory.Labels`.
-        A batch without position columns is a *channel*: its values are interpolated onto the rows that have
-        positions (a
-        battery message that comes at its own times).  A row with NaN for its position stays a row of its own.
+        under their own names, float64 or :class:`~fleetlog.core.trajectory.Labels`. A batch without position
+        columns is a *channel*: its values are interpolated onto the rows that have positions (a battery
+        message that comes at its own times).  A row with NaN for its position stays a row of its own.
     record : (N,) int64, line or record number in the file, from 1.
     rejects : rows met on the way that could not be used.
     progress : share of the file that has been read, 0 to 1.
@@ -79,14 +74,9 @@ class RawBatch:
 
     @classmethod
     def of(
-        cls,
-        vehicle: str | Labels,
-        time: NDArray[np.int64],
-        columns: dict[str, Values],
-        record: NDArray[np.int64] | None = None,
-        rejects: Iterable[Reject] = (),
-        progress: float = 0.0,
-    ) -> RawBatch:
+        cls, vehicle: str | Labels, time: Ints, columns: dict[str, Values], record: Ints | None = None,
+        rejects: Iterable[Reject] = (), progress: float = 0.0,
+    ) -> RawBatch:  # fmt: skip
         """A batch; one vehicle may be named by a string, and records are numbered from 1 where not given."""
         n = len(time)
         labels = Labels(np.zeros(n, np.int32), (vehicle,)) if isinstance(vehicle, str) else vehicle
@@ -106,7 +96,12 @@ class ReadOptions:
         """The constant vehicle id that the profile gives this file."""
         return self.profile.vehicle_of(self.report.path) if self.profile else None
 
-    @property
+    @cached_property
+    def name(self) -> str:
+        """The id of the vehicle of a log that names none: the profile's, or the file's name."""
+        return self.vehicle or plain_stem(self.report.path)
+
+    @cached_property
     def origin(self) -> int:
         """Microseconds since 1970 from which a time counts: the profile's word, or 0."""
         return self.profile.origin if self.profile else 0
@@ -120,8 +115,8 @@ class Importer:
     ----------
     name : as ``--format`` takes it.
     suffixes : lower case with the dot, as ``(".gpx",)``; those of compression are taken off first.
-    sniff : whether the file looks like this format, from its path and its first 64 KiB, decompressed
-        (``b""`` for a folder).
+    sniff : whether the file looks like this format, from its path and its first 64 KiB, decompressed (``b""``
+        for a folder).
     read : the rows, batch by batch, in bounded memory; raises :class:`~fleetlog.errors.FormatError` when
         nothing is usable.
     rank : formats of a lower rank are asked first; 0 for those with a signature, 9 for a last resort.
@@ -132,6 +127,15 @@ class Importer:
     sniff: Callable[[Path, bytes], bool]
     read: Callable[[Path, ReadOptions], Iterator[RawBatch]]
     rank: int = 0
+
+
+def holding(*marks: bytes, first: int = 4096) -> Callable[[Path, bytes], bool]:
+    """The ``sniff`` of a format that has one of ``marks`` among its ``first`` bytes."""
+    return partial(_holds, marks, first)
+
+
+def _holds(marks: tuple[bytes, ...], first: int, _: Path, head: bytes) -> bool:
+    return any(mark in head[:first] for mark in marks)
 
 
 def importers() -> dict[str, Importer]:
@@ -166,11 +170,8 @@ def detect(path: Path) -> Importer:
     """The format of ``path``, or an error that says what the file looks like."""
     importer = find(path)
     if importer is None:
-        raise FormatError(
-            f"no log format fits ({_looks(path)})",
-            where=path,
-            do=f"name it with --format: {', '.join(sorted(importers()))}",
-        )
+        do = f"name it with --format: {', '.join(sorted(importers()))}"
+        raise FormatError(f"no log format fits ({_looks(path)})", where=path, do=do)
     return importer
 
 
@@ -183,4 +184,4 @@ def _looks(path: Path) -> str:
     packed = compression(path)
     control = sum(b < 9 or 13 < b < 32 for b in head)
     kind = "binary" if control > 0.02 * len(head) else "text"
-    return f"{kind}, {plural(path.stat().st_size, 'byte')}{', ' + packed if packed else ''}"
+    return f"{kind}, {count(path.stat().st_size, 'byte')}{', ' + packed if packed else ''}"

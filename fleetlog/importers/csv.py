@@ -1,9 +1,7 @@
-"""Delimited text: CSV, TSV and their relatives, plain or packed (.gz, .zst), in any encoding, in bounded
-memory.
+"""Delimited text: CSV, TSV and relatives, plain or packed (.gz, .zst), any encoding, bounded memory.
 
 The file is read in blocks of whole lines.  A block goes through the fast reader of Arrow with the columns
-typed; a block with a
-cell that does not fit its type is read again as text and every cell judged by itself.
+typed; a block with a cell that does not fit its type is read again as text and every cell judged by itself.
 """
 
 from __future__ import annotations
@@ -13,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._csv_blocks import Block, blocks, guess_encoding
+from fleetlog.importers._csv_blocks import Block, blocks, cells_of, guess_encoding, rows_of
 from fleetlog.importers._csv_layout import (
     DELIMITERS,
     Layout,
@@ -22,7 +20,6 @@ from fleetlog.importers._csv_layout import (
     fit_header,
     lay_out,
 )
-from fleetlog.importers._csv_lines import cells_of, rows_of
 from fleetlog.importers._csv_rows import RowReader
 from fleetlog.importers._open import head_of
 from fleetlog.importers._profile import Profile
@@ -41,14 +38,13 @@ def sniff(path: Path, head: bytes) -> bool:
         return False
     if sum(c < " " and c not in "\t\r\n" for c in text[:4096]) > 0.01 * min(len(text), 4096):
         return False
-    lines = _sample(text, 0, "#")
+    lines = _sample(text)
     return bool(lines) and len(cells_of(lines[0], find_delimiter(lines))) > 1
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """Rows of a delimited file; the number of a row is that of its line."""
     profile, report = options.profile or Profile(), options.report
-    report.format = "csv"
     encoding = _encoding(path, profile, report)
     rows: RowReader | None = None
     for block in blocks(path, encoding, report):
@@ -97,36 +93,30 @@ def _begin(block: Block, path: Path, profile: Profile, report: ReadReport) -> tu
 
 
 def _check_header(names: list[str], path: Path, line: int) -> None:
-    def number(cell: str) -> bool:
-        try:
-            float(cell)
-        except ValueError:
-            return False
-        return True
-
     if len(names) < 2:
-        raise FormatError(
-            f"one column only ({names[0][:60]!r})",
-            where=path,
-            place=f"line {line}",
-            do="state the delimiter in a profile",
-        )
-    if sum(map(number, names)) > len(names) // 3:
+        what, do = f"one column only ({names[0][:60]!r})", "state the delimiter in a profile"
+        raise FormatError(what, where=path, place=f"line {line}", do=do)
+    if sum(map(_is_number, names)) > len(names) // 3:
         do = 'name the columns in a profile: names = ["vehicle_id", ...]'
-        raise FormatError(
-            "no header line, the first line holds figures", where=path, place=f"line {line}", do=do
-        )
+        what = "no header line, the first line holds figures"
+        raise FormatError(what, where=path, place=f"line {line}", do=do)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _text(head: bytes, encoding: str) -> str:
     return io.TextIOWrapper(io.BytesIO(head), encoding=encoding, errors="replace", newline="").read()
 
 
-def _sample(text: str, skip: int, comment: str) -> list[str]:
-    lines = [
-        line for line in text.splitlines()[skip:60] if line.strip() and not line.startswith((comment, "sep="))
-    ]
-    return [line for line in lines if any(d in line for d in DELIMITERS)][:20] if lines else []
+def _sample(text: str) -> list[str]:
+    lines = (s for s in text.splitlines()[:60] if s.strip() and not s.startswith(("#", "sep=")))
+    return [line for line in lines if any(d in line for d in DELIMITERS)][:20]
 
 
 IMPORTER = Importer("csv", (".csv", ".tsv", ".txt", ".tab"), sniff, read, rank=9)

@@ -1,9 +1,8 @@
 """GeoJSON (RFC 7946): points with a time, or lines with a time for every vertex.
 
-The times of a line stand in its property ``coordTimes`` or ``times`` (or below ``coordinateProperties``),
-one a vertex, as
-converters of GPX and the tools of Mapbox write them.  Points are read by the names of their properties, as a
-CSV's columns are.
+The times of a line stand in its property ``coordTimes`` or ``times`` (or below ``coordinateProperties``), one
+a vertex, as converters of GPX and the tools of Mapbox write them.  Points are read by the names of their
+properties, as a CSV's columns are.
 """
 
 from __future__ import annotations
@@ -15,12 +14,15 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from fleetlog.errors import FormatError
-from fleetlog.importers._fields import Field, Fields, fields_of
+import numpy as np
+
+from fleetlog.core.words import count
+from fleetlog.importers._fields import Fields, fields_of
 from fleetlog.importers._json_stream import features
-from fleetlog.importers._open import open_bytes, plain_stem, plural
-from fleetlog.importers._rows import Rows, finite
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+from fleetlog.importers._open import open_bytes
+from fleetlog.importers._profile import Source
+from fleetlog.importers._rows import Rows, finite, gather, unplaced
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions
 
 TIMES = ("coordTimes", "times", "timestamps")
 _SIGN = re.compile(rb'"type"\s*:\s*"(FeatureCollection|Feature)"')
@@ -34,18 +36,12 @@ def sniff(path: Path, head: bytes) -> bool:
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """One row a point or vertex."""
     stream, raw = open_bytes(path, options.report)
-    reader = _Reader(options, plain_stem(path), lambda: raw.share)
+    reader = _Reader(options, lambda: raw.share)
     with stream:
-        for number, feature in enumerate(features(stream, options.report), 1):
-            reader.tables[0].attempt(number, reader.feature, feature, number)
-            for rows in reader.tables:
-                if rows.full:
-                    yield rows.take()
+        yield from gather(features(stream, options.report), reader.feature, *reader.tables)
     if not any(rows.total for rows in reader.tables):
-        damage = f"; {options.report.damage[0]}" if options.report.damage else ""
-        raise FormatError(
-            reader.nothing() + damage, where=path, do="give points a property 'timestamp', lines 'coordTimes'"
-        )
+        do = "give points a property 'timestamp', lines 'coordTimes'"
+        raise options.report.nothing(reader.nothing(), do)
     if reader.left_out:
         kinds = ", ".join(f"{n} {k}" for k, n in reader.left_out.items())
         options.report.note(f"geometries without motion left out: {kinds}")
@@ -56,8 +52,8 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 class _Reader:
     """Features to rows, positions in degrees or, where a feature says so, in local metres."""
 
-    def __init__(self, options: ReadOptions, stem: str, share: Any) -> None:
-        self.options, self.stem = options, stem
+    def __init__(self, options: ReadOptions, share: Any) -> None:
+        self.options = options
         self._geographic = Rows("latitude", "longitude", share=share)
         self._local = Rows("x", "y", share=share)
         self.tables = (self._geographic, self._local)
@@ -82,21 +78,16 @@ class _Reader:
     def _known(self, properties: dict[str, Any]) -> Fields:
         names = tuple(properties)
         if names not in self._fields:
-            if (
-                len(self._fields) > 1000
-            ):  # every feature with other names: nothing to be gained by remembering
+            if len(self._fields) > 1000:  # every feature with other names: remembering gains nothing
                 self._fields.clear()
-            self._fields[names] = fields_of(
-                (n for n in names if n not in ("geometry", "frame")),
-                self.options.profile,
-                self.options.report,
-            )
+            given = (n for n in names if n not in ("geometry", "frame"))
+            self._fields[names] = fields_of(given, self.options.profile, self.options.report)
         return self._fields[names]
 
     def _vehicle(self, known: Fields, properties: dict[str, Any]) -> str:
         name = properties.get(known.vehicle) if known.vehicle else None
         if self.options.vehicle or known.vehicle == "id" or name is None or isinstance(name, dict | list):
-            return self.options.vehicle or self.stem
+            return self.options.name
         return str(name)
 
     def _point(self, coordinates: Any, properties: dict[str, Any], number: int) -> None:
@@ -119,15 +110,10 @@ class _Reader:
         rows.add(self._vehicle(known, properties), time, number, values)
 
     def _place(self, coordinates: Any, local: bool) -> dict[str, Any] | None:
-        if not isinstance(coordinates, list) or len(coordinates) < 2:
-            return None
-        a, b = finite(coordinates[0]), finite(coordinates[1])
-        if a != a or b != b:
-            return None
-        place: dict[str, Any] = {"x": a, "y": b} if local else {"latitude": b, "longitude": a}
-        if len(coordinates) > 2:
-            place["z"] = finite(coordinates[2])
-        return place
+        names = (*(LOCAL if local else GEOGRAPHIC[::-1]), "z")
+        given = coordinates if isinstance(coordinates, list) else []
+        place = dict(zip(names, map(finite, given), strict=False))
+        return None if unplaced(place) else place
 
     def _lines(self, lines: list[Any], properties: dict[str, Any], number: int) -> None:
         times = _line_times(properties)
@@ -156,7 +142,7 @@ class _Reader:
 
     def nothing(self) -> str:
         """What the file holds instead of motion."""
-        found = [plural(self.points, "point") + " without a time"] if self.points else []
+        found = [count(self.points, "point") + " without a time"] if self.points else []
         vertices = self._geographic.rejected - self.points
         found += [f"{vertices:,} vertices of lines without times"] if vertices > 0 else []
         found += [f"{n} {kind}" for kind, n in self.left_out.items()]
@@ -172,19 +158,19 @@ def _line_times(properties: dict[str, Any]) -> list[Any]:
     return []
 
 
-def _value(field: Field, properties: dict[str, Any]) -> Any:
-    raw = properties.get(field.source)
+def _value(field: Source, properties: dict[str, Any]) -> Any:
+    raw = properties.get(field.column)
     if isinstance(raw, str) and field.unit is None and finite(raw) != finite(raw):
         return raw
-    return float(field.values(finite(raw))[()]) if raw is not None else None
+    return float(field.to_si(field.known(np.array(finite(raw))))) if raw is not None else None
 
 
 def _own(value: Any) -> Any:
     if value is None or isinstance(value, str):
         return value
-    return (
-        None if isinstance(value, list | dict) else float(value) if isinstance(value, bool) else finite(value)
-    )
+    if isinstance(value, list | dict):
+        return None
+    return float(value) if isinstance(value, bool) else finite(value)
 
 
 IMPORTER = Importer("geojson", (".geojson", ".json", ".geojsonl", ".geojsons"), sniff, read, rank=2)

@@ -5,46 +5,37 @@ Lines without times say where, not when: they are left out.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from fleetlog.importers._open import plain_stem
-from fleetlog.importers._rows import Rows, finite
-from fleetlog.importers._times import iso_time
-from fleetlog.importers._xml import Elements, local, nothing_usable, plural
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions
-
-
-def sniff(path: Path, head: bytes) -> bool:
-    """Whether the file begins as KML."""
-    return b"<kml" in head[:4096]
+from fleetlog.core.words import count
+from fleetlog.importers._rows import Rows, finite, gather, unplaced
+from fleetlog.importers._xml import Elements, local
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions, holding
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
-    """One row a moment of a track, or a placemark with a time."""
+    """One row a moment of a track, or a placemark with a time; records count each kind."""
     report = options.report
-    elements = Elements(path, report, ("Track", "Placemark", "LineString"))
+    elements = Elements(path, report, ("Track", "Placemark"), "LineString")
     rows = Rows("latitude", "longitude", share=elements.share)
-    vehicle = options.vehicle or plain_stem(path)
-    seen: Counter[str] = Counter()
-    for tag, element in elements:
-        seen[tag] += 1
-        if tag == "Track":
-            rows.attempt(seen[tag], _track, rows, element, vehicle, seen[tag])
-        elif tag == "Placemark":
-            rows.attempt(seen[tag], _point, rows, element, vehicle, seen[tag])
-        if rows.full:
-            yield rows.take()
+
+    def take(element: Any, _: int) -> None:
+        tag = local(element)
+        (_track if tag == "Track" else _point)(rows, element, options.name, elements.seen[tag])
+
+    yield from gather(elements, take, rows)
+    lines = count(elements.seen["LineString"], "line")
     if not rows.total:
-        what = f"no track with times in it, {plural(seen['LineString'], 'line')} without"
-        raise nothing_usable(path, report, what, "export it with times (gx:Track)")
-    if seen["LineString"]:
-        report.note(f"{plural(seen['LineString'], 'line')} without times left out")
-    report.recognised.update(
-        {"gx:coord, coordinates": "position, WGS 84, z from m", "when": "timestamp, ISO 8601"}
-    )
+        what = f"no track with times in it, {lines} without"
+        raise report.nothing(what, "export it with times (gx:Track)")
+    if elements.seen["LineString"]:
+        report.note(f"{lines} without times left out")
+    report.recognised |= {
+        "gx:coord, coordinates": "position, WGS 84, z from m",
+        "when": "timestamp, ISO 8601",
+    }
     yield from rows.drain()
 
 
@@ -66,15 +57,11 @@ def _point(rows: Rows, element: Any, vehicle: str, record: int) -> None:
 
 
 def _add(rows: Rows, vehicle: str, record: int, time: str | None, spot: list[str]) -> None:
-    numbers = [finite(v) for v in spot[:3]]
-    if len(numbers) < 2 or any(v != v for v in numbers[:2]):
+    values = dict(zip(("longitude", "latitude", "z"), map(finite, spot), strict=False))
+    if unplaced(values):
         rows.reject(record, "longitude or latitude is not a number", spot)
-        return
-    values = dict(zip(("longitude", "latitude", "z"), numbers, strict=False))
-    try:
-        rows.add(vehicle, iso_time(time or ""), record, values)
-    except ValueError:
-        rows.reject(record, "time is not ISO 8601", time)
+    else:
+        rows.add_iso(vehicle, time, record, values)
 
 
-IMPORTER = Importer("kml", (".kml",), sniff, read)
+IMPORTER = Importer("kml", (".kml",), holding(b"<kml"), read)

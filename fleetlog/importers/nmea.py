@@ -1,9 +1,8 @@
 """NMEA 0183 logs, also with binary bytes and u-blox UBX messages between the sentences.
 
 All sentences of one moment make one fix, whatever talker they come from.  Dates come from RMC, ZDA and
-NAV-PVT; a fix before
-the first date gets it in hindsight.  Broken sentences are rejected and counted; other ships' AIS messages
-are left out.
+NAV-PVT; a fix before the first date gets it in hindsight.  Broken sentences are rejected and counted; other
+ships' AIS messages are left out.
 """
 
 from __future__ import annotations
@@ -13,10 +12,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from fleetlog.errors import FormatError
+from fleetlog.core.words import count
 from fleetlog.importers._nmea_fix import DAY, Part, decode
 from fleetlog.importers._nmea_frames import Frame, frames
-from fleetlog.importers._open import open_bytes, plain_stem, plural
+from fleetlog.importers._open import open_bytes
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import Rows
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
@@ -24,12 +23,11 @@ from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 WAITING = 1 << 18
 """Fixes that may wait for the first date."""
 _AIS = (b"VDM", b"VDO")
+_SOURCES = ("RMC", "GGA", "GNS", "GLL", "VTG", "ZDA")
 
 
 def sniff(path: Path, head: bytes) -> bool:
-    """Whether a sentence or a UBX message with a right checksum is in it, and most of what is framed is
-    right.
-    """
+    """Whether something framed has a right checksum, and most of it is right."""
     from io import BufferedReader, BytesIO
 
     good = bad = 0
@@ -53,12 +51,8 @@ class Epochs:
 
     def add(self, part: Part, line: int) -> None:
         """One more part; a new time of day closes the fix before it."""
-        if (
-            self._open is not None
-            and part.tod is not None
-            and part.tod != self._open.tod
-            and self._open.tod is not None
-        ):
+        begun = self._open.tod if self._open is not None else None
+        if begun is not None and part.tod not in (None, begun):
             self.close()
         if self._open is None:
             self._open, self._line = part, line
@@ -131,92 +125,87 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """One row a moment with a fix."""
     stream, raw = open_bytes(path, options.report)
     rows = Rows("latitude", "longitude", share=lambda: raw.share)
-    epochs = Epochs(rows, options.vehicle or plain_stem(path))
-    kinds: Counter[str] = Counter()
-    ais = unchecked = 0
+    reader = _Reader(rows, options.name)
     with stream:
         for frame in frames(stream):
-            if frame.bang or frame.kind[-3:] in _AIS:
-                ais += 1
-            elif _usable(frame, rows, unchecked, kinds):
-                unchecked += not frame.checked
-                _take(frame, epochs, kinds)
+            reader.take(frame)
             if rows.full:
                 yield rows.take()
-    epochs.close()
+    reader.epochs.close()
     if not rows.total:
-        raise FormatError(*_nothing(epochs, kinds, ais, rows), where=path, do=_remedy(epochs, ais))
-    _describe(options.report, epochs, kinds, ais, unchecked)
+        wanted = "RMC or ZDA as well" if reader.epochs.undated else "RMC or GGA sentences or UBX NAV-PVT"
+        raise options.report.nothing(reader.nothing(), f"record {wanted}")
+    reader.describe(options.report)
     yield from rows.drain()
 
 
-def _usable(frame: Frame, rows: Rows, unchecked: int, kinds: Counter[str]) -> bool:
-    fault = frame.fault
-    if fault is None and not frame.checked and kinds and not unchecked:
-        fault = "the sentence has no checksum, unlike those before it"
-    if fault is None:
-        return True
-    rows.reject(frame.line, fault, _text(frame))
-    return False
+class _Reader:
+    """Frames to fixes, with what they are counted."""
+
+    def __init__(self, rows: Rows, vehicle: str) -> None:
+        self.rows, self.epochs = rows, Epochs(rows, vehicle)
+        self.kinds: Counter[str] = Counter()
+        self.ais = self.unchecked = 0
+
+    def take(self, frame: Frame) -> None:
+        """One more frame; what cannot be used is rejected."""
+        fault = frame.fault
+        if fault is None and not frame.checked and self.kinds and not self.unchecked:
+            fault = "the sentence has no checksum, unlike those before it"
+        if frame.bang or frame.kind[-3:] in _AIS:
+            self.ais += 1
+        elif fault is not None:
+            self.rows.reject(frame.line, fault, _text(frame))
+        else:
+            self.unchecked += not frame.checked
+            kind = _kind(frame)
+            self.kinds[kind] += 1
+            try:
+                part = decode(frame.kind, frame.body)
+            except (ValueError, OverflowError) as error:
+                self.rows.reject(frame.line, f"{kind}: {error}", _text(frame))
+            else:
+                if part is not None:
+                    self.epochs.add(part, frame.line)
+
+    def nothing(self) -> str:
+        """What the log holds instead of dated positions."""
+        if self.epochs.undated:
+            undated = count(self.epochs.undated, "position")
+            return f"{undated} with a time of day but no date (no RMC or ZDA sentence with one)"
+        if self.epochs.no_fix:
+            return f"the receiver had no fix in any of its {count(self.epochs.no_fix, 'moment')}"
+        if self.ais and not self.kinds:
+            return f"only AIS: {count(self.ais, 'message')} of ships, no position of the receiver"
+        found = ", ".join(f"{n} {k}" for k, n in self.kinds.most_common(8)) or "none"
+        first, why = self.rows.take().rejects[:1], ""
+        if first:
+            why = f"; {self.rows.rejected} rejected, the first on line {first[0].record}: {first[0].reason}"
+        return f"no sentence with a position (readable sentences: {found}){why}"
+
+    def describe(self, report: ReadReport) -> None:
+        """Say what was read and left out."""
+        sources = sorted(k for k in self.kinds if k[-3:] in _SOURCES or k == "UBX-0107")
+        meaning = "position, time, speed from knots, heading from course, z above sea level"
+        report.recognised[", ".join(sources)] = meaning
+        for number, noun, what in (
+            (self.epochs.no_fix, "moment", "without a fix left out"),
+            (self.epochs.undated, "position", "without a date left out"),
+            (self.ais, "AIS message", "of other ships left out"),
+            (self.unchecked, "sentence", "without a checksum read"),
+        ):
+            if number:
+                report.note(f"{count(number, noun)} {what}")
+
+
+def _kind(frame: Frame) -> str:
+    return f"UBX-{frame.body[:2].hex()}" if frame.kind == b"UBX" else frame.kind.decode("ascii")
 
 
 def _text(frame: Frame) -> str:
-    return (
-        f"UBX {frame.body[:2].hex()}"
-        if frame.kind == b"UBX"
-        else (frame.kind + b"," + frame.body).decode("latin-1")
-    )
-
-
-def _take(frame: Frame, epochs: Epochs, kinds: Counter[str]) -> None:
-    kind = f"UBX-{frame.body[:2].hex()}" if frame.kind == b"UBX" else frame.kind.decode("ascii")
-    kinds[kind] += 1
-    try:
-        part = decode(frame.kind, frame.body)
-    except (ValueError, OverflowError) as error:
-        epochs.rows.reject(frame.line, f"{kind}: {error}", _text(frame))
-        return
-    if part is not None:
-        epochs.add(part, frame.line)
-
-
-def _nothing(epochs: Epochs, kinds: Counter[str], ais: int, rows: Rows) -> tuple[str]:
-    if epochs.undated:
-        return (
-            f"{plural(epochs.undated, 'position')} with a time of day but no date (no RMC or ZDA sentence "
-            "with one)",
-        )
-    if epochs.no_fix:
-        return (f"the receiver had no fix in any of its {plural(epochs.no_fix, 'moment')}",)
-    if ais and not kinds:
-        return (f"only AIS: {plural(ais, 'message')} of ships, no position of the receiver",)
-    first = rows.take().rejects[:1]
-    why = (
-        f"; {rows.rejected} rejected, the first on line {first[0].record}: {first[0].reason}" if first else ""
-    )
-    found = ", ".join(f"{n} {k}" for k, n in kinds.most_common(8)) or "none"
-    return (f"no sentence with a position (readable sentences: {found}){why}",)
-
-
-def _remedy(epochs: Epochs, ais: int) -> str:
-    if epochs.undated:
-        return "record RMC or ZDA as well"
-    return "record RMC or GGA sentences or UBX NAV-PVT"
-
-
-def _describe(report: ReadReport, epochs: Epochs, kinds: Counter[str], ais: int, unchecked: int) -> None:
-    sources = [k for k in kinds if k[-3:] in ("RMC", "GGA", "GNS", "GLL", "VTG", "ZDA") or k == "UBX-0107"]
-    report.recognised[", ".join(sorted(sources))] = (
-        "position, time, speed from knots, heading from course, z above sea level"
-    )
-    if epochs.no_fix:
-        report.note(f"{plural(epochs.no_fix, 'moment')} without a fix left out")
-    if epochs.undated:
-        report.note(f"{plural(epochs.undated, 'position')} without a date left out")
-    if ais:
-        report.note(f"{plural(ais, 'AIS message')} of other ships left out")
-    if unchecked:
-        report.note(f"{plural(unchecked, 'sentence')} without a checksum read")
+    if frame.kind == b"UBX":
+        return f"UBX {frame.body[:2].hex()}"
+    return (frame.kind + b"," + frame.body).decode("latin-1")
 
 
 IMPORTER = Importer("nmea", (".nmea", ".nma", ".ubx", ".log"), sniff, read, rank=1)

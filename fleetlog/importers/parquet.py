@@ -1,52 +1,44 @@
-"""Parquet tables, read by their column names as a CSV is; GeoParquet's points; parts of a partitioned
-dataset.
-"""
+"""Parquet tables, read by column names as a CSV is; GeoParquet's points; parts of a dataset."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import FormatError
 from fleetlog.importers._bounded import refuse_packed
-from fleetlog.importers._csv_cells import degrees, numbers
+from fleetlog.importers._csv_cells import Mask, degrees, numbers
 from fleetlog.importers._csv_clock import Clock
 from fleetlog.importers._csv_layout import unique
-from fleetlog.importers._fields import Field, fields_of
+from fleetlog.importers._fields import fields_of
 from fleetlog.importers._names import EPOCH_UNITS
 from fleetlog.importers._open import plain_stem
-from fleetlog.importers._profile import Profile
+from fleetlog.importers._profile import Profile, Source
 from fleetlog.importers._times import NONE, from_counts
 from fleetlog.importers._units import KINDS
-from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject, holding
 
 BATCH = 1 << 17
+Bad = dict[str, tuple[Mask, Labels]]
+"""Which cells of a column are no numbers, and what is written there."""
+_FIGURES = (pa.types.is_boolean, pa.types.is_decimal, pa.types.is_floating, pa.types.is_integer)
 GROUP_LIMIT = 1 << 32
 """Unpacked bytes of a row group that are believed."""
 CELLS, CELLS_PER_BYTE = 200_000_000, 2_000
 """Values that a file may state: so many in any file, and so many for each of its bytes."""
 
 
-def sniff(path: Path, head: bytes) -> bool:
-    """Whether it begins with Parquet's magic bytes."""
-    return head.startswith(b"PAR1")
-
-
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """All rows, batch by batch."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     refuse_packed(path)
     try:
         file = pq.ParquetFile(path, memory_map=False, read_dictionary=_text_columns(path))
@@ -64,16 +56,11 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             except (OSError, pa.ArrowException, MemoryError) as error:
                 options.report.damaged(f"row group {group} ({rows} rows) cannot be read: {str(error)[:120]}")
         if options.report.damage and not reader.done:
-            raise FormatError(
-                f"no row can be read; {options.report.damage[0]}", where=path, do="write it again"
-            )
+            raise options.report.nothing("no row can be read", "write it again")
 
 
 def _text_columns(path: Path) -> list[str]:
     """Columns of text, which are read as dictionaries: a text that comes again takes no memory again."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     schema = pq.read_schema(path)
     return [f.name for f in schema if pa.types.is_string(f.type) or pa.types.is_large_string(f.type)]
 
@@ -92,14 +79,11 @@ class _Reader:
     """The batches of one file; columns go by their place, for names may come twice."""
 
     def __init__(self, file: Any, path: Path, options: ReadOptions) -> None:
-        import pyarrow as pa
-
         self.path, self.options, self.done = path, options, 0
         self.total = max(file.metadata.num_rows, 1)
         schema = file.schema_arrow
-        self.names = unique(
-            [_text(n.encode("utf-8", "surrogateescape")) for n in schema.names], options.report
-        )
+        names = [_text(n.encode("utf-8", "surrogateescape")) for n in schema.names]
+        self.names = unique(names, options.report)
         kinds = dict(zip(self.names, schema.types, strict=True))
         plain = [n for n, t in kinds.items() if not pa.types.is_nested(t) and not pa.types.is_binary(t)]
         self.fields = fields_of(plain, options.profile, options.report)
@@ -120,9 +104,9 @@ class _Reader:
         """The rows of a batch; those without a time, or with a text for a position, are refused."""
         batch = batch.rename_columns(self.names)
         columns: dict[str, Values] = {}
-        bad: dict[str, tuple[NDArray[np.bool_], Labels]] = {}
+        bad: Bad = {}
         for name, field in self.fields.columns.items():
-            columns[name] = self._quantity(batch.column(field.source), name, field, bad)
+            columns[name] = self._quantity(batch.column(field.column), name, field, bad)
         for name in self.fields.kept:
             columns[name] = _values(batch.column(name))
         if not {"latitude", "x"} & columns.keys():
@@ -138,19 +122,14 @@ class _Reader:
             at = np.flatnonzero(mask & good).tolist()
             texts = written[at].strings()
             what = f"{name} is not a number"
-            rejects += [
-                Reject(int(record[i]), what, str(t)[:400], whole) for i, t in zip(at, texts, strict=True)
-            ]
+            numbered = zip(record[at].tolist(), texts, strict=True)
+            rejects += [Reject(n, what, str(text)[:400], whole) for n, text in numbered]
             good[at if whole else []] = False
         kept: dict[str, Values] = {k: v[good] for k, v in columns.items()}
         return RawBatch(vehicle[good], time[good], kept, record[good], rejects, self.done / self.total)
 
-    def _quantity(
-        self, array: pa.Array, name: str, field: Field, bad: dict[str, tuple[NDArray[np.bool_], Labels]]
-    ) -> Values:
+    def _quantity(self, array: pa.Array, name: str, field: Source, bad: Bad) -> Values:
         """A known column in SI; numbers may be written as text."""
-        import pyarrow as pa
-
         values = _values(array)
         if name not in KINDS:
             return values
@@ -161,12 +140,10 @@ class _Reader:
             if wrong.any():
                 bad[name] = np.append(wrong, False)[code], values
             values = np.append(figures, np.nan)[code]
-        return field.values(values)
+        return field.to_si(field.known(np.asarray(values, float)))
 
     def _times(self, batch: pa.RecordBatch, vehicle: Labels) -> NDArray[np.int64]:
         """(N,) microseconds UTC; ``NONE`` where they are not known."""
-        import pyarrow as pa
-
         array = batch.column(str(self.fields.time))
         if pa.types.is_date(array.type):
             array = array.cast(pa.timestamp("s") if pa.types.is_date32(array.type) else pa.timestamp("ms"))
@@ -189,17 +166,12 @@ class _Reader:
         if self.options.vehicle is not None or self.fields.vehicle is None:
             return Labels(np.zeros(len(batch), np.int32), (self.options.vehicle or default,))
         values = _values(batch.column(self.fields.vehicle))
-        names = (
-            values.strings()
-            if isinstance(values, Labels)
-            else [None if v != v else f"{v:.17g}" for v in values.tolist()]
-        )
-        return Labels.of([default if v is None else v for v in names])
+        if isinstance(values, Labels):
+            return Labels.of([default if v is None else v for v in values.strings()])
+        return Labels.of([default if v != v else f"{v:.17g}" for v in values.tolist()])
 
 
 def _counted(array: pa.Array, unit: str, origin: int = 0) -> NDArray[np.int64]:
-    import pyarrow as pa
-
     null = np.asarray(array.is_null())
     whole = pa.types.is_integer(array.type)
     filled = array.fill_null(0)
@@ -209,20 +181,11 @@ def _counted(array: pa.Array, unit: str, origin: int = 0) -> NDArray[np.int64]:
 
 def _values(array: pa.Array) -> Values:
     """(N,) figures, NaN for null, or labels; text that is no UTF-8 keeps what of it is."""
-    import pyarrow as pa
-
     kind = array.type
     if pa.types.is_null(kind):
         return np.full(len(array), np.nan)
-    if (
-        pa.types.is_boolean(kind)
-        or pa.types.is_decimal(kind)
-        or pa.types.is_floating(kind)
-        or pa.types.is_integer(kind)
-    ):
-        return np.asarray(
-            array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64
-        )
+    if any(test(kind) for test in _FIGURES):
+        return np.asarray(array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)
     if not pa.types.is_dictionary(kind):
         array = array.dictionary_encode()
     names = array.dictionary
@@ -230,10 +193,10 @@ def _values(array: pa.Array) -> Values:
         texts = [None if v is None else _text(v) for v in names.cast(pa.large_binary()).to_pylist()]
     else:
         texts = [None if v is None else str(v) for v in names.to_pylist()]
-    order = Labels.of(texts)
-    codes = np.asarray(array.indices.fill_null(-1).to_numpy(zero_copy_only=False), dtype=np.int64)
-    if codes.max(initial=-1) >= len(order.codes):
+    codes = np.asarray(array.indices.fill_null(-1).to_numpy(zero_copy_only=False), dtype=np.int32)
+    if codes.max(initial=-1) >= len(texts):
         raise pa.ArrowInvalid("a text that its dictionary does not have")
+    order = Labels.of(texts)
     return Labels(np.append(order.codes, np.int32(-1))[codes], order.names)
 
 
@@ -253,4 +216,4 @@ def _points(array: pa.Array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return x, y
 
 
-IMPORTER = Importer("parquet", (".parquet", ".pq", ".geoparquet"), sniff, read)
+IMPORTER = Importer("parquet", (".parquet", ".pq", ".geoparquet"), holding(b"PAR1", first=4), read)

@@ -1,7 +1,6 @@
 """ROS 1 bags (plain, bz2, lz4) and ROS 2 bags (a ``.db3`` file, or a folder with ``metadata.yaml``).
 
-The messages are those of :mod:`fleetlog.importers._messages`; the containers of ROS 2 are opened by
-``rosbags``.
+The messages are those of :mod:`fleetlog.importers._messages`; ``rosbags`` opens the containers of ROS 2.
 """
 
 from __future__ import annotations
@@ -9,15 +8,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from fleetlog.core.files import SETTINGS, open_regular, read_whole
+from fleetlog.core.words import count
 from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers._bag_walk import MAGIC, BagWalk
 from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._mcap_walk import McapWalk
-from fleetlog.importers._open import plain_stem, plain_suffix, plural
-from fleetlog.importers._topics import Decoder, Topic, plan, read_recording
+from fleetlog.importers._messages import Topic
+from fleetlog.importers._open import plain_stem, plain_suffix
+from fleetlog.importers._topics import Decoder, plan, read_recording
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 _SQLITE = b"SQLite format 3\x00"
@@ -48,51 +48,41 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         yield from read_recording(BagWalk, path, options)
     elif magic.startswith(b"#ROSBAG"):
         version = magic.split(b"\n")[0].decode("ascii", "replace")
-        raise FormatError(
-            f"bag of a format before 2.0 ({version})", where=path, do="convert it with rosbag migrate"
-        )
+        what = f"bag of a format before 2.0 ({version})"
+        raise FormatError(what, where=path, do="convert it with rosbag migrate")
     else:
         yield from _ros2(path, options)
-
-
-def _about(path: Path) -> str:
-    """The description in a bag's folder; ``""`` where there is none."""
-    file = path / "metadata.yaml"
-    return read_whole(file, SETTINGS).decode("utf-8", "replace") if file.exists() else ""
 
 
 def _folder(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     packed = [*path.glob("*.db3.zstd"), *path.glob("*.mcap.zstd")]
     if packed:
-        raise FormatError(
-            "the bag's files are packed as a whole", where=path, do=f"unpack them: zstd -d {packed[0].name}"
-        )
-    about = _about(path)
+        do = f"unpack them: zstd -d {packed[0].name}"
+        raise FormatError("the bag's files are packed as a whole", where=path, do=do)
+    description = path / "metadata.yaml"
+    about = read_whole(description, SETTINGS).decode("utf-8", "replace") if description.exists() else ""
     others = sum(p.suffix not in (".mcap", ".db3", ".yaml") for p in path.iterdir())
     if others:
-        options.report.note(f"{plural(others, 'other file')} in the bag's folder left out")
+        options.report.note(f"{count(others, 'other file')} in the bag's folder left out")
     if mode := _PACKING.search(about):
-        raise FormatError(
-            f"the bag is packed {mode[1].lower()} by {mode[1].lower()}", where=path,
-            do="convert it with ros2 bag convert to plain storage",
-        )  # fmt: skip
+        what = f"the bag is packed {mode[1].lower()} by {mode[1].lower()}"
+        raise FormatError(what, where=path, do="convert it with ros2 bag convert to plain storage")
     files = sorted(path.glob("*.mcap"))
     if not files:
         yield from _ros2(path, options)
         return
-    count, errors = 0, []
+    whole, errors = 0, []
     for file in files:
         try:
-            count += yield from read_recording(McapWalk, file, options, plain_stem(path))
+            whole += yield from read_recording(McapWalk, file, options, plain_stem(path))
         except FleetlogError as error:
             errors.append(error)
             options.report.damaged(f"{file.name}: {error.what}")
     if len(errors) == len(files):
         raise errors[0]
-    if (stated := _COUNT.search(about)) and count < int(stated[1]):
-        options.report.damaged(
-            f"{count:,} of the {int(stated[1]):,} messages that metadata.yaml counts are whole"
-        )
+    if (stated := _COUNT.search(about)) and whole < int(stated[1]):
+        what = f"{whole:,} of the {int(stated[1]):,} messages that metadata.yaml counts are whole"
+        options.report.damaged(what)
 
 
 def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -104,7 +94,8 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         refuse_packed(file)
     try:
         with Reader(path) as bag:
-            topics = [Topic(c.topic, c.msgtype, _encoding(c)) for c in bag.connections]
+            encoded = ((c, getattr(c.ext, "serialization_format", "cdr")) for c in bag.connections)
+            topics = [Topic(c.topic, c.msgtype, str(encoding)) for c, encoding in encoded]
             roles = plan(topics, path, plain_stem(path), options.vehicle, options.report)
             total = max(bag.message_count, 1)
             decoder = Decoder(roles, options.report, lambda: decoder.record / total if decoder else 0.0)
@@ -112,24 +103,18 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             for connection, time, data in bag.messages(connections=wanted):
                 yield from decoder.feed(connection.topic, (time + 500) // 1000, data)
         if decoder.record < (stated := sum(c.msgcount for c in wanted)):
-            options.report.damaged(
-                f"{decoder.record:,} of the {stated:,} messages that the bag counts are in it"
-            )
+            what = f"{decoder.record:,} of the {stated:,} messages"
+            options.report.damaged(f"{what} that the bag counts are in it")
     except FleetlogError:
         raise
     except Exception as error:
         why = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
         if decoder is None or not decoder.positions:
-            raise FormatError(
-                f"cannot be read ({why})", where=path, do="repair it with ros2 bag reindex"
-            ) from None
+            do = "repair it with ros2 bag reindex"
+            raise FormatError(f"cannot be read ({why})", where=path, do=do) from None
         options.report.damaged(f"breaks off after {decoder.record} messages ({why})")
     assert decoder is not None
-    yield from decoder.finish(path)
-
-
-def _encoding(connection: Any) -> str:
-    return str(getattr(connection.ext, "serialization_format", "cdr"))
+    yield from decoder.finish()
 
 
 IMPORTER = Importer("rosbag", (".bag", ".db3"), sniff, read)

@@ -1,10 +1,8 @@
 """SUMO's floating car data (``--fcd-output``), XML: every vehicle at every step.
 
-``angle`` is clockwise from north [degrees]; ``x, y`` are metres of the network, or degrees where
-SUMO was run with ``--fcd-output.geo``.
-``time`` counts seconds from the start of the simulation, so it is placed at the epoch that the file names
-(fleetlog's
-exporter writes it) or at 1970.
+``angle`` is clockwise from north [degrees]; ``x, y`` are metres of the network, or degrees where SUMO was run
+with ``--fcd-output.geo``. ``time`` counts seconds from the start of the simulation, so it is placed at the
+epoch that the file names (fleetlog's exporter writes it) or at 1970.
 """
 
 from __future__ import annotations
@@ -14,58 +12,40 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from fleetlog.importers._rows import Rows, finite, heading_of_course
+from fleetlog.importers._open import HEAD, head_of
+from fleetlog.importers._rows import Rows, finite, gather, heading_of_course, unplaced
 from fleetlog.importers._times import iso_time
-from fleetlog.importers._xml import Elements, nothing_usable
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+from fleetlog.importers._xml import Elements
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding
 
 _EPOCH = re.compile(rb"fleetlog-epoch ([0-9T:.Z+-]{10,40})")
 _KNOWN = ("id", "x", "y", "angle")
 
 
-def sniff(path: Path, head: bytes) -> bool:
-    """Whether the root is ``fcd-export``."""
-    return b"<fcd-export" in head
-
-
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """One row a vehicle and step."""
-    from fleetlog.importers._open import head_of
+    report, origin = options.report, options.origin or _origin(_EPOCH.search(head_of(path, 4096)))
+    elements = Elements(path, report, ("vehicle",), "person", "timestep")
+    degrees, metres = (Rows(*pair, share=elements.share) for pair in (GEOGRAPHIC, LOCAL))
+    geographic: list[bool] = []
 
-    epoch = _EPOCH.search(head_of(path, 4096))
-    origin = options.origin or _origin(epoch)
-    elements = Elements(path, options.report, ("vehicle", "person", "timestep"))
-    positions: dict[bool, Rows] = {}
-    record = 0
-    for tag, element in elements:
-        if tag != "vehicle":
-            continue
-        record += 1
-        geographic = _degrees(positions, element)
-        if geographic not in positions:
-            names = ("latitude", "longitude") if geographic else ("x", "y")
-            positions[geographic] = Rows(*names, share=elements.share)
-        rows = positions[geographic]
-        rows.attempt(record, _add, rows, element, record, origin, geographic)
-        if rows.full:
-            yield rows.take()
-    if not any(r.total for r in positions.values()):
-        raise nothing_usable(
-            path, options.report, "no vehicle with a position in it", "write it with --fcd-output"
-        )
-    options.report.recognised.update(
-        {
-            "x, y": "position",
-            "angle": "heading, from degrees clockwise from north",
-            "time": "timestamp, from s",
-        }
-    )
+    def take(vehicle: Any, number: int) -> None:
+        if not geographic:
+            geographic.append(_degrees(vehicle))
+        _add(degrees if geographic[0] else metres, vehicle, number, origin, geographic[0])
+
+    yield from gather(elements, take, metres, degrees)
+    if not degrees.total + metres.total:
+        raise report.nothing("no vehicle with a position in it", "write it with --fcd-output")
+    report.recognised |= {
+        "x, y": "position",
+        "angle": "heading, from degrees clockwise from north",
+        "time": "timestamp, from s",
+    }
     if not origin:
-        options.report.note(
-            "simulation time placed at 1970-01-01: a profile may say when it began ([time] origin = ...)"
-        )
-    for rows in positions.values():
-        yield from rows.drain()
+        when = "a profile may say when it began ([time] origin = ...)"
+        report.note(f"simulation time placed at 1970-01-01: {when}")
+    yield from (*metres.drain(), *degrees.drain())
 
 
 def _origin(epoch: re.Match[bytes] | None) -> int:
@@ -75,40 +55,31 @@ def _origin(epoch: re.Match[bytes] | None) -> int:
         return 0
 
 
-def _degrees(known: dict[bool, Rows], element: Any) -> bool:
-    """Whether x, y are degrees: SUMO then writes six decimals and more; decided by the first vehicle, kept
-    for the file.
-    """
-    if known:
-        return next(iter(known))
+def _degrees(element: Any) -> bool:
+    """Whether x, y are degrees (SUMO then writes six decimals): the first vehicle tells."""
     x, y = finite(element.get("x")), finite(element.get("y"))
     decimals = min(len((element.get(k) or "").partition(".")[2]) for k in ("x", "y"))
     return decimals >= 5 and abs(x) <= 180.0 and abs(y) <= 90.0
 
 
 def _add(rows: Rows, element: Any, record: int, origin: int, geographic: bool) -> None:
-    attributes = element.attrib
-    step = element.getparent()
+    attributes, step = element.attrib, element.getparent()
     seconds = finite(step.get("time") if step is not None else None)
-    x, y = finite(attributes.get("x")), finite(attributes.get("y"))
-    if x != x or y != y or not abs(seconds) < 1e12:
+    names = ("longitude", "latitude") if geographic else LOCAL
+    place = dict(zip(names, (finite(attributes.get(k)) for k in "xy"), strict=True))
+    if unplaced(place) or not abs(seconds) < 1e12:
         rows.reject(record, "no time or position", dict(attributes))
         return
-    names = ("longitude", "latitude") if geographic else ("x", "y")
-    values: dict[str, Any] = {names[0]: x, names[1]: y}
+    values: dict[str, Any] = {**place}
     for name in attributes:
         if name in ("z", "speed"):
             values[name] = finite(attributes[name])
         elif name not in _KNOWN:
-            _keep(values, name, attributes[name])
+            number = finite(attributes[name])
+            values[name] = number if number == number else (attributes[name] or None)
     if "angle" in attributes:
         values["heading"] = heading_of_course(finite(attributes["angle"]))
     rows.add(attributes.get("id") or "vehicle", origin + round(seconds * 1e6), record, values)
 
 
-def _keep(values: dict[str, Any], name: str, text: str) -> None:
-    number = finite(text)
-    values[name] = number if number == number else (text or None)
-
-
-IMPORTER = Importer("sumo-fcd", (".xml",), sniff, read)
+IMPORTER = Importer("sumo-fcd", (".xml",), holding(b"<fcd-export", first=HEAD), read)

@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from fleetlog.importers._open import plain_stem
-from fleetlog.importers._rows import Rows, finite
-from fleetlog.importers._times import iso_time
-from fleetlog.importers._xml import Elements, local, nothing_usable, plural
-from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+from fleetlog.core.words import count
+from fleetlog.importers._rows import Rows, finite, gather, unplaced
+from fleetlog.importers._xml import Elements, local
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions, holding
 
 _LEAVES = {
     "LatitudeDegrees": "latitude", "LongitudeDegrees": "longitude", "AltitudeMeters": "z", "Speed": "speed",
@@ -18,55 +17,40 @@ _LEAVES = {
 }  # fmt: skip
 
 
-def sniff(path: Path, head: bytes) -> bool:
-    """Whether the file begins as TCX."""
-    return b"<TrainingCenterDatabase" in head[:4096]
-
-
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """One row a trackpoint that has a position."""
     report = options.report
-    elements = Elements(path, report, ("Trackpoint", "Track"))
+    elements = Elements(path, report, ("Trackpoint",), "Track")
     rows = Rows("latitude", "longitude", share=elements.share)
-    vehicle = options.vehicle or plain_stem(path)
-    number = unplaced = 0
-    for tag, element in elements:
-        if tag != "Trackpoint":
-            continue
-        number += 1
-        if element.find("{*}Position") is None:
-            unplaced += 1
-            continue
-        rows.attempt(number, _add, rows, element, vehicle, number)
-        if rows.full:
-            yield rows.take()
+    still: list[int] = []
+
+    def take(point: Any, number: int) -> None:
+        if point.find("{*}Position") is None:
+            still.append(number)
+        else:
+            _add(rows, point, options.name, number)
+
+    yield from gather(elements, take, rows)
     if not rows.total:
-        raise nothing_usable(path, report, f"none of its {plural(number, 'trackpoint')} has time and position",
-                             "record the activity with its position")  # fmt: skip
-    report.recognised.update({
+        points = count(elements.seen["Trackpoint"], "trackpoint")
+        what = f"none of its {points} has time and position"
+        raise report.nothing(what, "record the activity with its position")
+    report.recognised |= {
         "Position": "position, WGS 84", "Time": "timestamp, ISO 8601", "AltitudeMeters": "z, from m",
         "Speed": "speed, from m/s",
-    })  # fmt: skip
-    if unplaced:
-        report.note(f"{plural(unplaced, 'trackpoint')} without a position left out")
+    }  # fmt: skip
+    if still:
+        report.note(f"{count(len(still), 'trackpoint')} without a position left out")
     yield from rows.drain()
 
 
 def _add(rows: Rows, element: Any, vehicle: str, number: int) -> None:
-    time, values = None, {}
-    for leaf in element.iter():
-        name = local(leaf)
-        if name == "Time":
-            time = leaf.text
-        elif name in _LEAVES:
-            values[_LEAVES[name]] = finite(leaf.text)
-    if not all(values.get(n, float("nan")) == values.get(n) for n in ("latitude", "longitude")):
+    texts = {local(leaf): leaf.text for leaf in element.iter()}
+    values = {name: finite(texts[leaf]) for leaf, name in _LEAVES.items() if leaf in texts}
+    if unplaced(values):
         rows.reject(number, "latitude or longitude is not a number", values)
-        return
-    try:
-        rows.add(vehicle, iso_time(time or ""), number, values)
-    except ValueError:
-        rows.reject(number, "time is not ISO 8601", time)
+    else:
+        rows.add_iso(vehicle, texts.get("Time"), number, values)
 
 
-IMPORTER = Importer("tcx", (".tcx",), sniff, read)
+IMPORTER = Importer("tcx", (".tcx",), holding(b"<TrainingCenterDatabase"), read)

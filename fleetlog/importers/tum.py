@@ -1,6 +1,4 @@
-"""TUM trajectories: ``timestamp x y z qx qy qz qw`` a line, seconds and metres, as evo and SLAM tools write
-them.
-"""
+"""TUM trajectories: ``timestamp x y z qx qy qz qw`` a line, seconds and metres, as evo writes them."""
 
 from __future__ import annotations
 
@@ -8,84 +6,63 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from fleetlog.errors import FormatError
-from fleetlog.importers._open import open_bytes, plain_stem
-from fleetlog.importers._rows import Rows, heading_of_quaternion
+from fleetlog.importers._open import open_bytes
+from fleetlog.importers._rows import Rows, figures, gather, heading_of_quaternion, mostly
 from fleetlog.importers._times import epoch_unit
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
-FIELDS = 8
 LINE_LIMIT = 4096
 
 
-def sniff(path: Path, head: bytes) -> bool:
-    """Whether most of the first lines are eight numbers each, the last four a unit quaternion."""
-    lines = [s for s in head.split(b"\n")[:20] if s.strip() and not s.lstrip().startswith(b"#")]
-    return 2 * sum(_numbers(line) is not None for line in lines) > len(lines)
-
-
-def _numbers(line: bytes) -> list[float] | None:
-    """The eight numbers of a line, or None."""
-    cells = line.replace(b",", b" ").split()
-    if len(cells) != FIELDS:
-        return None
-    try:
-        numbers = [float(c) for c in cells]
-    except ValueError:
-        return None
-    if not all(map(math.isfinite, numbers)) or abs(math.hypot(*numbers[4:]) - 1.0) > 0.05:
-        return None
-    return numbers
+def _pose(line: bytes) -> list[float] | None:
+    numbers = figures(line.replace(b",", b" "), 8)
+    return numbers if numbers and abs(math.hypot(*numbers[4:]) - 1.0) <= 0.05 else None
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """One row a line; the heading is the yaw of the quaternion."""
     stream, raw = open_bytes(path, options.report)
-    vehicle = options.vehicle or plain_stem(path)
     rows = Rows("x", "y", share=lambda: raw.share)
-    origin = options.origin
-    number, since_1970 = 0, False
+    dated: set[bool] = set()
+
+    def take(line: bytes, number: int) -> None:
+        if line.strip() and not line.lstrip().startswith(b"#"):
+            pose = _pose(line)
+            if pose is not None and True not in dated:
+                dated.add(epoch_unit(pose[0]) == "s")
+            _add(rows, options, pose, line, number)
+
     with stream:
-        while line := stream.readline(LINE_LIMIT):
-            number += 1
-            if not line.strip() or line.lstrip().startswith(b"#"):
-                continue
-            pose = _numbers(line)
-            since_1970 = since_1970 or (pose is not None and epoch_unit(pose[0]) == "s")
-            if pose is None or not -(1 << 62) < pose[0] * 1e6 < 1 << 62:
-                rows.reject(
-                    number, "not eight numbers ending in a unit quaternion", line.decode("latin-1").strip()
-                )
-            else:
-                rows.attempt(number, _add, rows, vehicle, pose, line, number, origin)
-            if rows.full:
-                yield rows.take()
+        yield from gather(iter(lambda: stream.readline(LINE_LIMIT), b""), take, rows)
     if not rows.total:
-        raise FormatError("no line reads 'timestamp x y z qx qy qz qw'", where=path, do="check the format")
-    since = "the profile's origin" if origin else "1970"
-    if not origin and not since_1970:
+        raise options.report.nothing("no line reads 'timestamp x y z qx qy qz qw'")
+    if not options.origin and True not in dated:
         note = "the times count from an unknown start, placed at 1970-01-01"
         options.report.note(f"{note}: a profile may say when it was ([time] origin = ...)")
-    options.report.recognised.update({
+    since = "the profile's origin" if options.origin else "1970"
+    options.report.recognised |= {
         "timestamp": f"timestamp, from s since {since}", "x y z": "position in the site frame, from m",
         "qx qy qz qw": "heading, the yaw of the quaternion",
-    })  # fmt: skip
+    }  # fmt: skip
     yield from rows.drain()
 
 
-def _add(rows: Rows, vehicle: str, pose: list[float], line: bytes, number: int, origin: int) -> None:
+def _add(rows: Rows, options: ReadOptions, pose: list[float] | None, line: bytes, number: int) -> None:
+    if pose is None or not -(1 << 62) < pose[0] * 1e6 < 1 << 62:
+        text = line.decode("latin-1").strip()
+        rows.reject(number, "not eight numbers ending in a unit quaternion", text)
+        return
     values = {"x": pose[1], "y": pose[2], "z": pose[3], "heading": heading_of_quaternion(*pose[4:])}
-    rows.add(vehicle, origin + _microseconds(line.replace(b",", b" ").split()[0]), number, values)
+    time = options.origin + _microseconds(line.replace(b",", b" ").split()[0])
+    rows.add(options.name, time, number, values)
 
 
 def _microseconds(cell: bytes) -> int:
-    """Exact where the stamp is a plain decimal: a double of seconds since 1970 only holds a quarter of a
-    microsecond.
-    """
+    """Exact where the stamp is a plain decimal: a double holds only a quarter of a microsecond."""
     whole, _, fraction = cell.partition(b".")
     if whole.isdigit() and fraction.isdigit():
         return int(whole) * 1_000_000 + int(fraction[:6].ljust(6, b"0"))
     return round(float(cell) * 1e6)
 
 
-IMPORTER = Importer("tum", (".tum", ".txt"), sniff, read, rank=5)
+IMPORTER = Importer("tum", (".tum", ".txt"), mostly(_pose), read, rank=5)

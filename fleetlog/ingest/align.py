@@ -209,7 +209,8 @@ def _starts(place: Floats, heading: Floats, lines: _Lines) -> list[tuple[float, 
             peak = np.unravel_index(int(np.argmax(score)), score.shape)
             shift = np.array([peak[1], peak[0]], float) * cell + origin
             found.append((float(score[peak]), float(rotation), shift - _turned(middle[None], rotation)[0]))
-            _blank(score, peak, int(4.0 / cell) + 1)
+            near = np.arange(-int(4.0 / cell) - 1, int(4.0 / cell) + 2)
+            score[np.ix_((near + peak[0]) % side, (near + peak[1]) % side)] = -np.inf
     found.sort(key=lambda f: -f[0])
     return _distinct(found, place)
 
@@ -226,12 +227,6 @@ def _distinct(found: list[tuple[float, float, Floats]], place: Floats) -> list[t
         if len(kept) == TRIED:
             break
     return kept
-
-
-def _blank(score: Floats, peak: Any, size: int) -> None:
-    rows = (np.arange(-size, size + 1) + peak[0]) % score.shape[0]
-    columns = (np.arange(-size, size + 1) + peak[1]) % score.shape[1]
-    score[np.ix_(rows, columns)] = -np.inf
 
 
 def _turned(points: Floats, rotation: float) -> Floats:

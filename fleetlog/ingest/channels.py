@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Labels, Trajectory
-from fleetlog.ingest.rows import CHANNEL, FILE, RECORD
+from fleetlog.ingest.rows import CHANNEL, FILE, RECORD, without
 
 REACH = 3.0
 """A value reaches this many of its usual steps, and no farther than ``MAX_REACH`` [s]."""
@@ -19,12 +19,8 @@ def join_channels(rows: Trajectory) -> Trajectory:
         return rows
     flag = rows.floats(CHANNEL) > 0.5
     base, channel = rows[~flag], rows[flag]
-    columns = dict(base.columns)
-    del columns[CHANNEL]
-    for name in channel.columns:
-        if name not in (CHANNEL, FILE, RECORD):
-            columns[name] = _joined(base, channel, name)
-    return Trajectory(rows.vehicle_id, base.time, columns)
+    new = {n: _joined(base, channel, n) for n in channel.columns if n not in (CHANNEL, FILE, RECORD)}
+    return without(base.with_columns(**new), CHANNEL)
 
 
 def _joined(base: Trajectory, channel: Trajectory, name: str) -> Floats | Labels:

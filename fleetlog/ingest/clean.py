@@ -19,17 +19,13 @@ from fleetlog.ingest.rows import FILE, RECORD, STUCK, set_unknown
 MAX_SPEED = 60.0
 """A position that implies more is impossible [m/s]; the bound of the speed column."""
 FARTHEST, HIGHEST = 1e8, 1e6
-"""Local coordinates and heights beyond these are none of a vehicle [m]; grids of whole countries count up to
-1e7.
-"""
+"""No vehicle is farther or higher [m]; grids of whole countries count up to 1e7."""
 JUMP_MARGIN = 20.0
 """Error of two positions that no jump is made of [m]."""
 SHORT_JUMP = 10
 """Rows; a place that is left sooner by another impossible jump was never visited."""
 STUCK_TIME, STUCK_ROWS = 60.0, 30
-"""A speed that stays the same to the last digit so long [s, rows] while the truck stands is a stuck
-sensor.
-"""
+"""A speed the same to the last digit so long [s, rows] while the truck stands is stuck."""
 
 Mask = NDArray[np.bool_]
 
@@ -42,9 +38,7 @@ def sort_rows(rows: Trajectory) -> Trajectory:
 
 
 def drop_duplicates(rows: Trajectory, rejects: Rejects) -> Trajectory:
-    """One row at a time: the first that the files have; identical rows and contradicting ones are told
-    apart.
-    """
+    """One row at a time, the first in the files; identical and contradicting ones told apart."""
     again = np.zeros(len(rows), bool)
     again[1:] = np.diff(rows.time) == 0
     if not again.any():
@@ -66,9 +60,7 @@ def _equal(values: Floats, first: NDArray[np.intp]) -> Mask:
 
 
 def drop_impossible(rows: Trajectory, rejects: Rejects) -> Trajectory:
-    """Positions off the globe are refused with their row; 0, 0 degrees is a receiver without a fix:
-    unknown.
-    """
+    """Positions off the globe are refused; 0, 0 degrees (a receiver without a fix) is unknown."""
     rows = _drop_far(rows, rejects)
     if "latitude" not in rows:
         return rows
@@ -104,19 +96,11 @@ def bound_values(rows: Trajectory, rejects: Rejects) -> Trajectory:
         values = rows.floats(column.name)
         low, high = (np.inf * s if b is None else b for b, s in ((column.low, -1), (column.high, 1)))
         # Rounding may put a measured bound a hair beyond itself.
-        slack = (
-            1e-6
-            * (1.0 + abs(high - low if np.isfinite(high - low) else 0.0))
-            * (column.name in ("soc", "heading"))
-        )
+        slack = 1e-6 * (1.0 + abs(high - low)) if column.name in ("soc", "heading") else 0.0
         beyond = (values < low - slack) | (values > high + slack)
         if beyond.any():
-            rejects.refuse(
-                rows,
-                beyond,
-                f"{column.name} is beyond {low:g} to {high:g} {column.unit}".rstrip(),
-                whole=False,
-            )
+            reason = f"{column.name} is beyond {low:g} to {high:g} {column.unit}".rstrip()
+            rejects.refuse(rows, beyond, reason, whole=False)
             rows = set_unknown(rows, column.name, beyond)
         if slack:
             rows = rows.with_columns(**{column.name: np.clip(rows.floats(column.name), low, high)})
@@ -124,13 +108,11 @@ def bound_values(rows: Trajectory, rejects: Rejects) -> Trajectory:
 
 
 def drop_jumps(rows: Trajectory, rejects: Rejects) -> Trajectory:
-    """Refuse rows whose place cannot be reached and is left again at once; one outlier takes nothing else
-    with it.
+    """Refuse rows whose place cannot be reached and is left again at once, and no others.
 
     Positions fall into stays between impossible jumps.  A stay of fewer than ``SHORT_JUMP`` rows between two
-    of them, or
-    beside a longer one, was never visited; after a long one the truck is where it says (a log that resumes
-    elsewhere).
+    of them, or beside a longer one, was never visited; after a long one the truck is where it says (a log
+    that resumes elsewhere).
     """
     known = np.flatnonzero(np.isfinite(rows.floats("x")) & np.isfinite(rows.floats("y")))
     x, y, t = rows.floats("x")[known], rows.floats("y")[known], rows.seconds()[known]
@@ -167,12 +149,10 @@ def jump_outliers(x: Floats, y: Floats, t: Floats) -> Mask:
 
 
 def unstick(rows: Trajectory) -> Trajectory:
-    """Values that stay the same to the last digit while the truck shows that they cannot: unknown, and
-    marked.
+    """Values that stay the same to the last digit while the truck shows that they cannot: unknown, marked.
 
     A speed, for a minute, while the position stands; a battery power or current, for two minutes, while the
-    truck speeds up and
-    slows down.  A sensor that is merely coarse is left alone.
+    truck speeds up and slows down.  A sensor that is merely coarse is left alone.
     """
     t, speed = rows.seconds(), rows.floats("speed")
     stuck = np.zeros(len(rows))

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
 
 HALF_WINDOW = 1.0
-"""The line is fitted over this time before and after a row [s], or over two neighbours on each side if that
-is more, but those not farther than ``WIDEST``; over the nearest neighbours at least."""
+"""A line is fitted over this time before and after a row [s], or over two neighbours on each side within
+``WIDEST`` if that is more; over the nearest neighbours at least.
+"""
 WIDEST = 2.5
 MAX_GAP = 30.0
 """No line reaches across a longer silence [s]."""
@@ -20,19 +21,14 @@ MAX_SPEED = 60.0
 
 def derive_motion(rows: Trajectory) -> Trajectory:
     """Speed [m/s] and heading [rad] of the rows that have none; what the log says stays."""
-    need_speed = bool(np.isnan(rows.floats("speed")).any())
-    need_heading = bool(np.isnan(rows.floats("heading")).any())
-    if not (need_speed or need_heading):
+    own = {name: rows.floats(name) for name in ("speed", "heading")}
+    if not any(np.isnan(values).any() for values in own.values()):
         return rows
-    speed, heading = fitted_motion(rows.seconds(), rows.floats("x"), rows.floats("y"), rows.floats("speed"))
-    out = rows
-    if need_speed and np.isfinite(speed).any():
-        own = rows.floats("speed")
-        out = out.with_columns(speed=np.where(np.isnan(own), speed, own))
-    if need_heading and np.isfinite(heading).any():
-        own = rows.floats("heading")
-        out = out.with_columns(heading=np.where(np.isnan(own), heading, own))
-    return out
+    fitted = fitted_motion(rows.seconds(), rows.floats("x"), rows.floats("y"), own["speed"])
+    for (name, values), fit in zip(own.items(), fitted, strict=True):
+        if np.isnan(values).any() and np.isfinite(fit).any():
+            rows = rows.with_columns(**{name: np.where(np.isnan(values), fit, values)})
+    return rows
 
 
 def derive_power(rows: Trajectory) -> Trajectory:
@@ -40,15 +36,13 @@ def derive_power(rows: Trajectory) -> Trajectory:
     if not (rows.has("battery_voltage") and rows.has("battery_current")):
         return rows
     own, made = rows.floats("battery_power"), rows.floats("battery_voltage") * rows.floats("battery_current")
-    return (
-        rows.with_columns(battery_power=np.where(np.isnan(own), made, own)) if np.isnan(own).any() else rows
-    )
+    if not np.isnan(own).any():
+        return rows
+    return rows.with_columns(battery_power=np.where(np.isnan(own), made, own))
 
 
 def pace_ratio(rows: Trajectory) -> float | None:
-    """The log's speed over that of its positions, as the median over half minutes in motion;
-    None where there is too little.
-    """
+    """The log's speed over that of its positions: median over half minutes in motion, or None."""
     t, x, y, speed = rows.seconds(), rows.floats("x"), rows.floats("y"), rows.floats("speed")
     good = np.isfinite(x) & np.isfinite(y) & np.isfinite(speed)
     if good.sum() < 100:

@@ -9,27 +9,40 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fleetlog.errors import FleetlogError, InputError
-from fleetlog.importers.base import Importer, by_name, detect, find
+from fleetlog.importers._guard import read_guarded
+from fleetlog.importers._profile import Profile
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions, by_name, detect, find
+from fleetlog.ingest.summary import FileSummary
 from fleetlog.store.output import MARK
 
 
 @dataclass(frozen=True)
 class Log:
-    """One log and how it is read; ``error`` where no format fits (of several logs, the others are still
-    read).
-    """
+    """A log and how it is read; ``error`` where no format fits (others are still read)."""
 
     path: Path
     importer: Importer | None
     error: FleetlogError | None = None
 
+    def read(self, profile: Profile | None) -> tuple[ReadReport, Iterator[RawBatch]]:
+        """The report of the log, filled while its batches are taken; its error where no format fits."""
+        if self.importer is None:
+            raise self.error or FleetlogError("no format", where=self.path)
+        report = ReadReport(self.path, self.importer.name)
+        return report, read_guarded(self.importer, self.path, ReadOptions(report, profile))
+
+    def unusable(self, name: str, error: FleetlogError) -> FileSummary:
+        """What is said of a log that could not be read at all."""
+        kind = self.importer.name if self.importer else "unknown format"
+        return FileSummary(name, kind, damage=[f"nothing is usable: {error.advice}"])
+
 
 def find_logs(paths: Sequence[str | Path], format: str | None = None) -> list[Log]:
-    """The logs among ``paths`` in order of their names, so that the order of the command line changes
-    nothing.
+    """The logs among ``paths`` in order of their names, whatever the order of the command line.
 
-    A folder stands for the logs in it, recursively; files in it that no format fits, and outputs of
-    fleetlog, are passed over.  A pattern (``*``, ``?``, ``[``) stands for what it matches.
+    A folder stands for the logs in it, recursively; files in it that no format fits, and outputs of fleetlog,
+    are passed over.  A pattern (``*``, ``?``, ``[``) stands for what it matches.
     """
     importer = by_name(format) if format else None
     logs: dict[Path, Log] = {}
@@ -37,11 +50,8 @@ def find_logs(paths: Sequence[str | Path], format: str | None = None) -> list[Lo
         for log in _in_folder(given, importer) if given.is_dir() else [_named(given, importer)]:
             logs.setdefault(log.path.resolve(), log)
     if not logs:
-        raise InputError(
-            "no log in it",
-            where=", ".join(map(str, paths)),
-            do="give files, or name the format with --format",
-        )
+        do = "give files, or name the format with --format"
+        raise InputError("no log in it", where=", ".join(map(str, paths)), do=do)
     found = sorted(logs.values(), key=lambda log: str(log.path))
     errors = [log.error for log in found if log.error]
     if len(errors) == len(found):

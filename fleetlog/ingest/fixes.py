@@ -1,9 +1,7 @@
-"""Positions that come more seldom than the rows: a fix that is repeated until the next one is not a
-measurement.
+"""Positions that come more seldom than the rows: a fix repeated until the next one is no measurement.
 
-Loggers write the last fix into every row.  Where the speed says that the truck has moved, the repeated
-position is unknown; short
-stretches between two fixes are then filled along the line between them, in proportion to the distance driven.
+Loggers write the last fix into every row.  Where the speed says that the truck has moved, it is unknown;
+short stretches between two fixes are then filled along the line between them, by the distance driven.
 """
 
 from __future__ import annotations
@@ -19,15 +17,11 @@ MOVED = 0.3
 HELD_SHARE = 0.2
 """Fewer repeats among the moving rows are chance, not a slow receiver."""
 FILL_DRIVEN, FILL_BLIND = 60.0, 5.0
-"""Longest stretch between two fixes that is filled [s]: where the speed tells the way, and where it does
-not.
-"""
+"""Longest stretch between two fixes that is filled [s]: with a known speed, and without."""
 
 
 def release_held(rows: Trajectory) -> Trajectory:
-    """Repeated positions become unknown where the log's speed says that the truck has moved; such rows are
-    marked.
-    """
+    """Repeated positions are unknown where the log's speed says that the truck moved; rows are marked."""
     x, y = rows.floats("x"), rows.floats("y")
     driven = np.nan_to_num(rows.floats("speed")) * np.diff(rows.seconds(), prepend=rows.seconds()[:1])
     moved = driven > MOVED
@@ -60,9 +54,7 @@ def fill_positions(rows: Trajectory) -> Trajectory:
 
 
 def _between(rows: Trajectory, known: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp], NDArray[np.intp]]:
-    """Share of the way from the fix before to the fix after (NaN where it is not to be told), and those
-    fixes.
-    """
+    """Share of the way from the fix before to the fix after (NaN where unknown), and those fixes."""
     t, speed = rows.seconds(), rows.floats("speed")
     at = np.arange(len(rows))
     k = np.clip(np.searchsorted(known, at, side="right") - 1, 0, len(known) - 2)

@@ -1,5 +1,4 @@
-"""The order of time within a file: late rows are sorted in, rows with a wrong clock are refused, a restarted
-log is kept.
+"""The order of time within a file: late rows are sorted in, wrong clocks refused, restarted logs kept.
 
 The rows of a vehicle fall into *runs*: a run ends where time steps back by more than ``WINDOW`` or leaps
 ahead by more than ``LEAP``.  A run of fewer than ``SHORT`` rows beside a step back is a clock gone wrong and
@@ -61,12 +60,10 @@ class Order:
         """Whether a row belongs to the run before it."""
         return self._end is not None and self._end - WINDOW <= time <= self._end + LEAP
 
-    def _steps_back(self, time: int) -> bool:
-        return self._end is not None and time < self._end - WINDOW
-
     def _alone(self, run: Ints, after: int | None) -> bool:
         """Whether a short run is out of order with its neighbours."""
-        return self._steps_back(int(run[0])) or (after is not None and after < int(run.max()) - WINDOW)
+        back = self._end is not None and int(run[0]) < self._end - WINDOW
+        return back or (after is not None and after < int(run.max()) - WINDOW)
 
     def flush(self) -> tuple[Trajectory, Trajectory] | None:
         """What still waits at the end of the file."""
@@ -81,7 +78,8 @@ def run_starts(time: Ints) -> NDArray[np.int64]:
     if not len(time):
         return np.zeros(0, np.int64)
     step = np.diff(time)
-    if not ((step < -WINDOW) | (step > LEAP)).any() and (len(time) < 2 or not _drifts_back(time)):
+    late = (time < np.maximum.accumulate(time) - WINDOW).any()  # small steps back may add up
+    if not late and not (step > LEAP).any():
         return np.zeros(1, np.int64)
     starts, high = [0], int(time[0])
     suspicious = np.flatnonzero((step < 0) | (step > LEAP)) + 1
@@ -93,8 +91,3 @@ def run_starts(time: Ints) -> NDArray[np.int64]:
             high = int(time[at])
         before = at
     return np.array(starts, dtype=np.int64)
-
-
-def _drifts_back(time: Ints) -> bool:
-    """Whether small steps back add up to more than the window."""
-    return bool((time < np.maximum.accumulate(time) - WINDOW).any())

@@ -24,13 +24,12 @@ from fleetlog.errors import InputError
 from fleetlog.importers._profile import Profile, load_profile
 from fleetlog.ingest.clean import sort_rows
 from fleetlog.ingest.files import Log, find_logs, names_of
-from fleetlog.ingest.outcome import complete
 from fleetlog.ingest.place import check_matched
-from fleetlog.ingest.reading import Group, Read, groups_of, read_group
+from fleetlog.ingest.reading import Read, groups_of, read_group
 from fleetlog.ingest.rejects import NAME, gather
 from fleetlog.ingest.spill import Down
-from fleetlog.ingest.stretch import Outcome, Plan, import_vehicle, probe
-from fleetlog.ingest.summary import ImportSummary, added_up
+from fleetlog.ingest.stretch import Plan, import_vehicle, probe
+from fleetlog.ingest.summary import ImportSummary, Outcome, added_up, complete
 from fleetlog.store.provenance import provenance
 
 if TYPE_CHECKING:
@@ -46,22 +45,14 @@ ALIGN_VEHICLES = 20
 
 
 def import_logs(
-    paths: Sequence[str | Path],
-    site: Site | None,
-    writer: DatasetWriter,
-    *,
-    format: str | None = None,
-    profile: str | Path | Profile | None = None,
-    progress: Progress | None = None,
-    align: bool = False,
-) -> ImportSummary:
+    paths: Sequence[str | Path], site: Site | None, writer: DatasetWriter, *, format: str | None = None,
+    profile: str | Path | Profile | None = None, progress: Progress | None = None, align: bool = False,
+) -> ImportSummary:  # fmt: skip
     """Read ``paths`` (files, folders, patterns) and write their rows through ``writer``.
 
-    ``site`` is None where there is no map: then the frame comes from the data.  The writer's site,
-    provenance and summary are
-    set; its ``finish`` is left to the caller.  ``align`` fits the frame of local positions to the roads of
-    ``site``.  :class:`~fleetlog.errors.InputError` where nothing usable was
-    found.
+    ``site`` is None where there is no map: then the frame comes from the data.  The writer's site, provenance
+    and summary are set; its ``finish`` is left to the caller.  ``align`` fits the frame of local positions to
+    the roads of ``site``.  :class:`~fleetlog.errors.InputError` where nothing usable was found.
     """
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
     logs = find_logs(paths, format)
@@ -70,10 +61,10 @@ def import_logs(
     try:
         reads = list(_read(logs, scratch, profile, progress))
         _check_read(reads, logs)
-        site = site or Site()
-        new = (f for f in _frames(profile) if f not in site.map_frames)
-        site = replace(site, map_frames=(*site.map_frames, *new))
-        summary = _write(reads, logs, site, writer, scratch, progress, align=align, every=_only(profile))
+        site, frames = site or Site(), profile.map_frames if profile is not None else ()
+        site = replace(site, map_frames=tuple(dict.fromkeys((*site.map_frames, *frames))))
+        every = frames[0] if len(frames) == 1 else None  # a profile that states one states it of all rows
+        summary = _write(reads, logs, site, writer, scratch, progress, align=align, every=every)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     inputs = [f for log in logs for f in ([log.path] if log.path.is_file() else sorted(log.path.rglob("*")))]
@@ -101,14 +92,10 @@ def _read(
     engine = _engine(cost, len(groups))
     told = tell if isinstance(engine, engines.Serial) else None
     work = partial(read_group, scratch, names_of(logs), profile, told)
-    with closing(engine.run(work, groups, _first_name)) as reads:
-        for group, read in zip(groups, reads, strict=True):
-            tell(group.logs[-1], 1.0)
+    with closing(engine.run(work, groups, lambda group: str(group[1][0].path))) as reads:
+        for (_, group), read in zip(groups, reads, strict=True):
+            tell(group[-1], 1.0)
             yield read
-
-
-def _first_name(group: Group) -> str:
-    return str(group.logs[0].path)
 
 
 def _engine(cost: float, jobs: int) -> engines.Engine:
@@ -127,26 +114,16 @@ def _check_read(reads: Sequence[Read], logs: list[Log]) -> None:
     if errors and not rows:
         raise errors[0]
     if rows:
-        raise InputError(
-            "no position in the log", where=where, do="map latitude and longitude, or x and y, in a profile"
-        )
+        do = "map latitude and longitude, or x and y, in a profile"
+        raise InputError("no position in the log", where=where, do=do)
     counts = sum((r.refused.rows for r in reads), Counter[str]())
-    refused = ", ".join(f"{n:,}: {reason}" for reason, n in counts.most_common(3))
-    raise InputError(
-        f"no usable row in the log{f' (refused {refused})' if refused else ''}",
-        where=where,
-        do="see docs/logs.md",
-    )
+    refused = _reasons(dict(counts.most_common(3)))
+    why = f" (refused {refused})" if refused else ""
+    raise InputError(f"no usable row in the log{why}", where=where, do="see docs/logs.md")
 
 
-def _frames(profile: Profile | None) -> tuple[MapFrame, ...]:
-    return profile.map_frames if profile is not None else ()
-
-
-def _only(profile: Profile | None) -> MapFrame | None:
-    """The frame of all rows: that of a profile which states just one."""
-    frames = _frames(profile)
-    return frames[0] if len(frames) == 1 else None
+def _reasons(counts: dict[str, int]) -> str:
+    return ", ".join(f"{n:,}: {reason}" for reason, n in counts.items())
 
 
 def _aligned(down: Down, site: Site, summary: ImportSummary) -> MapFrame:
@@ -187,17 +164,12 @@ def _write(
         writer.written.add(outcome.written)
     complete(summary, outcomes)
     check_matched(summary.matched, summary.rows, plan.site)
-    refused = gather(
-        [*(r.refused for r in reads), *(o.refused for o in outcomes)],
-        writer.path,
-        older=writer.before.rejected,
-    )
+    refusals = [*(r.refused for r in reads), *(o.refused for o in outcomes)]
+    refused = gather(refusals, writer.path, older=writer.before.rejected)
     summary.rejected, summary.rejected_values = dict(refused.rows), dict(refused.values)
     summary.rejected_file = NAME if refused.file else None
     if not summary.rows:
-        raise InputError(
-            "every row was refused", do=", ".join(f"{n:,}: {r}" for r, n in summary.rejected.items())
-        )
+        raise InputError("every row was refused", do=_reasons(summary.rejected))
     return summary
 
 
@@ -206,9 +178,8 @@ def _vehicles(plan: Plan, down: Down, progress: Progress | None) -> Iterator[Out
     jobs = [(number, vehicle, down.of(vehicle)) for number, vehicle in enumerate(down.vehicles)]
     total, done = max(down.rows, 1), 0
     engine = _engine(ROW_COST * total, len(jobs))
-    with closing(
-        engine.run(partial(import_vehicle, plan), jobs, lambda job: f"vehicle {job[1]}")
-    ) as outcomes:
+    results = engine.run(partial(import_vehicle, plan), jobs, lambda job: f"vehicle {job[1]}")
+    with closing(results) as outcomes:
         for (_, vehicle, mine), outcome in zip(jobs, outcomes, strict=True):
             done += mine.rows
             if progress:

@@ -32,9 +32,8 @@ def place(rows: Trajectory, site: Site) -> Trajectory:
     """Rows with x, y [m] in the site's frame; geographic columns are turned into them, local ones stay.
 
     A log that has both keeps its x, y where they agree with its latitude and longitude to a metre (a dataset
-    that comes
-    back); otherwise they are in another frame: the geographic ones count, and they are kept as ``x_log``,
-    ``y_log``.
+    that comes back); otherwise they are in another frame: the geographic ones count, and they are kept as
+    ``x_log``, ``y_log``.
     """
     if "latitude" not in rows or site.frame is None:
         return rows
@@ -78,9 +77,7 @@ def _moved(rows: Trajectory, frame: MapFrame, mine: NDArray[np.bool_]) -> Trajec
 
 
 def check_place(x: Floats, y: Floats, site: Site, sample: Trajectory) -> None:
-    """:class:`DataError` where the middle of the log lies kilometres from the map; ``sample`` are the rows
-    as they came.
-    """
+    """:class:`DataError` where the log lies kilometres from the map; ``sample``: the rows as read."""
     good = np.isfinite(x) & np.isfinite(y)
     if site.frame is not None and looks_like_degrees(sample):
         here = [float(np.nanmedian(sample.floats(n))) for n in ("x", "y")]
@@ -94,29 +91,24 @@ def check_place(x: Floats, y: Floats, site: Site, sample: Trajectory) -> None:
     away = distance_from_map(float(np.median(x[good])), float(np.median(y[good])), site)
     if away <= FAR:
         return
+    what = f"the log is about {away / 1000:,.0f} km from the map of site {site.name!r}"
     do = "check the site's frame and the log's coordinates"
     if "latitude" in sample and site.frame is not None:
         a, b = float(np.nanmedian(sample.floats("latitude"))), float(np.nanmedian(sample.floats("longitude")))
         swapped = site.frame.to_local([b], [a])
         if abs(b) <= 90 and distance_from_map(float(swapped[0][0]), float(swapped[1][0]), site) <= FAR:
             do = "latitude and longitude are exchanged in the log; map them in a profile"
-        what = (
-            f"the log is about {away / 1000:,.0f} km from the map of site {site.name!r} "
-            f"(log at {a:.4f}, {b:.4f}; site at {site.frame.latitude:.4f}, {site.frame.longitude:.4f})"
-        )
-        raise DataError(what, do=do)
-    raise DataError(f"the log is about {away / 1000:,.0f} km from the map of site {site.name!r}", do=do)
+        home = f"{site.frame.latitude:.4f}, {site.frame.longitude:.4f}"
+        what += f" (log at {a:.4f}, {b:.4f}; site at {home})"
+    raise DataError(what, do=do)
 
 
 def check_matched(share: float | None, rows: int, site: Site) -> None:
-    """:class:`DataError` where as good as no row lies on a road: the map is of another place, or in another
-    frame.
-    """
+    """:class:`DataError` where next to no row lies on a road: another place, or another frame."""
     if share is not None and rows and share < NO_ROWS:
-        raise DataError(
-            f"0.0 % of the {rows:,} rows are on a road of site {site.name!r}",
-            do="check the site's frame and the log's coordinates and units, or import without --site",
-        )
+        what = f"0.0 % of the {rows:,} rows are on a road of site {site.name!r}"
+        do = "check the site's frame and the log's coordinates and units, or import without --site"
+        raise DataError(what, do=do)
 
 
 def looks_like_degrees(rows: Trajectory) -> bool:
@@ -124,9 +116,8 @@ def looks_like_degrees(rows: Trajectory) -> bool:
     good = np.isfinite(rows.floats("x")) & np.isfinite(rows.floats("y"))
     if "latitude" in rows or good.sum() < 10:
         return False
-    x, y, t, speed = (
-        v[good] for v in (rows.floats("x"), rows.floats("y"), rows.seconds(), rows.floats("speed"))
-    )
+    x, y, speed = (rows.floats(name)[good] for name in ("x", "y", "speed"))
+    t = rows.seconds()[good]
     if np.abs(x).max() > 180.0 or np.abs(y).max() > 180.0 or min(np.abs(x).max(), np.abs(y).max()) > 90.0:
         return False
     size = float(max(np.ptp(x), np.ptp(y)))
@@ -152,8 +143,6 @@ def with_frame(site: Site, rows: Trajectory) -> Site:
     if site.network is not None and "x" in rows:
         return site
     if site.network is not None:
-        do = "add [frame] latitude and longitude to the site file"
-        raise DataError(
-            f"the log is geographic and site {site.name!r} does not say where on earth it lies", do=do
-        )
+        what = f"the log is geographic and site {site.name!r} does not say where on earth it lies"
+        raise DataError(what, do="add [frame] latitude and longitude to the site file")
     return replace(site, frame=frame_from(rows.floats("latitude"), rows.floats("longitude")))

@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.trajectory import Labels
-from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, FleetlogError, InputError
-from fleetlog.importers._guard import read_guarded
+from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, FleetlogError
 from fleetlog.importers._profile import Profile, load_profile
-from fleetlog.importers._report import ReadReport
-from fleetlog.importers.base import RawBatch, ReadOptions
+from fleetlog.importers.base import RawBatch
 from fleetlog.ingest.files import Log, find_logs, names_of
 from fleetlog.ingest.summary import FileSummary, ImportSummary
 
@@ -49,19 +47,15 @@ class Preview:
             if f.damage and not self.rows[f.file]:
                 continue
             out += _table(self.rows[f.file])
-            out += [
-                f"  rejected: line {r['record']}: {r['reason']}: {r['text'][:80]}"
-                for r in self.rejected[f.file]
-            ]
+            for r in self.rejected[f.file]:
+                out.append(f"  rejected: line {r['record']}: {r['reason']}: {r['text'][:80]}")
         return out
 
 
 def preview(
     paths: Sequence[str | Path], *, format: str | None = None, profile: str | Path | Profile | None = None
 ) -> Preview:
-    """The first rows of every log among ``paths``; one that cannot be read raises its error, of several it
-    is told of.
-    """
+    """The first rows of every log among ``paths``; an error only where none can be read."""
     profile = load_profile(profile) if isinstance(profile, str | Path) else profile
     out = Preview()
     logs = find_logs(paths, format)
@@ -72,8 +66,7 @@ def preview(
             out.files.append(_first(out, log, name, profile))
         except FleetlogError as error:
             errors.append(error)
-            kind = log.importer.name if log.importer else "unknown format"
-            out.files.append(FileSummary(name, kind, damage=[f"nothing is usable: {error.advice}"]))
+            out.files.append(log.unusable(name, error))
     if len(errors) == len(logs):
         raise errors[0]
     return out
@@ -81,29 +74,24 @@ def preview(
 
 def _first(out: Preview, log: Log, name: str, profile: Profile | None) -> FileSummary:
     """The first rows and refusals of one log go into ``out``."""
-    if log.importer is None:
-        raise log.error or InputError("no log format fits", where=log.path, do="name it with --format")
-    report = ReadReport(log.path, log.importer.name)
+    report, batches = log.read(profile)
     rows, rejected = out.rows[name], out.rejected[name]
-    for batch in read_guarded(log.importer, log.path, ReadOptions(report, profile)):
+    for batch in batches:
         rows += _rows(batch, ROWS - len(rows))
         rejected += [r._asdict() for r in batch.rejects[: ROWS - len(rejected)]]
         if len(rows) >= ROWS:
             break
-    form = report.format or log.importer.name
-    return FileSummary(name, form, len(rows), report.recognised, report.notes, report.damage)
+    return FileSummary.of(report, name, len(rows))
 
 
 def _rows(batch: RawBatch, count: int) -> list[dict[str, Any]]:
     out = []
     for row in range(min(max(count, 0), len(batch))):
-        cells: dict[str, Any] = {
-            "vehicle_id": batch.vehicle.names[batch.vehicle.codes[row]],
-            "timestamp": f"{np.datetime64(int(batch.time[row]), 'us')}Z",
-        }
+        stamp = f"{np.datetime64(int(batch.time[row]), 'us')}Z"
+        cells: dict[str, Any] = {"vehicle_id": batch.vehicle[[row]].strings()[0], "timestamp": stamp}
         for name, values in batch.columns.items():
             if isinstance(values, Labels):
-                cells[name] = values.names[values.codes[row]] if values.codes[row] >= 0 else None
+                cells[name] = values[[row]].strings()[0]
             else:
                 cells[name] = None if values[row] != values[row] else float(values[row])
         out.append(cells)

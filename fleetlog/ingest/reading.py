@@ -15,10 +15,10 @@ from fleetlog.core.columns import NAMES
 from fleetlog.core.frames import geographic
 from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.errors import FleetlogError
-from fleetlog.importers._guard import read_guarded
 from fleetlog.importers._profile import Profile
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers.base import LOCAL, RawBatch, ReadOptions
+from fleetlog.importers._rows import renamed
+from fleetlog.importers.base import LOCAL, RawBatch
 from fleetlog.ingest.files import Log
 from fleetlog.ingest.order import BACKWARDS, Order
 from fleetlog.ingest.rejects import NAME, Refused, Rejects
@@ -31,12 +31,8 @@ GROUP = 4 << 20
 """Small logs are read together until they have this many bytes."""
 
 
-@dataclass(frozen=True)
-class Group:
-    """Logs that one job reads; ``first`` is the number of the first among all logs."""
-
-    first: int
-    logs: list[Log]
+Group = tuple[int, list[Log]]
+"""The number of the first log among all, and the logs that one job reads."""
 
 
 @dataclass
@@ -59,9 +55,9 @@ def groups_of(logs: list[Log]) -> list[Group]:
     size = GROUP
     for number, log in enumerate(logs):
         if size >= GROUP:
-            out.append(Group(number, []))
+            out.append((number, []))
             size = 0
-        out[-1].logs.append(log)
+        out[-1][1].append(log)
         size += log.path.stat().st_size if log.path.is_file() else GROUP
     return out
 
@@ -71,8 +67,9 @@ def read_group(
     group: Group,
 ) -> Read:  # fmt: skip
     """Read some logs; their rows are set down in ``folder``."""
-    reading = Reading(folder, names, profile, group.first)
-    for number, log in enumerate(group.logs, group.first):
+    first, logs = group
+    reading = Reading(folder, names, profile, first)
+    for number, log in enumerate(logs, first):
         try:
             reading.read(number, log, partial(tell, log) if tell else lambda _: None)
         except FleetlogError as error:
@@ -95,14 +92,11 @@ class Reading:
 
     def read(self, number: int, log: Log, tell: Callable[[float], None]) -> None:
         """One log."""
-        if log.importer is None:
-            raise log.error or FleetlogError("no format", where=log.path)
-        report = ReadReport(log.path, log.importer.name)
-        options = ReadOptions(report, self.profile)
+        report, batches = log.read(self.profile)
         orders: dict[tuple[str, bool], Order] = defaultdict(Order)
         refused = self.rejects.rows.total()
         before = self.spill.down.rows
-        for batch in read_guarded(log.importer, log.path, options):
+        for batch in batches:
             batch = self._geographic(batch)
             self.rejects.add(number, batch.rejects)
             for rows in split(batch, number, report):
@@ -113,16 +107,7 @@ class Reading:
                 self._set_down(rest)
         rows_read = self.spill.down.rows - before + self.rejects.rows.total() - refused
         self.out.rows += rows_read
-        self.out.files.append(
-            FileSummary(
-                log.path.name,
-                report.format or log.importer.name,
-                rows_read,
-                report.recognised,
-                report.notes,
-                report.damage,
-            )
-        )
+        self.out.files.append(FileSummary.of(report, log.path.name, rows_read))
 
     def _geographic(self, batch: RawBatch) -> RawBatch:
         """A batch whose x, y are of the reference system that the profile states, in degrees."""
@@ -139,16 +124,13 @@ class Reading:
             self.rejects.refuse(bad, np.ones(len(bad), bool), BACKWARDS)
         if len(good):
             self.spill.add(good)
-            if good.vehicle_id not in self.out.positioned and (
-                np.isfinite(good.floats("latitude")).any() or np.isfinite(good.floats("x")).any()
-            ):
+            if any(np.isfinite(good.floats(n)).any() for n in ("latitude", "x")):
                 self.out.positioned.add(good.vehicle_id)
 
     def failed(self, log: Log, error: FleetlogError) -> None:
         """A log that could not be read at all."""
         self.out.errors.append(error)
-        name = log.importer.name if log.importer else "unknown format"
-        self.out.files.append(FileSummary(log.path.name, name, damage=[f"nothing is usable: {error.advice}"]))
+        self.out.files.append(log.unusable(log.path.name, error))
 
 
 def split(batch: RawBatch, number: int, report: ReadReport) -> Iterator[Trajectory]:
@@ -174,18 +156,12 @@ def _trimmed(values: Values) -> Values:
     """Labels without names that no row has (a batch of many vehicles)."""
     if not isinstance(values, Labels) or len(values.names) < 64:
         return values
-    used = np.unique(values.codes[values.codes >= 0])
-    table = np.full(len(values.names) + 1, -1, np.int32)
-    table[used] = np.arange(len(used), dtype=np.int32)
-    return Labels(table[values.codes], tuple(values.names[i] for i in used.tolist()))
+    used = set(np.unique(values.codes).tolist())
+    return renamed(values, [name if code in used else None for code, name in enumerate(values.names)])
 
 
 def _own_name(name: str, names: Set[str], report: ReadReport) -> str:
-    """The name of a column in the dataset: one of the log's own that is taken, in any capitals, gets a
-    suffix.
-
-    Databases do not tell capitals apart.
-    """
+    """A column's name in the dataset; a taken one gets a suffix (databases do not tell capitals apart)."""
     if name.lower() not in _RESERVED or (name in NAMES and name not in ("vehicle_id", "timestamp")):
         return name
     other = next(n for k in itertools.count() if (n := f"{name}_log{k or ''}") not in names)

@@ -34,21 +34,14 @@ class Capture:
 
 
 def record(
-    url: str, out: IO[str], *, duration: float | None = None, messages: int | None = None, client_id: str = "fleetlog"
+    url: str, out: IO[str], *, duration: float | None = None, messages: int | None = None,
+    client_id: str = "fleetlog",
 ) -> Capture:  # fmt: skip
-    """Write the messages of ``url`` until ``duration`` [s] has passed, ``messages`` have come, or an interrupt.
+    """Write messages to a text file until ``duration`` [s], a number of ``messages``, or an interrupt.
 
-    Parameters
-    ----------
-    url : ``mqtt://[USER:PASSWORD@]HOST[:PORT]/TOPIC``; the topic may hold wildcards, ``#`` is the default.
-        ``mqtts`` speaks TLS.
-    out : a text file.
-    client_id : names the session that the broker keeps; two captures at once need two.
-
-    Raises
-    ------
-    InputError
-        No broker answers, it refuses, or the extra ``mqtt`` is missing.
+    ``url`` is ``mqtt://[USER:PASSWORD@]HOST[:PORT]/TOPIC`` (``mqtts`` for TLS); the topic may hold wildcards,
+    ``#`` is the default.  ``client_id`` names the session that the broker keeps; captures at once need two.
+    :class:`~fleetlog.errors.InputError` where no broker answers, it refuses, or an extra is missing.
     """
     place, topic = _parsed(url)
     listener = _Listener(topic, out, messages)
@@ -64,9 +57,8 @@ def record(
             if until is not None and time.monotonic() >= until:
                 break
     except OSError as error:
-        raise InputError(
-            f"no broker answers: {error.strerror or error}", where=url, do="check host and port"
-        ) from None
+        what = f"no broker answers: {error.strerror or error}"
+        raise InputError(what, where=url, do="check host and port") from None
     except KeyboardInterrupt:
         if not listener.capture.messages:
             raise
@@ -95,9 +87,8 @@ def _client(place: SplitResult, client_id: str) -> Any:
     try:
         import paho.mqtt.client as mqtt
     except ImportError:
-        raise InputError(
-            "recording needs paho-mqtt", do='install it with: pip install "fleetlog[mqtt]"'
-        ) from None
+        do = 'install it with: pip install "fleetlog[mqtt]"'
+        raise InputError("recording needs paho-mqtt", do=do) from None
     client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, client_id=client_id, clean_session=False)
     if place.username:
         client.username_pw_set(unquote(place.username), unquote(place.password or ""))

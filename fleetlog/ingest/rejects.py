@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Trajectory
@@ -17,6 +19,8 @@ from fleetlog.ingest.rows import FILE, RECORD, picture
 
 NAME = "rejected.parquet"
 _FLUSH = 50_000
+_COLUMNS = ("file", "record", "kind", "reason", "text")
+_SCHEMA = pa.schema([(name, pa.int64() if name == "record" else pa.string()) for name in _COLUMNS])
 
 
 @dataclass
@@ -56,19 +60,13 @@ class Rejects:
             self.add(file, [Reject(record, reason, picture(rows, row), whole)])
 
     def _flush(self) -> None:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         if not self._waiting or self.file is None:
             return
-        kinds = ["row" if r.whole else "value" for _, r in self._waiting]
-        table = pa.table({
-            "file": pa.array([self.files[f] for f, _ in self._waiting], pa.string()),
-            "record": pa.array([r.record for _, r in self._waiting], pa.int64()),
-            "kind": pa.array(kinds, pa.string()),
-            "reason": pa.array([r.reason for _, r in self._waiting], pa.string()),
-            "text": pa.array([r.text for _, r in self._waiting], pa.string()),
-        })  # fmt: skip
+        rows = [
+            (self.files[file], r.record, "row" if r.whole else "value", r.reason, r.text)
+            for file, r in self._waiting
+        ]
+        table = pa.table(dict(zip(_COLUMNS, zip(*rows, strict=True), strict=True)), schema=_SCHEMA)
         if self._writer is None:
             self._writer = pq.ParquetWriter(self.file, table.schema, compression="zstd")
         self._writer.write_table(table)
@@ -77,17 +75,14 @@ class Rejects:
     def close(self) -> Refused:
         """Write what is left; say what was refused."""
         self._flush()
-        written = self._writer is not None
-        if written:
-            self._writer.close()
-            self._writer = None
-        return Refused(self.rows, self.values, self.file if written else None)
+        if self._writer is None:
+            return Refused(self.rows, self.values)
+        self._writer.close()
+        return Refused(self.rows, self.values, self.file)
 
 
 def gather(all_refused: Iterable[Refused], folder: Path, older: Path | None = None) -> Refused:
-    """Everything that was refused as one, and its rows in one file of ``folder``, after those of an ``older`` file."""
-    import pyarrow.parquet as pq
-
+    """All refusals as one, their rows in one file of ``folder``, after those of an ``older`` file."""
     whole, writer = Refused(), None
     before = [Refused(file=older)] if older is not None and older.exists() else []
     for refused in [*before, *all_refused]:

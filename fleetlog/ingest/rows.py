@@ -1,6 +1,4 @@
-"""Rows of one vehicle on their way into a dataset: a :class:`Trajectory` that is not yet sorted, with where
-each came from.
-"""
+"""Rows of a vehicle on their way into a dataset: unsorted, with where each came from."""
 
 from __future__ import annotations
 
@@ -9,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.trajectory import Floats, Labels, Trajectory, Values
+from fleetlog.core.trajectory import Labels, Trajectory, Values
 
 FILE, RECORD, CHANNEL, STUCK, HELD = INTERNAL = ("_file", "_record", "_channel", "_stuck", "_held")
-"""Columns of the import itself, dropped before writing: number of the file, line or record in it, 1 for rows
-of a batch without
-positions, 1 for rows of a stuck sensor, 1 for rows whose position repeats an older one."""
+"""Columns of the import itself, never written: number of the file, line or record in it; 1 for rows without
+positions, of a stuck sensor, and whose position repeats an older one.
+"""
 
 
 def join(pieces: Sequence[Trajectory]) -> Trajectory:
@@ -29,17 +27,16 @@ def join(pieces: Sequence[Trajectory]) -> Trajectory:
 def _joined(name: str, pieces: Sequence[Trajectory]) -> Values:
     values = [p.columns.get(name) for p in pieces]
     if any(isinstance(v, Labels) for v in values):
-        return join_labels([_as_labels(v, len(p)) for v, p in zip(values, pieces, strict=True)])
+        labels = [_as_labels(v, len(p)) for v, p in zip(values, pieces, strict=True)]
+        order = {n: i for i, n in enumerate(dict.fromkeys(n for piece in labels for n in piece.names))}
+        return Labels(np.concatenate([piece.recode(order) for piece in labels]), tuple(order))
     null = -1 if name == "trip_id" else np.nan
-    return np.concatenate(
-        [np.full(len(p), null) if v is None else v for v, p in zip(values, pieces, strict=True)]
-    )
+    given = zip(values, pieces, strict=True)
+    return np.concatenate([np.full(len(p), null) if v is None else v for v, p in given])
 
 
 def _as_labels(values: Values | None, n: int) -> Labels:
-    """Labels as they are, null where there is no column, figures as text (a column that is figures in one
-    file only).
-    """
+    """Labels as they are, null where there is no column, figures as text."""
     if isinstance(values, Labels):
         return values
     if values is None:
@@ -47,23 +44,9 @@ def _as_labels(values: Values | None, n: int) -> Labels:
     return Labels.of([None if v != v else f"{v:g}" for v in values])
 
 
-def join_labels(pieces: Sequence[Labels]) -> Labels:
-    """Labels end to end, on one list of names."""
-    order: dict[str, int] = {}
-    for piece in pieces:
-        for name in piece.names:
-            order.setdefault(name, len(order))
-    return Labels(np.concatenate([p.recode(order) for p in pieces]), tuple(order))
-
-
-def plain_column(rows: Trajectory, name: str) -> Floats:
-    """A float column to write into: a copy, NaN where there is none."""
-    return np.array(rows.floats(name), dtype=np.float64)
-
-
 def set_unknown(rows: Trajectory, name: str, where: NDArray[np.bool_]) -> Trajectory:
     """A copy with some values of a float column unknown."""
-    values = plain_column(rows, name)
+    values = np.array(rows.floats(name))
     values[where] = np.nan
     return rows.with_columns(**{name: values})
 
@@ -94,15 +77,10 @@ def picture(rows: Trajectory, row: int) -> str:
     for name, values in rows.columns.items():
         if name in (FILE, RECORD):
             continue
-        value = (
-            values.names[values.codes[row]]
-            if isinstance(values, Labels) and values.codes[row] >= 0
-            else (
-                None
-                if isinstance(values, Labels) or values[row] != values[row]
-                else f"{float(values[row]):.10g}"
-            )
-        )
+        if isinstance(values, Labels):
+            value = values.names[values.codes[row]] if values.codes[row] >= 0 else None
+        else:
+            value = f"{float(values[row]):.10g}" if values[row] == values[row] else None
         if value is not None:
             cells.append(f"{name}={value}")
     return " ".join(cells)

@@ -1,6 +1,4 @@
-"""Rows set down on disk by vehicle and day, so that files of any size, in any order and mixture, fit into
-bounded memory.
-"""
+"""Rows set down on disk by vehicle and day, so that logs of any size and order fit into memory."""
 
 from __future__ import annotations
 
@@ -9,15 +7,16 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import pyarrow as pa
+from pyarrow import feather
 
 from fleetlog.core.columns import BY_NAME
-from fleetlog.core.trajectory import Ints, Labels, Trajectory, Values
+from fleetlog.core.trajectory import Labels, Trajectory, from_arrow
+from fleetlog.importers._times import DAY, EARLIEST, LATEST
 from fleetlog.ingest.rows import INTERNAL, join
 
-DAY = 86_400_000_000
 BUDGET = 96 << 20
 """Bytes of rows that wait in memory before they are set down."""
 WINDOW_ROWS = 100_000
@@ -26,7 +25,7 @@ WINDOW_ROWS = 100_000
 
 @dataclass
 class Slot:
-    """One vehicle, one day: files set down, with the first and the last time in each, and their rows in all."""
+    """One vehicle, one day: files with their first and last time, and rows in all."""
 
     files: list[tuple[Path, int, int]] = field(default_factory=list)
     rows: int = 0
@@ -105,94 +104,50 @@ class Down:
             self.own[name] = self.own.get(name, False) or text
 
     def windows(self, vehicle: str) -> Iterator[tuple[Trajectory, bool]]:
-        """The rows of a vehicle in stretches of about ``WINDOW_ROWS``, in order of time, unsorted within;
-        whether it is the last.
-        """
-        before: Trajectory | None = None
+        """A vehicle's rows in order of time, about ``WINDOW_ROWS`` at once, unsorted within; whether last."""
+        before: list[Trajectory] = []
         for rows in self._stretches(vehicle):
-            if before is not None and len(before) + len(rows) <= WINDOW_ROWS:
-                before = join([before, rows])  # short days go together
-                continue
-            if before is not None:
-                yield before, False
-            before = rows
-        if before is not None:
-            yield before, True
+            if before and len(before[0]) + len(rows) > WINDOW_ROWS:
+                yield before.pop(), False
+            before = [join([*before, rows])]  # short days go together
+        for rows in before:
+            yield rows, True
 
     def _stretches(self, vehicle: str) -> Iterator[Trajectory]:
         """Day after day, long days in pieces."""
-        for _, slot in sorted(
-            ((d, s) for (v, d), s in self.slots.items() if v == vehicle), key=lambda i: i[0]
-        ):
-            if slot.rows <= WINDOW_ROWS:
-                yield join([_load(path, vehicle) for path, _, _ in slot.files])
-                continue
-            edges = self._edges(slot)
+        for day in sorted(day for v, day in self.slots if v == vehicle):
+            slot = self.slots[vehicle, day]
+            edges = self._edges(slot) if slot.rows > WINDOW_ROWS else [EARLIEST, LATEST + 1]
             for low, high in itertools.pairwise(edges):
-                found = [
-                    p
-                    for path, a, b in slot.files
-                    if a < high and b >= low
-                    for p in _between(path, vehicle, low, high)
-                ]
-                if found:
-                    yield join(found)
+                within = (path for path, first, last in slot.files if first < high and last >= low)
+                pieces = [_between(_load(path, vehicle), low, high) for path in within]
+                if any(map(len, pieces)):
+                    yield join([p for p in pieces if len(p)])
 
     def _edges(self, slot: Slot) -> list[int]:
         """Times that cut a day into stretches of about equal numbers of rows."""
-        times = np.sort(np.concatenate([_load_time(path) for path, _, _ in slot.files]))
+        tables = (feather.read_table(path, ["timestamp"]) for path, _, _ in slot.files)
+        times = np.sort(np.concatenate([np.array(t.column("timestamp"), dtype=np.int64) for t in tables]))
         pieces = -(-len(times) // WINDOW_ROWS)
         cuts = times[[len(times) * k // pieces for k in range(1, pieces)]]
         return [int(times[0]), *np.unique(cuts).tolist(), int(times[-1]) + 1]
 
 
-def _between(path: Path, vehicle: str, low: int, high: int) -> list[Trajectory]:
-    rows = _load(path, vehicle)
+def _between(rows: Trajectory, low: int, high: int) -> Trajectory:
     mask = (rows.time >= low) & (rows.time < high)
-    return [rows[mask]] if mask.any() else []
+    return rows if mask.all() else rows[mask]
 
 
 def _save(rows: Trajectory, path: Path) -> None:
-    import pyarrow as pa
-
-    arrays: dict[str, Any] = {"timestamp": pa.array(rows.time)}
-    for name, values in rows.columns.items():
-        arrays[name] = _labels(values) if isinstance(values, Labels) else pa.array(values)
-    table = pa.table(arrays)
-    with pa.OSFile(str(path), "wb") as sink, pa.ipc.new_file(sink, table.schema) as writer:
-        writer.write_table(table)
+    columns = {n: _dictionary(v) if isinstance(v, Labels) else pa.array(v) for n, v in rows.columns.items()}
+    table = pa.table({"timestamp": pa.array(rows.time), **columns})
+    feather.write_feather(table, str(path), compression="uncompressed")
 
 
-def _labels(values: Labels) -> Any:
-    import pyarrow as pa
-
+def _dictionary(values: Labels) -> pa.DictionaryArray:
     codes = pa.array(values.codes, pa.int32(), mask=values.codes < 0)
     return pa.DictionaryArray.from_arrays(codes, pa.array(list(values.names), pa.string()))
 
 
-def _table(path: Path) -> Any:
-    import pyarrow as pa
-
-    with pa.memory_map(str(path)) as source:
-        return pa.ipc.open_file(source).read_all()
-
-
 def _load(path: Path, vehicle: str) -> Trajectory:
-    table = _table(path)
-    columns: dict[str, Values] = {}
-    for name in table.column_names:
-        column = table.column(name).combine_chunks()
-        if name == "timestamp":
-            continue
-        if str(column.type).startswith("dictionary"):
-            array = column.chunk(0) if hasattr(column, "num_chunks") else column
-            columns[name] = Labels(
-                np.array(array.indices.fill_null(-1), np.int32), tuple(array.dictionary.to_pylist())
-            )
-        else:
-            columns[name] = np.array(column)
-    return Trajectory(vehicle, np.array(table.column("timestamp")), columns)
-
-
-def _load_time(path: Path) -> Ints:
-    return np.array(_table(path).column("timestamp"), dtype=np.int64)
+    return from_arrow(feather.read_table(path, memory_map=True), vehicle)

@@ -14,16 +14,16 @@ from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest import clean
 from fleetlog.ingest.channels import join_channels
 from fleetlog.ingest.derive import derive_motion, derive_power, pace_ratio
-from fleetlog.ingest.edges import Edges, Tally, log_has_edges
+from fleetlog.ingest.edges import Edges, log_has_edges
 from fleetlog.ingest.fixes import fill_positions, release_held
 from fleetlog.ingest.place import check_place, into_site, looks_like_degrees, place, with_frame
-from fleetlog.ingest.rejects import NAME, Refused, Rejects
+from fleetlog.ingest.rejects import NAME, Rejects
 from fleetlog.ingest.rows import CHANNEL, HELD, INTERNAL, STUCK, join, with_own_columns, without
 from fleetlog.ingest.spill import WINDOW_ROWS, Down
-from fleetlog.ingest.summary import ImportSummary
+from fleetlog.ingest.summary import MOST_PACES, Outcome
 from fleetlog.store.trips import trip_ids
 from fleetlog.store.writer import DatasetWriter
-from fleetlog.store.written import Before, Written
+from fleetlog.store.written import Before
 
 if TYPE_CHECKING:
     from fleetlog.roads.matching import MatchParameters
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 DEGREES = "x and y look like degrees: if they are, map them in a profile to longitude and latitude"
 ESTIMATE_ROWS = 2000
 """The parameters of matching are estimated on the first stretch that has this many rows."""
-MOST_PACES = 50
 OVERLAP = 5000
 """Rows kept back where a stretch has to end within a trip."""
 
@@ -59,19 +58,6 @@ class Plan:
     """What the first rows look like."""
 
 
-@dataclass
-class Outcome:
-    """What the import of a vehicle came to, beside the rows that were written."""
-
-    refused: Refused
-    written: Written
-    summary: ImportSummary
-    edges: Tally | None
-    stuck: int
-    held: int
-    paces: list[float]
-
-
 def import_vehicle(plan: Plan, job: tuple[int, str, Down]) -> Outcome:
     """Clean, place, match and write the rows of one vehicle."""
     number, vehicle, down = job
@@ -88,10 +74,7 @@ def import_vehicle(plan: Plan, job: tuple[int, str, Down]) -> Outcome:
 def probe(plan: Plan, down: Down) -> Plan:
     """The plan with the site's frame and the parameters of matching, from the first stretches of the logs.
 
-    Raises
-    ------
-    DataError
-        The logs are of another place than the site.
+    :class:`~fleetlog.errors.DataError` where the logs are of another place than the site.
     """
     first = True
     for vehicle in (v for v in down.vehicles if v in plan.positioned):
@@ -120,29 +103,23 @@ class VehicleImport:
         site, own = plan.site, plan.own
         self.every = plan.every
         self.own = own if site.frame is None else {n: t for n, t in own.items() if n not in GEOGRAPHIC}
-        self.site, self.rejects, self.summary = site, rejects, ImportSummary()
+        self.site, self.rejects = site, rejects
         self.writer = DatasetWriter(plan.folder, "recorded", site, plan.before)
         self.edges = Edges(site.network, plan.parameters) if site.network is not None else None
+        tally = self.edges.tally if self.edges is not None else None
+        self.out = Outcome(written=self.writer.written, edges=tally)
         self._kept_back: Trajectory | None = None
         self._first_trip = self._trip = trip
-        self._stuck = self._held = 0
-        self._paces: list[float] = []
-        self._derived: set[str] = set()
         self._trips: set[int] = set()
 
     def outcome(self) -> Outcome:
         """What all this came to."""
-        self.summary.derived, self.summary.trips = sorted(self._derived), len(self._trips)
-        return Outcome(
-            self.rejects.close(), self.writer.written, self.summary, self.edges.tally if self.edges is not None else None,
-            self._stuck, self._held, self._paces,
-        )  # fmt: skip
+        self.out.refused, self.out.summary.trips = self.rejects.close(), len(self._trips)
+        return self.out
 
     def prepared(self, rows: Trajectory, *, check: bool) -> Trajectory:
         """The first rows of the vehicle as they are matched; ``check`` that they are of the site's place."""
-        rows = self._clean(rows, check=check)
-        rows = clean.drop_duplicates(clean.sort_rows(rows), self.rejects)
-        rows = clean.drop_jumps(release_held(rows), self.rejects)
+        rows = self._in_order(self._clean(rows, check=check))
         return self._derive(rows) if len(rows) else rows
 
     def take(self, rows: Trajectory, *, last: bool) -> None:
@@ -150,8 +127,7 @@ class VehicleImport:
         rows = self._clean(rows)
         if self._kept_back is not None and len(self._kept_back):
             rows = join([self._kept_back, rows]) if len(rows) else self._kept_back
-        rows = clean.drop_duplicates(clean.sort_rows(rows), self.rejects)
-        rows = clean.drop_jumps(release_held(rows), self.rejects)
+        rows = self._in_order(rows)
         if not len(rows):
             self._kept_back = None
             return
@@ -172,20 +148,24 @@ class VehicleImport:
         if check and len(rows):
             check_place(rows.floats("x"), rows.floats("y"), self.site, sample)
         if CHANNEL in rows:
-            before = len(rows)
-            rows = join_channels(rows)
-            self.summary.rows_joined += before - len(rows)
+            joined = join_channels(rows)
+            self.out.summary.rows_joined += len(rows) - len(joined)
+            return joined
         return rows
+
+    def _in_order(self, rows: Trajectory) -> Trajectory:
+        """What a row tells beside its neighbours."""
+        rows = clean.drop_duplicates(clean.sort_rows(rows), self.rejects)
+        return clean.drop_jumps(release_held(rows), self.rejects)
 
     def _derive(self, rows: Trajectory) -> Trajectory:
         rows = clean.unstick(fill_positions(rows))
         full = derive_power(derive_motion(rows))
-        for name in ("speed", "heading", "battery_power"):
-            if full.has(name) and not rows.has(name):
-                self._derived.add(name)
-                own = self.summary.derived_by_vehicle.setdefault(rows.vehicle_id, [])
-                if name not in own:
-                    own.append(name)
+        made = [n for n in ("speed", "heading", "battery_power") if full.has(n) and not rows.has(n)]
+        if made:
+            own = self.out.summary.derived_by_vehicle.setdefault(rows.vehicle_id, [])
+            own += [n for n in made if n not in own]
+            self.out.summary.derived = sorted(own)
         return full
 
     def _trip_ids(self, rows: Trajectory) -> Ints:
@@ -200,29 +180,23 @@ class VehicleImport:
         if self.edges is not None:
             rows = self.edges.match(rows)
         self._count(rows)
-        rows = without(rows, *INTERNAL)
-        self.writer.write(with_own_columns(rows, self.own))
-        s = self.summary
+        self.writer.write(with_own_columns(without(rows, *INTERNAL), self.own))
+        s = self.out.summary
         s.rows += len(rows)
         s.vehicles[rows.vehicle_id] = s.vehicles.get(rows.vehicle_id, 0) + len(rows)
         self._trips.update(np.unique(rows.trip_ids()).tolist())
 
     def _count(self, rows: Trajectory) -> None:
         """What the rows tell about the sensors."""
-        self._stuck += int(np.nansum(rows.floats(STUCK))) if STUCK in rows else 0
-        self._held += int(np.nansum(rows.floats(HELD))) if HELD in rows else 0
-        if (
-            "speed" not in self._derived
-            and len(self._paces) < MOST_PACES
-            and (pace := pace_ratio(rows)) is not None
-        ):
-            self._paces.append(pace)
+        self.out.stuck += int(np.nansum(rows.floats(STUCK)))
+        self.out.held += int(np.nansum(rows.floats(HELD)))
+        measured = "speed" not in self.out.summary.derived and len(self.out.paces) < MOST_PACES
+        if measured and (pace := pace_ratio(rows)) is not None:
+            self.out.paces.append(pace)
 
 
 def _cut(trips: Ints) -> int:
-    """Rows to write now: up to the beginning of the last trip; within it only where it grows beyond
-    memory.
-    """
+    """Rows to write now: up to the last trip's beginning, or within it beyond memory."""
     begins = np.flatnonzero(np.diff(trips)) + 1
     if len(begins):
         return int(begins[-1])

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fleetlog.core.words import count
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
+from fleetlog.importers._report import ReadReport
+from fleetlog.ingest.derive import suspect_unit
+from fleetlog.ingest.edges import Tally
+from fleetlog.ingest.rejects import Refused
+from fleetlog.store.written import Written
+
+MOST_PACES = 50
 
 
 @dataclass
@@ -21,6 +31,11 @@ class FileSummary:
     recognised: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, report: ReadReport, name: str, rows: int) -> FileSummary:
+        """A log that was read."""
+        return cls(name, report.format, rows, report.recognised, report.notes, report.damage)
 
 
 @dataclass
@@ -84,20 +99,19 @@ class ImportSummary:
         if self.derived:
             out.append(f"derived: {', '.join(self.derived)}")
         if self.matched is not None:
-            off = "".join(
-                f"; {n:,} {reason}" for reason, n in sorted(self.off_map.items(), key=lambda i: -i[1])
-            )
+            off = "".join(f"; {why}" for why in _most_first(self.off_map))
             out.append(f"{100 * self.matched:.1f} % of the rows are on a road{off}")
         out += self.notes
         for what, counts in (("rejected rows", self.rejected), ("rejected values", self.rejected_values)):
             if counts:
-                whys = "; ".join(
-                    f"{n:,} {reason}" for reason, n in sorted(counts.items(), key=lambda i: -i[1])
-                )
-                out.append(f"{what}: {sum(counts.values()):,} ({whys})")
+                out.append(f"{what}: {sum(counts.values()):,} ({'; '.join(_most_first(counts))})")
         if self.rejected_file:
             out.append(f"they are kept in {self.rejected_file}")
         return out
+
+
+def _most_first(counts: dict[str, int]) -> list[str]:
+    return [f"{n:,} {reason}" for reason, n in sorted(counts.items(), key=lambda i: -i[1])]
 
 
 def _grouped(files: list[FileSummary]) -> list[list[str]]:
@@ -116,6 +130,59 @@ def _file_lines(group: list[FileSummary]) -> list[str]:
     out += [f"  {source} is {meaning}" for source, meaning in one.recognised.items()]
     out += [f"  {note}" for note in one.notes]
     out += [f"  damaged: {text}" for text in one.damage]
+    return out
+
+
+@dataclass
+class Outcome:
+    """What the import of a vehicle came to, beside the rows that were written."""
+
+    refused: Refused = field(default_factory=Refused)
+    written: Written = field(default_factory=Written)
+    summary: ImportSummary = field(default_factory=ImportSummary)
+    edges: Tally | None = None
+    stuck: int = 0
+    held: int = 0
+    paces: list[float] = field(default_factory=list)
+    """Speeds of the log over those of its positions."""
+
+
+def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
+    """Add what the vehicles came to, in their order, to the summary of what was read."""
+    edges = Tally()
+    for outcome in outcomes:
+        one = outcome.summary
+        summary.rows, summary.trips = summary.rows + one.rows, summary.trips + one.trips
+        summary.rows_joined += one.rows_joined
+        summary.vehicles |= one.vehicles
+        summary.derived_by_vehicle |= one.derived_by_vehicle
+        summary.derived = sorted({*summary.derived, *one.derived})
+        if outcome.edges is not None:
+            edges.add(outcome.edges)
+    summary.notes += _notes(summary, outcomes, edges)
+    ends = [(o.written.first[v], o.written.last[v]) for o in outcomes for v in o.written.rows]
+    if ends:
+        span = min(first for first, _ in ends), max(last for _, last in ends)
+        summary.start, summary.end = (f"{np.datetime64(t, 'us')}Z" for t in span)
+    if edges.rows:
+        summary.matched = edges.matched / edges.rows
+        summary.off_map = dict(edges.reasons)
+
+
+def _notes(s: ImportSummary, outcomes: Sequence[Outcome], edges: Tally) -> list[str]:
+    """What a person should know of the sensors."""
+    out = []
+    if stuck := sum(o.stuck for o in outcomes):
+        out.append(f"{stuck:,} values of speed, power or current are unknown: their sensor was stuck")
+    if held := sum(o.held for o in outcomes):
+        where = "placed between the fixes by the distance driven"
+        out.append(f"{held:,} rows repeat a position while the truck moves: {where}")
+    paces = [] if "speed" in s.derived else [p for o in outcomes for p in o.paces]
+    if unit := suspect_unit(paces[:MOST_PACES]):
+        like = f"{unit[1]:.2f} times that of the positions, as if it were in {unit[0]}"
+        out.append(f"the speed is about {like}: check its unit")
+    if edges.kept:
+        out.append(f"the edges of {edges.kept:,} rows are those that the log has")
     return out
 
 

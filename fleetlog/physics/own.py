@@ -12,7 +12,8 @@ from fleetlog.physics.term import Floats, Values
 
 @dataclass(frozen=True)
 class Own:
-    """``values[term]`` and ``fields[term]`` of some ``vehicles`` (names; None: all) from ``begin`` to ``until`` [s since 1970].
+    """``values[term]`` and ``fields[term]`` of some ``vehicles`` (names; None: all) from ``begin`` to
+    ``until`` [s since 1970].
 
     ``drift``: they come in evenly from ``begin`` to ``until``, and hold after it.
     """
@@ -35,7 +36,8 @@ class Own:
 
 
 def share(time: Floats, begin: float, until: float, drift: bool) -> Floats:
-    """Return how far something holds at some times, (N,): 1 from ``begin`` to ``until``, or growing to 1 over them."""
+    """Return how far something holds at some times, (N,): 1 from ``begin`` to ``until``, or growing to 1
+    over them."""
     if drift:
         return np.asarray(np.clip((time - begin) / (until - begin), 0.0, 1.0))
     return np.asarray((time >= begin) & (time < until), dtype=float)

@@ -67,7 +67,8 @@ class Physics:
         return replace(self, values={**self.values, **new}, fields={**self.fields, **(fields or {})})
 
     def phases(self, time: Floats) -> list[tuple[Floats, Physics]]:
-        """Return what holds along the (N,) times of one vehicle's motion: shares (N,), summing to 1, each with a physics.
+        """Return what holds along the (N,) times of one vehicle's motion: shares (N,), summing to 1, each
+        with a physics.
 
         A drift is told by its two ends, so that power in between is a mean of both.
         """

@@ -169,6 +169,102 @@ def test_big_endian_and_ros1_layouts() -> None:
     assert samples[0].values["heading"] == pytest.approx(YAW)
 
 
+LINK = "geometry_msgs/TransformStamped[] transforms\n"
+LINKED = (
+    DEPENDENCIES
+    + 80 * "="
+    + """
+MSG: geometry_msgs/TransformStamped
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/Transform transform
+================================================================================
+MSG: geometry_msgs/Transform
+geometry_msgs/Vector3 translation
+geometry_msgs/Quaternion rotation
+"""
+)
+
+
+def link(parent: str, child: str, shift: Any, turn: Any, i: int = 0) -> dict[str, Any]:
+    transform = {
+        "translation": dict(zip("xyz", shift, strict=True)),
+        "rotation": dict(zip("xyzw", turn, strict=True)),
+    }
+    return {"header": header(i, parent), "child_frame_id": child, "transform": transform}
+
+
+def write_links(path: Path, messages: list[tuple[str, list[dict[str, Any]]]]) -> None:
+    writer_module = pytest.importorskip("mcap_ros2.writer")
+    with path.open("wb") as stream:
+        writer = writer_module.Writer(stream)
+        schema = writer.register_msgdef("tf2_msgs/msg/TFMessage", LINK + LINKED)
+        for i, (topic, links) in enumerate(messages):
+            writer.write_message(topic, schema, {"transforms": links}, log_time=(START + i) * 10**9)
+        writer.finish()
+
+
+def test_transforms_compose_as_matrices_do(tmp_path: Path) -> None:
+    """Random trees against products of 4 x 4 matrices; the turns of scipy are the authority."""
+    from scipy.spatial.transform import Rotation
+
+    rng = np.random.default_rng(3)
+    turns, shifts = Rotation.random(60, random_state=rng), rng.uniform(-50, 50, (60, 3))
+    matrix = np.tile(np.eye(4), (60, 1, 1))
+    matrix[:, :3, :3], matrix[:, :3, 3] = turns.as_matrix(), shifts
+    quaternions = turns.as_quat()
+    messages = []
+    for i in range(20):
+        tree = (("/map", "odom"), ("odom", "base_footprint"), ("base_footprint", "base_link"))
+        links = [link(*names, shifts[3 * i + k], quaternions[3 * i + k], i) for k, names in enumerate(tree)]
+        messages += [("/tf_static", links[:1]), ("/tf", links[1:])]
+    write_links(tmp_path / "a.mcap", messages)
+    read = read_log(tmp_path / "a.mcap")
+    whole = matrix[0::3] @ matrix[1::3]
+    assert (read.rows, read.vehicles, read.status) == (20, {"a"}, 0)
+    for name, k in (("x", 0), ("y", 1), ("z", 2)):
+        np.testing.assert_allclose(read.column(name), whole[:, k, 3], atol=1e-9)
+    np.testing.assert_allclose(read.column("heading"), np.arctan2(whole[:, 1, 0], whole[:, 0, 0]), atol=1e-9)
+    np.testing.assert_array_equal(read.column("time"), (START + np.arange(20)) * 1_000_000 + 250_000)
+
+
+STILL = (0.0, 0.0, 0.0, 1.0)
+
+
+def test_robots_of_one_tree_are_vehicles(tmp_path: Path) -> None:
+    links = [
+        link("map", f"{robot}/base_link", (i, k, 0), STILL, i)
+        for i in range(5)
+        for k, robot in enumerate(("R1", "R2"))
+    ]
+    write_links(tmp_path / "a.mcap", [("/tf", [one]) for one in links])
+    assert read_log(tmp_path / "a.mcap").vehicles == {"R1", "R2"}
+
+
+@pytest.mark.parametrize("placed", [False, True])
+def test_odometry_alone_counts_only_without_a_map(placed: bool, tmp_path: Path) -> None:
+    driven = [("/tf", [link("odom", "base_link", (i, 0, 0), STILL, i)]) for i in range(20)]
+    if placed:
+        driven.insert(5, ("/tf", [link("map", "odom", (100, 0, 0), STILL)]))
+    write_links(tmp_path / "a.mcap", driven)
+    read = read_log(tmp_path / "a.mcap")
+    assert read.column("x").tolist() == ([100.0 + i for i in range(5, 20)] if placed else list(range(20)))
+    assert any("5 poses" in note for note in read.report.notes) is placed
+
+
+def test_frames_in_a_circle_are_one_rejected_message(tmp_path: Path) -> None:
+    circle = [
+        link("a", "b", (0, 0, 0), STILL),
+        link("b", "a", (0, 0, 0), STILL),
+        link("a", "base_link", (0, 0, 0), STILL),
+    ]
+    good = [("/tf", [link("map", "base_link", (i, 0, 0), STILL, i)]) for i in range(3)]
+    write_links(tmp_path / "a.mcap", [*good, ("/tf", circle)])
+    read = read_log(tmp_path / "a.mcap")
+    assert read.rows == 3
+    assert read.rejects == {"/tf: message cannot be decoded": 1}
+
+
 def test_protobuf_of_foxglove(tmp_path: Path) -> None:
     foxglove = pytest.importorskip("foxglove")
     from foxglove.channels import LocationFixChannel

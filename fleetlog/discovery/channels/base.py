@@ -26,8 +26,10 @@ Columns = NDArray[np.float32]
 class Unit:
     """Windows that are computed together, with the recorded quantity of each and which of them can be used.
 
-    ``own`` is the channel's; ``noise`` (W,) the variance that the uncertainty of the motion leaves to any model;
-    ``level`` (W,) what the nominal model says, and ``swing`` (W,) how far rows scatter about it, above zero: noise
+    ``own`` is the channel's; ``noise`` (W,) the variance that the uncertainty of the motion leaves to any
+    model;
+    ``level`` (W,) what the nominal model says, and ``swing`` (W,) how far rows scatter about it, above zero:
+    noise
     grows with both.
     """
 
@@ -54,6 +56,11 @@ class Channel(Protocol):
     """Share of a window's quantity that any model may miss."""
     base: Model
     """What everything is measured from: the nominal truck, or what a simulation holds beyond it."""
+
+    @property
+    def place_error(self) -> float:
+        """The same share at some places, where it gathers."""
+        ...
 
     @property
     def truck(self) -> Truck:

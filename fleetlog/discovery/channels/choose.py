@@ -24,6 +24,10 @@ WIDEST = 600.0
 """Of a window [s]: a stretch of road is no longer seen in a wider one."""
 ROWS = 3.0
 """Rows in a window at least."""
+DILUTED = 0.002
+"""Power that is measured with errors of this share of its square makes whatever is proportional to it look
+smaller
+by the same share (regression dilution); wider windows average the errors."""
 
 
 def present(fleet: Fleet, wanted: Sequence[str]) -> list[str]:
@@ -41,7 +45,13 @@ def channel_of(name: str, fleet: Fleet, base: Model, settings: Settings, split: 
     measured = name == "soc" and fleet.has("battery_power")
     step = _charge_step(fleet) if name == "soc" else 0.0
     window = _window(fleet, name, settings, step)
-    return EnergyChannel(name, fleet, base, window, _cells(fleet), measured, settings.model_error, step)
+    channel = EnergyChannel(name, fleet, base, window, _cells(fleet), measured, charge_step=step)
+    hidden = channel.settle(settings)
+    if measured and hidden**2 > DILUTED:
+        wider = float(min(window * hidden**2 / DILUTED, WIDEST))
+        channel = EnergyChannel(name, fleet, base, wider, channel.places, measured, charge_step=step)
+        channel.settle(settings)
+    return channel
 
 
 def _cells(fleet: Fleet) -> Cells | None:

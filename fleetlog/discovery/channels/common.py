@@ -1,4 +1,5 @@
-"""What both kinds of channel do alike: knobs, knots and passages of a fleet, and a column for every source."""
+"""What both kinds of channel do alike: knobs, knots and passages of a fleet, and a column for every
+source."""
 
 from __future__ import annotations
 

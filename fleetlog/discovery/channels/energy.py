@@ -1,4 +1,5 @@
-"""The energy channels: what battery power, or the state of charge, adds up to over windows of some ten seconds."""
+"""The energy channels: what battery power, or the state of charge, adds up to over windows of some ten
+seconds."""
 
 from __future__ import annotations
 
@@ -27,6 +28,7 @@ from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording import windows
 from fleetlog.discovery.recording.blocks import Block
 from fleetlog.discovery.recording.windows import Cut
+from fleetlog.discovery.settings import Settings
 from fleetlog.physics.power import all_terms, battery_power
 from fleetlog.physics.term import GRAVITY, Term
 
@@ -34,14 +36,17 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 STANDS, PASSING, LIFTS, LOADED = 0.9, 0.15, 250.0, 0.3
-"""Share of a window from which on it is a standstill, and up to which it is none; power above the usual that shows
+"""Share of a window from which on it is a standstill, and up to which it is none; power above the usual that
+shows
 hydraulics [W]; a usual load that nobody weighed, as a share of the truck at most."""
 LEAST_SWING = 1.0
 """Rows that scatter by less than this [W] are as good as a logger writes them."""
 CHARGING, LEAP = -300.0, 0.005
-"""Power at a standstill below which a battery is being charged [W], and a rise of its charge from row to row."""
+"""Power at a standstill below which a battery is being charged [W], and a rise of its charge from row to
+row."""
 ERRORS = (ErrorSource("sampling", 0.5), ErrorSource("ripple", 2.0), ErrorSource("lag", 0.15))
-"""What sampling hides: accelerations between rows (0: what is expected, 1: what is likeliest), power that swings
+"""What sampling hides: accelerations between rows (0: what is expected, 1: what is likeliest), power that
+swings
 within them (1: as far as from row to row), and a clock a little late [s]."""
 
 
@@ -55,7 +60,8 @@ class EnergyChannel(FleetChannel):
     seconds: float
     places: Cells | None
     measured: bool = False
-    model_error: float = 0.01
+    model_error: float = 0.0
+    place_error: float = 0.0
     charge_step: float = 0.0
     """Step in which the state of charge is logged."""
 
@@ -90,11 +96,53 @@ class EnergyChannel(FleetChannel):
         noise = coarse + (np.zeros(c.count) if self.measured else self._uncertain(block, c))
         e = self.evaluation(block, self.base)
         swing = np.ones(c.count) if self.name == "soc" else np.maximum(jumps(block, c, e), LEAST_SWING)
-        level = np.abs(c.energy(block, e.power))
+        # Power that is measured errs where it is large by chance: how noisy a window is must not hang on
+        # that.
+        level = c.energy(block, replace(e, measured=None).power)
         return Unit(frame, np.where(whole, energy, 0.0), whole, noise, level, swing, (block, c))
 
+    def settle(self, settings: Settings) -> float:
+        """Measure the model's own error, and return the error of sampling: by how much of its energy a
+        window's residual
+        changes with every second row left out.
+
+        The mean of half the rows scatters about that of all by as much as that does about the truth.
+        """
+        changed = size = 0.0
+        count = 0
+        for (vehicle, trajectory), unit in zip(self.fleet.days, self.units(), strict=True):
+            change = self._thinned(unit, self.fleet.block(vehicle, trajectory[::2]))
+            changed += float((change[unit.whole] ** 2).sum())
+            size += float((unit.recorded[unit.whole] ** 2).sum())
+            count += int(unit.whole.sum())
+            if count >= settings.sample:
+                break
+        hidden = float(np.sqrt(changed / size)) if size > 0.0 else 0.0
+        self.model_error = max(settings.model_error, settings.alike * hidden)
+        self.place_error = settings.gathers * self.model_error
+        return hidden
+
+    def _thinned(self, unit: Unit, rare: Block) -> Floats:
+        """(W,) the residual of the nominal model [kJ] that every second row alone leaves, less that of all
+        rows."""
+        block, c = unit.own
+        if self.measured:
+            rare = self._on_the_clock_of_charge(rare)
+        ends = block.motion.time[c.begin] - 0.5 * block.motion.dt[c.begin]
+        window = np.clip(np.searchsorted(ends, rare.motion.time, side="right") - 1, 0, c.count - 1)
+        seconds = np.bincount(window, rare.motion.dt, c.count)
+        left = -self.evaluation(rare, self.base).power
+        now = -self.predict(unit, self.base)
+        if self.name == "battery_power":
+            left, now = left + rare.motion.power, now + unit.recorded
+        energy = np.bincount(window, left * rare.motion.dt, c.count) * 1e-3
+        # At the ends of trips and at gaps the rows left out are lost time.
+        known = (seconds > 0.5 * unit.windows.duration) & unit.whole & np.isfinite(energy)
+        return np.where(known, energy * unit.windows.duration / np.maximum(seconds, 1e-9) - now, 0.0)
+
     def _seen_lifts(self, block: Block, c: Cut, seconds: Floats, energy: Floats) -> NDArray[np.bool_]:
-        """(W,) windows without hydraulics that nothing shows: a log without fork height has lifts at standstill all the same.
+        """(W,) windows without hydraulics that nothing shows: a log without fork height has lifts at
+        standstill all the same.
 
         Then only windows with hardly any standstill count, and standstills with their usual power.
         """
@@ -171,7 +219,8 @@ class EnergyChannel(FleetChannel):
         return 1
 
     def cells(self, term: Term | None) -> Cells | None:
-        """Return the cells of a field: the same for all; free power by place says nothing where power is measured."""
+        """Return the cells of a field: the same for all; free power by place says nothing where power is
+        measured."""
         return None if term is None and self.measured else self.places
 
     def terms(self) -> list[Term]:
@@ -207,7 +256,8 @@ class EnergyChannel(FleetChannel):
         m = block.motion
         first = block.first
         return {
-            "speed": block.rows(m.speed), "payload": m.payload[first], "acceleration": block.rows(m.acceleration),
+            "speed": block.rows(m.speed), "payload": m.payload[first],
+            "acceleration": block.rows(m.acceleration),
             "curvature": block.rows(np.abs(m.curvature)), "ambient_temperature": m.ambient_temperature[first],
             "soc": block.soc, "time": (block.time / 3600.0) % 24.0,
             "time since start": (block.time - self.fleet.begins[block.vehicle, block.day]) / 3600.0,
@@ -221,7 +271,8 @@ class EnergyChannel(FleetChannel):
         """Return nothing: energy does not tell who was in the way."""
 
     def features(self, unit: Unit, model: Model) -> Floats:
-        """Return place, direction, load, pace, time and the nominal energy of every window: what makes two passes alike."""
+        """Return place, direction, load, pace, time and the nominal energy of every window: what makes two
+        passes alike."""
         block, c = unit.own
         m, w = block.motion, unit.windows
         sample = (c.begin + np.append(c.begin[1:], len(m)) - 1) // 2
@@ -234,14 +285,17 @@ class EnergyChannel(FleetChannel):
         return np.column_stack([
             np.nan_to_num(w.x) / 4.0 * moving, np.nan_to_num(w.y) / 4.0 * moving, np.cos(m.heading[sample])
             * moving,
-            np.sin(m.heading[sample]) * moving, m.payload[sample] / 500.0, w.distance / wide / 0.5, wide / self.seconds * 3.0,
+            np.sin(m.heading[sample]) * moving, m.payload[sample] / 500.0, w.distance / wide / 0.5, wide /
+            self.seconds * 3.0,
             rise / scale * 2.0, tried / scale * 2.0, lift / scale * 2.0,
-            np.nan_to_num(m.ambient_temperature[sample]) / 4.0, w.time / self.fleet.span * 3.0, w.vehicle * 3.0,
+            np.nan_to_num(m.ambient_temperature[sample]) / 4.0, w.time / self.fleet.span * 3.0, w.vehicle *
+            3.0,
         ])  # fmt: skip
 
 
 def _recorded(block: Block, c: Cut, channel: str, capacity: float) -> Floats:
-    """(windows,) kJ that the channel shows; NaN where a row is missing or the battery was charged or swapped."""
+    """(windows,) kJ that the channel shows; NaN where a row is missing or the battery was charged or
+    swapped."""
     charged = _charged(block, c)
     if channel == "battery_power":
         energy = np.bincount(c.of_row, block.power * block.seconds, c.count) * 1e-3
@@ -254,7 +308,8 @@ def _recorded(block: Block, c: Cut, channel: str, capacity: float) -> Floats:
 
 
 def _charged(block: Block, c: Cut) -> NDArray[np.bool_]:
-    """(windows,) whether the battery took energy that no wheel gave: at a standstill, or by a leap of its charge."""
+    """(windows,) whether the battery took energy that no wheel gave: at a standstill, or by a leap of its
+    charge."""
     m = block.motion
     still = (block.rows(m.speed) <= 0.0) & (np.abs(block.rows(m.lift_speed)) <= 0.0)
     leap = np.diff(block.soc, prepend=block.soc[:1]) > LEAP

@@ -1,4 +1,5 @@
-"""Columns of the energy channels: how the energy of a window changes with each number, field and free curve."""
+"""Columns of the energy channels: how the energy of a window changes with each number, field and free
+curve."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ from fleetlog.physics.term import GRAVITY, Term
 Floats = NDArray[np.float64]
 
 STEP = 0.01
-"""Finite differences, as a share of a parameter's range: large against rounding, small against the switch to braking."""
+"""Finite differences, as a share of a parameter's range: large against rounding, small against the switch to
+braking."""
 
 
 class Places(Protocol):
@@ -47,7 +49,8 @@ class About(SourceColumns):
     model: Model
 
     def _knob(self, source: KnobSource) -> Floats:
-        """Derivative about where the vehicle's own number stands; of an effect with a shape, about nothing at another shape."""
+        """Derivative about where the vehicle's own number stands; of an effect with a shape, about nothing
+        at another shape."""
         knob, vehicle = source.knob, self.block.vehicle
         term, parameter = all_terms()[knob.term], knob.definition
         now = self.model.in_force(knob, vehicle)
@@ -137,7 +140,8 @@ class About(SourceColumns):
         return np.asarray(-np.diff(self.e.power, prepend=self.e.power[:1]) / step)
 
     def _unseen(self) -> Floats:
-        """(n,) W that the likeliest motion lacks of the expected power: what the switch to braking makes of unseen accelerations."""
+        """(n,) W that the likeliest motion lacks of the expected power: what the switch to braking makes of
+        unseen accelerations."""
         return Evaluation(self.block.likeliest, self.e.physics, self.e.charge).power - self.e.power
 
     def _rectified(self) -> Floats:
@@ -151,7 +155,8 @@ class About(SourceColumns):
 
 
 def jumps(block: Block, c: Cut, e: Evaluation) -> Floats:
-    """Return the (windows,) root mean square of the residual power's second difference, scaled to that of white noise [W]."""
+    """Return the (windows,) root mean square of the residual power's second difference, scaled to that of
+    white noise [W]."""
     r = np.nan_to_num(block.power - block.rows(e.power))
     bend = np.zeros(len(r))
     bend[1:-1] = (r[2:] - 2.0 * r[1:-1] + r[:-2]) / np.sqrt(6.0)

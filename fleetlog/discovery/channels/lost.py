@@ -1,4 +1,5 @@
-"""What other trucks cost: the time on stretches where one was in the way, over what the same stretches take otherwise."""
+"""What other trucks cost: the time on stretches where one was in the way, over what the same stretches take
+otherwise."""
 
 from __future__ import annotations
 
@@ -26,8 +27,10 @@ MODEL = 0.01
 class Lost:
     """Time lost to other trucks.
 
-    ``share`` of the travel time and its standard ``error``; ``touched`` the share of the time with another truck in the way;
-    (C,) by stretch of lane: seconds ``lost`` with their ``spread``, ``time`` spent there [s] and ``passages``;
+    ``share`` of the travel time and its standard ``error``; ``touched`` the share of the time with another
+    truck in the way;
+    (C,) by stretch of lane: seconds ``lost`` with their ``spread``, ``time`` spent there [s] and
+    ``passages``;
     ``p_value`` that as much is lost by chance.
     """
 
@@ -43,7 +46,8 @@ class Lost:
 
 @dataclass(frozen=True)
 class _Steps:
-    """(N,) of all nodes: free time by the model, seconds over it, whether another truck was in the way, or nothing was amiss."""
+    """(N,) of all nodes: free time by the model, seconds over it, whether another truck was in the way, or
+    nothing was amiss."""
 
     free: Floats
     over: Floats
@@ -63,7 +67,8 @@ def lost_time(
 ) -> Lost | None:
     """Return the time lost; None where nobody was in the way.
 
-    ``free`` gives the modelled seconds at the nodes of a path; ``known`` (C,) is the share of the time by stretch of lane that is
+    ``free`` gives the modelled seconds at the nodes of a path; ``known`` (C,) is the share of the time by
+    stretch of lane that is
     known to be lost: it is left out.
     """
     steps = _steps(passed, lanes, free)
@@ -81,7 +86,8 @@ def lost_time(
     own = np.bincount(steps.trip * len(lanes) + steps.cell, lost, trips * len(lanes)).reshape(-1, len(lanes))
     at = np.asarray(np.bincount(steps.cell, steps.took, len(lanes)), dtype=np.float64)
     return Lost(
-        share, error, touched, own.sum(axis=0), np.sqrt((own**2).sum(axis=0)), at, np.count_nonzero(own, axis=0),
+        share, error, touched, own.sum(axis=0), np.sqrt((own**2).sum(axis=0)), at, np.count_nonzero(own,
+        axis=0),
         float(stdtr(trips - 1, -share / max(error, 1e-12))),
     )  # fmt: skip
 

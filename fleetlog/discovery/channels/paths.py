@@ -1,4 +1,5 @@
-"""The paths of a fleet as the speed channel sees them: nodes in windows, where others were in the way, what every piece took."""
+"""The paths of a fleet as the speed channel sees them: nodes in windows, where others were in the way, what
+every piece took."""
 
 from __future__ import annotations
 
@@ -32,9 +33,12 @@ SHORTEST = 8.0
 class Path:
     """Legs of a vehicle-day laid end to end: G nodes.
 
-    ``motion`` (G,) with ``speed`` that road and truck allow; ``s`` (G,) [m]; ``inside`` (G,) whether the node has a
-    predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane that belongs to a step;
-    ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at the node, neither for a purpose nor for
+    ``motion`` (G,) with ``speed`` that road and truck allow; ``s`` (G,) [m]; ``inside`` (G,) whether the
+    node has a
+    predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane that belongs
+    to a step;
+    ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at the node, neither for a
+    purpose nor for
     another truck; ``behind`` (W,) whether another truck was in the
     way in a window.
     """
@@ -56,7 +60,8 @@ class Path:
 
 @dataclass(frozen=True)
 class Drive:
-    """A leg, and of its nodes whether another truck was in the way, (N,), and whether it was beside its road, (N,)."""
+    """A leg, and of its nodes whether another truck was in the way, (N,), and whether it was beside its
+    road, (N,)."""
 
     leg: Leg
     behind: Mask
@@ -163,7 +168,8 @@ def lay_out(
     metres = np.asarray(np.bincount(of, step, count), dtype=np.float64)
     middle = np.searchsorted(of, np.arange(count)) + np.bincount(of) // 2
     windows = Windows(
-        trip=motion.trip[middle] + TRIP * day.route.vehicle, vehicle=motion.vehicle[middle], day=np.full(count, day.route.day),
+        trip=motion.trip[middle] + TRIP * day.route.vehicle, vehicle=motion.vehicle[middle],
+        day=np.full(count, day.route.day),
         edge=motion.edge[middle].astype(np.int64), duration=np.maximum(metres, 0.5), distance=metres,
         x=motion.x[middle], y=motion.y[middle], time=motion.time[middle],
     )  # fmt: skip
@@ -178,7 +184,8 @@ def lay_out(
 def _shares(lanes: Stretches, motion: Motion, step: Floats, inside: Mask, waits: Floats) -> Floats:
     """(G,) part of the passage of a lane that each step is; the parts of a passage add up to one.
 
-    Of a passage with a stop on the way all belongs to the window that ends in the stop, whose time has the wait.
+    Of a passage with a stop on the way all belongs to the window that ends in the stop, whose time has the
+    wait.
     """
     lane = lanes.at(motion)[0]
     begin = np.flatnonzero(~inside)

@@ -1,4 +1,5 @@
-"""The speed channel: the time that stretches of a path took, against the quickest drive that limits, turns and truck allow."""
+"""The speed channel: the time that stretches of a path took, against the quickest drive that limits, turns
+and truck allow."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ FEW = 3
 """Stops from which on trucks wait at a place."""
 
 ERRORS = (ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), ErrorSource("slowing down", 0.25))
-"""Nobody sets off, stops or takes a slow corner with the sharp bends of a profile of constant accelerations [s each]."""
+"""Nobody sets off, stops or takes a slow corner with the sharp bends of a profile of constant accelerations
+[s each]."""
 
 
 @dataclass
@@ -44,6 +46,11 @@ class TravelChannel(FleetChannel):
     roads: Stretches
     lanes: Stretches
     model_error: float
+
+    @property
+    def place_error(self) -> float:
+        """Share of the travel time at some places that any model may miss: it is that of places already."""
+        return self.model_error
 
     @property
     def metric(self) -> str:
@@ -58,7 +65,8 @@ class TravelChannel(FleetChannel):
         yield from self._kept
 
     def _with_stands(self, made: list[Unit]) -> list[Unit]:
-        """The units, told where trucks stood for no purpose: only there can they have waited, and there times scatter as waits do."""
+        """The units, told where trucks stood for no purpose: only there can they have waited, and there
+        times scatter as waits do."""
         n = len(self.lanes)
         passed, stops, seconds, squares = np.zeros((4, n))
         cells = [self.lanes.at(u.own.motion)[0].astype(np.int64) for u in made]
@@ -149,7 +157,8 @@ class TravelChannel(FleetChannel):
         m = path.motion
         return {
             "payload": m.payload, "time": (m.time / 3600.0) % 24.0, "soc": m.soc,
-            "ambient_temperature": m.ambient_temperature, "speed": np.minimum(m.speed, self.truck.drive.max_speed),
+            "ambient_temperature": m.ambient_temperature, "speed": np.minimum(m.speed,
+            self.truck.drive.max_speed),
             "curvature": np.abs(m.curvature), "heading": m.heading, "vehicle_id": m.vehicle.astype(float),
         }  # fmt: skip
 
@@ -165,7 +174,8 @@ class TravelChannel(FleetChannel):
         return lost_time(((u.own, u.whole, u.windows.trip) for u in self.units()), self.lanes, free, known)
 
     def features(self, unit: Unit, model: Model) -> Floats:
-        """Return place, direction, load and the modelled time of every window: what makes two passes alike."""
+        """Return place, direction, load and the modelled time of every window: what makes two passes
+        alike."""
         path, w = unit.own, unit.windows
         middle = np.searchsorted(path.of, np.arange(len(w))) + np.bincount(path.of) // 2
         m = path.motion

@@ -22,7 +22,8 @@ class KnobSource:
 
 @dataclass(frozen=True)
 class FieldSource:
-    """The derivatives with respect to a field term's values within a scope, in the basis of the cells' prior."""
+    """The derivatives with respect to a field term's values within a scope, in the basis of the cells'
+    prior."""
 
     term: str
     scope: Scope = FLEET

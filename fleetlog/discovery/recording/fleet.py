@@ -22,7 +22,8 @@ from fleetlog.physics.motion import measured_channels
 from fleetlog.store import Dataset
 
 COLUMNS = (
-    "x", "y", "heading", "speed", "edge_id", "edge_offset", "trip_id", "payload", "fork_height", "battery_power",
+    "x", "y", "heading", "speed", "edge_id", "edge_offset", "trip_id", "payload", "fork_height",
+    "battery_power",
     "soc", "ambient_temperature", "lateral_offset",
 )  # fmt: skip
 
@@ -57,7 +58,8 @@ class Fleet:
         return any(t.has(column) for _, t in self.days)
 
     most_in_memory: int = 300_000
-    """Rows whose motion is kept between the passes; of more it is made anew, so that memory does not grow with the days."""
+    """Rows whose motion is kept between the passes; of more it is made anew, so that memory does not grow
+    with the days."""
 
     def each_block(self) -> Iterator[Block]:
         """Yield all vehicle-days as finely stepped motion."""
@@ -93,7 +95,8 @@ class Fleet:
 
     @cached_property
     def own_trips(self) -> tuple[int, ...]:
-        """Codes of trips that may each have something of their own; none where places or many trips say more."""
+        """Codes of trips that may each have something of their own; none where places or many trips say
+        more."""
         return tuple(v * TRIP + k for v, k in trips_apart(self.days))
 
     @property
@@ -175,28 +178,36 @@ def read_fleet(dataset: Dataset, truck: Truck, site: Site | None = None) -> Flee
 
 
 ABSENCES = {
-    "edge_id": "no road network: places are squares of the floor, and nothing is said of speed limits, turns or waiting",
-    "payload": "no payload: where masts work, each trip may have had any load, so that nothing is said of what looks like mass",
-    "fork_height": "no fork height: lifting is not replayed; where power jumps at standstill, standstills are left out",
+    "edge_id": "no road network: places are squares of the floor, and nothing is said of speed limits, "
+    "turns or waiting",
+    "payload": "no payload: where masts work, each trip may have had any load, so that nothing is said of "
+    "what looks like mass",
+    "fork_height": "no fork height: lifting is not replayed; where power jumps at standstill, standstills "
+    "are left out",
     "payload and fork_height": "no payload and no fork height: a wait on the way cannot be told from work",
-    "ambient_temperature": "no ambient temperature: heating and cooling cannot be told from a load that follows the hour",
+    "ambient_temperature": "no ambient temperature: heating and cooling cannot be told from a load that "
+    "follows the hour",
     "soc": "no state of charge: losses inside the battery stay unseen",
-    "battery_power": "no battery power: energy is read from the state of charge, whose coarse steps hide what is short",
+    "battery_power": "no battery power: energy is read from the state of charge, whose coarse steps hide "
+    "what is short",
 }  # fmt: skip
 
 
 ONCE = (
-    "most places are passed once: kept back were pieces of road between others that were seen, and what belongs to a place "
+    "most places are passed once: kept back were pieces of road between others that were seen, and what "
+    "belongs to a place "
     "cannot be told from what belonged to that moment; drive the road again"
 )
 APART = (
-    "nothing says where the trips went, so each may have a floor of its own: kept back were parts of trips of which other parts "
+    "nothing says where the trips went, so each may have a floor of its own: kept back were parts of "
+    "trips of which other parts "
     "were seen"
 )
 
 
 def absences(fleet: Fleet, once: bool = False) -> list[str]:
-    """What the recording lacks, and what that costs; ``once`` where there is one pass of each place to learn from."""
+    """What the recording lacks, and what that costs; ``once`` where there is one pass of each place to learn
+    from."""
     out = [text for column, text in ABSENCES.items() if not any(fleet.has(c) for c in column.split(" and "))]
     if once:
         out.append(APART if fleet.own_trips else ONCE)
@@ -204,7 +215,8 @@ def absences(fleet: Fleet, once: bool = False) -> list[str]:
         out.append(f"left out, since their logs carry no payload: {', '.join(fleet.left_out)}")
     if fleet.rarely_placed:
         out.append(
-            "positions come on few rows: between them places are known in outline, and speed is not held against them"
+            "positions come on few rows: between them places are known in outline, and speed is not held "
+            "against them"
         )
     if len({v for v, _ in fleet.days}) == 1:
         out.append("one vehicle: what is wrong with it cannot be told from what is wrong with its kind")

@@ -1,4 +1,5 @@
-"""Whether a recording sees a place, or a trip's own floor, more than once; what is seen once needs pieces held out."""
+"""Whether a recording sees a place, or a trip's own floor, more than once; what is seen once needs pieces
+held out."""
 
 from __future__ import annotations
 
@@ -43,7 +44,8 @@ def _moving(vehicle: int, t: Trajectory) -> Floats:
 
 
 def trips_apart(days: Days) -> tuple[tuple[int, int], ...]:
-    """Return (vehicle, trip) of trips that may each have a floor of their own: few, long, and nothing says where they went."""
+    """Return (vehicle, trip) of trips that may each have a floor of their own: few, long, and nothing says
+    where they went."""
     if any(t.has("x") or t.has("edge_id") for _, t in days):
         return ()
     trips = tuple(sorted({(v, int(k)) for v, t in days for k in np.unique(t.trip_ids())}))

@@ -1,4 +1,5 @@
-"""What every vehicle drove, stop by stop, as nodes in place and time: what trucks do to one another is read from these."""
+"""What every vehicle drove, stop by stop, as nodes in place and time: what trucks do to one another is read
+from these."""
 
 from __future__ import annotations
 
@@ -24,14 +25,16 @@ LOAD, LIFT = 25.0, 0.08
 APART = 1000.0
 """Between the ways of two errands, so that nothing reaches from one into the other [m]."""
 BESIDE = 6.0
-"""So far a truck may be off its road, in a bay or in a turn, and still be told by the road before or behind [m]."""
+"""So far a truck may be off its road, in a bay or in a turn, and still be told by the road before or behind
+[m]."""
 
 
 @dataclass(frozen=True)
 class Route:
     """One vehicle-day: its legs in order; (L,) of each.
 
-    ``wait`` [s] of the standstill after a leg, NaN unknown; ``known``, whether the log would show a purpose of it; ``errand``
+    ``wait`` [s] of the standstill after a leg, NaN unknown; ``known``, whether the log would show a purpose
+    of it; ``errand``
     counts up with every standstill that had one.
     """
 

@@ -121,7 +121,8 @@ def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, d
     fault = Fault(
         term.name, "battery_power", "share of the power that the model does not explain",
         float(np.median(list(told.values()))),
-        0.06 * fleet.step if means else max(joint, 0.06 * fleet.step), {fleet.vehicles[v]: x for v, x in told.items()},
+        0.06 * fleet.step if means else max(joint, 0.06 * fleet.step), {fleet.vehicles[v]: x for v,
+        x in told.items()},
         len(late) == len(middle), _tail(worst), float(np.mean([k.before for k in every])),
         float(np.mean([k.averaged if means else k.after for k in every])),
     )  # fmt: skip

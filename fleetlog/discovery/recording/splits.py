@@ -1,6 +1,7 @@
 """What is held out: whole trips, vehicles, days, or stretches of time where trips are few; never rows.
 
-Where every place is passed once, only its neighbours can speak for a piece of road: stretches are then as short as windows allow.
+Where every place is passed once, only its neighbours can speak for a piece of road: stretches are then as
+short as windows allow.
 Trips are dealt vehicle-day by vehicle-day, so that a day can be read without the others.
 """
 
@@ -89,7 +90,8 @@ class Split:
 
 
 def make_split(
-    holdout: Kind, trips: int, seconds: float, vehicles: list[int], days: list[int], folds: int, held_out: float, seed: int,
+    holdout: Kind, trips: int, seconds: float, vehicles: list[int], days: list[int], folds: int, held_out:
+    float, seed: int,
     window: float = 10.0, once: bool = False,
 ) -> Split:  # fmt: skip
     """Return the split for a recording of so many trips and seconds in all.

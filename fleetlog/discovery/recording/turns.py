@@ -1,7 +1,10 @@
-"""How each way over a junction is driven: maps hold neither lanes nor curves, so turns are measured on the trucks themselves.
+"""How each way over a junction is driven: maps hold neither lanes nor curves, so turns are measured on the
+trucks themselves.
 
-Undisturbed passages tell the speed, positions where the bend lies.  Only how one way over a junction differs from another is taken
-from there; what all have in common stays the model's to explain.  Where the corners of the map, rounded with the radius of the
+Undisturbed passages tell the speed, positions where the bend lies.  Only how one way over a junction differs
+from another is taken
+from there; what all have in common stays the model's to explain.  Where the corners of the map, rounded with
+the radius of the
 truck, explain the speeds seen, they are kept as they are.
 """
 
@@ -31,7 +34,8 @@ CLEAR = 14.0
 BEND, BACK = 0.6, 2.6
 """A smaller turn is none; a larger one is a turn on the spot [rad]."""
 DRIVEN = 0.7
-"""Quantile of the speeds of undisturbed passages that is the one intended: some dawdle, or meet what nobody recorded."""
+"""Quantile of the speeds of undisturbed passages that is the one intended: some dawdle, or meet what nobody
+recorded."""
 SHORTEST = 1.0
 """Shortest bend [m]; and a quarter of one where a truck goes straight on."""
 BLUR = 1.0 / 3.0
@@ -39,14 +43,16 @@ BLUR = 1.0 / 3.0
 EXPLAINED = 0.1
 """Share of the speed by which corners of the map may miss that of turns."""
 ALIKE = 0.65
-"""Share of the nominal lateral acceleration above which a map without curves cannot tell it from that of the truck file."""
+"""Share of the nominal lateral acceleration above which a map without curves cannot tell it from that of the
+truck file."""
 
 
 @dataclass(frozen=True)
 class Turn:
     """A way over a junction.
 
-    ``angle`` [rad]; ``middle`` (about the meeting of the edges) and ``length`` of its bend [m]; ``speed`` driven and ``free``
+    ``angle`` [rad]; ``middle`` (about the meeting of the edges) and ``length`` of its bend [m]; ``speed``
+    driven and ``free``
     speed [m/s]; ``curvature`` by the map [1/m].
     """
 

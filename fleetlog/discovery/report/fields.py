@@ -31,7 +31,8 @@ DRAWS = 400
 
 @dataclass(frozen=True)
 class Values:
-    """A fitted field: ``deviation`` and ``error`` of its coordinate by value of the cells, ``samples`` windows behind each.
+    """A fitted field: ``deviation`` and ``error`` of its coordinate by value of the cells, ``samples``
+    windows behind each.
 
     ``basis`` (C, k) and ``covariance`` (k, k) of its coefficients.
     """
@@ -73,7 +74,8 @@ def _middle(cells: Cells) -> Floats:
 
 
 def _size(v: Values, mask: NDArray[np.bool_], term: Term) -> Parameter:
-    """The largest value of an odd field, its interval from fields that the trips leave possible; the mean of any other."""
+    """The largest value of an odd field, its interval from fields that the trips leave possible; the mean of
+    any other."""
     first = term.parameters[0]
     draws = np.random.default_rng(0).multivariate_normal(
         np.zeros(len(v.covariance)), v.covariance, DRAWS, method="eigh"
@@ -127,7 +129,8 @@ def _merged(cells: Stretches, v: Values, mask: NDArray[np.bool_], term: Term) ->
             error = float(np.sqrt(max(own @ v.covariance @ own, 0.0)))
             low, high = sorted(first.value_of(mean + s * NORMAL * error) for s in (-1.0, 1.0))
             out.append({
-                "edge_id": cells.network.edge_ids[edge], "from": float(cells.start[c[0]]), "to": float(cells.end[c[-1]]),
+                "edge_id": cells.network.edge_ids[edge], "from": float(cells.start[c[0]]),
+                "to": float(cells.end[c[-1]]),
                 "value": first.value_of(mean), "low": low, "high": high,
             })  # fmt: skip
     return sorted(out, key=lambda r: -abs(r["value"] - first.neutral) * (r["to"] - r["from"]))
@@ -145,7 +148,8 @@ def runs(keep: NDArray[np.bool_], sign: Floats) -> list[NDArray[np.intp]]:
 
 
 def as_field(cells: Cells, v: Values, term: Term, network: Network | None) -> Field:
-    """The whole field for ``fields/TERM.parquet``: every stretch that was driven, in both directions of its road."""
+    """The whole field for ``fields/TERM.parquet``: every stretch that was driven, in both directions of its
+    road."""
     neutral = term.parameters[0].neutral
     if isinstance(cells, Stretches):
         known = np.flatnonzero(v.samples > 0)

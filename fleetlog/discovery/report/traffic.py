@@ -33,14 +33,16 @@ def finding_of(lost: Lost, channel: Channel, fit: dict[str, Any]) -> Finding:
     where = _where(lost, lanes)
     gain = None if fit["before"] is None or fit["after"] is None else fit["before"] - fit["after"]
     return Finding(
-        term.name, channel.name, words.statement(term, [share], where, None), [], None, list(term.depends_on), where, None,
+        term.name, channel.name, words.statement(term, [share], where, None), [], None,
+        list(term.depends_on), where, None,
         {"vehicles": None, "from": None, "until": None}, [share],
         {"p_value": lost.p_value, "held_out_gain": gain, "alternatives": []}, fit, lost.share,
     )  # fmt: skip
 
 
 def _where(lost: Lost, lanes: Stretches) -> dict[str, Any]:
-    """Stretches of lane where most is lost, the worst first; ``value`` is the share of the time spent there."""
+    """Stretches of lane where most is lost, the worst first; ``value`` is the share of the time spent
+    there."""
     sure = lost.lost > NORMAL * lost.spread
     sure = sure if sure.any() else lost.lost >= lost.lost.max()
     keep = sure & (lost.lost >= LARGE * float(np.quantile(lost.lost[sure], 0.9)))

@@ -103,7 +103,8 @@ class Design:
         return Normal(gram, moment, square)
 
     def columns(self, x: NDArray[np.float32], vehicle: NDArray[np.int64]) -> Floats:
-        """Return the columns of the coefficients, (W, k), from those of the layout, (W, P), and the windows' vehicles."""
+        """Return the columns of the coefficients, (W, k), from those of the layout, (W, P), and the windows'
+        vehicles."""
         out = np.empty((len(x), len(self.atoms)))
         for j, atom in enumerate(self.atoms):
             own = x[:, atom.columns] @ atom.weights
@@ -176,7 +177,8 @@ def _tolerance(channel: Channel, layout: Layout, model: Model, knob: Knob) -> At
     now = model.coordinate(knob)
     column = layout.at(KnobSource(knob.column))[0]
     return Atom(
-        np.array([column]), np.ones(1), (CERTAIN / width) ** 2, zero - now, zero - width - now, zero + width - now,
+        np.array([column]), np.ones(1), (CERTAIN / width) ** 2, zero - now, zero - width - now, zero + width
+        - now,
         knob.scope.one, knob,
     )  # fmt: skip
 

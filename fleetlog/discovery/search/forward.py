@@ -73,7 +73,8 @@ def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | No
     better = _best(problem, now, found, screened, worth)
     if better is not None:
         return better
-    # What gains most may be spread thinly over the site, and not count; waits gather at few places and gain less.
+    # What gains most may be spread thinly over the site, and not count; waits gather at few places and gain
+    # less.
     waits = [s for s in worth if s.hypothesis.physics is not None and s.hypothesis.physics.acts == "wait"]
     return _best(problem, now, found, screened, waits) if waits else None
 
@@ -97,7 +98,8 @@ def _best(
     counting = _counting(problem, now, found, [j for j in ranked if j.chosen[-1] not in rivals])
     first = next(counting, None)
     if first is not None and first.chosen[-1].places:
-        # What the names say of places goes first: free time by place takes up all of it, and what no name says.
+        # What the names say of places goes first: free time by place takes up all of it, and what no name
+        # says.
         reach = now.score - MOST * (now.score - first.score)
         first = next((j for j in counting if j.chosen[-1].term and j.score < reach), first)
     if first is not None:
@@ -178,7 +180,8 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
 
 
 def _close(problem: Problem, screened: list[Screened], worth: list[Screened]) -> list[Hypothesis]:
-    """What is not evident by itself, but so near to the best that evidence does not tell them apart: rivals, and no more."""
+    """What is not evident by itself, but so near to the best that evidence does not tell them apart: rivals,
+    and no more."""
     best = max((s.gain for s in worth), default=np.inf)
     return [s.hypothesis for s in screened if s.gain > best - problem.settings.evidence and s not in worth]
 
@@ -264,11 +267,11 @@ def _counts(problem: Problem, h: Hypothesis, size: Size) -> bool:
     confirm.
     """
     material = problem.settings.material
-    if h.knobs:
-        return size.share >= material
     least = max(material, problem.channel.model_error)
+    if h.knobs:  # The model's own error is alike in all trucks and hours: between them it takes nothing away.
+        return size.share >= (least if h.scope.whole else material)
     if {"x", "y"} & set(h.depends_on):
-        return size.verified >= max(problem.settings.place, problem.channel.model_error)
+        return size.verified >= problem.channel.place_error
     return size.share >= least and size.verified >= problem.channel.model_error
 
 

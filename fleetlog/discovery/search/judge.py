@@ -46,7 +46,8 @@ def judge(
     without: dict[Hypothesis, Model],
     beside: dict[Hypothesis, Joint],
 ) -> Scores:
-    """Return the errors of models, and of fits with a free curve beside the last of them, on what was held out."""
+    """Return the errors of models, and of fits with a free curve beside the last of them, on what was held
+    out."""
     units = list(problem.held_out())
     energy = _pooled(units, lambda u: u.recorded)
     if not len(energy) or not energy.any():
@@ -69,7 +70,8 @@ def judge(
         return float(np.sqrt(np.mean(residual**2))) / size
 
     return Scores(
-        error(old), error(new), None if floor is None else floor / size, {h: error(r) for h, r in others.items()},
+        error(old), error(new), None if floor is None else floor / size, {h: error(r) for h, r in
+        others.items()},
         {h: p_value(r, r - new, cluster) for h, r in others.items()}
         | {h: p_value(new, new - r, cluster) for h, r in free.items()},
         {h: error(r) for h, r in free.items()},

@@ -1,8 +1,10 @@
 """How far windows scatter about a model that is right: the weights of the regression, and how alike
 windows of a trip err.
 
-Noise is judged from what the freest model leaves; judged from the nominal model, an effect yet to be found would pass
-for noise.  It grows with the power drawn, so it is measured in classes of power; and where rows scatter more than is
+Noise is judged from what the freest model leaves; judged from the nominal model, an effect yet to be found
+would pass
+for noise.  It grows with the power drawn, so it is measured in classes of power; and where rows scatter more
+than is
 usual at that power, as trucks jerk between them, by a power of that excess which is measured too.
 """
 
@@ -30,7 +32,8 @@ MEDIAN = 2.198
 """The mean square of a normal variable over the median of its square."""
 FEWEST = 5
 EXPONENTS = np.linspace(0.0, 2.0, 9)
-"""Of the scatter of rows in the variance of windows: 0 where rows telescope, 2 where they err each by itself."""
+"""Of the scatter of rows in the variance of windows: 0 where rows telescope, 2 where they err each by
+itself."""
 
 
 @dataclass
@@ -38,7 +41,8 @@ class Noise:
     """Variance per second of a window by its power, robust weights of the windows seen, and the design
     effect.
 
-    ``design`` is by how much more sums over a trip (or what is held out in its place) scatter than independent windows would.
+    ``design`` is by how much more sums over a trip (or what is held out in its place) scatter than
+    independent windows would.
     """
 
     power: Floats
@@ -60,7 +64,7 @@ class Noise:
     def plain(self, number: int, unit: Unit) -> Floats:
         """Return it without regard to outliers."""
         seconds = np.maximum(unit.windows.duration, 1e-6)
-        level = self.levels.get(number, unit.level)
+        level = np.abs(self.levels.get(number, unit.level))
         power = level / seconds
         excess = unit.swing / np.interp(power, self.power, self.usual)
         rate = np.interp(power, self.power, self.variance) * excess**self.exponent
@@ -101,7 +105,8 @@ def _sample(
 
 
 def _left(kept: list[tuple[int, Unit, Floats, Columns]], noise: Noise) -> tuple[list[Floats], list[Floats]]:
-    """What a ridge fit of every column leaves of each window, as if the window had not been fitted, and what it says."""
+    """What a ridge fit of every column leaves of each window, as if the window had not been fitted, and what
+    it says."""
     width = kept[0][3].shape[1]
     gram, moment = np.zeros((width, width)), np.zeros(width)
     for number, unit, modelled, x in kept:
@@ -117,7 +122,7 @@ def _left(kept: list[tuple[int, Unit, Floats, Columns]], noise: Noise) -> tuple[
     for number, unit, modelled, x in kept:
         weight = noise.weight(number, unit) * unit.whole
         lever = np.einsum("ij,ij->i", x @ small, x) * weight
-        said.append(np.abs(modelled + x @ beta))
+        said.append(np.abs(unit.level + x @ beta))
         left.append((unit.recorded - modelled - x @ beta) / np.maximum(1.0 - lever, 0.2))
     return left, said
 

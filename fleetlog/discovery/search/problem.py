@@ -84,7 +84,8 @@ class Problem:
             fold, slow = self.folds(i, unit)
             if use.any():
                 sums.add(
-                    x[use], (unit.recorded - modelled)[use], unit.recorded[use], self.noise.weight(i, unit)[use],
+                    x[use], (unit.recorded - modelled)[use], unit.recorded[use], self.noise.weight(i,
+                    unit)[use],
                     fold[use], slow[use], w.vehicle[use],
                 )  # fmt: skip
         sums.flush()

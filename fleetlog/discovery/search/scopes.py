@@ -34,13 +34,15 @@ SHORTEST = 3
 DISTINCT = 1e-3
 """Share of a column's square that the model must leave of it: of less, nothing is learnt."""
 OWN = 0.5
-"""Share of a column's square that must lie within the classes (trips) that are known to differ each by itself: of
+"""Share of a column's square that must lie within the classes (trips) that are known to differ each by
+itself: of
 less, a time is told apart from a run of alike classes by the smaller part of what it says."""
 
 
 @dataclass(frozen=True)
 class Beside:
-    """A model of K coefficients: its products by slow fold F, ``gram`` (F, K, K) and ``moment`` (F, K), and its prior."""
+    """A model of K coefficients: its products by slow fold F, ``gram`` (F, K, K) and ``moment`` (F, K), and
+    its prior."""
 
     gram: Floats
     moment: Floats
@@ -62,7 +64,8 @@ class Beside:
 class Column:
     """One column beside a model: products by slow fold F, truck V and slot S.
 
-    ``cross`` (F, V, S, K) with the model's columns, ``along`` (F, V, S) with the residual, ``own`` (F, V, S) with
+    ``cross`` (F, V, S, K) with the model's columns, ``along`` (F, V, S) with the residual, ``own`` (F, V, S)
+    with
     itself; ``unit`` of the losses.
     """
 
@@ -89,7 +92,8 @@ class Column:
         return float(1.0 - cross @ self.model.fit()[0] @ cross / own) if own > 0.0 else 0.0
 
     def validated(self, weight: Floats) -> tuple[Floats, float]:
-        """Return what the column with (V, S) weights gains on each unseen fold, (F,), and what it saves the prior."""
+        """Return what the column with (V, S) weights gains on each unseen fold, (F,), and what it saves the
+        prior."""
         cross = np.einsum("vs,fvsk->fk", weight, self.cross)
         along, own = (np.einsum("vs,fvs->f", w, p) for w, p in ((weight, self.along), (weight**2, self.own)))
         gains, gram, prior = np.zeros(len(own)), self.model.gram, self.model.prior
@@ -114,7 +118,8 @@ class Column:
 
 @dataclass(frozen=True)
 class Slotted:
-    """Products of J columns, see :class:`Column`, and the model's K coefficients: ``beta``, and which are ``free``."""
+    """Products of J columns, see :class:`Column`, and the model's K coefficients: ``beta``, and which are
+    ``free``."""
 
     edges: Floats
     gram: Floats
@@ -132,7 +137,8 @@ class Slotted:
     _models: dict[bytes, Beside] = field(default_factory=dict, repr=False)
 
     def column(self, j: int, loose: Knob | None = None) -> Column:
-        """Return one column; coefficients of the model on a bound stay there, but those of the ``loose`` number."""
+        """Return one column; coefficients of the model on a bound stay there, but those of the ``loose``
+        number."""
         free = self.free | [loose is not None and k is not None and k.fleet == loose for k in self.knobs]
         held, cross = np.where(free, 0.0, self.beta), self.cross[..., j, :]
         along = self.along[..., j] - cross @ held
@@ -147,7 +153,8 @@ class Slotted:
 
 
 def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[Screened]:
-    """Return each number at its best for a kind of trucks, a part of the time, and one truck's part of the time."""
+    """Return each number at its best for a kind of trucks, a part of the time, and one truck's part of the
+    time."""
     numbers = _numbers(now, screened)
     if not numbers:
         return []
@@ -165,7 +172,8 @@ def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[S
 
 
 def narrowed(problem: Problem, now: Joint, joint: Joint) -> Hypothesis | None:
-    """Return the field that a joint model adds, in its likeliest part of the time; None where it adds none."""
+    """Return the field that a joint model adds, in its likeliest part of the time; None where it adds
+    none."""
     h = joint.chosen[-1]
     if not (h.field or h.patterns) or h.term is None:
         return None
@@ -240,7 +248,8 @@ def _likely(s: Slotted, j: int, knob: Knob) -> list[tuple[Column, Scope, Floats]
 
 
 def _kind(column: Column) -> list[tuple[Scope, Floats]]:
-    """The two or more trucks, at most half of them, with the largest or smallest numbers that stand out most."""
+    """The two or more trucks, at most half of them, with the largest or smallest numbers that stand out
+    most."""
     _, vehicles, slots = column.along.shape
     if vehicles < 3:
         return []
@@ -253,7 +262,8 @@ def _kind(column: Column) -> list[tuple[Scope, Floats]]:
 
 
 def _parts(column: Column, edges: Floats, who: tuple[int, ...]) -> list[tuple[float, Scope, Floats]]:
-    """The likeliest part of the time in some trucks, and a drift: gain less the cost of the choice, scope, weight."""
+    """The likeliest part of the time in some trucks, and a drift: gain less the cost of the choice, scope,
+    weight."""
     _, vehicles, slots = column.along.shape
     first, last = np.triu_indices(slots + 1, SHORTEST)
     part = (first > 0) | (last < slots)

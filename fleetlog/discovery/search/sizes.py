@@ -48,7 +48,7 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
         effects.append(effect[unit.whole])
         energies.append(np.abs(unit.recorded[unit.whole]))
         weights.append(problem.noise.weight(i, unit)[unit.whole])
-        levels.append(unit.level[unit.whole])
+        levels.append(np.abs(unit.level[unit.whole]))
         within.append(h.scope.share(int(unit.windows.vehicle[0]), unit.windows.time)[unit.whole] > 0.0)
     size, energy, weight = np.abs(np.concatenate(effects)), np.concatenate(energies), np.concatenate(weights)
     touched = np.concatenate(within)

@@ -152,12 +152,14 @@ def _likelihood(o: Observed, noise: Noise) -> float:
 
 
 def _forward(o: Observed, noise: Noise, jerk: Floats | None, mean: Floats, cov: Floats) -> float:
-    """Run the filter, keep its states where there is room for them, and return the logarithm of the likelihood."""
+    """Run the filter, keep its states where there is room for them, and return the logarithm of the
+    likelihood."""
     from fleetlog.physics.motion.kernels.filter import filter_forward
 
     jerk = np.full(len(o.t), noise.jerk) if jerk is None else jerk
     return float(filter_forward(
-        o.t, o.seen, noise.position**2, o.speed, noise.speed**2, o.rest, o.link, jerk, 1.0 / PERSISTENCE, mean, cov,
+        o.t, o.seen, noise.position**2, o.speed, noise.speed**2, o.rest, o.link, jerk, 1.0 / PERSISTENCE,
+        mean, cov,
     ))  # fmt: skip
 
 

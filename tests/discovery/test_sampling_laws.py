@@ -1,0 +1,80 @@
+"""What sampling hides is measured on the recording: the scatter of rows, and what half of them would change."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fleetlog
+from fleetlog.core.truck import load_truck
+from fleetlog.discovery.channels.base import Unit
+from fleetlog.discovery.channels.choose import channel_of
+from fleetlog.discovery.model import Model
+from fleetlog.discovery.recording.fleet import read_fleet
+from fleetlog.discovery.recording.splits import make_split
+from fleetlog.discovery.recording.windows import Windows
+from fleetlog.discovery.search.noise import Noise, learn
+from fleetlog.discovery.settings import SETTINGS
+from fleetlog.store import Dataset
+
+WINDOWS = 3000
+
+
+def learnt(exponent: float, seed: int) -> Noise:
+    """The noise of windows whose variance grows with this power of the scatter of their rows."""
+    rng = np.random.default_rng(seed)
+    count = np.arange(WINDOWS)
+    swing, level = np.exp(rng.normal(0.0, 0.8, WINDOWS)), rng.uniform(20.0, 60.0, WINDOWS)
+    windows = Windows(
+        trip=count // 10, vehicle=np.zeros(WINDOWS, int), day=np.zeros(WINDOWS, int), edge=count,
+        duration=np.full(WINDOWS, 10.0), distance=np.full(WINDOWS, 20.0), x=level, y=level, time=count * 10.0,
+    )  # fmt: skip
+    recorded = level + rng.normal(0.0, 1.0, WINDOWS) * swing ** (exponent / 2.0)
+    whole = np.ones(WINDOWS, bool)
+    unit = Unit(windows, recorded, whole, np.zeros(WINDOWS), level, swing, None)
+    table = (0, unit, level, rng.normal(size=(WINDOWS, 2)).astype(np.float32))
+    return learn([table], SETTINGS, 0.0, lambda w: w.trip)
+
+
+@pytest.mark.parametrize("exponent", [0.0, 1.0, 2.0])
+def test_the_power_by_which_noise_grows_with_the_scatter_of_rows_is_measured(exponent: float) -> None:
+    assert learnt(exponent, 3).exponent == pytest.approx(exponent, abs=0.25)
+
+
+def test_weights_are_the_inverse_of_the_variance_that_was_put_in() -> None:
+    noise = learnt(2.0, 5)
+    one, two = (float(noise.plain(0, unit)[0]) for unit in (_single(1.0), _single(4.0)))
+    assert one / two == pytest.approx(16.0, rel=0.3)
+    assert one == pytest.approx(1.0, rel=0.2)
+
+
+def _single(swing: float) -> Unit:
+    w = Windows(*(np.array([v]) for v in (0, 0, 0, 0, 10.0, 20.0, 0.0, 0.0, 0.0)))
+    return Unit(w, np.array([40.0]), np.ones(1, bool), np.zeros(1), np.array([40.0]), np.array([swing]), None)
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An hour of three trucks of the sample plant, with nothing concealed."""
+    out = tmp_path_factory.mktemp("sampling") / "day"
+    root = Path(__file__).parents[2] / "sample_data"
+    fleetlog.simulate(
+        site=root / "site.toml", truck=root / "truck.toml", vehicles=3, duration="1h", seed=4, recording=False,
+        output=out,
+    )  # fmt: skip
+    return out
+
+
+def test_the_models_own_error_grows_as_rows_become_rarer(simulated: Path) -> None:
+    truck = load_truck(Path(__file__).parents[2] / "sample_data" / "truck.toml")
+    fleet = read_fleet(Dataset(simulated), truck)
+    split = make_split("trips", fleet.trips, fleet.seconds, [0, 1, 2], [0], 10, 0.2, 0)
+    base, errors = Model(truck), []
+    for every in (1, 2, 5):
+        rarer = replace(fleet, days=[(v, t[::every]) for v, t in fleet.days])
+        errors.append(channel_of("battery_power", rarer, base, SETTINGS, split).model_error)
+    assert errors[0] < 0.03
+    assert errors[0] <= errors[1] < errors[2]
