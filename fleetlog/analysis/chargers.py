@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.analysis.placement.check import Trial, try_plan
 from fleetlog.analysis.placement.costs import Metric, driving_costs
@@ -22,13 +21,13 @@ from fleetlog.analysis.placement.report import lines_of, site_table, summarise, 
 from fleetlog.core.arguments import Between, Count, Duration, Seed
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, Grid, Marks, Result, Shape
+from fleetlog.core.trajectory import Ints
 from fleetlog.core.truck import Truck
 from fleetlog.errors import ArgumentError, DataError, nearest
 from fleetlog.store import Dataset
 
 NEAR = 8.0
 """A charger that stands this close to a chosen vertex is the one that the plan means [m]."""
-Ints = NDArray[np.int64]
 
 
 def chargers(
@@ -85,9 +84,8 @@ def chargers(
         raise ArgumentError("--check and --metric energy need a truck", do="name one with --truck")
     network = dataset.site.network
     if network is None:
-        raise DataError(
-            "the dataset has no roads, and sites are chosen among road vertices", do="import it with --site"
-        )
+        what = "the dataset has no roads, and sites are chosen among road vertices"
+        raise DataError(what, do="import it with --site")
     existing = tuple(p.id for p in dataset.site.places if p.kind == "charge") if keep_existing else ()
     q = Question(
         network, driving_costs(network, metric, truck), k, method, variant, demand, metric, spacing, radius,
@@ -96,9 +94,8 @@ def chargers(
     )  # fmt: skip
     units = read_units(dataset, shortest)
     if not any(u.visits for u in units):
-        raise DataError(
-            "no truck was seen to pass from one road to the next", do="check that log and map belong together"
-        )
+        what = "no truck was seen to pass from one road to the next"
+        raise DataError(what, do="check that log and map belong together")
     weighed = weigh(units, q)
     choice = choose(weighed, q)
     summary = summarise(units, q, weighed, choice)
@@ -160,16 +157,13 @@ def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> l
 
 def _check_bars(check: dict[str, Any]) -> list[Shape]:
     runs = {"present": check["before"], "planned": check["after"]}
-    charge = [
-        (f"{what}, {name}", 100.0 * run[key])
-        for key, what in (("soc_lowest", "lowest"), ("soc_mean", "mean"), ("soc_end_mean", "at the end"))
-        for name, run in runs.items()
-    ]
-    waiting = [(name, run["waiting_for_plug_h"]) for name, run in runs.items()]
-    done = [(name, 100.0 * run["tasks_done"] / max(run["tasks_given"], 1)) for name, run in runs.items()]
+    soc = {"lowest": "soc_lowest", "mean": "soc_mean", "at the end": "soc_end_mean"}
+    charge = {f"{what}, {n}": 100.0 * run[key] for what, key in soc.items() for n, run in runs.items()}
+    waiting = {n: run["waiting_for_plug_h"] for n, run in runs.items()}
+    done = {n: 100.0 * run["tasks_done"] / max(run["tasks_given"], 1) for n, run in runs.items()}
     return [
-        Bars(name, tuple(t for t, _ in rows), np.array([v for _, v in rows]), label)
-        for name, rows, label in (
+        Bars(name, tuple(bars), np.array(list(bars.values())), label)
+        for name, bars, label in (
             ("simulated_state_of_charge", charge, "state of charge [%]"),
             ("simulated_waiting_for_a_plug", waiting, "truck hours"),
             ("simulated_tasks_done", done, "share of the tasks [%]"),

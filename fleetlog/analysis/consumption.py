@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.energybook.book import measured_power
-from fleetlog.analysis.utilisation import COLUMNS, QUARTER, STATES, joined_days, row_states
+from fleetlog.analysis.utilisation import COLUMNS, QUARTER, STATES, joined_days, row_states, stamps
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP
@@ -28,8 +28,12 @@ def consumption(dataset: Dataset) -> pd.DataFrame:
     """
     days = [_quarters(t) for t in joined_days(dataset, (*COLUMNS, *ELECTRICAL))]
     whole = pd.concat(days, ignore_index=True)
-    sums = whole.groupby(["vehicle_id", "start"], as_index=False, sort=True)
-    return sums.agg({**dict.fromkeys(SUMS, "sum"), "soc_low": "min", "soc_end": "last"})
+    return _summed(whole)
+
+
+def _summed(rows: pd.DataFrame) -> pd.DataFrame:
+    how = {**dict.fromkeys(SUMS, "sum"), "soc_low": "min", "soc_end": "last"}
+    return rows.groupby(["vehicle_id", "start"], as_index=False).agg(how)
 
 
 def _quarters(t: Trajectory) -> pd.DataFrame:
@@ -41,14 +45,10 @@ def _quarters(t: Trajectory) -> pd.DataFrame:
     charging = row_states(t) == STATES.index("charging")
     metres = np.nan_to_num(t.floats("speed")) * dt
     soc = pd.Series(t.floats("soc"))
-    rows = pd.DataFrame({
-        "vehicle_id": t.vehicle_id,
-        "start": pd.to_datetime(t.time // QUARTER * QUARTER, unit="us", utc=True).as_unit("us"),
+    return _summed(pd.DataFrame({
+        "vehicle_id": t.vehicle_id, "start": stamps(t.time // QUARTER * QUARTER),
         "seconds": dt, "metres": metres, "measured_s": known * dt, "measured_m": known * metres,
         "used_kwh": np.where(charging, 0.0, joules) / KWH,
         "charged_kwh": np.where(charging, -joules, 0.0) / KWH,
         "soc_low": soc, "soc_end": soc,
-    })  # fmt: skip
-    return rows.groupby(["vehicle_id", "start"], as_index=False).agg(
-        {**dict.fromkeys(SUMS, "sum"), "soc_low": "min", "soc_end": "last"}
-    )
+    }))  # fmt: skip

@@ -5,30 +5,23 @@ The rule of the clusters is stated in :mod:`fleetlog.analysis.clusters.steps`.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from fleetlog.analysis.clusters.areas import (
-    BIN,
-    PLACES,
-    Samples,
-    Watched,
-    critical_areas,
-    delay_by_place,
-    samples,
-)
+from fleetlog.analysis.clusters import areas as of
+from fleetlog.analysis.clusters.areas import BIN, PLACES, Samples, Watched
 from fleetlog.analysis.clusters.crowds import Crowds, Rule, as_figures, find_crowds, together
-from fleetlog.analysis.clusters.timeline import area_of, timeline
 from fleetlog.analysis.clusters.tracking import Episode, Followed, episodes, follow
 from fleetlog.core.arguments import Between
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
-from fleetlog.core.words import count
+from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 from fleetlog.store.days import Part, each_day, each_part
@@ -39,11 +32,10 @@ HOURS = 2
 """Of a day that one job looks at."""
 KINDS = (Crowds, Followed)
 ROW_COST = 2e-6
+OF_TRIP = ("vehicle_id", "trip_id", "start", "end", "x_start", "y_start", "x_end", "y_end")
 SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
 BIN_SPEED, SPEEDS = 0.005, 1 << 16
 """Speeds are counted in steps of this [m/s]; how many steps there are."""
-
-Floats = NDArray[np.float64]
 
 
 def density(
@@ -67,27 +59,25 @@ def density(
     """
     network = dataset.site.network
     if network is None:
-        raise DataError(
-            "the dataset has no roads, and density needs driving distances", do="import it with --site"
-        )
+        what = "the dataset has no roads, and density needs driving distances"
+        raise DataError(what, do="import it with --site")
     rule = Rule(threshold, speed, round(step * 1e6), include_standing)
     watched = Watched(tuple(dataset.vehicles), *_span(dataset, rule.step), rule.step)
     parts = list(_hours(dataset, watched))
     pieces = list(each_part(dataset, parts, _crowds, rule, kinds=KINDS, cost=ROW_COST))
     clusters = together([c for c, _ in pieces], watched.vehicles)
     if not clusters.seen:
-        raise DataError(
-            "no row of the dataset is matched to a road", do="check that log and map belong together"
-        )
+        what = "no row of the dataset is matched to a road"
+        raise DataError(what, do="check that log and map belong together")
     begins = np.cumsum([0, *(len(c) for c, _ in pieces)]).tolist()
     followed = list(zip(begins[:-1], (f for _, f in pieces), strict=True))
     least = max(1, round(min_duration / watched.seconds))
     found = episodes(clusters, followed, speed, rule.step, least)
-    rows = samples(clusters, found, free_speeds(dataset, network), watched.seconds)
-    areas = critical_areas(network, rows, watched)
+    rows = of.samples(clusters, found, free_speeds(dataset, network), watched.seconds)
+    areas = of.critical_areas(network, rows, watched)
     table = _episode_table(clusters, watched, network, found, rows)
-    table["area"] = area_of(table, areas)
-    over_time = timeline(clusters, watched, found, table["area"].to_numpy())
+    table["area"] = of.area_of(table, areas)
+    over_time = of.timeline(clusters, watched, found, table["area"].to_numpy(), dataset.dates)
     summary = {
         "threshold_m": threshold, "speed_limit_m_s": speed, "step_s": step, "vehicles": len(watched.vehicles),
         "hours": watched.hours, "min_duration_s": min_duration,
@@ -96,18 +86,11 @@ def density(
         "episodes": len(found), "delay_s": float(rows.delay.sum()),
         "areas": areas.head(20).to_dict("records"),
     }  # fmt: skip
-    return Result(
-        "density",
-        summary,
-        tables={
-            "episodes": table,
-            "tasks": _task_table(dataset, watched, rows),
-            "clusters": _step_table(clusters, speed),
-        },
-        places={"areas": areas} if len(areas) else {},
-        shapes=_shapes(network, watched, clusters, areas, rows, over_time),
-        lines=_lines(summary, areas),
-    )
+    delayed = _task_table(dataset, watched, rows)
+    tables = {"episodes": table, "tasks": delayed, "clusters": _step_table(clusters, speed)}
+    places = {"areas": areas} if len(areas) else {}
+    shapes = _shapes(network, watched, clusters, areas, rows, over_time)
+    return Result("density", summary, tables, places, shapes, _lines(summary, areas))
 
 
 def _span(dataset: Dataset, step: int) -> tuple[int, int]:
@@ -156,9 +139,9 @@ def free_speeds(dataset: Dataset, network: Network) -> Floats:
 
 @dataclass(frozen=True)
 class Driven:
-    """How many rows have which speed on which edge: ``key`` = edge * SPEEDS + speed / ``BIN_SPEED``, growing."""
+    """How many rows have which speed on which edge; ``key`` is edge * SPEEDS + speed / ``BIN_SPEED``."""
 
-    key: NDArray[np.int64]
+    key: Ints
     count: Floats
 
     def __add__(self, other: Driven) -> Driven:
@@ -182,14 +165,13 @@ def _percentiles(driven: Driven, edges: int, share: float, least: int = 1) -> Fl
     out = np.full(edges, np.nan)
     order = np.argsort(driven.key, kind="stable")
     key, count = driven.key[order], driven.count[order]
-    edge = key // SPEEDS
-    begins = np.flatnonzero(np.diff(edge, prepend=-1))
-    for a, b in zip(begins.tolist(), [*begins[1:].tolist(), len(edge)], strict=True):
+    begins = np.flatnonzero(np.diff(key // SPEEDS, prepend=-1))
+    for a, b in itertools.pairwise([*begins.tolist(), len(key)]):
         total = np.cumsum(count[a:b])
         if total[-1] >= least:
             k = int(np.searchsorted(total, share * total[-1]))
             inside = 1.0 - (total[k] - share * total[-1]) / count[a + k]
-            out[edge[a]] = (key[a + k] % SPEEDS + inside) * BIN_SPEED
+            out[key[a] // SPEEDS] = (key[a + k] % SPEEDS + inside) * BIN_SPEED
     return out
 
 
@@ -204,7 +186,8 @@ def _episode_table(
         rows.append({
             "episode": i + 1, "start": c.time[e.clusters[0]],
             "end": c.time[e.clusters[-1]] + watched.step, "duration": len(e.clusters) * watched.seconds,
-            "max_size": int(c.size[e.clusters].max()), "min_mean_speed": float(c.mean_speed[e.clusters].min()),
+            "max_size": int(c.size[e.clusters].max()),
+            "min_mean_speed": float(c.mean_speed[e.clusters].min()),
             "vehicles": len(np.unique(s.truck[mine])),
             "members": ", ".join(watched.vehicles[v] for v in np.unique(s.truck[mine])),
             "vehicle_seconds": len(s.delay[mine]) * watched.seconds, "delay": float(s.delay[mine].sum()),
@@ -212,10 +195,8 @@ def _episode_table(
             "born": e.born, "died": e.died,
         })  # fmt: skip
     table = pd.DataFrame(rows)
-    for column in ("start", "end"):
-        if len(table):
-            table[column] = pd.to_datetime(table[column], unit="us", utc=True)
-    return table
+    ends = [c for c in ("start", "end") if c in table]
+    return table.assign(**{c: pd.to_datetime(table[c], unit="us", utc=True) for c in ends})
 
 
 def _task_table(dataset: Dataset, watched: Watched, s: Samples) -> pd.DataFrame:
@@ -230,60 +211,40 @@ def _task_table(dataset: Dataset, watched: Watched, s: Samples) -> pd.DataFrame:
         starts = own.start.astype("datetime64[us, UTC]").astype("int64").to_numpy()
         k = np.searchsorted(starts, s.time[mine], side="right") - 1
         delay = np.bincount(np.clip(k, 0, None), weights=s.delay[mine], minlength=len(own))
-        out.append(
-            own[["vehicle_id", "trip_id", "start", "end", "x_start", "y_start", "x_end", "y_end"]].assign(
-                delay=delay
-            )
-        )
+        out.append(own[list(OF_TRIP)].assign(delay=delay))
     table = pd.concat(out, ignore_index=True)
     late: pd.DataFrame = table[table.delay > 0]
     return late.sort_values("delay", ascending=False, ignore_index=True)
 
 
 def _step_table(c: Crowds, limit: float) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "timestamp": pd.to_datetime(c.time, unit="us", utc=True),
-            "cluster": c.label,
-            "size": c.size,
-            "mean_speed": c.mean_speed,
-            "slow_share": c.slow_share,
-            "critical": c.mean_speed < limit,
-        }
-    )
+    return pd.DataFrame({
+        "timestamp": pd.to_datetime(c.time, unit="us", utc=True), "cluster": c.label, "size": c.size,
+        "mean_speed": c.mean_speed, "slow_share": c.slow_share, "critical": c.mean_speed < limit,
+    })  # fmt: skip
 
 
 def _shapes(
     network: Network, watched: Watched, c: Crowds, areas: pd.DataFrame, rows: Samples, episode_time: Series
 ) -> list[Shape]:
-    shapes: list[Shape] = [_arc_lines(c, watched), episode_time]
-    if len(rows.delay):
-        shapes.insert(0, _delay_layer(network, rows))
+    shapes: list[Shape] = [_delay_layer(network, rows)] if len(rows.delay) else []
+    shapes += [_arc_lines(c, watched), episode_time]
     if len(areas):
         top = areas.head(10)
         labels = tuple(f"{a}: {d:.0f} s" for a, d in zip(top.area, top.delay, strict=True))
-        shapes.append(
-            Marks("critical_areas", top[["x", "y"]].to_numpy(), labels, top.radius.to_numpy(), "critical")
-        )
-        shapes.append(
-            Bars("delay_by_area", tuple(f"area {a}" for a in top.area), top.delay.to_numpy(), "delay [s]")
-        )
+        at, delay = top[["x", "y"]].to_numpy(), top.delay.to_numpy()
+        shapes.append(Marks("critical_areas", at, labels, top.radius.to_numpy(), "critical"))
+        shapes.append(Bars("delay_by_area", tuple(f"area {a}" for a in top.area), delay, "delay [s]"))
     return shapes
 
 
 def _delay_layer(network: Network, rows: Samples) -> EdgeValues:
     """Delay per place of road; both directions of a road share a place."""
-    codes, delay = delay_by_place(network, rows)
+    codes, delay = of.delay_by_place(network, rows)
     edge = (codes // PLACES).astype(np.int32)
     start = np.asarray((codes % PLACES) * BIN, dtype=np.float64)
-    return EdgeValues(
-        "delay",
-        edge,
-        start,
-        np.minimum(start + BIN, network.length[edge]),
-        delay,
-        "delay in critical clusters [s]",
-    )
+    end = np.minimum(start + BIN, network.length[edge])
+    return EdgeValues("delay", edge, start, end, delay, "delay in critical clusters [s]")
 
 
 def _arc_lines(c: Crowds, watched: Watched) -> MovingLines:
@@ -293,9 +254,8 @@ def _arc_lines(c: Crowds, watched: Watched) -> MovingLines:
     shown = np.union1d(time, after[after < watched.stop])
     cuts = (np.searchsorted(c.arc_time, shown, side).tolist() for side in SIDES)
     ranges = [slice(a, b) for a, b in zip(*cuts, strict=True)]
-    return MovingLines(
-        "clusters", shown, tuple(c.arc_ends[r] for r in ranges), tuple(c.arc_critical[r] for r in ranges)
-    )
+    lines = tuple(c.arc_ends[r] for r in ranges)
+    return MovingLines("clusters", shown, lines, tuple(c.arc_critical[r] for r in ranges))
 
 
 def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
@@ -309,6 +269,10 @@ def _lines(s: dict[str, Any], areas: pd.DataFrame) -> list[str]:
         f"{'left out' if s['used'] == 'all' else 'counted too'}), "
         f"at most {count(used['largest'], 'truck')} in one.",
     ]
+    if len(areas) and s["delay_s"] > 0.0:
+        first = areas.iloc[0]
+        part = percent(first.delay / s["delay_s"])
+        out.append(f"Look first at area 1 ({first.roads}): it has {part} of the delay.")
     for row in areas.head(5).itertuples():
         out.append(
             f"  area {row.area} at ({row.x:.0f}, {row.y:.0f}) m, {row.roads}: {row.delay:.0f} s delay "

@@ -4,26 +4,18 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from fleetlog.analysis.energybook.book import Book, keep_book
-from fleetlog.analysis.energybook.cells import Cells
+from fleetlog.analysis.energybook import tables as of
+from fleetlog.analysis.energybook.book import BIN, Book, Cells, keep_book
 from fleetlog.analysis.energybook.doubt import parameter_variance
-from fleetlog.analysis.energybook.tables import (
-    segment_table,
-    shift_names,
-    stretch_table,
-    summed,
-    with_soc,
-    zone_table,
-)
 from fleetlog.core.arguments import ShiftHours
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
+from fleetlog.core.trajectory import Floats
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count, percent
 from fleetlog.errors import DataError
@@ -32,11 +24,11 @@ from fleetlog.physics.power import Physics
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
 
-Floats = NDArray[np.float64]
 SHIFTS = (6, 14, 22)
 """Hours of the day (UTC) at which shifts begin, unless said otherwise."""
 ROW_COST = 4e-6
 """What the books of a row cost [s]."""
+OF_STRETCH = ["from", "to", "joules_per_metre"]
 MOST_POINTS = 2000
 """Of a curve over time."""
 COLUMNS = (
@@ -62,48 +54,36 @@ def energy(
         raise DataError(f"{dataset.path} has no rows")
     physics = Physics(truck) if physics is None else physics
     battery = battery_of(physics.actual_truck(), chemistry)
-    books = list(_books(dataset, physics, battery))
-    terms = _term_order(books)
-    segments = with_soc(segment_table(books, terms), truck)
-    segments["shift"] = shift_names(segments["hour"], sorted(shifts))
-    doubt = parameter_variance(physics)
-    tables = {
-        "trips": summed(segments, ["vehicle_id", "trip_id"], doubt),
-        "vehicles": summed(segments, ["vehicle_id"], doubt),
-        "shifts": summed(segments, ["shift"], doubt),
-        "hours": summed(
-            segments.assign(hour=pd.to_datetime(segments["hour"], unit="us", utc=True)), ["hour"], doubt
-        ),
-        "edges": stretch_table(books, dataset.site.network),
-        "zones": zone_table(books, terms, dataset.site),
-    }
-    whole = summed(segments.assign(all="all"), ["all"], doubt).iloc[0]
-    trips = segments.drop_duplicates(["vehicle_id", "trip_id"])["source"].value_counts().sort_index()
-    sources = {str(s): int(n) for s, n in trips.items()}
-    summary = _summary(whole, terms, sources, tables)
-    shapes = _shapes(books, terms, whole, tables)
-    kept = {f"energy_{name}": table for name, table in tables.items() if len(table)}
-    places = {name: kept.pop(name) for name in ("energy_edges",) if name in kept}
-    return Result("energy", summary, kept, places, shapes, _lines(whole, terms, sources, tables))
-
-
-def _books(dataset: Dataset, physics: Physics, battery: BatteryModel) -> Iterator[Book]:
-    """The books of all vehicle-days, each of whole trips."""
     days = each_day(
         dataset, _vehicle_day, physics, battery, _sources(physics), kinds=(Book, Cells), cost=ROW_COST
     )
-    for books in days:
-        yield from books
+    books = [book for day in days for book in day]
+    terms = _term_order(books)
+    segments = of.with_soc(of.segment_table(books, terms), truck)
+    segments["shift"] = of.shift_names(segments["hour"], sorted(shifts))
+    doubt = parameter_variance(physics)
+    hours = segments.assign(hour=pd.to_datetime(segments["hour"], unit="us", utc=True))
+    tables = {
+        "trips": of.summed(segments, ["vehicle_id", "trip_id"], doubt),
+        "vehicles": of.summed(segments, ["vehicle_id"], doubt),
+        "shifts": of.summed(segments, ["shift"], doubt), "hours": of.summed(hours, ["hour"], doubt),
+        "edges": of.stretch_table(books, dataset.site.network),
+        "zones": of.zone_table(books, terms, dataset.site),
+    }  # fmt: skip
+    whole = of.summed(segments.assign(all="all"), ["all"], doubt).iloc[0]
+    trips = segments.drop_duplicates(["vehicle_id", "trip_id"])["source"].value_counts().sort_index()
+    sources = {str(s): int(n) for s, n in trips.items()}
+    summary = _summary(whole, terms, sources, tables)
+    kept = {f"energy_{name}": table for name, table in tables.items() if len(table)}
+    places = {name: kept.pop(name) for name in ("energy_edges",) if name in kept}
+    shapes, lines = _shapes(books, terms, whole, tables["edges"]), _lines(whole, terms, sources, tables)
+    return Result("energy", summary, kept, places, shapes, lines)
 
 
 def _vehicle_day(
-    dataset: Dataset,
-    vehicle: str,
-    date: str,
-    physics: Physics,
-    battery: BatteryModel,
+    dataset: Dataset, vehicle: str, date: str, physics: Physics, battery: BatteryModel,
     _sources: Sequence[str],
-) -> list[Book]:
+) -> list[Book]:  # fmt: skip
     """The books of one vehicle-day, one a piece of whole trips: bounded memory."""
     from fleetlog.physics.motion import measured_channels, reconstruct
 
@@ -136,19 +116,14 @@ def _term_order(books: Sequence[Book]) -> list[str]:
 def _summary(
     whole: pd.Series, terms: Sequence[str], sources: dict[str, int], tables: dict[str, pd.DataFrame]
 ) -> dict[str, Any]:
-    figures = {
-        k: whole[k] for k in whole.index if k not in ("all", "start", "end") and not _is_term(k, terms)
-    }
+    ledger = {f"{t}_kwh": t for t in terms}
+    figures = {k: whole[k] for k in whole.index if k not in ("all", "start", "end", *ledger)}
     return {
         "start": whole["start"].isoformat(), "end": whole["end"].isoformat(), **figures,
-        "ledger_kwh": {t: whole[f"{t}_kwh"] for t in terms}, "measured_from": sources,
+        "ledger_kwh": {t: whole[k] for k, t in ledger.items()}, "measured_from": sources,
         "trips": len(tables["trips"]), "vehicles": len(tables["vehicles"]),
         "units": {"auxiliary_share": "1", "soc_start": "1", "soc_end": "1", "soc_end_model": "1"},
     }  # fmt: skip
-
-
-def _is_term(column: str, terms: Sequence[str]) -> bool:
-    return column.removesuffix("_kwh") in terms and column.endswith("_kwh")
 
 
 SAID = {
@@ -168,7 +143,8 @@ def _lines(
         f" (95 % interval ± {1.96 * whole['deviation_kwh']:.2f}): {whole['distance_km']:.1f} km"
         f" in {whole['duration_h']:.1f} h{per_km}."
     ]
-    shares = ", ".join(f"{t.replace('_', ' ')} {whole[f'{t}_kwh']:.2f}" for t in terms if whole[f"{t}_kwh"])
+    causes = {t.replace("_", " "): whole[f"{t}_kwh"] for t in terms}
+    shares = ", ".join(f"{cause} {kwh:.2f}" for cause, kwh in causes.items() if abs(kwh) >= 0.005)
     out.append(f"Breakdown in kWh: {shares}.")
     auxiliary = whole["auxiliary_share"]
     out.append(
@@ -197,58 +173,36 @@ def _lines(
 
 
 def _shapes(
-    books: Sequence[Book], terms: Sequence[str], whole: pd.Series, tables: dict[str, pd.DataFrame]
+    books: Sequence[Book], terms: Sequence[str], whole: pd.Series, edges: pd.DataFrame
 ) -> list[Shape]:
     shapes: list[Shape] = []
-    edges = tables["edges"]
     if len(edges):
-        shapes.append(
-            EdgeValues(
-                "energy_per_metre", edges["edge"].to_numpy(np.int32), edges["from"].to_numpy(float),
-                edges["to"].to_numpy(float), edges["joules_per_metre"].to_numpy(float), "energy [J/m]",
-            )
-        )  # fmt: skip
-    shapes.append(
-        Bars(
-            "ledger",
-            tuple(t.replace("_", " ") for t in terms),
-            np.array([whole[f"{t}_kwh"] for t in terms]),
-            "energy [kWh]",
-        )
-    )
+        edge, (start, end, value) = edges["edge"].to_numpy(np.int32), edges[OF_STRETCH].to_numpy(float).T
+        shapes.append(EdgeValues("energy_per_metre", edge, start, end, value, "energy [J/m]"))
+    kwh = np.array([whole[f"{t}_kwh"] for t in terms])
+    shapes.append(Bars("energy by cause", tuple(t.replace("_", " ") for t in terms), kwh, "energy [kWh]"))
     return shapes + _curves(books, terms)
 
 
 def _curves(books: Sequence[Book], terms: Sequence[str]) -> list[Shape]:
     """Fleet power by term over time, stacked, and measured beside modelled."""
     time = np.concatenate([b.bins for b in books])
-    width = max(60_000_000, (int(np.ptp(time)) // MOST_POINTS // 60_000_000 + 1) * 60_000_000)
+    width = (len(np.unique(time // BIN)) // MOST_POINTS + 1) * BIN
     keys, inverse = np.unique(time // width, return_inverse=True)
 
     def mean(values: list[Floats]) -> Floats:
         """Mean power over each step [kW]."""
         return np.bincount(inverse, np.concatenate(values), len(keys)) / (width * 1e-6) / 1000.0
 
-    none = np.zeros(0)
-    rows = {
-        t: mean(
-            [
-                b.bin_energy[:, b.terms.index(t)] if t in b.terms else none + np.zeros(len(b.bins))
-                for b in books
-            ]
-        )
-        for t in terms
-    }
+    rows = {t: mean([b.over_time(t) for b in books]) for t in terms}
     middle = keys * width + width // 2
-    out: list[Shape] = [
-        Series("ledger_power", middle, rows, "time", "power [kW]", over_time=True, stacked=True)
-    ]
+    stacked = Series("power by cause", middle, rows, "time", "power [kW]", over_time=True, stacked=True)
+    out: list[Shape] = [stacked]
     measured, beside, known = (mean([b.bin_measured[:, k] for b in books]) for k in range(3))
     if known.any():
         # The model of the trucks and times that were measured, and of no others.
-        both = {
-            name: np.where(known > 0.0, v, np.nan) for name, v in (("measured", measured), ("model", beside))
-        }
+        pair = {"measured": measured, "model": beside}
+        both = {name: np.where(known > 0.0, v, np.nan) for name, v in pair.items()}
         out.append(Series("power", middle, both, "time", "power [kW]", over_time=True))
     return out
 

@@ -5,6 +5,7 @@ The sums are those of :mod:`fleetlog.analysis.occupancy.maps`; they add over day
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,30 +13,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.analysis.occupancy.compare import difference
-from fleetlog.analysis.occupancy.maps import (
-    LABELS,
-    LAYERS,
-    STRETCH,
-    Grouping,
-    HeatMap,
-    Quantity,
-    cells_of,
-    compute,
-    compute_by,
-    extent,
-    known_energy,
-    stretches,
-    values,
-)
+from fleetlog.analysis.occupancy import maps
+from fleetlog.analysis.occupancy.maps import Grouping, HeatMap, Quantity
 from fleetlog.core.arguments import Between, HourRange
 from fleetlog.core.network import Network
 from fleetlog.core.result import EdgeValues, Grid, Result, Shape
-from fleetlog.core.words import count, percent
+from fleetlog.core.trajectory import Floats
+from fleetlog.core.words import count, listed, percent
 from fleetlog.errors import ArgumentError, DataError
 from fleetlog.store import Dataset
-
-Floats = NDArray[np.float64]
 
 
 def heatmap(
@@ -66,22 +52,20 @@ def heatmap(
         raise ArgumentError("--by and --compare do not go together", do="leave one of them out")
     for v in vehicle:
         dataset.parts(v)
-    boxes = [extent(dataset)] + ([extent(compare)] if compare else [])
-    cells = cells_of(boxes, cell)
-    maps = compute_by(dataset, cells, by, hours, vehicle, load)
-    if not maps:
+    boxes = [maps.extent(dataset)] + ([maps.extent(compare)] if compare else [])
+    groups = maps.compute_by(dataset, maps.cells_of(boxes, cell), by, hours, vehicle, load)
+    if not groups:
         raise DataError("no row is left by this choice of hours, vehicles and load", do="choose a wider one")
-    here = _sum(list(maps.values()))
+    here = functools.reduce(HeatMap.__add__, groups.values())
     summary = _summary(dataset, here, quantity, smooth)
-    grids = [_drawn("heat" if by is None else name, m, quantity, smooth) for name, m in maps.items()]
+    grids = [_drawn("heat" if by is None else name, m, quantity, smooth) for name, m in groups.items()]
     table = _cell_table(here)
     if by is not None:
-        summary["by"] = {name: {"vehicle_hours": float(m.grid[0].sum() / 3600)} for name, m in maps.items()}
-        table = pd.concat(
-            [_cell_table(m).assign(**{by: name}) for name, m in maps.items()], ignore_index=True
-        )
+        summary["by"] = {name: {"vehicle_hours": float(m.grid[0].sum() / 3600)} for name, m in groups.items()}
+        parts = [_cell_table(m).assign(**{by: name}) for name, m in groups.items()]
+        table = pd.concat(parts, ignore_index=True)
     if compare is not None:
-        other = compute(compare, cells, hours, (), load)
+        other = maps.compute(compare, here.cells, hours, (), load)
         grids = [_compared(here, other, summary, table, str(compare.path))]
     shapes: list[Shape] = [*grids]
     tables = {"cells": table}
@@ -89,45 +73,28 @@ def heatmap(
         tables["edges"], shape = _edge_layer(dataset.site.network, here, quantity)
         if compare is None and by is None:
             shapes.append(shape)
-    return Result(
-        "heatmap", summary, tables=tables, shapes=shapes, lines=_lines(summary), squares={"cells": cell}
-    )
-
-
-def _sum(maps: list[HeatMap]) -> HeatMap:
-    out = maps[0]
-    for m in maps[1:]:
-        out = out + m
-    return out
+    return Result("heatmap", summary, tables, {}, shapes, _lines(summary), {"cells": cell})
 
 
 def _drawn(name: str, m: HeatMap, quantity: Quantity, smooth: float) -> Grid:
+    from scipy.ndimage import gaussian_filter
+
     c = m.cells
-    layers = m.grid if not smooth else _blur(m.grid, smooth / c.cell)
-    return Grid(name, values(layers, quantity, c.cell * c.cell), c.x0, c.y0, c.cell, LABELS[quantity])
+    blurred = gaussian_filter(m.grid, (0.0, smooth / c.cell, smooth / c.cell), mode="constant")
+    values = maps.values(blurred, quantity, c.cell * c.cell)
+    return Grid(name, values, c.x0, c.y0, c.cell, maps.LABELS[quantity])
 
 
 def _compared(here: HeatMap, other: HeatMap, summary: dict[str, Any], table: pd.DataFrame, name: str) -> Grid:
     """The difference map; its figures go into the summary and into the table of cells."""
     share, mask = difference(here, other)
     per_mille = np.where((here.grid[0] > 0) | (share != 0), 1000 * share, np.nan)
-    summary["compare"] = {
-        "other": name,
-        "significant_cells": int(mask.sum()),
-        "moved_share": float(np.abs(share).sum() / 2),
-    }
+    moved = float(np.abs(share).sum() / 2)
+    summary["compare"] = {"other": name, "significant_cells": int(mask.sum()), "moved_share": moved}
     r, c = np.nonzero(here.grid[0] > 0)
     table["difference"], table["significant"] = share[r, c], mask[r, c]
-    f = here.cells
-    return Grid(
-        "difference", per_mille, f.x0, f.y0, f.cell, "share of time, difference [per mille]", True, mask
-    )
-
-
-def _blur(layers: Floats, sigma: float) -> Floats:
-    from scipy.ndimage import gaussian_filter
-
-    return np.stack([gaussian_filter(layer, sigma, mode="constant") for layer in layers])
+    f, label = here.cells, "share of time, difference [per mille]"
+    return Grid("difference", per_mille, f.x0, f.y0, f.cell, label, True, mask)
 
 
 def _cell_table(here: HeatMap) -> pd.DataFrame:
@@ -141,79 +108,95 @@ def _cell_table(here: HeatMap) -> pd.DataFrame:
 
 def _layers(sums: Floats) -> dict[str, Floats]:
     """The sums by name; energy is NaN where no power was known."""
-    return {**dict(zip(LAYERS, sums, strict=True)), "energy": known_energy(sums)}
+    return {**dict(zip(maps.LAYERS, sums, strict=True)), "energy": maps.known_energy(sums)}
 
 
 def _edge_layer(network: Network, here: HeatMap, quantity: Quantity) -> tuple[pd.DataFrame, EdgeValues]:
-    first = stretches(network)
+    first = maps.stretches(network)
     edge = np.repeat(np.arange(len(network), dtype=np.int32), np.diff(first))
-    start = np.asarray((np.arange(int(first[-1])) - first[edge]) * STRETCH, dtype=np.float64)
-    end = np.minimum(start + STRETCH, network.length[edge])
-    table = pd.DataFrame({
-        "edge_id": np.array(network.edge_ids, dtype=object)[edge], "from": start, "to": end,
-        **_layers(here.edges),
-    })  # fmt: skip
-    v = values(here.edges, quantity, 1.0)
-    seen = np.isfinite(v)
-    label = LABELS[quantity].replace("/m²", "")
-    return table[seen].reset_index(drop=True), EdgeValues(
-        "roads", edge[seen], start[seen], end[seen], v[seen], label
-    )
+    start = np.asarray((np.arange(int(first[-1])) - first[edge]) * maps.STRETCH, dtype=np.float64)
+    end = np.minimum(start + maps.STRETCH, network.length[edge])
+    names = np.array(network.edge_ids, dtype=object)[edge]
+    table = pd.DataFrame({"edge_id": names, "from": start, "to": end, **_layers(here.edges)})
+    v = maps.values(here.edges, quantity, 1.0)
+    seen, label = np.isfinite(v), maps.LABELS[quantity].replace("/m²", "")
+    drawn = EdgeValues("roads", edge[seen], start[seen], end[seen], v[seen], label)
+    return table[seen].reset_index(drop=True), drawn
 
 
 def _summary(dataset: Dataset, here: HeatMap, quantity: Quantity, smooth: float) -> dict[str, Any]:
-    time = here.grid[0]
+    time, metres, joules, standing, _, known = here.grid
     r, c = np.unravel_index(int(time.argmax()), time.shape)
-    cells = here.cells
+    cells, total = here.cells, max(time.sum(), 1e-9)
+    x, y = cells.x0 + (c + 0.5) * cells.cell, cells.y0 + (r + 0.5) * cells.cell
     return {
-        "quantity": quantity,
-        "cell_m": cells.cell,
-        "smooth_m": smooth,
-        "rows": cells.rows,
-        "columns": cells.columns,
-        "origin_m": [cells.x0, cells.y0],
-        "vehicle_hours": float(time.sum() / 3600),
-        "distance_km": float(here.grid[1].sum() / 1000),
-        "energy_kwh": float(here.grid[2].sum() / 3.6e6) if here.grid[5].any() else None,
-        "energy_known_share": float(here.grid[5].sum() / max(time.sum(), 1e-9)),
-        "standing_hours": float(here.grid[3].sum() / 3600),
-        "visited_cells": int((time > 0).sum()),
-        "on_roads_share": float(here.edges[0].sum() / max(time.sum(), 1e-9)),
-        "busiest": {
-            "x": cells.x0 + (c + 0.5) * cells.cell,
-            "y": cells.y0 + (r + 0.5) * cells.cell,
-            "hours": float(time.max() / 3600),
-        },
+        "quantity": quantity, "cell_m": cells.cell, "smooth_m": smooth, "rows": cells.rows,
+        "columns": cells.columns, "origin_m": [cells.x0, cells.y0],
+        "vehicle_hours": float(time.sum() / 3600), "distance_km": float(metres.sum() / 1000),
+        "energy_kwh": float(joules.sum() / 3.6e6) if known.any() else None,
+        "energy_known_share": float(known.sum() / total), "standing_hours": float(standing.sum() / 3600),
+        "visited_cells": int((time > 0).sum()), "on_roads_share": float(here.edges[0].sum() / total),
+        "busiest": {"x": x, "y": y, "hours": float(time.max() / 3600)},
         "dataset": str(Path(dataset.path).name),
-    }
+    }  # fmt: skip
 
 
 def _energy(s: dict[str, Any]) -> str:
     if s["energy_kwh"] is None:
         return "energy unknown"
     part = s["energy_known_share"]
-    return f"{s['energy_kwh']:.1f} kWh" + (
-        f" (power known for {percent(part)} of the time)" if part < 0.995 else ""
-    )
+    known = f" (power known for {percent(part)} of the time)" if part < 0.995 else ""
+    return f"{s['energy_kwh']:.1f} kWh{known}"
 
 
 def _lines(s: dict[str, Any]) -> list[str]:
     b = s["busiest"]
     out = [
         f"The busiest place is at ({b['x']:.0f}, {b['y']:.0f}) m: {b['hours']:.2f} truck hours.",
-        f"In all {s['vehicle_hours']:.1f} truck hours on {count(s['visited_cells'], 'cell')} of {s['cell_m']:g} m, "
-        f"{s['distance_km']:.1f} km, {_energy(s)}, {s['standing_hours']:.1f} h standing.",
+        f"In all {s['vehicle_hours']:.1f} truck hours on {count(s['visited_cells'], 'cell')} of "
+        f"{s['cell_m']:g} m, {s['distance_km']:.1f} km, {_energy(s)}, {s['standing_hours']:.1f} h standing.",
     ]
     if "by" in s:
-        parts = ", ".join(f"{name} {v['vehicle_hours']:.2f} h" for name, v in list(s["by"].items())[:24])
-        out.append(f"Of these {parts}.")
+        hours = {name.replace("_", " "): v["vehicle_hours"] for name, v in s["by"].items()}
+        parts = [f"{name} {h:.2f} h" for name, h in list(hours.items())[:24]]
+        out.append(f"Of these hours: {listed(parts)}.")
     if "compare" in s:
         c = s["compare"]
+        n, other = c["significant_cells"], Path(c["other"]).name
+        cells = f"{count(n, 'cell')} {'differs' if n == 1 else 'differ'}" if n else "no cell differs"
         out.append(
-            f"Compared with {c['other']}, {count(c['significant_cells'], 'cell')} differ significantly; "
-            f"{percent(c['moved_share'], 1)} of the time is spent elsewhere."
+            f"Compared with {other}, {cells} by more than chance; {percent(c['moved_share'], 1)} of the time "
+            "is spent elsewhere."
         )
     return out
+
+
+def difference(a: HeatMap, b: HeatMap, seed: int = 0, draws: int = 400) -> tuple[Floats, NDArray[np.bool_]]:
+    """Share of time per cell, a minus b, and where it is significant.
+
+    Each unit (vehicle-day) of either map is resampled whole; a cell counts where its difference lies outside
+    what pooled resampling gives, two-sided 5 % after Benjamini and Hochberg over all cells that were ever
+    visited.
+    """
+    shares = [m.grid[0] / max(m.grid[0].sum(), 1e-12) for m in (a, b)]
+    observed = shares[0] - shares[1]
+    units = [(cell, time) for cell, time in (*a.units, *b.units) if len(cell)]
+    seen = np.unique(np.concatenate([cell for cell, _ in units]))
+    flat = np.zeros((len(units), len(seen)))
+    for row, (cell, time) in zip(flat, units, strict=True):
+        row[np.searchsorted(seen, cell)] = time / time.sum()
+    rng = np.random.default_rng(seed)
+    na, nb = max(len(a.units), 1), max(len(b.units), 1)
+    null = np.array([
+        flat[rng.integers(0, len(flat), na)].mean(axis=0) - flat[rng.integers(0, len(flat), nb)].mean(axis=0)
+        for _ in range(draws)
+    ])  # fmt: skip
+    from scipy.stats import false_discovery_control, norm
+
+    z = np.abs(observed.ravel()[seen]) / np.maximum(null.std(axis=0), 1e-12)
+    mask = np.zeros(observed.size, np.bool_)
+    mask[seen] = false_discovery_control(2 * norm.sf(z)) <= 0.05
+    return observed, mask.reshape(observed.shape)
 
 
 ANALYSIS = heatmap

@@ -21,12 +21,10 @@ from numpy.typing import NDArray
 
 from fleetlog.core.arguments import Between
 from fleetlog.core.result import Marks, Result
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.core.words import count
 from fleetlog.store import Dataset
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 STEP = 0.25
 """Of the common time grid [s]."""
 LONGEST_GAP = 5.0
@@ -90,19 +88,13 @@ def near_misses(
             found += [_crossings(part, pet, length, shift) for shift in (0.0, 0.5 * CELL)]
     table = _events(np.concatenate(found), dataset.vehicles)
     worst = table.assign(worst=table[["ttc_s", "pet_s"]].min(axis=1)).nsmallest(WORST, "worst")
-    labels = tuple(f"{v:.1f} s" for v in worst["worst"])
-    marks = Marks(
-        "near misses", worst[["x", "y"]].to_numpy(float), labels, np.full(len(worst), 1.0), "critical"
-    )
+    at, labels = worst[["x", "y"]].to_numpy(float), tuple(f"{v:.1f} s" for v in worst["worst"])
+    marks = Marks("near misses", at, labels, np.full(len(worst), 1.0), "critical")
     kinds = {str(k): int(n) for k, n in table["kind"].value_counts().sort_index().items()}
     summary = {
-        "ttc_s": ttc,
-        "pet_s": pet,
-        "closing_m_s": closing,
-        "vehicles": len(dataset.vehicles),
-        "near_misses": len(table),
-        "kinds": kinds,
-    }
+        "ttc_s": ttc, "pet_s": pet, "closing_m_s": closing, "vehicles": len(dataset.vehicles),
+        "near_misses": len(table), "kinds": kinds,
+    }  # fmt: skip
     return Result("near_misses", summary, {}, {"near_misses": table}, [marks], _lines(summary, table))
 
 
@@ -138,7 +130,7 @@ def _gridded(t: Trajectory, grid: Ints) -> Floats:
     time = t.time[use]
     east, north = np.cos(heading[use]), np.sin(heading[use])
     rows = [np.interp(grid, time, v) for v in (x[use], y[use], east, north, np.nan_to_num(speed[use]))]
-    norm = np.maximum(np.hypot(rows[1 + 1], rows[3]), 1e-9)
+    norm = np.maximum(np.hypot(rows[2], rows[3]), 1e-9)
     rows[2], rows[3] = rows[2] / norm, rows[3] / norm
     after = np.searchsorted(time, grid)
     inside = (after > 0) & (after < len(time)) | np.isin(grid, time)
@@ -160,9 +152,8 @@ def _collisions(f: Moving, most: float, closing: float, length: float, width: fl
     speed = f.speed[v, step]
     reach = most * 2.0 * float(speed.max()) + length
     # Steps lie farther apart than the reach, so that neighbours are of one step.
-    pairs = cKDTree(np.column_stack([at, step * 2.0 * (reach + 1.0)])).query_pairs(
-        reach, output_type="ndarray"
-    )
+    tree = cKDTree(np.column_stack([at, step * 2.0 * (reach + 1.0)]))
+    pairs = tree.query_pairs(reach, output_type="ndarray")
     pairs = np.sort(pairs[np.maximum(*speed[pairs].T) > MOVING], axis=1)
     a, b = pairs.T
     gap, relative = at[b] - at[a], ahead[b] * speed[b, None] - ahead[a] * speed[a, None]
@@ -261,10 +252,8 @@ def _events(found: Floats, names: list[str]) -> pd.DataFrame:
 
 
 def _kinds(angle: Floats) -> NDArray[np.object_]:
-    kinds = np.where(
-        angle < np.radians(30.0), "behind", np.where(angle > np.radians(150.0), "head-on", "crossing")
-    )
-    return kinds.astype(object)
+    names = np.array(["behind", "crossing", "head-on"], dtype=object)
+    return np.asarray(names[np.digitize(angle, np.radians([30.0, 150.0]))])
 
 
 ANALYSIS = near_misses

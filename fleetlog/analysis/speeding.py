@@ -6,17 +6,15 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from fleetlog.analysis.utilisation import joined_days
+from fleetlog.analysis.utilisation import joined_days, stamps
 from fleetlog.core.arguments import Between, Share
 from fleetlog.core.result import Marks, Result
 from fleetlog.core.site import Site
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.store import Dataset
-from fleetlog.store.trips import MAX_GAP, STANDING_SPEED
+from fleetlog.store.trips import MAX_GAP, STANDING_SPEED, runs
 
-Floats = NDArray[np.float64]
 COLUMNS = ("x", "y", "speed", "edge_id")
 EVENTS = ("vehicle_id", "start", "end", "duration", "top_speed", "limit", "place", "x", "y")
 WORST = 12
@@ -41,25 +39,20 @@ def speeding(
     found = [_events(t, dataset.site, margin) for t in joined_days(dataset, COLUMNS)]
     rows = [row for events, _ in found for row in events if row[3] >= shortest]
     table = pd.DataFrame(rows, columns=list(EVENTS))
-    for name in ("start", "end"):
-        table[name] = pd.to_datetime(table[name].astype("int64"), unit="us", utc=True).dt.as_unit("us")
-    table = table.sort_values(
-        ["duration", "vehicle_id", "start"], ascending=[False, True, True], ignore_index=True
-    )
+    table = table.assign(**{c: stamps(table[c].to_numpy(np.int64)) for c in ("start", "end")})
+    by = ["duration", "vehicle_id", "start"]
+    table = table.sort_values(by, ascending=[False, True, True], ignore_index=True)
     driven = sum(seconds for _, seconds in found)
     summary = {
         "margin": margin, "shortest_s": shortest, "events": len(table), "limited_s": driven,
-        "over_s": float(table["duration"].sum()), "top_speed_m_s": _most(table["top_speed"]),
+        "over_s": float(table["duration"].sum()),
+        "top_speed_m_s": float(table["top_speed"].max()) if len(table) else None,
     }  # fmt: skip
     worst = table.head(WORST)
     labels = tuple(f"{v:.1f} m/s" for v in worst["top_speed"])
     at = worst[["x", "y"]].to_numpy(float)
     marks = Marks("speeding", at, labels, np.full(len(worst), 1.0), "critical")
     return Result("speeding", summary, {}, {"speeding": table}, [marks], _lines(summary, table))
-
-
-def _most(values: pd.Series) -> float | None:
-    return float(values.max()) if len(values) else None
 
 
 def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
@@ -78,7 +71,7 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     ]
 
 
-def limits(t: Trajectory, site: Site) -> tuple[Floats, NDArray[np.int64]]:
+def limits(t: Trajectory, site: Site) -> tuple[Floats, Ints]:
     """(N,) limit [m/s], inf where none; and whose it is: an edge's, or -1 - k of zone k."""
     limit, whose = np.full(len(t), np.inf), np.full(len(t), 0, np.int64)
     if site.network is not None:
@@ -100,29 +93,13 @@ def _events(t: Trajectory, site: Site, margin: float) -> tuple[list[tuple[Any, .
     dt = np.where(step <= MAX_GAP, step, 0.0)
     driven = float(dt[np.isfinite(limit) & (speed > STANDING_SPEED)].sum())
     over = (speed > limit * (1.0 + margin)) & (dt > 0.0)
-    edge = np.flatnonzero(np.diff(np.concatenate([[False], over, [False]]).astype(np.int8)))
-    first, end = edge[::2], edge[1::2]
-    if not len(first):
-        return [], driven
-    long = np.add.reduceat(np.append(dt, 0.0), edge)[::2]
     x, y = t.floats("x"), t.floats("y")
     rows: list[tuple[Any, ...]] = []
-    for a, b, duration in zip(first, end, long, strict=True):
+    for a, b in runs(over):
         k = a + int(np.argmax(speed[a:b] - limit[a:b]))
         place = site.zones[-1 - whose[k]].id if whose[k] < 0 else site.roads().edge_ids[whose[k]]
-        rows.append(
-            (
-                t.vehicle_id,
-                t.time[a],
-                t.time[min(b, len(t) - 1)],
-                duration,
-                speed[a:b].max(),
-                limit[k],
-                place,
-                x[k],
-                y[k],
-            )
-        )
+        end, duration = t.time[min(b, len(t) - 1)], dt[a:b].sum()
+        rows.append((t.vehicle_id, t.time[a], end, duration, speed[a:b].max(), limit[k], place, x[k], y[k]))
     return rows, driven
 
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
+import pandas as pd
 
 from fleetlog.core.arguments import Between
 from fleetlog.core.result import Marks, Result, Shape
 from fleetlog.core.site import PlaceKind
-from fleetlog.core.words import count
+from fleetlog.core.words import count, listed
 from fleetlog.simulate.places import carried, clusters, find_stands, mined_site, place_table
 from fleetlog.store import Dataset
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 KINDS: tuple[PlaceKind, ...] = ("pick", "drop", "park", "charge")
 
@@ -35,38 +33,24 @@ def stops(
         charges); table ``flows`` with the loads carried from place to place; summary with counts and the
         ``[[place]]`` text for a site file.
     """
-    import pandas as pd
-
     stands = find_stands(dataset)
     cluster = clusters(stands, min_visits)
     table = place_table(stands, cluster)
     _, names = mined_site(dataset.site, table)
     tasks = carried(stands, cluster, names)
-    flows = pd.DataFrame(
-        {
-            "from": [t.source for t in tasks],
-            "to": [t.target for t in tasks],
-            "payload": [t.payload for t in tasks],
-        }
-    )
-    flows = flows.groupby(["from", "to"], as_index=False).agg(
-        loads=("payload", "size"), payload_mean=("payload", "mean")
-    )
+    loads = pd.DataFrame([(t.source, t.target, t.payload) for t in tasks], columns=["from", "to", "payload"])
+    of = loads.groupby(["from", "to"], as_index=False)
+    flows = of.agg(loads=("payload", "size"), payload_mean=("payload", "mean"))
     weighed = bool(dataset.trips.get("payload", pd.Series(dtype=float)).notna().any())
     kinds = {k: int((table.kind == k).sum()) for k in KINDS}
     summary = {
-        "stops": len(stands),
-        "in_places": int((cluster >= 0).sum()),
-        "places": len(table),
-        "kinds": kinds,
-        "standing_s": float(stands.dwell.sum()),
-        "loads_carried": len(tasks) if weighed else None,
+        "stops": len(stands), "in_places": int((cluster >= 0).sum()), "places": len(table), "kinds": kinds,
+        "standing_s": float(stands.dwell.sum()), "loads_carried": len(tasks) if weighed else None,
         "site_toml": site_text(table),
-    }
+    }  # fmt: skip
     lines = [
-        f"{count(int((cluster >= 0).sum()), 'stop')} of {len(stands):,} are at {count(len(table), 'place')}: "
-        + ", ".join(f"{n} {k}" for k, n in kinds.items())
-        + ".",
+        f"{summary['in_places']:,} of {count(len(stands), 'stop')} are at {count(len(table), 'place')}"
+        + (f": {listed([f'{n} {k}' for k, n in kinds.items() if n])}." if len(table) else "."),
         f"{count(len(tasks), 'load')} went between {count(len(flows), 'pair')} of places."
         if weighed
         else "Loads are unknown: the dataset has no payload, so no place is known to be a pick or a drop.",
@@ -82,20 +66,18 @@ def stops(
 def _marks(table: pd.DataFrame) -> list[Shape]:
     """The places by kind, the larger the longer trucks stand there."""
     size = 3.0 * np.sqrt(table.dwell_total / max(float(table.dwell_total.max() or 0.0), 1.0))
+    places = {kind: table[table.kind == kind] for kind in KINDS}
     return [
         Marks(
             f"{kind} places", of[["x", "y"]].to_numpy(float), tuple(of.place), size[of.index].to_numpy(), kind
         )
-        for kind in KINDS
-        if len(of := table[table.kind == kind])
+        for kind, of in places.items()
+        if len(of)
     ]
 
 
-def site_text(table: object) -> str:
+def site_text(table: pd.DataFrame) -> str:
     """The places as ``[[place]]`` tables of a site file."""
-    import pandas as pd
-
-    assert isinstance(table, pd.DataFrame)
     return "\n".join(
         f'[[place]]\nid = "{r.place}"\nkind = "{r.kind}"\nx = {r.x:.2f}\ny = {r.y:.2f}'
         for r in table.itertuples()

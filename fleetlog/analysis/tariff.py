@@ -23,9 +23,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fleetlog.core.schema import anything, list_of, load_toml, one_of, real, table, text, whole
+from fleetlog.core.trajectory import Floats
 from fleetlog.errors import InputError
 
-Floats = NDArray[np.float64]
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 MONEY, CARBON = real(-100.0, 1e6, "per kWh"), real(0.0, 10.0, "kg per kWh")
 TOP = {

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from fleetlog.core.arguments import Between
-from fleetlog.core.result import Bars, Flows, Marks, Result, Shape
+from fleetlog.core.result import Bars, Flows, Marks, Result
 from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
@@ -52,19 +52,14 @@ def trips(dataset: Dataset, *, min_distance: Annotated[float, Between(0.0, 1e6)]
         trips=("distance", "size"), distance_mean=("distance", "mean"), duration_mean=("duration", "mean"),
         energy_mean=("energy", "mean"),
     )  # fmt: skip
-    pairs = pairs.sort_values(
-        ["trips", "from_place", "to_place"], ascending=[False, True, True], ignore_index=True
-    )
+    by = ["trips", "from_place", "to_place"]
+    pairs = pairs.sort_values(by, ascending=[False, True, True], ignore_index=True)
     per = real.groupby("vehicle_id").distance.sum() / 1000.0
-    ends = Marks(
-        "trip ends",
-        real[["x_end", "y_end"]].to_numpy(float),
-        tuple("" for _ in range(len(real))),
-        np.full(len(real), 0.3),
-    )
+    at, none = real[["x_end", "y_end"]].to_numpy(float), ("",) * len(real)
     bars = Bars("distance by vehicle", tuple(map(str, per.index)), per.to_numpy(float), "distance [km]")
-    shapes: list[Shape] = [_flows(dataset, real), ends, bars]
-    return Result("trips", summary, {"trips": table, "pairs": pairs}, {}, shapes, _lines(summary, pairs))
+    ends = Marks("trip ends", at, none, np.full(len(real), 0.3))
+    tables = {"trips": table, "pairs": pairs}
+    return Result("trips", summary, tables, {}, [_flows(dataset, real), ends, bars], _lines(summary, pairs))
 
 
 def _flows(dataset: Dataset, table: pd.DataFrame) -> Flows:
@@ -98,9 +93,8 @@ def _lines(s: dict[str, Any], pairs: pd.DataFrame) -> list[str]:
         )
     for r in pairs.head(5).to_dict("records"):
         if r["from_place"] and r["to_place"]:
-            out.append(
-                f"  {r['from_place']} to {r['to_place']}: {count(r['trips'], 'trip')}, {r['distance_mean']:.0f} m"
-            )
+            way = f"{r['from_place']} to {r['to_place']}"
+            out.append(f"  {way}: {count(r['trips'], 'trip')}, {r['distance_mean']:.0f} m")
     return out
 
 

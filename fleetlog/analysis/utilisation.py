@@ -5,8 +5,9 @@ A simulation says so itself.  Of a recording it is read from motion, load, forks
 - it moves where its speed exceeds :data:`~fleetlog.store.trips.STANDING_SPEED`; laden from 25 kg on;
 - a standstill in which the state of charge rises, the battery takes power, or the log says so, is charging;
 - within ``REACH`` of a change of load, or of a movement of the forks, a truck that stands is handling;
-- any other standstill is waiting with a load on the forks, or where shorter than ``PATIENCE``; else idle
-  (a truck that waits empty for longer cannot be told from an idle one without its orders);
+- any other standstill is waiting with a load on the forks, or, of at most ``PATIENCE``, before a truck takes
+  a load up or on its way; else idle: after a load was set down, until the truck sets off again (without its
+  orders, one that waits there for its next task to begin cannot be told from an idle one);
 - a silence of the log longer than ``MAX_GAP`` is no data.
 
 The intervals of a truck partition the time from its first to its last row.
@@ -22,7 +23,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fleetlog.core.result import Bars, Result, Shape
-from fleetlog.core.trajectory import Labels, Trajectory, concatenate
+from fleetlog.core.trajectory import Floats, Ints, Labels, Trajectory, concatenate
+from fleetlog.core.words import listed, percent
 from fleetlog.errors import DataError
 from fleetlog.simulate.places import MIN_CHARGE
 from fleetlog.store import Dataset
@@ -36,16 +38,15 @@ STATES = (
 """``driving``, and ``standing`` (handling or waiting), are of trucks whose log has neither load nor forks."""
 OF_ACTIVITY = {
     "drive_empty": "driving_empty", "drive_laden": "driving_laden", "wait": "waiting",
-    "wait_place": "waiting",
-    "wait_charger": "waiting", "pick": "handling", "drop": "handling", "charge": "charging", "park": "idle",
-    "battery_empty": "idle",
+    "wait_place": "waiting", "wait_charger": "waiting", "pick": "handling", "drop": "handling",
+    "charge": "charging", "park": "idle", "battery_empty": "idle",
 }  # fmt: skip
 REACH, REACH_WITHOUT_FORKS = 10.0, 30.0
 """Handling lasts this long before and after a movement of the forks or a change of the load at most [s]."""
 FORKS = 0.05
 """The forks move when their height changes by more than this [m]."""
-PATIENCE = 60.0
-"""An unladen truck that stands longer than this does not wait, it is idle [s]."""
+PATIENCE, PATIENCE_WITHOUT_LOAD = 180.0, 60.0
+"""A truck that stands without a load for longer is idle, also where the log has no loads [s]."""
 CHARGER = 100.0
 """A battery that takes more than this, on average over a standstill, is charged [W]."""
 COLUMNS = ("speed", "payload", "fork_height", "battery_power", "soc", "charging")
@@ -54,7 +55,7 @@ QUARTER = 900_000_000
 MOST_QUARTERS = 4_000_000
 """Of all vehicles together: a hundred vehicles for a year."""
 
-Codes = NDArray[np.int64]
+Codes = Ints
 Mask = NDArray[np.bool_]
 
 
@@ -73,24 +74,23 @@ def utilisation(dataset: Dataset) -> Result:
     known = float(total.drop("no_data").sum())
     shares = {s: float(total[s] / known) if known else None for s in STATES if s != "no_data"}
     summary = {"hours": {s: float(total[s]) for s in STATES}, "shares": shares}
-    said = ", ".join(f"{s.replace('_', ' ')} {100 * v:.0f} %" for s, v in shares.items() if v)
+    said = listed([f"{s.replace('_', ' ')} {percent(v)}" for s, v in shares.items() if v and v >= 0.005])
     bars: list[Shape] = [state_bars("utilisation", hours)]
     per_truck = hours.reset_index(names="vehicle_id")
-    lines = [
-        f"{known:.1f} truck hours: {said}" if known else "no truck has two rows: there is no time to divide"
-    ]
+    lines = [f"{known:.1f} truck hours: {said}."]
+    if not known:
+        lines = ["No truck has two rows: there is no time to divide."]
+    elif len(hours) > 1 and total["idle"]:
+        idle = hours["idle"] / hours.drop(columns="no_data").sum(axis=1).clip(lower=1e-9)
+        lines.append(f"{idle.idxmax()} is idle most: {percent(idle.max())} of its time.")
     return Result("utilisation", summary, {"states": table, "utilisation": per_truck}, {}, bars, lines)
 
 
 def hours_by_state(table: pd.DataFrame, *by: pd.Series) -> pd.DataFrame:
     """Hours in every state, one row for each combination of ``by`` (aligned with the rows of ``table``)."""
     hours = (table["end"] - table["start"]).dt.total_seconds() / 3600.0
-    return (
-        hours.groupby([*by, table["state"]])
-        .sum()
-        .unstack(fill_value=0)
-        .reindex(columns=STATES, fill_value=0.0)
-    )
+    sums = hours.groupby([*by, table["state"]]).sum().unstack(fill_value=0)
+    return sums.reindex(columns=STATES, fill_value=0.0)
 
 
 def state_bars(name: str, hours: pd.DataFrame) -> Bars:
@@ -128,9 +128,13 @@ def intervals(t: Trajectory) -> pd.DataFrame:
     code = row_states(t)[:-1]
     first = np.flatnonzero(np.diff(code, prepend=-1))
     ends = np.append(t.time[first[1:]], t.time[-1:] if len(first) else t.time[:0])
-    stamps = [pd.to_datetime(v, unit="us", utc=True).as_unit("us") for v in (t.time[first], ends)]
-    named = np.array(STATES, dtype=object)[code[first]]
-    return pd.DataFrame({"vehicle_id": t.vehicle_id, "state": named, "start": stamps[0], "end": stamps[1]})
+    named, starts = np.array(STATES, dtype=object)[code[first]], stamps(t.time[first])
+    return pd.DataFrame({"vehicle_id": t.vehicle_id, "state": named, "start": starts, "end": stamps(ends)})
+
+
+def stamps(time: Codes) -> pd.DatetimeIndex:
+    """Times [us] as a table holds them."""
+    return pd.to_datetime(time, unit="us", utc=True).as_unit("us")
 
 
 def row_states(t: Trajectory) -> Codes:
@@ -145,7 +149,8 @@ def row_states(t: Trajectory) -> Codes:
     driving = number["driving_empty" if t.has("payload") else "driving"]
     stopped = number["waiting" if t.has("payload") or t.has("fork_height") else "standing"]
     out = np.where(laden, number["driving_laden"], driving)
-    waits = laden | (lasts <= PATIENCE)
+    patience = PATIENCE if t.has("payload") else PATIENCE_WITHOUT_LOAD
+    waits = laden | ((lasts <= patience) & ~_set_down(laden, stand))
     out[still] = np.where(waits[still], stopped, number["idle"])
     out[still & _handling(t, still, load)] = number["handling"]
     out[still & _charging(t, stand)] = number["charging"]
@@ -153,7 +158,15 @@ def row_states(t: Trajectory) -> Codes:
     return np.asarray(out, dtype=np.int64)
 
 
-def _spread(run: NDArray[Any], values: NDArray[np.float64], how: np.ufunc) -> NDArray[np.float64]:
+def _set_down(laden: Mask, stand: NDArray[Any]) -> Mask:
+    """(N,) rows after the load was set down in the same standstill."""
+    row = np.arange(len(stand))
+    begin = row[np.flatnonzero(np.diff(stand, prepend=-1))][stand - stand[:1]]
+    down = np.where(np.diff(laden.astype(np.int8), prepend=0) < 0, row, -1)
+    return np.asarray(np.maximum.accumulate(down) >= begin)
+
+
+def _spread(run: NDArray[Any], values: Floats, how: np.ufunc) -> Floats:
     """(N,) the sum (or other reduction) of each run, at all of its rows."""
     first = np.flatnonzero(np.diff(run, prepend=-1))
     return np.asarray(np.repeat(how.reduceat(values, first), np.diff(np.append(first, len(run)))))
@@ -162,9 +175,8 @@ def _spread(run: NDArray[Any], values: NDArray[np.float64], how: np.ufunc) -> ND
 def _charging(t: Trajectory, stand: NDArray[Any]) -> Mask:
     """Where the log says so; standstills in which the battery takes power on average, or its charge rises."""
     own = t.columns.get("charging")
-    said = (
-        np.zeros(len(t)) if own is None or isinstance(own, Labels) else np.nan_to_num(np.asarray(own, float))
-    )
+    silent = own is None or isinstance(own, Labels)
+    said = np.zeros(len(t)) if silent else np.nan_to_num(np.asarray(own, float))
     first = np.flatnonzero(np.diff(stand, prepend=-1))
     length = np.diff(np.append(first, len(stand)))
     soc = t.floats("soc")
@@ -173,7 +185,7 @@ def _charging(t: Trajectory, stand: NDArray[Any]) -> Mask:
     return np.asarray((said > 0.0) | (taken > CHARGER) | (np.nan_to_num(rise) > MIN_CHARGE))
 
 
-def _handling(t: Trajectory, still: Mask, load: NDArray[np.float64]) -> Mask:
+def _handling(t: Trajectory, still: Mask, load: Floats) -> Mask:
     """Rows near a change of the load or the forks at a standstill."""
     changes = np.abs(np.diff(load, prepend=load[:1])) > MIN_LOAD_CHANGE
     changes |= np.abs(np.diff(t.floats("fork_height"), prepend=np.nan)) > FORKS
@@ -199,10 +211,7 @@ def quarters(table: pd.DataFrame) -> pd.DataFrame:
     step = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
     low = np.maximum(start[row], (start[row] // QUARTER + step) * QUARTER)
     high = np.minimum(end[row], (start[row] // QUARTER + step + 1) * QUARTER)
-    stamps = {
-        n: pd.to_datetime(v, unit="us", utc=True).as_unit("us") for n, v in (("start", low), ("end", high))
-    }
-    return table.iloc[row].reset_index(drop=True).assign(**stamps)
+    return table.iloc[row].reset_index(drop=True).assign(start=stamps(low), end=stamps(high))
 
 
 ANALYSIS = utilisation

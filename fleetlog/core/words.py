@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 
@@ -13,3 +14,8 @@ def count(number: Any, noun: str, plural: str = "") -> str:
 def percent(share: Any, digits: int = 0) -> str:
     """``84 %`` of 0.84."""
     return f"{100.0 * share:.{digits}f} %"
+
+
+def listed(parts: Sequence[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join([*([", ".join(parts[:-1])] if parts[1:] else []), *parts[-1:]])

@@ -52,15 +52,11 @@ class Comparison:
     def table(self) -> Table:
         """All figures, with differences where there are two datasets."""
         head = ["Figure", "", *(f.name for f in self.facts)]
-        rows = [
-            [figure.label, self.unit(figure), *map(figure.shown, values)] for figure, values in self.figures
-        ]
+        rows = [[f.label, self.unit(f), *map(f.shown, values)] for f, values in self.figures]
         if self.two:
             head += ["difference (95 % interval)", ""]
-            rows = [
-                row + self._difference(figure.name, values)
-                for row, (figure, values) in zip(rows, self.figures, strict=True)
-            ]
+            for row, (figure, values) in zip(rows, self.figures, strict=True):
+                row += self._difference(figure.name, values)
         return Table(head, rows, [False, False, True, True, True, False][: len(head)])
 
     def _difference(self, name: str, values: list[float]) -> list[str]:
@@ -83,10 +79,8 @@ class Comparison:
             if known is not None and known[1] < SIGNIFICANT:
                 unit = "" if self.unit(figure).startswith("1/") else self.unit(figure)
                 a, b = (f"{figure.shown(v)} {unit}".rstrip() for v in values)
-                how = "higher" if values[1] > values[0] else "lower"
-                out.append(
-                    f"{figure.label}: {how} in {names[1]}, {b} against {a} in {names[0]} (p {_p(known[1])})."
-                )
+                how = f"{'higher' if values[1] > values[0] else 'lower'} in {names[1]}"
+                out.append(f"{figure.label}: {how}, {b} against {a} in {names[0]} (p {_p(known[1])}).")
         if not self.differences:
             return ["There are too few truck days to tell differences from chance: each dataset needs four."]
         return out or [f"None of {len(self.differences)} figures differs by more than chance."]

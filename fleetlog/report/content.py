@@ -1,12 +1,15 @@
-"""What stands on a page: sections of sentences, tables and pictures, ready for the templates."""
+"""What stands on a page, and the house of all pages: one set of templates and one style sheet."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
+import jinja2
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 
 
 @dataclass(frozen=True)
@@ -76,3 +79,18 @@ def number(value: float) -> str:
     if value == 0.0 or abs(value) >= 100.0 or value == round(value):
         return f"{value:,.0f}"
     return f"{value:.1f}" if abs(value) >= 10.0 else f"{value:.2f}" if abs(value) >= 0.1 else f"{value:.2g}"
+
+
+@cache
+def _house() -> jinja2.Environment:
+    house = jinja2.Environment(
+        loader=jinja2.PackageLoader("fleetlog.report", "templates"), autoescape=True, trim_blocks=True,
+        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
+    )  # fmt: skip
+    house.filters["drawn"] = Markup
+    return house
+
+
+def render(template: str, **values: Any) -> str:
+    """One self-contained HTML page; all but pictures of our own (filter ``drawn``) is escaped."""
+    return _house().get_template(template).render(**values)

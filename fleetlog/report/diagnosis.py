@@ -13,9 +13,8 @@ from fleetlog.discovery.report.finding import Finding
 from fleetlog.discovery.report.output import HEADS, shapes
 from fleetlog.errors import DataError
 from fleetlog.listening import progress
-from fleetlog.report.content import Picture, Table
+from fleetlog.report.content import Picture, Table, render
 from fleetlog.report.facts import Facts
-from fleetlog.report.page import render
 from fleetlog.view.picture import svg
 from fleetlog.view.scales import scales_of
 
@@ -25,10 +24,12 @@ MOST_ROADS = 20
 def in_short(facts: Facts) -> list[str]:
     """The verdict, the strongest finding, and how well the model does with and without what was found."""
     assert facts.truck is not None
+
+    def say(step: str) -> None:
+        progress(f"{facts.name}: diagnosis, {step}", 0.0)
+
     try:
-        found = diagnose(
-            facts.dataset, facts.truck, progress=lambda s: progress(f"{facts.name}: diagnosis, {s}", 0.0)
-        )
+        found = diagnose(facts.dataset, facts.truck, progress=say)
     except DataError as error:
         return [f"The diagnosis could not be made: {error.advice}."]
     v = found.verdict
@@ -62,13 +63,14 @@ def _pictures(result: Result, site: Site) -> list[Picture]:
     """Mismatch before and after in one colour scale, and the trip that the model missed most."""
     scales = scales_of(result.shapes)
     words = {"worst trip": "Power on the trip that the model missed most"}
+    kinds = (Grid, Series) if site.network is None else (Grid, Series, EdgeValues)
     return [
         Picture(
             svg(result, site, s, salt=s.name, scale=scales.get(s.name)),
             words.get(s.name, s.name.capitalize()),
         )
         for s in result.shapes
-        if isinstance(s, Grid | Series) or (isinstance(s, EdgeValues) and site.network is not None)
+        if isinstance(s, kinds)
     ]
 
 
@@ -76,13 +78,8 @@ def _channels(d: Diagnosis) -> Table:
     rows = [
         [c.name, c.metric, _share(c.before), _share(c.after), _share(c.floor)] for c in d.verdict.channels
     ]
-    head = ["Channel", "Error", "before", "after", "noise floor"]
-    return Table(
-        head,
-        rows,
-        [False, False, True, True, True],
-        "How well the model reproduces trips that it has not seen",
-    )
+    head, right = ["Channel", "Error", "before", "after", "noise floor"], [False, False, True, True, True]
+    return Table(head, rows, right, "How well the model reproduces trips that it has not seen")
 
 
 def _share(value: float | None) -> str:
@@ -99,11 +96,8 @@ def _sentence(f: Finding) -> str:
 
 def _parameters(f: Finding) -> Table | None:
     rows = [[p.name, f"{p.value:.4g}", f"{p.low:.4g} to {p.high:.4g}", p.unit] for p in f.parameters]
-    return (
-        Table(["Quantity", "value", "95 % interval", "unit"], rows, [False, True, True, False])
-        if rows
-        else None
-    )
+    head = ["Quantity", "value", "95 % interval", "unit"]
+    return Table(head, rows, [False, True, True, False]) if rows else None
 
 
 def _ranking(f: Finding) -> list[tuple[str, float, float, bool]]:
@@ -120,17 +114,9 @@ def _ranking(f: Finding) -> list[tuple[str, float, float, bool]]:
 def _roads(f: Finding) -> Table | None:
     edges = (f.where or {}).get("edges") or []
     rows = [
-        [
-            e["edge_id"],
-            f"{e['from']:.0f} to {e['to']:.0f} m",
-            f"{e['value']:.4g}",
-            f"{e['low']:.4g} to {e['high']:.4g}",
-        ]
+        [e["edge_id"], f"{e['from']:.0f} to {e['to']:.0f} m", f"{e['value']:.4g}",
+         f"{e['low']:.4g} to {e['high']:.4g}"]
         for e in edges[:MOST_ROADS]
-    ]
-    head = ["Road", "stretch", "value", "95 % interval"]
-    return (
-        Table(head, rows, [False, True, True, True], "Where", max(len(edges) - MOST_ROADS, 0))
-        if rows
-        else None
-    )
+    ]  # fmt: skip
+    head, right = ["Road", "stretch", "value", "95 % interval"], [False, True, True, True]
+    return Table(head, rows, right, "Where", max(len(edges) - MOST_ROADS, 0)) if rows else None

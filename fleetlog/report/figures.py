@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from fleetlog.core.trajectory import Floats
 from fleetlog.report.content import number
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -127,9 +125,6 @@ def _ratio(sums: Floats) -> Floats:
 
 def holm(p_values: list[float]) -> list[float]:
     """Return p-values corrected for their number (Holm 1979)."""
-    order = np.argsort(p_values)
-    factors = np.arange(len(p_values), 0, -1)
-    raised = np.minimum(np.maximum.accumulate(np.array(p_values)[order] * factors), 1.0)
-    out = np.empty(len(p_values))
-    out[order] = raised
-    return [float(p) for p in out]
+    p = pd.Series(p_values, dtype=float).sort_values(kind="stable")
+    raised = (p * np.arange(len(p), 0, -1)).cummax().clip(upper=1.0)
+    return raised.sort_index().tolist()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import inspect
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,17 +11,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis._added import added_results
 from fleetlog.analysis.tariff import load_tariff
-from fleetlog.core.result import EdgeValues, Grid
+from fleetlog.core.result import EdgeValues, Grid, Result
 from fleetlog.core.schema import Wrong, time_zone
 from fleetlog.core.truck import Truck
 from fleetlog.core.words import count
-from fleetlog.errors import ArgumentError
+from fleetlog.errors import ArgumentError, DataError
+from fleetlog.registry import added, part
 from fleetlog.report.comparison import Comparison
-from fleetlog.report.content import Part, Section
+from fleetlog.report.content import Part, Section, render
 from fleetlog.report.facts import Facts, gather
-from fleetlog.report.page import render
 from fleetlog.report.sections import SECTIONS, answers, local_span, shapes
 from fleetlog.store import Dataset
 from fleetlog.version import __version__
@@ -94,9 +94,8 @@ def _left_out(facts: Facts) -> list[str]:
 def _page(found: Comparison, lead: list[str]) -> str:
     facts = found.facts
     sites = list(dict.fromkeys(f.site.name if f.site.source else f.name for f in facts))
-    tiles = [
-        (f.label, f.shown(v[0]), found.unit(f)) for f, v in found.figures if f.title and np.isfinite(v[0])
-    ]
+    large = [(f, v[0]) for f, v in found.figures if f.title and np.isfinite(v[0])]
+    tiles = [(f.label, f.shown(value), found.unit(f)) for f, value in large]
     return render(
         "fleet.html", title=f"Fleet report: {' and '.join(sites)}", lead=lead,
         about=[_about(f) for f in facts], tiles=[] if found.two else tiles, sections=_sections(found),
@@ -123,9 +122,8 @@ def _sections(found: Comparison) -> list[Section]:
         shared = _common(title, facts)
         out.append(Section(title, [replace(make(f, **shared), name=f.name) for f in facts]))
         if title == "Energy" and any(found.left_out):
-            parts = [
-                Part(lines, name=f.name) for f, lines in zip(facts, found.left_out, strict=True) if lines
-            ]
+            said = zip(facts, found.left_out, strict=True)
+            parts = [Part(lines, name=f.name) for f, lines in said if lines]
             out.append(Section("What the truck model leaves out", parts))
     return out + _added_sections(facts)
 
@@ -137,6 +135,19 @@ def _added_sections(facts: list[Facts]) -> list[Section]:
         for result in added_results(f.dataset, f.truck):
             found.setdefault(result.name, []).append(Part(result.lines, name=f.name))
     return [Section(name.replace("_", " ").capitalize(), parts) for name, parts in found.items()]
+
+
+def added_results(dataset: Dataset, truck: Truck | None = None) -> Iterator[Result]:
+    """Give the result of every added analysis that these data can answer."""
+    for name in added("fleetlog.analysis"):
+        function = part("fleetlog.analysis", "ANALYSIS", name)
+        needed = [p.name for p in inspect.signature(function).parameters.values() if p.default is p.empty][1:]
+        options: dict[str, Any] = {} if truck is None or "truck" not in needed else {"truck": truck}
+        if set(needed) <= options.keys():
+            try:
+                yield function(dataset, **options)
+            except DataError:  # these data cannot answer it
+                continue
 
 
 def _common(title: str, facts: list[Facts]) -> dict[str, Scale]:

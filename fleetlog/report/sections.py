@@ -10,7 +10,7 @@ import pandas as pd
 
 from fleetlog.analysis.utilisation import STATES, state_bars
 from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, Result, Series
-from fleetlog.core.words import count
+from fleetlog.core.words import count, listed
 from fleetlog.report.battery import charge_curves, charge_table
 from fleetlog.report.content import Part, Picture, Table, number, table
 from fleetlog.report.facts import Facts
@@ -38,6 +38,7 @@ ENERGY = (
     "truck=vehicle_id; used [kWh]=used_kwh .2f; kWh/km=per_km .3f; charged [kWh]=charged_kwh .2f; "
     "cost=cost .2f; CO2 [kg]=co2_kg .2f; from=source"
 )
+ENERGY_SUMS = ("used_kwh", "charged_kwh", "energy_km", "energy_h", "cost", "co2_kg")
 CHARGE = (
     "truck=vehicle_id; at the start=first %; lowest=lowest %; at the end=last %; times charged=visits .0f; "
     "hours charged=hours .2f"
@@ -48,8 +49,8 @@ BUSY = (
 )
 AREAS = "area=area; roads=roads; delay [s]=delay .0f; episodes=episodes .0f; trucks=vehicles .0f"
 NEAR = (
-    "time=start t; truck=vehicle_a; other truck=vehicle_b; kind=kind; time to collision [s]=ttc_s .1f; "
-    "post-encroachment time [s]=pet_s .1f; closing speed [m/s]=closing_speed .1f"
+    "time=start t; truck=vehicle_a; other truck=vehicle_b; kind=kind; TTC [s]=ttc_s .1f; PET [s]=pet_s .1f; "
+    "closing [m/s]=closing_speed .1f"
 )
 OVER = (
     "time=start t; truck=vehicle_id; road or zone=place; duration [s]=duration .1f; "
@@ -86,19 +87,17 @@ def utilisation_part(f: Facts) -> Part:
     by_hour = hours.groupby(of_day).sum()
     blocks = [picture(f, state_bars("by truck", by_truck), "What each truck does")]
     if len(by_hour) > 1:
-        blocks.append(
-            picture(f, state_bars("by hour of the day", by_hour), "What the fleet does, by hour of the day")
-        )
+        bars = state_bars("by hour of the day", by_hour)
+        blocks.append(picture(f, bars, "What the fleet does, by hour of the day"))
     known = by_truck.drop(columns="no_data")
-    share = (
-        known.div(known.sum(axis=1).clip(lower=1e-9), axis=0).assign(hours=known.sum(axis=1)).reset_index()
-    )
+    total = known.sum(axis=1)
+    share = known.div(total.clip(lower=1e-9), axis=0).assign(hours=total).reset_index()
     seen = [f"{s.replace('_', ' ')}={s} %" for s in STATES if s in known and (known[s] > 0.0).any()]
     columns = "; ".join(["truck=vehicle_id", "hours=hours .2f", *seen])
     unknown = share.loc[share["driving"] > 0.0, "vehicle_id"]
     lines = [
-        f"No load is recorded for {', '.join(unknown)}: driving empty and laden, and waiting and handling, "
-        "cannot be told apart for these."
+        f"No load is recorded for {listed(unknown.tolist())}: driving empty cannot be told from driving "
+        "laden there, nor waiting from handling."
     ] if len(unknown) else []  # fmt: skip
     return Part(lines, [*blocks, table(share, columns, "Share of the time by truck")])
 
@@ -115,10 +114,8 @@ def work(f: Facts) -> Part:
     start = f.ledger.index.get_level_values("start").to_series()
     hourly = f.ledger["tasks"].groupby(start.dt.floor("h").to_numpy()).sum(min_count=1)
     if len(hourly) > 1 and hourly.notna().any():
-        x = hourly.index.to_numpy().astype("datetime64[us]").astype(np.int64)
-        curve = Series(
-            "tasks", x, {"tasks": hourly.to_numpy(float)}, "time", "tasks per hour", over_time=True
-        )
+        x, y = pd.DatetimeIndex(hourly.index).as_unit("us").asi8, {"tasks": hourly.to_numpy(float)}
+        curve = Series("tasks", x, y, "time", "tasks per hour", over_time=True)
         part.blocks.append(picture(f, curve, "Tasks done in each hour"))
     if "trips" in f.results:
         pairs = f.results["trips"].tables["pairs"]
@@ -130,9 +127,7 @@ def work(f: Facts) -> Part:
 
 def energy_part(f: Facts) -> Part:
     """Energy, cost and CO2 by truck, and by cause where a truck file is given."""
-    keep = [
-        c for c in ("used_kwh", "charged_kwh", "energy_km", "energy_h", "cost", "co2_kg") if c in f.ledger
-    ]
+    keep = [c for c in ENERGY_SUMS if c in f.ledger]
     trucks = f.ledger[keep].groupby(level="vehicle_id").sum().reset_index()
     known = trucks["energy_h"] > 0.0
     trucks.loc[~known, [c for c in keep if c != "energy_h"]] = np.nan
@@ -148,12 +143,10 @@ def energy_part(f: Facts) -> Part:
     if "energy" in f.results:
         result = f.results["energy"]
         part.lines += _model_lines(f, result)
-        part.blocks += [
-            picture(f, s, "Energy of the model by cause, all trucks") for s in shapes(f, "energy", Bars)
-        ]
-        part.blocks += [
-            picture(f, s, "Energy per metre of road, by direction") for s in shapes(f, "energy", EdgeValues)
-        ]
+        for bars in shapes(f, "energy", Bars):
+            part.blocks.append(picture(f, bars, "Energy of the model by cause, all trucks"))
+        for roads in shapes(f, "energy", EdgeValues):
+            part.blocks.append(picture(f, roads, "Energy per metre of road, by direction"))
     return part
 
 
@@ -164,9 +157,8 @@ def _currency(f: Facts) -> str:
 def _model_lines(f: Facts, result: Result) -> list[str]:
     causes = sorted(((k, v) for k, v in result.summary["ledger_kwh"].items() if v), key=lambda i: -abs(i[1]))
     said = ", ".join(f"{k.replace('_', ' ')} {v:.2f} kWh" for k, v in causes[:4])
-    out = [
-        f"The truck model's energy of all trucks, {result.summary['energy_kwh']:.2f} kWh, is mostly {said}."
-    ]
+    total = result.summary["energy_kwh"]
+    out = [f"The truck model's energy of all trucks, {total:.2f} kWh, is mostly {said}."]
     trucks = result.tables["energy_vehicles"]
     trucks = trucks[trucks["vehicle_id"].map(f.energy_from) == "power"]
     measured, model = (float(trucks[c].sum()) for c in ("measured_kwh", "model_beside_measured_kwh"))
@@ -217,9 +209,8 @@ def congestion(f: Facts, scale: Scale | None = None) -> Part:
         return Part([f"Congestion is not known: {f.missing.get('density', '')}."])
     result = f.results["density"]
     s, areas = result.summary, result.places.get("areas")
-    part = Part(
-        [f"{count(s['episodes'], 'episode')} of congestion, {number(s['delay_s'])} s of delay in all."]
-    )
+    episodes = count(s["episodes"], "episode")
+    part = Part([f"{episodes} of congestion, {number(s['delay_s'])} s of delay in all."])
     if areas is not None and len(areas):
         part.blocks.append(table(areas, AREAS, "Where trucks lose most time", most=8))
         marks = [m for m in result.shapes if isinstance(m, Marks)]
@@ -234,22 +225,23 @@ def congestion(f: Facts, scale: Scale | None = None) -> Part:
 def safety(f: Facts) -> Part:
     """Speeding and near misses."""
     part = Part()
-    for name, caption, heads in (
-        ("near_misses", "Near misses, the closest first", NEAR),
-        ("speeding", "Longest drives above the limit", OVER),
+    for name, caption, heads, key in (
+        ("near_misses", "Near misses, the closest first", NEAR,
+         " (TTC: time to collision, PET: post-encroachment time)"),
+        ("speeding", "Longest drives above the limit", OVER, ""),
     ):  # fmt: skip
         result = f.results[name]
         part.lines += result.lines
         found = result.places[name]
         if not len(found):
             continue
-        order = (
-            found.assign(worst=found[["ttc_s", "pet_s"]].min(axis=1)).sort_values("worst")
-            if name == "near_misses"
-            else found
-        )
-        order = order.assign(start=f.local(order["start"]))
-        part.blocks += [table(order, heads, caption, most=10), picture(f, None, f"{caption}: where", result)]
+        if name == "near_misses":
+            found = found.assign(worst=found[["ttc_s", "pet_s"]].min(axis=1)).sort_values("worst")
+        found = found.assign(start=f.local(found["start"]))
+        part.blocks += [
+            table(found, heads, caption + key, most=10),
+            picture(f, None, f"{caption}: where", result),
+        ]
     return part
 
 
@@ -266,20 +258,23 @@ def answers(f: Facts) -> list[str]:
     def of(name: str) -> str:
         return BY_NAME[name].shown(values[name])
 
-    doing = (("waiting_share", "waited"), ("handling_share", "handled loads"), ("charging_share", "charged"))
-    said = [f"{verb} {of(name)} %" for name, verb in doing if values[name] > 0.0]
+    doing = {"driving": "drove", "handling": "handled loads", "waiting": "waited", "charging": "charged",
+             "idle": "were idle for"}  # fmt: skip
+    known = {verb: values[f"{name}_share"] for name, verb in doing.items()}
+    said = [f"{verb} {v:.0f} %" for verb, v in known.items() if v >= 0.5]
     trucks = count(len(f.dataset.vehicles), "truck")
-    head = f"{trucks} drove {of('driving_share')} % of {of('truck_hours')} truck hours"
-    out = [", ".join([head, *said]) + "."]
+    out = [f"In {of('truck_hours')} truck hours, {trucks} {listed(said) or 'did nothing'} of the time."]
     if values["tasks"] > 0.0:
         out.append(
             f"The fleet did {of('tasks')} tasks, {of('tasks_per_hour')} per truck hour, "
             f"and drove {of('km')} km."
         )
     if values["kwh"] > 0.0:
-        cost = f", at a cost of {of('cost')} {_currency(f)}" if values["cost"] > 0.0 else ""
-        co2 = f" and {of('co2_kg')} kg of CO2" if values["co2_kg"] > 0.0 else ""
-        out.append(f"The fleet used {of('kwh')} kWh, {of('kwh_per_km')} kWh per kilometre{cost}{co2}.")
+        out.append(f"The fleet used {of('kwh')} kWh, {of('kwh_per_km')} kWh per kilometre.")
+        cost = [f"cost {of('cost')} {_currency(f)}"] if values["cost"] > 0.0 else []
+        co2 = [f"emitted {of('co2_kg')} kg of CO2"] if values["co2_kg"] > 0.0 else []
+        if cost or co2:
+            out.append(f"That {listed(cost + co2)}.")
     areas = f.results["density"].places.get("areas") if "density" in f.results else None
     if areas is not None and len(areas):
         first = areas.iloc[0]

@@ -23,10 +23,8 @@ def check_workbook() -> None:
     try:
         import xlsxwriter  # noqa: F401
     except ImportError:
-        raise InputError(
-            "writing .xlsx needs another package",
-            do="install fleetlog[excel], or name a folder for Parquet files",
-        ) from None
+        do = "install fleetlog[excel], or name a folder for Parquet files"
+        raise InputError("writing .xlsx needs another package", do=do) from None
 
 
 @contextmanager
@@ -54,10 +52,8 @@ def write_workbook(tables: dict[str, pd.DataFrame], path: Path, zone: str) -> No
     """One sheet a table; times are those of the zone, as a sheet knows none."""
     with pd.ExcelWriter(path, engine="xlsxwriter", engine_kwargs={"options": TEXT_ONLY}) as book:
         for name, table in tables.items():
-            sheet = re.sub(r"[\[\]:*?/\\]", "_", name)[:31]
-            _local(table.head(MOST_ROWS), zone).to_excel(
-                book, sheet_name=sheet, index=False, freeze_panes=(1, 0)
-            )
+            sheet, local = re.sub(r"[\[\]:*?/\\]", "_", name)[:31], _local(table.head(MOST_ROWS), zone)
+            local.to_excel(book, sheet_name=sheet, index=False, freeze_panes=(1, 0))
             book.sheets[sheet].autofit()
 
 

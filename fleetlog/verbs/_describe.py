@@ -264,7 +264,7 @@ def _truck(path: Path) -> Described:
 
 
 def _recording(path: Path) -> Described:
-    from fleetlog.view.describe import describe_recording
+    from fleetlog.view.viewer import describe_recording
 
     found = describe_recording(path)
     lines = [f"{path}: a Rerun recording, {'with' if found['blueprint'] else 'without'} a blueprint"]

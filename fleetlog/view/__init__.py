@@ -1,3 +1,1 @@
-"""Everything that a person looks at: recordings for the Rerun viewer, pictures.
-The only code that imports rerun or matplotlib.
-"""
+"""Recordings for the Rerun viewer, and pictures: the only code that imports rerun or matplotlib."""

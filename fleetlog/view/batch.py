@@ -31,7 +31,7 @@ from fleetlog.view.fleet import CURVES, MIN_LOAD, curve_style, heights, log_curv
 from fleetlog.view.meshes import LOAD_CENTRE, LOAD_HALF, box, join, truck_body, truck_fork
 from fleetlog.view.palette import Colour
 from fleetlog.view.scene import mesh3d
-from fleetlog.view.stream import Stream, entity
+from fleetlog.view.stream import Stream, entity, microseconds, ui_points
 
 Singles = NDArray[Any]
 """float32: what the viewer keeps of a position anyway."""
@@ -42,6 +42,14 @@ BLOCK = 400_000
 UNMAP_EVERY = 50
 MOVING = 0.2
 TRAIL_EVERY, MAP_EVERY = 2, 4
+FLEET_CURVES: dict[str, dict[str, tuple[float, Colour]]] = {
+    "speed": {"slowest tenth": (0.1, (213, 94, 0)), "median": (0.5, (225, 228, 235)),
+              "fastest tenth": (0.9, (86, 180, 233))},
+    "soc": {"lowest": (0.0, palette.SOC_EMPTY), "median": (0.5, (225, 228, 235)),
+            "highest": (1.0, palette.SOC_GOOD)},
+}  # fmt: skip
+"""By signal the curves of a fleet: quantile of its trucks, and colour."""
+SUM = (86, 180, 233)
 
 
 @dataclass(frozen=True)
@@ -66,25 +74,24 @@ def at_steps(trajectory: Trajectory, ticks: Ints, site: Site) -> dict[str, Singl
     out = {}
     for name in FIELDS:
         values = heights(trajectory, site) if name == "z" else trajectory.floats(name)
-        picked = values[np.maximum(rows, 0)].astype(np.float32)
-        picked[late] = np.nan
-        out[name] = picked
+        out[name] = np.where(late, np.nan, values[np.maximum(rows, 0)]).astype(np.float32)
     return out
 
 
 def log_fleet(
-    stream: Stream, dataset: Dataset, site: Site, columns: Sequence[str], *, rate_hz: float, prefix: str = "",
+    stream: Stream, dataset: Dataset, columns: Sequence[str], *, rate_hz: float, prefix: str = "",
     colour: Colour = (205, 210, 218), shift: int = 0, name: str = "",
 ) -> set[str]:  # fmt: skip
-    """The whole fleet day by day through a scratch file, so that memory does not grow;
-    the signals that it has.
+    """The whole fleet day by day through a scratch file, so that memory does not grow.
+
+    Returns the signals that it has.
     """
-    step = max(round(1e6 / rate_hz), 1)
     _log_static(stream, prefix, colour)
     signals: set[str] = set()
     for date in dataset.dates:
-        ticks = _ticks(dataset, date, step)
-        vehicles, rows = dataset.vehicles, min(max(1, BLOCK // len(dataset.vehicles)), len(ticks))
+        ticks = _ticks(dataset, date, max(round(1e6 / rate_hz), 1))
+        vehicles = dataset.vehicles
+        rows = min(max(1, BLOCK // len(vehicles)), len(ticks))
         shape = (-(-len(ticks) // rows), len(FIELDS), len(vehicles), rows)
         padded = np.full(shape[0] * rows, np.nan, np.float32)
         with tempfile.TemporaryFile() as scratch:
@@ -93,7 +100,7 @@ def log_fleet(
             # What is drawn together lies together.
             table = np.frombuffer(pages, np.float32).reshape(shape)
             for k, vehicle in enumerate(vehicles):
-                day = at_steps(dataset.read(vehicle, date, columns), ticks, site)
+                day = at_steps(dataset.read(vehicle, date, columns), ticks, dataset.site)
                 for f, values in enumerate(day.values()):
                     padded[: len(ticks)] = values
                     table[:, f, k] = padded.reshape(-1, rows)
@@ -102,19 +109,18 @@ def log_fleet(
             for b, begin in enumerate(range(0, len(ticks), rows)):
                 time = ticks[begin : begin + rows]
                 block = {
-                    name_: np.ascontiguousarray(table[b, f, :, : len(time)].T)
-                    for f, name_ in enumerate(FIELDS)
+                    field: np.ascontiguousarray(table[b, f, :, : len(time)].T)
+                    for f, field in enumerate(FIELDS)
                 }
                 _unmap(pages)
-                signals |= _log_block(stream, Steps(time + shift, block), site, prefix, name)
-    _style_curves(stream, prefix, signals, name, colour)
+                signals |= _log_block(stream, Steps(time + shift, block), dataset.site.frame, prefix)
+    for signal in signals:
+        _style_curves(stream, prefix, signal, name, colour)
     return signals
 
 
 def _unmap(pages: mmap.mmap) -> None:
-    """Leave a file's pages to the system, which keeps them while it has memory to spare;
-    they come back when they are touched.
-    """
+    """Leave a file's pages to the system, which keeps them while it has memory to spare."""
     if hasattr(mmap, "MADV_DONTNEED"):
         pages.madvise(mmap.MADV_DONTNEED)
 
@@ -122,64 +128,51 @@ def _unmap(pages: mmap.mmap) -> None:
 def _ticks(dataset: Dataset, date: str, step: int) -> Ints:
     """Time steps of the part of a day that the dataset covers."""
     begin = int(np.datetime64(date, "us").astype(np.int64))
-    first = max(begin, int(np.datetime64(dataset.meta["start"].removesuffix("Z"), "us").astype(np.int64)))
-    last = min(
-        begin + DAY - 1, int(np.datetime64(dataset.meta["end"].removesuffix("Z"), "us").astype(np.int64))
-    )
+    start, end = (microseconds(dataset.meta[k]) for k in ("start", "end"))
+    first, last = max(begin, start or begin), min(begin + DAY - 1, end or begin)
     return np.arange(-(-first // step) * step, last + 1, step, dtype=np.int64)
 
 
 def _log_static(stream: Stream, prefix: str, colour: Colour) -> None:
-    low = [c - h for c, h in zip(LOAD_CENTRE, LOAD_HALF, strict=True)]
-    high = [c + h for c, h in zip(LOAD_CENTRE, LOAD_HALF, strict=True)]
-    truck = join([truck_body(colour), truck_fork()])
-    stream.static(entity(prefix, "trucks", "bodies"), mesh3d(truck))
-    stream.static(entity(prefix, "trucks", "loads"), mesh3d(box(low, high, (196, 150, 96))))
-    dots = rr.Points3D.from_fields(radii=rr.Radius.ui_points(3.5))
-    stream.static(entity(prefix, "trucks", "charge"), dots)
-    trail = rr.Points3D.from_fields(radii=rr.Radius.ui_points(1.1), colors=[colour])
-    stream.static(entity(prefix, "trail", "fleet"), trail)
-    stream.static(
-        entity(prefix, "geo", "fleet"),
-        rr.GeoPoints.from_fields(radii=rr.Radius.ui_points(3.0), colors=[(86, 180, 233)]),
-    )
+    centre, half = np.array(LOAD_CENTRE), np.array(LOAD_HALF)
+    load = box((centre - half).tolist(), (centre + half).tolist(), (196, 150, 96))
+    for names, archetype in {
+        ("trucks", "bodies"): mesh3d(join([truck_body(colour), truck_fork()])),
+        ("trucks", "loads"): mesh3d(load),
+        ("trucks", "charge"): rr.Points3D.from_fields(radii=ui_points(3.5)),
+        ("trail", "fleet"): rr.Points3D.from_fields(radii=ui_points(1.1), colors=[colour]),
+        ("geo", "fleet"): rr.GeoPoints.from_fields(radii=ui_points(3.0), colors=[(86, 180, 233)]),
+    }.items():
+        stream.static(entity(prefix, *names), archetype)
 
 
-def _log_block(stream: Stream, steps: Steps, site: Site, prefix: str, name: str) -> set[str]:
+def _log_block(stream: Stream, steps: Steps, frame: Frame | None, prefix: str) -> set[str]:
     known, v = steps.known, steps.values
-    lengths = known.sum(axis=1).astype(np.int64)
     xyz = np.column_stack([v[c][known] for c in "xyz"])
-    turn = np.nan_to_num(v["heading"][known])
-    _poses(stream, entity(prefix, "trucks", "bodies"), steps.time, lengths, xyz, turn)
     loaded = known & (np.nan_to_num(v["payload"]) > MIN_LOAD)
-    lifted = np.column_stack(
-        [v["x"][loaded], v["y"][loaded], (v["z"] + np.nan_to_num(v["fork_height"]))[loaded]]
-    )
-    counts = loaded.sum(axis=1).astype(np.int64)
-    _poses(
-        stream,
-        entity(prefix, "trucks", "loads"),
-        steps.time,
-        counts,
-        lifted,
-        np.nan_to_num(v["heading"][loaded]),
-    )
-    above, tints = xyz + np.array([0.0, 0.0, 3.0], np.float32), _charge_colours(v["soc"][known])
+    lifted = np.column_stack([v[c][loaded] for c in "xyz"])
+    lifted[:, 2] += np.nan_to_num(v["fork_height"][loaded])
+    for part, here, places in (("bodies", known, xyz), ("loads", loaded, lifted)):
+        stream.parts(
+            entity(prefix, "trucks", part), steps.time, here.sum(axis=1), rr.InstancePoses3D,
+            translations=places, quaternions=quaternions(np.nan_to_num(v["heading"][here])),
+        )  # fmt: skip
     stream.parts(
-        entity(prefix, "trucks", "charge"), steps.time, lengths,
-        lambda rows: rr.Points3D.columns(positions=above[rows], colors=tints[rows]),
+        entity(prefix, "trucks", "charge"), steps.time, known.sum(axis=1), rr.Points3D,
+        positions=xyz + np.array([0.0, 0.0, 3.0], np.float32), colors=_charge_colours(v["soc"][known]),
     )  # fmt: skip
-    _log_trail(stream, entity(prefix, "trail", "fleet"), steps)
-    if site.frame is not None:
-        _log_map(stream, entity(prefix, "geo", "fleet"), steps, site.frame)
-    return _log_curves(stream, steps, prefix, name)
-
-
-def _poses(stream: Stream, path: str, time: Ints, lengths: Ints, xyz: Singles, turn: Singles) -> None:
+    moving = (known & ~(v["speed"] <= MOVING))[::TRAIL_EVERY]
+    trail = np.column_stack([v[c][::TRAIL_EVERY][moving] for c in "xyz"])
     stream.parts(
-        path, time, lengths,
-        lambda rows: rr.InstancePoses3D.columns(translations=xyz[rows], quaternions=quaternions(turn[rows])),
+        entity(prefix, "trail", "fleet"), steps.time[::TRAIL_EVERY], moving.sum(axis=1), rr.Points3D,
+        positions=trail + np.array([0.0, 0.0, 0.1], np.float32),
     )  # fmt: skip
+    if frame is not None:
+        seen = known[::MAP_EVERY]
+        where = np.column_stack(frame.to_geographic(*(v[c][::MAP_EVERY][seen] for c in "xy")))
+        path, time = entity(prefix, "geo", "fleet"), steps.time[::MAP_EVERY]
+        stream.parts(path, time, seen.sum(axis=1), rr.GeoPoints, positions=where)
+    return _log_curves(stream, steps, prefix)
 
 
 def _charge_colours(soc: Singles) -> NDArray[np.uint8]:
@@ -190,68 +183,33 @@ def _charge_colours(soc: Singles) -> NDArray[np.uint8]:
     return out
 
 
-def _log_map(stream: Stream, path: str, steps: Steps, frame: Frame) -> None:
-    rows = np.arange(0, len(steps.time), MAP_EVERY)
-    seen = steps.known[rows]
-    x, y = (steps.values[c][rows][seen] for c in "xy")
-    where = np.column_stack(frame.to_geographic(x, y))
-    lengths = seen.sum(axis=1).astype(np.int64)
-    stream.parts(path, steps.time[rows], lengths, lambda part: rr.GeoPoints.columns(positions=where[part]))
-
-
-def _log_trail(stream: Stream, path: str, steps: Steps) -> None:
-    moving = steps.known & ~(steps.values["speed"] <= MOVING)
-    rows = np.arange(0, len(steps.time), TRAIL_EVERY)
-    seen = moving[rows]
-    xyz = np.column_stack([steps.values[c][rows][seen] for c in "xyz"]) + np.array(
-        [0.0, 0.0, 0.1], np.float32
-    )
-    lengths = seen.sum(axis=1).astype(np.int64)
-    stream.parts(path, steps.time[rows], lengths, lambda part: rr.Points3D.columns(positions=xyz[part]))
-
-
-def _log_curves(stream: Stream, steps: Steps, prefix: str, name: str) -> set[str]:
+def _log_curves(stream: Stream, steps: Steps, prefix: str) -> set[str]:
     found = set()
     for column, (signal, factor) in CURVES.items():
         values = np.where(steps.known, steps.values[column], np.nan).astype(np.float64) * factor
         if column == "speed":
             values = np.where(values > MOVING, values, np.nan)
-        if not np.isfinite(values).any():
-            continue
-        found.add(signal)
-        for curve, y in _fleet_curves(signal, values).items():
-            keep = thin.runs_collapsed(y)
-            log_curve(stream, entity(prefix, signal, curve), steps.time[keep], y[keep])
+        if np.isfinite(values).any():
+            found.add(signal)
+            for curve, y in _fleet_curves(signal, values).items():
+                log_curve(stream, entity(prefix, signal, curve), steps.time, y)
     return found
 
 
 def _fleet_curves(signal: str, values: Floats) -> dict[str, Floats]:
     """(T,) curves of (T, V) values: what the fleet does."""
+    if signal == "power":
+        return {"sum": np.where(np.isfinite(values).any(axis=1), np.nansum(values, axis=1), np.nan)}
+    curves = FLEET_CURVES[signal]
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", RuntimeWarning
-        )  # a step at which nothing is known gives NaN, and is meant to
-        if signal == "power":
-            return {"sum": np.where(np.isfinite(values).any(axis=1), np.nansum(values, axis=1), np.nan)}
-        low, middle, high = np.nanquantile(
-            values, [0.0 if signal == "soc" else 0.1, 0.5, 1.0 if signal == "soc" else 0.9], axis=1
-        )
-    names = (
-        ("lowest", "median", "highest") if signal == "soc" else ("slowest tenth", "median", "fastest tenth")
-    )
-    return dict(zip(names, (low, middle, high), strict=True))
+        # A step at which nothing is known gives NaN, and is meant to.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        quantiles = np.nanquantile(values, [q for q, _ in curves.values()], axis=1)
+    return dict(zip(curves, quantiles, strict=True))
 
 
-def _style_curves(stream: Stream, prefix: str, signals: set[str], name: str, colour: Colour) -> None:
-    tints: dict[str, Colour] = {
-        "lowest": palette.SOC_EMPTY,
-        "median": (225, 228, 235),
-        "highest": palette.SOC_GOOD,
-        "sum": (86, 180, 233),
-        "slowest tenth": (213, 94, 0),
-        "fastest tenth": (86, 180, 233),
-    }
-    for signal in signals:
-        for curve in _fleet_curves(signal, np.zeros((1, 1))):
-            title = f"{name} {curve}".strip() if signal != "power" else f"{name} whole fleet".strip()
-            stream.static(entity(prefix, signal, curve), curve_style(title, colour if name else tints[curve]))
+def _style_curves(stream: Stream, prefix: str, signal: str, name: str, colour: Colour) -> None:
+    tints = {"sum": SUM} if signal == "power" else {n: tint for n, (_, tint) in FLEET_CURVES[signal].items()}
+    for curve, tint in tints.items():
+        title = f"{name} {'whole fleet' if curve == 'sum' else curve}".strip()
+        stream.static(entity(prefix, signal, curve), curve_style(title, colour if name else tint))

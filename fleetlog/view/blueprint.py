@@ -1,10 +1,8 @@
-"""What is on the screen when a recording opens:
-plan, oblique view, map, curves and summary, without a click.
-"""
+"""What is on the screen when a recording opens: plan, oblique view, map, curves and summary."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,7 +10,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from fleetlog.view.extent import Floats, around
+from fleetlog.core.trajectory import Floats
+from fleetlog.view.extent import around
 from fleetlog.view.stream import TIMELINE, Stream
 
 Point = tuple[float, float, float]
@@ -41,20 +40,25 @@ class Screen:
     trail_seconds: float = 40.0
     start: int | None = None
     duration: float = 0.0
+    timeline: str = TIMELINE
+    """The one that is played."""
 
 
-def window(before: float, after: float) -> rrb.TimeAxis:
-    """A time axis that follows the cursor [s]."""
-    start = rrb.TimeRangeBoundary.cursor_relative(seconds=-before)
-    return rrb.TimeAxis(
-        view_range=rr.TimeRange(start=start, end=rrb.TimeRangeBoundary.cursor_relative(seconds=after))
-    )
+def cursor(before: float, after: float) -> dict[str, rrb.TimeRangeBoundary]:
+    """From so many seconds before the cursor to so many after it."""
+    relative = rrb.TimeRangeBoundary.cursor_relative
+    return {"start": relative(seconds=-before), "end": relative(seconds=after)}
+
+
+def ranges(screen: Screen, before: float, after: float) -> rrb.VisibleTimeRanges:
+    """So much about the cursor, on each of the timelines [s]."""
+    span = cursor(before, after)
+    lines = dict.fromkeys((screen.timeline, TIMELINE))
+    return rrb.VisibleTimeRanges([rr.VisibleTimeRange(timeline=line, **span) for line in lines])
 
 
 def top_down(outline: Floats, aspect: float = ASPECT) -> rrb.EyeControls3D:
-    """An eye straight above the site, north up, that sees all of ``outline``;
-    ``aspect`` is the view's width by its height.
-    """
+    """An eye straight above the site, north up, that sees all; ``aspect`` is the view's width by height."""
     flat = outline * np.array([1.0, 1.0, 0.0])
     position, target = fitted(flat, 0.0, np.pi / 2 - 1e-3, aspect)
     return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 1.0, 0.0))
@@ -79,10 +83,9 @@ def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> 
     rim = max(0.03 * float(np.ptp(outline[:, :2], axis=0).max()), 3.0)
     steps = np.array([[-rim, 0, 0], [rim, 0, 0], [0, -rim, 0], [0, rim, 0], [0, 0, 2.0]])
     points = (outline[:, None, :] + steps).reshape(-1, 3)
-    forward = -np.array(
-        [np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)]
-    )
     right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    south = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+    forward = -np.cos(elevation) * south - np.array([0.0, 0.0, np.sin(elevation)])
     up = np.cross(right, forward)
     tall = np.tan(FIELD_OF_VIEW / 2.0)
     target = (points.min(axis=0) + points.max(axis=0)) / 2.0
@@ -98,22 +101,9 @@ def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> 
         middle = (sideways.min() + sideways.max()) * right + (upward.min() + upward.max()) * up
         target = target + 0.5 * distance * middle
     distance, *_ = seen()
-    eye = target - distance * forward
-    return (float(eye[0]), float(eye[1]), float(eye[2])), (
-        float(target[0]),
-        float(target[1]),
-        float(target[2]),
-    )
-
-
-def trailing(paths: Iterable[str], seconds: float) -> dict[str, Any]:
-    """Overrides that show the last ``seconds`` of each of these entities."""
-    span = rrb.VisibleTimeRanges(
-        timeline=TIMELINE,
-        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-seconds),
-        end=rrb.TimeRangeBoundary.cursor_relative(),
-    )
-    return dict.fromkeys(paths, span)
+    x, y, z = (target - distance * forward).tolist()
+    u, v, w = target.tolist()
+    return (x, y, z), (u, v, w)
 
 
 NO_LEGEND = "Open tasks (dark: being fetched, light: on the forks)"
@@ -129,24 +119,12 @@ def floor_view(
 ) -> rrb.Spatial3DView:
     """A view of the site's floor with its trucks; ``contents`` are further filters."""
     fleet = [f"{p}/{kind}/**" for p in screen.prefixes for kind in ON_FLOOR]
+    behind = ranges(screen, screen.trail_seconds, 0.0)
     return rrb.Spatial3DView(
-        origin="/",
-        name=name,
-        contents=["/site/**", *fleet, *contents],
-        overrides=trailing(screen.trails, screen.trail_seconds),
-        eye_controls=eye,
-        background=rrb.Background(color=[18, 20, 24]),
-        line_grid=rrb.LineGrid3D(visible=False),
-    )
-
-
-def around_cursor(before: float, after: float) -> rrb.VisibleTimeRanges:
-    """What a plot reads: no more than its window, so that a long recording stays quick [s]."""
-    return rrb.VisibleTimeRanges(
-        timeline=TIMELINE,
-        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-before),
-        end=rrb.TimeRangeBoundary.cursor_relative(seconds=after),
-    )
+        origin="/", name=name, contents=["/site/**", *fleet, *contents],
+        overrides=dict.fromkeys(screen.trails, behind), eye_controls=eye,
+        background=rrb.Background(color=[18, 20, 24]), line_grid=rrb.LineGrid3D(visible=False),
+    )  # fmt: skip
 
 
 def whole_time() -> rrb.TimeAxis:
@@ -161,47 +139,46 @@ def _legend_signal(screen: Screen) -> str:
 
 
 def time_of(screen: Screen, slow: bool) -> dict[str, Any]:
-    """Options of a plot: the whole time for a slow signal or a short recording,
-    else a window about the cursor.
+    """Options of a plot: all of the time for a slow signal or a short recording, else a window.
+
+    A plot of a window reads no more than that, so that a long recording stays quick.
     """
     if slow or screen.duration <= LONG:
         return {"axis_x": whole_time()}
-    return {"axis_x": window(*WINDOW), "time_ranges": around_cursor(*WINDOW)}
+    axis = rrb.TimeAxis(view_range=rr.TimeRange(**cursor(*WINDOW)))
+    return {"axis_x": axis, "time_ranges": ranges(screen, *WINDOW)}
+
+
+def plot(
+    name: str, contents: list[str], legend: bool, corner: rrb.Corner2D | None = None, **options: Any
+) -> rrb.TimeSeriesView:
+    """Curves over time."""
+    key = rrb.PlotLegend(corner, visible=legend)
+    return rrb.TimeSeriesView(origin="/", name=name, contents=contents, plot_legend=key, **options)
 
 
 def curve_view(screen: Screen, signal: str) -> rrb.TimeSeriesView:
     """The curves of one signal, all vehicles."""
     soc = signal == "soc"
-    return rrb.TimeSeriesView(
-        origin="/",
-        name=CURVE_NAMES.get(signal, signal),
-        contents=[f"{p}/{signal}/**" for p in screen.prefixes],
-        axis_y=rrb.ScalarAxis(range=(0.0, 104.0)) if soc else None,
-        **time_of(screen, slow=soc),
-        plot_legend=rrb.PlotLegend(
-            rrb.Corner2D.LeftBottom, visible=screen.legend and signal == _legend_signal(screen)
-        ),
-    )
+    return plot(
+        CURVE_NAMES.get(signal, signal), [f"{p}/{signal}/**" for p in screen.prefixes],
+        screen.legend and signal == _legend_signal(screen), rrb.Corner2D.LeftBottom,
+        axis_y=rrb.ScalarAxis(range=(0.0, 104.0)) if soc else None, **time_of(screen, slow=soc),
+    )  # fmt: skip
 
 
 def state_view(screen: Screen) -> rrb.StateTimelineView:
     """A lane of states for every truck."""
     options: dict[str, Any] = time_of(screen, slow=False)
     options["time_view"] = options.pop("axis_x")
-    return rrb.StateTimelineView(
-        origin="/", name="Activities", contents=[f"{p}/state/**" for p in screen.prefixes], **options
-    )
+    contents = [f"{p}/state/**" for p in screen.prefixes]
+    return rrb.StateTimelineView(origin="/", name="Activities", contents=contents, **options)
 
 
 def count_view(screen: Screen, signal: str, name: str, legend: bool) -> rrb.TimeSeriesView:
     """Trucks by activity, or tasks by stage: a curve each, named in the ``legend`` where there is room."""
-    return rrb.TimeSeriesView(
-        origin="/",
-        name=name,
-        contents=[f"{p}/{signal}/**" for p in screen.prefixes],
-        **time_of(screen, slow=True),
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
-    )
+    contents = [f"{p}/{signal}/**" for p in screen.prefixes]
+    return plot(name, contents, legend, rrb.Corner2D.LeftTop, **time_of(screen, slow=True))
 
 
 def activity_views(screen: Screen, roomy: bool = False) -> list[Any]:
@@ -227,17 +204,16 @@ def map_view(screen: Screen, latitude: float) -> rrb.MapView:
     return rrb.MapView(origin="/", name="Map", contents=contents, zoom=float(np.clip(zoom, 2, 19)))
 
 
-def panels(screen: Screen) -> list[Any]:
-    """Time at the bottom, playing, where anything has a time; nothing else beside the views."""
+def whole(screen: Screen, columns: list[Any], shares: Sequence[float]) -> rrb.Blueprint:
+    """Columns beside one another; time below, playing, where anything has a time; nothing else."""
     state = "collapsed" if screen.duration else "hidden"
     speed = 1.0 if screen.duration < 60 else 4.0 if screen.duration < 600 else 10.0
-    return [
-        rrb.TimePanel(
-            state=state, timeline=TIMELINE, playback_speed=speed, play_state="playing", loop_mode="all"
-        ),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-    ]
+    time = rrb.TimePanel(
+        state=state, timeline=screen.timeline, playback_speed=speed, play_state="playing", loop_mode="all"
+    )
+    hidden = rrb.SelectionPanel(state="hidden"), rrb.BlueprintPanel(state="hidden")
+    row = rrb.Horizontal(*columns, column_shares=shares)
+    return rrb.Blueprint(row, time, *hidden, auto_views=False, auto_layout=False)
 
 
 def replay(screen: Screen, latitude: float | None) -> rrb.Blueprint:
@@ -251,10 +227,8 @@ def replay(screen: Screen, latitude: float | None) -> rrb.Blueprint:
         below.append(map_view(screen, latitude))
     doing = activity_views(screen)
     right: list[Any] = [*doing, *(curve_view(screen, s) for s in CURVE_NAMES if s in screen.signals)]
-    shares = [
-        min(screen.lanes / 2.4, 4.0) if screen.lanes else 1.7 if doing else 1.0,
-        *[1.0] * (len(right) - 1),
-    ]
+    first = min(screen.lanes / 2.4, 4.0) if screen.lanes else 1.7 if doing else 1.0
+    shares = [first, *[1.0] * (len(right) - 1)]
     summary = rrb.TextDocumentView(origin=screen.summary, name="Summary")
     if doing and len(below) > 1:
         # Activities take the summary's place, and it shares that of the map.
@@ -262,16 +236,8 @@ def replay(screen: Screen, latitude: float | None) -> rrb.Blueprint:
     else:
         right, shares = [*right, summary], [*shares, 1.0]
     left.append(rrb.Horizontal(*below, column_shares=[3, 2][: len(below)]))
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(*left, row_shares=[3, 2]),
-            rrb.Vertical(*right, row_shares=shares),
-            column_shares=[5, 3],
-        ),
-        *panels(screen),
-        auto_views=False,
-        auto_layout=False,
-    )
+    columns = [rrb.Vertical(*left, row_shares=[3, 2]), rrb.Vertical(*right, row_shares=shares)]
+    return whole(screen, columns, [5, 3])
 
 
 def send(stream: Stream, blueprint: rrb.Blueprint) -> None:

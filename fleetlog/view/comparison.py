@@ -12,17 +12,16 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
-from fleetlog.core.trajectory import Floats, Trajectory, concatenate
+from fleetlog.core.trajectory import Floats, Ints, Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 from fleetlog.view import blueprint, palette, thin
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.fleet import curve_style, log_curve
-from fleetlog.view.recording import MANY, RATE, Fleet, microseconds, summary_markdown
+from fleetlog.view.recording import MANY, RATE, Fleet, summary_markdown
 from fleetlog.view.scene import log_site
-from fleetlog.view.stream import Stream, entity, open_stream
+from fleetlog.view.stream import Stream, entity, microseconds, open_stream
 
 DIFFERENCES = {
     "apart": "Distance apart [m]",
@@ -44,12 +43,10 @@ SLOW = frozenset({"energy", "soc", "distance", "used"})
 def write_comparison(
     recorded_path: str | Path, simulated_path: str | Path, out_rrd: str | Path, *, rate_hz: float = RATE
 ) -> Path:
-    """A recording in which both fleets drive on one timeline, in orange and blue, with the differences as
-    curves.
+    """Write a recording in which both fleets drive on one timeline, in orange and blue, with differences.
 
     Where the two share no time, the simulated one is moved to begin with the recorded one, and the summary
-    says so; ``out_rrd`` appears whole or not at all, and replaces
-    an older one.
+    says so; ``out_rrd`` appears whole or not at all, and replaces an older one.
     """
     recorded, simulated = Dataset(recorded_path), Dataset(simulated_path)
     shift = clock_shift(recorded, simulated)
@@ -63,9 +60,8 @@ def write_comparison(
         a.log(stream, screen)
         b.log(stream, screen)
         found = _log_differences(stream, a, b) if same_mission(simulated) else _log_totals(stream, a, b)
-        stream.static(
-            "/summary", rr.TextDocument(_text(recorded, simulated, shift), media_type=rr.MediaType.MARKDOWN)
-        )
+        text = rr.TextDocument(_text(recorded, simulated, shift), media_type=rr.MediaType.MARKDOWN)
+        stream.static("/summary", text)
         blueprint.send(stream, _screen(screen, found))
     return Path(out_rrd)
 
@@ -75,26 +71,21 @@ def same_mission(simulated: Dataset) -> bool:
     return "distance_ratio" in (simulated.meta.get("summary") or {})
 
 
+def _ends(dataset: Dataset) -> tuple[int, int] | None:
+    """First and last time [us]; None for a dataset without rows."""
+    start, end = (microseconds(dataset.meta.get(k)) for k in ("start", "end"))
+    return None if start is None or end is None else (start, end)
+
+
 def clock_shift(recorded: Dataset, simulated: Dataset) -> int:
     """Microseconds to add to the simulated times: 0 where the two overlap."""
-    a0, a1, b0, b1 = (microseconds(d.meta.get(k)) for d in (recorded, simulated) for k in ("start", "end"))
-    if a0 is None or a1 is None or b0 is None or b1 is None or (a0 <= b1 and b0 <= a1):
-        return 0
-    return a0 - b0
+    a, b = _ends(recorded), _ends(simulated)
+    return 0 if a is None or b is None or (a[0] <= b[1] and b[0] <= a[1]) else a[0] - b[0]
 
 
 def _span(recorded: Dataset, simulated: Dataset, shift: int) -> tuple[int | None, float]:
-    starts = [
-        t + s
-        for d, s in ((recorded, 0), (simulated, shift))
-        if (t := microseconds(d.meta.get("start"))) is not None
-    ]
-    ends = [
-        t + s
-        for d, s in ((recorded, 0), (simulated, shift))
-        if (t := microseconds(d.meta.get("end"))) is not None
-    ]
-    return (min(starts), (max(ends) - min(starts)) * 1e-6) if starts and ends else (None, 0.0)
+    times = [*(_ends(recorded) or ()), *(t + shift for t in _ends(simulated) or ())]
+    return (min(times), (max(times) - min(times)) * 1e-6) if times else (None, 0.0)
 
 
 def _text(recorded: Dataset, simulated: Dataset, shift: int) -> str:
@@ -120,8 +111,7 @@ def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:
                 if kind not in found or day is ours[0]:
                     stream.static(path, curve_style(vehicle, palette.vehicle_colour(number)))
                 found.add(kind)
-                keep = thin.runs_collapsed(values)
-                log_curve(stream, path, day.time[keep], values[keep])
+                log_curve(stream, path, day.time, values)
     return found
 
 
@@ -138,7 +128,7 @@ def _log_totals(stream: Stream, *fleets: Fleet) -> set[str]:
     return found
 
 
-def totals(days: list[Trajectory]) -> tuple[NDArray[np.int64], dict[str, Floats]]:
+def totals(days: list[Trajectory]) -> tuple[Ints, dict[str, Floats]]:
     """Times [us]; trucks driving, distance so far [km] and, where power is known, energy so far [kWh]."""
     rows = [np.zeros((0, 4))]
     for t in days:
@@ -149,12 +139,10 @@ def totals(days: list[Trajectory]) -> tuple[NDArray[np.int64], dict[str, Floats]
     table = np.concatenate(rows)
     bins, of = np.unique(table[:, 0], return_inverse=True)
     moving, metres, joules = (np.bincount(of, table[:, k], len(bins)) for k in (1, 2, 3))
-    out = {
-        "driving": moving / (BIN * 1e-6),
-        "distance": np.cumsum(metres) / 1000.0,
-        "used": np.cumsum(joules) / 3.6e6,
-    }
-    return bins.astype(np.int64) * BIN, out if joules.any() else {k: v for k, v in out.items() if k != "used"}
+    out = {"driving": moving / (BIN * 1e-6), "distance": np.cumsum(metres) / 1000.0}
+    if joules.any():
+        out["used"] = np.cumsum(joules) / 3.6e6
+    return bins.astype(np.int64) * BIN, out
 
 
 def at_times(other: Trajectory, name: str, time: Any) -> Floats:
@@ -171,32 +159,20 @@ def at_times(other: Trajectory, name: str, time: Any) -> Floats:
 
 
 def running_energy(time: Any, power: Floats) -> Floats:
-    """(N,) energy of a power [W] from the first row on [kWh];
-    nothing is added where it is unknown or over a gap.
-    """
-    known = np.isfinite(power)
-    if not known.any():
+    """(N,) energy [kWh] of a power [W] from the first row on; nothing where it is unknown or over a gap."""
+    if not np.isfinite(power).any():
         return np.full(len(power), np.nan)
-    step = np.diff(time) * 1e-6
-    step[np.diff(time) > thin.gap_limit(time)] = 0.0
-    part = 0.5 * np.where(known[1:] & known[:-1], power[1:] + power[:-1], 0.0) * step
+    step = np.where(np.diff(time) > thin.gap_limit(time), 0.0, np.diff(time) * 1e-6)
+    part = 0.5 * np.nan_to_num(power[1:] + power[:-1]) * step
     return np.asarray(np.concatenate([[0.0], np.cumsum(part)]) / 3.6e6, dtype=np.float64)
 
 
 def differences(recorded: Trajectory, simulated: Trajectory) -> dict[str, Floats]:
-    """By kind (N,), simulated minus recorded: distance apart [m], power [kW], energy so far [kWh], SOC [%];
-    only kinds with data.
-    """
-    time = recorded.time
-    dx, dy = (at_times(simulated, c, time) - recorded.floats(c) for c in ("x", "y"))
-    power = at_times(simulated, "battery_power", time) - recorded.floats("battery_power")
-    soc = at_times(simulated, "soc", time) - recorded.floats("soc")
-    every = {
-        "apart": np.hypot(dx, dy),
-        "power": power * 1e-3,
-        "energy": running_energy(time, power),
-        "soc": soc * 100.0,
-    }
+    """By kind with data (N,), simulated minus recorded, in the units of ``DIFFERENCES``."""
+    time, columns = recorded.time, ("x", "y", "battery_power", "soc")
+    dx, dy, power, soc = (at_times(simulated, c, time) - recorded.floats(c) for c in columns)
+    energy = running_energy(time, power)
+    every = {"apart": np.hypot(dx, dy), "power": power * 1e-3, "energy": energy, "soc": soc * 100.0}
     return {kind: values for kind, values in every.items() if np.isfinite(values).any()}
 
 
@@ -212,20 +188,12 @@ def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
     doing = blueprint.activity_views(screen, roomy=True)
     both.append(rrb.Tabs(summary, *doing) if doing else summary)
     apart: list[Any] = [
-        rrb.TimeSeriesView(
-            origin="/",
-            contents=[f"/difference/{kind}/**"],
-            name=title,
+        blueprint.plot(
+            title, [f"/difference/{kind}/**"], legend=kind in TOTALS,
             **blueprint.time_of(screen, slow=kind in SLOW),
-            plot_legend=rrb.PlotLegend(visible=kind in TOTALS),
         )
         for kind, title in {**DIFFERENCES, **TOTALS}.items()
         if kind in found
-    ]
+    ]  # fmt: skip
     columns = [rrb.Vertical(*left), rrb.Vertical(*both), *([rrb.Vertical(*apart)] if apart else [])]
-    return rrb.Blueprint(
-        rrb.Horizontal(*columns, column_shares=[5, 3, 3][: len(columns)]),
-        *blueprint.panels(screen),
-        auto_views=False,
-        auto_layout=False,
-    )
+    return blueprint.whole(screen, columns, [5, 3, 3][: len(columns)])

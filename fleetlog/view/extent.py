@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.result import Flows, Grid, Marks, MovingLines, Result
 from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Floats
 from fleetlog.store import Dataset
 
-Floats = NDArray[np.float64]
 Extent = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax [m]."""
 
@@ -83,9 +82,8 @@ def shapes_outline(result: Result, site: Site) -> Floats:
 
 def _grid_corners(grid: Grid) -> Floats:
     """South-west and north-east corner of the cells that hold a value."""
-    seen = np.isfinite(grid.values) & (grid.values != 0.0)
-    if not seen.any():
+    rows, columns = np.nonzero(np.isfinite(grid.values) & (grid.values != 0.0))
+    if not len(rows):
         return np.zeros((0, 2))
-    rows, cols = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
-    low = (grid.x0 + cols[0] * grid.cell, grid.y0 + rows[0] * grid.cell)
-    return np.array([low, (grid.x0 + (cols[-1] + 1) * grid.cell, grid.y0 + (rows[-1] + 1) * grid.cell)])
+    cells = np.array([[columns.min(), rows.min()], [columns.max() + 1, rows.max() + 1]])
+    return np.array([grid.x0, grid.y0]) + grid.cell * cells

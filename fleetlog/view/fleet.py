@@ -11,18 +11,17 @@ Paths have the signal first and the vehicle second, because a view's filter know
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import rerun as rr
 
-from fleetlog.core.site import Site
+from fleetlog.core.site import Frame, Site
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.view import palette, thin
 from fleetlog.view.meshes import LOAD_CENTRE, LOAD_HALF, truck_body, truck_fork
 from fleetlog.view.palette import Colour
 from fleetlog.view.scene import mesh3d
-from fleetlog.view.stream import Stream, entity
+from fleetlog.view.stream import Stream, entity, ui_points
 
 CURVES = {"speed": ("speed", 1.0), "battery_power": ("power", 1e-3), "soc": ("soc", 100.0)}
 """Trajectory column: (signal in the recording, factor to its unit: m/s, kW, %)."""
@@ -70,11 +69,8 @@ def heights(t: Trajectory, site: Site) -> Floats:
     """
     z = t.floats("z")
     known = np.isfinite(z)
-    z = (
-        np.nan_to_num(z)
-        if known.any() and np.median(np.abs(z[known])) <= FAR_FROM_FLOOR
-        else np.zeros(len(t))
-    )
+    near = known.any() and np.median(np.abs(z[known])) <= FAR_FROM_FLOOR
+    z = np.nan_to_num(z) if near else np.zeros(len(t))
     if site.network is not None:
         edge, offset = t.labels("edge_id").recode(site.network.index), t.floats("edge_offset")
         on = (edge >= 0) & np.isfinite(offset)
@@ -93,46 +89,47 @@ def log_static(stream: Stream, lane: Lane, signals: set[str]) -> None:
 
 def log_day(stream: Stream, lane: Lane, t: Trajectory, site: Site, labels: bool) -> set[str]:
     """One day of one vehicle, already thinned; the signals that it has."""
-    placed = np.isfinite(t.floats("x")) & np.isfinite(t.floats("y"))
-    moving = t[placed]
+    moving = t[np.isfinite(t.floats("x")) & np.isfinite(t.floats("y"))]
     limit = thin.gap_limit(t.time)
     signals = _log_curves(stream, lane, t, limit)
     if len(moving):
-        _log_motion(stream, lane, moving, site)
+        floor = np.column_stack([moving.floats("x"), moving.floats("y"), heights(moving, site)])
+        keep = thin.moved(STEP, *floor.T)
+        places = floor[keep].astype(np.float32)
+        stream.columns(lane.path("trucks"), moving.time[keep], rr.Transform3D, translation=places)
         _log_presence(stream, lane, moving, max(limit, thin.gap_limit(moving.time)), labels)
         _log_fork(stream, lane, moving)
-        _log_trail(stream, lane, moving, site, limit)
+        _log_trail(stream, lane, moving, floor, limit)
         if site.frame is not None:
-            _log_map(stream, lane, moving, site)
+            _log_map(stream, lane, moving, site.frame)
     lane.last = int(t.time[-1])
     return signals
 
 
 def _log_curves(stream: Stream, lane: Lane, t: Trajectory, limit: int) -> set[str]:
-    found = set()
-    for column, (signal, factor) in CURVES.items():
-        if not t.has(column):
-            continue
-        found.add(signal)
+    known = {column: of for column, of in CURVES.items() if t.has(column)}
+    for column, (signal, factor) in known.items():
         slow = thin.thinned(t, SOC_RATE) if signal == "soc" else t
-        time, values = with_gaps(slow.time, slow.floats(column) * factor, limit, lane.last)
-        keep = thin.runs_collapsed(values)
-        time, values = time[keep], values[keep]
-        log_curve(stream, lane.path(signal), time, values)
-    return found
+        curve = with_gaps(slow.time, slow.floats(column) * factor, limit, lane.last)
+        log_curve(stream, lane.path(signal), *curve)
+    return {signal for signal, _ in known.values()}
 
 
-def curve_style(name: str, colour: Colour) -> rr.SeriesLines:
-    """A thin line through the values themselves;
-    the viewer's averaging would bend it where runs were collapsed.
+def curve_style(name: str, colour: Colour, steps: bool = False) -> rr.SeriesLines:
+    """A thin line, or one in ``steps``, through the values themselves.
+
+    The viewer's averaging would bend it where runs were collapsed.
     """
-    raw = rr.components.AggregationPolicy.Off
-    return rr.SeriesLines(names=name, colors=colour, widths=1.6, aggregation_policy=raw)
+    return rr.SeriesLines(
+        names=name, colors=colour, widths=1.6, aggregation_policy=rr.components.AggregationPolicy.Off,
+        interpolation_mode="StepAfter" if steps else None,
+    )  # fmt: skip
 
 
 def log_curve(stream: Stream, path: str, time: Ints, values: Floats) -> None:
-    """A curve over time."""
-    stream.columns(path, time, lambda rows: rr.Scalars.columns(scalars=values[rows]))
+    """A curve over time, runs of equal values cut to their ends."""
+    keep = thin.runs_collapsed(values)
+    stream.columns(path, time[keep], rr.Scalars, scalars=values[keep])
 
 
 def with_gaps(time: Ints, values: Floats, limit: int, last: int | None) -> tuple[Ints, Floats]:
@@ -144,88 +141,55 @@ def with_gaps(time: Ints, values: Floats, limit: int, last: int | None) -> tuple
     return np.insert(time, where, before + 1), np.insert(values, where, np.nan)
 
 
-def _log_motion(stream: Stream, lane: Lane, t: Trajectory, site: Site) -> None:
-    xyz = np.column_stack([t.floats("x"), t.floats("y"), heights(t, site)])
-    keep = thin.moved(STEP, *xyz.T)
-    xyz = xyz[keep].astype(np.float32)
-    stream.columns(
-        lane.path("trucks"), t.time[keep], lambda rows: rr.Transform3D.columns(translation=xyz[rows])
-    )
-
-
 def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels: bool) -> None:
-    """Heading of the body, shrunk to nothing while nothing is known of the truck;
-    its dot and SOC bar likewise.
-    """
+    """Dot, heading and SOC bar, all nothing while nothing is known of the truck."""
     cuts = thin.pieces(t.time, limit)
-    begins = np.array([t.time[s.start] for s in cuts])
-    ends = np.array([t.time[s.stop - 1] + limit for s in cuts])
-    time, shown = np.concatenate([begins, ends]), np.repeat([1, 0], len(cuts))
+    begins, ends = t.time[[s.start for s in cuts]], t.time[[s.stop - 1 for s in cuts]]
+    time, shown = np.concatenate([begins, ends + limit]), np.repeat([1, 0], len(cuts))
     if lane.last is None and lane.origin is not None and lane.origin < begins[0]:
         time, shown = np.append(time, lane.origin), np.append(shown, 0)
     order = np.argsort(time, kind="stable")
     time, shown = time[order], shown[order]
-    point = np.tile(np.array([[0.0, 0.0, 1.0]]), (int(shown.sum()), 1))
-    names = [lane.vehicle] * len(point)
-    stream.static(
-        lane.path("trucks", "dot"),
-        rr.Points3D.from_fields(radii=rr.Radius.ui_points(3.5), colors=lane.colour, show_labels=labels),
-    )
-    stream.parts(
-        lane.path("trucks", "dot"),
-        time,
-        shown,
-        lambda rows: rr.Points3D.columns(positions=point[rows], labels=names[rows]),
-    )
-    _log_heading(stream, lane, t, time[shown == 0])
+    path, point = lane.path("trucks", "dot"), np.tile([0.0, 0.0, 1.0], (len(cuts), 1))
+    dot = rr.Points3D.from_fields(radii=ui_points(3.5), colors=lane.colour, show_labels=labels)
+    stream.static(path, dot)
+    stream.parts(path, time, shown, rr.Points3D, positions=point, labels=[lane.vehicle] * len(cuts))
+    starts = [s.start for s in thin.pieces(t.time, thin.gap_limit(t.time))]
+    _log_heading(stream, lane, t, starts, time[shown == 0])
     if t.has("soc"):
-        _log_bar(stream, lane, t, time[shown == 0])
+        _log_bar(stream, lane, t, starts, time[shown == 0])
 
 
-def _log_heading(stream: Stream, lane: Lane, t: Trajectory, hidden: Ints) -> None:
+def _log_heading(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], hidden: Ints) -> None:
+    """Turns of the body; it shrinks to nothing at the times at which it is ``hidden``."""
     heading = t.floats("heading")
     keep = thin.changed(heading, np.radians(2.0))
-    keep = np.union1d(
-        keep[np.isfinite(heading[keep])], [s.start for s in thin.pieces(t.time, thin.gap_limit(t.time))]
-    )
+    keep = np.union1d(keep[np.isfinite(heading[keep])], starts)
     time = np.concatenate([t.time[keep], hidden])
-    turn = np.concatenate([np.nan_to_num(heading[keep]), np.zeros(len(hidden))])
-    size = np.repeat([1.0, 1e-6], [len(keep), len(hidden)])
     order = np.argsort(time, kind="stable")
-    time, turn, size = time[order], turn[order], size[order]
+    turn = np.concatenate([np.nan_to_num(heading[keep]), np.zeros(len(hidden))])[order]
+    size = np.repeat([1.0, 1e-6], [len(keep), len(hidden)])[order]
     stream.columns(
-        lane.path("trucks", "body"),
-        time,
-        lambda rows: rr.Transform3D.columns(
-            quaternion=quaternions(turn[rows]), scale=np.repeat(size[rows, None], 3, axis=1)
-        ),
-    )
+        lane.path("trucks", "body"), time[order], rr.Transform3D,
+        quaternion=quaternions(turn), scale=np.repeat(size[:, None], 3, axis=1),
+    )  # fmt: skip
 
 
-def _log_bar(stream: Stream, lane: Lane, t: Trajectory, hidden: Ints) -> None:
+def _log_bar(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], hidden: Ints) -> None:
     """A dark bar with a coloured part as long as the battery is full, redrawn at every per cent."""
     soc = t.floats("soc")
-    keep = thin.changed(soc, 0.01)
-    starts = [s.start for s in thin.pieces(t.time, thin.gap_limit(t.time))]
-    keep = np.union1d(keep, starts)
+    keep = np.union1d(thin.changed(soc, 0.01), starts)
     keep = keep[np.isfinite(soc[keep])]
     time = np.concatenate([t.time[keep], hidden])
     lengths = np.repeat([2, 0], [len(keep), len(hidden)])
     order = np.argsort(time, kind="stable")
-    strips: list[Any] = []
-    colours: list[Colour] = []
-    for value in soc[keep]:
-        split = BAR_HALF * (2.0 * float(np.clip(value, 0.03, 1.0)) - 1.0)
-        strips += [_bar(-BAR_HALF, split), _bar(split, BAR_HALF)]
-        colours += [palette.soc_colour(float(value)), (58, 60, 66)]
-    stream.static(lane.path("trucks", "soc"), rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(3.0)))
+    split = BAR_HALF * (2.0 * np.clip(soc[keep], 0.03, 1.0) - 1.0)
+    strips = [_bar(*ends) for s in split for ends in ((-BAR_HALF, s), (s, BAR_HALF))]
+    colours = np.array([c for s in soc[keep] for c in (palette.soc_colour(s), (58, 60, 66))], np.uint8)
+    path = lane.path("trucks", "soc")
+    stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(3.0)))
     stream.parts(
-        lane.path("trucks", "soc"),
-        time[order],
-        lengths[order],
-        lambda rows: rr.LineStrips3D.columns(
-            strips=strips[rows], colors=np.array(colours[rows], np.uint8).reshape(-1, 3)
-        ),
+        path, time[order], lengths[order], rr.LineStrips3D, strips=strips, colors=colours.reshape(-1, 3)
     )
 
 
@@ -234,61 +198,39 @@ def _bar(left: float, right: float) -> Floats:
 
 
 def _log_fork(stream: Stream, lane: Lane, t: Trajectory) -> None:
+    path = lane.path("trucks", "body", "fork")
     if t.has("fork_height"):
         height = np.clip(np.nan_to_num(t.floats("fork_height")), 0.0, None)
         keep = thin.changed(height, 0.02)
         lift = np.column_stack([np.zeros((len(keep), 2)), height[keep]])
-        stream.columns(
-            lane.path("trucks", "body", "fork"),
-            t.time[keep],
-            lambda rows: rr.Transform3D.columns(translation=lift[rows]),
-        )
+        stream.columns(path, t.time[keep], rr.Transform3D, translation=lift)
     if t.has("payload"):
         loaded = np.nan_to_num(t.floats("payload")) > MIN_LOAD
         keep = np.flatnonzero(np.diff(loaded.astype(np.int8), prepend=-1))
         lengths = loaded[keep].astype(np.int64)
-        n = int(lengths.sum())
-        path = lane.path("trucks", "body", "fork", "load")
-        box = rr.Boxes3D.from_fields(colors=[(196, 150, 96)], fill_mode="solid")
-        stream.static(path, box)
-        stream.parts(
-            path,
-            t.time[keep],
-            lengths,
-            lambda rows: rr.Boxes3D.columns(
-                centers=np.tile(LOAD_CENTRE, (n, 1))[rows], half_sizes=np.tile(LOAD_HALF, (n, 1))[rows]
-            ),
-        )
+        stream.static(f"{path}/load", rr.Boxes3D.from_fields(colors=[(196, 150, 96)], fill_mode="solid"))
+        centres, sizes = (np.tile(v, (int(lengths.sum()), 1)) for v in (LOAD_CENTRE, LOAD_HALF))
+        stream.parts(f"{path}/load", t.time[keep], lengths, rr.Boxes3D, centers=centres, half_sizes=sizes)
 
 
-def _log_trail(stream: Stream, lane: Lane, t: Trajectory, site: Site, limit: int) -> None:
+def _log_trail(stream: Stream, lane: Lane, t: Trajectory, floor: Floats, limit: int) -> None:
     """Short strips, each at the time of its end, so that a trailing window shows the way just driven."""
-    xyz = np.column_stack([t.floats("x"), t.floats("y"), heights(t, site) + 0.12]).astype(np.float32)
-    strips: list[Any] = []
-    when: list[int] = []
+    xyz = (floor + np.array([0.0, 0.0, 0.12])).astype(np.float32)
+    rows: list[Ints] = []
     for piece in thin.pieces(t.time, limit):
         inner = np.arange(piece.start, piece.stop)
         inner = inner[thin.moved(5.0 * STEP, *xyz[inner].T)]
-        for begin in range(0, len(inner) - 1, TRAIL_STEP):
-            rows = inner[begin : begin + TRAIL_STEP + 1]
-            if np.ptp(xyz[rows], axis=0).max() > 0.05:
-                strips.append(xyz[rows])
-                when.append(int(t.time[rows[-1]]))
-    style = rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(1.8), colors=[lane.colour])
-    stream.static(lane.path("trail"), style)
-    stream.columns(
-        lane.path("trail"),
-        np.array(when, np.int64),
-        lambda rows: rr.LineStrips3D.columns(strips=strips[rows]),
-    )
+        rows += [inner[k : k + TRAIL_STEP + 1] for k in range(0, len(inner) - 1, TRAIL_STEP)]
+    rows = [r for r in rows if np.ptp(xyz[r], axis=0).max() > 0.05]
+    path, when = lane.path("trail"), np.array([t.time[r[-1]] for r in rows], np.int64)
+    stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(1.8), colors=[lane.colour]))
+    stream.columns(path, when, rr.LineStrips3D, strips=[xyz[r] for r in rows])
 
 
-def _log_map(stream: Stream, lane: Lane, t: Trajectory, site: Site) -> None:
-    assert site.frame is not None
+def _log_map(stream: Stream, lane: Lane, t: Trajectory, frame: Frame) -> None:
     slow = thin.rows_at_rate(t.time, 1.0)
     keep = slow[thin.moved(10.0 * STEP, t.floats("x")[slow], t.floats("y")[slow])]
-    latitude, longitude = site.frame.to_geographic(t.floats("x")[keep], t.floats("y")[keep])
-    where = np.column_stack([latitude, longitude])
-    style = rr.GeoPoints.from_fields(radii=rr.Radius.ui_points(5.0), colors=[lane.colour])
-    stream.static(lane.path("geo"), style)
-    stream.columns(lane.path("geo"), t.time[keep], lambda rows: rr.GeoPoints.columns(positions=where[rows]))
+    where = np.column_stack(frame.to_geographic(t.floats("x")[keep], t.floats("y")[keep]))
+    path = lane.path("geo")
+    stream.static(path, rr.GeoPoints.from_fields(radii=ui_points(5.0), colors=[lane.colour]))
+    stream.columns(path, t.time[keep], rr.GeoPoints, positions=where)

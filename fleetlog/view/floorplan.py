@@ -1,17 +1,14 @@
-"""The site on paper: roads, buildings, places, heat, scale bar and north arrow,
-in matplotlib axes of metres.
-"""
+"""The site on paper, in axes of metres: roads, buildings, places, heat, scale bar and north arrow."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.result import EdgeValues, Flows, Grid, Marks, MovingLines, Result
 from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Floats
 from fleetlog.view import palette, ribbons
 from fleetlog.view.extent import Extent, around, shapes_outline
 from fleetlog.view.scales import Scale, colour_map
@@ -19,21 +16,12 @@ from fleetlog.view.scales import Scale, colour_map
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 INK, ROAD, BUILDING = "#33373d", "#b9c0c9", "#eceef1"
 MARKS = {
     "place": "#2a6fa8", "charger": "#1f8a4c", "critical": "#c22e2a", "point": "#33373d", "pick": "#2a7fb8",
     "drop": "#b0558c", "park": "#7b828c", "charge": "#2f9a4f",
 }  # fmt: skip
 MAX_LABELS = 25
-
-
-@dataclass(frozen=True)
-class Layer:
-    """What a colour bar needs."""
-
-    mappable: Any
-    extend: Literal["neither", "max", "both"]
 
 
 def frame_map(result: Result, site: Site) -> Extent:
@@ -47,66 +35,52 @@ def draw_site(axes: Axes, site: Site) -> None:
     """Buildings and zones as pale areas, roads as grey lines."""
     from matplotlib.collections import LineCollection, PolyCollection
 
-    if site.buildings:
-        polygons = [ribbons.open_ring(b.polygon) for b in site.buildings]
-        axes.add_collection(
-            PolyCollection(polygons, facecolors=BUILDING, edgecolors="#c9cdd3", lw=0.7, zorder=0)
-        )
-    limited = [ribbons.open_ring(z.polygon) for z in site.zones]
-    if limited:
-        area = PolyCollection(
-            limited, facecolors="none", edgecolors="#b98a2f", lw=0.8, linestyles="--", zorder=0.5
-        )
-        axes.add_collection(area)
-    if site.network is not None:
-        lines = [site.network.polyline(i)[:, :2] for i in range(len(site.network))]
-        axes.add_collection(LineCollection(lines, colors=ROAD, linewidths=1.0, zorder=1))
+    buildings, zones = (
+        [ribbons.open_ring(a.polygon) for a in areas] for areas in (site.buildings, site.zones)
+    )
+    solid: Any = {"facecolors": BUILDING, "edgecolors": "#c9cdd3", "lw": 0.7, "zorder": 0}
+    rim: Any = {"facecolors": "none", "edgecolors": "#b98a2f", "lw": 0.8, "linestyles": "--", "zorder": 0.5}
+    axes.add_collection(PolyCollection(buildings, **solid))
+    axes.add_collection(PolyCollection(zones, **rim))
+    axes.add_collection(LineCollection(_road_lines(site), colors=ROAD, linewidths=1.0, zorder=1))
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
 
 
-def draw_map_layer(axes: Axes, layer: Grid | EdgeValues, site: Site, scale: Scale) -> Layer | None:
-    """Heat on the floor, or values along the roads."""
+def _road_lines(site: Site) -> list[Floats]:
+    network = site.network
+    return [] if network is None else [network.polyline(i)[:, :2] for i in range(len(network))]
+
+
+def draw_map_layer(axes: Axes, layer: Grid | EdgeValues, site: Site, scale: Scale) -> Any:
+    """Heat on the floor, or values along the roads; what a colour bar is made of, None where nothing is."""
     if isinstance(layer, Grid):
         return _draw_grid(axes, layer, scale, site)
     return _draw_edges(axes, layer, scale, site) if site.network is not None else None
 
 
-def _extend(scale: Scale) -> Literal["neither", "max", "both"]:
-    return "neither" if not scale.clipped else "both" if scale.diverging else "max"
-
-
-def _draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Layer:
+def _draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Any:
     from matplotlib.collections import LineCollection
 
     rows, columns = grid.values.shape
     where = (grid.x0, grid.x0 + columns * grid.cell, grid.y0, grid.y0 + rows * grid.cell)
     values = np.ma.masked_invalid(np.where(grid.values == 0.0, np.nan, grid.values))
     alpha = None if grid.mask is None else np.where(grid.mask, 1.0, 0.22)
-    limits = axes.get_xlim(), axes.get_ylim()
+    x, y = axes.get_xlim(), axes.get_ylim()
     image = axes.imshow(
         values, origin="lower", extent=where, cmap=colour_map(grid.diverging, False), norm=scale.norm(),
         interpolation="nearest", alpha=alpha, zorder=1.5,
     )  # fmt: skip
-    axes.set_xlim(limits[0])
-    axes.set_ylim(limits[1])
-    if site.network is not None:  # fine lines over the heat, so that the roads stay readable
-        lines = [site.network.polyline(i)[:, :2] for i in range(len(site.network))]
-        axes.add_collection(LineCollection(lines, colors="#1d2024", linewidths=0.35, alpha=0.55, zorder=2))
+    axes.set(xlim=x, ylim=y)
+    # Fine lines over the heat, so that the roads stay readable.
+    over = LineCollection(_road_lines(site), colors="#1d2024", linewidths=0.35, alpha=0.55, zorder=2)
+    axes.add_collection(over)
     if alpha is not None:
-        axes.annotate(
-            "pale: not significant",
-            (0.01, 0.99),
-            xycoords="axes fraction",
-            ha="left",
-            va="top",
-            fontsize=7.5,
-            color=INK,
-        )
-    return Layer(image, _extend(scale))
+        _note(axes, "pale: not significant")
+    return image
 
 
-def _draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Layer:
+def _draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Any:
     """Both directions of a road side by side, each on the side on which it is driven."""
     from matplotlib.collections import LineCollection
 
@@ -128,7 +102,7 @@ def _draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Laye
     axes.add_collection(casing)
     strips.set_array(layer.values[keep][order])
     axes.add_collection(strips)
-    return Layer(strips, _extend(scale))
+    return strips
 
 
 def draw_overlay(axes: Axes, result: Result, layer: str | None = None) -> None:
@@ -156,10 +130,12 @@ def _draw_flows(axes: Axes, flows: Flows) -> None:
             alpha=0.35 + 0.5 * float(share[k]), shrinkA=2.0, shrinkB=3.0, zorder=2.6,
         ))  # fmt: skip
     if len(share):
-        axes.annotate(
-            f"widest arrow: {flows.weight.max():.0f} {flows.label}", (0.01, 0.99), xycoords="axes fraction",
-            ha="left", va="top", fontsize=7.5, color=INK,
-        )  # fmt: skip
+        _note(axes, f"widest arrow: {flows.weight.max():.0f} {flows.label}")
+
+
+def _note(axes: Axes, text: str) -> None:
+    """How to read the map, in its upper left corner."""
+    axes.annotate(text, (0.01, 0.99), xycoords="axes fraction", ha="left", va="top", fontsize=7.5, color=INK)
 
 
 def _draw_lines(axes: Axes, shape: MovingLines) -> None:
@@ -167,18 +143,14 @@ def _draw_lines(axes: Axes, shape: MovingLines) -> None:
     from matplotlib.collections import LineCollection
 
     for critical, colour in ((False, "#7fa8c4"), (True, "#c22e2a")):
-        picked = [
-            s[np.asarray(f, bool) == critical]
-            for s, f in zip(shape.lines, shape.critical, strict=True)
-            if len(s)
-        ]
-        strips = np.concatenate(picked) if picked else np.zeros((0, 2, 2))
-        if len(strips):
-            strips = strips[:: max(1, len(strips) // 20_000)]
-            alpha = float(np.clip(40.0 / len(strips), 0.02, 0.5))
-            axes.add_collection(
-                LineCollection(list(strips), colors=colour, linewidths=0.9, alpha=alpha, zorder=2.5)
-            )
+        each = zip(shape.lines, shape.critical, strict=True)
+        picked = [s[np.asarray(f, bool) == critical] for s, f in each if len(s)]
+        strips = np.concatenate([np.zeros((0, 2, 2)), *picked])
+        strips = strips[:: max(1, len(strips) // 20_000)]
+        alpha = float(np.clip(40.0 / max(len(strips), 1), 0.02, 0.5))
+        axes.add_collection(
+            LineCollection(list(strips), colors=colour, linewidths=0.9, alpha=alpha, zorder=2.5)
+        )
 
 
 Box = tuple[float, float, float, float]
@@ -196,15 +168,10 @@ def _draw_marks(axes: Axes, marks: Marks, taken: list[Box]) -> None:
     sizes = np.maximum(np.asarray(marks.size, float), small)
     circles = [Circle((x, y), r) for (x, y), r in zip(marks.xy, sizes, strict=True)]
     solid, faint = marks.kind in ("charger", "point"), 0.6 if marks.kind == "point" else 1.0
-    rings = PatchCollection(
-        circles,
-        facecolors=colour if solid else "none",
-        edgecolors=colour,
-        linewidths=1.2,
-        alpha=faint,
-        zorder=3,
+    face = colour if solid else "none"
+    axes.add_collection(
+        PatchCollection(circles, facecolors=face, edgecolors=colour, linewidths=1.2, alpha=faint, zorder=3)
     )
-    axes.add_collection(rings)
     for (x, y), label, size in list(zip(marks.xy, marks.labels, sizes, strict=True))[:MAX_LABELS]:
         spot = _free_spot(axes, x, y, size, label, taken) if label else None
         if spot is not None:
@@ -235,23 +202,16 @@ def _free_spot(
 def draw_furniture(axes: Axes, site: Site) -> None:
     """Places of the site, scale bar and north arrow."""
     for kind in sorted({p.kind for p in site.places}):
-        here = np.array([[p.x, p.y] for p in site.places if p.kind == kind])
-        r, g, b = palette.PLACES[kind]
-        axes.scatter(
-            here[:, 0], here[:, 1], s=16, marker="s", color=(0.75 * r / 255, 0.75 * g / 255, 0.75 * b / 255),
-            zorder=2.8, label=kind, edgecolors="white", linewidths=0.5,
-        )  # fmt: skip
+        x, y = np.array([[p.x, p.y] for p in site.places if p.kind == kind]).T
+        colour = tuple(0.75 * c / 255 for c in palette.PLACES[kind])
+        axes.scatter(x, y, s=16, marker="s", color=colour, zorder=2.8, label=kind, ec="white", lw=0.5)
     _scale_bar(axes)
     _north_arrow(axes, 0.0 if site.frame is None else site.frame.rotation)
     if site.places:
         axes.legend(
-            loc="lower right",
-            bbox_to_anchor=(1.0, 1.0),
-            ncols=4,
-            borderaxespad=0.2,
-            handletextpad=0.1,
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2, handletextpad=0.1,
             columnspacing=1.0,
-        )
+        )  # fmt: skip
 
 
 def _scale_bar(axes: Axes) -> None:
@@ -268,9 +228,7 @@ def _scale_bar(axes: Axes) -> None:
 
 
 def _north_arrow(axes: Axes, rotation: float) -> None:
-    """North is (sin, cos) of the rotation in site axes:
-    the frame's x axis is turned counter-clockwise from east.
-    """
+    """North is (sin, cos) of the rotation, by which the x axis is turned counter-clockwise from east."""
     north = np.array([np.sin(rotation), np.cos(rotation)])
     anchor = (0.955, 0.90)
     axes.annotate(

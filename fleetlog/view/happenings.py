@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
@@ -13,19 +14,19 @@ from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.store import Dataset
 from fleetlog.store.events import ACTIVITIES, TABLES, read_table
+from fleetlog.view import palette
 
 if TYPE_CHECKING:
     import pandas as pd
 
+MOMENTS = ("earliest", "assigned", "picked", "dropped")
 NEVER = np.iinfo(np.int64).max
 """A time that has not come [us]."""
 
 
 @dataclass(frozen=True)
 class Tasks:
-    """N tasks; times in us, ``NEVER`` where not reached;
-    ``source``, ``target`` (N, 3) m, NaN where not decided.
-    """
+    """N tasks: times [us], ``NEVER`` where not reached; ends (N, 3) m, NaN where not decided."""
 
     vehicle: NDArray[np.object_]
     earliest: Ints
@@ -68,15 +69,10 @@ def happenings_of(dataset: Dataset, shift: int) -> Happenings | None:
     spots = dict(zip(middles.index.astype(str), middles.to_numpy(np.float64), strict=True))
     clock = partial(_times, shift=shift)
     given = tasks[tasks["status"] != "left out"]
-    book = Tasks(
-        given["vehicle_id"].to_numpy(object),
-        clock(given["earliest"]),
-        clock(given["assigned"]),
-        clock(given["picked"]),
-        clock(given["dropped"]),
-        _places(given["from_place"], spots),
-        _places(given["to_place"], spots),
-    )
+    earliest, assigned, picked, dropped = (clock(given[c]) for c in MOMENTS)
+    source, target = (_places(given[c], spots) for c in ("from_place", "to_place"))
+    who = given["vehicle_id"].to_numpy(object)
+    book = Tasks(who, earliest, assigned, picked, dropped, source, target)
     return Happenings(
         book, doing["activity"].to_numpy(object), doing["vehicle_id"].to_numpy(object), clock(doing["start"]),
         clock(doing["end"]), _places(doing["place"], spots), held["vehicle_id"].to_numpy(object),
@@ -93,23 +89,17 @@ def _times(column: pd.Series[Any], shift: int) -> Ints:
 def _places(names: pd.Series[Any], spots: dict[str, Floats]) -> Floats:
     """(N, 3) m, NaN where no place is named."""
     known, nowhere = names.astype("category").cat, np.full(3, np.nan)
-    of_name = np.array(
-        [*(spots.get(str(name), nowhere) for name in known.categories), nowhere], dtype=np.float64
-    )
     # The code of no name is -1: the last row.
-    return np.asarray(of_name[known.codes.to_numpy()])
+    where = np.array([*(spots.get(str(n), nowhere) for n in known.categories), nowhere], dtype=np.float64)
+    return np.asarray(where[known.codes.to_numpy()])
 
 
 def _drawn(bays: pd.DataFrame, site: Site) -> tuple[Place, ...]:
     """Places of the simulation that the site does not have."""
     known = {p.id for p in site.places}
-    names, kinds, where = (
-        bays["place"].astype(str),
-        bays["kind"].astype(str),
-        bays[["x", "y"]].to_numpy(np.float64),
-    )
-    rows = zip(names, kinds, where.tolist(), strict=True)
-    return tuple(Place(name, cast(PlaceKind, kind), x, y) for name, kind, (x, y) in rows if name not in known)
+    names, kinds = bays["place"].astype(str), bays["kind"].astype(str)
+    rows = zip(names, kinds, bays[["x", "y"]].to_numpy(float).tolist(), strict=True)
+    return tuple(Place(name, cast(PlaceKind, kind), *xy) for name, kind, xy in rows if name not in known)
 
 
 def _lines(ways: pd.DataFrame) -> dict[int, Floats]:
@@ -121,9 +111,7 @@ def _lines(ways: pd.DataFrame) -> dict[int, Floats]:
 
 
 def rows_while(times: Ints, start: Ints, end: Ints) -> tuple[Ints, Ints]:
-    """Row and stretch wherever one of the sorted ``times`` lies in a stretch from ``start``
-    to (not with) ``end``, row by row.
-    """
+    """Row and stretch wherever one of the sorted ``times`` lies from ``start`` to before ``end``, by row."""
     first, last = np.searchsorted(times, start), np.searchsorted(times, end)
     count = np.maximum(last - first, 0)
     stretch = np.repeat(np.arange(len(start)), count)
@@ -152,13 +140,7 @@ def counts(h: Happenings, edges: Ints) -> dict[str, Floats]:
 
 
 def open_tasks(t: Tasks, edges: Ints) -> dict[str, Floats]:
-    """(T - 1,) mean number of tasks that wait for a truck, are being fetched, are on the forks;
-    only stages that occur.
-    """
-    stages = {
-        "waiting": (t.earliest, t.assigned),
-        "being fetched": (t.assigned, t.picked),
-        "on the forks": (t.picked, t.dropped),
-    }
-    numbers = {name: mean_number(edges, a, b) for name, (a, b) in stages.items()}
+    """(T - 1,) mean number of tasks at each stage that occurs."""
+    moments = itertools.pairwise(getattr(t, name) for name in MOMENTS)
+    numbers = {name: mean_number(edges, *ends) for name, ends in zip(palette.STAGES, moments, strict=True)}
     return {name: n for name, n in numbers.items() if n.any()}

@@ -1,8 +1,6 @@
-"""The real viewer without a screen: a recording is opened, painted by the processor (Mesa lavapipe) and
-looked at.
+"""The real viewer without a screen: a recording is opened and painted by the processor (Mesa lavapipe).
 
-Everything of ``rerun.experimental`` that fleetlog uses is in this module, because it may change with every
-release.
+All that fleetlog uses of ``rerun.experimental`` is here, because it may change with every release.
 """
 
 from __future__ import annotations
@@ -94,18 +92,9 @@ class Viewer:
         """The viewer's own account of recordings and views."""
         return self.client.get_state()
 
-    def timeline(self) -> str | None:
-        """The active timeline."""
-        return self.state.recordings[0].current_timeline  # type: ignore[no-any-return]  # rerun has no types
-
     def views(self) -> dict[str, Any]:
         """Views by name."""
         return {v.name: v for v in self.state.views}
-
-    def complaints(self) -> list[str]:
-        """What any view reports, and errors of the log."""
-        reports = [f"{v.name}: {r.summary}" for v in self.state.views for r in v.reports]
-        return reports + [str(line.message) for line in self.client.get_logs() if line.level == "ERROR"]
 
     def span(self) -> tuple[int, int]:
         """First and last time [ns] of the active timeline."""
@@ -114,13 +103,20 @@ class Viewer:
         return line.start, line.end
 
     def pause_at(self, nanoseconds: int) -> None:
-        """Set the time cursor and stop there."""
+        """Set the time cursor on the clock's timeline and stop there."""
         self.client.set_time(TIMELINE, timestamp=np.datetime64(nanoseconds, "ns"), play_state="paused")
 
+    def pause_in_the_middle(self) -> None:
+        """Stop in the middle of the active timeline."""
+        start, end = self.span()
+        line, middle = self.state.recordings[0].current_timeline, start + (end - start) // 2
+        if line == TIMELINE:
+            self.pause_at(middle)
+        else:
+            self.client.set_time(line, duration=np.timedelta64(middle, "ns"), play_state="paused")
+
     def picture(self, view: str | None = None) -> bytes:
-        """PNG of one view, or of the whole window;
-        taken again until it has ink, since data arrive after the first paint.
-        """
+        """PNG of one view, taken again until it has ink, as data arrive late; or of the whole window."""
         if view is None:
             return bytes(self.client.take_screenshot())
         self.client.take_screenshot()
@@ -135,9 +131,7 @@ class Viewer:
 
 @contextmanager
 def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Iterator[Viewer]:
-    """A viewer with ``rrd`` open, listening on this machine only;
-    :class:`ViewerError` where it cannot run.
-    """
+    """A viewer with ``rrd`` open, listening on this machine only; ViewerError where it cannot run."""
     from rerun.experimental import ViewerClient
 
     if (why := vulkan_missing()) is not None:
@@ -175,20 +169,18 @@ def colour_ink(png: bytes) -> float:
 
 
 def screenshot(
-    rrd: str | Path,
-    out: str | Path,
-    *,
-    at: int | None = None,
-    size: tuple[int, int] = (1600, 900),
+    rrd: str | Path, out: str | Path, *, at: int | None = None, size: tuple[int, int] = (1600, 900),
     settle: float = 7.0,
-) -> Path:
+) -> Path:  # fmt: skip
     """The whole window as PNG, at time ``at`` [ns] (the middle of the recording by default).
 
     ``settle`` seconds are given to load, and to let the notices of the viewer fade.
     """
     with open_headless(rrd, size) as viewer:
-        start, end = viewer.span()
-        viewer.pause_at(start + (end - start) // 2 if at is None else at)
+        if at is None:
+            viewer.pause_in_the_middle()
+        else:
+            viewer.pause_at(at)
         viewer.picture()
         time.sleep(settle)
         Path(out).write_bytes(viewer.picture())

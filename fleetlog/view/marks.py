@@ -56,9 +56,7 @@ def bolt(size: float, height: float) -> Floats:
 
 
 def reduced(line: Floats, tolerance: float) -> Floats:
-    """A polyline (n, 3) with as few of its points as stay within ``tolerance`` [m]
-    of it (Douglas and Peucker 1973).
-    """
+    """A polyline (n, 3) with few of its points, true to ``tolerance`` [m] (Douglas and Peucker 1973)."""
     keep = np.zeros(len(line), dtype=bool)
     keep[[0, -1]] = True
     todo = [(0, len(line) - 1)]

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from fleetlog.view.palette import Colour
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Mesh:
@@ -40,12 +38,11 @@ def mesh_of(triangles: ArrayLike, colours: ArrayLike) -> Mesh:
 def join(meshes: Sequence[Mesh]) -> Mesh:
     """Several meshes as one."""
     shift = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
-    return Mesh(
-        np.concatenate([m.vertices for m in meshes]),
-        np.concatenate([m.triangles + np.uint32(s) for m, s in zip(meshes, shift, strict=True)]),
-        np.concatenate([m.normals for m in meshes]),
-        np.concatenate([m.colours for m in meshes]),
+    triangles = [m.triangles + np.uint32(s) for m, s in zip(meshes, shift, strict=True)]
+    vertices, normals, colours = (
+        np.concatenate([getattr(m, part) for m in meshes]) for part in ("vertices", "normals", "colours")
     )
+    return Mesh(vertices, np.concatenate(triangles), normals, colours)
 
 
 _FACES = np.array(

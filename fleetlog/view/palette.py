@@ -32,12 +32,9 @@ ACTIVITIES: dict[str, Colour] = {
     "wait_charger": (204, 121, 167), "park": (74, 80, 92), "battery_empty": (140, 20, 30),
 }  # fmt: skip
 STAGES: dict[str, Colour] = {
-    "waiting": WAITING,
-    "being fetched": (62, 116, 158),
-    "on the forks": (86, 180, 233),
-}
-CRITICAL = (232, 65, 60)
-CALM = (130, 190, 220)
+    "waiting": WAITING, "being fetched": (62, 116, 158), "on the forks": (86, 180, 233),
+}  # fmt: skip
+CRITICAL, CALM = (232, 65, 60), (130, 190, 220)
 RECORDED, SIMULATED = (230, 159, 0), (86, 180, 233)
 
 
@@ -59,12 +56,10 @@ def dark_colour(number: int) -> Share:
 
 NAMED: dict[str, Colour] = {
     "recorded": (40, 44, 52), "measured": (40, 44, 52), "model before": (214, 120, 40),
-    "model after": (31, 119, 180),
-    "model": (31, 119, 180),
-    "driving_laden": (31, 119, 180), "driving_empty": (140, 190, 225), "driving": (86, 150, 205),
-    "handling": (240, 180, 50),
-    "waiting": (214, 80, 60), "standing": (225, 150, 90),
-    "charging": (64, 170, 90), "idle": (176, 182, 190), "no_data": (225, 228, 232),
+    "model after": (31, 119, 180), "model": (31, 119, 180), "driving_laden": (31, 119, 180),
+    "driving_empty": (140, 190, 225), "driving": (86, 150, 205), "handling": (240, 180, 50),
+    "waiting": (214, 80, 60), "standing": (225, 150, 90), "charging": (64, 170, 90),
+    "idle": (176, 182, 190), "no_data": (225, 228, 232),
 }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Curves and bars on paper, in matplotlib axes."""
+"""Curves, bars and experiments on paper, in matplotlib axes."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.result import Bars, Series
+from fleetlog.core.result import Bars, Series, Spread, half_width
+from fleetlog.core.trajectory import Floats
 from fleetlog.view import palette
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 SOFT, GRID = "#5a5f66", "#e3e6ea"
 MAX_BARS, MAX_LABEL = 40, 28
 SILENCE = 20.0
@@ -29,10 +29,9 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
         x, values = _over_time(axes, x, values, zone)
     if series.stacked:
         # Energy that flows back lies below zero, and is not taken off what flows out.
-        for sign in (1.0, -1.0):
-            part = np.maximum(sign * np.nan_to_num(values), 0.0) * sign
-            colours = [palette.dark_colour(i) for i in range(len(names))]
-            axes.stackplot(x, part, labels=names if sign > 0 else [], colors=colours, lw=0)
+        colours, known = [palette.dark_colour(i) for i in range(len(names))], np.nan_to_num(values)
+        axes.stackplot(x, np.maximum(known, 0.0), labels=names, colors=colours, lw=0)
+        axes.stackplot(x, np.minimum(known, 0.0), colors=colours, lw=0)
     else:
         for i, (name, y) in enumerate(zip(names, values, strict=True)):
             axes.plot(x, y, lw=1.1, color=palette.paper_colour(name, i), label=name)
@@ -51,7 +50,8 @@ def _over_time(axes: Axes, x: NDArray[Any], values: Floats, zone: str) -> tuple[
 
     local = pd.to_datetime(x, unit="us", utc=True).tz_convert(zone).tz_localize(None).to_numpy()
     steps = np.diff(local).astype("timedelta64[us]").astype(float)
-    usual = float(np.median(steps)) if len(steps) else 0.0
+    # A short step: of few points, or of short shifts, the median is a silence itself.
+    usual = float(np.quantile(steps, 0.25, method="lower")) if len(steps) else 0.0
     cut = np.flatnonzero(steps > SILENCE * usual)
     if not len(cut):
         from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
@@ -80,15 +80,11 @@ def draw_bars(axes: Axes, bars: Bars) -> None:
     left = np.zeros(len(labels))
     for i, (name, part) in enumerate((bars.parts or {"": bars.values}).items()):
         width = np.asarray(part[: len(labels)], float)
-        axes.barh(
-            at,
-            width,
-            left=left,
-            color=palette.paper_colour(name, i),
-            height=0.72,
-            label=name.replace("_", " "),
-        )
+        colour, label = palette.paper_colour(name, i), name.replace("_", " ")
+        axes.barh(at, width, left=left, color=colour, height=0.72, label=label)
         left = left + width
+    if not left.any():
+        axes.set_xlim(0.0, 1.0)
     axes.set_yticks(at, [t if len(t) <= MAX_LABEL else t[: MAX_LABEL - 1] + "…" for t in labels])
     axes.invert_yaxis()
     axes.set_xlabel(bars.label)
@@ -98,14 +94,53 @@ def draw_bars(axes: Axes, bars: Bars) -> None:
         axes.margins(x=0)
         _legend(axes, len(bars.parts))
     if (more := len(bars.labels) - len(labels)) > 0:
-        axes.annotate(
-            f"and {more} more", (1, 0), xycoords="axes fraction", ha="right", va="bottom", color=SOFT
-        )
+        axes.text(1, 0, f"and {more} more", transform=axes.transAxes, ha="right", va="bottom", color=SOFT)
 
 
 def bars_height(bars: Bars) -> float:
     """Height that labelled bars need [inches]."""
     return 1.1 + 0.19 * max(min(len(bars.labels), MAX_BARS), 3) + (0.25 if bars.parts else 0.0)
+
+
+def draw_spread(axes: Axes, spread: Spread) -> None:
+    """Every run of an experiment as a dot, the mean of the runs and its 95 % confidence interval.
+
+    Numbers along the axis, from zero up; names one below the other, close up.
+    """
+    number = all(v.replace(".", "", 1).isdigit() for v in spread.values)
+    at = np.array([float(v) for v in spread.values]) if number else np.arange(len(spread.values), dtype=float)
+    for k, (name, runs) in enumerate(spread.curves.items()):
+        # Curves side by side do not hide one another's bars.
+        aside = 0.012 * float(np.ptp(at)) * (k - 0.5 * (len(spread.curves) - 1))
+        _draw_curve(axes, at + aside, runs, name, palette.dark_colour(k), number)
+    axes.set_title(spread.y_label)
+    if number:
+        axes.set_xticks(at, list(spread.values))
+        axes.set_xlabel(spread.x_label)
+        axes.set_ylim(bottom=0.0)
+    else:
+        axes.set_yticks(at, list(spread.values))
+        axes.set_ylabel(spread.x_label)
+        axes.set_ylim(len(at) - 0.5, -0.5)
+    _lines(axes, "y" if number else "x")
+    if any(spread.curves):
+        axes.legend()
+
+
+def _draw_curve(
+    axes: Axes, at: Floats, runs: list[Floats], name: str, colour: palette.Share, upright: bool
+) -> None:
+    known = [k for k, r in enumerate(runs) if len(r)]
+    mean = np.array([runs[k].mean() for k in known])
+    half = np.nan_to_num([half_width(runs[k]) for k in known])
+    for k in known:
+        place = np.full(len(runs[k]), at[k])
+        axes.plot(*((place, runs[k]) if upright else (runs[k], place)), ".", color=colour, alpha=0.35, ms=4)
+    look: dict[str, Any] = dict(color=colour, ms=4, lw=1.2, capsize=3, label=name or None)
+    if upright:
+        axes.errorbar(at[known], mean, yerr=half, fmt="o-", **look)
+    else:
+        axes.errorbar(mean, at[known], xerr=half, fmt="o", **look)
 
 
 def _lines(axes: Axes, along: Any) -> None:

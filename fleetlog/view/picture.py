@@ -7,20 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Spread
 from fleetlog.core.site import Site
 from fleetlog.view.floorplan import draw_furniture, draw_map_layer, draw_overlay, draw_site, frame_map
-from fleetlog.view.panels import bars_height, draw_bars, draw_series
+from fleetlog.view.panels import bars_height, draw_bars, draw_series, draw_spread
 from fleetlog.view.scales import Scale, scales_of
-from fleetlog.view.spread import draw_spread
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 Panel = Series | Bars | Spread
 Layer = Grid | EdgeValues
 WIDTH, DPI = 10.0, 150
@@ -48,18 +45,27 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
 
     maps, panels = _split(result)
     with matplotlib.rc_context(STYLE):
-        columns = 2 if len(maps) > 1 else 1
-        map_rows = -(-len(maps) // columns)
-        beside = 2 if len(panels) > 1 else 1
-        panel_heights = [max(map(_height, panels[k : k + beside])) for k in range(0, len(panels), beside)]
-        ratio = _map_ratio(result, site)
-        map_height = float(np.clip((WIDTH / columns - 1.0) * ratio + 0.9, 2.6, 8.5 if columns == 1 else 6.0))
-        heights = [map_height] * map_rows + panel_heights
+        columns, beside = (2 if len(shown) > 1 else 1 for shown in (maps, panels))
+        room = (WIDTH / columns - 1.0) * _map_ratio(result, site) + 0.9
+        map_height = float(np.clip(room, 2.6, 8.5 if columns == 1 else 6.0))
+        heights = [map_height] * -(-len(maps) // columns)
+        heights += [max(map(_height, panels[k : k + beside])) for k in range(0, len(panels), beside)]
         figure = Figure(figsize=(WIDTH, sum(heights) + 0.5 or 4.0), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
-        figure.get_layout_engine().set(w_pad=0.08, h_pad=0.05, hspace=0.03)  # type: ignore[union-attr, call-arg]
+        engine: Any = figure.get_layout_engine()
+        engine.set(w_pad=0.08, h_pad=0.05, hspace=0.03)
         figure.suptitle(f"{site.name}: {result.name.replace('_', ' ')}", x=0.01, ha="left", weight="bold")
-        _place(figure, heights, map_rows, columns, maps, panels, result, site)
+        if not heights:
+            figure.text(0.01, 0.5, "\n".join(result.lines) or "nothing to draw", va="center")
+        else:
+            cells = figure.add_gridspec(len(heights), 2, height_ratios=heights)
+            for k, layer in enumerate(maps):
+                spot = cells[k, :] if columns == 1 else cells[k // 2, k % 2]
+                _draw_map(figure, figure.add_subplot(spot), layer, result, site)
+            first = len(heights) - -(-len(panels) // beside)
+            for k, panel in enumerate(panels):
+                spot = cells[first + k, :] if beside == 1 else cells[first + k // 2, k % 2]
+                _draw_panel(figure.add_subplot(spot), panel, site.timezone)
         figure.savefig(out_png, format="png", dpi=DPI, facecolor="white", metadata={"Software": "fleetlog"})
     return Path(out_png)
 
@@ -76,25 +82,6 @@ def _map_ratio(result: Result, site: Site) -> float:
     return (y1 - y0) / (x1 - x0)
 
 
-def _place(
-    figure: Figure, heights: list[float], map_rows: int, columns: int,
-    maps: list[Layer | None], panels: list[Panel], result: Result, site: Site,
-) -> None:  # fmt: skip
-    if not heights:
-        figure.text(0.01, 0.5, "\n".join(result.lines) or "nothing to draw", va="center")
-        return
-    cells = figure.add_gridspec(len(heights), 2, height_ratios=heights)
-
-    def spot(first: int, k: int, wide: bool) -> Any:
-        return cells[first + k, :] if wide else cells[first + k // 2, k % 2]
-
-    for k, layer in enumerate(maps):
-        _draw_map(figure, figure.add_subplot(spot(0, k, columns == 1)), layer, result, site)
-    for k, panel in enumerate(panels):
-        axes = figure.add_subplot(spot(map_rows, k, len(panels) == 1))
-        _draw_panel(axes, panel, site.timezone)
-
-
 def _height(panel: Panel) -> float:
     return max(bars_height(panel), PANEL_HEIGHT) if isinstance(panel, Bars) else PANEL_HEIGHT
 
@@ -109,14 +96,9 @@ def _draw_panel(axes: Axes, panel: Panel, zone: str) -> None:
 
 
 def svg(
-    result: Result,
-    site: Site,
-    shape: Layer | Panel | None = None,
-    *,
-    salt: str = "",
-    scale: Scale | None = None,
-    zone: str | None = None,
-) -> str:
+    result: Result, site: Site, shape: Layer | Panel | None = None, *, salt: str = "",
+    scale: Scale | None = None, zone: str | None = None,
+) -> str:  # fmt: skip
     """One map or panel of a result as an SVG element: its texts are text, everything it needs is in it.
 
     Without a ``shape``, the map of the site with the marks.  ``salt`` must differ among the pictures of a
@@ -126,29 +108,21 @@ def svg(
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
-    own: Any = {
-        **STYLE,
-        "font.size": 10.0,
-        "legend.fontsize": 9.0,
-        "svg.fonttype": "none",
-        "svg.hashsalt": salt,
-    }
-    with matplotlib.rc_context(own):
+    own: Any = {"font.size": 10.0, "legend.fontsize": 9.0, "svg.fonttype": "none", "svg.hashsalt": salt}
+    with matplotlib.rc_context({**STYLE, **own}):
         height = float(np.clip((ON_PAGE - 1.0) * _map_ratio(result, site) + 1.0, 2.4, 7.0))
-        if isinstance(shape, Series | Bars | Spread):
+        if isinstance(shape, Panel):
             height = bars_height(shape) if isinstance(shape, Bars) else PANEL_HEIGHT
         figure = Figure(figsize=(ON_PAGE, height), dpi=DPI, layout="constrained")
         FigureCanvasSVG(figure)
-        if isinstance(shape, Series | Bars | Spread):
+        if isinstance(shape, Panel):
             _draw_panel(figure.add_subplot(), shape, zone or site.timezone)
         else:
             _draw_map(figure, figure.add_subplot(), shape, result, site, scale)
         for axes in figure.axes:
             axes.set_title("", loc="left")  # a page says it beside the picture
-        out = io.StringIO()
-        figure.savefig(
-            out, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None}
-        )
+        out, nothing = io.StringIO(), dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        figure.savefig(out, format="svg", metadata=nothing)
     return out.getvalue()[out.getvalue().index("<svg") :]
 
 
@@ -167,7 +141,7 @@ def _draw_map(
         if image is not None:
             wide = extent[2] - extent[0] > 1.3 * (extent[3] - extent[1])
             bar = figure.colorbar(
-                image.mappable, ax=axes, label=layer.label, extend=image.extend, ticks=scale.ticks(),
+                image, ax=axes, label=layer.label, extend=scale.extend, ticks=scale.ticks(),
                 format=None if scale.ticks() is None else "%g",
                 orientation="horizontal" if wide else "vertical", shrink=0.7, aspect=30, pad=0.02,
             )  # fmt: skip

@@ -8,18 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import rerun as rr
 
 from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.store import Dataset
 from fleetlog.view import blueprint, events, fleet, palette, thin
+from fleetlog.view.clock import SKIPPED, clock_of
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.happenings import happenings_of
 from fleetlog.view.palette import Colour
-from fleetlog.view.scene import log_site
-from fleetlog.view.stream import Stream, entity, open_stream, verbatim
-from fleetlog.view.ways import log_ways, ways_of
+from fleetlog.view.scene import log_site, log_ways, ways_of
+from fleetlog.view.stream import Stream, entity, microseconds, open_stream, verbatim
 
 RATE = 2.0
 """Samples a second that are kept by default."""
@@ -36,11 +35,6 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def microseconds(iso: str | None) -> int | None:
-    """Of the description's times."""
-    return None if iso is None else int(np.datetime64(iso.removesuffix("Z"), "us").astype(np.int64))
-
-
 def write_recording(
     dataset_path: str | Path,
     out_rrd: str | Path,
@@ -55,15 +49,18 @@ def write_recording(
     dataset_path : folder of the dataset; it may still be the scratch folder of one being written.
     out_rrd : the file; it appears whole or not at all, and replaces an older one.
     rate_hz : samples a second kept of every vehicle; values are picked, not averaged.
-    summary : Markdown, or figures by name, shown beside the replay; by default what the dataset says of
-        itself.
+    summary : Markdown, or figures by name, shown beside the replay; by default the dataset's own.
     """
     dataset = Dataset(dataset_path)
     site = dataset.site
     start, end = (microseconds(dataset.meta.get(k)) for k in ("start", "end"))
-    screen = blueprint.Screen(outline=dataset_outline(dataset), on_earth=site.frame is not None)
-    screen.start, screen.duration = start, 0.0 if start is None or end is None else (end - start) * 1e-6
+    duration = 0.0 if start is None or end is None else (end - start) * 1e-6
+    screen = blueprint.Screen(
+        dataset_outline(dataset), on_earth=site.frame is not None, start=start, duration=duration
+    )
     with open_stream(Path(out_rrd), f"{site.name} ({dataset.kind})", start) as stream:
+        if (clock := clock_of(dataset)) is not None:
+            stream.clock, screen.timeline, screen.duration = clock, SKIPPED, clock.seconds
         log_site(stream, site)
         log_summary(stream, dataset, summary)
         Fleet(dataset, rate_hz).log(stream, screen)
@@ -74,9 +71,7 @@ def write_recording(
 
 @dataclass(frozen=True)
 class Fleet:
-    """One dataset in a recording: where its entities are, how they are coloured and named,
-    how its clock is moved.
-    """
+    """One dataset in a recording: path, colour and name of its entities, and how its clock is moved [us]."""
 
     dataset: Dataset
     rate_hz: float
@@ -124,7 +119,7 @@ class Fleet:
         from fleetlog.view import batch
 
         screen.signals |= batch.log_fleet(
-            stream, self.dataset, self.dataset.site, COLUMNS, rate_hz=min(self.rate_hz, MANY_RATE),
+            stream, self.dataset, COLUMNS, rate_hz=min(self.rate_hz, MANY_RATE),
             prefix=self.prefix, colour=self.colour or (205, 210, 218), shift=self.shift, name=self.name,
         )  # fmt: skip
         screen.trails.append(entity(self.prefix, "trail", "fleet"))
@@ -135,22 +130,23 @@ class Fleet:
 def log_summary(stream: Stream, dataset: Dataset, summary: str | Mapping[str, Any] | None) -> None:
     """The summary as a text beside the views."""
     text = summary if isinstance(summary, str) else summary_markdown(dataset, summary)
+    if stream.clock is not None:
+        text = "\n".join(f"- {line}" for line in stream.clock.lines()) + f"\n\n{text}"
     stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
 
 def summary_markdown(dataset: Dataset, figures: Mapping[str, Any] | None = None) -> str:
     """What a dataset says of itself, as Markdown."""
     meta, edges = dataset.meta, dataset.meta["site"].get("edges", 0)
-    count = len(meta["vehicles"])
+    trucks = len(meta["vehicles"])
     head = [
-        f"**{count}** vehicle{'s' if count != 1 else ''}, **{dataset.rows:,}** rows, {meta['kind']}",
+        f"**{trucks}** vehicle{'s' if trucks != 1 else ''}, **{dataset.rows:,}** rows, {meta['kind']}",
         f"{_clock(meta.get('start'))} to {_clock(meta.get('end'))} UTC",
         f"{edges} directed road edges" if edges else "no road map",
     ]
     more = summary_lines(meta.get("summary") or {} if figures is None else figures)
-    return (
-        f"**{verbatim(meta['site']['name'])}**\n\n" + "\n".join(f"- {line}" for line in [*head, *more]) + "\n"
-    )
+    lines = "\n".join(f"- {line}" for line in [*head, *more])
+    return f"**{verbatim(meta['site']['name'])}**\n\n{lines}\n"
 
 
 def summary_lines(figures: Mapping[str, Any]) -> list[str]:
@@ -166,9 +162,8 @@ def summary_lines(figures: Mapping[str, Any]) -> list[str]:
         elif isinstance(value, str | int | float):
             lines.append(f"{name}: {_figure(value)}")
         elif isinstance(value, Mapping) and all(isinstance(v, str | int | float) for v in value.values()):
-            lines.append(
-                f"{name}: " + ", ".join(f"{verbatim(str(k))} {_figure(v)}" for k, v in value.items())
-            )
+            parts = ", ".join(f"{verbatim(str(k))} {_figure(v)}" for k, v in value.items())
+            lines.append(f"{name}: {parts}")
     return lines
 
 

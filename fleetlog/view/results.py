@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +12,15 @@ import rerun.blueprint as rrb
 
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Shape
 from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.view import blueprint, palette, ribbons, thin
-from fleetlog.view.extent import Extent, Floats, around, shapes_outline
+from fleetlog.view.extent import Extent, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve, with_gaps
 from fleetlog.view.marks import arc, head
 from fleetlog.view.meshes import join, mesh_of
 from fleetlog.view.scales import Scale, scales_of, screen_colours
 from fleetlog.view.scene import drawn_width, lane, log_site, mesh3d
-from fleetlog.view.stream import Stream, entity, open_stream, verbatim
+from fleetlog.view.stream import Stream, entity, open_stream, ui_points, verbatim
 
 MARK_COLOURS = {
     "place": palette.PLACES["pick"], "charger": palette.PLACES["charge"], "critical": palette.CRITICAL,
@@ -31,11 +33,9 @@ WIDE = 2.5
 
 
 def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> Path:
-    """The shapes of a result as an .rrd file: heat on the floor, values along the roads, marks, moving lines,
-    curves.
+    """The shapes of a result as an .rrd file, which appears whole or not at all, and replaces an older one.
 
-    ``out_rrd`` appears whole or not at all, and replaces an older one.  Bars, and curves over something else
-    than time, are in the picture and in the text only.
+    Bars, and curves over something else than time, are in the picture and in the text only.
     """
     outline = shapes_outline(result, site)
     extent = around(outline)
@@ -44,13 +44,9 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
         scales = scales_of(result.shapes)
         texts = [_log_shape(stream, site, shape, extent, scales) for shape in result.shapes]
         _log_answer(stream, result, list(dict.fromkeys(t for t in texts if t)))
-        if not any(
-            isinstance(s, MovingLines) or (isinstance(s, Series) and s.over_time) for s in result.shapes
-        ):
+        if not _times(result):
             # A view of a recording without any time stays on "static"; one instant makes the timeline.
-            stream.columns(
-                "/result/instant", np.zeros(1, np.int64), lambda rows: rr.Scalars.columns(scalars=[0.0])
-            )
+            stream.columns("/result/instant", np.zeros(1, np.int64), rr.Scalars, scalars=[0.0])
         blueprint.send(stream, _screen(result, outline))
     return Path(out_rrd)
 
@@ -58,14 +54,15 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
 def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales: dict[str, Scale]) -> str:
     """Draw one shape; a line of Markdown that says how to read it."""
     path = entity("result", shape.name)
-    if isinstance(shape, Grid):
-        return _log_grid(stream, path, shape, scales[shape.name], extent)
-    if isinstance(shape, EdgeValues):
-        return (
-            _log_edges(stream, path, shape, site, scales[shape.name], extent)
-            if site.network is not None
-            else ""
-        )
+    if isinstance(shape, Grid | EdgeValues):
+        scale = scales[shape.name]
+        if isinstance(shape, Grid):
+            _log_grid(stream, path, shape, scale)
+        elif site.network is not None:
+            _log_edges(stream, path, shape, site, scale)
+        else:
+            return ""
+        return _legend(stream, path, shape.label, scale, extent)
     if isinstance(shape, Marks):
         return _log_marks(stream, path, shape)
     if isinstance(shape, MovingLines):
@@ -78,35 +75,30 @@ def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales:
     return _bars_text(shape) if isinstance(shape, Bars) else ""
 
 
-def _log_grid(stream: Stream, path: str, grid: Grid, scale: Scale, extent: Extent) -> str:
+def _log_grid(stream: Stream, path: str, grid: Grid, scale: Scale) -> None:
     rgba = screen_colours(np.where(grid.values == 0.0, np.nan, grid.values), scale)
     if grid.mask is not None:
         rgba[..., 3] = np.where(grid.mask, rgba[..., 3], rgba[..., 3] // 5)
-    size = rr.components.ImageFormat(
-        width=rgba.shape[1], height=rgba.shape[0], color_model="RGBA", channel_datatype="U8"
+    height, width = rgba.shape[:2]
+    form = rr.components.ImageFormat(width=width, height=height, color_model="RGBA", channel_datatype="U8")
+    pixels, corner = np.ascontiguousarray(rgba[::-1]).tobytes(), [grid.x0, grid.y0, 0.0]
+    stream.static(
+        path, rr.GridMap(data=pixels, format=form, cell_size=grid.cell, translation=corner, opacity=0.9)
     )
-    raster = rr.GridMap(
-        data=np.ascontiguousarray(rgba[::-1]).tobytes(), format=size, cell_size=grid.cell,
-        translation=[grid.x0, grid.y0, 0.0], opacity=0.9,
-    )  # fmt: skip
-    stream.static(path, raster)
-    return _legend(stream, path, grid.label, scale, extent)
 
 
-def _log_edges(stream: Stream, path: str, shape: EdgeValues, site: Site, scale: Scale, extent: Extent) -> str:
+def _log_edges(stream: Stream, path: str, shape: EdgeValues, site: Site, scale: Scale) -> None:
     network = site.roads()
     rgba = screen_colours(shape.values, scale)
     meshes = []
     for edge, start, end, colour in zip(shape.edge, shape.start, shape.end, rgba, strict=True):
-        if edge < 0 or colour[3] == 0:
-            continue
-        line = ribbons.stretch(network.polyline(edge), float(start), float(end))
-        left, right = lane(site, int(edge))
-        inset = 0.06 * drawn_width(network, int(edge))
-        meshes.append(mesh_of(ribbons.ribbon(line, left - inset, right + inset, 0.06), colour[:3]))
+        if edge >= 0 and colour[3]:
+            line = ribbons.stretch(network.polyline(edge), float(start), float(end))
+            left, right = lane(site, int(edge))
+            inset = 0.06 * drawn_width(network, int(edge))
+            meshes.append(mesh_of(ribbons.ribbon(line, left - inset, right + inset, 0.06), colour[:3]))
     if meshes:
         stream.static(path, mesh3d(join(meshes)))
-    return _legend(stream, path, shape.label, scale, extent)
 
 
 def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent) -> str:
@@ -126,7 +118,7 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
     texts = [_short(scale.low), _short(float(scale.at(np.array(0.5)))), f"{top}  {label}"]
     ends = rr.Points3D(
         [[x, y - thick, 0.1] for x in xs[[0, 32, 64]]],
-        labels=texts, radii=rr.Radius.ui_points(0.5), colors=[(225, 228, 235)], show_labels=True,
+        labels=texts, radii=ui_points(0.5), colors=[(225, 228, 235)], show_labels=True,
     )  # fmt: skip
     stream.static(f"{path}/scale/ends", ends)
     how = "blue below zero, orange above" if scale.diverging else "dark is low, bright is high"
@@ -145,11 +137,7 @@ def _log_marks(stream: Stream, path: str, marks: Marks) -> str:
     stream.static(f"{path}/rings", mesh3d(join(pads)))
     where = np.column_stack([marks.xy, np.full(len(marks.xy), 0.2)])
     points = rr.Points3D(
-        where,
-        radii=rr.Radius.ui_points(3.0),
-        colors=[colour],
-        labels=list(marks.labels),
-        show_labels=len(where) <= 30,
+        where, radii=ui_points(3.0), colors=[colour], labels=list(marks.labels), show_labels=len(where) <= 30
     )
     stream.static(f"{path}/labels", points)
     return ""
@@ -162,35 +150,23 @@ def _log_flows(stream: Stream, path: str, flows: Flows) -> str:
     if not arcs:
         return ""
     width = 0.5 + 2.5 * np.tile(flows.weight / flows.weight.max(), 2) ** 2
-    strips = rr.LineStrips3D(
-        [*arcs, *map(head, arcs)], radii=rr.Radius.ui_points(width), colors=[palette.CALM]
-    )
-    stream.static(path, strips)
+    lines = [*arcs, *map(head, arcs)]
+    stream.static(path, rr.LineStrips3D(lines, radii=ui_points(width), colors=[palette.CALM]))
     return f"**{_title(flows.name)}**: the widest arrow is {_short(flows.weight.max())} {flows.label}"
 
 
 def _log_lines(stream: Stream, path: str, shape: MovingLines) -> str:
-    """Segments and the dots at their ends, in chunks of whole steps."""
+    """Segments and the dots at their ends."""
     lengths = np.array([len(s) for s in shape.lines], np.int64)
-    strips = np.concatenate(
-        [np.asarray(s, float).reshape(-1, 2, 2) for s in shape.lines] or [np.zeros((0, 2, 2))]
-    )
-    strips = np.concatenate([strips, np.full((*strips.shape[:2], 1), 1.2)], axis=2).astype(np.float32)
-    flags = np.concatenate([np.asarray(f, bool) for f in shape.critical] or [np.zeros(0, bool)])
+    flat = np.concatenate([np.zeros((0, 2, 2)), *(np.reshape(s, (-1, 2, 2)) for s in shape.lines)])
+    strips = np.concatenate([flat, np.full((*flat.shape[:2], 1), 1.2)], axis=2).astype(np.float32)
+    flags = np.concatenate([np.zeros(0, bool), *shape.critical]).astype(bool)
     colours = np.where(flags[:, None], palette.CRITICAL, palette.CALM).astype(np.uint8)
-    stream.static(path, rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(2.2)))
-    stream.parts(
-        path,
-        shape.time,
-        lengths,
-        lambda rows: rr.LineStrips3D.columns(strips=strips[rows], colors=colours[rows]),
-    )
+    stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(2.2)))
+    stream.parts(path, shape.time, lengths, rr.LineStrips3D, strips=strips, colors=colours)
     dots, tints = strips.reshape(-1, 3), np.repeat(colours, 2, axis=0)
-    stream.static(f"{path}/trucks", rr.Points3D.from_fields(radii=rr.Radius.ui_points(5.0)))
-    stream.parts(
-        f"{path}/trucks", shape.time, 2 * lengths,
-        lambda rows: rr.Points3D.columns(positions=dots[rows], colors=tints[rows]),
-    )  # fmt: skip
+    stream.static(f"{path}/trucks", rr.Points3D.from_fields(radii=ui_points(5.0)))
+    stream.parts(f"{path}/trucks", shape.time, 2 * lengths, rr.Points3D, positions=dots, colors=tints)
     return f"**{_title(shape.name)}**: lines join trucks of one cluster, red where it is critical"
 
 
@@ -205,10 +181,8 @@ def _log_series(stream: Stream, shape: Series) -> str:
 
 
 def _bars_text(bars: Bars) -> str:
-    rows = "\n".join(
-        f"| {name} | {_short(value)} |"
-        for name, value in zip(bars.labels[:20], bars.values[:20], strict=True)
-    )
+    shown = zip(bars.labels[:20], bars.values[:20], strict=True)
+    rows = "\n".join(f"| {name} | {_short(value)} |" for name, value in shown)
     return f"| {_title(bars.name)} | {bars.label} |\n| --- | --- |\n{rows}\n"
 
 
@@ -233,17 +207,14 @@ def _contents(layer: Grid | EdgeValues | None) -> list[str]:
     return [*surface, *([f"{entity('result', layer.name)}/**"] if layer is not None else [])]
 
 
-def _own(marks: list[Marks], layer: Grid | EdgeValues | None) -> list[str]:
-    """The marks that belong to one map only."""
-    return [f"{entity('result', s.name)}/**" for s in marks if layer is not None and s.on == layer.name]
+def _curves(result: Result) -> list[Series]:
+    return [s for s in result.shapes if isinstance(s, Series) and s.over_time]
 
 
-def _duration(result: Result) -> float:
-    """From the first to the last time of what moves [s]."""
-    times = [s.time for s in result.shapes if isinstance(s, MovingLines)]
-    times += [np.asarray(s.x) for s in result.shapes if isinstance(s, Series) and s.over_time]
-    known = [t for t in times if len(t)]
-    return float(max(t[-1] for t in known) - min(t[0] for t in known)) * 1e-6 if known else 0.0
+def _times(result: Result) -> list[Ints]:
+    """The times of all that moves [us]."""
+    moving = [s.time for s in result.shapes if isinstance(s, MovingLines)]
+    return [*moving, *(np.asarray(s.x) for s in _curves(result))]
 
 
 def _curve_title(series: Series) -> str:
@@ -256,43 +227,35 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
     maps: list[Grid | EdgeValues | None] = [
         *[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
     ]
-    marks = [s for s in result.shapes if isinstance(s, Marks)]
-    always = [f"{entity('result', s.name)}/**" for s in result.shapes if isinstance(s, MovingLines | Flows)]
-    always += [f"{entity('result', s.name)}/**" for s in marks if s.on is None]
+    over = [s for s in result.shapes if isinstance(s, MovingLines | Flows | Marks)]
     if maps:
         x0, y0, x1, _ = around(outline)
         outline = np.vstack([outline, [x0, y0 - 0.08 * (x1 - x0), 0.0]])  # the colour bar
-    screen = blueprint.Screen(outline, (), duration=_duration(result))
-    eye = blueprint.top_down(outline, WIDE)
-    flat = [*always, *blueprint.FLAT, "- /site/zones/**"]
-    plans: list[Any] = [
-        blueprint.floor_view(
-            screen, "Plan" if m is None else _title(m.name), eye, [*flat, *_contents(m), *_own(marks, m)]
-        )
-        for m in (maps or [None])
-        if len(outline)
+    known = [t for t in _times(result) if len(t)]
+    duration = float(max(t[-1] for t in known) - min(t[0] for t in known)) * 1e-6 if known else 0.0
+    screen = blueprint.Screen(outline, (), duration=duration)
+
+    def view(layer: Grid | EdgeValues | None, name: str, eye: rrb.EyeControls3D, more: Sequence[str]) -> Any:
+        """One map with all marks but those of another one."""
+        name_of = None if layer is None else layer.name
+        shown = [f"{entity('result', s.name)}/**" for s in over if getattr(s, "on", None) in (None, name_of)]
+        return blueprint.floor_view(screen, name, eye, [*shown, *_contents(layer), *more])
+
+    eye, flat = blueprint.top_down(outline, WIDE), [*blueprint.FLAT, "- /site/zones/**"]
+    plans = [
+        view(m, "Plan" if m is None else _title(m.name), eye, flat) for m in (maps or [None]) if len(outline)
     ]
     if len(plans) == 1:
-        only = maps[0] if maps else None
-        over = [*always, *_contents(only), *_own(marks, only), "- /site/buildings/roofs/**"]
-        plans.append(blueprint.floor_view(screen, "Site", blueprint.oblique(outline, WIDE), over))
-    curves = [s for s in result.shapes if isinstance(s, Series) and s.over_time]
+        only, aslant = maps[0] if maps else None, blueprint.oblique(outline, WIDE)
+        plans.append(view(only, "Site", aslant, ["- /site/buildings/roofs/**"]))
     side: list[Any] = [
-        rrb.TimeSeriesView(
-            origin="/",
-            contents=[f"{entity('curves', s.name)}/**"],
-            name=_curve_title(s),
-            axis_x=blueprint.whole_time(),
-            plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=1 < len(s.y) <= 8),
+        blueprint.plot(
+            _curve_title(s), [f"{entity('curves', s.name)}/**"], 1 < len(s.y) <= 8,
+            rrb.Corner2D.LeftTop, axis_x=blueprint.whole_time(),
         )
-        for s in curves[:3]
-    ]
+        for s in _curves(result)[:3]
+    ]  # fmt: skip
     side.append(rrb.TextDocumentView(origin="/summary", name="Answer"))
     # Without a map and without places there is nothing to see from above.
     left = [rrb.Vertical(*plans) if len(plans) <= 2 else rrb.Grid(*plans)] if plans else []
-    return rrb.Blueprint(
-        rrb.Horizontal(*left, rrb.Vertical(*side), column_shares=[5, 3][-1 - len(left) :]),
-        *blueprint.panels(screen),
-        auto_views=False,
-        auto_layout=False,
-    )
+    return blueprint.whole(screen, [*left, rrb.Vertical(*side)], [5, 3][-1 - len(left) :])

@@ -1,21 +1,14 @@
-"""Roads as ribbons of their width, arrows along them, discs and extruded polygons:
-triangles (m, 3, 3) in metres.
-"""
+"""Roads as ribbons, arrows along them, discs and extruded polygons: triangles (m, 3, 3) in metres."""
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from fleetlog.core.trajectory import Floats, Ints
 
 
 def side_vectors(points: Floats) -> Floats:
-    """(n, 2) vectors to the left at every vertex, of length 1 along straights,
-    mitred (at most twofold) at bends.
-    """
+    """(n, 2) vectors to the left at every vertex, of length 1, mitred (at most twofold) at bends."""
     d = np.diff(points[:, :2], axis=0)
     d /= np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-9)
     left = np.column_stack([-d[:, 1], d[:, 0]])
@@ -34,14 +27,15 @@ def offset(points: Floats, left: float) -> Floats:
 
 
 def ribbon(points: Floats, left: float, right: float, lift: float = 0.0) -> Floats:
-    """Triangles (2 (n - 1), 3, 3) of the strip from ``left`` to ``right`` metres left of a polyline (n, 3),
-    raised by ``lift``.
-    """
+    """Triangles (2 (n - 1), 3, 3) of the strip from ``left`` to ``right`` metres left of a polyline."""
     up = np.array([0.0, 0.0, lift])
-    a, b = offset(points, left) + up, offset(points, right) + up
-    return np.concatenate(
-        [np.stack([b[:-1], b[1:], a[1:]], axis=1), np.stack([b[:-1], a[1:], a[:-1]], axis=1)]
-    )
+    return _band(offset(points, right) + up, offset(points, left) + up)
+
+
+def _band(a: Floats, b: Floats) -> Floats:
+    """Triangles between two polylines (n, 3), seen from the side on which ``b`` is left of ``a``."""
+    pairs = [a[:-1], a[1:], b[1:]], [a[:-1], b[1:], b[:-1]]
+    return np.concatenate([np.stack(corners, axis=1) for corners in pairs])
 
 
 def along(points: Floats, distance: Floats) -> tuple[Floats, Floats]:
@@ -64,9 +58,7 @@ def stretch(points: Floats, start: float, end: float) -> Floats:
 
 
 def arrows(points: Floats, size: float, spacing: float = 14.0, lift: float = 0.0) -> Floats:
-    """Chevron triangles along a polyline, one every ``spacing`` metres and at least one
-    where it is three sizes long.
-    """
+    """Chevrons along a polyline, one every ``spacing`` metres, and one at least from three sizes on."""
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     if length < 3.0 * size:
         return np.zeros((0, 3, 3))
@@ -84,20 +76,15 @@ def disc(x: float, y: float, radius: float, lift: float, inner: float = 0.0, cor
     angle = np.linspace(0.0, 2.0 * np.pi, corners + 1)
     rim = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(corners + 1)])
     centre = np.array([x, y, lift])
-    out, inn = centre + radius * rim, centre + inner * rim
-    return np.concatenate(
-        [np.stack([inn[:-1], out[:-1], out[1:]], axis=1), np.stack([inn[:-1], out[1:], inn[1:]], axis=1)]
-    )
+    return _band(centre + radius * rim, centre + inner * rim)
 
 
 def _turn(a: Floats, b: Floats, c: Floats) -> float:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
-def triangulate(polygon: Floats) -> NDArray[np.int64]:
-    """Vertex indices (n - 2, 3) of a simple polygon (n, 2) cut into triangles by clipping ears,
-    counter-clockwise.
-    """
+def triangulate(polygon: Floats) -> Ints:
+    """(n - 2, 3) counter-clockwise vertex indices of a simple polygon (n, 2), by clipping ears."""
     points = np.asarray(polygon, dtype=np.float64)
     nxt = np.roll(points, -1, axis=0)
     area = float((points[:, 0] * nxt[:, 1] - nxt[:, 0] * points[:, 1]).sum())
@@ -144,9 +131,6 @@ def floor_polygon(polygon: Floats, z: float) -> Floats:
 def walls(polygon: Floats, low: float, high: float) -> Floats:
     """Triangles of the upright walls over a polygon's outline."""
     ring = open_ring(polygon)
-    quads = []
-    for p, q in itertools.pairwise([*ring, ring[0]]):
-        a, b = np.array([*p, low]), np.array([*q, low])
-        c, d = np.array([*q, high]), np.array([*p, high])
-        quads += [[a, b, c], [a, c, d]]
-    return np.array(quads)
+    closed = np.vstack([ring, ring[:1]])
+    foot, top = (np.column_stack([closed, np.full(len(closed), z)]) for z in (low, high))
+    return _band(foot, top)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.result import EdgeValues, Grid
+from fleetlog.core.trajectory import Floats
 
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap, Normalize
 
-Floats = NDArray[np.float64]
 
 # Colour-blind safe; pale is low on paper, dark is low on the viewer's dark ground, and grey or white is zero
 # between two signs.
@@ -40,6 +40,11 @@ class Scale:
     clipped: bool = False
     knee: float = float("inf")
 
+    @property
+    def extend(self) -> Literal["neither", "max", "both"]:
+        """At which ends of a colour bar there are more values."""
+        return "neither" if not self.clipped else "both" if self.diverging else "max"
+
     def norm(self) -> Normalize:
         """The same for matplotlib."""
         from matplotlib.colors import AsinhNorm, Normalize
@@ -48,12 +53,15 @@ class Scale:
             return AsinhNorm(self.knee, self.low, self.high, clip=True)
         return Normalize(self.low, self.high, clip=True)
 
+    def _even(self, values: Any) -> Floats:
+        """Values on the scale that colours are even along."""
+        v = np.asarray(values, np.float64)
+        return np.arcsinh(v / self.knee) if np.isfinite(self.knee) else v
+
     def share(self, values: Floats) -> Floats:
         """0 to 1 between the limits; NaN stays NaN."""
-        ends, v = np.array([self.low, self.high]), np.asarray(values, np.float64)
-        if np.isfinite(self.knee):
-            ends, v = np.arcsinh(ends / self.knee), np.arcsinh(v / self.knee)
-        return np.asarray(np.clip((v - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0), dtype=np.float64)
+        low, high = self._even([self.low, self.high])
+        return np.asarray(np.clip((self._even(values) - low) / (high - low), 0.0, 1.0), dtype=np.float64)
 
     def ticks(self) -> list[float] | None:
         """Round values evenly along a colour bar; None where matplotlib finds them itself."""
@@ -63,28 +71,21 @@ class Scale:
 
     def at(self, share: Floats) -> Floats:
         """The values at shares from 0 to 1."""
-        ends = np.array([self.low, self.high])
-        if np.isfinite(self.knee):
-            ends = np.arcsinh(ends / self.knee)
-        v = ends[0] + np.asarray(share) * (ends[1] - ends[0])
+        low, high = self._even([self.low, self.high])
+        v = low + np.asarray(share) * (high - low)
         return np.asarray(self.knee * np.sinh(v) if np.isfinite(self.knee) else v, dtype=np.float64)
 
 
 def scale_of(values: Floats, diverging: bool = False) -> Scale:
-    """Limits that show most values well: from 0 (or symmetric about it) to the 98th (99th) percentile
-    where a few stand far out.
-    """
+    """Limits from (or about) 0 to the greatest value, or the 98th (99th) percentile if few exceed it."""
     known = np.asarray(values, dtype=np.float64)
     known = known[np.isfinite(known)]
     if not len(known):
         return Scale(-1.0 if diverging else 0.0, 1.0, diverging)
     if diverging:
         known = np.abs(known)
-    used = known[known != 0.0]
-    top, usual = (
-        float(known.max()),
-        float(np.quantile(used, 0.99 if diverging else 0.98)) if len(used) else 0.0,
-    )
+    used, top = known[known != 0.0], float(known.max())
+    usual = float(np.quantile(used, 0.99 if diverging else 0.98)) if len(used) else 0.0
     high = usual if 0.0 < usual < 0.67 * top else top
     low = 0.0 if diverging else min(0.0, float(known.min()))
     if high - low < 1e-300:
@@ -97,9 +98,7 @@ def scale_of(values: Floats, diverging: bool = False) -> Scale:
 
 
 def scales_of(shapes: Sequence[object]) -> dict[str, Scale]:
-    """Scale of every grid and set of road values, by name;
-    those of one label share theirs, so that they compare.
-    """
+    """Scale of every map, by name; maps of one kind and label share theirs, so that they compare."""
     maps = [s for s in shapes if isinstance(s, Grid | EdgeValues)]
     groups: dict[tuple[type, str, bool], list[Floats]] = {}
     for s in maps:

@@ -1,25 +1,26 @@
-"""The site in a recording: roads, buildings, zones and places, all without a time."""
+"""The site in a recording: roads, buildings, zones, places; without a map the ways driven."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
 from fleetlog.core.site import Place, Site
-from fleetlog.view import palette, ribbons
+from fleetlog.core.trajectory import Floats, Trajectory
+from fleetlog.view import palette, ribbons, thin
 from fleetlog.view.meshes import Mesh, join, mesh_of
-from fleetlog.view.stream import Stream, entity
+from fleetlog.view.stream import Stream, entity, ui_points
 
-Floats = NDArray[np.float64]
 DEFAULT_WIDTH = 3.5
 """Drawn width of a road [m] whose map gives none."""
 MANY_LABELS, MANY_PLACES = 30, 8
 """From here on labels would hide the floor; they are then shown under the pointer only."""
+POINTS_A_DAY = 4000
+BREAK = 200.0
+"""A step longer than this [m] is a jump of the log, not a way."""
 RAISED = np.array([0.0, 0.0, 0.05])
 """Lines lie this much over the surfaces, so that they are not hidden in them [m]."""
 
@@ -42,9 +43,7 @@ def drawn_width(network: Network, edge: int) -> float:
 
 
 def lane(site: Site, edge: int) -> tuple[float, float]:
-    """Left and right rim of the strip on which an edge is driven [m left of its line]:
-    half of a two-way road.
-    """
+    """Rims of the strip on which an edge is driven [m left of its line]: half of a two-way road."""
     network = site.roads()
     half = drawn_width(network, edge) / 2.0
     if network.reverse[edge] < 0:
@@ -60,7 +59,7 @@ def log_site(stream: Stream, site: Site) -> None:
             _log_map(stream, site)
     _log_buildings(stream, site)
     _log_zones(stream, site)
-    _log_places(stream, site)
+    log_places(stream, site.places, "", len(site.places) <= MANY_PLACES)
 
 
 def _log_roads(stream: Stream, site: Site) -> None:
@@ -71,10 +70,8 @@ def _log_roads(stream: Stream, site: Site) -> None:
         two_way = network.reverse[i] >= 0
         colour = palette.ROAD if two_way else palette.ONE_WAY
         surface.append(mesh_of(ribbons.ribbon(line, left, right, 0.01 if two_way else 0.03), colour))
-        outer = [right] if network.reverse[i] >= 0 and site.traffic == "right" else [left]
-        rims += [
-            ribbons.offset(line, o) + RAISED for o in (outer if network.reverse[i] >= 0 else (left, right))
-        ]
+        outer = (left, right) if not two_way else (right,) if site.traffic == "right" else (left,)
+        rims += [ribbons.offset(line, o) + RAISED for o in outer]
         middle = ribbons.offset(line, (left + right) / 2.0)
         arrow = ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), lift=0.07)
         if len(arrow):
@@ -84,8 +81,8 @@ def _log_roads(stream: Stream, site: Site) -> None:
         for (x, y, z), half in zip(network.node_points, _junction_radii(network), strict=True)
     ]
     stream.static("/site/roads/surface", mesh3d(join(surface)))
-    rim = rr.LineStrips3D(rims, colors=[palette.ROAD_EDGE], radii=rr.Radius.ui_points(0.6))
-    stream.static("/site/roads/edges", rim)
+    lines = rr.LineStrips3D(rims, colors=[palette.ROAD_EDGE], radii=ui_points(0.6))
+    stream.static("/site/roads/edges", lines)
     if marks:
         stream.static("/site/roads/arrows", mesh3d(join(marks)))
 
@@ -102,15 +99,10 @@ def _junction_radii(network: Network) -> Floats:
 def _log_map(stream: Stream, site: Site) -> None:
     assert site.frame is not None
     network = site.roads()
-    lines = []
-    for i in range(len(network)):
-        if network.reverse[i] > i or network.reverse[i] < 0:
-            latitude, longitude = site.frame.to_geographic(*network.polyline(i)[:, :2].T)
-            lines.append(np.column_stack([latitude, longitude]))
-    roads = rr.GeoLineStrings(
-        lat_lon=lines, colors=[palette.ROAD_EDGE] * len(lines), radii=rr.Radius.ui_points(1.2)
-    )
-    stream.static("/geo/roads", roads)
+    once = [i for i in range(len(network)) if network.reverse[i] > i or network.reverse[i] < 0]
+    lines = [np.column_stack(site.frame.to_geographic(*network.polyline(i)[:, :2].T)) for i in once]
+    colours = [palette.ROAD_EDGE] * len(lines)
+    stream.static("/geo/roads", rr.GeoLineStrings(lat_lon=lines, colors=colours, radii=ui_points(1.2)))
 
 
 def _outline(polygon: Floats, z: float) -> Floats:
@@ -126,11 +118,9 @@ def _log_buildings(stream: Stream, site: Site) -> None:
         stream.static(entity("site", "buildings", "roofs", building.id), mesh3d(roof, 28))
         stream.static(entity("site", "buildings", "walls", building.id), mesh3d(sides, 40))
         posts = [np.array([[*p, 0.0], [*p, height]]) for p in ribbons.open_ring(outline)]
-        for part, lines in (
-            ("outlines", [_outline(outline, 0.0)]),
-            ("frames", [_outline(outline, height), *posts]),
-        ):
-            strips = rr.LineStrips3D(lines, colors=[palette.BUILDING_EDGE], radii=rr.Radius.ui_points(0.7))
+        frame = {"outlines": [_outline(outline, 0.0)], "frames": [_outline(outline, height), *posts]}
+        for part, lines in frame.items():
+            strips = rr.LineStrips3D(lines, colors=[palette.BUILDING_EDGE], radii=ui_points(0.7))
             stream.static(entity("site", "buildings", part, building.id), strips)
 
 
@@ -141,32 +131,50 @@ def _log_zones(stream: Stream, site: Site) -> None:
         stream.static(entity("site", "zones", "floors", zone.id), mesh3d(floor, 24))
         limit = "" if np.isnan(zone.speed_limit) else f" {zone.speed_limit:.2g} m/s"
         rim = rr.LineStrips3D(
-            [_outline(zone.polygon, 0.02)],
-            colors=[colour],
-            radii=rr.Radius.ui_points(1.0),
-            labels=[zone.id + limit],
+            [_outline(zone.polygon, 0.02)], colors=[colour], radii=ui_points(1.0), labels=[zone.id + limit],
             show_labels=not zone.covered and len(site.zones) <= MANY_LABELS,
-        )
+        )  # fmt: skip
         stream.static(entity("site", "zones", "rims", zone.id), rim)
 
 
-def _log_places(stream: Stream, site: Site) -> None:
-    log_places(stream, site.places, "", len(site.places) <= MANY_PLACES)
-
-
 def log_places(stream: Stream, places: Sequence[Place], part: str, labels: bool) -> None:
-    """Rings on the floor, coloured by kind;
-    ``part`` names a group of its own beside the places of the site.
-    """
-    for kind, group in itertools.groupby(sorted(places, key=lambda p: p.kind), key=lambda p: p.kind):
-        alike, colour = list(group), palette.PLACES[kind]
+    """Rings on the floor, coloured by kind; ``part`` names a group beside the places of the site."""
+    for kind in sorted({p.kind for p in places}):
+        alike, colour = [p for p in places if p.kind == kind], palette.PLACES[kind]
         pads = [mesh_of(ribbons.disc(p.x, p.y, 1.2, 0.09, inner=0.75), colour) for p in alike]
         stream.static(entity("site", "places", kind, part, "pads"), mesh3d(join(pads)))
         points = rr.Points3D(
-            [[p.x, p.y, 0.1] for p in alike],
-            radii=rr.Radius.ui_points(2.5),
-            colors=[colour],
-            labels=[p.id for p in alike],
-            show_labels=labels,
-        )
+            [[p.x, p.y, 0.1] for p in alike], radii=ui_points(2.5), colors=[colour],
+            labels=[p.id for p in alike], show_labels=labels,
+        )  # fmt: skip
         stream.static(entity("site", "places", kind, part, "points"), points)
+
+
+def ways_of(t: Trajectory) -> list[Floats]:
+    """Polylines (n, 2) of one day [m], broken at gaps and jumps, of at most some thousand points."""
+    xy = np.column_stack([t.floats("x"), t.floats("y")])
+    known = np.isfinite(xy).all(axis=1)
+    xy, time = xy[known], t.time[known]
+    if len(xy) < 2:
+        return []
+    step = np.hypot(*np.diff(xy, axis=0).T)
+    cuts = np.flatnonzero((np.diff(time) > thin.gap_limit(time)) | (step > BREAK)) + 1
+    every = max(1, len(xy) // POINTS_A_DAY)
+    pieces = [p[np.unique(np.append(np.arange(0, len(p), every), len(p) - 1))] for p in np.split(xy, cuts)]
+    return [p for p in pieces if len(p) > 1]
+
+
+def log_ways(
+    stream: Stream, prefix: str, vehicle: str, colour: palette.Colour, ways: list[Floats], site: Site
+) -> None:
+    """Draw them dimmed, so that the truck and its trail stand out."""
+    if not ways:
+        return
+    tint = [tuple(int(40 + 0.35 * c) for c in colour)]
+    strips = [np.column_stack([w, np.zeros(len(w))]) for w in ways]
+    lines = rr.LineStrips3D(strips, colors=tint, radii=ui_points(0.8))
+    stream.static(entity("site", "driven", prefix, vehicle), lines)
+    if site.frame is not None:
+        on_earth = [np.column_stack(site.frame.to_geographic(*w.T)) for w in ways]
+        drawn = rr.GeoLineStrings(lat_lon=on_earth, colors=tint * len(ways), radii=ui_points(1.0))
+        stream.static(entity("geo", "driven", prefix, vehicle), drawn)

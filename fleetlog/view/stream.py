@@ -7,7 +7,7 @@ import re
 import shutil
 import struct
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,16 +18,24 @@ import rerun as rr
 from fleetlog.core.trajectory import Ints
 from fleetlog.errors import OutputError
 from fleetlog.store.output import remade
+from fleetlog.view.clock import SKIPPED, Clock
 
 APPLICATION, TIMELINE = "fleetlog", "utc"
 _FOOTER = struct.Struct("<QQI8sI")
 CHUNK = 32_768
 """Rows a chunk: 8 to 65 thousand open fast and keep the viewer's memory low."""
+ui_points = rr.Radius.ui_points
+"""A radius in points of the screen."""
 
 
 def nanoseconds(time: Ints) -> Any:
     """Microseconds since 1970 (UTC) as datetime64[ns]."""
     return np.asarray(time, dtype="datetime64[us]").astype("datetime64[ns]")
+
+
+def microseconds(iso: str | None) -> int | None:
+    """Microseconds since 1970 of a time in a dataset's description."""
+    return None if iso is None else int(np.datetime64(iso.removesuffix("Z"), "us").astype(np.int64))
 
 
 def entity(*names: str) -> str:
@@ -45,27 +53,32 @@ class Stream:
 
     def __init__(self, recording: rr.RecordingStream) -> None:
         self.recording = recording
+        self.clock: Clock | None = None
 
-    def static(self, path: str, *archetypes: Any) -> None:
+    def static(self, path: str, archetype: Any) -> None:
         """Data without a time."""
-        for archetype in archetypes:
-            self.recording.log(path, archetype, static=True)
+        self.recording.log(path, archetype, static=True)
 
-    def columns(self, path: str, time: Ints, columns: Callable[[slice], Any]) -> None:
-        """``columns(rows)`` gives the component columns of a slice of the rows at ``time``."""
+    def columns(self, path: str, time: Ints, kind: Any, **fields: Any) -> None:
+        """One instance of the archetype ``kind`` at each ``time``; its ``fields`` have one row a time."""
         for begin in range(0, len(time), CHUNK):
-            rows = slice(begin, min(begin + CHUNK, len(time)))
-            index = rr.TimeColumn(TIMELINE, timestamp=nanoseconds(time[rows]))
-            self.recording.send_columns(path, [index], columns(rows))
+            rows = slice(begin, begin + CHUNK)
+            self._send(path, time[rows], kind.columns(**{k: v[rows] for k, v in fields.items()}))
 
-    def parts(self, path: str, time: Ints, lengths: Ints, columns: Callable[[slice], Any]) -> None:
-        """Like :meth:`columns` for rows of ``lengths`` instances; ``columns`` gets the slice of instances."""
+    def parts(self, path: str, time: Ints, lengths: Ints, kind: Any, **fields: Any) -> None:
+        """Like :meth:`columns` for ``lengths`` instances at each time; ``fields`` hold all of them."""
         ends = np.concatenate([[0], np.cumsum(lengths)])
         for begin in range(0, len(time), CHUNK):
-            stop = min(begin + CHUNK, len(time))
-            data = columns(slice(int(ends[begin]), int(ends[stop])))
-            index = rr.TimeColumn(TIMELINE, timestamp=nanoseconds(time[begin:stop]))
-            self.recording.send_columns(path, [index], data.partition(lengths[begin:stop]))
+            rows = slice(begin, min(begin + CHUNK, len(time)))
+            part = slice(int(ends[rows.start]), int(ends[rows.stop]))
+            data = kind.columns(**{k: v[part] for k, v in fields.items()})
+            self._send(path, time[rows], data.partition(lengths[rows]))
+
+    def _send(self, path: str, time: Ints, columns: Any) -> None:
+        index = [rr.TimeColumn(TIMELINE, timestamp=nanoseconds(time))]
+        if self.clock is not None:
+            index.append(rr.TimeColumn(SKIPPED, duration=self.clock(time).astype("timedelta64[us]")))
+        self.recording.send_columns(path, index, columns)
 
 
 @contextmanager
@@ -135,7 +148,7 @@ def _unwritten(path: Path, why: str) -> OutputError:
 def check_whole(path: Path) -> None:
     """Raise :class:`OutputError` unless an .rrd file ends as a closed one does, at the length that it states.
 
-    The last bytes of Rerun's format: per manifest its start, its length (64 bits each) and a checksum, then
+    The last bytes of Rerun's format: per manifest its start, length (64 bits each) and checksum, then
     ``RRF2FOOT`` and the number of manifests.
     """
     with path.open("rb") as stream:

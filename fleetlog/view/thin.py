@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
 
@@ -14,9 +13,7 @@ GAP = 10_000_000
 
 
 def rows_at_rate(time: Ints, rate_hz: float) -> Ints:
-    """Indices of the first row in every interval of 1/rate, and of the last row;
-    values are kept as they are, not averaged.
-    """
+    """Indices of the first row in every interval of 1/rate, and of the last row."""
     if not len(time):
         return np.zeros(0, np.int64)
     bins = time // max(round(1e6 / rate_hz), 1)
@@ -36,7 +33,7 @@ def thinned(trajectory: Trajectory, rate_hz: float) -> Trajectory:
     return trajectory[np.union1d(rows_at_rate(time, rate_hz), np.concatenate([before, before + 1]))]
 
 
-def runs_collapsed(*values: Floats) -> NDArray[np.int64]:
+def runs_collapsed(*values: Floats) -> Ints:
     """Indices left when every run of equal rows is cut to its two ends; NaN equals NaN."""
     n = len(values[0])
     changes = np.zeros(n + 1, dtype=bool)
@@ -47,19 +44,16 @@ def runs_collapsed(*values: Floats) -> NDArray[np.int64]:
     return np.flatnonzero(changes[:-1] | changes[1:])
 
 
-def changed(values: Floats, step: float) -> NDArray[np.int64]:
-    """Indices at which a value has moved by ``step`` or more since it was last kept,
-    or turns to or from NaN.
-    """
+def changed(values: Floats, step: float) -> Ints:
+    """Indices at which a value has moved by ``step`` or more, or turns to or from NaN."""
     level = np.where(np.isnan(values), -(10**9), np.floor(np.nan_to_num(values) / step + 0.5))
     return np.flatnonzero(np.diff(level, prepend=np.inf) != 0)
 
 
-def moved(step: float, *values: Floats) -> NDArray[np.int64]:
-    """Indices at which any of the values has moved by ``step`` or more, their neighbours before, and both
-    ends.
+def moved(step: float, *values: Floats) -> Ints:
+    """Indices at which any value has moved by ``step`` or more, the rows before these, and both ends.
 
-    The neighbour before a move keeps a truck standing until it sets off, however long it stood.
+    The row before a move keeps a truck standing until it sets off, however long it stood.
     """
     n = len(values[0])
     keep = np.zeros(n, dtype=bool)

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleetlog.analysis.heatmap import heatmap
-from fleetlog.analysis.occupancy.compare import difference
+from fleetlog.analysis.heatmap import difference, heatmap
 from fleetlog.analysis.occupancy.kernels import accumulate, occupy
 from fleetlog.analysis.occupancy.maps import cells_of, compute, compute_by, extent, values
 from fleetlog.errors import DataError

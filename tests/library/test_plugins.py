@@ -108,7 +108,7 @@ def test_a_broken_plug_in_is_named(work: Path) -> None:
 
 def test_added_analyses_are_offered_to_the_report(work: Path) -> None:
     code = (
-        "import fleetlog; from fleetlog.analysis._added import added_results; "
+        "import fleetlog; from fleetlog.report.report import added_results; "
         "d = fleetlog.read_logs('log.xyt', recording=False).dataset; "
         "print([(r.name, len(r.tables)) for r in added_results(d)]); "
         "page = fleetlog.report(d).page; print('of the time, more than any other truck' in page)"

@@ -67,6 +67,18 @@ def test_a_shift_told_in_rows_is_read_as_told() -> None:
     assert dict(told[:3]) == {"driving_empty": 60.0, "handling": 20.0, "driving_laden": 60.0}
 
 
+def test_a_truck_waits_before_it_takes_a_load_up_and_is_idle_after_it_has_set_one_down() -> None:
+    load = {"payload": 800.0}
+    truck = story(
+        (30, {"speed": 2.0}), (60, {}), (20, load), (30, {"speed": 2.0, **load}), (20, load), (60, {}),
+        (30, {"speed": 2.0}), (50, {}), (30, {"speed": 2.0}),
+    )  # fmt: skip
+    assert intervals(truck)["state"].tolist() == [
+        "driving_empty", "waiting", "handling", "waiting", "driving_laden", "waiting", "handling", "idle",
+        "driving_empty", "waiting", "driving_empty",
+    ]  # fmt: skip
+
+
 def test_a_truck_without_load_and_forks_is_not_said_to_handle_or_to_wait() -> None:
     truck = rows(
         "T1", np.arange(100), speed=np.repeat([2.0, 0.0, 2.0], [40, 20, 40]), x=0.0, y=0.0, heading=0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -68,3 +69,9 @@ def write_fleet(path: Path, site: Site, vehicles: int = 3, **leave_out: bool) ->
         for i in range(vehicles):
             writer.write(drive(site, f"truck {i + 1}", 200.0 * i / vehicles, **leave_out))
     return path
+
+
+def complaints(viewer: Any) -> list[str]:
+    """What any view of a running viewer reports, and errors of its log."""
+    reports = [f"{v.name}: {r.summary}" for v in viewer.state.views for r in v.reports]
+    return reports + [str(line.message) for line in viewer.client.get_logs() if line.level == "ERROR"]

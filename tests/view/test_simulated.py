@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import rrd
+from fixtures_view import complaints
 
 from fleetlog.core.truck import load_truck
 from fleetlog.roads import load_site
@@ -160,7 +161,7 @@ def test_a_simulation_is_drawn(sim: SimpleNamespace) -> None:
         for name in viewer.views():
             if name.startswith(("Activities", "Open tasks", "Plan")):
                 assert headless.colour_ink(viewer.picture(name)) > headless.INK, name
-        assert not viewer.complaints()
+        assert not complaints(viewer)
 
 
 def test_a_line_is_reduced_to_what_its_tolerance_needs() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fixtures_view import START, plant
+from fixtures_view import START, complaints, plant
 from shapes import every_shape
 
 from fleetlog.view import headless
@@ -20,14 +20,14 @@ TEXT = {"Summary", "Answer"}
 
 def assert_drawn(rrd: Path, second: float, expected: set[str]) -> None:
     with headless.open_headless(rrd, (1200, 800)) as viewer:
-        assert viewer.timeline() == "utc"
+        assert viewer.state.recordings[0].current_timeline == "utc"
         assert set(viewer.views()) == expected
         viewer.pause_at((START + int(second * 1e6)) * 1000)
         blank = [
             name for name in expected - TEXT if headless.colour_ink(viewer.picture(name)) <= headless.INK
         ]
         assert not blank, f"nothing is drawn in {blank}"
-        assert not viewer.complaints()
+        assert not complaints(viewer)
 
 
 @needs_vulkan

@@ -1,3 +1,1 @@
-"""Clusters of trucks that are close along the roads:
-the graph at every time step, and clusters followed over time.
-"""
+"""Clusters of trucks that are close along the roads: at every time step, and followed over time."""

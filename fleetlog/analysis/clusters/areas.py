@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -12,25 +13,29 @@ from fleetlog.analysis.clusters.crowds import Crowds
 from fleetlog.analysis.clusters.steps import DAY
 from fleetlog.analysis.clusters.tracking import Episode
 from fleetlog.core.network import Network
+from fleetlog.core.result import Series
+from fleetlog.core.trajectory import Floats, Ints
 
 BIN = 5.0
 """Length of road that is counted as one place [m]."""
 
 PLACES = 100_000
 """A place's code is this times the edge, plus the number of the stretch."""
+MARGIN = 10.0
+"""An episode this far outside an area's radius belongs to none [m]."""
+SHOWN, MOST_POINTS = 5, 200_000
+"""Areas with a curve of their own, and points of a curve."""
 SHARE = 0.8
 """Areas are made of the fewest places that carry this share of the delay."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Samples:
     """One row for every truck and step inside an episode."""
 
-    episode: NDArray[np.int64]
-    truck: NDArray[np.int64]
-    time: NDArray[np.int64]
+    episode: Ints
+    truck: Ints
+    time: Ints
     edge: NDArray[np.int32]
     offset: Floats
     delay: Floats
@@ -52,20 +57,13 @@ class Watched:
         return self.step * 1e-6
 
     @property
-    def time(self) -> NDArray[np.int64]:
-        """The time grid [us]."""
-        return np.arange(self.start, self.stop, self.step, dtype=np.int64)
-
-    @property
     def hours(self) -> float:
         """From start to stop."""
         return -(-(self.stop - self.start) // self.step) * self.seconds / 3600.0
 
 
 def samples(c: Crowds, found: list[Episode], free_speed: Floats, step: float) -> Samples:
-    """The truck-steps of all episodes; ``free_speed`` (E,) is what an undisturbed truck drives
-    on each edge [m/s].
-    """
+    """The truck-steps of all episodes; ``free_speed`` (E,) is that of an undisturbed truck [m/s]."""
     cluster = np.array([k for e in found for k in e.clusters], dtype=np.int64)
     number = np.repeat(np.arange(len(found)), [len(e.clusters) for e in found])
     size = c.size[cluster]
@@ -77,7 +75,7 @@ def samples(c: Crowds, found: list[Episode], free_speed: Floats, step: float) ->
     return Samples(np.repeat(number, size), c.truck[member], time, edge, c.offset[member], delay)
 
 
-def bins(network: Network, edge: NDArray[np.int32], offset: Floats) -> NDArray[np.int64]:
+def bins(network: Network, edge: NDArray[np.int32], offset: Floats) -> Ints:
     """Place codes: road and 5 m stretch of it, the same for both directions of a road."""
     other = network.reverse[edge]
     canonical = np.where((other >= 0) & (other < edge), other, edge)
@@ -85,7 +83,7 @@ def bins(network: Network, edge: NDArray[np.int32], offset: Floats) -> NDArray[n
     return canonical.astype(np.int64) * PLACES + (np.clip(along, 0, None) // BIN).astype(np.int64)
 
 
-def bin_centres(network: Network, codes: NDArray[np.int64]) -> Floats:
+def bin_centres(network: Network, codes: Ints) -> Floats:
     """(N, 2) middle of each place [m]."""
     edge = (codes // PLACES).astype(np.int32)
     middle = np.minimum((codes % PLACES + 0.5) * BIN, network.length[edge])
@@ -106,40 +104,32 @@ def critical_areas(network: Network, s: Samples, watched: Watched, seed: int = 0
     places, xy = codes[hot], bin_centres(network, codes[hot])
     s, inverse = _at(s, bins(network, s.edge, s.offset), places)
     group = _connected(xy)
-    area = group[inverse]
-    hours = watched.hours
+    area, areas = group[inverse], int(group.max()) + 1
     days = (watched.stop - 1 - watched.start) // DAY + 1
     unit, units = ((s.time - watched.start) // DAY, days) if days >= 5 else (s.truck, len(watched.vehicles))
-    low, high, first = _resampled(area, unit, units, s.delay, int(group.max()) + 1, seed)
+    low, high, first = _resampled(area, unit, units, s.delay, areas, seed)
     rows = []
-    for a in range(int(group.max()) + 1):
+    for a in range(areas):
         mine, here = area == a, group == a
         weight = np.bincount(inverse[mine], weights=s.delay[mine] + 1e-9, minlength=len(places))[here]
         x, y = np.average(xy[here], axis=0, weights=weight)
-        roads = sorted({network.roads[int(c // PLACES)] for c in places[here]})
-        rows.append(
-            {
-                "x": x,
-                "y": y,
-                "delay": s.delay[mine].sum(),
-                "vehicle_seconds": float(mine.sum()) * watched.seconds,
-                "episodes": len(np.unique(s.episode[mine])),
-                "vehicles": len(np.unique(s.truck[mine])),
-                "episodes_per_hour": len(np.unique(s.episode[mine])) / max(hours, 1e-9),
-                "roads": ", ".join(roads),
-                "radius": float(np.sqrt(np.average(((xy[here] - (x, y)) ** 2).sum(axis=1), weights=weight)))
-                + BIN / 2,
-                "delay_low": low[a],
-                "delay_high": high[a],
-                "first_share": first[a],
-            }
-        )
+        spread = np.average(((xy[here] - (x, y)) ** 2).sum(axis=1), weights=weight)
+        episodes = len(np.unique(s.episode[mine]))
+        rows.append({
+            "x": x, "y": y, "delay": s.delay[mine].sum(),
+            "vehicle_seconds": float(mine.sum()) * watched.seconds, "episodes": episodes,
+            "vehicles": len(np.unique(s.truck[mine])),
+            "episodes_per_hour": episodes / max(watched.hours, 1e-9),
+            "roads": ", ".join(sorted({network.roads[int(c // PLACES)] for c in places[here]})),
+            "radius": float(np.sqrt(spread)) + BIN / 2, "delay_low": low[a], "delay_high": high[a],
+            "first_share": first[a],
+        })  # fmt: skip
     table = pd.DataFrame(rows).sort_values("delay", ascending=False, ignore_index=True)
     table.insert(0, "area", np.arange(1, len(table) + 1))
     return table
 
 
-def delay_by_place(network: Network, s: Samples) -> tuple[NDArray[np.int64], Floats]:
+def delay_by_place(network: Network, s: Samples) -> tuple[Ints, Floats]:
     """Place codes, sorted, and the delay in each [s]."""
     codes, inverse = np.unique(bins(network, s.edge, s.offset), return_inverse=True)
     return codes, np.asarray(np.bincount(inverse, weights=s.delay, minlength=len(codes)), dtype=np.float64)
@@ -154,14 +144,14 @@ def _carrying(values: Floats, share: float) -> NDArray[np.bool_]:
     return out
 
 
-def _at(s: Samples, codes: NDArray[np.int64], places: NDArray[np.int64]) -> tuple[Samples, NDArray[np.intp]]:
+def _at(s: Samples, codes: Ints, places: Ints) -> tuple[Samples, NDArray[np.intp]]:
     """The samples whose place ``codes`` (N,) are among ``places`` (sorted), and which place each has."""
     index = np.minimum(np.searchsorted(places, codes), len(places) - 1)
     here = places[index] == codes
     return Samples(*(getattr(s, f.name)[here] for f in fields(s))), index[here]
 
 
-def _connected(xy: Floats) -> NDArray[np.int64]:
+def _connected(xy: Floats) -> Ints:
     """Groups of places whose middles are not more than one and a half places apart."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -173,11 +163,9 @@ def _connected(xy: Floats) -> NDArray[np.int64]:
 
 
 def _resampled(
-    area: NDArray[np.int64], unit: NDArray[np.int64], units: int, delay: Floats, n: int, seed: int
+    area: Ints, unit: Ints, units: int, delay: Floats, n: int, seed: int
 ) -> tuple[Floats, Floats, Floats]:
-    """90 % interval of every area's delay and its share of first ranks, over 500 resamples of whole units,
-    quiet ones too.
-    """
+    """90 % interval of every area's delay and its share of first ranks, over 500 resamples of all units."""
     table = np.zeros((units, n))
     np.add.at(table, (unit, area), delay)
     rng = np.random.default_rng(seed)
@@ -185,3 +173,35 @@ def _resampled(
     first = np.bincount(draws.argmax(axis=1), minlength=n) / len(draws)
     low, high = np.quantile(draws, [0.05, 0.95], axis=0)
     return low, high, first
+
+
+def area_of(table: pd.DataFrame, areas: pd.DataFrame) -> Ints:
+    """(N,) number of the area that an episode's middle lies in or beside, 0 for none."""
+    if not len(table) or not len(areas):
+        return np.zeros(len(table), np.int64)
+    at, middle = (t[["x", "y"]].to_numpy(float) for t in (table, areas))
+    outside = np.hypot(*(at[:, None] - middle).T).T - areas.radius.to_numpy()
+    best = outside.argmin(axis=1)
+    near = outside[np.arange(len(table)), best] <= MARGIN
+    return np.where(near, areas.area.to_numpy()[best], 0)
+
+
+def timeline(c: Crowds, watched: Watched, found: list[Episode], area: Ints, dates: Sequence[str]) -> Series:
+    """Trucks in open episodes on the ``dates`` with data, by area of the first ones and elsewhere.
+
+    Of long recordings the most in each of ``MOST_POINTS`` intervals.
+    """
+    steps = -(-(watched.stop - watched.start) // watched.step)
+    width = watched.step * max(1, -(-steps // MOST_POINTS))
+    time = np.arange(watched.start, watched.stop, width, dtype=np.int64)
+    seen = np.isin(time // DAY, np.array(dates, "datetime64[D]").astype(np.int64))
+    shown = np.where((area > 0) & (area <= SHOWN), area, 0)
+    curves: dict[str, Floats] = {}
+    for number in [*sorted({*shown.tolist()} - {0}), 0]:
+        of = [k for e, a in zip(found, shown.tolist(), strict=True) if a == number for k in e.clusters]
+        at, inverse = np.unique(c.time[of], return_inverse=True)
+        curve = np.zeros(len(time))
+        np.maximum.at(curve, (at - watched.start) // width, np.bincount(inverse, c.size[of], len(at)))
+        if number or of or not curves:
+            curves[f"area {number}" if number else "elsewhere"] = curve[seen]
+    return Series("episodes", time[seen], curves, "time", "trucks", over_time=True)

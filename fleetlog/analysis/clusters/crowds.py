@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.analysis.clusters.steps import Fleet, Floats, Index, Ints, distance_lists, on_grid
+from fleetlog.analysis.clusters.steps import Fleet, Index, distance_lists, on_grid
 from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.store import Dataset
 
 HALT = 1.39
@@ -19,8 +20,8 @@ HALT = 1.39
 
 @dataclass(frozen=True)
 class Rule:
-    """What a cluster is: driving distance within which trucks belong together [m], mean speed under which it is critical
-    [m/s], time step [us], and whether trucks that stand by count.
+    """What a cluster is: driving distance within which trucks belong together [m], mean speed under which
+    it is critical [m/s], time step [us], and whether trucks that stand by count.
     """
 
     threshold: float
@@ -153,12 +154,9 @@ def _sum(counts: Sequence[dict[str, float]]) -> dict[str, float]:
 def as_figures(counts: dict[str, float], step: float) -> dict[str, Any]:
     """Sums over clusters as a summary states them; ``step`` [s]."""
     n = counts["critical"]
+    means = {"mean_speed": "mean_speed_m_s", "median_speed": "median_speed_m_s", "slow_share": "slow_share"}
     return {
-        "cluster_seconds": step * counts["several"],
-        "critical_cluster_seconds": step * n,
-        "critical_vehicle_seconds": step * counts["trucks"],
-        "largest": int(counts["largest"]),
-        "critical_mean_speed_m_s": counts["mean_speed"] / n if n else None,
-        "critical_median_speed_m_s": counts["median_speed"] / n if n else None,
-        "critical_slow_share": counts["slow_share"] / n if n else None,
-    }
+        "cluster_seconds": step * counts["several"], "critical_cluster_seconds": step * n,
+        "critical_vehicle_seconds": step * counts["trucks"], "largest": int(counts["largest"]),
+        **{f"critical_{name}": counts[k] / n if n else None for k, name in means.items()},
+    }  # fmt: skip

@@ -8,19 +8,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.roads.kernels.distances import forget, search
 from fleetlog.roads.kernels.growing import longer
 
-Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
 
 
 @njit(cache=True)
 def reachable(
     length: Floats, next_first: Index, next_edges: Index, limit: float
-) -> tuple[NDArray[np.int64], Index, Floats, Index]:
-    """Edges whose start lies within ``limit`` metres of driving from the end of each edge: CSR (first, edges,
-    distances, skip).
+) -> tuple[Ints, Index, Floats, Index]:
+    """Edges that start within ``limit`` metres of the end of each edge: CSR (first, edges, distances, skip).
 
     Bounded Dijkstra from the end of every edge on the line graph, so that turns that the network forbids,
     U-turns among them, are never implied.  The entries of an edge are its shortest-path tree in preorder; the
@@ -54,15 +53,9 @@ def reachable(
 
 @njit(cache=True)
 def _preorder(
-    tree_e: Index,
-    tree_d: Floats,
-    parent: Index,
-    n: int,
-    edges: Index,
-    distances: Floats,
-    skip: Index,
+    tree_e: Index, tree_d: Floats, parent: Index, n: int, edges: Index, distances: Floats, skip: Index,
     at: int,
-) -> None:
+) -> None:  # fmt: skip
     """Write a tree, given with parents before children, in preorder from position ``at``."""
     below = np.ones(n, np.int32)
     for i in range(n - 1, -1, -1):
@@ -90,15 +83,9 @@ def _root(parent: Index, i: int) -> int:
 
 @njit(cache=True)
 def cluster_steps(
-    edge: Index,
-    offset: Floats,
-    length: Floats,
-    first: NDArray[np.int64],
-    edges: Index,
-    distances: Floats,
-    skip: Index,
-    limit: float,
-) -> tuple[Index, Index, NDArray[np.int64]]:
+    edge: Index, offset: Floats, length: Floats, first: Ints, edges: Index, distances: Floats,
+    skip: Index, limit: float,
+) -> tuple[Index, Index, Ints]:  # fmt: skip
     """Weakly connected components of the arcs not longer than ``limit``, at every time step.
 
     Parameters
@@ -151,9 +138,7 @@ def cluster_steps(
                     tail[e] = v
         if used + 2 * trucks + busy * busy > size:
             size = 2 * (used + 2 * trucks + busy * busy)
-            more = np.empty((size, 2), np.int32)
-            more[:used] = arcs[:used]
-            arcs = more
+            arcs = np.concatenate((arcs[:used], np.empty((size - used, 2), np.int32)))
         for b in range(busy):
             e = occupied[b]
             p = head[e]
@@ -168,16 +153,11 @@ def cluster_steps(
                 continue
             i = first[e]
             while i < first[e + 1]:
-                if distances[i] > rest:
-                    i += skip[i]
-                    continue
                 m = head[edges[i]]
-                if m < 0:
-                    i += 1
-                    continue
-                if distances[i] + offset[t, m] <= rest:
+                near = distances[i] <= rest
+                if near and m >= 0 and distances[i] + offset[t, m] <= rest:
                     used = _join(parent, arcs, used, k, m)
-                i += skip[i]
+                i += 1 if near and m < 0 else skip[i]
         for v in range(trucks):
             if edge[t, v] >= 0:
                 labels[t, v] = _root(parent, v)
@@ -193,18 +173,13 @@ def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
     if a != b:
         arcs[used, 0], arcs[used, 1] = a, b
         used += 1
-    if ra < rb:
-        parent[rb] = ra
-    elif rb < ra:
-        parent[ra] = rb
+    parent[max(ra, rb)] = min(ra, rb)
     return used
 
 
 @njit(cache=True)
 def cluster_speeds(labels: Index, speed: Floats, slow: float) -> tuple[Index, Floats, Floats]:
-    """Per step and cluster, at its label's place: size, mean speed [m/s], share slower than ``slow``;
-    (T, V) each.
-    """
+    """(T, V) each, at the label of a cluster: its size, mean speed [m/s] and share slower than ``slow``."""
     steps, trucks = labels.shape
     size = np.zeros((steps, trucks), np.int32)
     mean = np.zeros((steps, trucks))
@@ -225,23 +200,13 @@ def cluster_speeds(labels: Index, speed: Floats, slow: float) -> tuple[Index, Fl
 
 @njit(cache=True)
 def resample_along(
-    time: NDArray[np.int64],
-    edge: Index,
-    offset: Floats,
-    speed: Floats,
-    masked: NDArray[np.bool_],
-    grid: NDArray[np.int64],
-    max_gap: int,
-    length: Floats,
-    next_first: Index,
-    next_edges: Index,
-    out_edge: Any,
-    out_offset: Any,
-    out_speed: Any,
-    out_masked: Any,
-) -> None:
-    """One truck's rows on a common time grid (int64 us), linear along the route;
-    nothing beyond ``max_gap`` of a row.
+    time: Ints, edge: Index, offset: Floats, speed: Floats, masked: NDArray[np.bool_],
+    grid: Ints, max_gap: int, length: Floats, next_first: Index, next_edges: Index,
+    out_edge: Any, out_offset: Any, out_speed: Any, out_masked: Any,
+) -> None:  # fmt: skip
+    """Put one truck's rows on a common time grid (int64 us), linear along the route.
+
+    Nothing lies in a gap longer than ``max_gap``, but for the row at its start.
     """
     i, n = 0, len(time)
     for g in range(len(grid)):
@@ -249,40 +214,19 @@ def resample_along(
         while i + 1 < n and time[i + 1] <= t:
             i += 1
         out_edge[g] = -1
-        if n == 0 or time[i] > t:
+        gap = i + 1 >= n or time[i + 1] - time[i] > max_gap
+        if n == 0 or time[i] > t or (gap and t > time[i]):
             continue
-        if i + 1 >= n or time[i + 1] - time[i] > max_gap:
-            if t - time[i] > max_gap or (i + 1 < n and t > time[i]):
-                continue
-            if i + 1 >= n and t > time[i]:
-                continue
-            _put(g, edge[i], offset[i], speed[i], masked[i], out_edge, out_offset, out_speed, out_masked)
-            continue
-        share = (t - time[i]) / (time[i + 1] - time[i])
-        v = speed[i] + share * (speed[i + 1] - speed[i])
-        a, b = edge[i], edge[i + 1]
-        if a < 0 or b < 0:
-            k = i if share < 0.5 else i + 1
-            _put(g, edge[k], offset[k], v, masked[k], out_edge, out_offset, out_speed, out_masked)
-            continue
-        if a == b:
-            s = offset[i] + share * (offset[i + 1] - offset[i])
-            _put(g, a, s, v, masked[i], out_edge, out_offset, out_speed, out_masked)
-            continue
-        follows = False
-        for k in range(next_first[a], next_first[a + 1]):
-            follows |= next_edges[k] == b
-        if follows:
-            s = offset[i] + share * (length[a] - offset[i] + offset[i + 1])
-            if s <= length[a]:
-                _put(g, a, s, v, masked[i], out_edge, out_offset, out_speed, out_masked)
-            else:
-                _put(g, b, s - length[a], v, masked[i], out_edge, out_offset, out_speed, out_masked)
-        else:
-            k = i if share < 0.5 else i + 1
-            _put(g, edge[k], offset[k], v, masked[k], out_edge, out_offset, out_speed, out_masked)
-
-
-@njit(cache=True)
-def _put(g: int, e: int, s: float, v: float, m: bool, oe: Any, oo: Any, ov: Any, om: Any) -> None:
-    oe[g], oo[g], ov[g], om[g] = e, s, v, m
+        share = 0.0 if gap else (t - time[i]) / (time[i + 1] - time[i])
+        j = i if gap else i + 1
+        a, b = edge[i], edge[j]
+        k = i if share < 0.5 else j
+        e, s, m = edge[k], offset[k], masked[k]
+        if a == b and a >= 0:
+            e, s, m = a, offset[i] + share * (offset[j] - offset[i]), masked[i]
+        elif a >= 0 and b >= 0 and b in next_edges[next_first[a] : next_first[a + 1]]:
+            e, s, m = a, offset[i] + share * (length[a] - offset[i] + offset[j]), masked[i]
+            if s > length[a]:
+                e, s = b, s - length[a]
+        out_edge[g], out_offset[g], out_masked[g] = e, s, m
+        out_speed[g] = speed[i] + share * (speed[j] - speed[i])

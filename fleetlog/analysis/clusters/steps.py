@@ -18,13 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Trajectory, concatenate
+from fleetlog.core.trajectory import Floats, Ints, Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 
-Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
-Ints = NDArray[np.int64]
 
 DAY = 86_400_000_000
 MAX_GAP = 15_000_000
@@ -49,21 +47,13 @@ class Fleet:
 
 
 def standing_by(trajectory: Trajectory) -> NDArray[np.bool_]:
-    """(N,) whether a row belongs to the standstill that ends its trip:
-    nothing in the way of the truck, it has arrived.
-    """
+    """(N,) whether a row belongs to the standstill that ends its trip: nothing is in its way."""
     moving = np.nan_to_num(trajectory.floats("speed")) > STANDING_SPEED
-    trips = trajectory.trip_ids()
-    n = len(trajectory)
-    # Walking backwards, a row has arrived until the first moving row of its trip.
-    rows = np.arange(n)
-    last_row = np.zeros(n, np.int64)
-    ends = np.append(np.flatnonzero(np.diff(trips)), n - 1)
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    for a, b in zip(starts, ends, strict=True):
-        went = np.flatnonzero(moving[a : b + 1])
-        last_row[a : b + 1] = a + went[-1] if len(went) else a - 1
-    return rows > last_row
+    trips, rows = trajectory.trip_ids(), np.arange(len(trajectory))
+    trip = np.cumsum(np.diff(trips, prepend=trips[:1]) != 0)
+    went = np.full(int(trip[-1]) + 1 if len(trip) else 0, -1)
+    np.maximum.at(went, trip[moving], rows[moving])
+    return np.asarray(rows > went[trip])
 
 
 def on_grid(dataset: Dataset, date: str, grid: Ints) -> Fleet:
@@ -112,9 +102,7 @@ def _beside(dataset: Dataset, vehicle: str, date: str, days: int) -> Trajectory:
 
 
 def distance_lists(network: Network, threshold: float) -> tuple[Ints, Index, Floats, Index]:
-    """For every edge the edges that begin within ``threshold`` metres of its end;
-    see :func:`kernels.reachable`.
-    """
+    """For every edge the edges that begin within ``threshold`` metres of its end; see ``reachable``."""
     from fleetlog.analysis.clusters.kernels import reachable
 
     lists: tuple[Ints, Index, Floats, Index] = reachable(

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fleetlog.analysis.clusters.crowds import Crowds
-from fleetlog.analysis.clusters.steps import Ints
+from fleetlog.core.trajectory import Ints
 
 LEAVE = 1.2
 """A critical cluster stays critical until its mean speed exceeds this multiple of the limit."""
@@ -37,9 +37,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class Followed:
-    """The episodes of some hours: (C,) the one that each cluster belongs to, -1 for none;
-    how each began and ended.
-    """
+    """Episodes of some hours: (C,) that of each cluster, -1 for none; how each began and ended."""
 
     episode: Ints
     born: list[str]
@@ -98,10 +96,8 @@ def episodes(
         last = first + len(piece.episode)
         if first == last:
             continue
-        steps = [
-            Step(s.first + first, s.last + first, s.follows)
-            for s in steps_of(whole.time[first:last], step, before)
-        ]
+        alone = steps_of(whole.time[first:last], step, before)
+        steps = [Step(s.first + first, s.last + first, s.follows) for s in alone]
         live, rest = _replay(live, steps, piece, first, whole, limit, found)
         live = _splice(live, rest, piece, first, last, whole, found)
         before = int(whole.time[last - 1])
@@ -114,7 +110,7 @@ def _replay(
     live: list[Live], steps: list[Step], piece: Followed, base: int, c: Crowds, limit: float,
     found: list[Episode],
 ) -> tuple[list[Live], int]:  # fmt: skip
-    """Follow from what was before until the piece says the same; what is live then, and the first cluster after it."""
+    """Follow from what was before until the piece says the same; what is live then, and the next cluster."""
     for s in steps:
         live = _advance(live if s.follows else [], s, c, limit, found)
         if all((now.episode is not None) == (piece.episode[now.cluster - base] >= 0) for now in live):
@@ -162,14 +158,13 @@ def _advance(before: list[Live], s: Step, c: Crowds, limit: float, found: list[E
     out = []
     for (k, members), p in zip(now, parents, strict=True):
         episode = before[p].episode if p >= 0 else None
-        if c.mean_speed[k] < (limit * LEAVE if episode else limit):
-            if episode is None:
-                episode = Episode(born=_birth(members, before, p))
-                found.append(episode)
+        critical = c.mean_speed[k] < (limit * LEAVE if episode else limit)
+        if critical and episode is None:
+            episode = Episode(born=_birth(members, before, p))
+            found.append(episode)
+        if critical and episode is not None:
             episode.clusters.append(k)
-            out.append(Live(k, members, episode))
-        else:
-            out.append(Live(k, members, None))
+        out.append(Live(k, members, episode if critical else None))
     _end(before, out)
     return out
 

@@ -1,4 +1,4 @@
-"""How sure an energy is, as far as the truck's numbers are not: first-order propagation of their priors.
+"""Standard error of an energy from the truck's numbers: first-order propagation of their priors.
 
 Every sensitivity is a sum that the books hold already.  At the switch from traction to braking the drive
 power is zero, so its move adds nothing to first order, and with E the energy of a group
@@ -21,9 +21,7 @@ CARRIAGE = "lift.carriage_mass"
 
 
 def relative_spreads(truck: Truck, physics: Physics) -> dict[str, float]:
-    """Standard deviation of each number as a share of it:
-    of the physics' own interval where it has one, else the prior's.
-    """
+    """Relative standard deviation of each number: from the physics' own interval, else from the prior."""
     spreads = {u.key: u.deviation(truck) / truck.value(u.key) for u in UNKNOWNS if truck.value(u.key) > 0.0}
     terms = all_terms()
     for name, parameters in physics.intervals.items():
@@ -35,9 +33,7 @@ def relative_spreads(truck: Truck, physics: Physics) -> dict[str, float]:
 
 
 def parameter_variance(physics: Physics) -> Callable[[pd.DataFrame], pd.Series]:
-    """A function of a table of sums [J]: the variance [J2]
-    that the truck's numbers put into each row's energy.
-    """
+    """A function of a table of sums [J]: the variance [J2] of each row's energy by the truck's numbers."""
     truck = physics.actual_truck()
     spread = relative_spreads(truck, physics)
 
@@ -47,15 +43,13 @@ def parameter_variance(physics: Physics) -> Callable[[pd.DataFrame], pd.Series]:
 
         raising = total["raising"]
         slopes = {
-            "drive.efficiency": -total["traction"],
-            "drive.regeneration": total["braking"],
+            "drive.efficiency": -total["traction"], "drive.regeneration": total["braking"],
             "resistance.rolling": term("rolling_resistance"),
-            "resistance.drag_area": term("aerodynamic_drag"),
-            "lift.efficiency": -raising,
+            "resistance.drag_area": term("aerodynamic_drag"), "lift.efficiency": -raising,
             "lift.recuperation": term("lift_efficiency") - raising,
             "auxiliary.power": term("auxiliary_load"),
             CARRIAGE: raising * _carriage_share(truck, total),
-        }
+        }  # fmt: skip
         parts = [np.square(slope * spread.get(key, 0.0)) for key, slope in slopes.items()]
         return pd.Series(np.sum(parts, axis=0), index=total.index)
 

@@ -7,41 +7,38 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.analysis.energybook.book import HOUR, STRETCH, SUMS, Book
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 
-Floats = NDArray[np.float64]
 KWH = 3.6e6
+ENDS = {
+    "peak": "max", "lowest": "min", "start": "min", "end": "max", "soc_start": "first", "soc_end": "last",
+    "soc_end_model": "last",
+}  # fmt: skip
+"""Of several segments: which value is theirs."""
 
 
 def segment_table(books: Sequence[Book], terms: Sequence[str]) -> pd.DataFrame:
-    """One row a segment: keys, joules by term, sums, peak,
-    state of charge and whether its trip has other segments.
-    """
+    """One row a segment: keys, joules by term, sums, peak, battery, first and last time."""
     pieces = []
-    for book in books:
-        columns: dict[str, Any] = {"vehicle_id": book.vehicle, "trip_id": book.trip, "hour": book.hour}
-        for name in terms:
-            known = name in book.terms
-            columns[f"J_{name}"] = book.energy[:, book.terms.index(name)] if known else 0.0
-        columns |= {s: book.sums[s] for s in SUMS}
-        columns |= {"peak": book.peak, "soc_start": book.soc[:, 0], "soc_end": book.soc[:, 1]}
-        columns |= {"soc_end_model": book.cells.soc_end, "lowest": book.cells.lowest}
-        columns |= {"collapsed": book.cells.collapsed, "empty": book.cells.empty}
-        columns |= {"start": book.span[:, 0], "end": book.span[:, 1], "source": book.source}
-        pieces.append(pd.DataFrame(columns))
+    for b in books:
+        known = {f"J_{t}": b.energy[:, b.terms.index(t)] if t in b.terms else 0.0 for t in terms}
+        pieces.append(pd.DataFrame({
+            "vehicle_id": b.vehicle, "trip_id": b.trip, "hour": b.hour, **known,
+            **{s: b.sums[s] for s in SUMS}, "peak": b.peak, "soc_start": b.soc[:, 0], "soc_end": b.soc[:, 1],
+            "soc_end_model": b.cells.soc_end, "lowest": b.cells.lowest, "collapsed": b.cells.collapsed,
+            "empty": b.cells.empty, "start": b.span[:, 0], "end": b.span[:, 1], "source": b.source,
+        }))  # fmt: skip
     return pd.concat(pieces, ignore_index=True)
 
 
 def with_soc(segments: pd.DataFrame, truck: Truck) -> pd.DataFrame:
-    """Measured energy from the state of charge where the log has nothing else electrical: per trip, the
-    change times capacity.
+    """Take measured energy from the state of charge where the log has nothing else: change times capacity.
 
-    The charge of a trip is put into its last segment; within a trip the gauge's steps say nothing.
+    It is that of a whole trip, put into its last segment; within a trip the gauge's steps say nothing.
     """
     only_soc = segments["source"] == "soc"
     if not only_soc.any():
@@ -51,31 +48,18 @@ def with_soc(segments: pd.DataFrame, truck: Truck) -> pd.DataFrame:
     trips = segments[only_soc].groupby(keys, sort=False)
     used = (trips["soc_start"].first() - trips["soc_end"].last()) * truck.battery.capacity_wh * 3600.0
     last = segments[only_soc].drop_duplicates(keys, keep="last").index
-    segments.loc[last, "measured"] = used.reindex(
-        pd.MultiIndex.from_frame(segments.loc[last, keys])
-    ).to_numpy()
+    of_trip = pd.MultiIndex.from_frame(segments.loc[last, keys])
+    segments.loc[last, "measured"] = used.reindex(of_trip).to_numpy()
     total = segments.filter(like="J_").sum(axis=1) + segments["loss"]
     segments.loc[only_soc, "beside_measured"] = total[only_soc]
     return segments
 
 
 def summed(segments: pd.DataFrame, by: list[str], variance: Any) -> pd.DataFrame:
-    """Segments grouped ``by`` columns, in kWh, km and h, with the ledger;
-    ``variance`` gives the parameters' share of doubt.
-    """
+    """Segments grouped ``by`` columns, in kWh, km and h; ``variance`` is that of the truck's numbers."""
     add = [c for c in segments.columns if c.startswith("J_") or c in (*SUMS, "collapsed", "empty")]
     grouped = segments.groupby(by, sort=True, dropna=False)
-    total = grouped[add].sum()
-    ends = grouped.agg(
-        peak=("peak", "max"),
-        lowest=("lowest", "min"),
-        start=("start", "min"),
-        end=("end", "max"),
-        soc_start=("soc_start", "first"),
-        soc_end=("soc_end", "last"),
-        soc_end_model=("soc_end_model", "last"),
-    )
-    return figures(total.join(ends), variance).reset_index()
+    return figures(grouped[add].sum().join(grouped.agg(ENDS)), variance).reset_index()
 
 
 def figures(total: pd.DataFrame, variance: Any) -> pd.DataFrame:
@@ -86,8 +70,10 @@ def figures(total: pd.DataFrame, variance: Any) -> pd.DataFrame:
     known = total["beside_measured"] != 0.0
     measured = total["measured"].where(known)
     auxiliary = total.get("J_auxiliary_load", 0.0) + total.get("J_thermal_load", 0.0)
+    start, end = (pd.to_datetime(total[name], unit="us", utc=True) for name in ("start", "end"))
     out = pd.DataFrame({
-        "duration_h": total["seconds"] / 3600.0, "distance_km": km, "energy_kwh": energy / KWH,
+        "start": start, "end": end, "duration_h": total["seconds"] / 3600.0, "distance_km": km,
+        "energy_kwh": energy / KWH,
         "kwh_per_km": energy / KWH / km.where(km > 0.01), "kwh_per_tkm": energy / KWH / tkm.where(tkm > 1e-4),
         "deviation_kwh": np.sqrt(variance(total) + total["motion_variance"]) / KWH,
         "measured_kwh": measured / KWH,
@@ -98,8 +84,6 @@ def figures(total: pd.DataFrame, variance: Any) -> pd.DataFrame:
         "soc_start": total["soc_start"], "soc_end": total["soc_end"], "soc_end_model": total["soc_end_model"],
         "lowest_voltage_v": total["lowest"], "collapsed_s": total["collapsed"], "empty_s": total["empty"],
     })  # fmt: skip
-    for name in ("start", "end"):
-        out.insert(0 if name == "start" else 1, name, pd.to_datetime(total[name], unit="us", utc=True))
     ledger = total[terms] / KWH
     return out.join(ledger.rename(columns=lambda c: f"{c.removeprefix('J_')}_kwh"))
 
@@ -118,17 +102,15 @@ def stretch_table(books: Sequence[Book], network: Network | None) -> pd.DataFram
         return pd.DataFrame()
     keys = np.concatenate([b.stretch for b in books])
     sums = np.concatenate([b.stretch_sums for b in books])
-    table = pd.DataFrame(
-        {"edge": keys[:, 0], "number": keys[:, 1], "joules": sums[:, 0], "metres": sums[:, 1]}
+    table = pd.DataFrame(keys, columns=["edge", "number"]).join(
+        pd.DataFrame(sums, columns=["joules", "metres"])
     )
     table = table.groupby(["edge", "number"], as_index=False).sum()
     table["from"] = table["number"] * STRETCH
     table["to"] = np.minimum(table["from"] + STRETCH, network.length[table["edge"]])
     table["joules_per_metre"] = table["joules"] / table["metres"]
-    middle = network.position(
-        table["edge"].to_numpy(np.int32), ((table["from"] + table["to"]) / 2.0).to_numpy()
-    )
-    table["x"], table["y"] = middle[:, 0], middle[:, 1]
+    middle = ((table["from"] + table["to"]) / 2.0).to_numpy()
+    table[["x", "y"]] = network.position(table["edge"].to_numpy(np.int32), middle)[:, :2]
     table.insert(0, "edge_id", [network.edge_ids[e] for e in table["edge"]])
     return table[table["to"] > table["from"]].drop(columns="number").reset_index(drop=True)
 

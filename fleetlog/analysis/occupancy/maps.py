@@ -5,7 +5,6 @@ A map is a sum over rows, so maps over the same cells add: of days, of vehicles,
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
@@ -23,12 +22,10 @@ LAYERS = ("time", "distance", "energy", "standing", "passages", "energy_time")
 Quantity = Literal["occupancy", "passages", "speed", "energy", "standing"]
 Grouping = Literal["hour", "vehicle", "load"]
 LABELS = {
-    "occupancy": "time [s/m²]",
-    "passages": "passages",
-    "speed": "mean speed [m/s]",
-    "energy": "energy [kJ/m²]",
-    "standing": "standing time [s/m²]",
-}
+    "occupancy": "time [s/m²]", "passages": "passages", "speed": "mean speed [m/s]",
+    "energy": "energy [kJ/m²]", "standing": "standing time [s/m²]",
+}  # fmt: skip
+HOUR = 3_600_000_000
 MAX_GAP = 15.0
 STRETCH = 5.0
 MAX_CELLS = 25_000_000
@@ -38,8 +35,6 @@ COLUMNS = ("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payloa
 ROW_COST = 1e-6
 """What the sums of a row cost [s]."""
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Box = tuple[float, float, float, float]
 
 
@@ -56,8 +51,9 @@ class Cells:
 
 @dataclass
 class HeatMap:
-    """Sums per cell (6, rows, columns) and stretch of directed edge (6, bins);
-    of every unit (vehicle-day) the cells with time in them and that time, for tests.
+    """Sums per cell (6, rows, columns) and stretch of directed edge (6, bins).
+
+    ``units``: of every vehicle-day the cells with time in them and that time, for significance.
     """
 
     cells: Cells
@@ -74,8 +70,8 @@ class HeatMap:
 
 @dataclass(frozen=True)
 class Patch:
-    """The sums of one vehicle-day: (k,) rows and columns of the lattice of cells that counts from the origin,
-    and their (6, k) sums; the same of stretches.
+    """The sums of one vehicle-day: (k,) rows and columns of cells, counted from the origin, with their (6, k)
+    sums; the same of stretches.
     """
 
     row: Ints
@@ -96,18 +92,17 @@ class Patch:
 
 
 def values(layers: Floats, quantity: Quantity, area: float) -> Floats:
-    """One quantity from summed layers, NaN where nothing was;
-    times and energies per square metre or stretch.
-    """
-    time, energy = layers[0], known_energy(layers)
-    per: dict[Quantity, Callable[[], Floats]] = {
-        "occupancy": lambda: time / area,
-        "passages": lambda: layers[4],
-        "speed": lambda: layers[1] / np.where(time > 0, time, np.nan),
-        "energy": lambda: energy / area / 1000.0,
-        "standing": lambda: layers[3] / area,
-    }
-    return np.asarray(np.where(time > 0, per[quantity](), np.nan), dtype=np.float64)
+    """One quantity from summed layers, NaN where nothing was; times and energies by ``area`` [m2]."""
+    time, metres, _, standing, passages, _ = layers
+    if quantity == "passages":
+        per = passages
+    elif quantity == "speed":
+        per = metres / np.where(time > 0, time, np.nan)
+    elif quantity == "energy":
+        per = known_energy(layers) / area / 1000.0
+    else:
+        per = (time if quantity == "occupancy" else standing) / area
+    return np.asarray(np.where(time > 0, per, np.nan), dtype=np.float64)
 
 
 def known_energy(layers: Floats) -> Floats:
@@ -115,7 +110,7 @@ def known_energy(layers: Floats) -> Floats:
     return np.asarray(np.where(layers[5] > 0, layers[2], np.nan), dtype=np.float64)
 
 
-def cells_of(extents: list[tuple[float, float, float, float]], cell: float) -> Cells:
+def cells_of(extents: list[Box], cell: float) -> Cells:
     """Whole cells around all extents (xmin, ymin, xmax, ymax)."""
     low = np.floor(np.min([e[:2] for e in extents], axis=0) / cell - 1) * cell
     high = np.ceil(np.max([e[2:] for e in extents], axis=0) / cell + 1) * cell
@@ -136,18 +131,18 @@ def extent(dataset: Dataset) -> Box:
 
 
 def _box(dataset: Dataset, vehicle: str, date: str) -> Box | None:
-    """The extent of the positions of one vehicle-day."""
     return _box_of(dataset.read(vehicle, date, ("x", "y")))
 
 
 def _box_of(t: Trajectory) -> Box | None:
+    """The extent of the positions of one vehicle-day."""
     x, y = t.floats("x"), t.floats("y")
     if not np.isfinite(x).any():
         return None
     return float(np.nanmin(x)), float(np.nanmin(y)), float(np.nanmax(x)), float(np.nanmax(y))
 
 
-def stretches(network: Network | None) -> NDArray[np.int64]:
+def stretches(network: Network | None) -> Ints:
     """(E + 1,) first stretch of every edge."""
     if network is None:
         return np.zeros(1, np.int64)
@@ -158,7 +153,7 @@ def select(t: Trajectory, hours: tuple[int, int] | None, state: str) -> NDArray[
     """(N,) rows of the hours of the day [UTC) and the load state ``all``, ``laden`` or ``empty``."""
     use = np.ones(len(t), np.bool_)
     if hours is not None:
-        hour = t.time // 3_600_000_000 % 24
+        hour = t.time // HOUR % 24
         first, last = hours
         use &= (hour >= first) & (hour < last) if first < last else (hour >= first) | (hour < last)
     if state != "all":
@@ -168,30 +163,22 @@ def select(t: Trajectory, hours: tuple[int, int] | None, state: str) -> NDArray[
 
 
 def compute(
-    dataset: Dataset,
-    cells: Cells,
-    hours: tuple[int, int] | None = None,
-    vehicles: tuple[str, ...] = (),
+    dataset: Dataset, cells: Cells, hours: tuple[int, int] | None = None, vehicles: tuple[str, ...] = (),
     state: str = "all",
-) -> HeatMap:
+) -> HeatMap:  # fmt: skip
     """The sums of a dataset over given cells, vehicle-day by vehicle-day."""
     return compute_by(dataset, cells, None, hours, vehicles, state).get("all", _empty(dataset, cells))
 
 
 def compute_by(
-    dataset: Dataset,
-    cells: Cells,
-    by: Grouping | None,
-    hours: tuple[int, int] | None = None,
-    vehicles: tuple[str, ...] = (),
-    state: str = "all",
-) -> dict[str, HeatMap]:
+    dataset: Dataset, cells: Cells, by: Grouping | None, hours: tuple[int, int] | None = None,
+    vehicles: tuple[str, ...] = (), state: str = "all",
+) -> dict[str, HeatMap]:  # fmt: skip
     """One map a group, in one pass over the rows; the groups' maps add up to the map of all."""
     out: dict[str, HeatMap] = {}
-    days = each_day(
+    for patches in each_day(
         dataset, _patches, cells.cell, by, hours, state, kinds=(Patch,), vehicles=vehicles, cost=ROW_COST
-    )
-    for patches in days:
+    ):
         for name, patch in patches.items():
             patch.add_to(out.setdefault(name, _empty(dataset, cells)))
     return dict(sorted(out.items()))
@@ -211,57 +198,37 @@ def _patches(
     use, box = select(t, hours, state), _box_of(t)
     if box is None:
         return {}
-    cells = cells_of([box], cell)
-    groups = ((name, use & mine) for name, mine in _GROUPS[by](t))
-    return {name: _patch(t, rows, cells, dataset.site.network) for name, rows in groups if rows.any()}
+    cells, network = cells_of([box], cell), dataset.site.network
+    groups = ((name, use & mine) for name, mine in _groups(t, by))
+    return {name: _patch(t, rows, cells, network) for name, rows in groups if rows.any()}
 
 
 def _patch(t: Trajectory, use: NDArray[np.bool_], c: Cells, network: Network | None) -> Patch:
     from fleetlog.analysis.occupancy.kernels import accumulate, along_edges
 
-    speed, power = t.floats("speed"), t.floats("battery_power")
-    grid, edges = np.zeros((6, c.rows, c.columns)), np.zeros((6, int(stretches(network)[-1])))
-    accumulate(
-        t.floats("x"), t.floats("y"), t.time, speed, power, STANDING_SPEED, use, c.x0, c.y0, c.cell, MAX_GAP,
-        grid
-    )  # fmt: skip
+    x, y, speed, power, offset = (
+        t.floats(name) for name in ("x", "y", "speed", "battery_power", "edge_offset")
+    )
+    first = stretches(network)
+    grid, edges = np.zeros((6, c.rows, c.columns)), np.zeros((6, int(first[-1])))
+    step = t.time, speed, power, STANDING_SPEED, use
+    accumulate(x, y, *step, c.x0, c.y0, c.cell, MAX_GAP, grid)
     if network is not None:
         edge = t.labels("edge_id").recode(network.index)
-        offset = np.nan_to_num(t.floats("edge_offset"))
-        along_edges(
-            edge, offset, t.time, speed, power, STANDING_SPEED, use, stretches(network), STRETCH, MAX_GAP, edges
-        )  # fmt: skip
+        along_edges(edge, np.nan_to_num(offset), *step, first, STRETCH, MAX_GAP, edges)
     seen, driven = np.flatnonzero(grid[0] > 0.0), np.flatnonzero(edges[0] > 0.0)
     row, column = np.divmod(seen, c.columns)
     row, column = row + round(c.y0 / c.cell), column + round(c.x0 / c.cell)
     return Patch(row, column, grid.reshape(6, -1)[:, seen], driven, edges[:, driven])
 
 
-Groups = list[tuple[str, NDArray[np.bool_]]]
-
-
-def _all(t: Trajectory) -> Groups:
-    return [("all", np.ones(len(t), np.bool_))]
-
-
-def _hours(t: Trajectory) -> Groups:
-    hour = t.time // 3_600_000_000 % 24
-    return [(f"hour_{h:02d}", hour == h) for h in np.unique(hour).tolist()]
-
-
-def _vehicle(t: Trajectory) -> Groups:
-    return [(t.vehicle_id, np.ones(len(t), np.bool_))]
-
-
-def _load(t: Trajectory) -> Groups:
-    payload = t.floats("payload")
-    laden, empty = payload > LADEN, payload <= LADEN
-    return [("laden", laden), ("empty", empty), ("load_unknown", ~(laden | empty))]
-
-
-_GROUPS: dict[Grouping | None, Callable[[Trajectory], Groups]] = {
-    None: _all,
-    "hour": _hours,
-    "vehicle": _vehicle,
-    "load": _load,
-}
+def _groups(t: Trajectory, by: Grouping | None) -> list[tuple[str, NDArray[np.bool_]]]:
+    """The groups of a vehicle-day and the rows (N,) of each."""
+    if by == "hour":
+        hour = t.time // HOUR % 24
+        return [(f"hour_{h:02d}", hour == h) for h in np.unique(hour).tolist()]
+    if by == "load":
+        payload = t.floats("payload")
+        laden, empty = payload > LADEN, payload <= LADEN
+        return [("laden", laden), ("empty", empty), ("load_unknown", ~(laden | empty))]
+    return [(t.vehicle_id if by == "vehicle" else "all", np.ones(len(t), np.bool_))]

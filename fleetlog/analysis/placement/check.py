@@ -1,4 +1,4 @@
-"""A charging plan tried out in the simulator: the same tasks with the present chargers and with the planned ones."""
+"""A charging plan tried out in the simulator: the same tasks with present and with planned chargers."""
 
 from __future__ import annotations
 
@@ -29,10 +29,11 @@ class Trial:
 
 
 def try_plan(dataset: Dataset, sites: pd.DataFrame, trial: Trial) -> dict[str, Any]:
-    """Simulate ``before`` (the site's own chargers) and ``after`` (those of ``sites``: x, y, plugs), all else equal.
+    """Simulate ``before`` (the site's own chargers) and ``after`` (``sites``: x, y, plugs), all else equal.
 
-    Tasks are drawn like the recorded ones, with the same seed for both; where the recording shows no loads, they are
-    random, and then only the seed is the same.  Power of a planned plug is that of the site's first charger that states one.
+    Tasks are drawn like the recorded ones, with the same seed for both; where the recording shows no loads,
+    they are random, and then only the seed is the same.  The power of a planned plug is that of the site's
+    first charger that states one.
     """
     from fleetlog.simulate.places import like
 
@@ -48,7 +49,8 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, trial: Trial) -> dict[str, A
     present = Scenario(site, trial.truck, settings, Demand(tasks, endless=not tasks), mined=mined)
     both = {"before": present, "after": replace(present, site=planned, mined=mined | new)}
     out: dict[str, Any] = {
-        "vehicles": trial.vehicles, "hours": trial.duration / 3600.0, "seed": trial.seed, "soc_start": trial.soc,
+        "vehicles": trial.vehicles, "hours": trial.duration / 3600.0, "seed": trial.seed,
+        "soc_start": trial.soc,
     }  # fmt: skip
     for name, scenario in both.items():
         chargers = [p for p in scenario.site.places if p.kind == "charge"]

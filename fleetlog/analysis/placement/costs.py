@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.analysis.placement.ranks import vertex_distances
 from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Floats
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 
-Floats = NDArray[np.float64]
 Metric = Literal["distance", "time", "energy"]
 UNITS = {"distance": "m", "time": "s", "energy": "Wh"}
 USUAL_SPEED = 2.5
@@ -22,9 +21,7 @@ PIECE = 2.0
 
 
 def driving_costs(network: Network, metric: Metric, truck: Truck | None = None) -> Floats:
-    """(n, n) cheapest drive from vertex i (row) to vertex j (column) in m, s or Wh;
-    inf where there is no way.
-    """
+    """(n, n) cheapest drive from vertex (row) to vertex (column) in m, s or Wh; inf where there is none."""
     if metric == "distance":
         return vertex_distances(network)
     if metric == "time":
@@ -56,15 +53,7 @@ def edge_energies(network: Network, truck: Truck) -> Floats:
     size = (network.length / pieces)[edge]
     offset = (number + 0.5) * size
     speed = edge_speeds(network, truck)[edge]
-    motion = Motion.of(
-        len(edge),
-        speed=speed,
-        dt=size / speed,
-        slope=network.slope(edge, offset),
-        edge=edge,
-        edge_offset=offset,
-    )
-    joules = np.bincount(
-        edge, weights=battery_power(motion, Physics(truck)) * motion.dt, minlength=len(network)
-    )
-    return np.maximum(joules, 0.0) / 3600.0
+    slope = network.slope(edge, offset)
+    motion = Motion.of(len(edge), speed=speed, dt=size / speed, slope=slope, edge=edge, edge_offset=offset)
+    watts = battery_power(motion, Physics(truck))
+    return np.maximum(np.bincount(edge, watts * motion.dt, len(network)), 0.0) / 3600.0

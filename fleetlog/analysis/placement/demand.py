@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
 from fleetlog.store.trips import MAX_GAP, STANDING_SPEED, runs
 
-Floats = NDArray[np.float64]
 ENOUGH_SOC, LEAST_SOC = 0.5, 0.2
 """Urgency rises from 0 at the first to 1 at the second state of charge."""
 LOAD_CHANGE = 25.0
@@ -22,13 +21,11 @@ COLUMNS = ("edge_id", "edge_offset", "speed", "soc", "payload", "x", "y")
 
 @dataclass(frozen=True)
 class Unit:
-    """What one vehicle did on one day, per road vertex (n,):
-    the unit that is left out to see how stable a choice is.
-    """
+    """What one vehicle did on one day, per road vertex (n,); left out in turn to test stability."""
 
     vehicle: str
     day: int
-    visits: list[NDArray[np.int64]]
+    visits: list[Ints]
     standing: Floats
     """Seconds of standstills of at least the shortest useful time."""
     urgent: Floats
@@ -75,48 +72,32 @@ def _unit(dataset: Dataset, vehicle: str, date: str, shortest: float) -> Unit:
     payload = t.floats("payload")
     changed = np.flatnonzero(np.abs(np.diff(payload)) > LOAD_CHANGE)
     loading = np.bincount(vertex[changed][vertex[changed] >= 0], minlength=n).astype(float)
-    return Unit(
-        t.vehicle_id,
-        int(t.time[0] // 86_400_000_000),
-        _visits(edge, time, network),
-        standing,
-        urgent,
-        loading,
-        spells,
-        places,
-    )
+    day, visits = int(t.time[0] // 86_400_000_000), _visits(edge, time, network)
+    return Unit(t.vehicle_id, day, visits, standing, urgent, loading, spells, places)
 
 
-def _nearest_vertex(t: Trajectory, edge: NDArray[np.int32], network: Network) -> NDArray[np.int64]:
+def _nearest_vertex(t: Trajectory, edge: NDArray[np.int32], network: Network) -> Ints:
     """The nearer end of the edge that a row is on; -1 off the map."""
     offset = np.nan_to_num(t.floats("edge_offset"))
     ends = np.where(offset < 0.5 * network.length[edge], network.start[edge], network.end[edge])
     return np.where(edge >= 0, ends, -1).astype(np.int64)
 
 
-def _visits(edge: NDArray[np.int32], time: Floats, network: Network) -> list[NDArray[np.int64]]:
+def _visits(edge: NDArray[np.int32], time: Floats, network: Network) -> list[Ints]:
     """Sequences of vertices in the order driven, broken at gaps, off the map, and where edges do not join."""
-    change = np.flatnonzero(np.r_[True, edge[1:] != edge[:-1]]) if len(edge) else np.zeros(0, np.int64)
-    out: list[list[int]] = []
-    current: list[int] = []
-    for i in change.tolist():
+    out: list[list[int]] = [[]]
+    for i in np.flatnonzero(np.diff(edge, prepend=-2)).tolist():
         e = int(edge[i])
-        if e < 0 or (i > 0 and time[i] - time[i - 1] > MAX_GAP):
-            out.append(current)
-            current = []
-            if e < 0:
-                continue
-        a = int(network.start[e])
-        if current and current[-1] != a:
-            out.append(current)
-            current = []
-        current += [a] if not current else []
-        current.append(int(network.end[e]))
-    out.append(current)
-    return [np.array(s, dtype=np.int64) for s in out if len(s) > 1]
+        gap = i > 0 and time[i] - time[i - 1] > MAX_GAP
+        if e < 0 or gap or (out[-1] and out[-1][-1] != network.start[e]):
+            out.append([])
+        if e >= 0:
+            out[-1] += [] if out[-1] else [int(network.start[e])]
+            out[-1].append(int(network.end[e]))
+    return [np.array(s, dtype=np.int64) for s in out if s]
 
 
 def peak(spells: list[tuple[int, int]]) -> int:
     """The most spells that are open at once."""
     events = sorted([(a, 1) for a, _ in spells] + [(b, -1) for _, b in spells])
-    return int(np.max(np.cumsum([d for _, d in events]), initial=0)) if events else 0
+    return int(np.max(np.cumsum([d for _, d in events], dtype=int), initial=0))

@@ -6,8 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from fleetlog.core.trajectory import Floats, Ints
 
 
 @njit(cache=True)
@@ -64,10 +63,7 @@ def interchange(cost: Floats, sites: Ints, fixed: NDArray[np.bool_], max_rounds:
         where[best_in] = best_out
     total = 0.0
     for i in range(m):
-        d1 = np.inf
-        for a in range(k):
-            d1 = min(d1, cost[i, chosen[a]])
-        total += d1
+        total += cost[i][chosen].min()
     return np.sort(chosen), total
 
 
@@ -75,12 +71,11 @@ def interchange(cost: Floats, sites: Ints, fixed: NDArray[np.bool_], max_rounds:
 def lagrangian(
     cost: Floats, k: int, forced: NDArray[np.bool_], upper: float, rounds: int, stop: float
 ) -> float:
-    """A lower bound of the p-median cost: Lagrangian relaxation of "every demand is served once", by
-    subgradient steps.
+    """A lower bound of the p-median cost: subgradient steps on the relaxed "every demand is served once".
 
-    cost : (n, m), site by demand.  L(u) = sum_i u_i + sum of the k smallest of rho_j, rho_j = sum_i min(0,
-        c_ji - u_i); forced
-    sites are always among the k.  Stops when the bound is within the share ``stop`` of ``upper``.
+    cost : (n, m), site by demand.  L(u) = sum_i u_i + sum of the k smallest of rho_j, where
+    rho_j = sum_i min(0, c_ji - u_i); forced sites are always among the k.
+    Stops when the bound is within the share ``stop`` of ``upper``.
     """
     n, m = cost.shape
     u = np.empty(m)

@@ -6,20 +6,22 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.analysis.placement.costs import Metric
 from fleetlog.analysis.placement.demand import Unit
 from fleetlog.analysis.placement.ranks import flow_counts, rank, vertex_distances, visit_share, vote_scores
 from fleetlog.analysis.placement.select import Choice, cover, p_median, spaced, top_k
 from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.errors import DataError
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Method = Literal["pmedian", "spaced", "topk", "cover"]
 Variant = Literal["flow", "vote", "urgency"]
 Demand = Literal["urgency", "standing", "visits", "rank", "loading"]
+EMPTY = {
+    "urgency": "no truck stood with less than 50 % charge", "standing": "no truck stood for long enough",
+}  # fmt: skip
+NOTHING = "nothing of the kind in the data"
 VOTE_LENGTH = 30.0
 MAX_LEFT_OUT = 30
 """So many days or trucks are left out in turn, to see how stable a choice is."""
@@ -27,9 +29,7 @@ MAX_LEFT_OUT = 30
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked: ``cost`` (n, n) of a drive by ``metric``; ``must`` and ``must_not`` are vertices;
-    the rest as in ``chargers``.
-    """
+    """What is asked, as in ``chargers``; ``cost`` (n, n) of a drive, vertices that must or must not be."""
 
     network: Network
     cost: Floats
@@ -48,9 +48,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Weighed:
-    """(n,) heat share, rank and demand of every vertex;
-    which demand was used, and notices about a fall-back.
-    """
+    """(n,) heat share, rank and demand of every vertex; which demand was used, and notices about it."""
 
     share: Floats
     ranks: Floats
@@ -88,35 +86,23 @@ def _weights(
 ) -> tuple[Floats, str, list[str]]:
     notices: list[str] = []
     options = {
-        "urgency": total(units, "urgent"),
-        "standing": total(units, "standing"),
-        "visits": share,
-        "rank": ranks,
-        "loading": total(units, "loading"),
-    }
-    order = {"urgency": ["urgency", "standing", "visits"], "standing": ["standing", "visits"]}.get(
-        demand, [demand]
-    )
-    for name in order:
+        "urgency": total(units, "urgent"), "standing": total(units, "standing"), "visits": share,
+        "rank": ranks, "loading": total(units, "loading"),
+    }  # fmt: skip
+    next_best = ["urgency", "standing", "visits"]
+    for name in next_best[next_best.index(demand) :] if demand in next_best[:2] else [demand]:
         if options[name].any():
             return options[name], name, notices
-        why = (
-            "no state of charge under 50 % while standing"
-            if name == "urgency"
-            else "nothing of the kind in the data"
-        )
-        notices.append(f"demand {name!r} is empty ({why}); the next best is used")
-    raise DataError(
-        f"demand {demand!r} is empty: nothing of the kind in the data", do="choose another --demand"
-    )
+        then = "standing time" if name == "urgency" else "visits"
+        notices.append(f"{EMPTY.get(name, NOTHING)}, so sites are chosen by {then}")
+    raise DataError(f"demand {demand!r} is empty: {NOTHING}", do="choose another --demand")
 
 
 def choose(w: Weighed, q: Question) -> Choice:
     """At most k sites; a site that no demand would use and nobody asked for is left out."""
     if q.method == "pmedian":
-        return _without_idle(
-            p_median(w.weight, q.cost, q.k, q.must, q.must_not, capacity=q.capacity), w.weight, q
-        )
+        found = p_median(w.weight, q.cost, q.k, q.must, q.must_not, capacity=q.capacity)
+        return _without_idle(found, w.weight, q)
     if len(q.must) or len(q.must_not) or q.capacity is not None:
         raise DataError("forced and forbidden sites and capacities need the method pmedian")
     if q.method == "topk":
@@ -132,16 +118,12 @@ def _without_idle(choice: Choice, weight: Floats, q: Question) -> Choice:
     nearest = np.bincount(to, weights=weight, minlength=len(choice.sites))
     served = np.asarray(nearest if choice.served is None else choice.served, dtype=np.float64)
     keep = (served > 0) | np.isin(choice.sites, q.must)
-    return Choice(
-        choice.sites[keep], choice.objective, choice.gap,
-        None if choice.served is None else choice.served[keep],
-    )  # fmt: skip
+    kept = None if choice.served is None else choice.served[keep]
+    return Choice(choice.sites[keep], choice.objective, choice.gap, kept)
 
 
 def stability(units: list[Unit], choice: Choice, q: Question) -> dict[str, Any]:
-    """How many of the sites stay when a whole day, or a truck where there are fewer than three days,
-    is left out.
-    """
+    """How many of the sites stay when a whole day is left out, or a truck of fewer than three days."""
     days = sorted({u.day for u in units})
     by_day = len(days) >= 3
     keys: list[Any] = list(days) if by_day else sorted({u.vehicle for u in units})
@@ -155,9 +137,8 @@ def stability(units: list[Unit], choice: Choice, q: Question) -> dict[str, Any]:
         except DataError:
             continue
         kept.append(len(np.intersect1d(again.sites, choice.sites)) / max(len(choice.sites), 1))
+    mean, worst = (float(np.mean(kept)), float(np.min(kept))) if kept else (None, None)
     return {
-        "left_out": "day" if by_day else "vehicle",
-        "runs": len(kept),
-        "mean_kept_share": float(np.mean(kept)) if kept else None,
-        "worst_kept_share": float(np.min(kept)) if kept else None,
-    }
+        "left_out": "day" if by_day else "vehicle", "runs": len(kept), "mean_kept_share": mean,
+        "worst_kept_share": worst,
+    }  # fmt: skip

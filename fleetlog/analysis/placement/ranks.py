@@ -17,16 +17,14 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from fleetlog.core.network import Network
+from fleetlog.core.trajectory import Floats, Ints
 
-Floats = NDArray[np.float64]
 ALPHA = 0.85
 """The usual damping of PageRank."""
 
 
 def link_matrix(counts: sparse.csr_array) -> tuple[sparse.csc_array, NDArray[np.bool_]]:
-    """Column-stochastic M (n, n) from move counts C (row: from, column: to),
-    and which vertices are dangling (n,).
-    """
+    """Column-stochastic M (n, n) from move counts C (row: from), and which vertices (n,) are dangling."""
     out = np.asarray(counts.sum(axis=1)).ravel()
     scale = sparse.diags_array(np.where(out > 0, 1.0 / np.where(out > 0, out, 1.0), 0.0))
     return sparse.csc_array((scale @ counts).T), out == 0
@@ -43,20 +41,17 @@ def rank(counts: sparse.csr_array, alpha: float = ALPHA, teleport: Floats | None
     return np.asarray(r / r.sum(), dtype=np.float64)
 
 
-def flow_counts(visits: list[NDArray[np.int64]], n: int) -> sparse.csr_array:
+def flow_counts(visits: list[Ints], n: int) -> sparse.csr_array:
     """C (n, n): how often a truck went from one vertex to the next, over unbroken sequences of visits."""
-    pairs = [np.column_stack([s[:-1], s[1:]]) for s in visits if len(s) > 1]
-    if not pairs:
-        return sparse.csr_array((n, n))
-    p = np.concatenate(pairs)
-    return sparse.csr_array(sparse.coo_array((np.ones(len(p)), (p[:, 0], p[:, 1])), shape=(n, n)))
+    pairs = [np.zeros((0, 2), np.int64), *(np.column_stack([s[:-1], s[1:]]) for s in visits)]
+    start, end = np.concatenate(pairs).T
+    return sparse.csr_array((np.ones(len(start)), (start, end)), shape=(n, n))
 
 
-def visit_share(visits: list[NDArray[np.int64]], n: int) -> Floats:
+def visit_share(visits: list[Ints], n: int) -> Floats:
     """(n,) share of arrivals, the first vertex of a sequence not counted."""
-    counts = np.bincount(
-        np.concatenate([s[1:] for s in visits]) if visits else np.zeros(0, np.int64), minlength=n
-    )
+    arrivals = np.concatenate([np.zeros(0, np.int64), *(s[1:] for s in visits)])
+    counts = np.bincount(arrivals, minlength=n)
     return np.asarray(counts / max(int(counts.sum()), 1), dtype=np.float64)
 
 

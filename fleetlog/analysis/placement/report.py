@@ -11,21 +11,18 @@ from numpy.typing import NDArray
 from fleetlog.analysis.placement.costs import UNITS
 from fleetlog.analysis.placement.demand import Unit, peak
 from fleetlog.analysis.placement.plan import Question, Weighed, total
-from fleetlog.analysis.placement.select import Choice, top_k
+from fleetlog.analysis.placement.select import Choice, finite, greedy, top_k
 from fleetlog.core.network import Network
-from fleetlog.core.words import count, percent
+from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.core.words import count, listed, percent
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 DRAWS = 200
 MOST = 4
 """Sites in the first sentence."""
 
 
 def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:
-    """Weighted mean and 95th percentile of the cost to the nearest site,
-    over the demand that can reach one.
-    """
+    """Weighted mean and 95th percentile of the cost to the nearest site, where there is a way to one."""
     nearest_site = cost[:, sites].min(axis=1)
     ok = np.isfinite(nearest_site) & (weight > 0)
     w, d = weight[ok], nearest_site[ok]
@@ -34,11 +31,8 @@ def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:
     order = np.argsort(d)
     cumulated = np.cumsum(w[order])
     p95 = d[order][min(int(np.searchsorted(cumulated, 0.95 * cumulated[-1])), len(d) - 1)]
-    return {
-        "mean": float(np.average(d, weights=w)),
-        "p95": float(p95),
-        "unreachable_share": float(1 - w.sum() / weight.sum()),
-    }
+    unreachable = float(1 - w.sum() / weight.sum())
+    return {"mean": float(np.average(d, weights=w)), "p95": float(p95), "unreachable_share": unreachable}
 
 
 def summarise(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> dict[str, Any]:
@@ -48,49 +42,26 @@ def summarise(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> dic
     n, k = len(w.share), len(choice.sites)
     rng = np.random.default_rng(0)
     random = [reach(w.weight, q.cost, rng.choice(n, k, replace=False))["mean"] for _ in range(DRAWS)]
+    shunned = w.weight[:, None] * finite(q.cost)
     baselines = {
         "random": {"mean": float(np.nanmedian(random)), "best_of_200": float(np.nanmin(random))},
         "hottest": reach(w.weight, q.cost, top_k(w.share, k).sites),
         "top_rank": reach(w.weight, q.cost, top_k(w.ranks, k).sites),
-        "greedy": reach(w.weight, q.cost, _greedy(w.weight, q.cost, k)),
+        "greedy": reach(w.weight, q.cost, greedy(shunned, np.zeros(0, np.int64), k)),
     }
     notices = list(w.notices)
     if k < q.k and q.method == "pmedian":
         notices.append(f"{k} of {q.k} sites serve all demand; more would stand idle")
+    flow = "high by construction: on closed trips the flow rank is the heat share"
     return {
-        "k": q.k,
-        "method": q.method,
-        "variant": q.variant,
-        "demand": w.used,
-        "metric": q.metric,
-        "unit": UNITS[q.metric],
-        "alpha": q.alpha,
-        "capacity_share": q.capacity,
-        "sites": [q.network.node_ids[i] for i in choice.sites],
-        "objective": choice.objective,
-        "proven_gap": choice.gap,
-        "reach": reach(w.weight, q.cost, choice.sites),
-        "baselines": baselines,
+        "k": q.k, "method": q.method, "variant": q.variant, "demand": w.used, "metric": q.metric,
+        "unit": UNITS[q.metric], "alpha": q.alpha, "capacity_share": q.capacity,
+        "sites": [q.network.node_ids[i] for i in choice.sites], "objective": choice.objective,
+        "proven_gap": choice.gap, "reach": reach(w.weight, q.cost, choice.sites), "baselines": baselines,
         "rank_heat_spearman": float(spearmanr(w.ranks, w.share).statistic),
-        "rank_heat_note": "high by construction: on closed trips the flow rank is the heat share"
-        if q.variant == "flow"
-        else None,
-        "vehicle_days": len(units),
-        "plugs_peak": peak([s for u in units for s in u.open_spells]),
-        "notices": notices,
-    }
-
-
-def _greedy(weight: Floats, cost: Floats, k: int) -> Ints:
-    """Sites added one by one, each where it helps most."""
-    far = 10.0 * float(cost[np.isfinite(cost)].max(initial=1.0))
-    weighted = weight[:, None] * np.minimum(cost, far)
-    best = np.full(len(weight), np.inf)
-    out: list[int] = []
-    for _ in range(k):
-        out.append(int(np.minimum(weighted, best[:, None]).sum(axis=0).argmin()))
-        best = np.minimum(best, weighted[:, out[-1]])
-    return np.array(out, dtype=np.int64)
+        "rank_heat_note": flow if q.variant == "flow" else None, "vehicle_days": len(units),
+        "plugs_peak": peak([s for u in units for s in u.open_spells]), "notices": notices,
+    }  # fmt: skip
 
 
 def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd.DataFrame:
@@ -107,14 +78,12 @@ def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd
         "site": np.arange(1, len(sites) + 1), "vertex": [q.network.node_ids[i] for i in sites], "x": xy[:, 0],
         "y": xy[:, 1], "rank": w.ranks[sites], "heat_share": w.share[sites], "served_share": served,
         "urgent_hours": hours, "plugs": plugs, "urgent_hours_per_plug": hours / plugs,
-        "label": [f"{i + 1} ({s:.0%})" for i, s in enumerate(served)],
+        "label": [f"{i + 1} ({percent(s)})" for i, s in enumerate(served)],
     })  # fmt: skip
 
 
-def _plugs(units: list[Unit], to: NDArray[np.intp], sites: int) -> NDArray[np.int64]:
-    """The most trucks that stood in need of charge at once, among those nearest to each site;
-    one at least.
-    """
+def _plugs(units: list[Unit], to: NDArray[np.intp], sites: int) -> Ints:
+    """The most trucks that stood in need of charge at once nearest to each site; one at least."""
     spells: list[list[tuple[int, int]]] = [[] for _ in range(sites)]
     for u in units:
         for spell, vertex in zip(u.open_spells, u.spell_vertices, strict=True):
@@ -136,40 +105,48 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     """The answer for the terminal."""
     unit, r, b = s["unit"], s["reach"], s["baselines"]
     rows: list[Any] = list(sites.itertuples())
-    what = "Place pick and drop spots" if s["demand"] == "loading" else "Install chargers"
+    loading = s["demand"] == "loading"
+    plugs = {row.site: "" if loading else count(row.plugs, "plug") for row in rows}
     new, kept = [r for r in rows if not r.existing], [r for r in rows if r.existing]
-    where = " and ".join(f"{row.vertex} ({count(row.plugs, 'plug')})" for row in new[:MOST])
-    more = f" and {len(new) - MOST} more places" if len(new) > MOST else ""
-    out = [f"{what} at {where}{more}."] if new else []
-    out += [f"Keep {row.existing} ({count(row.plugs, 'plug')} needed)." for row in kept]
+    where = [row.vertex if loading else f"{row.vertex} ({plugs[row.site]})" for row in new[:MOST]]
+    more = [count(len(new) - MOST, "more place")] if len(new) > MOST else []
+    what = "Place pick and drop spots" if loading else "Install chargers"
+    out = [f"{what} at {listed([*where, *more])}."] if new else []
+    out += [f"Keep {row.existing} ({plugs[row.site]} needed)." for row in kept]
     out += [
-        f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {percent(row.served_share)}, "
-        f"{count(row.plugs, 'plug')}"
+        f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {percent(row.served_share)} of "
+        f"the demand{'' if loading else ', '}{plugs[row.site]}"
         for row in rows
     ]
     gap = "optimal" if s["proven_gap"] == 0 else f"within {percent(s['proven_gap'], 2)} of the optimum"
     out.append(
-        f"The nearest site is {r['mean']:.1f} {unit} away on average (95 % of the demand: {r['p95']:.1f} {unit}); "
-        f"random sites: {b['random']['mean']:.1f} {unit}, hottest vertices: {b['hottest']['mean']:.1f} {unit}."
+        f"The nearest site is {r['mean']:.1f} {unit} away on average (95 % of the demand: {r['p95']:.1f} "
+        f"{unit}); random sites: {b['random']['mean']:.1f} {unit}, hottest vertices: "
+        f"{b['hottest']['mean']:.1f} {unit}."
         + (f" This choice is {gap}." if s["method"] == "pmedian" else "")
     )
     st = s["stability"]
     if st["runs"]:
-        out.append(
-            f"If one {st['left_out']} is left out, {percent(st['mean_kept_share'])} of the sites stay "
-            f"(worst case {percent(st['worst_kept_share'])})."
-        )
-    if s["rank_heat_note"]:
-        out.append(f"Rank and heat share correlate at {s['rank_heat_spearman']:.2f}: {s['rank_heat_note']}.")
+        mean, worst = percent(st["mean_kept_share"]), percent(st["worst_kept_share"])
+        unit = st["left_out"].replace("vehicle", "truck")
+        out.append(f"If one {unit} is left out, {mean} of the sites stay (worst case {worst}).")
     if "check" in s:
         out += _check_lines(s["check"])
-    return out + [f"Note: {n}" for n in s["notices"]]
+    return out + [f"Note: {n}." for n in s["notices"]]
 
 
 def _check_lines(c: dict[str, Any]) -> list[str]:
     rows = [(c["before"], "present"), (c["after"], "planned")]
-    head = f"Simulated: {count(c['vehicles'], 'truck')}, {c['hours']:g} h, {percent(c['soc_start'])} charge at the start."
-    return [head] + [
+    trucks, soc = count(c["vehicles"], "truck"), percent(c["soc_start"])
+    time = f"{c['hours']:g} h" if c["hours"] >= 1.0 else f"{60.0 * c['hours']:.0f} min"
+    before, after = c["before"], c["after"]
+    more = after["tasks_done"] - before["tasks_done"]
+    tasks = f"{count(abs(more), 'task')} {'more' if more > 0 else 'fewer'}" if more else "as many tasks"
+    answer = (
+        f"With the planned chargers the fleet does {tasks} and ends with {percent(after['soc_end_mean'])} "
+        f"charge instead of {percent(before['soc_end_mean'])} (simulated: {trucks}, {time}, from {soc})."
+    )
+    return [answer] + [
         f"  {name} chargers ({count(r['plugs'], 'plug')}): lowest charge {percent(r['soc_lowest'])}, "
         f"mean {percent(r['soc_mean'])}, at the end {percent(r['soc_end_mean'])}; "
         f"{r['waiting_for_plug_h']:.1f} h waiting for a plug; {count(r['empty_trucks'], 'truck')} empty; "

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.core.words import percent
 from fleetlog.errors import DataError
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 STARTS = 10
 EXACT_CELLS = 20_000
 """Up to so many demand-site pairs HiGHS settles the p-median when the bound leaves a gap."""
@@ -45,16 +45,10 @@ def top_k(rank: Floats, k: int) -> Choice:
 
 
 def p_median(
-    weight: Floats,
-    distance: Floats,
-    k: int,
-    forced: Ints | None = None,
-    forbidden: Ints | None = None,
-    seed: int = 0,
-    capacity: float | None = None,
-) -> Choice:
-    """Sites that minimise the weighted distance from demand i (rows, ``weight`` (m,)) to the nearest site
-    (columns).
+    weight: Floats, distance: Floats, k: int, forced: Ints | None = None, forbidden: Ints | None = None,
+    seed: int = 0, capacity: float | None = None,
+) -> Choice:  # fmt: skip
+    """Sites (columns) that minimise the weighted distance from demand (rows, ``weight`` (m,)) to the nearest.
 
     Fast interchange from several starts, a Lagrangian lower bound, and where a gap is left on a small
     instance HiGHS.  The objective is the weighted mean distance.  ``capacity`` is the largest share of all
@@ -72,21 +66,16 @@ def p_median(
         raise DataError(f"{k} sites cannot hold {len(forced)} forced ones", do="raise -k or force fewer")
     candidates = np.flatnonzero(open_)
     total = max(float(weight.sum()), 1e-300)
-    cost = np.ascontiguousarray((weight[:, None] * _finite(distance))[weight > 0][:, candidates] / total)
+    cost = np.ascontiguousarray((weight[:, None] * finite(distance))[weight > 0][:, candidates] / total)
     is_forced = np.isin(candidates, forced)
     if capacity is not None and capacity < 1.0:
         return _capacitated(cost, weight[weight > 0] / total, candidates, k, is_forced, capacity)
-    fixed = np.flatnonzero(is_forced)
+    fixed, free = np.flatnonzero(is_forced), np.flatnonzero(~is_forced)
     rng = np.random.default_rng(seed)
-    best: tuple[float, Ints] | None = None
-    for start in range(STARTS):
-        free = np.setdiff1d(np.arange(len(candidates)), fixed)
-        rest = _greedy(cost, fixed, k) if start == 0 else rng.choice(free, k - len(fixed), replace=False)
-        chosen, value = interchange(cost, np.concatenate([fixed, rest]).astype(np.int64), is_forced, 10_000)
-        if best is None or (round(value, 12), tuple(chosen)) < (round(best[0], 12), tuple(best[1])):
-            best = (value, chosen)
-    assert best is not None
-    value, chosen = best
+    drawn = (rng.choice(free, k - len(fixed), replace=False) for _ in range(STARTS - 1))
+    starts = (np.concatenate([fixed, rest]).astype(np.int64) for rest in (greedy(cost, fixed, k), *drawn))
+    found = [interchange(cost, start, is_forced, 10_000) for start in starts]
+    chosen, value = min(found, key=lambda f: (round(f[1], 12), tuple(f[0])))
     bound = lagrangian(np.ascontiguousarray(cost.T), k, is_forced, value, 3000, 1e-9)
     if value - bound > 1e-9 * max(value, 1e-300) and cost.size <= EXACT_CELLS:
         value, chosen = _exact(cost, k, is_forced)
@@ -95,14 +84,14 @@ def p_median(
     return Choice(candidates[chosen], float(value), gap if gap > 1e-9 else 0.0)
 
 
-def _finite(distance: Floats) -> Floats:
+def finite(distance: Floats) -> Floats:
     """Unreachable pairs at ten times the longest reachable distance, so that they are shunned, not lost."""
     finite = np.isfinite(distance)
-    far = 10.0 * float(distance[finite].max(initial=1.0))
-    return np.where(finite, distance, far)
+    return np.where(finite, distance, 10.0 * float(distance[finite].max(initial=1.0)))
 
 
-def _greedy(cost: Floats, fixed: Ints, k: int) -> Ints:
+def greedy(cost: Floats, fixed: Ints, k: int) -> Ints:
+    """Sites added to the ``fixed`` ones, one by one, each where it helps most; ``cost`` is demand by site."""
     best = cost[:, fixed].min(axis=1) if len(fixed) else np.full(len(cost), np.inf)
     out: list[int] = []
     for _ in range(k - len(fixed)):
@@ -125,17 +114,15 @@ def _capacitated(
 ) -> Choice:
     """The same with sum_i w_i y_ij <= capacity x_j."""
     m, n = cost.shape
+    raise_it = "raise --capacity or -k"
     if k * capacity < 1.0 - 1e-9:
-        raise DataError(
-            f"{k} sites of {capacity:.0%} each cannot serve all demand", do="raise --capacity or -k"
-        )
+        raise DataError(f"{k} sites of {percent(capacity)} each cannot serve all demand", do=raise_it)
     if cost.size > CAPACITY_CELLS:
-        raise DataError(
-            f"{m} demand vertices and {n} candidates are too many with a capacity", do="leave it out"
-        )
+        what = f"{m} demand vertices and {n} candidates are too many with a capacity"
+        raise DataError(what, do="leave it out")
     result = _program(cost, k, forced, share, capacity)
     if result.x is None:
-        raise DataError("no choice of sites keeps the capacity", do="raise --capacity or -k")
+        raise DataError("no choice of sites keeps the capacity", do=raise_it)
     on = np.flatnonzero(result.x[:n] > 0.5)
     served = (share[:, None] * result.x[n:].reshape(m, n)).sum(axis=0)[on]
     return Choice(candidates[on], float(result.fun), float(result.mip_gap or 0.0), served)
@@ -145,69 +132,61 @@ def _program(
     cost: Floats, k: int, forced: NDArray[np.bool_], share: Floats | None = None, capacity: float = 1.0
 ) -> Any:
     """HiGHS on x (n,) then y (m n,); the result of :func:`scipy.optimize.milp`."""
+    m, n = cost.shape
+    i, j = (a.ravel() for a in np.mgrid[0:m, 0:n])
+    row, site, width = np.arange(m * n), np.arange(n), n + m * n
+    y = n + row
+    link = _sparse(np.r_[np.ones(m * n), -np.ones(m * n)], np.r_[row, row], np.r_[y, j], width)
+    rules = [
+        (link, -np.inf, 0.0), (_sparse(np.ones(m * n), i, y, width), 1.0, 1.0),
+        (_sparse(np.ones(n), np.zeros(n, int), site, width), 0.0, float(k)),
+    ]  # fmt: skip
+    if share is not None:
+        entries = np.r_[share[i], np.full(n, -capacity)]
+        rules.append((_sparse(entries, np.r_[j, site], np.r_[y, site], width), -np.inf, 0.0))
+    whole = np.arange(width) < n
+    low = np.where(whole, np.resize(forced, width), 0.0)
+    return _highs(np.r_[np.zeros(n), cost.ravel()], rules, whole, low, time_limit=PATIENCE)
+
+
+def _sparse(values: Floats, row: Ints, column: Ints, width: int) -> sparse.csr_array:
+    return sparse.csr_array((values, (row, column)), shape=(int(row.max()) + 1, width))
+
+
+def _highs(
+    cost: Floats, rules: list[tuple[Any, float, float]], whole: NDArray[np.bool_], low: Any, **options: float
+) -> Any:
+    """Minimise ``cost`` x with x from ``low`` to 1, integer where ``whole``, and low <= A x <= high each."""
     from scipy.optimize import Bounds, LinearConstraint, milp
 
-    m, n = cost.shape
-    c = np.concatenate([np.zeros(n), cost.ravel()])
-    i, j = (a.ravel() for a in np.mgrid[0:m, 0:n])
-    row, width = np.arange(m * n), n + m * n
-    y = n + row
-    link = sparse.coo_array(
-        (np.r_[np.ones(m * n), -np.ones(m * n)], (np.r_[row, row], np.r_[y, j])), shape=(m * n, width)
-    )
-    once = sparse.coo_array((np.ones(m * n), (i, y)), shape=(m, width))
-    few = sparse.coo_array((np.ones(n), (np.zeros(n, int), np.arange(n))), shape=(1, width))
-    rules = [
-        LinearConstraint(link.tocsr(), -np.inf, 0),
-        LinearConstraint(once.tocsr(), 1, 1),
-        LinearConstraint(few.tocsr(), 0, k),
-    ]
-    if share is not None:
-        entries, columns = np.r_[share[i], np.full(n, -capacity)], np.r_[y, np.arange(n)]
-        full = sparse.coo_array((entries, (np.r_[j, np.arange(n)], columns)), shape=(n, width))
-        rules.append(LinearConstraint(full.tocsr(), -np.inf, 0))
-    low = np.concatenate([forced.astype(float), np.zeros(m * n)])
+    constraints = [LinearConstraint(*rule) for rule in rules]
     return milp(
-        c, constraints=rules, integrality=np.r_[np.ones(n), np.zeros(m * n)], bounds=Bounds(low, 1),
-        options={"time_limit": PATIENCE},
-    )  # fmt: skip
+        cost, constraints=constraints, integrality=whole.astype(int), bounds=Bounds(low, 1), options=options
+    )
 
 
 def spaced(rank: Floats, distance: Floats, k: int, spacing: float) -> Choice:
     """max sum r_j x_j with at most k sites, no two nearer than ``spacing`` in either direction (HiGHS)."""
-    from scipy.optimize import Bounds, LinearConstraint, milp
-
     n = len(rank)
     a, b = np.nonzero(np.triu(np.minimum(distance, distance.T) < spacing, 1))
-    rows = [LinearConstraint(np.ones((1, n)), 0, k)]
+    rules: list[tuple[Any, float, float]] = [(np.ones((1, n)), 0.0, k)]
     if len(a):
         pair = np.arange(len(a))
-        apart = sparse.coo_array((np.ones(2 * len(a)), (np.r_[pair, pair], np.r_[a, b])), shape=(len(a), n))
-        rows.append(LinearConstraint(apart.tocsr(), -np.inf, 1))
+        rules.append((_sparse(np.ones(2 * len(a)), np.r_[pair, pair], np.r_[a, b], n), -np.inf, 1.0))
     # A hair's preference for small numbers breaks ties the same way every time.
-    result = milp(
-        -(rank - 1e-10 * rank.max() * np.arange(n) / n),
-        constraints=rows,
-        integrality=np.ones(n),
-        bounds=Bounds(0, 1),
-    )
-    sites = np.flatnonzero(result.x > 0.5)
+    cost = -(rank - 1e-10 * rank.max() * np.arange(n) / n)
+    sites = np.flatnonzero(_highs(cost, rules, np.ones(n, bool), 0.0).x > 0.5)
     return Choice(sites, float(rank[sites].sum()), 0.0)
 
 
 def cover(weight: Floats, distance: Floats, k: int, radius: float) -> Choice:
     """max weight of demand with a site within ``radius`` (HiGHS); the objective is the covered share."""
-    from scipy.optimize import Bounds, LinearConstraint, milp
-
     m, n = distance.shape
     reach = sparse.csr_array((distance <= radius).astype(float))
+    site = np.arange(n + m) < n
     link = sparse.hstack([-reach, sparse.eye_array(m)]).tocsr()
-    few = sparse.csr_array(np.r_[np.ones(n), np.zeros(m)][None, :])
-    c = np.r_[1e-10 * np.arange(n) / n, -weight / max(weight.sum(), 1e-300)]
-    result = milp(
-        c, constraints=[LinearConstraint(link, -np.inf, 0), LinearConstraint(few, 0, k)],
-        integrality=np.r_[np.ones(n), np.zeros(m)], bounds=Bounds(0, 1),
-    )  # fmt: skip
-    sites = np.flatnonzero(result.x[:n] > 0.5)
+    cost = np.r_[1e-10 * np.arange(n) / n, -weight / max(weight.sum(), 1e-300)]
+    found = _highs(cost, [(link, -np.inf, 0.0), (site.astype(float)[None], 0.0, k)], site, 0.0)
+    sites = np.flatnonzero(found.x[:n] > 0.5)
     covered = (distance[:, sites] <= radius).any(axis=1)
     return Choice(sites, float(weight[covered].sum() / max(weight.sum(), 1e-300)), 0.0)
