@@ -40,16 +40,18 @@ LEAST = 0.5
 MARGIN = 0.04
 """The best fit has this much more of the log on the roads than any other."""
 SURE = (0.2, float(np.radians(0.2)))
-"""Two standard deviations of a fit that counts as known stay within this [m, rad]."""
-CORRELATED = 6.0
-"""Metres of track whose errors are one."""
+"""A fit is known where 99 in 100 like it are within this of the truth, everywhere in the log [m, rad]."""
+BLOCK = 60.0
+"""Metres of track whose errors may be one: those of satellite positions last for tens of seconds."""
+NUDGE = 0.25
+"""Step of the numerical derivative of a fit's score [m]."""
 
 
 @dataclass(frozen=True)
 class Alignment:
     """A fitted frame: ``frame`` takes the log into the site; ``residual`` [m] is the median distance from the
     lines of the roads, ``on_roads`` the share of the log within reach of one, ``runner_up`` that of the next
-    best fit; ``shift_sd`` [m], ``rotation_sd`` [rad].
+    best fit; ``shift_sd`` [m] is the standard deviation of the log's worst place, ``rotation_sd`` [rad].
     """
 
     frame: MapFrame
@@ -82,15 +84,43 @@ class _Lines:
     place: Floats
     heading: Floats
     both: NDArray[np.bool_]
+    tree: Any
+
+    @classmethod
+    def of(cls, n: Network) -> _Lines:
+        """Stations about a metre apart."""
+        from scipy.spatial import cKDTree
+
+        count = np.maximum(np.ceil(n.length).astype(int), 1)
+        edge = np.repeat(np.arange(len(n), dtype=np.int32), count)
+        step = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+        offset = (step + 0.5) * (n.length / count)[edge]
+        place = n.position(edge, offset)[:, :2]
+        return cls(place, n.heading(edge, offset), n.reverse[edge] >= 0, cKDTree(place))
 
 
 @dataclass(frozen=True)
 class _Fit:
-    rotation: float
-    shift: Floats
+    """A pose of the log, and how it fits.
+
+    ``pose`` (4,) is the place of the log's centre [m], its rotation [rad], and how far to the right of the
+    line trucks keep on roads whose directions share one [m].
+    """
+
+    pose: Floats
+    centre: Floats
     on_roads: float
     residual: float
-    covariance: Floats
+
+    @property
+    def rotation(self) -> float:
+        """Of the log's frame in the site's [rad]."""
+        return _wrapped(float(self.pose[2]))
+
+    @property
+    def shift(self) -> Floats:
+        """Of the log's frame in the site's [m]."""
+        return np.asarray(self.pose[:2] - _turned(self.centre[None], self.pose[2])[0])
 
 
 def align(tracks: list[tuple[Floats, Floats]], network: Network, name: str = "log") -> Alignment:
@@ -102,28 +132,33 @@ def align(tracks: list[tuple[Floats, Floats]], network: Network, name: str = "lo
     place, heading = _places(tracks)
     if len(place) < 50:
         raise DataError("cannot be aligned: it holds less than 50 m of driving", do="give a longer log")
-    lines = _stations(network)
-    fits = [_fitted(place, heading, lines, *start) for start in _starts(place, heading, lines)]
+    lines = _Lines.of(network)
+    starts = _starts(place, heading, lines)
+    log = _Log.of(place, heading)
+    fits = [_fitted(log, lines, *start) for start in starts]
     fits.sort(key=lambda f: -f.on_roads)
     best = fits[0]
-    others = [f for f in fits[1:] if _differs(f, best, place)]
-    runner_up = others[0].on_roads if others else 0.0
-    sd = np.sqrt(np.maximum(np.diag(best.covariance), 0.0))
-    shift_sd = float(np.hypot(sd[0], sd[1]))
-    _check(best, runner_up, shift_sd, float(sd[2]))
+    runner_up = next((f.on_roads for f in fits[1:] if _differs(f, best)), 0.0)
+    shift_sd, rotation_sd, times = _deviations(log, lines, best)
+    _check(best, runner_up, times * shift_sd, times * rotation_sd)
     frame = MapFrame(name, (float(best.shift[0]), float(best.shift[1])), best.rotation)
-    return Alignment(frame, best.residual, best.on_roads, runner_up, shift_sd, float(sd[2]))
+    return Alignment(frame, best.residual, best.on_roads, runner_up, shift_sd, rotation_sd)
 
 
-def _check(best: _Fit, runner_up: float, shift_sd: float, rotation_sd: float) -> None:
+def _check(best: _Fit, runner_up: float, shift: float, rotation: float) -> None:
     what = None
     if best.on_roads < LEAST:
         what = f"no frame puts more than {percent(best.on_roads)} of the log on the roads"
     elif runner_up > best.on_roads - MARGIN:
         shares = f"{percent(best.on_roads)} and {percent(runner_up)} of the log on roads"
         what = f"two frames fit about as well ({shares})"
-    elif 2.0 * shift_sd > SURE[0] or 2.0 * rotation_sd > SURE[1]:
-        what = f"the log leaves the shift open by {2.0 * shift_sd:.2f} m"
+    elif not (shift <= SURE[0] and rotation <= SURE[1]):
+        far = (
+            f" by {shift:.2f} m or the rotation by {np.degrees(rotation):.2f} deg"
+            if np.isfinite(shift)
+            else ""
+        )
+        what = f"the log leaves the shift open{far}"
     if what is not None:
         do = "give a log that drives more of the roads, or state [[map_frame]] in the site or the profile"
         raise DataError(f"cannot be aligned: {what}", do=do)
@@ -151,14 +186,6 @@ def _places(tracks: list[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
     if not places:
         return np.zeros((0, 2)), np.zeros(0)
     return np.concatenate(places), np.concatenate(headings)
-
-
-def _stations(n: Network) -> _Lines:
-    count = np.maximum(np.ceil(n.length).astype(int), 1)
-    edge = np.repeat(np.arange(len(n), dtype=np.int32), count)
-    step = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
-    offset = (step + 0.5) * (n.length / count)[edge]
-    return _Lines(n.position(edge, offset)[:, :2], n.heading(edge, offset), n.reverse[edge] >= 0)
 
 
 def _starts(place: Floats, heading: Floats, lines: _Lines) -> list[tuple[float, Floats]]:
@@ -227,43 +254,79 @@ def _spectra(place: Floats, heading: Floats, cell: float, side: int, blur: float
     return out
 
 
-def _fitted(place: Floats, heading: Floats, lines: _Lines, rotation: float, shift: Floats) -> _Fit:
-    """Least squares of the distances from the lines, ever closer; ``side``: trucks may keep to one."""
-    from scipy.spatial import cKDTree
+@dataclass(frozen=True)
+class _Log:
+    """Places of a log ``step`` metres apart along its tracks, the direction of travel, and their middle."""
 
-    use = slice(None, None, max(len(place) // POINTS, 1))
-    place, heading = place[use], heading[use]
-    tree = cKDTree(lines.place)
-    centre = place.mean(axis=0)
-    covariance, side, step = np.full((3, 3), np.inf), 0.0, max(len(place) // POINTS, 1)
-    left, good = np.zeros(len(place)), np.zeros(len(place), bool)
+    place: Floats
+    heading: Floats
+    centre: Floats
+    step: int
+
+    @classmethod
+    def of(cls, place: Floats, heading: Floats) -> _Log:
+        """At most about :data:`POINTS` of the places."""
+        step = max(len(place) // POINTS, 1)
+        return cls(place[::step], heading[::step], place[::step].mean(axis=0), step)
+
+
+def _fitted(log: _Log, lines: _Lines, rotation: float, shift: Floats) -> _Fit:
+    """Least squares of the distances from the lines, ever closer."""
+    pose = np.array([*(_turned(log.centre[None], rotation)[0] + shift), rotation, 0.0])
+    left, weight = np.zeros(len(log.place)), np.zeros(len(log.place))
     for reach in (*np.geomspace(WIDE, NARROW, 8), *[NARROW] * 8):
-        at = _turned(place, rotation) + shift
-        left, good, normal, both = _residuals(at, heading + rotation, lines, tree, reach, side)
-        if good.sum() < 30:
+        left, weight, design = _linear(log, lines, pose, reach)
+        if (weight > 0.0).sum() < 30:
             break
-        arm = at - (_turned(centre[None], rotation) + shift)
-        lever = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
-        design = np.column_stack([normal, lever, both])[good]
-        weight = (1.0 - (left[good] / (2.0 * reach)) ** 2).clip(0.0) ** 2
         matrix = design.T @ (design * weight[:, None]) + np.diag([1e-9, 1e-9, 1e-9, 1.0])
-        change = np.linalg.solve(matrix, -design.T @ (weight * left[good]))
-        middle = _turned(centre[None], rotation)[0] + shift + change[:2]
-        rotation += float(change[2])
-        shift = middle - _turned(centre[None], rotation)[0]
-        side += float(change[3])
-        variance = float(np.sum(weight * left[good] ** 2) / max(weight.sum() - 4.0, 1.0))
-        covariance = np.linalg.inv(matrix)[:3, :3] * variance * max(CORRELATED / step, 1.0)
-    on_roads = float(good.mean())
+        pose = pose + np.linalg.solve(matrix, -design.T @ (weight * left))
+    good = weight > 0.0
     residual = float(np.median(np.abs(left[good]))) if good.any() else float("inf")
-    return _Fit(_wrapped(rotation), shift, on_roads, residual, covariance)
+    return _Fit(pose, log.centre, float(good.mean()), residual)
+
+
+def _linear(log: _Log, lines: _Lines, pose: Floats, reach: float) -> tuple[Floats, Floats, Floats]:
+    """(n,) distance left of the line [m], weight, 0 beyond reach, and (n, 4) derivatives by the pose."""
+    arm = _turned(log.place - log.centre, pose[2])
+    left, good, normal, both = _residuals(pose[:2] + arm, log.heading + pose[2], lines, reach, pose[3])
+    lever = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
+    weight = np.where(good, (1.0 - (left / (2.0 * reach)) ** 2).clip(0.0) ** 2, 0.0)
+    return left, weight, np.column_stack([normal, lever, both])
+
+
+def _deviations(log: _Log, lines: _Lines, fit: _Fit) -> tuple[float, float, float]:
+    """Standard deviations of the worst place [m] and the rotation [rad]; how many hold 99 in 100 fits.
+
+    The sandwich of an M-estimator (Huber, 1967), its score summed over blocks of track, so that errors that
+    last count as one (Liang and Zeger, 1986, doi:10.1093/biomet/73.1.13).  The score's derivative is
+    numerical, for it must know that places come into reach of a line and leave it.
+    """
+    from scipy.stats import t
+
+    def score(pose: Floats) -> Floats:
+        left, weight, design = _linear(log, lines, pose, NARROW)
+        return np.asarray(design * (weight * left)[:, None])
+
+    size = max(float(np.hypot(*(log.place - log.centre).T).mean()), 1.0)
+    steps = np.diag([NUDGE, NUDGE, NUDGE / size, NUDGE])
+    change = [score(fit.pose + h).sum(axis=0) - score(fit.pose - h).sum(axis=0) for h in steps]
+    bread = np.column_stack(change) / (2.0 * np.diag(steps)) + np.diag([0.0, 0.0, 0.0, 1.0])
+    blocks = np.add.reduceat(score(fit.pose), np.arange(0, len(log.place), max(int(BLOCK / log.step), 1)))
+    count = int(np.abs(blocks).any(axis=1).sum())
+    if count < 6 or np.linalg.cond(bread) > 1e12:
+        return np.inf, np.inf, 1.0
+    inverse = np.linalg.inv(bread)
+    c = inverse @ (blocks.T @ blocks) @ inverse.T * count / (count - 4.0)
+    x, y = _turned(log.place - log.centre, fit.rotation).T
+    square = c[0, 0] + c[1, 1] + 2.0 * (x * c[1, 2] - y * c[0, 2]) + (x * x + y * y) * c[2, 2]
+    return float(np.sqrt(square.max())), float(np.sqrt(c[2, 2])), float(t.ppf(0.995, count - 4.0))
 
 
 def _residuals(
-    at: Floats, heading: Floats, lines: _Lines, tree: Any, reach: float, side: float
+    at: Floats, heading: Floats, lines: _Lines, reach: float, side: float
 ) -> tuple[Floats, NDArray[np.bool_], Floats, Floats]:
     """Distance to the left [m] of the best line, whether there is one, its normal, whether two-way."""
-    far, near = tree.query(at, k=12, distance_upper_bound=reach + abs(side) + 1.0)
+    far, near = lines.tree.query(at, k=12, distance_upper_bound=reach + abs(side) + 1.0)
     known = np.isfinite(far)
     near = np.where(known, near, 0)
     alike = known & (np.cos(lines.heading[near] - heading[:, None]) > STRAIGHT)
@@ -278,11 +341,10 @@ def _residuals(
     return left[row, pick], good, normal[row, pick], lines.both[near][row, pick].astype(float)
 
 
-def _differs(a: _Fit, b: _Fit, place: Floats) -> bool:
+def _differs(a: _Fit, b: _Fit) -> bool:
     """Whether two fits put the middle of the log, or its direction, elsewhere."""
-    middle = place.mean(axis=0)[None]
-    gap = _turned(middle, a.rotation)[0] + a.shift - _turned(middle, b.rotation)[0] - b.shift
-    return bool(np.hypot(*gap) > APART or abs(_wrapped(a.rotation - b.rotation)) > TURNED)
+    far = np.hypot(*(a.pose - b.pose)[:2]) > APART
+    return bool(far or abs(_wrapped(a.rotation - b.rotation)) > TURNED)
 
 
 def _wrapped(angle: float) -> float:

@@ -32,7 +32,7 @@ ASIDE = 0.1
 
 @dataclass(frozen=True)
 class Cells:
-    """Driven squares: ``weight`` (N,) metres driven, at the mean position ``x``, ``y`` [m] and ``heading`` [rad]."""
+    """Driven squares (N,): ``weight`` metres driven, at the mean position [m] and ``heading`` [rad]."""
 
     x: Floats
     y: Floats

@@ -1,10 +1,10 @@
-"""What an existing map lacks: roads that are driven and not in it, and one-way roads that are driven against."""
+"""What an existing map lacks: roads that are driven and not in it, one-way roads driven against."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +38,6 @@ class Proposal:
     trucks: int
     days: int
 
-    @property
-    def middle(self) -> tuple[float, float]:
-        """x, y [m] of its middle."""
-        return self.x, self.y
-
     def line(self) -> str:
         """One sentence."""
         seen = f"{self.passes} passes of {self.trucks} trucks on {self.days} days"
@@ -51,15 +46,9 @@ class Proposal:
             return f"{self.of_map} is one-way in the map and driven against it {where}: {seen}"
         return f"a road of {self.end - self.begin:.0f} m is missing {where} ({self.edge_id}): {seen}"
 
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return asdict(self)
-
 
 def proposals(learned: Network, evidence: pd.DataFrame, known: Network) -> list[Proposal]:
-    """The stretches of ``learned`` that the map ``known`` has not, or has for the other direction only; those
-    with most passes first.
-    """
+    """The stretches that ``known`` has not, or for the other direction only; those with most passes first."""
     from scipy.spatial import cKDTree
 
     edge, _, place, heading = _stations(known)
@@ -103,10 +92,3 @@ def _stretches(edge: NDArray[np.int32], state: NDArray[np.int8]) -> list[tuple[i
     change = np.flatnonzero((np.diff(edge) != 0) | (np.diff(state) != 0)) + 1
     bounds = np.concatenate([[0], change, [len(edge)]])
     return [(int(a), int(b)) for a, b in pairwise(bounds) if state[a]]
-
-
-def proposal_table(found: list[Proposal]) -> pd.DataFrame:
-    """One row a proposal."""
-    import pandas as pd
-
-    return pd.DataFrame([p.to_dict() for p in found])

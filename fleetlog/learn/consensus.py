@@ -17,10 +17,10 @@ ROUNDS = 12
 
 
 def gathered(cells: Cells, noise: float, lane: float) -> Cells:
-    """``cells`` on the lines that they follow: first each direction by itself, then both directions of a road
-    whose lines are closer than ``lane`` [m] on one.  ``noise`` [m] is that of the positions.
+    """``cells`` on the lines that they follow by direction; lines closer than ``lane`` [m] are one.
 
-    The weight is then in passes: a line has as much per metre as the log has trips over it.
+    ``noise`` [m] is that of the positions.  The weight is then in passes: as much per metre of a line as
+    the log has trips over it.
     """
     one_way, _ = _shifted(cells, max(0.5, 0.8 * noise), either=False)
     # Two equal peaks become one where they are closer than two deviations (bimodality of a sum of normals).

@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 WHOLE = 0.6
 """A visit that drives this share of an edge is a pass."""
 LONGEST, SLACK = 3.0, 20.0
-"""Between two rows no way is filled in that is longer than this many times the straight line, and this [m]."""
+"""No way is filled in between rows that is longer than this many times the straight line, plus this [m]."""
 STEADY = 0.3
 """A truck slower than this stands or manoeuvres [m/s]."""
 
@@ -28,8 +28,8 @@ STEADY = 0.3
 class Evidence:
     """What a recording says of the E edges of a network.
 
-    ``passes`` visits of a whole edge; ``metres`` driven on it in all; ``turns`` from edge to edge; ``vehicles``
-    and ``days`` by edge; ``speeds`` driven on it, a histogram of 0.1 m/s; ``rows`` in all and ``matched``.
+    ``passes`` visits of a whole edge; ``metres`` driven on it in all; ``speeds`` on it, a histogram of 0.1
+    m/s; ``turns`` from edge to edge; ``vehicles`` and ``days`` by edge; ``rows`` in all and ``matched``.
     """
 
     passes: NDArray[np.int64]
@@ -51,12 +51,9 @@ SPEED_STEP, SPEED_BINS = 0.1, 400
 
 def gather_evidence(network: Network, trajectories: Iterable[Trajectory]) -> Evidence:
     """Match every trajectory and count; the network's turns bound what can be driven."""
-    found = Evidence(
-        np.zeros(len(network), np.int64),
-        np.zeros(len(network)),
-        np.zeros((len(network), SPEED_BINS), np.int64),
-    )
-    router = Router(network, speed=np.ones(len(network)))
+    n = len(network)
+    found = Evidence(np.zeros(n, np.int64), np.zeros(n), np.zeros((n, SPEED_BINS), np.int64))
+    router = Router(network, speed=np.ones(n))
     for t in trajectories:
         matched = match(t, network)
         _count_speeds(found, matched, t.floats("speed"))
@@ -82,9 +79,8 @@ def _runs(m: Match, length: Floats) -> Iterator[NDArray[np.int64]]:
     fresh[1:] = (np.diff(on) > 1) | (m.restart[on[1:]] > 0)
     change = fresh.copy()
     change[1:] |= m.edge[on[1:]] != m.edge[on[:-1]]
-    change[1:] |= (
-        np.diff(m.offset[on]) < -0.5 * length[m.edge[on[1:]]]
-    )  # a ring of one edge, driven once more
+    # a ring of one edge, driven once more
+    change[1:] |= np.diff(m.offset[on]) < -0.5 * length[m.edge[on[1:]]]
     run = np.cumsum(fresh)[change]
     yield from np.split(on[change], np.flatnonzero(np.diff(run)) + 1)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,7 @@ from fleetlog.core.result import EdgeValues, Grid, Marks, Result
 from fleetlog.core.site import Site
 from fleetlog.errors import DataError
 from fleetlog.learn.cells import SIDE, Cells, Track, gather, moving
-from fleetlog.learn.compare import Proposal, proposal_table, proposals
+from fleetlog.learn.compare import Proposal, proposals
 from fleetlog.learn.evidence import SPEED_STEP
 from fleetlog.learn.places import slow_zones, with_places
 from fleetlog.learn.roads import Roads, Settings, learn_roads
@@ -92,15 +92,12 @@ def described(found: Roads, noise: float) -> Network:
     """The learned network with widths, speed limits as driven and names."""
     n = found.network
     both = n.reverse >= 0
+    names = [n.edge_ids[i] if both[i] else n.roads[i] for i in range(len(n))]
     edges = []
-    for i in range(len(n)):
-        name = n.edge_ids[i] if both[i] else n.roads[i]
+    for i, name in enumerate(names):
         start, end = (n.node_ids[v[i]] for v in (n.start, n.end))
-        limit = _speed(found.evidence.speeds[i])
-        edges.append(
-            Edge(name, start, end, n.polyline(i), n.roads[i], limit, _width(found, i, bool(both[i]), noise))
-        )
-    names = [e.id for e in edges]
+        limit, width = _speed(found.evidence.speeds[i]), _width(found, i, bool(both[i]), noise)
+        edges.append(Edge(name, start, end, n.polyline(i), n.roads[i], limit, width))
     turns = [(names[i], names[int(j)]) for i in range(len(n)) for j in n.successors(i)]
     return build_network(edges, turns, has_elevation=False)
 
@@ -114,9 +111,7 @@ def _speed(histogram: NDArray[np.int64]) -> float:
 
 
 def _width(found: Roads, edge: int, both: bool, noise: float) -> float:
-    """Width of the floor that trucks' middles cover, or twice the distance between the lines of both directions,
-    each of which is the middle of its half [m].
-    """
+    """Width [m] of the floor that trucks' middles cover, or twice the gap between both directions' lines."""
     fit = found.fits[edge]
     spread = np.sqrt(np.maximum(fit.spread**2 - noise**2, 0.0))
     apart = float(abs(fit.left[0] - fit.left[1])) if both else 0.0
@@ -145,41 +140,39 @@ def _result(
     proposed: list[Proposal],
     found: Roads,
 ) -> Result:
-    network = site.roads()
-    roads = len(set(network.roads))
-    oneway = int((network.reverse < 0).sum())
+    import pandas as pd
+
+    network, e = site.roads(), found.evidence
+    roads, oneway = len(set(network.roads)), int((network.reverse < 0).sum())
+    metres, nodes = float(network.length.sum()), len(network.node_ids)
     kinds = places.kind.value_counts().to_dict()
-    e = found.evidence
+    rows = [asdict(p) for p in proposed]
     summary = {
-        "roads": roads, "oneway": oneway, "length_m": float(network.length.sum()), "nodes": len(network.node_ids),
-        "places": len(places), "kinds": kinds, "zones": len(site.zones), "rows": e.rows,
-        "rows_on_roads": e.matched, "proposals": [p.to_dict() for p in proposed],
+        "roads": roads, "oneway": oneway, "length_m": metres, "nodes": nodes, "places": len(places),
+        "kinds": kinds, "zones": len(site.zones), "rows": e.rows, "rows_on_roads": e.matched,
+        "proposals": rows,
     }  # fmt: skip
+    told = ": " + ", ".join(f"{n} {k}" for k, n in kinds.items()) if kinds else ""
     lines = [
-        f"{roads} roads, {oneway} of them one-way, {len(network.node_ids)} nodes, "
-        f"{summary['length_m']:,.0f} m of directed edges",
+        f"{roads} roads, {oneway} of them one-way, {nodes} nodes, {metres:,.0f} m of directed edges",
         f"{100.0 * e.matched / max(e.rows, 1):.1f} % of {e.rows:,} rows lie on them",
-        f"{len(places)} places" + (": " + ", ".join(f"{n} {k}" for k, n in kinds.items()) if kinds else "")
-        + f"; {len(site.zones)} slow zones",
+        f"{len(places)} places{told}; {len(site.zones)} slow zones",
         *(p.line() for p in proposed[:8]),
-    ]  # fmt: skip
+    ]
     if len(proposed) > 8:
         lines.append(f"and {len(proposed) - 8} more proposals in proposals.parquet")
-    tables = {"roads": table} | ({"proposals": proposal_table(proposed)} if proposed else {})
-    marks = [
-        Marks(
-            "proposals", np.array([p.middle for p in proposed]), tuple(p.kind for p in proposed),
-            np.full(len(proposed), 1.0), "critical",
-        )
-    ] if proposed else []  # fmt: skip
+    tables = {"roads": table} | ({"proposals": pd.DataFrame(rows)} if rows else {})
+    passes = _passes(network, e.mean_passes(network))
     return Result(
-        "learn",
-        summary,
-        tables,
-        {"places": places},
-        [_traces(cells), _passes(network, e.mean_passes(network)), *marks],
-        lines,
+        "learn", summary, tables, {"places": places}, [_traces(cells), passes, *_marks(proposed)], lines
     )
+
+
+def _marks(proposed: list[Proposal]) -> list[Marks]:
+    if not proposed:
+        return []
+    xy, kinds = np.array([(p.x, p.y) for p in proposed]), tuple(p.kind for p in proposed)
+    return [Marks("proposals", xy, kinds, np.ones(len(proposed)), "critical")]
 
 
 def _passes(network: Network, passes: NDArray[np.int64]) -> EdgeValues:
@@ -201,7 +194,5 @@ def _traces(cells: Cells) -> Grid:
     shape = int(height / side) + 1, int(width / side) + 1
     flat = ((cells.y - y0) / side).astype(np.int64) * shape[1] + ((cells.x - x0) / side).astype(np.int64)
     metres = np.bincount(flat, cells.weight, shape[0] * shape[1]).reshape(shape)
-    with np.errstate(divide="ignore"):
-        return Grid(
-            "traces", np.where(metres > 0.0, np.log10(metres), np.nan), x0, y0, side, "log10 of metres driven"
-        )
+    metres[metres <= 0.0] = np.nan
+    return Grid("traces", np.log10(metres), x0, y0, side, "log10 of metres driven")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,15 +23,12 @@ SHORTEST = 8.0
 """A zone has this many metres of road at least."""
 RIM = 2.0
 """A zone reaches this far about its roads [m]."""
-
 OPEN = 4.0
 """An outline this many times as large as its roads says little."""
 
 
 def with_places(site: Site, dataset: Dataset, min_visits: int) -> tuple[Site, pd.DataFrame]:
-    """The site with the places where trucks stood again and again, with room for as many as stood there at once;
-    and the table of their evidence.
-    """
+    """The site with the places where trucks stood again and again, and the table of their evidence."""
     stands = find_stands(dataset)
     cluster = clusters(stands, min_visits)
     table = place_table(stands, cluster)
@@ -57,16 +55,13 @@ def slow_zones(network: Network) -> tuple[Zone, ...]:
     slow = known & (network.speed_limit < SLOW * usual)
     meet = coo_matrix((slow.astype(float), (network.start, network.end)), shape=(len(network.node_ids),) * 2)
     _, group = connected_components(meet, directed=False)
-    zones: list[Zone] = []
-    for g in np.unique(group[network.start[slow]]):
-        mine = slow & (group[network.start] == g)
-        zone = _zone(network, mine, f"slow-{len(zones) + 1}")
-        if zone is not None:
-            zones.append(zone)
-    return tuple(zones)
+    names = np.unique(group[network.start[slow]])
+    found = (_zone(network, slow & (group[network.start] == name)) for name in names)
+    outlines = [zone for zone in found if zone is not None]
+    return tuple(replace(zone, id=f"slow-{k + 1}") for k, zone in enumerate(outlines))
 
 
-def _zone(network: Network, mine: NDArray[np.bool_], name: str) -> Zone | None:
+def _zone(network: Network, mine: NDArray[np.bool_]) -> Zone | None:
     from scipy.spatial import ConvexHull
 
     if network.length[mine].sum() < SHORTEST:
@@ -78,7 +73,7 @@ def _zone(network: Network, mine: NDArray[np.bool_], name: str) -> Zone | None:
     hull = ConvexHull(rim)
     if hull.volume > OPEN * 2.0 * RIM * float(network.length[mine].sum()):
         return None
-    zone = Zone(name, rim[hull.vertices], float(np.ceil(network.speed_limit[mine].max() * 10) / 10))
+    zone = Zone("", rim[hull.vertices], float(np.ceil(network.speed_limit[mine].max() * 10) / 10))
     others = network.points[~owner, :2]
     near_end = np.hypot(*(others[:, None] - points[None]).transpose(2, 0, 1)).min(axis=1) < 2 * RIM
     return None if (zone.contains(*others.T) & ~near_end).any() else zone

@@ -1,15 +1,17 @@
-"""Centre lines fitted to the traces: the median across the way at every metre, straight into the junctions."""
+"""Centre lines fitted to the traces: the middle across the way at every metre, straight into junctions."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.learn.cells import Cells
 from fleetlog.learn.shape import ends
-from fleetlog.learn.skeleton import Chain
+from fleetlog.learn.skeleton import Chain, way
+from fleetlog.roads.segments import distance_to_segment
 
 Floats = NDArray[np.float64]
 STEP = 1.0
@@ -21,9 +23,9 @@ CLEAR = 3.5
 TANGENT = 5.0
 """Metres of line beyond that which say where it enters a junction."""
 HEADED, TILT = 4.0, 0.5
-"""A turn by one radian counts as this distance [m]; and how far a cell's heading may be from its road's [rad]."""
+"""A turn by one radian counts as this distance [m]; a cell's heading is this near to its road's [rad]."""
 PULL = 0.3
-"""Weight of where a junction was against a line through it; keeps roads that meet flatly from sliding along each other."""
+"""Weight of where a junction was against a line through it, so that roads that meet flatly do not slide."""
 FINE = 0.1
 """Vertices that are not needed to stay within this of a line are left out [m]."""
 FARTHEST_END = 6.0
@@ -34,7 +36,7 @@ FARTHEST = 2.5
 
 @dataclass(frozen=True)
 class Fit:
-    """A chain on its traces, and what they are across it, forth and back: mean distance to the left and spread [m]."""
+    """A chain on its traces; across it, forth and back, their mean distance to the left and spread [m]."""
 
     chain: Chain
     left: Floats
@@ -54,7 +56,7 @@ def refined(
         chains = [_resampled(f.chain) for f in fits]
         fits = _meeting(_fitted(chains, driven, cells, reach))
     fits = _reaching(fits, cells, reach)
-    return [Fit(_simple(f.chain), f.left, f.spread) for f in fits]
+    return [replace(f, chain=_simple(f.chain)) for f in fits]
 
 
 def _simple(c: Chain) -> Chain:
@@ -66,19 +68,12 @@ def _simple(c: Chain) -> Chain:
         a, b = spans.pop()
         if b - a < 2:
             continue
-        gap = _distance(c.points[a + 1 : b], c.points[a], c.points[b])
+        gap = distance_to_segment(c.points[a + 1 : b], c.points[a], c.points[b])
         far = int(np.argmax(gap))
         if gap[far] > FINE:
             keep[a + 1 + far] = True
             spans += [(a, a + 1 + far), (a + 1 + far, b)]
-    return Chain(c.start, c.end, c.points[keep])
-
-
-def _distance(points: Floats, a: Floats, b: Floats) -> Floats:
-    """(n,) metres from the segment a to b."""
-    along = b - a
-    share = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
-    return np.asarray(np.hypot(*(points - a - share[:, None] * along).T))
+    return replace(c, points=c.points[keep])
 
 
 def _reaching(fits: list[Fit], cells: Cells, reach: float) -> list[Fit]:
@@ -91,7 +86,7 @@ def _reaching(fits: list[Fit], cells: Cells, reach: float) -> list[Fit]:
             points = _extended(points, cells, reach)
         if len(at[f.chain.start]) == 1:
             points = _extended(points[::-1], cells, reach)[::-1]
-        out.append(Fit(Chain(f.chain.start, f.chain.end, points), f.left, f.spread))
+        out.append(replace(f, chain=replace(f.chain, points=points)))
     return out
 
 
@@ -116,10 +111,9 @@ def _extended(points: Floats, cells: Cells, reach: float) -> Floats:
 
 
 def _resampled(c: Chain) -> Chain:
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(c.points, axis=0).T))])
-    n = max(round(s[-1] / STEP), 1) + 1
-    at = np.linspace(0.0, s[-1], n)
-    return Chain(c.start, c.end, np.column_stack([np.interp(at, s, v) for v in c.points.T]))
+    s = c.way
+    at = np.linspace(0.0, s[-1], max(round(s[-1] / STEP), 1) + 1)
+    return replace(c, points=np.column_stack([np.interp(at, s, v) for v in c.points.T]))
 
 
 def _tangents(points: Floats) -> Floats:
@@ -134,25 +128,23 @@ def _fitted(chains: list[Chain], driven: NDArray[np.bool_], cells: Cells, reach:
     tangent = np.concatenate([_tangents(_softened(c.points)) for c in chains])
     first = np.concatenate([[0], np.cumsum([len(c.points) for c in chains])])
     sense = np.repeat(driven, np.diff(first), axis=0)
-    # Stations once for every direction in which they are driven; a cell belongs to one that lies near and heads alike.
+    # Stations once for each direction that is driven; a cell belongs to one that lies near and heads alike.
     station = np.concatenate([np.flatnonzero(sense[:, 0]), np.flatnonzero(sense[:, 1])])
     sign = np.repeat([1.0, -1.0], sense.sum(axis=0))
     known = np.column_stack([points[station], HEADED * sign[:, None] * tangent[station]])
-    wanted = np.column_stack(
-        [cells.x, cells.y, HEADED * np.cos(cells.heading), HEADED * np.sin(cells.heading)]
-    )
+    facing = HEADED * np.cos(cells.heading), HEADED * np.sin(cells.heading)
+    wanted = np.column_stack([cells.x, cells.y, *facing])
     far, near = cKDTree(known).query(wanted, distance_upper_bound=float(np.hypot(reach, HEADED * TILT)))
     use = np.flatnonzero(np.isfinite(far))
-    at, way = station[near[use]], (sign[near[use]] < 0.0).astype(np.int64)
+    at, back = station[near[use]], (sign[near[use]] < 0.0).astype(np.int64)
     dx, dy = cells.x[use] - points[at, 0], cells.y[use] - points[at, 1]
     left = dy * tangent[at, 0] - dx * tangent[at, 1]
-    n, key, w = len(points), way * len(points) + at, cells.weight[use]
+    n, key, w = len(points), back * len(points) + at, cells.weight[use]
     sums = np.zeros((2, 3, n))
     for k in range(3):
         sums[:, k] = np.bincount(key, w * left**k, 2 * n).reshape(2, n)
-    return [
-        _fit(c, sums[:, :, a:b], tangent[a:b]) for c, a, b in zip(chains, first[:-1], first[1:], strict=True)
-    ]
+    spans = zip(chains, pairwise(first), strict=True)
+    return [_fit(c, sums[:, :, a:b], tangent[a:b]) for c, (a, b) in spans]
 
 
 def _softened(points: Floats) -> Floats:
@@ -179,13 +171,11 @@ def _fit(c: Chain, sums: Floats, tangent: Floats) -> Fit:
     seen = run[:, 0] > 0.05 * max(float(weight.max()), 1e-9)
     offset = _middle(mean, seen & used[:, None])
     left = np.array([np.average(m, weights=s + 1e-9) for m, s in zip(mean - offset, sums[:, 0], strict=True)])
-    variance = (
-        sums[:, 2].sum(axis=1) / np.maximum(total, 1e-9)
-        - (sums[:, 1].sum(axis=1) / np.maximum(total, 1e-9)) ** 2
-    )
+    first, second = (sums[:, k].sum(axis=1) / np.maximum(total, 1e-9) for k in (1, 2))
+    variance = second - first**2
     normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-    moved = c.points + offset[:, None] * normal
-    return Fit(Chain(c.start, c.end, moved), left, np.sqrt(np.maximum(variance, 0.0)))
+    moved = replace(c, points=c.points + offset[:, None] * normal)
+    return Fit(moved, left, np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _middle(mean: Floats, seen: NDArray[np.bool_]) -> Floats:
@@ -206,12 +196,10 @@ def _middle(mean: Floats, seen: NDArray[np.bool_]) -> Floats:
 
 def _meeting(fits: list[Fit]) -> list[Fit]:
     """Every junction where the roads point to, and the roads straight into it."""
-    chains = [f.chain for f in fits]
-    at = ends(chains)
-    where: dict[int, Floats] = {}
-    for node, arms in at.items():
-        where[node] = _node([chains[k].points if begins else chains[k].points[::-1] for k, begins in arms])
-    return [Fit(_tied(f.chain, where), f.left, f.spread) for f in fits]
+    points = [f.chain.points for f in fits]
+    at = ends([f.chain for f in fits]).items()
+    where = {n: _node([points[k][:: 1 if begins else -1] for k, begins in arms]) for n, arms in at}
+    return [replace(f, chain=_tied(f.chain, where)) for f in fits]
 
 
 def _node(arms: list[Floats]) -> Floats:
@@ -225,15 +213,13 @@ def _node(arms: list[Floats]) -> Floats:
         point, direction = line
         across = np.eye(2) - np.outer(direction, direction)
         matrix, value = matrix + across, value + across @ point
-    new = np.linalg.solve(matrix, value)
-    step = new - old
-    far = float(np.hypot(*step))
-    return np.asarray(old + step * min(1.0, FARTHEST / max(far, 1e-9)))
+    step = np.linalg.solve(matrix, value) - old
+    return np.asarray(old + step * min(1.0, FARTHEST / max(float(np.hypot(*step)), 1e-9)))
 
 
 def _entry(arm: Floats) -> tuple[Floats, Floats] | None:
     """Point and direction of an arm clear of its junction; None where it is too short."""
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(arm, axis=0).T))])
+    s = way(arm)
     clear = min(CLEAR, 0.3 * s[-1])
     piece = arm[(s >= clear) & (s <= clear + TANGENT)]
     if len(piece) < 3:
@@ -245,7 +231,7 @@ def _entry(arm: Floats) -> tuple[Floats, Floats] | None:
 
 def _tied(c: Chain, where: dict[int, Floats]) -> Chain:
     """The chain from node to node: what lies within a junction's reach gives way to a straight line."""
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(c.points, axis=0).T))])
+    s = c.way
     clear = min(CLEAR, 0.3 * s[-1])
     inner = c.points[(s > clear) & (s < s[-1] - clear)]
-    return Chain(c.start, c.end, np.concatenate([where[c.start][None], inner, where[c.end][None]]))
+    return replace(c, points=np.vstack([where[c.start], inner, where[c.end]]))

@@ -1,10 +1,11 @@
-"""The road graph of a recording: traces gathered on lines, lines joined to a graph, the graph fitted to the traces."""
+"""The road graph of a recording: traces gathered on lines, joined to a graph, fitted to the traces."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Roads:
-    """The learned graph and what the recording says of it; ``fits[i]`` and ``forth[i]``, the direction, of edge i."""
+    """The learned graph and its evidence; ``fits[i]`` and the direction ``forth[i]`` are those of edge i."""
 
     network: Network
     evidence: Evidence
@@ -61,14 +62,9 @@ class Roads:
 
 
 def learn_roads(cells: Cells, noise: float, reread: Reread, settings: Settings) -> Roads:
-    """The roads under some cells.
+    """The roads under what was driven, given the noise of its positions [m].
 
-    Parameters
-    ----------
-    cells : what was driven.
-    noise : of the positions [m].
-    reread : gives the trajectories anew, for what is counted on the roads found.
-    settings : see :class:`Settings`.
+    ``reread`` gives the trajectories anew, for what is counted on the roads found.
     """
     lines = centre_lines(gathered(cells, noise, settings.lane), TUBE, HALF_PASS)
     graph = tidied(chains(lines), settings.spur, lines.side * 3.0)
@@ -82,14 +78,13 @@ def _driven_only(graph: list[Chain], reread: Reread, settings: Settings) -> list
     if not graph:
         raise DataError("shows no road: no line was driven", do="record for longer, or lower --min-passes")
     graph = pieces(graph, PIECE)
-    found = gather_evidence(two_way(graph), reread())
+    found = gather_evidence(build_network(two_way_edges(graph)), reread())
     total = found.passes.reshape(-1, 2).sum(axis=1)
     busiest = {n: max(total[k] for k, _ in arms) for n, arms in ends(graph).items()}
-    keep = [
-        n >= settings.passes and not (c.length < BRIEF and n < RARE * min(busiest[c.start], busiest[c.end]))
-        for c, n in zip(graph, total, strict=True)
-    ]
-    kept = [c for c, k in zip(graph, keep, strict=True) if k]
+    ends_of = (min(busiest[c.start], busiest[c.end]) for c in graph)
+    stray = [c.length < BRIEF and n < RARE * b for c, n, b in zip(graph, total, ends_of, strict=True)]
+    keep = (total >= settings.passes) & ~np.array(stray)
+    kept = list(compress(graph, keep))
     number = np.cumsum(keep) - 1
     turns: Counter[tuple[int, int]] = Counter()
     for (a, b), count in found.turns.items():
@@ -99,13 +94,8 @@ def _driven_only(graph: list[Chain], reread: Reread, settings: Settings) -> list
     return joined(split(kept, turns), total[keep])
 
 
-def two_way(graph: list[Chain]) -> Network:
-    """The network of a graph that may be driven in either direction everywhere; edges 2 k and 2 k + 1 are chain k."""
-    return build_network(two_way_edges(graph))
-
-
 def two_way_edges(graph: list[Chain]) -> list[Edge]:
-    """Each chain forth and back."""
+    """Each chain forth and back: edges 2 k and 2 k + 1 are chain k."""
     edges: list[Edge] = []
     for k, c in enumerate(graph):
         points = np.column_stack([c.points, np.zeros(len(c.points))])
@@ -121,9 +111,10 @@ def _senses(passes: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 def _final(graph: list[Chain], cells: Cells, reread: Reread) -> Roads:
     """The graph on its traces, every road in the directions in which it is driven."""
-    both = two_way(graph)
+    both = build_network(two_way_edges(graph))
     senses = _senses(gather_evidence(both, reread()).mean_passes(both).reshape(-1, 2))
-    graph, senses = [c for c, s in zip(graph, senses, strict=True) if s.any()], senses[senses.any(axis=1)]
+    some = np.flatnonzero(senses.any(axis=1))
+    graph, senses = [graph[k] for k in some], senses[some]
     if not graph:
         raise DataError("shows no road that was driven from end to end", do="record for longer")
     fits = refined(graph, senses, cells, REACH)

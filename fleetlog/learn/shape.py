@@ -1,9 +1,11 @@
-"""The shape of a road graph: short ends cut, short links between junctions closed, roads of two pieces joined."""
+"""The shape of a road graph: short ends cut, short links closed, roads of two pieces joined."""
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
+from itertools import pairwise
 
+import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,9 +19,7 @@ UNLIKE = 4.0
 
 
 def tidied(chains: list[Chain], spur: float, junction: float) -> list[Chain]:
-    """The graph without dead ends shorter than ``spur`` and without links between junctions shorter than
-    ``junction`` [m].
-    """
+    """The graph without dead ends shorter than ``spur`` [m] and links shorter than ``junction`` [m]."""
     before = -1
     while len(chains) != before:
         before = len(chains)
@@ -36,8 +36,13 @@ def ends(chains: list[Chain]) -> dict[int, list[tuple[int, bool]]]:
     return out
 
 
+def _fresh(chains: list[Chain]) -> int:
+    """The number of a new node."""
+    return max((max(c.start, c.end) for c in chains), default=0) + 1
+
+
 def _pruned(chains: list[Chain], spur: float) -> list[Chain]:
-    """Without the shortest short dead end of every junction: the next one is part of a longer road by then."""
+    """Without the shortest short dead ends: the next one of a junction is part of a longer road by then."""
     while True:
         at = ends(chains)
         shortest: dict[int, int] = {}
@@ -56,36 +61,29 @@ def _pruned(chains: list[Chain], spur: float) -> list[Chain]:
 
 def _contracted(chains: list[Chain], junction: float) -> list[Chain]:
     """Junctions that a short link joins become one, in the middle of them all."""
-    parent: dict[int, int] = {}
-
-    def root(n: int) -> int:
-        while parent.setdefault(n, n) != n:
-            n = parent[n]
-        return n
-
     at = ends(chains)
     where = {c.start: c.points[0] for c in chains} | {c.end: c.points[-1] for c in chains}
-    for c in sorted(chains, key=lambda c: c.length):
+    links: nx.Graph[int] = nx.Graph()
+    links.add_nodes_from(where)
+    for c in chains:
         if c.length < junction and min(len(at[c.start]), len(at[c.end])) > 1:
-            parent[root(c.start)] = root(c.end)
-    groups = defaultdict(list)
-    for n in where:
-        groups[root(n)].append(n)
-    centre = {r: np.mean([where[n] for n in g], axis=0) for r, g in groups.items()}
+            links.add_edge(c.start, c.end)
+    centre: dict[int, Floats] = {}
+    name: dict[int, int] = {}
+    for group in nx.connected_components(links):
+        members = [n for n in where if n in group]
+        centre[members[0]] = np.mean([where[n] for n in members], axis=0)
+        name |= dict.fromkeys(members, members[0])
     kept = []
     for c in chains:
-        a, b = root(c.start), root(c.end)
-        if a == b and c.length < 3.0 * junction:
-            continue
-        points = np.concatenate([centre[a][None], c.points[1:-1], centre[b][None]])
-        kept.append(Chain(a, b, points))
+        a, b = name[c.start], name[c.end]
+        if a != b or c.length >= 3.0 * junction:
+            kept.append(Chain(a, b, np.vstack([centre[a], c.points[1:-1], centre[b]])))
     return kept
 
 
 def joined(chains: list[Chain], count: NDArray[np.int64] | None = None) -> list[Chain]:
-    """Two chains that meet at a node of no others are one; with ``count``, the passes (n,) of each, only where
-    about as many go on.
-    """
+    """Chains that alone meet at a node are one; with passes ``count`` (n,), where as many go on."""
     chains = list(chains)
     at = ends(chains)
     total = np.ones(len(chains)) if count is None else count.astype(np.float64)
@@ -95,8 +93,8 @@ def joined(chains: list[Chain], count: NDArray[np.int64] | None = None) -> list[
         (i, i_starts), (j, j_starts) = at[node]
         if max(total[i], total[j]) > UNLIKE * min(total[i], total[j]) + 3.0:
             continue
-        a = _reversed(chains[i]) if i_starts else chains[i]
-        b = chains[j] if j_starts else _reversed(chains[j])
+        a = chains[i].reversed() if i_starts else chains[i]
+        b = chains[j] if j_starts else chains[j].reversed()
         chains[i] = Chain(a.start, b.end, np.concatenate([a.points, b.points[1:]]))
         total[i] = max(total[i], total[j])
         at[a.start] = [(i, True) if k == i else (k, s) for k, s in at[a.start]]
@@ -109,21 +107,15 @@ def joined(chains: list[Chain], count: NDArray[np.int64] | None = None) -> list[
 def pieces(chains: list[Chain], longest: float) -> list[Chain]:
     """The chains cut into pieces of at most ``longest`` [m]: what of a road was driven is asked of each."""
     out: list[Chain] = []
-    fresh = max((max(c.start, c.end) for c in chains), default=0) + 1
+    fresh = _fresh(chains)
     for c in chains:
         n = int(np.ceil(c.length / longest))
         cuts = np.unique(np.linspace(0, len(c.points) - 1, max(n, 1) + 1).astype(int))
         nodes = [c.start, *range(fresh, fresh + len(cuts) - 2), c.end]
         fresh += len(cuts) - 2
-        out += [
-            Chain(a, b, c.points[i : j + 1])
-            for a, b, i, j in zip(nodes[:-1], nodes[1:], cuts[:-1], cuts[1:], strict=True)
-        ]
+        spans = zip(pairwise(nodes), pairwise(cuts), strict=True)
+        out += [Chain(a, b, c.points[i : j + 1]) for (a, b), (i, j) in spans]
     return out
-
-
-def _reversed(c: Chain) -> Chain:
-    return Chain(c.end, c.start, c.points[::-1])
 
 
 def apart(chains: list[Chain], near: float) -> list[Chain]:
@@ -131,8 +123,7 @@ def apart(chains: list[Chain], near: float) -> list[Chain]:
 
     A place beside both parts would else lie on one edge twice.
     """
-    out, waiting = [], list(chains)
-    fresh = max((max(c.start, c.end) for c in chains), default=0) + 1
+    out, waiting, fresh = [], list(chains), _fresh(chains)
     while waiting:
         c = waiting.pop()
         at = _turning_point(c, near)
@@ -145,10 +136,10 @@ def apart(chains: list[Chain], near: float) -> list[Chain]:
 
 
 def _turning_point(c: Chain, near: float) -> int | None:
-    """The vertex half way between the two parts of a chain that are beside one another first; None without."""
+    """The vertex half way between the first two parts of a chain beside one another; None without."""
     from scipy.spatial import cKDTree
 
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(c.points, axis=0).T))])
+    way = c.way
     i, j = cKDTree(c.points).query_pairs(near, output_type="ndarray").reshape(-1, 2).T
     driven = np.abs(way[j] - way[i])
     beside = np.flatnonzero(driven > BACK * near)
@@ -165,14 +156,11 @@ def split(chains: list[Chain], turns: Counter[tuple[int, int]]) -> list[Chain]:
     ``turns`` counts how often chain a's end (2 a + 1; its start: 2 a) was left for that of chain b.
     """
     chains = [Chain(c.start, c.end, c.points) for c in chains]
-    at, fresh = ends(chains), max((max(c.start, c.end) for c in chains), default=0) + 1
-    for arms in at.values():
-        groups = _turning(arms, turns)
-        for group in groups[1:]:
+    fresh = _fresh(chains)
+    for arms in ends(chains).values():
+        for group in _turning(arms, turns)[1:]:
             for k, begins in group:
-                chains[k].start, chains[k].end = (
-                    (fresh, chains[k].end) if begins else (chains[k].start, fresh)
-                )
+                setattr(chains[k], "start" if begins else "end", fresh)
             fresh += 1
     return chains
 

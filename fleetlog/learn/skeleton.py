@@ -11,6 +11,8 @@ from scipy import ndimage
 from fleetlog.learn.raster import Picture
 
 Floats = NDArray[np.float64]
+AROUND = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
+"""Steps to the pixels beside one, straight ones first."""
 
 
 @dataclass
@@ -22,9 +24,23 @@ class Chain:
     points: Floats
 
     @property
+    def way(self) -> Floats:
+        """(n,) metres from the start to each point."""
+        return way(self.points)
+
+    @property
     def length(self) -> float:
         """Metres."""
-        return float(np.hypot(*np.diff(self.points, axis=0).T).sum())
+        return float(self.way[-1])
+
+    def reversed(self) -> Chain:
+        """The same road from its other end."""
+        return Chain(self.end, self.start, self.points[::-1])
+
+
+def way(points: Floats) -> Floats:
+    """(n,) metres along a line to each of its points (n, 2)."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
 def chains(picture: Picture) -> list[Chain]:
@@ -40,7 +56,7 @@ def chains(picture: Picture) -> list[Chain]:
         rows, columns = places[k]
         pixels = np.argwhere(links[places[k]] == k + 1) + np.array([rows.start, columns.start])
         ordered = _ordered(pixels)
-        ends = [_knot(knots, p) for p in (ordered[0], ordered[-1])]
+        ends = [_knots(knots, p)[0] for p in (ordered[0], ordered[-1])]
         if len(ordered) == 1:
             ends = _knots(knots, ordered[0])
         inner = picture.middle(ordered)
@@ -54,29 +70,18 @@ def chains(picture: Picture) -> list[Chain]:
 
 def _ordered(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
     """The pixels of a line one after another, from one of its ends."""
-    index = {(int(r), int(c)): i for i, (r, c) in enumerate(pixels)}
-    near = [_neighbours(index, int(r), int(c)) for r, c in pixels]
-    here = next((i for i, n in enumerate(near) if len(n) < 2), 0)
-    order, seen = [here], {here}
-    while True:
-        onward = [j for j in near[here] if j not in seen]
-        if not onward:
-            return pixels[order]
-        here = onward[0]
-        order.append(here)
-        seen.add(here)
-
-
-def _neighbours(index: dict[tuple[int, int], int], r: int, c: int) -> list[int]:
-    steps = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
-    return [index[r + a, c + b] for a, b in steps if (r + a, c + b) in index]
+    index = {(r, c): i for i, (r, c) in enumerate(pixels.tolist())}
+    near = [[index[r + a, c + b] for a, b in AROUND if (r + a, c + b) in index] for r, c in index]
+    here: int | None = next((i for i, n in enumerate(near) if len(n) < 2), 0)
+    order: dict[int, None] = {}
+    while here is not None:
+        order[here] = None
+        here = next((j for j in near[here] if j not in order), None)
+    return pixels[list(order)]
 
 
 def _knots(knots: NDArray[np.int32], pixel: NDArray[np.int64]) -> list[int]:
+    """The two knots beside a pixel, one twice where there is one, 0 without."""
     r, c = pixel
     found = [int(k) for k in np.unique(knots[r - 1 : r + 2, c - 1 : c + 2]) if k]
     return (found * 2)[:2] if found else [0, 0]
-
-
-def _knot(knots: NDArray[np.int32], pixel: NDArray[np.int64]) -> int:
-    return _knots(knots, pixel)[0]

@@ -10,7 +10,7 @@ from fleetlog.store.site_files import write_site
 
 
 def write_learned(found: Learned, folder: Path) -> None:
-    """Write ``site.toml``, ``roads.geojson`` with the evidence of every road, and the tables into ``folder``."""
+    """Write ``site.toml``, ``roads.geojson`` with every road's evidence, and the tables into ``folder``."""
     evidence = {
         str(row.edge_id): {"passes": row.passes, "trucks": row.trucks, "days": row.days}
         for row in found.roads.itertuples()

@@ -11,6 +11,7 @@ from fleetlog.core.network import Edge, Network
 from fleetlog.core.site import Frame
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats.base import Floats, RoadMap
+from fleetlog.roads.segments import distance_to_segment
 
 SAME = 0.01
 """Local metres of a map stay untouched where its frame reproduces them within this [m]."""
@@ -40,25 +41,20 @@ def _place_local(road_map: RoadMap, frame: Frame | None) -> tuple[list[Edge], Fr
     points = np.concatenate([e.points for e in road_map.edges])
     latitude, longitude = road_map.geographic_of(points[:, 0], points[:, 1])
     if not (np.isfinite(latitude).all() and np.isfinite(longitude).all()):
-        raise SiteError(
-            "its projection does not reach its coordinates",
-            do="correct the geoReference or the header's offset",
-        )
+        do = "correct the geoReference or the header's offset"
+        raise SiteError("its projection does not reach its coordinates", do=do)
     if frame is None:
         frame = _own_frame(road_map, points)
     x, y = frame.to_local(latitude, longitude)
     moved = float(np.hypot(x - points[:, 0], y - points[:, 1]).max())
     if moved <= SAME:
         return road_map.edges, frame, []
-    note = "coordinates are brought from the map's projection into the site frame; "
-    note += f"the largest change is {moved:.2f} m"
-    return _moved(road_map.edges, x, y), frame, [note]
+    note = "coordinates are brought from the map's projection into the site frame"
+    return _moved(road_map.edges, x, y), frame, [f"{note}; the largest change is {moved:.2f} m"]
 
 
 def _own_frame(road_map: RoadMap, points: Floats) -> Frame:
-    """A frame whose axes are the map's: about its (0, 0) where that is near the roads,
-    else about their centre.
-    """
+    """A frame with the map's axes, about its (0, 0) where that is near the roads, else about their centre."""
     assert road_map.geographic_of is not None
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     near = bool((np.maximum(np.abs(low), np.abs(high)) < FAR / 5).all())
@@ -73,27 +69,21 @@ def _own_frame(road_map: RoadMap, points: Floats) -> Frame:
 
 
 def centre_frame(latitude: Floats, longitude: Floats) -> Frame:
-    """A frame about the middle of the extent, rotation 0;
-    :class:`SiteError` where it is larger than a region.
-    """
+    """A frame about the middle of the extent, rotation 0; :class:`SiteError` beyond the size of a region."""
     if np.ptp(latitude) > 5.0 or np.ptp(longitude) > 10.0:
-        raise SiteError(
-            "the roads span more than a region", do="cut the map to the site or correct its coordinates"
-        )
+        do = "cut the map to the site or correct its coordinates"
+        raise SiteError("the roads span more than a region", do=do)
     middle = [float((v.min() + v.max()) / 2.0) for v in (latitude, longitude)]
     return Frame(round(middle[0], 9), round(middle[1], 9))
 
 
 def _moved(edges: list[Edge], x: Floats, y: Floats) -> list[Edge]:
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise SiteError(
-            "its coordinates cannot be brought into the site frame", do="check the frame and the map"
-        )
-    if float(np.hypot(x, y).min()) > FAR:
-        away = float(np.hypot(x, y).min()) / 1000.0
-        raise SiteError(
-            f"the roads are {away:.0f} km from the site's frame", do="correct [frame] or give another map"
-        )
+        what = "its coordinates cannot be brought into the site frame"
+        raise SiteError(what, do="check the frame and the map")
+    if (away := float(np.hypot(x, y).min())) > FAR:
+        what = f"the roads are {away / 1000.0:.0f} km from the site's frame"
+        raise SiteError(what, do="correct [frame] or give another map")
     bounds = np.cumsum([len(e.points) for e in edges])[:-1]
     pieces = zip(np.split(x, bounds), np.split(y, bounds), edges, strict=True)
     return [replace(e, points=np.column_stack([px, py, e.points[:, 2]])) for px, py, e in pieces]
@@ -103,11 +93,5 @@ def distance_to_roads(network: Network, spots: Floats) -> Floats:
     """(N,) horizontal distance [m] of spots (N, 2) from the nearest road."""
     inner = np.ones(len(network.points), dtype=bool)
     inner[network.first[1:] - 1] = False
-    a = network.points[inner, :2]
-    d = network.points[np.flatnonzero(inner) + 1, :2] - a
-    square = np.maximum((d * d).sum(axis=1), 1e-18)
-    gaps = []
-    for spot in spots:
-        share = np.clip(((spot - a) * d).sum(axis=1) / square, 0.0, 1.0)
-        gaps.append(float(np.linalg.norm(a + share[:, None] * d - spot, axis=1).min()))
-    return np.array(gaps)
+    a, b = network.points[inner, :2], network.points[np.flatnonzero(inner) + 1, :2]
+    return np.array([distance_to_segment(spot, a, b).min() for spot in spots])

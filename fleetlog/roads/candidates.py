@@ -4,54 +4,32 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
+from fleetlog.roads.kernels.records import Candidates, Grid, Roads, Store
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MOST_CANDIDATES = 24
-"""Candidates kept for one position, nearest first:
-more never changed a decision on the aisle grids that were tried.
-"""
+"""Candidates kept for one position, nearest first: more never changed a decision on aisle grids."""
 
 
 @dataclass
 class Prepared:
     """What the loops need of a network; kept as long as the network lives, ``store`` grows with use."""
 
-    px: Floats
-    py: Floats
-    first: Ints
-    dist: Floats
-    owner: NDArray[np.int32]
-    twin: NDArray[np.int32]
-    grid: tuple[float, float, float, int, int]
-    starts: Ints
-    items: Ints
-    rank: Ints
-    length: Floats
-    reverse: NDArray[np.int32]
-    next_first: NDArray[np.int32]
-    next_edges: NDArray[np.int32]
-    store: Any
+    roads: Roads
+    grid: Grid
+    store: Store
 
-    def candidates(
-        self, x: Floats, y: Floats, radius: float, margin: float
-    ) -> tuple[Ints, NDArray[np.int32], Floats]:
-        """CSR of the edges near every position:
-        starts (N + 1,), edges (C,), and (4, C) offset, lateral distance, tangent.
-        """
-        from fleetlog.roads.matchkernels.kernels.candidates import find_candidates
+    def candidates(self, x: Floats, y: Floats, radius: float, margin: float) -> Candidates:
+        """The edges within ``radius`` of every position, ``margin`` [m] behind the nearest at most."""
+        from fleetlog.roads.kernels.candidates import find_candidates
 
-        found: tuple[Ints, NDArray[np.int32], Floats] = find_candidates(
-            x, y, self.px, self.py, self.dist, self.length, self.owner, self.twin, self.grid, self.starts,
-            self.items, radius, margin, MOST_CANDIDATES,
-        )  # fmt: skip
+        found: Candidates = find_candidates(x, y, self.roads, self.grid, radius, margin, MOST_CANDIDATES)
         return found
 
 
@@ -70,27 +48,26 @@ def prepare(network: Network) -> Prepared:
 
 
 def _prepare(network: Network) -> Prepared:
-    from fleetlog.roads.matchkernels.kernels.candidates import build_grid
-    from fleetlog.roads.matchkernels.kernels.distances import new_store
+    from fleetlog.roads.kernels.candidates import build_grid
+    from fleetlog.roads.kernels.distances import new_store
 
-    px, py = np.ascontiguousarray(network.points[:, 0]), np.ascontiguousarray(network.points[:, 1])
-    first = network.first.astype(np.int64)
-    grid = _grid_of(network, px, py)
-    twin = _twins(network)
-    starts, items = build_grid(px, py, first, twin, *grid)
     # equal alternatives are decided by the edges' names, so that the order of a map file means nothing
     rank = np.empty(len(network), np.int64)
     rank[np.argsort(np.array(network.edge_ids))] = np.arange(len(network))
-    return Prepared(
-        px, py, first, np.ascontiguousarray(network.distance),
-        np.repeat(np.arange(len(network), dtype=np.int32), np.diff(first)), twin, grid, starts, items, rank,
-        np.ascontiguousarray(network.length), network.reverse.astype(np.int32),
-        network.next_first.astype(np.int32), network.next_edges.astype(np.int32),
-        new_store(len(network), len(network.next_edges)),
-    )  # fmt: skip
+    first = network.first.astype(np.int64)
+    owner = np.repeat(np.arange(len(network), dtype=np.int32), np.diff(first))
+    x, y, away, length = (
+        np.ascontiguousarray(v)
+        for v in (network.points[:, 0], network.points[:, 1], network.distance, network.length)
+    )
+    reverse, onward, follow = (
+        v.astype(np.int32) for v in (network.reverse, network.next_first, network.next_edges)
+    )
+    roads = Roads(x, y, first, away, owner, length, reverse, _twins(network), onward, follow, rank)
+    return Prepared(roads, build_grid(roads, _frame_of(network)), new_store(len(network), len(follow)))
 
 
-def _grid_of(network: Network, px: Floats, py: Floats) -> tuple[float, float, float, int, int]:
+def _frame_of(network: Network) -> tuple[float, float, float, int, int]:
     """Origin, cell size and cell counts: cells of 5 to 50 m, at most two million of them."""
     xmin, ymin, xmax, ymax = network.extent
     cell = float(np.clip(np.median(network.length), 5.0, 50.0))

@@ -26,9 +26,7 @@ SHORTEST_STEP = 1.0
 
 @dataclass(frozen=True)
 class Track:
-    """Rows with a position: seconds, metres, speed [m/s] and heading [rad] of the log (NaN unknown),
-    chain number (gaps).
-    """
+    """Rows with a position: s, m, speed [m/s] and heading [rad] of the log (NaN unknown), chain (gaps)."""
 
     t: Floats
     x: Floats
@@ -39,9 +37,7 @@ class Track:
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> tuple[Track, Ints, Ints]:
-        """The rows of a trajectory with a believable position, their indices,
-        and those of rows out of line.
-        """
+        """The rows with a believable position, their indices, and those of rows out of line."""
         x, y = trajectory.floats("x"), trajectory.floats("y")
         rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         t = trajectory.seconds()
@@ -54,8 +50,8 @@ class Track:
     def __len__(self) -> int:
         return len(self.t)
 
-    def __getitem__(self, index: NDArray[np.bool_] | slice) -> Track:
-        return Track(*(getattr(self, k)[index] for k in ("t", "x", "y", "speed", "heading", "chain")))
+    def __getitem__(self, index: Ints) -> Track:
+        return Track(*(column[index] for column in vars(self).values()))
 
     def usual_gap(self) -> float:
         """Silence that breaks a chain: 30 s, or ten usual intervals where the log is sparser [s]."""
@@ -90,16 +86,14 @@ class Track:
         runs = 8
         starts = np.linspace(0, len(self) - rows // runs, runs).astype(int)
         index = np.concatenate([np.arange(s, s + rows // runs) for s in starts])
-        picked = Track(*(getattr(self, k)[index] for k in ("t", "x", "y", "speed", "heading", "chain")))
+        picked = self[index]
         run = np.repeat(np.arange(runs), rows // runs)
         new = (np.diff(picked.chain, prepend=picked.chain[:1]) != 0) | (np.diff(run, prepend=0) != 0)
         return replace(picked, chain=np.cumsum(new))
 
 
 def out_of_line(t: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
-    """(N,) rows that jump aside and back: impossible accelerations beside the noise,
-    each worse than its neighbours'.
-    """
+    """(N,) rows that jump aside and back, with impossible accelerations worse than their neighbours'."""
     spike = np.zeros(len(t), np.bool_)
     if len(t) < 8:
         return spike
@@ -132,9 +126,7 @@ def white_noise(track: Track) -> float:
 
 
 def group_span(track: Track, noise: float) -> float:
-    """Seconds of motion in a group: with k rows the noise of their mean is noise / sqrt(k),
-    and the step shall be twice that.
-    """
+    """Seconds of motion in a group: a step twice the noise of the mean of its k rows, noise / sqrt(k)."""
     h, v = track.interval(), track.usual_speed(noise)
     rows = max((2.0 * noise / (v * h)) ** (2.0 / 3.0), 1.0)
     return float(min(max(rows * h, SHORTEST_STEP / v), LONGEST_SPAN, LONGEST_STEP / v))
@@ -142,8 +134,7 @@ def group_span(track: Track, noise: float) -> float:
 
 @dataclass(frozen=True)
 class Groups:
-    """G groups: first row of each (G + 1,), mean time, place, travelled distance to the next, axis of the
-    log's heading.
+    """G groups: first row of each (G + 1,), mean time, place, travelled distance to the next, heading's axis.
 
     ``axis`` (2, G) is the strength-weighted unit vector of the double angle; 0 where the log has no heading.
     """
@@ -179,26 +170,20 @@ class Groups:
 
 
 HEADING_WEIGHT = 1.0
-"""Cost of a heading square to the road;
-a log's heading may point against the motion, so only its axis counts.
-"""
+"""Cost of a heading square to the road; it may point against the motion, so only its axis counts."""
 
 
 def group_track(track: Track, noise: float, sigma: float) -> Groups:
-    """Groups of a track: standstills that the log's speed or the positions show,
-    and steps of motion between.
-    """
-    from fleetlog.roads.matchkernels.kernels.grouping import find_stops, group_means, group_points
+    """Groups of a track: standstills that speed or positions show, and steps of motion between."""
+    from fleetlog.roads.kernels.grouping import find_stops, group_means, group_points
 
     span = group_span(track, noise)
     travelled = _travelled(track)
     first, still = group_points(track.t, track.speed, track.chain, span - 1e-6, STANDING_SPEED)
     if not np.isfinite(track.speed).any():
-        means = group_means(first, track.t, track.x, track.y, travelled, track.heading)
+        _, x, y, *_ = group_means(first, track.t, track.x, track.y, travelled, track.heading)
         radius = 2.5 * sigma + 0.1
-        first, still = find_stops(
-            first, track.t, means[1], means[2], track.chain, radius, max(5.0, 4.0 * radius)
-        )
+        first, still = find_stops(first, track.t, x, y, track.chain, radius, max(5.0, 4.0 * radius))
     t, x, y, s, c2, s2 = group_means(first, track.t, track.x, track.y, travelled, track.heading)
     chord = np.hypot(np.diff(x), np.diff(y))
     blur = 2.0 * noise**2 / np.maximum(np.minimum(np.diff(first)[1:], np.diff(first)[:-1]), 1)
@@ -209,9 +194,7 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
 
 
 def _travelled(track: Track) -> Floats:
-    """(N,) distance from the log's speed, trapezoids [m];
-    NaN all along where a tenth of the speeds is missing.
-    """
+    """(N,) distance from the log's speed, trapezoids [m]; NaN where more than a tenth of them is missing."""
     known = np.isfinite(track.speed)
     if known.mean() < 0.9:
         return np.full(len(track), np.nan)

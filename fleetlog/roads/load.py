@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -50,9 +52,8 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
 
     Notes
     -----
-    A map in degrees without a site file gets a frame about its centre, rotation 0.  Local metres stay as
-    they are, with the
-    frame of the map's geoReference where it has one; without it the site has no frame.
+    A map in degrees without a site file gets a frame about its centre, rotation 0.  Local metres stay as they
+    are, with the frame of the map's geoReference; without one the site has no frame.
     """
     path = Path(path)
     if path.is_dir():
@@ -60,15 +61,24 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
     if not path.exists():
         raise SiteError("no such file", where=path, do="give a site file (.toml) or a map")
     try:
-        return _load_toml(path) if path.suffix.lower() == ".toml" else _load_map(path)
+        with _about(path):
+            return _load_toml(path) if path.suffix.lower() == ".toml" else _load_map(path)
     except OSError as error:
         raise SiteError(f"not readable: {error.strerror}", where=path) from None
-    except SiteError as error:
-        if error.where is None:
-            raise SiteError(error.what, where=path, place=error.place, do=error.do) from None
+    except SiteError:
         raise
     except Exception as error:
         raise SiteError(fault("the reader of maps", error), where=path, do=REPORT) from error
+
+
+@contextmanager
+def _about(path: Path) -> Iterator[None]:
+    """Say in a :class:`SiteError` that names no file that it is about this one."""
+    try:
+        yield
+    except SiteError as error:
+        where = path if error.where is None else error.where
+        raise SiteError(error.what, where=where, place=error.place, do=error.do) from None
 
 
 def readers() -> dict[str, Reader]:
@@ -82,16 +92,15 @@ def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
         head = stream.read(HEAD)
     if not head.strip():
         raise SiteError("the file is empty", where=path, do="give a map")
-    suffix = path.suffix.lower()
-    found = [r for r in readers().values() if r.sniff(head)] or [
-        r for r in readers().values() if suffix in r.suffixes
-    ]
+    suffix, known = path.suffix.lower(), readers().values()
+    found = [r for r in known if r.sniff(head)] or [r for r in known if suffix in r.suffixes]
     if not found:
-        known = ", ".join(sorted({s for r in readers().values() for s in r.suffixes}))
-        raise SiteError("not a map of a known format", where=path, do=f"known are {known}")
+        suffixes = ", ".join(sorted({s for r in known for s in r.suffixes}))
+        raise SiteError("not a map of a known format", where=path, do=f"known are {suffixes}")
     # Two formats can share an opening; the suffix then decides.
     reader = next((r for r in found if suffix in r.suffixes), found[0])
-    return reader.read(path, options or MapOptions())
+    with _about(path):
+        return reader.read(path, options or MapOptions())
 
 
 def _load_map(path: Path) -> tuple[Site, list[LoadReport]]:
@@ -126,10 +135,8 @@ def _with_network(site: Site, settings: dict[str, Any], path: Path) -> tuple[Sit
     options = MapOptions(settings.get("traffic"), *chosen)
     road_map = read_map(file, options)
     edges, frame, notes = place_map(road_map, site.frame)
-    try:
+    with _about(file):
         network = _network(edges, road_map)
-    except SiteError as error:
-        raise SiteError(error.what, where=file, do=error.do) from None
     known = {p.id for p in site.places}
     site = replace(
         site,
@@ -143,9 +150,7 @@ def _with_network(site: Site, settings: dict[str, Any], path: Path) -> tuple[Sit
 
 
 def _network(edges: list[Edge], road_map: RoadMap) -> Network:
-    """The network of placed edges; :class:`SiteError` where they are more, or longer, than those of any
-    site.
-    """
+    """The network of placed edges; :class:`SiteError` where they are more, or longer, than any site's."""
     vertices = sum(len(e.points) for e in edges)
     if len(edges) > MOST_EDGES or vertices > MOST_VERTICES:
         raise SiteError(f"holds {len(edges):,} edges of {vertices:,} vertices", do="cut the map to the site")
@@ -158,9 +163,7 @@ def _network(edges: list[Edge], road_map: RoadMap) -> Network:
 
 
 def _map_file(name: str, path: Path) -> Path:
-    """The map that a site file names; a relative name must stay in the site's folder, an absolute one may be
-    anywhere.
-    """
+    """The map that a site file names, by an absolute name or one that stays in the site's folder."""
     folder, file = path.parent.resolve(), Path(name)
     if not file.is_absolute():
         file = path.parent / file
@@ -183,8 +186,5 @@ def _strays(places: tuple[Place, ...], site: Site) -> list[str]:
     if not places or site.network is None:
         return []
     gaps = distance_to_roads(site.network, np.array([[p.x, p.y] for p in places]))
-    return [
-        f"place {p.id!r} is {gap:.0f} m from the nearest road"
-        for p, gap in zip(places, gaps, strict=True)
-        if gap > OFF_ROADS
-    ]
+    far = ((p.id, gap) for p, gap in zip(places, gaps, strict=True) if gap > OFF_ROADS)
+    return [f"place {name!r} is {gap:.0f} m from the nearest road" for name, gap in far]

@@ -6,8 +6,8 @@ fixed-interval smoother on the route places the rows:
 1. rows become *groups*: a step of motion long against its noise, or a whole standstill;
 2. every group gets *candidates*: the directed edges near its mean position;
 3. emission: lateral distance, direction of motion, axis of the log's heading; transition: |network distance -
-    travelled
-   distance|, where turns and one-way roads are the network's; beside them one state "off the roads";
+   travelled distance|, where turns and one-way roads are the network's; beside them one state "off the
+   roads";
 4. Viterbi chooses, forward-backward weighs;
 5. the chosen candidates become routes, and the rows of each are smoothed along it.
 """
@@ -23,30 +23,21 @@ from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads.candidates import Prepared, prepare
 from fleetlog.roads.grouping import Groups, Track, group_track, white_noise
+from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Noise, Placed, Rows, Steps
 
 Floats = NDArray[np.float64]
 
 REASONS: tuple[str, ...] = (
-    "",
-    "no road within reach",
-    "no connected path",
-    "against a one-way road",
-    "standing off the road",
-    "no position",
-    "gap",
-    "position out of line",
-)
-"""Why a row has no edge (``Match.reason``),
-and why a chain starts anew (``Match.restart``: no connected path, gap).
-"""
+    "", "no road within reach", "no connected path", "against a one-way road", "standing off the road",
+    "no position", "gap", "position out of line",
+)  # fmt: skip
+"""Why a row has no edge (``Match.reason``), and why a chain starts anew (``Match.restart``)."""
 NO_ROAD, NO_PATH, ONE_WAY, STANDING, NO_POSITION, GAP, OUT_OF_LINE = range(1, 8)
 
 CHANCE_PERSISTENCE = 0.12
 """Correlation of successive groups that independent noise shows too, as the match bends towards it."""
 LEAST_WEIGHT = 0.35
-"""Of the evidence of a group, however persistent the errors are:
-at a junction it is new evidence all the same.
-"""
+"""Of the evidence of a group, however persistent the errors are: at a junction it is new all the same."""
 BLOCK, AHEAD = 1000, 60
 """Groups that are decided together, and how far beyond them the model looks."""
 
@@ -123,9 +114,7 @@ def match(trajectory: Trajectory, network: Network, parameters: MatchParameters 
 def estimate_parameters(
     trajectory: Trajectory, network: Network, parameters: MatchParameters | None = None
 ) -> MatchParameters:
-    """``parameters`` with everything that is NaN estimated from the trajectory:
-    robust, iterated match and residual.
-    """
+    """``parameters`` with everything that is NaN estimated from the trajectory, by match and residual."""
     track, _, _ = Track.of(trajectory)
     wanted = parameters or MatchParameters()
     return _estimated(track, prepare(network), wanted) if len(track) else wanted
@@ -142,9 +131,7 @@ def _estimated(track: Track, prepared: Prepared, wanted: MatchParameters) -> Mat
     guess = replace(wanted, gap=gap, noise=noise)
     sample = track.with_gap(gap).sample(SAMPLE_GROUPS, noise)
     sigma = fixed.get("sigma", _first_sigma(sample, prepared, noise))
-    guess = replace(
-        guess, sigma=sigma, beta=fixed.get("beta", sigma + 0.2), persistence=fixed.get("persistence", 0.0)
-    )
+    guess = replace(guess, **{"sigma": sigma, "beta": sigma + 0.2, "persistence": 0.0, **fixed})
     if {"sigma", "noise", "beta", "persistence"} <= fixed.keys():
         return _with_reach(guess, wanted)
     for _ in range(3):
@@ -162,9 +149,7 @@ def _with_reach(p: MatchParameters, wanted: MatchParameters) -> MatchParameters:
 
 
 def _first_sigma(track: Track, prepared: Prepared, noise: float) -> float:
-    """From the distance to the nearest road, which is too small among dense roads;
-    the iteration mends it [m].
-    """
+    """From the distance to the nearest road [m], too small among dense roads: the iteration mends it."""
     groups = group_track(track, noise, max(noise, 1.0))
     ptr, _, value = prepared.candidates(groups.x, groups.y, 60.0, 0.0)
     some = np.diff(ptr) > 0
@@ -178,26 +163,21 @@ def _residual_estimates(
 ) -> dict[str, float]:
     """sigma, noise, beta and persistence from the residuals of a match with ``p``."""
     chain = _decode(groups, prepared, p)
-    on = chain.chosen >= 0
+    on = chain.choice.chosen >= 0
     if on.sum() < 8:
         return {}
-    row = chain.chosen[on]
-    lateral = chain.value[1, row]
-    moving = ~groups.still[on]
-    use = lateral[moving] if moving.sum() >= 8 else lateral
+    edge, along, lateral = chain.near.edge[chain.choice.chosen], *chain.near.value[:2, chain.choice.chosen]
+    moving = on & ~groups.still
+    use = lateral[moving if moving.sum() >= 8 else on]
     sigma = float(np.clip(1.4826 * np.median(np.abs(use)), 0.1, 30.0))
-    pair = np.flatnonzero(chain.linked & ~groups.still)
-    pair = pair[(chain.chosen[pair - 1] >= 0) & ~groups.still[pair - 1]]
-    same = pair[chain.edge[chain.chosen[pair]] == chain.edge[chain.chosen[pair - 1]]]
     out = {"sigma": sigma}
+    pair = np.flatnonzero(chain.choice.linked & ~groups.still)
+    pair = pair[on[pair] & on[pair - 1] & ~groups.still[pair - 1]]
+    same = pair[edge[pair] == edge[pair - 1]]
     if len(same) >= 8:
-        step = chain.value[0, chain.chosen[same]] - chain.value[0, chain.chosen[same - 1]]
-        out["beta"] = float(
-            np.clip(np.mean(np.minimum(np.abs(step - groups.moved[same - 1]), 8.0 * p.beta)), 0.2, 30.0)
-        )
-        left = np.full(len(groups), np.nan)
-        left[on] = lateral
-        a, b = np.clip(left[same], -3 * sigma, 3 * sigma), np.clip(left[same - 1], -3 * sigma, 3 * sigma)
+        off = np.abs(along[same] - along[same - 1] - groups.moved[same - 1])
+        out["beta"] = float(np.clip(np.mean(np.minimum(off, 8.0 * p.beta)), 0.2, 30.0))
+        a, b = (np.clip(lateral[k], -3 * sigma, 3 * sigma) for k in (same, same - 1))
         out["persistence"] = float(np.clip(np.mean(a * b) / max(np.mean(a * a), 1e-9), 0.0, 0.95))
     if groups.is_single(0.5):
         # single positions: their lateral spread is the noise, or more than the noise
@@ -207,105 +187,82 @@ def _residual_estimates(
 
 @dataclass(frozen=True)
 class Chain:
-    """A decoded sequence of groups; ``chosen`` (G,) rows of the candidates ``edge`` (C,)
-    and ``value`` (4, C), -1 off.
-    """
+    """A decoded sequence of groups; ``back`` [m] is how far noise may move a truck against its edge."""
 
-    ptr: NDArray[np.int64]
-    edge: NDArray[np.int32]
-    value: Floats
-    chosen: NDArray[np.int64]
-    posterior: Floats
-    off_posterior: Floats
-    linked: NDArray[np.bool_]
+    near: Candidates
+    choice: Choice
     back: float
 
 
 def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> Chain:
-    from fleetlog.roads.matchkernels.kernels.costs import emission_costs
-    from fleetlog.roads.matchkernels.kernels.decoding import decode
+    from fleetlog.roads.kernels.costs import emission_costs
+    from fleetlog.roads.kernels.decoding import decode
 
-    ptr, edge, value = prepared.candidates(groups.x, groups.y, p.reach, max(4.5 * p.sigma, 1.5))
+    near = prepared.candidates(groups.x, groups.y, p.reach, max(4.5 * p.sigma, 1.5))
     weight = max((1.0 - p.persistence) / (1.0 + p.persistence), LEAST_WEIGHT)
     spread = float(np.hypot(p.sigma, 0.1))
-    direction, sharpness = groups.direction(p.sigma)
     emission = emission_costs(
-        ptr, edge, value, direction, sharpness, groups.axis, prepared.reverse, spread, weight
+        near, *groups.direction(p.sigma), groups.axis, prepared.roads.reverse, spread, weight
     )
-    back = 3.0 * p.sigma + 0.3
-    # off the roads costs as much as a road at the edge of what is believable for this noise, and never less
-    # than 5 sigma
+    # off the roads costs as much as a road at the edge of what is believable, and never less than 5 sigma
     off = 3.0 * max(5.0, min(p.reach, 4.0) / spread) - 4.5
-    prepared.store, chosen, posterior, off_posterior, linked = decode(
-        prepared.store, ptr, edge, value, emission, prepared.rank, groups.chain, groups.moved, groups.still,
-        p.beta, back, p.turn, off, BLOCK, AHEAD, prepared.reverse, prepared.next_first, prepared.next_edges,
-        prepared.length,
-    )  # fmt: skip
-    return Chain(ptr, edge, value, chosen, posterior, off_posterior, linked, back)
+    costs = Costs(p.beta, 3.0 * p.sigma + 0.3, p.turn, off, BLOCK, AHEAD)
+    steps = Steps(groups.chain, groups.moved, groups.still)
+    prepared.store, choice = decode(prepared.store, prepared.roads, near, emission, steps, costs)
+    return Chain(near, choice, costs.back)
 
 
 def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchParameters) -> Match:
-    from fleetlog.roads.matchkernels.kernels.placing import place_points, route_posterior
-    from fleetlog.roads.matchkernels.kernels.routes import build_routes
+    from fleetlog.roads.kernels.placing import place_points, route_posterior
+    from fleetlog.roads.kernels.routes import build_routes
 
-    chain = _decode(groups, prepared, p)
-    p_edge, p_value, firsts, spans, of, piece, place = build_routes(
-        prepared.store, chain.chosen, chain.linked, chain.edge, chain.value, groups.moved, prepared.reverse,
-        prepared.length, chain.back,
-    )  # fmt: skip
-    near = route_posterior(chain.chosen, chain.ptr, chain.edge, chain.posterior, piece, of, firsts, p_edge)
+    chain, size = _decode(groups, prepared, p), np.diff(groups.first)
+    routes = build_routes(prepared.store, prepared.roads, chain.near, chain.choice, groups.moved, chain.back)
+    posterior = route_posterior(chain.choice, chain.near, routes)
     n = len(track)
-    edge = np.full(n, -1, np.int32)
-    offset, lateral = np.full(n, np.nan), np.full(n, np.nan)
-    confidence = np.repeat(chain.off_posterior, np.diff(groups.first))
+    confidence = np.repeat(chain.choice.off, size)
+    placed = Placed(np.full(n, -1, np.int32), np.full(n, np.nan), np.full(n, np.nan), confidence)
     lasting = p.sigma**2 * max(p.persistence - CHANCE_PERSISTENCE, 0.0) / (1.0 - CHANCE_PERSISTENCE)
+    noise = Noise(max(p.noise, 0.02) ** 2, lasting, p.speed_noise**2, p.acceleration)
+    group = np.repeat(np.arange(len(groups)), size)
+    rows = Rows(track.t, track.x, track.y, track.speed)
     place_points(
-        track.t, track.x, track.y, track.speed, groups.first, groups.t, spans, firsts, piece, place,
-        groups.still, p_edge, p_value, prepared.px, prepared.py, prepared.first, prepared.dist, near,
-        max(p.noise, 0.02) ** 2, lasting, p.speed_noise**2, p.acceleration, edge, offset, lateral, confidence,
-    )  # fmt: skip
-    reason = np.repeat(_reasons(groups, chain, prepared, p), np.diff(groups.first)).astype(np.uint8)
+        rows, group, groups.first, groups.t, groups.still, routes, prepared.roads, posterior, noise, placed
+    )
+    reason = np.repeat(_reasons(groups, chain, prepared, p), size).astype(np.uint8)
     restart = np.zeros(n, np.uint8)
-    new_stretch = groups.first[:-1][spans[0]] if spans.shape[1] else np.zeros(0, np.int64)
-    restart[new_stretch] = NO_PATH
+    restart[groups.first[:-1][routes.spans[0]]] = NO_PATH
     restart[np.flatnonzero(np.diff(track.chain)) + 1] = GAP
     restart[0] = 0
-    standing = np.repeat(groups.still, np.diff(groups.first))
-    return Match(edge, offset, lateral, confidence, reason, restart, standing, p)
+    return Match(*placed, reason, restart, np.repeat(groups.still, size), p)
 
 
 def _reasons(groups: Groups, chain: Chain, prepared: Prepared, p: MatchParameters) -> NDArray[np.uint8]:
     """(G,) why a group is off the roads, 0 where it is on one."""
     reason = np.zeros(len(groups), np.uint8)
-    for g in np.flatnonzero(chain.chosen < 0):
-        rows = slice(chain.ptr[g], chain.ptr[g + 1])
-        near = np.abs(chain.value[1, rows]) < max(3.0 * p.sigma, 1.0)
+    direction, sharpness = groups.direction(p.sigma)
+    for g in np.flatnonzero(chain.choice.chosen < 0):
+        rows = slice(chain.near.ptr[g], chain.near.ptr[g + 1])
+        near = np.abs(chain.near.value[1, rows]) < max(3.0 * p.sigma, 1.0)
+        edges, tangent = chain.near.edge[rows][near], chain.near.value[2:, rows][:, near]
         if not len(near):
             reason[g] = NO_ROAD
         elif groups.still[g]:
             reason[g] = STANDING
-        elif near.any() and (prepared.reverse[chain.edge[rows][near]] < 0).all():
-            reason[g] = ONE_WAY if _against(groups, chain, int(g), rows, near, p) else NO_PATH
+        elif not near.any():
+            reason[g] = NO_ROAD
         else:
-            reason[g] = NO_PATH if near.any() else NO_ROAD
+            against = sharpness[g] > 0.0 and (direction[:, g] @ tangent < -0.5).any()
+            one_way = (prepared.roads.reverse[edges] < 0).all()
+            reason[g] = ONE_WAY if one_way and against else NO_PATH
     return reason
-
-
-def _against(
-    groups: Groups, chain: Chain, g: int, rows: slice, near: NDArray[np.bool_], p: MatchParameters
-) -> bool:
-    direction, sharpness = groups.direction(p.sigma)
-    along = direction[0, g] * chain.value[2, rows][near] + direction[1, g] * chain.value[3, rows][near]
-    return bool(sharpness[g] > 0.0 and (along < -0.5).any())
 
 
 def _nothing(n: int, parameters: MatchParameters) -> Match:
     nan = np.full(n, np.nan)
     reason = np.full(n, NO_POSITION, np.uint8)
-    none = np.zeros(n, np.uint8)
-    return Match(
-        np.full(n, -1, np.int32), nan, nan.copy(), np.ones(n), reason, none, np.zeros(n, bool), parameters
-    )
+    none, still = np.zeros(n, np.uint8), np.zeros(n, bool)
+    return Match(np.full(n, -1, np.int32), nan, nan.copy(), np.ones(n), reason, none, still, parameters)
 
 
 def _spread(found: Match, rows: NDArray[np.int64], n: int) -> Match:

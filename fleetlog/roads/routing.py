@@ -1,4 +1,4 @@
-"""Ways through a network: the quickest route between edges, and distances from every edge within a bound."""
+"""Ways through a network: the quickest route between edges, and distances within a bound."""
 
 from __future__ import annotations
 
@@ -22,11 +22,10 @@ BOUNDS = 256
 class Distances(NamedTuple):
     """Driving distances from start to start, in compressed rows.
 
-    From the start of edge ``i`` (row i) the start of edge ``edge[k]`` is ``distance[k]`` metres away for k in
-    first[i]:first[i + 1].  The shortest chain of allowed turns counts.  Rows are sorted by distance, then by
-    edge; the first entry is the edge itself with 0.  To a place ``offset_to`` on edge j from a place
-    ``offset_from`` on edge i it is ``distance - offset_from + offset_to`` (i = j with offset_to < offset_from
-    needs a way round: not in here).
+    From the start of edge ``i`` (row i) the start of edge ``edge[k]`` is ``distance[k]`` metres away for k
+    in first[i]:first[i + 1], by the shortest chain of allowed turns.  Rows are sorted by distance, then by
+    edge; the first entry is the edge itself with 0.  From ``offset_from`` on edge i to ``offset_to`` on
+    another one it is ``distance - offset_from + offset_to``.
     """
 
     first: NDArray[np.int64]
@@ -35,32 +34,20 @@ class Distances(NamedTuple):
 
 
 def bounded_distances(network: Network, limit: float, sources: Index | None = None) -> Distances:
-    """Driving distances [m] from the start of every edge to the starts of all edges at most ``limit`` [m]
-    away.
+    """Driving distances [m] from every edge to all edges at most ``limit`` [m] away, start to start.
 
-    Parameters
-    ----------
-    network : turns are respected as ``next_edges`` lists them.
-    limit : m, start to start.
-    sources : (S,) edge indices to start from; all edges by default, then row i is edge i.
-
-    Returns
-    -------
-    Distances
-        ``first`` (S + 1,) int64, ``edge`` (n,) int32, ``distance`` (n,) float64.
+    ``sources`` (S,) are the edges to start from; all by default, then row i is edge i.
     """
-    from fleetlog.roads.routekernels import kernels
+    from fleetlog.roads.kernels import paths
 
     rows = np.arange(len(network), dtype=np.int32) if sources is None else np.asarray(sources, dtype=np.int32)
-    found = kernels.bounded(network.next_first, network.next_edges, network.length, float(limit), rows)
+    found = paths.bounded(network.next_first, network.next_edges, network.length, float(limit), rows)
     return Distances(*found)
 
 
 @dataclass(frozen=True)
 class Route:
-    """A chain of edges: ``edges`` (n,) indices,
-    ``cost`` from the start of the first to the end of the last.
-    """
+    """A chain of edges (n,); ``cost`` [s] and ``length`` [m] from its start to its end."""
 
     edges: Index
     cost: float
@@ -106,7 +93,7 @@ class Router:
 
         ``closed`` edges are not entered (the source may be closed: who stands there may leave).
         """
-        from fleetlog.roads.routekernels import kernels
+        from fleetlog.roads.kernels import paths
 
         n = self.network
         for edge in (source, target):
@@ -116,16 +103,8 @@ class Router:
         if numbers := list(closed):
             shut = shut.copy()
             shut[numbers] = True
-        chain, entered = kernels.astar(
-            n.next_first,
-            n.next_edges,
-            self.time,
-            self._turn,
-            shut,
-            self._bound(target),
-            np.int32(source),
-            np.int32(target),
-        )
+        bound, ends = self._bound(target), (np.int32(source), np.int32(target))
+        chain, entered = paths.astar(n.next_first, n.next_edges, self.time, self._turn, shut, bound, *ends)
         if not len(chain):
             return None
         return Route(chain, float(entered[-1] + self.time[target]), float(n.length[chain].sum()))
@@ -133,8 +112,7 @@ class Router:
     def _bound_of(self, target: int) -> Floats:
         """(E,) time that the way from each edge's start to the target's takes at least [s]."""
         if self._jump > 1e-6:
-            # Where ends do not meet exactly, a straight line can be longer than the way; then search without
-            # a bound.
+            # Where ends do not meet exactly, a straight line can be longer than the way: no bound.
             return np.zeros(len(self.network))
         straight = np.linalg.norm(self._starts - self._starts[target], axis=1)
         # A little less than the straight line: rounding must not make the bound inconsistent.

@@ -10,6 +10,7 @@ from scipy.integrate import quad
 
 from fleetlog.roads.formats import _odr_geometry as geo
 from fleetlog.roads.formats._odr_place import moved
+from fleetlog.roads.segments import distance_to_segment
 
 
 def end(curve, length, x=0.0, y=0.0, heading=0.0):
@@ -124,4 +125,4 @@ def test_sampled_chords_stay_within_the_tolerance(start, stop, length, tolerance
     fine = np.linspace(0, length, 3001)
     true, kept = points(fine), points(s)
     k = np.clip(np.searchsorted(s, fine, side="right") - 1, 0, len(s) - 2)
-    assert geo._from_chord(true, kept[k], kept[k + 1]).max() < 1.3 * tolerance
+    assert distance_to_segment(true, kept[k], kept[k + 1]).max() < 1.3 * tolerance

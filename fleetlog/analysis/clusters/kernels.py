@@ -9,8 +9,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Ints
-from fleetlog.roads.matchkernels.kernels.distances import forget, search
-from fleetlog.roads.matchkernels.kernels.growing import longer
+from fleetlog.roads.kernels.distances import forget, search
+from fleetlog.roads.kernels.growing import longer
 
 Index = NDArray[np.int32]
 

@@ -15,12 +15,11 @@ def shift(
     x: Floats, y: Floats, cos: Floats, sin: Floats, weight: Floats, first: Ints, columns: int, rows: int,
     x0: float, y0: float, side: float, along: float, across: float, alike: float, either: bool, rounds: int,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """(N,) metres to the left by which each cell moves to the local mean of cells that head alike, and the
-    weight of those about where it comes to rest.
+    """(N,) metres to the left to the local mean of cells that head alike, and the weight about there.
 
-    Cells are sorted by block of ``side`` m (column after column); block b owns ``first[b]`` to ``first[b + 1]``.
-    ``along``, ``across`` are the standard deviations of the kernel [m], ``alike`` the least cosine between
-    headings that count as one direction; with ``either`` the opposite one counts too.
+    Cells are sorted by block of ``side`` m, column after column; block b owns ``first[b]`` to ``first[b +
+    1]``. ``along``, ``across`` are the standard deviations of the kernel [m], ``alike`` the least cosine
+    between headings that count as one direction; with ``either`` the opposite one counts too.
     """
     out, near = np.zeros(len(x)), np.zeros(len(x))
     for i in range(len(x)):

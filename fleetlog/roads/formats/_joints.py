@@ -16,15 +16,16 @@ TOLERANCE = 0.1
 
 @dataclass(frozen=True)
 class Line:
-    """A road as drawn: ``points`` (n, 3) longitude, latitude, height;
-    ``start`` and ``end`` are "" where not named.
+    """A road as drawn: ``points`` (n, 3) longitude, latitude, height; its nodes "" where not named.
+
+    ``traits`` are its speed limit [m/s], width [m] and whether it is one-way.
     """
 
     id: str
     points: Floats
-    source: int
     start: str
     end: str
+    traits: tuple[float, float, bool]
 
 
 def join_lines(lines: list[Line], split: bool, notes: list[str]) -> list[Line]:
@@ -47,10 +48,8 @@ def join_lines(lines: list[Line], split: bool, notes: list[str]) -> list[Line]:
         divided += bool(cuts)
         out += _pieces(line, own, cuts, names)
     if divided:
-        notes.append(
-            f"{divided} roads are split, as ID:0, ID:1 ..., where a vertex of another road lies on one of "
-            "theirs"
-        )
+        where = "where a vertex of another road lies on one of theirs"
+        notes.append(f"{divided} roads are split, as ID:0, ID:1 ..., {where}")
     return out
 
 
@@ -78,9 +77,7 @@ def _metres(points: Floats) -> Floats:
 
 
 def _places(points: Floats, owner: NDArray[np.intp], first: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(P,) number of the place of each vertex:
-    groups within the tolerance, of several roads or of road ends.
-    """
+    """(P,) place of each vertex: groups within the tolerance, of several roads or of road ends."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

@@ -16,10 +16,7 @@ def read_json(path: Path) -> Any:
     try:
         return json.loads(data.decode("utf-8-sig"))
     except json.JSONDecodeError as error:
-        raise SiteError(
-            f"not valid JSON: {error.msg}", where=path, place=f"line {error.lineno}", do="correct the file"
-        ) from None
+        what = f"not valid JSON: {error.msg}"
+        raise SiteError(what, place=f"line {error.lineno}", do="correct the file") from None
     except (ValueError, RecursionError) as error:
-        raise SiteError(
-            f"not readable as JSON: {str(error)[:120]}", where=path, do="correct the file"
-        ) from None
+        raise SiteError(f"not readable as JSON: {str(error)[:120]}", do="correct the file") from None

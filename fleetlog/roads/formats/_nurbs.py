@@ -1,10 +1,7 @@
-"""NURBS trajectories of VDA 5050 and LIF as polylines.  Source: Piegl and Tiller, The NURBS Book, 1997,
-section 4.1.
-"""
+"""NURBS trajectories of VDA 5050 and LIF as polylines (Piegl and Tiller, The NURBS Book, 1997)."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,42 +16,36 @@ APART = 1e-9
 """Smallest distance of two different knots, as a share of all."""
 
 
-def nurbs(raw: Any, tolerance: float, path: Path, place: str) -> Floats:
-    """(n, 2) vertices [m] of a trajectory {degree, knotVector, controlPoints}; chords within ``tolerance``
-    [m].
+def nurbs(raw: Any, tolerance: float) -> Floats:
+    """(n, 2) vertices [m] of {degree, knotVector, controlPoints}; chords within ``tolerance`` [m].
 
     Without a degree it is 1; a control point without a weight weighs 1.
     """
+    again = "export it again"
     if not isinstance(raw, dict) or not isinstance(raw.get("controlPoints"), list):
-        raise SiteError("its trajectory has no controlPoints", where=path, place=place, do="export it again")
+        raise SiteError("its trajectory has no controlPoints", do=again)
     if not all(isinstance(p, dict) for p in raw["controlPoints"]):
-        raise SiteError("a control point is no object", where=path, place=place, do="export it again")
+        raise SiteError("a control point is no object", do=again)
     if not isinstance(raw.get("knotVector") or [], list):
-        raise SiteError("its knotVector is no list", where=path, place=place, do="export it again")
-    degree = int(number(raw.get("degree", 1), path, f"{place}, degree"))
-    knots = np.array([number(k, path, f"{place}, knotVector") for k in raw.get("knotVector") or []])
-    weighted = np.array(
-        [
-            [
-                number(p.get(key, default), path, f"{place}, controlPoints")
-                for key, default in (("x", None), ("y", None), ("weight", 1.0))
-            ]
-            for p in raw["controlPoints"]
-        ]
-    ).reshape(-1, 3)
+        raise SiteError("its knotVector is no list", do=again)
+    degree = int(number(raw.get("degree", 1), "degree"))
+    knots = np.array([number(k, "knotVector") for k in raw.get("knotVector") or []])
+    named = ({"weight": 1.0, **p} for p in raw["controlPoints"])
+    rows = [[number(p.get(key), "controlPoints") for key in ("x", "y", "weight")] for p in named]
+    weighted = np.array(rows).reshape(-1, 3)
     if bool((weighted[:, 2] < LEAST).any()):
-        raise SiteError(f"a weight is below {LEAST:g}", where=path, place=place, do="export it again")
+        raise SiteError(f"a weight is below {LEAST:g}", do=again)
     short = not 1 <= degree < len(weighted)
     if short or len(knots) != len(weighted) + degree + 1 or bool((np.diff(knots) < 0).any()):
         raise SiteError(
             f"its trajectory of degree {degree} has {len(knots)} knots for {len(weighted)} control points",
-            where=path, place=place, do="there must be points + degree + 1 knots in rising order",
-        )  # fmt: skip
+            do="there must be points + degree + 1 knots in rising order",
+        )
     gaps = np.diff(knots)
     if knots[degree] == knots[len(weighted)]:
-        raise SiteError("its knots leave no curve", where=path, place=place, do="export it again")
+        raise SiteError("its knots leave no curve", do=again)
     if bool(((gaps > 0.0) & (gaps < APART * np.ptp(knots))).any()):
-        raise SiteError("two of its knots nearly coincide", where=path, place=place, do="export it again")
+        raise SiteError("two of its knots nearly coincide", do=again)
     return _polyline(degree, knots, weighted, tolerance)
 
 

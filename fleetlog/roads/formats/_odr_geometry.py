@@ -1,6 +1,4 @@
-"""OpenDRIVE reference lines: line, arc, spiral, poly3 and paramPoly3 by arc length.  Source: ASAM OpenDRIVE
-1.8, chapter 9.
-"""
+"""OpenDRIVE reference lines by arc length.  Source: ASAM OpenDRIVE 1.8, chapter 9."""
 
 from __future__ import annotations
 
@@ -10,10 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import leggauss
 
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats.base import Floats
+from fleetlog.roads.segments import distance_to_segment
 
 Curve = Callable[[Floats], tuple[Floats, Floats, Floats]]
 """ds [m] along a piece to u, v [m] and heading [rad] in the piece's own axes."""
@@ -44,9 +44,8 @@ def arc(curvature: float) -> Curve:
 def spiral(start: float, end: float, length: float) -> Curve:
     """Curvature [1/m] linear in s from ``start`` to ``end``: h = k0 s + (k1 - k0) s^2 / (2 L), integrated.
 
-    Gauss-Legendre with 12 nodes on panels of less than 1 rad: exact to 1e-12 of the length, for any
-    curvatures, where
-    Fresnel integrals lose digits as k1 approaches k0.
+    Gauss-Legendre with 12 nodes on panels of less than 1 rad: exact to 1e-12 of the length for all
+    curvatures, where Fresnel integrals lose digits as k1 approaches k0.
     """
     rate = (end - start) / length
     panels = 1 + math.ceil(max(abs(start), abs(end)) * length)
@@ -62,48 +61,37 @@ def spiral(start: float, end: float, length: float) -> Curve:
 
 
 def param_poly3(u: Floats, v: Floats, length: float, span: float) -> Curve:
-    """u(p), v(p) cubic (coefficients (4,) a to d), p from 0 to ``span``; ds is true arc length, stretched to
-    ``length``.
+    """u(p), v(p) cubic (coefficients (4,) a to d), p from 0 to ``span``; ds is arc length.
 
-    p is not proportional to the arc length; a table of the arc length over p is inverted.  The declared
-    length and that of
-    the curve can differ by a little; the end of the piece is the end of the curve all the same.
+    p is not proportional to the arc length; a table of the arc length over p is inverted, stretched so that
+    the end of the piece is that of the curve where the declared ``length`` differs by a little.
     """
+    pu, pv = Polynomial(u), Polynomial(v)
+    du, dv = pu.deriv(), pv.deriv()
     grid = np.linspace(0.0, span, _TABLE)
-    passed = _arc_length(grid, _derivative(u), _derivative(v))
+    passed = _arc_length(grid, du, dv)
 
     def curve(ds: Floats) -> tuple[Floats, Floats, Floats]:
         p = np.interp(ds * (passed[-1] / length), passed, grid)
-        heading = np.arctan2(_value(_derivative(v), p), _value(_derivative(u), p))
-        return _value(u, p), _value(v, p), heading
+        return pu(p), pv(p), np.arctan2(dv(p), du(p))
 
     return curve
 
 
 def poly3(v: Floats, length: float) -> Curve:
-    """v(u) cubic (coefficients (4,) a to d), u along the start heading; u is not s and is found from the arc
-    length.
-    """
+    """v(u) cubic (coefficients (4,) a to d), u along the start heading, found from the arc length."""
     identity = np.array([0.0, 1.0, 0.0, 0.0])
     grid = np.linspace(0.0, length, _TABLE)
-    passed = _arc_length(grid, _derivative(identity), _derivative(v))
+    passed = _arc_length(grid, Polynomial([1.0]), Polynomial(v).deriv())
     # The curve is at least as long as u, so u stays within the length.
     return param_poly3(identity, v, length, float(np.interp(length, passed, grid)))
 
 
-def _value(coefficients: Floats, p: Floats) -> Floats:
-    return np.asarray(np.polynomial.polynomial.polyval(p, coefficients), dtype=np.float64)
-
-
-def _derivative(coefficients: Floats) -> Floats:
-    return np.asarray(coefficients[1:] * np.arange(1.0, len(coefficients)), dtype=np.float64)
-
-
-def _arc_length(grid: Floats, du: Floats, dv: Floats) -> Floats:
+def _arc_length(grid: Floats, du: Polynomial, dv: Polynomial) -> Floats:
     """Arc length at every grid value: Gauss-Legendre within each cell, summed."""
     step = np.diff(grid)
     p = grid[:-1, None] + step[:, None] * (_NODES + 1.0) / 2.0
-    cells = (np.hypot(_value(du, p), _value(dv, p)) @ _WEIGHTS) * step / 2.0
+    cells = (np.hypot(du(p), dv(p)) @ _WEIGHTS) * step / 2.0
     return np.concatenate([[0.0], np.cumsum(cells)])
 
 
@@ -167,13 +155,10 @@ class Cubics:
 
 
 def sample(points: Callable[[Floats], Floats], stations: Floats, tolerance: float) -> Floats:
-    """Stations s [m] dense enough that chords stay within ``tolerance`` [m] of the curve ``points`` ((N,) to
-    (N, 3)).
+    """Stations s [m] so dense that chords stay within ``tolerance`` [m] of a curve, ``points`` (N, 3).
 
-    Between the given stations the curve is smooth.  Every chord is compared with the curve at a quarter, a
-    half and three
-    quarters of its way and halved until all three agree, at most 14 times.  :class:`SiteError` beyond
-    ``MOST`` stations.
+    Between the given stations the curve is smooth.  Every chord is compared with the curve at its quarters
+    and halved until they agree, at most 14 times.  :class:`SiteError` beyond ``MOST`` stations.
     """
     s = stations
     for _ in range(14):
@@ -181,7 +166,8 @@ def sample(points: Callable[[Floats], Floats], stations: Floats, tolerance: floa
         ends = points(s)
         worst = np.zeros(len(step))
         for share in (0.25, 0.5, 0.75):
-            worst = np.maximum(worst, _from_chord(points(low + share * step), ends[:-1], ends[1:]))
+            gap = distance_to_segment(points(low + share * step), ends[:-1], ends[1:])
+            worst = np.maximum(worst, gap)
         coarse = worst > tolerance
         if not coarse.any():
             break
@@ -189,9 +175,3 @@ def sample(points: Callable[[Floats], Floats], stations: Floats, tolerance: floa
             raise SiteError(f"one line of it needs more than {MOST:,} vertices", do="correct the map")
         s = np.sort(np.concatenate([s, (low + step / 2.0)[coarse]]))
     return s
-
-
-def _from_chord(p: Floats, a: Floats, b: Floats) -> Floats:
-    d = b - a
-    share = ((p - a) * d).sum(axis=1) / np.maximum((d * d).sum(axis=1), 1e-18)
-    return np.asarray(np.linalg.norm(a + np.clip(share, 0, 1)[:, None] * d - p, axis=1), dtype=np.float64)

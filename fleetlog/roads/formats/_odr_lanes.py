@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -46,9 +47,7 @@ class LaneEdge:
 def lane_edges(
     road: Road, driven: frozenset[str], left: bool, tally: Tally, skipped: dict[str, float]
 ) -> Iterator[LaneEdge]:
-    """The edges of a road; lanes left out are counted in ``tally`` and their lengths [m] by type
-    in ``skipped``.
-    """
+    """The edges of a road; ``skipped`` gathers the lengths [m] of the lanes left out, by type."""
     for k, section in enumerate(road.sections):
         length = section.end - section.start
         for lane in section.lanes.values():
@@ -75,19 +74,13 @@ def _directed(road: Road, k: int, lane: Lane, left: bool, width: float) -> Itera
     low: LaneEnd = (*key, "start")
     high: LaneEnd = (*key, "end")
     name = f"{road.id}:{k}:{lane.id}"
-    ways = directions(lane, left)
-    for n, forward in enumerate(ways):
-        edge_id = name if n == 0 else reverse_id(name)
-        if forward:
-            yield LaneEdge(edge_id, key, low, high, points, limit, width)
-        else:
-            yield LaneEdge(edge_id, key, high, low, points[::-1].copy(), limit, width)
+    for edge_id, forward in zip((name, reverse_id(name)), directions(lane, left), strict=False):
+        ends, line = ((low, high), points) if forward else ((high, low), points[::-1].copy())
+        yield LaneEdge(edge_id, key, *ends, line, limit, width)
 
 
 def directions(lane: Lane, left: bool) -> tuple[bool, ...]:
-    """Whether the lane is driven along s (True) or against it, the usual way first;
-    both for two-way lanes.
-    """
+    """Whether the lane is driven along s (True) or against it; two-way lanes both, the usual way first."""
     usual = (lane.id < 0) != left
     if lane.direction in ("+s", "-s"):
         return (lane.direction == "+s",)
@@ -135,17 +128,14 @@ def _widths(road: Road, section: Section, lane: Lane) -> Floats:
 
 
 def speed_limit(road: Road, section: Section, lane: Lane) -> float:
-    """Limit [m/s] that holds on the greatest part of the lane section: the lane's own, else the road's;
-    NaN unknown.
-    """
+    """Limit [m/s] on the greatest part of the lane section, the lane's or else the road's; NaN unknown."""
     return _lasting(lane.speeds, section) if lane.speeds else _lasting(road.speeds, section)
 
 
 def _lasting(records: tuple[tuple[float, float], ...], section: Section) -> float:
-    rows = sorted(records, key=lambda r: r[0])
     best, longest = math.nan, 0.0
-    untils = [*(r[0] for r in rows[1:]), math.inf]
-    for (s, limit), until in zip(rows, untils[: len(rows)], strict=True):
+    rows = [*sorted(records, key=lambda r: r[0]), (math.inf, math.nan)]
+    for (s, limit), (until, _) in pairwise(rows):
         part = min(until, section.end) - max(s, section.start)
         if part > longest + 1e-9:
             best, longest = limit, part

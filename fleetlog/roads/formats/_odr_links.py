@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fleetlog.roads.formats._odr_lanes import MICRO, LaneEdge, LaneEnd
 from fleetlog.roads.formats._odr_parse import End, Road, contact
-from fleetlog.roads.formats.base import Floats, Tally, number
+from fleetlog.roads.formats.base import Floats, Tally, at, number
 
 if TYPE_CHECKING:
     from lxml.etree import _Element as Element
@@ -45,16 +44,16 @@ class Touching:
             self.neighbours.setdefault(a, set()).add(b)
             self.neighbours.setdefault(b, set()).add(a)
 
-    def _is_there(self, at: LaneEnd) -> bool:
-        road = self.roads.get(at[0])
-        return road is not None and at[2] in road.sections[at[1]].lanes
+    def _is_there(self, spot: LaneEnd) -> bool:
+        road = self.roads.get(spot[0])
+        return road is not None and spot[2] in road.sections[spot[1]].lanes
 
     def one_sided(self) -> int:
         """How many pairs are named from one side only, though the other could name them."""
         return sum((b, a) not in self.said and not _at_junction(self.roads, b) for a, b in self.said)
 
 
-def touching(roads: dict[str, Road], junctions: list[Element], path: Path, tally: Tally) -> Touching:
+def touching(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> Touching:
     """All lane ends that touch."""
     relation = Touching(roads)
     for road in roads.values():
@@ -62,22 +61,21 @@ def touching(roads: dict[str, Road], junctions: list[Element], path: Path, tally
             relation.add(a, b)
         _between(road, relation)
     for junction in junctions:
-        _junction(junction, roads, relation, path, tally)
+        _junction(junction, roads, relation, tally)
     if one := relation.one_sided():
-        tally.notes.append(
-            f"{one} lane links are given in one direction only; they are taken to hold in both"
-        )
+        what = "given in one direction only; they are taken to hold in both"
+        tally.notes.append(f"{one} lane links are {what}")
     if relation.odd:
         tally.notes.append(f"{relation.odd} links name roads or lanes that do not exist and are left out")
     _bridge(roads, relation)
     return relation
 
 
-def _at_junction(roads: dict[str, Road], at: LaneEnd) -> bool:
+def _at_junction(roads: dict[str, Road], spot: LaneEnd) -> bool:
     """Whether the road meets a junction at this end, which then lists the links in its stead."""
-    road = roads.get(at[0])
-    link = road.links.get(at[3]) if road else None
-    outermost = road is not None and at[1] == (0 if at[3] == "start" else len(road.sections) - 1)
+    road = roads.get(spot[0])
+    link = road.links.get(spot[3]) if road else None
+    outermost = road is not None and spot[1] == _outermost(road, spot[3])
     return outermost and link is not None and link.kind == "junction"
 
 
@@ -100,18 +98,22 @@ def _between(road: Road, relation: Touching) -> None:
         if other is None:
             relation.odd += 1
             continue
-        at = link.contact or _nearest_end(other, _end_point(road, end))
-        k = 0 if end == "start" else len(road.sections) - 1
-        for lane in road.sections[k].lanes.values():
+        there = link.contact or _nearest_end(other, _end_point(road, end))
+        for lane in road.sections[_outermost(road, end)].lanes.values():
             for i in lane.predecessors if end == "start" else lane.successors:
-                relation.add((road.id, k, lane.id, end), _outer(other, i, at))
+                relation.add(_outer(road, lane.id, end), _outer(other, i, there))
+
+
+def _outermost(road: Road, end: End) -> int:
+    """The section at an end of a road."""
+    return 0 if end == "start" else len(road.sections) - 1
 
 
 def _outer(road: Road, lane: int, end: End) -> LaneEnd:
-    return road.id, 0 if end == "start" else len(road.sections) - 1, lane, end
+    return road.id, _outermost(road, end), lane, end
 
 
-def _junction(e: Element, roads: dict[str, Road], relation: Touching, path: Path, tally: Tally) -> None:
+def _junction(e: Element, roads: dict[str, Road], relation: Touching, tally: Tally) -> None:
     name = e.get("id", "?")
     if e.get("type") in ("virtual", "crossing"):
         tally.notes.append(f"junction {name} is {e.get('type')} and is not routed over")
@@ -122,24 +124,22 @@ def _junction(e: Element, roads: dict[str, Road], relation: Touching, path: Path
         if incoming is None or onward is None:
             relation.odd += 1
             continue
-        at = contact(c, path, f"junction {name}, connection {c.get('id')}") or "start"
-        end = _incoming_end(incoming, name, onward, at)
+        with at(f"junction {name}, connection {c.get('id')}"):
+            there = contact(c) or "start"
+        end = _incoming_end(incoming, name, onward, there)
         for link in c.iterfind("laneLink"):
-            a, b = (int(number(link.get(k), path, f"junction {name}, laneLink")) for k in ("from", "to"))
-            if a in incoming.sections[_outer(incoming, a, end)[1]].lanes:
-                relation.add(_outer(incoming, a, end), _outer(onward, b, at))
+            a, b = (int(number(link.get(k), f"junction {name}, laneLink")) for k in ("from", "to"))
+            here = _outer(incoming, a, end)
+            if a in incoming.sections[here[1]].lanes:
+                relation.add(here, _outer(onward, b, there))
             else:
                 relation.odd += 1
 
 
-def _incoming_end(road: Road, junction: str, onward: Road, at: End) -> End:
-    """The end of the incoming road that meets the junction:
-    by its own links, by nearness where they do not decide.
-    """
+def _incoming_end(road: Road, junction: str, onward: Road, there: End) -> End:
+    """The end of the incoming road at the junction: by its links, by nearness where they do not decide."""
     meets = [end for end, link in road.links.items() if link.kind == "junction" and link.id == junction]
-    if len(meets) == 1:
-        return meets[0]
-    return _nearest_end(road, _end_point(onward, at))
+    return meets[0] if len(meets) == 1 else _nearest_end(road, _end_point(onward, there))
 
 
 def _nearest_end(road: Road, spot: Floats) -> End:

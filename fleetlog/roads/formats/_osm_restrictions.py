@@ -11,25 +11,27 @@ if TYPE_CHECKING:
     from lxml.etree import _Element as Element
 
 
+def tags(element: Element) -> dict[str, str]:
+    """The tags of an element."""
+    return {str(t.get("k")): t.get("v") or "" for t in element.iterfind("tag")}
+
+
 def forbidden_turns(
     root: Element, parts: dict[str, list[Edge]], edges: list[Edge], tally: Tally
 ) -> frozenset[tuple[str, str]]:
-    """(edge id, next edge id) that ``no_*`` relations forbid,
-    and all but the one that ``only_*`` relations allow.
-    """
+    """(edge id, next edge id) that ``no_*`` relations forbid, or that ``only_*`` ones do not allow."""
     leaving: dict[str, list[str]] = {}
     for edge in edges:
         leaving.setdefault(edge.start, []).append(edge.id)
     out: set[tuple[str, str]] = set()
     unread = 0
     for relation in root.iterfind("relation"):
-        tag = {str(t.get("k")): t.get("v") or "" for t in relation.iterfind("tag")}
+        tag = tags(relation)
         rule = tag.get("restriction", "")
         if tag.get("type") != "restriction" or not rule.startswith(("no_", "only_")):
             continue
-        members = {
-            str(m.get("role")): (m.get("type"), str(m.get("ref"))) for m in relation.iterfind("member")
-        }
+        named = relation.iterfind("member")
+        members = {str(m.get("role")): (m.get("type"), str(m.get("ref"))) for m in named}
         kind, via = members.get("via", (None, ""))
         if kind != "node":
             unread += 1
@@ -37,8 +39,7 @@ def forbidden_turns(
         incoming = [e.id for e in parts.get(members.get("from", ("", ""))[1], ()) if e.end == via]
         onward = {e.id for e in parts.get(members.get("to", ("", ""))[1], ()) if e.start == via}
         if rule.startswith("only_"):
-            # Without the way that it leads to (left out, or beyond the extract) the rule would close the
-            # road.
+            # Without the way that it leads to (beyond the extract) the rule would close the road.
             onward = set(leaving.get(via, ())) - onward if onward else set()
         out |= {(a, b) for a in incoming for b in onward}
     if unread:

@@ -19,9 +19,8 @@ _DECLARATION = re.compile(rb"<\?xml[^>]{0,400}\?>")
 def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
     """The root element, namespaces taken off; :class:`SiteError` in one line where it is not well formed.
 
-    Entities are never expanded and files that declare any are refused: a map has no use for them.  An XML
-    declaration
-    behind a comment, which some tools write, is passed over and noted.
+    Files that declare entities are refused: a map has no use for them.  An XML declaration behind a comment,
+    which some tools write, is passed over and noted.
     """
     from lxml import etree
 
@@ -34,7 +33,7 @@ def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
         encoding = found[1].decode() if found else None
         data = data[:behind] + data[late.end() :]
     if b"<!ENTITY" in data:
-        raise SiteError("declares XML entities, which are not read", where=path, do="remove its DOCTYPE")
+        raise SiteError("declares XML entities, which are not read", do="remove its DOCTYPE")
     try:
         parser = etree.XMLParser(
             resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False, remove_comments=True,
@@ -43,18 +42,14 @@ def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
         top = etree.fromstring(data, parser)
     except (etree.XMLSyntaxError, LookupError, ValueError) as error:
         text = str(error).splitlines()[0] if str(error) else "empty"
-        raise SiteError(f"not well-formed XML: {text}", where=path, do="export the map again") from None
+        raise SiteError(f"not well-formed XML: {text}", do="export the map again") from None
     if top.getroottree().docinfo.internalDTD is not None:
-        raise SiteError(
-            "has a DOCTYPE with declarations, which is not read", where=path, do="remove its DOCTYPE"
-        )
+        raise SiteError("has a DOCTYPE with declarations, which is not read", do="remove its DOCTYPE")
     for element in top.iter():
         if isinstance(element.tag, str) and element.tag.startswith("{"):
             element.tag = element.tag.rpartition("}")[2]
     if top.tag != root:
-        raise SiteError(
-            f"its root is <{top.tag}>, not <{root}>", where=path, do="check the suffix of the file"
-        )
+        raise SiteError(f"its root is <{top.tag}>, not <{root}>", do="check the suffix of the file")
     return top
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -18,6 +19,8 @@ from fleetlog.core.site import Place
 from fleetlog.errors import SiteError
 
 Floats = NDArray[np.float64]
+Inverse = Callable[[Floats, Floats], tuple[Floats, Floats]]
+"""x, y [m] of a map to latitude, longitude [degrees]."""
 MPH, KNOT, KMH = 0.44704, 1852.0 / 3600.0, 1.0 / 3.6
 SPEED_UNITS: dict[str, float] = {"m/s": 1.0, "km/h": KMH, "kmh": KMH, "kph": KMH, "mph": MPH, "knots": KNOT}
 
@@ -26,8 +29,7 @@ SPEED_UNITS: dict[str, float] = {"m/s": 1.0, "km/h": KMH, "kmh": KMH, "kph": KMH
 class MapOptions:
     """What the user chose about reading a map; None takes the format's documented default.
 
-    ``lane_types`` are the OpenDRIVE lane types that are driven, ``road_classes`` the values of OSM's
-    ``highway`` tag.
+    Driven are the ``lane_types`` of OpenDRIVE and the ``road_classes`` (tag ``highway``) of OSM.
     """
 
     traffic: Literal["right", "left"] | None = None
@@ -41,14 +43,10 @@ class RoadMap:
 
     Attributes
     ----------
-    edges : directed edges.  ``points`` are (n, 3): longitude, latitude [degrees] and height [m] where
-        ``geographic``,
-        local metres otherwise.
+    edges : directed; points are longitude, latitude [degrees], height [m] where ``geographic``, else [m].
     report : what came in and what is kept.
-    geographic : see ``edges``.
-    geographic_of : for local metres of a known place on earth: (x, y) to (latitude, longitude) [degrees].
-    turns : the allowed (edge id, next edge id), None for every turn that the nodes allow except
-        ``forbidden``.
+    geographic_of : for local metres of a known place on earth.
+    turns : the allowed (edge id, next edge id); None: all that the nodes allow except ``forbidden``.
     has_elevation : whether the heights mean anything; None: where they differ.
     places : places that the map itself names, local metres.
     traffic : the side of the road, where the map says it.
@@ -57,7 +55,7 @@ class RoadMap:
     edges: list[Edge]
     report: LoadReport
     geographic: bool = False
-    geographic_of: Callable[[Floats, Floats], tuple[Floats, Floats]] | None = None
+    geographic_of: Inverse | None = None
     turns: list[tuple[str, str]] | None = None
     forbidden: frozenset[tuple[str, str]] = frozenset()
     has_elevation: bool | None = None
@@ -74,7 +72,7 @@ class Reader:
     name : as it stands in reports.
     suffixes : lower case, with the dot.
     sniff : whether the first bytes of a file are of this format.
-    read : the file as a :class:`RoadMap`; raises :class:`SiteError`.
+    read : the file as a :class:`RoadMap`; :class:`SiteError` says the place in it, the caller adds the file.
     """
 
     name: str
@@ -105,28 +103,28 @@ HUGE = 1e9
 """No coordinate, coefficient or count of a map is larger."""
 
 
-def number(text: Any, where: Path, place: str) -> float:
+def number(text: Any, place: str | None = None) -> float:
     """A finite number of a map's text; :class:`SiteError` with the place otherwise."""
     try:
         value = float(text)
     except OverflowError:
         value = math.inf
     except (TypeError, ValueError):
-        raise SiteError(
-            f"{shown(text)} is not a number", where=where, place=place, do="correct the map"
-        ) from None
-    if not math.isfinite(value):
-        raise SiteError(
-            f"{shown(text)} is not a finite number", where=where, place=place, do="correct the map"
-        )
-    if abs(value) > HUGE:
-        raise SiteError(
-            f"{shown(text)} is larger than any number of a map",
-            where=where,
-            place=place,
-            do="correct the map",
-        )
-    return value
+        raise SiteError(f"{shown(text)} is not a number", place=place, do="correct the map") from None
+    if abs(value) <= HUGE:
+        return value
+    what = "larger than any number of a map" if math.isfinite(value) else "not a finite number"
+    raise SiteError(f"{shown(text)} is {what}", place=place, do="correct the map")
+
+
+@contextmanager
+def at(place: str) -> Iterator[None]:
+    """Say in every :class:`SiteError` of this block which place it is about, outer places first."""
+    try:
+        yield
+    except SiteError as error:
+        inner = place if error.place is None else f"{place}, {error.place}"
+        raise SiteError(error.what, where=error.where, place=inner, do=error.do) from None
 
 
 def without_repeats(points: Floats, tolerance: float = 1e-9) -> Floats:
@@ -141,8 +139,7 @@ _SPEED = re.compile(r"^\s*(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph|knots)?\s*$")
 
 
 def osm_speed(text: str) -> float:
-    """Speed limit [m/s] of an OSM ``maxspeed`` text; plain numbers are km/h, lists take the lowest, NaN
-    where unknown.
+    """Lowest limit [m/s] of an OSM ``maxspeed`` text, NaN where unknown; plain numbers are km/h.
 
     Source: wiki.openstreetmap.org/wiki/Key:maxspeed.
     """

@@ -8,21 +8,25 @@ edges ``u_v_key`` (as OSM digitised it) and ``-u_v_key``.  Speed is ``maxspeed``
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fleetlog.core.frames import geographic
 from fleetlog.core.network import Edge, reverse_id
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._xml import looks_like, parse_xml
 from fleetlog.roads.formats.base import (
     Floats,
+    Inverse,
     MapOptions,
     Reader,
     RoadMap,
     Tally,
+    at,
     number,
     osm_speed,
     without_repeats,
@@ -46,68 +50,59 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     names = {str(k.get("id")): str(k.get("attr.name")) for k in root.iterfind("key")}
     graph = root.find("graph")
     if graph is None:
-        raise SiteError("has no graph", where=path, do="save it with OSMnx's save_graphml")
+        raise SiteError("has no graph", do="save it with OSMnx's save_graphml")
     nodes = {str(n.get("id")): _attributes(n, names) for n in graph.iterfind("node")}
-    spots = {name: _spot(a, path, f"node {name}") for name, a in nodes.items()}
+    spots = {name: _spot(name, a) for name, a in nodes.items()}
     heights = bool(spots) and all(math.isfinite(p[2]) for p in spots.values())
     if not heights:
-        spots = {
-            name: p * [1.0, 1.0, 0.0] if math.isfinite(p[2]) else np.array([*p[:2], 0.0])
-            for name, p in spots.items()
-        }
-    edges = _edges(graph, names, spots, path, tally)
-    named = _paired(edges)
-    if not named:
-        raise SiteError(
-            f"no road in it: {tally.read} edges", where=path, do="save a street network with OSMnx"
-        )
-    tally.kept = len(named)
-    local = _projection(_attributes(graph, names).get("crs", "epsg:4326"), path)
-    return RoadMap(
-        named,
-        tally.report("GraphML, directed"),
-        geographic=local is None,
-        geographic_of=local,
-        has_elevation=heights,
-    )
+        spots = {name: np.array([*p[:2], 0.0]) for name, p in spots.items()}
+    edges = _paired(_edges(graph, names, spots, tally))
+    if not edges:
+        raise SiteError(f"no road in it: {tally.read} edges", do="save a street network with OSMnx")
+    tally.kept = len(edges)
+    local = _projection(_attributes(graph, names).get("crs", "epsg:4326"))
+    report = tally.report("GraphML, directed")
+    return RoadMap(edges, report, local is None, geographic_of=local, has_elevation=heights)
 
 
 def _attributes(element: Element, names: dict[str, str]) -> Attributes:
     return {names.get(str(d.get("key")), ""): d.text or "" for d in element.iterfind("data")}
 
 
-def _spot(a: Attributes, path: Path, place: str) -> Floats:
+def _spot(name: str, a: Attributes) -> Floats:
+    place = f"node {name}"
     if "x" not in a or "y" not in a:
-        raise SiteError("has no x or no y", where=path, place=place, do="save the graph with OSMnx")
-    height = number(a["elevation"], path, place) if a.get("elevation") else math.nan
-    return np.array([number(a["x"], path, place), number(a["y"], path, place), height])
+        raise SiteError("has no x or no y", place=place, do="save the graph with OSMnx")
+    height = number(a["elevation"], place) if a.get("elevation") else math.nan
+    return np.array([number(a["x"], place), number(a["y"], place), height])
 
 
 def _edges(
-    graph: Element, names: dict[str, str], spots: dict[str, Floats], path: Path, tally: Tally
+    graph: Element, names: dict[str, str], spots: dict[str, Floats], tally: Tally
 ) -> list[tuple[Edge, bool]]:
     """Edges named ``u_v_key``, and whether OSM digitised them the other way round."""
     out = []
     for n, element in enumerate(graph.iterfind("edge")):
         tally.read += 1
         u, v = str(element.get("source")), str(element.get("target"))
-        place = f"edge {u} to {v}"
-        for end in (u, v):
-            if end not in spots:
-                raise SiteError(f"there is no node {end}", where=path, place=place, do="save the graph again")
-        a = _attributes(element, names)
-        points = without_repeats(_line(a.get("geometry", ""), spots[u], spots[v], path, place))
-        if len(points) < 2:
-            tally.drop("without length")
-            continue
-        name = f"{u}_{v}_{element.get('id', n)}"
-        limit = osm_speed(a.get("maxspeed", ""))
-        if math.isnan(limit) and a.get("speed_kph"):
-            limit = number(a["speed_kph"], path, place) / 3.6
-        out.append(
-            (Edge(name, u, v, points, name, limit, _width(a.get("width", ""))), a.get("reversed") == "True")
-        )
+        with at(f"edge {u} to {v}"):
+            for end in (u, v):
+                if end not in spots:
+                    raise SiteError(f"there is no node {end}", do="save the graph again")
+            a = _attributes(element, names)
+            points = without_repeats(_line(a.get("geometry", ""), spots[u], spots[v]))
+            if len(points) < 2:
+                tally.drop("without length")
+                continue
+            name = f"{u}_{v}_{element.get('id', n)}"
+            edge = Edge(name, u, v, points, name, _limit(a), _width(a.get("width", "")))
+            out.append((edge, a.get("reversed") == "True"))
     return out
+
+
+def _limit(a: Attributes) -> float:
+    limit = osm_speed(a.get("maxspeed", ""))
+    return number(a["speed_kph"]) / 3.6 if math.isnan(limit) and a.get("speed_kph") else limit
 
 
 def _width(text: str) -> float:
@@ -118,20 +113,16 @@ def _width(text: str) -> float:
     return width if 0.0 < width < 100.0 else math.nan
 
 
-def _line(text: str, start: Floats, end: Floats, path: Path, place: str) -> Floats:
-    """(n, 3) vertices of a WKT LINESTRING, heights going evenly from node to node;
-    a straight line without a text.
-    """
+def _line(text: str, start: Floats, end: Floats) -> Floats:
+    """(n, 3) vertices of a WKT LINESTRING, heights even from node to node; straight without a text."""
     if not text:
         return np.array([start, end])
     kind, _, body = text.partition("(")
     if kind.split()[:1] != ["LINESTRING"] or not body.rstrip().endswith(")"):
-        raise SiteError(
-            f"geometry {text[:30]!r} is no LINESTRING", where=path, place=place, do="save the graph again"
-        )
-    rows = [[number(v, path, place) for v in vertex.split()[:2]] for vertex in body.rstrip()[:-1].split(",")]
+        raise SiteError(f"geometry {text[:30]!r} is no LINESTRING", do="save the graph again")
+    rows = [[number(v) for v in vertex.split()[:2]] for vertex in body.rstrip()[:-1].split(",")]
     if any(len(row) != 2 for row in rows) or len(rows) < 2:
-        raise SiteError("its LINESTRING is broken", where=path, place=place, do="save the graph again")
+        raise SiteError("its LINESTRING is broken", do="save the graph again")
     flat = np.array(rows, dtype=np.float64)
     passed = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(flat, axis=0), axis=1))])
     share = passed / max(float(passed[-1]), 1e-12)
@@ -152,33 +143,21 @@ def _paired(edges: list[tuple[Edge, bool]]) -> list[Edge]:
             continue
         taken |= {k, twin}
         first, second = (twin, k) if against else (k, twin)
-        name, other = edges[first][0].id, edges[second][0]
-        out[second] = Edge(
-            reverse_id(name), other.start, other.end, other.points, name, other.speed_limit, other.width
-        )
+        name = edges[first][0].id
+        out[second] = replace(edges[second][0], id=reverse_id(name), road=name)
     return out
 
 
-def _projection(crs: str, path: Path) -> Callable[[Floats, Floats], tuple[Floats, Floats]] | None:
+def _projection(crs: str) -> Inverse | None:
     """None for degrees; else x, y [m] to latitude, longitude."""
-    from pyproj import CRS, Transformer
+    from pyproj import CRS
     from pyproj.exceptions import ProjError
 
     try:
         system = CRS.from_user_input(crs)
     except ProjError:
-        raise SiteError(
-            f"crs {crs!r} is not known", where=path, place="graph", do="save it in epsg:4326"
-        ) from None
-    if system.is_geographic:
-        return None
-    transformer = Transformer.from_crs(system, "EPSG:4326", always_xy=True)
-
-    def inverse(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        longitude, latitude = transformer.transform(x, y)
-        return np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64)
-
-    return inverse
+        raise SiteError(f"crs {crs!r} is not known", place="graph", do="save it in epsg:4326") from None
+    return None if system.is_geographic else partial(geographic, crs)
 
 
 READER = Reader("GraphML", (".graphml",), sniff, read)

@@ -18,10 +18,11 @@ from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.core.site import Place, PlaceKind
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats.base import Floats, MapOptions, Reader, RoadMap, Tally, number
+from fleetlog.roads.formats.base import Floats, MapOptions, Reader, RoadMap, Tally, at, number
 
 MARKS: tuple[tuple[str, PlaceKind], ...] = (
-    ("is_charger", "charge"), ("pickup_dispenser", "pick"), ("dropoff_ingestor", "drop"), ("is_parking_spot", "park"),
+    ("is_charger", "charge"), ("pickup_dispenser", "pick"), ("dropoff_ingestor", "drop"),
+    ("is_parking_spot", "park"),
 )  # fmt: skip
 
 
@@ -37,15 +38,17 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     levels = _levels(path)
     tally = Tally()
     edges: list[Edge] = []
-    places: list[Place] = []
+    places: dict[str, Place] = {}
     for name, level in levels.items():
         front = f"{name}/" if len(levels) > 1 else ""
-        spots, words = _vertices(level, path, f"level {name}")
-        edges += _lanes(level, spots, front, path, tally)
-        places += _places(spots, words, front)
+        with at(f"level {name}"):
+            spots, words = _vertices(level)
+        edges += _lanes(level, spots, front, tally)
+        for place in _places(spots, words, front):
+            places.setdefault(place.id, place)
     if not edges:
-        raise SiteError(f"no lane in it: {len(levels)} levels", where=path, do="export it with its lanes")
-    return RoadMap(edges, tally.report("Open-RMF"), places=tuple(_named_apart(places)), has_elevation=False)
+        raise SiteError(f"no lane in it: {len(levels)} levels", do="export it with its lanes")
+    return RoadMap(edges, tally.report("Open-RMF"), places=tuple(places.values()), has_elevation=False)
 
 
 def _levels(path: Path) -> dict[str, dict[str, Any]]:
@@ -56,17 +59,17 @@ def _levels(path: Path) -> dict[str, dict[str, Any]]:
         data = YAML(typ="safe", pure=True).load(read_whole(path, SETTINGS, SiteError))
     except (YAMLError, ValueError, RecursionError, TypeError, KeyError) as error:
         text = " ".join(str(error).split())[:120]
-        raise SiteError(f"not readable as YAML: {text}", where=path, do="correct the file") from None
+        raise SiteError(f"not readable as YAML: {text}", do="correct the file") from None
     levels = data.get("levels") if isinstance(data, dict) else None
     if not isinstance(levels, dict) or not all(isinstance(v, dict) for v in levels.values()):
-        raise SiteError("has no levels", where=path, do="give a navigation graph or a building of Open-RMF")
+        raise SiteError("has no levels", do="give a navigation graph or a building of Open-RMF")
     return {str(k): v for k, v in levels.items()}
 
 
-def _rows(level: dict[str, Any], key: str, least: int, path: Path) -> list[list[Any]]:
+def _rows(level: dict[str, Any], key: str, least: int) -> list[list[Any]]:
     rows = level.get(key) or []
     if not isinstance(rows, list) or not all(isinstance(r, list) and len(r) >= least for r in rows):
-        raise SiteError(f"{key} is not a list of lists", where=path, place=key, do="export it again")
+        raise SiteError(f"{key} is not a list of lists", place=key, do="export it again")
     return rows
 
 
@@ -76,47 +79,45 @@ def _options(row: list[Any]) -> dict[str, Any]:
     return {str(k): v[1] if isinstance(v, list) and len(v) == 2 else v for k, v in last.items()}
 
 
-def _vertices(level: dict[str, Any], path: Path, place: str) -> tuple[Floats, list[dict[str, Any]]]:
+def _vertices(level: dict[str, Any]) -> tuple[Floats, list[dict[str, Any]]]:
     """Positions [m] and what is said of each vertex."""
-    rows = _rows(level, "vertices", 2, path)
-    spots = np.array([[number(r[0], path, place), number(r[1], path, place), 0.0] for r in rows]).reshape(
-        -1, 3
-    )
+    rows = _rows(level, "vertices", 2)
+    spots = np.array([[number(r[0]), number(r[1]), 0.0] for r in rows]).reshape(-1, 3)
     words = [{"name": r[3], **_options(r)} if len(r) > 3 else _options(r) for r in rows]
     if "drawing" not in level and "measurements" not in level:
         return spots, words
-    return spots * [1.0, -1.0, 1.0] * _scale(level, spots, path, place), words
+    return spots * [1.0, -1.0, 1.0] * _scale(level, spots), words
 
 
-def _scale(level: dict[str, Any], spots: Floats, path: Path, place: str) -> float:
+def _scale(level: dict[str, Any], spots: Floats) -> float:
     """Metres a pixel: the mean over the measured lines."""
     found = []
-    for row in _rows(level, "measurements", 3, path):
-        a, b = (_index(v, len(spots), path, place) for v in row[:2])
+    for row in _rows(level, "measurements", 3):
+        a, b = (_index(v, len(spots)) for v in row[:2])
         pixels = float(np.hypot(*(spots[a] - spots[b])[:2]))
         if pixels > 0.0:
-            found.append(number(_options(row).get("distance"), path, place) / pixels)
+            found.append(number(_options(row).get("distance")) / pixels)
     if not found or not np.mean(found) > 0.0:
-        raise SiteError("has no measurement, so its scale is unknown", where=path, place=place,
-                        do="measure a line in the traffic editor")  # fmt: skip
+        do = "measure a line in the traffic editor"
+        raise SiteError("has no measurement, so its scale is unknown", do=do)
     return float(np.mean(found))
 
 
-def _index(value: Any, count: int, path: Path, place: str) -> int:
+def _index(value: Any, count: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < count:
-        raise SiteError(f"there is no vertex {value!r}", where=path, place=place, do="correct the file")
+        raise SiteError(f"there is no vertex {value!r}", do="correct the file")
     return value
 
 
-def _lanes(level: dict[str, Any], spots: Floats, front: str, path: Path, tally: Tally) -> list[Edge]:
+def _lanes(level: dict[str, Any], spots: Floats, front: str, tally: Tally) -> list[Edge]:
     edges: dict[str, Edge] = {}
-    for k, row in enumerate(_rows(level, "lanes", 2, path)):
+    for k, row in enumerate(_rows(level, "lanes", 2)):
         tally.read += 1
-        a, b = (_index(v, len(spots), path, f"lane {k}") for v in row[:2])
         said = _options(row)
-        limit = number(said.get("speed_limit") or 0.0, path, f"lane {k}")
-        points = spots[[a, b]]
-        if np.hypot(*(points[1] - points[0])[:2]) < 1e-3:
+        with at(f"lane {k}"):
+            a, b = (_index(v, len(spots)) for v in row[:2])
+            limit = number(said.get("speed_limit") or 0.0)
+        if np.hypot(*(spots[b] - spots[a])[:2]) < 1e-3:
             tally.drop("without length")
             continue
         tally.kept += 1
@@ -136,11 +137,6 @@ def _places(spots: Floats, words: list[dict[str, Any]], front: str) -> list[Plac
         if kind is not None:
             out.append(Place(f"{front}{said.get('name') or k}", kind, float(spot[0]), float(spot[1])))
     return out
-
-
-def _named_apart(places: list[Place]) -> list[Place]:
-    seen: set[str] = set()
-    return [p for p in places if not (p.id in seen or seen.add(p.id))]  # type: ignore[func-returns-value]
 
 
 READER = Reader("Open-RMF", (".yaml", ".yml"), sniff, read)

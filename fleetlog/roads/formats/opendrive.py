@@ -18,7 +18,7 @@ from fleetlog.errors import SiteError
 from fleetlog.roads.formats._odr_lanes import DRIVEN, LaneEdge, lane_edges
 from fleetlog.roads.formats._odr_links import node_names, touching, turns
 from fleetlog.roads.formats._odr_parse import Road, parse_road
-from fleetlog.roads.formats._odr_place import geographic
+from fleetlog.roads.formats._odr_place import earth
 from fleetlog.roads.formats._xml import looks_like, parse_xml
 from fleetlog.roads.formats.base import HUGE, MapOptions, Reader, RoadMap, Tally, number
 
@@ -35,57 +35,48 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     """Read an OpenDRIVE file; see the module."""
     tally = Tally()
     root = parse_xml(path, "OpenDRIVE", tally.notes)
-    version = _version(root, path)
-    roads = _roads(root, path, tally)
+    version = _version(root)
+    roads = _roads(root, tally)
     lanes = _lanes(roads, options, tally)
     if not lanes:
         kinds = ", ".join(f"{n} {why}" for why, n in tally.dropped.items())
         raise SiteError(
-            f"no driven lane in {tally.read} lanes" + (f" ({kinds})" if kinds else ""), where=path,
+            f"no driven lane in {tally.read} lanes" + (f" ({kinds})" if kinds else ""),
             do="name the driven types as lane_types under [network] in a site.toml",
-        )  # fmt: skip
+        )
     for found in lanes:
         if float(np.abs(found.points).max()) > HUGE:
-            raise SiteError(
-                "its lanes lie beyond the earth",
-                where=path,
-                place=f"road {found.key[0]}",
-                do="correct the map",
-            )
-    relation = touching(roads, root.findall("junction"), path, tally)
+            place = f"road {found.key[0]}"
+            raise SiteError("its lanes lie beyond the earth", place=place, do="correct the map")
+    relation = touching(roads, root.findall("junction"), tally)
     nodes = node_names(lanes, relation)
     edges = [_edge(lane, nodes[lane.enters], nodes[lane.leaves]) for lane in lanes]
     allowed = turns(lanes, relation, tally)
-    inverse = geographic(root, path, tally.notes)
+    inverse = earth(root, tally.notes)
     return RoadMap(
-        edges,
-        tally.report(f"OpenDRIVE {version} ({len(roads)} roads, counted lane by lane)"),
-        geographic_of=inverse,
-        turns=allowed,
-        has_elevation=any(road.has_elevation for road in roads.values()),
-        traffic=_traffic(roads),
-    )
+        edges, tally.report(f"OpenDRIVE {version} ({len(roads)} roads, counted lane by lane)"),
+        geographic_of=inverse, turns=allowed, traffic=_traffic(roads),
+        has_elevation=any(len(road.elevation.starts) for road in roads.values()),
+    )  # fmt: skip
 
 
-def _version(root: Element, path: Path) -> str:
+def _version(root: Element) -> str:
     header = root.find("header")
     if header is None:
         return "without header"
-    major, minor = (int(number(header.get(k, "0"), path, f"header, {k}")) for k in ("revMajor", "revMinor"))
+    major, minor = (int(number(header.get(k, "0"), f"header, {k}")) for k in ("revMajor", "revMinor"))
     return f"{major}.{minor}"
 
 
-def _roads(root: Element, path: Path, tally: Tally) -> dict[str, Road]:
+def _roads(root: Element, tally: Tally) -> dict[str, Road]:
     roads: dict[str, Road] = {}
     bare = 0
     for element in root.iterfind("road"):
-        road = parse_road(element, path)
+        road = parse_road(element)
         if road is None:
             bare += 1
         elif road.id in roads:
-            raise SiteError(
-                f"two roads have the id {road.id!r}", where=path, place=f"line {element.sourceline}"
-            )
+            raise SiteError(f"two roads have the id {road.id!r}", place=f"line {element.sourceline}")
         else:
             roads[road.id] = road
     if bare:
@@ -98,22 +89,17 @@ def _roads(root: Element, path: Path, tally: Tally) -> dict[str, Road]:
 def _lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> list[LaneEdge]:
     skipped: dict[str, float] = {}
     default = "LHT" if options.traffic == "left" else "RHT"
-    lanes = [
-        lane
-        for road in roads.values()
-        for lane in lane_edges(
-            road, options.lane_types or DRIVEN, (road.rule or default) == "LHT", tally, skipped
-        )
-    ]
+    driven = options.lane_types or DRIVEN
+    lanes: list[LaneEdge] = []
+    for road in roads.values():
+        lanes += lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped)
     if skipped:
         parts = ", ".join(f"{kind} {length:.0f} m" for kind, length in sorted(skipped.items()))
         tally.notes.append(f"length of the lanes that are left out, by type: {parts}")
     against = sum(road.rule not in (None, default) for road in roads.values())
     if options.traffic and against:
-        tally.notes.append(
-            f"{against} roads have a rule of their own that differs from traffic = {options.traffic!r}; "
-            "it holds there"
-        )
+        what = f"a rule of their own that differs from traffic = {options.traffic!r}; it holds there"
+        tally.notes.append(f"{against} roads have {what}")
     return lanes
 
 

@@ -18,15 +18,15 @@ from fleetlog.core.network import Edge, reverse_id
 from fleetlog.core.site import Place, PlaceKind
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._xml import looks_like, parse_xml
-from fleetlog.roads.formats.base import Floats, MapOptions, Reader, RoadMap, Tally, number
+from fleetlog.roads.formats.base import Floats, MapOptions, Reader, RoadMap, Tally, at, number
 
 if TYPE_CHECKING:
     from lxml.etree import _Element as Element
 
 MILLI = 1e-3
 WORDS: tuple[tuple[str, PlaceKind], ...] = (
-    ("charg", "charge"), ("unload", "drop"), ("drop", "drop"), ("put", "drop"), ("load", "pick"), ("pick", "pick"),
-    ("fetch", "pick"), ("park", "park"),
+    ("charg", "charge"), ("unload", "drop"), ("drop", "drop"), ("put", "drop"), ("load", "pick"),
+    ("pick", "pick"), ("fetch", "pick"), ("park", "park"),
 )  # fmt: skip
 """Openings of the names of operations; the first that fits counts."""
 
@@ -40,46 +40,35 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     """Read a plant model; see the module."""
     tally = Tally()
     model = parse_xml(path, "model", tally.notes)
-    spots = {str(p.get("name")): _spot(p, path) for p in model.iterfind("point")}
-    edges: list[Edge] = []
-    for element in model.iterfind("path"):
-        edges += _path(element, spots, path, tally)
+    spots = {str(p.get("name")): _spot(p) for p in model.iterfind("point")}
+    edges = [edge for element in model.iterfind("path") for edge in _path(element, spots, tally)]
     if not edges:
-        raise SiteError(
-            f"no path that may be driven in it ({tally.read} read)", where=path, do="unlock its paths"
-        )
-    places = tuple(_places(model, spots, path, tally))
+        raise SiteError(f"no path that may be driven in it ({tally.read} read)", do="unlock its paths")
+    places = tuple(_places(model, spots, tally))
     return RoadMap(edges, tally.report("openTCS"), places=places, has_elevation=False)
 
 
-def _spot(element: Element, path: Path) -> Floats:
+def _spot(element: Element) -> Floats:
     """Position [m]; its attributes changed their names with version 0.0.5."""
-    place = f"{element.tag} {element.get('name')}"
-    x, y = (
-        number(element.get(f"position{axis.upper()}", element.get(f"{axis}Position")), path, place)
-        for axis in "xy"
-    )
+    given = (element.get(f"position{axis.upper()}", element.get(f"{axis}Position")) for axis in "xy")
+    x, y = (number(v, f"{element.tag} {element.get('name')}") for v in given)
     return np.array([x * MILLI, y * MILLI, 0.0])
 
 
-def _path(element: Element, spots: dict[str, Floats], path: Path, tally: Tally) -> list[Edge]:
+def _path(element: Element, spots: dict[str, Floats], tally: Tally) -> list[Edge]:
     tally.read += 1
-    name = str(element.get("name"))
-    place = f"path {name}"
+    name, locked = str(element.get("name")), element.get("locked") == "true"
     start, end = str(element.get("sourcePoint")), str(element.get("destinationPoint"))
-    for point in (start, end):
-        if point not in spots:
-            raise SiteError(f"there is no point {point!r}", where=path, place=place, do="correct the model")
-    if element.get("locked") == "true":
-        tally.drop("locked")
-        return []
-    points = np.array([spots[start], spots[end]])
-    if np.hypot(*(points[1] - points[0])[:2]) < MILLI:
-        tally.drop("without length")
-        return []
-    there, back = (
-        number(element.get(key, "0"), path, place) * MILLI for key in ("maxVelocity", "maxReverseVelocity")
-    )
+    with at(f"path {name}"):
+        for point in (start, end):
+            if point not in spots:
+                raise SiteError(f"there is no point {point!r}", do="correct the model")
+        points = np.array([spots[start], spots[end]])
+        if locked or np.hypot(*(points[1] - points[0])[:2]) < MILLI:
+            tally.drop("locked" if locked else "without length")
+            return []
+        speeds = (element.get(key, "0") for key in ("maxVelocity", "maxReverseVelocity"))
+        there, back = (number(v) * MILLI for v in speeds)
     tally.kept += 1
     edges = [Edge(name, start, end, points, name, there or math.nan)] if there > 0.0 or back <= 0.0 else []
     if back > 0.0:
@@ -87,7 +76,7 @@ def _path(element: Element, spots: dict[str, Floats], path: Path, tally: Tally) 
     return edges
 
 
-def _places(model: Element, spots: dict[str, Floats], path: Path, tally: Tally) -> list[Place]:
+def _places(model: Element, spots: dict[str, Floats], tally: Tally) -> list[Place]:
     allowed = {str(t.get("name")): _operations(t) for t in model.iterfind("locationType")}
     out: list[Place] = []
     unknown = 0
@@ -98,17 +87,13 @@ def _places(model: Element, spots: dict[str, Floats], path: Path, tally: Tally) 
         if kind is None:
             unknown += 1
             continue
-        at = spots[str(links[0].get("point"))] if links else _spot(location, path)
-        out.append(Place(str(location.get("name")), kind, float(at[0]), float(at[1])))
+        x, y, _ = (spots[str(links[0].get("point"))] if links else _spot(location)).tolist()
+        out.append(Place(str(location.get("name")), kind, x, y))
     if unknown:
         tally.notes.append(f"{unknown} locations are left out: no operation says what is done there")
     known = {p.id for p in out}
-    parking = (p for p in model.iterfind("point") if p.get("type") == "PARK_POSITION")
-    for point in parking:
-        name = str(point.get("name"))
-        if name not in known:
-            out.append(Place(name, "park", float(spots[name][0]), float(spots[name][1])))
-    return out
+    parking = (str(p.get("name")) for p in model.iterfind("point") if p.get("type") == "PARK_POSITION")
+    return out + [Place(n, "park", *spots[n][:2].tolist()) for n in parking if n not in known]
 
 
 def _operations(element: Element) -> list[str]:

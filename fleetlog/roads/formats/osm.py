@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats._osm_restrictions import forbidden_turns
+from fleetlog.roads.formats._osm_restrictions import forbidden_turns, tags
 from fleetlog.roads.formats._xml import looks_like, parse_xml
 from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, number, osm_speed
 
@@ -52,21 +52,18 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     """Read an OSM extract; see the module."""
     tally = Tally()
     root = parse_xml(path, "osm", tally.notes)
-    spots = {str(n.get("id")): _spot(n, path) for n in root.iterfind("node") if _alive(n)}
+    spots = {str(n.get("id")): _spot(n) for n in root.iterfind("node") if _alive(n)}
     ways = _ways(root, options.road_classes or DRIVEN, spots, tally)
     if not ways:
         raise SiteError(
-            f"no driven road in {tally.read} ways with a highway tag", where=path,
+            f"no driven road in {tally.read} ways with a highway tag",
             do="name the driven classes as road_classes under [network] in a site.toml",
-        )  # fmt: skip
+        )
     tally.kept = len(ways)
     uses = Counter(node for way in ways for node in way.nodes)
-    edges: list[Edge] = []
-    parts: dict[str, list[Edge]] = {}
-    for way in ways:
-        parts[way.id] = _edges(way, uses, spots)
-        edges += parts[way.id]
-    forbidden = forbidden_turns(root, parts, edges, tally)
+    found = [(way.id, _edges(way, uses, spots)) for way in ways]
+    edges = [edge for _, parts in found for edge in parts]
+    forbidden = forbidden_turns(root, dict(found), edges, tally)
     return RoadMap(edges, tally.report("OSM XML"), geographic=True, forbidden=forbidden, has_elevation=False)
 
 
@@ -74,14 +71,9 @@ def _alive(element: Element) -> bool:
     return bool(element.get("visible") != "false" and element.get("action") != "delete")
 
 
-def _spot(node: Element, path: Path) -> tuple[float, float]:
+def _spot(node: Element) -> tuple[float, float]:
     place = f"node {node.get('id')}"
-    return number(node.get("lon"), path, place), number(node.get("lat"), path, place)
-
-
-def tags(element: Element) -> dict[str, str]:
-    """The tags of an element."""
-    return {str(t.get("k")): t.get("v") or "" for t in element.iterfind("tag")}
+    return number(node.get("lon"), place), number(node.get("lat"), place)
 
 
 def _ways(
@@ -101,17 +93,17 @@ def _ways(
         elif len(set(known)) < 2:
             tally.drop("without nodes in the file")
         else:
-            nodes = [n for k, n in enumerate(known) if k == 0 or n != known[k - 1]]
-            width = tag.get("width", "").removesuffix("m").strip()
-            out.append(Way(
-                str(element.get("id")), tuple(nodes), _direction(tag), osm_speed(tag.get("maxspeed", "")),
-                float(width) if width.replace(".", "", 1).isdigit() and float(width) > 0.0 else math.nan,
-            ))  # fmt: skip
+            chain, limit = tuple(n for n, _ in groupby(known)), osm_speed(tag.get("maxspeed", ""))
+            out.append(Way(str(element.get("id")), chain, _direction(tag), limit, _width(tag)))
     if cut:
-        tally.notes.append(
-            f"{cut} ways name nodes that are not in the file; they are drawn through those that are"
-        )
+        what = "ways name nodes that are not in the file; they are drawn through those that are"
+        tally.notes.append(f"{cut} {what}")
     return out
+
+
+def _width(tag: dict[str, str]) -> float:
+    width = tag.get("width", "").removesuffix("m").strip()
+    return float(width) if width.replace(".", "", 1).isdigit() and float(width) > 0.0 else math.nan
 
 
 def _reason(tag: dict[str, str], driven: frozenset[str]) -> str:
@@ -120,11 +112,8 @@ def _reason(tag: dict[str, str], driven: frozenset[str]) -> str:
         return f"class {tag['highway']}"
     if tag.get("area") == "yes":
         return "area"
-    return (
-        "closed to traffic"
-        if "no" in (tag.get("access"), tag.get("vehicle"), tag.get("motor_vehicle"))
-        else ""
-    )
+    closed = "no" in (tag.get("access"), tag.get("vehicle"), tag.get("motor_vehicle"))
+    return "closed to traffic" if closed else ""
 
 
 def _direction(tag: dict[str, str]) -> int:

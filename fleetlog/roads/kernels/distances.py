@@ -6,34 +6,21 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from fleetlog.roads.matchkernels.kernels.growing import longer
-from fleetlog.roads.matchkernels.kernels.heap import pop, push
-
-Floats = NDArray[np.float64]
-Wide = NDArray[np.int64]
-Index = NDArray[np.int32]
+from fleetlog.roads.kernels.growing import longer
+from fleetlog.roads.kernels.heap import pop, push
+from fleetlog.roads.kernels.records import Floats, Index, Roads, Store
 
 
 @njit(cache=True)
 def search(
-    source: int,
-    bound: float,
-    next_first: Index,
-    next_edges: Index,
-    length: Floats,
-    best: Floats,
-    before: Index,
-    heap_d: Floats,
-    heap_e: Index,
-    found: Index,
-) -> Any:
+    source: int, bound: float, next_first: Index, next_edges: Index, length: Floats, best: Floats,
+    before: Index, heap_d: Floats, heap_e: Index, found: Index,
+) -> Any:  # fmt: skip
     """Dijkstra over edges from the end of ``source``: edges whose start is within ``bound``, nearest first.
 
-    ``best`` (E,) is infinite on entry; :func:`forget` makes it so again.
-    ``before`` holds the previous edge of the path.  Turns are those of the network.  Returns how many were
-    found.
+    ``best`` (E,) is infinite on entry; :func:`forget` makes it so again.  ``before`` holds the previous
+    edge of the path.  Returns how many were found.
     """
     size = 0
     count = 0
@@ -64,9 +51,7 @@ def search(
 
 @njit(cache=True)
 def forget(source: int, count: int, next_first: Index, next_edges: Index, best: Floats, found: Index) -> None:
-    """Make ``best`` infinite again after a search, beyond its bound too:
-    for all that an edge found could have touched.
-    """
+    """Make ``best`` infinite again for all that a search touched, beyond its bound too."""
     for i in range(-1, count):
         e = source if i < 0 else found[i]
         for q in range(next_first[e], next_first[e + 1]):
@@ -74,36 +59,24 @@ def forget(source: int, count: int, next_first: Index, next_edges: Index, best: 
 
 
 @njit(cache=True)
-def new_store(edges: int, arcs: int) -> Any:
-    """An empty store for a network of ``edges`` edges and ``arcs`` turns.
-
-    ``known`` (E,) is the bound up to which an edge's reach is stored (-1: not at all), ``begin`` and
-    ``count`` its rows in ``target``, ``previous`` and ``away``; ``used`` is how many rows are taken.
-    """
-    known = np.full(edges, -1.0)
-    begin = np.zeros(edges, np.int64)
-    count = np.zeros(edges, np.int64)
-    target = np.empty(1024, np.int32)
-    previous = np.empty(1024, np.int32)
-    away = np.empty(1024)
-    used = np.zeros(1, np.int64)
-    best = np.full(edges, np.inf)
-    before = np.full(edges, -1, np.int32)
-    heap_d = np.empty(arcs + edges + 8)
-    heap_e = np.empty(arcs + edges + 8, np.int32)
-    found = np.empty(edges + 1, np.int32)
-    return known, begin, count, target, previous, away, used, best, before, heap_d, heap_e, found
+def new_store(edges: int, arcs: int) -> Store:
+    """An empty store for a network of ``edges`` edges and ``arcs`` turns."""
+    room = arcs + edges + 8
+    return Store(
+        np.full(edges, -1.0), np.zeros(edges, np.int64), np.zeros(edges, np.int64), np.empty(1024, np.int32),
+        np.empty(1024, np.int32), np.empty(1024), np.zeros(1, np.int64), np.full(edges, np.inf),
+        np.full(edges, -1, np.int32), np.empty(room), np.empty(room, np.int32), np.empty(edges + 1, np.int32),
+    )  # fmt: skip
 
 
 @njit(cache=True)
-def ensure(
-    store: Any, source: int, bound: float, next_first: Index, next_edges: Index, length: Floats
-) -> Any:
+def ensure(store: Store, roads: Roads, source: int, bound: float) -> Store:
     """The store, with everything within ``bound`` of the end of ``source`` in it."""
     known, begin, count, target, previous, away, used, best, before, heap_d, heap_e, found = store
     if known[source] >= bound:
         return store
-    m = search(source, bound, next_first, next_edges, length, best, before, heap_d, heap_e, found)
+    onward, follow = roads.next_first, roads.next_edges
+    m = search(source, bound, onward, follow, roads.length, best, before, heap_d, heap_e, found)
     start = used[0]
     if start + m > len(target):
         room = 2 * len(target) + m
@@ -111,20 +84,17 @@ def ensure(
     for i in range(m):
         f = found[i]
         target[start + i], previous[start + i], away[start + i] = f, before[f], best[f]
-    forget(source, m, next_first, next_edges, best, found)
+    forget(source, m, onward, follow, best, found)
     known[source], begin[source], count[source] = bound, start, m
     used[0] = start + m
-    return known, begin, count, target, previous, away, used, best, before, heap_d, heap_e, found
+    return Store(known, begin, count, target, previous, away, used, best, before, heap_d, heap_e, found)
 
 
 @njit(cache=True)
-def path_between(
-    begin: Wide, count: Wide, target: Index, previous: Index, source: int, goal: int, path: Index
-) -> Any:
-    """Edges strictly between ``source`` and ``goal`` (which the store must know), into ``path`` in order;
-    how many, or -1.
-    """
-    a, b = begin[source], begin[source] + count[source]
+def path_between(store: Store, source: int, goal: int, path: Index) -> Any:
+    """Edges between ``source``, whose reach is stored, and ``goal`` into ``path``; how many, or -1."""
+    target, previous = store.target, store.previous
+    a, b = store.begin[source], store.begin[source] + store.reached[source]
     m = 0
     at = goal
     while m < len(path):

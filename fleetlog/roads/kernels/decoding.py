@@ -11,110 +11,65 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from fleetlog.roads.matchkernels.kernels.costs import (
-    BY_JUMP,
-    CHAIN_END,
-    CHANGE,
-    IDLE_CHANGE,
-    JUMP,
-    RARE,
-    reach_of,
-    step_costs,
-)
-from fleetlog.roads.matchkernels.kernels.distances import ensure
-
-Floats = NDArray[np.float64]
-Wide = NDArray[np.int64]
-Index = NDArray[np.int32]
-Flags = NDArray[np.bool_]
+from fleetlog.roads.kernels.costs import BY_JUMP, CHAIN_END, JUMP, RARE, reach_of, step_costs
+from fleetlog.roads.kernels.distances import ensure
+from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Floats, Roads, Steps, Store, Wide
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
-def _first_missing(known: Floats, ptr: Wide, edge: Index, moved: Floats, a: int, b: int, beta: float) -> Any:
-    """The first candidate of groups a to b whose reach is not stored, and the bound it needs;
-    -1 where all are.
-    """
+def _first_missing(known: Floats, near: Candidates, moved: Floats, a: int, b: int, beta: float) -> Any:
+    """The first group of a to b with an edge whose reach is not stored, that edge (-1: none), its bound."""
     for g in range(a, b):
         need = max(reach_of(moved[g], beta), 20.0)
-        for c in range(ptr[g], ptr[g + 1]):
-            if known[edge[c]] < need:
-                return g, c, need
+        for c in range(near.ptr[g], near.ptr[g + 1]):
+            if known[near.edge[c]] < need:
+                return g, near.edge[c], need
     return b, -1, 0.0
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def ensure_all(
-    store: Any,
-    ptr: Wide,
-    edge: Index,
-    moved: Floats,
-    a: int,
-    b: int,
-    beta: float,
-    next_first: Index,
-    next_edges: Index,
-    length: Floats,
-) -> Any:
+    store: Store, roads: Roads, near: Candidates, moved: Floats, a: int, b: int, beta: float
+) -> Store:
     """The store, with what the steps of groups a to b need."""
-    g, c, need = _first_missing(store[0], ptr, edge, moved, a, b, beta)
-    while c >= 0:
-        store = ensure(store, edge[c], 1.5 * need, next_first, next_edges, length)
-        g, c, need = _first_missing(store[0], ptr, edge, moved, g, b, beta)
+    g, edge, need = _first_missing(store.known, near, moved, a, b, beta)
+    while edge >= 0:
+        store = ensure(store, roads, edge, 1.5 * need)
+        g, edge, need = _first_missing(store.known, near, moved, g, b, beta)
     return store
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def decode(
-    store: Any,
-    ptr: Wide,
-    edge: Index,
-    value: Floats,
-    emission: Floats,
-    rank: Wide,
-    chain: Wide,
-    moved: Floats,
-    still: Flags,
-    beta: float,
-    back: float,
-    turn: float,
-    off: float,
-    block: int,
-    ahead: int,
-    reverse: Index,
-    next_first: Index,
-    next_edges: Index,
-    length: Floats,
-) -> Any:
-    """Likeliest state of every group, and every state's posterior.
+    store: Store, roads: Roads, near: Candidates, emission: Floats, groups: Steps, costs: Costs
+) -> tuple[Store, Choice]:
+    """Likeliest state of every group, and every state's posterior; the store, which grows.
 
-    Works through blocks of groups and looks ``ahead`` beyond each, so memory does not grow with the track.
-    Returns the store; (G,) the chosen candidate (row of ``edge``) or -1 off the roads; (C,) posteriors of the
-    candidates; (G,) posteriors of being off; (G,) whether the step into a group is connected to the group
-    before."""  # fmt: s"""
-    groups = len(ptr) - 1
-    chosen = np.full(groups, -1, np.int64)
+    Works through blocks of groups and looks ahead beyond each, so memory does not grow with the track.
+    """
+    ptr, edge, _ = near
+    chain, moved, still = groups
+    off = costs.off
+    count = len(ptr) - 1
+    chosen = np.full(count, -1, np.int64)
     posterior = np.zeros(len(edge))
-    off_posterior = np.zeros(groups)
-    linked = np.zeros(groups, np.bool_)
-    widest = 1
-    for g in range(groups):
-        widest = max(widest, ptr[g + 1] - ptr[g] + 1)
-    slot = np.full(len(length), -1, np.int64)
+    off_posterior = np.zeros(count)
+    linked = np.zeros(count, np.bool_)
+    widest = np.diff(ptr).max() + 1
+    slot = np.full(len(roads.length), -1, np.int64)
     cost = np.empty((widest, widest))
     start = 0
     alpha0 = np.empty(widest)
     fixed = -1  # state of the group before the block, when the chain goes on
-    while start < groups:
+    while start < count:
         begin = start - 1 if fixed >= 0 else start
         end = begin + 1
-        while end < groups and chain[end] == chain[begin] and end - start < block + ahead:
+        while end < count and chain[end] == chain[begin] and end - start < costs.block + costs.ahead:
             end += 1
-        whole = end == groups or chain[end] != chain[begin]
-        commit = end if whole else start + block
-        store = ensure_all(store, ptr, edge, moved, begin, end - 1, beta, next_first, next_edges, length)
-        reach_begin, reach_count, target, away = store[1], store[2], store[3], store[5]
+        whole = end == count or chain[end] != chain[begin]
+        commit = end if whole else start + costs.block
+        store = ensure_all(store, roads, near, moved, begin, end - 1, costs.beta)
         size = 0
         for g in range(begin, end - 1):
             size += (ptr[g + 1] - ptr[g] + 1) * (ptr[g + 2] - ptr[g + 1] + 1)
@@ -138,17 +93,25 @@ def decode(
                 alpha[i] = np.exp(-delta[i])
         _normalise(alpha, 0, k + 1)
         for g in range(begin, end - 1):
-            turn_here = 0.5 * turn if still[g] or still[g + 1] else turn
-            change = IDLE_CHANGE if still[g + 1] else CHANGE
-            step_costs(
-                reach_begin, reach_count, target, away, slot, ptr, edge, value, g, moved[g], beta, back,
-                turn_here, change, reverse, length, cost,
-            )  # fmt: skip
+            step_costs(store, roads, near, costs, g, moved[g], (still[g], still[g + 1]), slot, cost)
             _advance(
-                g - begin, ptr, g, cost, emission, off, rank, edge, states, at, steps, delta, alpha, came, own
+                g - begin,
+                g,
+                near,
+                cost,
+                emission,
+                off,
+                roads.rank,
+                states,
+                at,
+                steps,
+                delta,
+                alpha,
+                came,
+                own,
             )
         _backward(end - begin, states, at, steps, alpha, own, gamma, widest)
-        best = _best_last(states, end - begin, delta, rank, edge, ptr, end - 1)
+        best = _best_last(states, end - begin, delta, roads.rank, near, end - 1)
         for h in range(end - begin - 1, -1, -1):
             g = begin + h
             k = ptr[g + 1] - ptr[g]
@@ -168,7 +131,7 @@ def decode(
         if whole:
             fixed = -1
         start = commit
-    return store, chosen, posterior, off_posterior, linked
+    return store, Choice(chosen, posterior, off_posterior, linked)
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
@@ -180,25 +143,13 @@ def _normalise(values: Floats, a: int, b: int) -> None:
         values[i] = values[i] / total if total > 0.0 else 1.0 / (b - a)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
 def _advance(
-    h: int,
-    ptr: Wide,
-    g: int,
-    cost: Floats,
-    emission: Floats,
-    off: float,
-    rank: Wide,
-    edge: Index,
-    states: Wide,
-    at: Wide,
-    steps: Floats,
-    delta: Floats,
-    alpha: Floats,
-    came: Wide,
-    own: Floats,
-) -> None:
+    h: int, g: int, near: Candidates, cost: Floats, emission: Floats, off: float, rank: Wide, states: Wide,
+    at: Wide, steps: Floats, delta: Floats, alpha: Floats, came: Wide, own: Floats,
+) -> None:  # fmt: skip
     """One step forward of Viterbi (``delta``, ``came``) and of the forward recursion (``alpha``)."""
+    ptr, edge, _ = near
     k, m = ptr[g + 1] - ptr[g] + 1, ptr[g + 2] - ptr[g + 1] + 1
     a, b = states[h], states[h + 1]
     at[h + 1] = at[h] + k * m
@@ -249,7 +200,8 @@ def _backward(
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
-def _best_last(states: Wide, count: int, delta: Floats, rank: Wide, edge: Index, ptr: Wide, g: int) -> Any:
+def _best_last(states: Wide, count: int, delta: Floats, rank: Wide, near: Candidates, g: int) -> Any:
+    ptr, edge, _ = near
     a, k = states[count - 1], ptr[g + 1] - ptr[g]
     best, order = 0, 1 << 31
     for i in range(k + 1):

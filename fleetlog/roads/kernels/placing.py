@@ -7,27 +7,27 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Wide = NDArray[np.int64]
-Index = NDArray[np.int32]
-Flags = NDArray[np.bool_]
+from fleetlog.roads.kernels.records import (
+    Candidates,
+    Choice,
+    Flags,
+    Floats,
+    Noise,
+    Placed,
+    Roads,
+    Routes,
+    Rows,
+    Wide,
+)
 
 
 @njit(cache=True, error_model="numpy")
 def smooth_coordinate(
-    t: Floats,
-    seen: Floats,
-    seen_var: Floats,
-    speed: Floats,
-    speed_var: Floats,
-    accel: float,
-    out: Floats,
+    t: Floats, seen: Floats, seen_var: Floats, speed: Floats, speed_var: Floats, accel: float, out: Floats,
     sd: Floats,
-) -> None:
-    """Rauch-Tung-Striebel smoother of (coordinate, speed) under white acceleration of density ``accel``
-    [m2/s3].
+) -> None:  # fmt: skip
+    """Rauch-Tung-Striebel smoother of (coordinate, speed) under white acceleration ``accel`` [m2/s3].
 
     ``seen`` (n,) coordinates with variances ``seen_var`` (n,); ``speed`` (n,) is NaN where the log has none.
     Writes the smoothed coordinate and its standard deviation.
@@ -85,34 +85,25 @@ def smooth_coordinate(
 
 
 @njit(cache=True, error_model="numpy")
-def _locate(
-    where: float,
-    piece: int,
-    lo: int,
-    hi: int,
-    p_edge: Index,
-    p_value: Floats,
-    px: Floats,
-    py: Floats,
-    first: Wide,
-    dist: Floats,
-    back_edge: Wide,
-) -> Any:
-    """Piece, offset, position and tangent at a path coordinate; ``piece`` is a guess nearby."""
+def _locate(where: float, piece: int, lo: int, hi: int, routes: Routes, roads: Roads, cursor: Wide) -> Any:
+    """Piece, offset, position, tangent and metres along per metre of plan at a path coordinate.
+
+    ``piece`` is a guess nearby; ``cursor`` (2,) is the edge and vertex of the last place.
+    """
+    p_value, dist, px, py = routes.value, roads.dist, roads.px, roads.py
     while piece > lo and where < p_value[2, piece]:
         piece -= 1
     while piece < hi - 1 and where >= p_value[2, piece] + p_value[1, piece] - p_value[0, piece]:
         piece += 1
-    e = p_edge[piece]
+    e = routes.edge[piece]
     offset = p_value[0, piece] + where - p_value[2, piece]
     inside = min(max(offset, p_value[0, piece]), p_value[1, piece])
-    k = first[e]
-    top = first[e + 1] - 2
-    if back_edge[0] == e and back_edge[1] <= top and dist[back_edge[1]] <= inside:
-        k = back_edge[1]
+    k, top = roads.first[e], roads.first[e + 1] - 2
+    if cursor[0] == e and cursor[1] <= top and dist[cursor[1]] <= inside:
+        k = cursor[1]
     while k < top and dist[k + 1] < inside:
         k += 1
-    back_edge[0], back_edge[1] = e, k
+    cursor[0], cursor[1] = e, k
     run = max(dist[k + 1] - dist[k], 1e-12)
     share = (inside - dist[k]) / run
     dx, dy = px[k + 1] - px[k], py[k + 1] - py[k]
@@ -123,39 +114,17 @@ def _locate(
 
 @njit(cache=True, error_model="numpy")
 def place_points(
-    t: Floats,
-    x: Floats,
-    y: Floats,
-    speed: Floats,
-    first_row: Wide,
-    group_time: Floats,
-    spans: Wide,
-    firsts: Wide,
-    piece_of: Wide,
-    place_of: Floats,
-    still: Flags,
-    p_edge: Index,
-    p_value: Floats,
-    px: Floats,
-    py: Floats,
-    first: Wide,
-    dist: Floats,
-    near: Floats,
-    variance: float,
-    lasting: float,
-    speed_variance: float,
-    accel: float,
-    edge: Index,
-    offset: Floats,
-    lateral: Floats,
-    confidence: Floats,
-) -> None:
-    """Edge, offset, lateral offset and confidence of every row that a stretch covers.
+    rows: Rows, group: Wide, first_row: Wide, group_time: Floats, still: Flags, routes: Routes, roads: Roads,
+    near: Floats, noise: Noise, out: Placed,
+) -> None:  # fmt: skip
+    """Edge, offset, lateral offset and confidence of every row that a stretch covers, into ``out``.
 
-    Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is projected
-    onto the tangent of the route.  ``near`` (G,) is the posterior of the route about each group; ``lasting``
-    the variance of errors that persist from group to group, which no smoothing along time takes out.
+    Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is
+    projected onto the tangent of the route.  ``group`` (N,) is that of each row, ``near`` (G,) the
+    posterior of the route about it.
     """
+    t, x, y, speed = rows
+    spans, firsts, place_of, p_value = routes.spans, routes.firsts, routes.place, routes.value
     cursor = np.zeros(2, np.int64)
     for s in range(spans.shape[1]):
         g0, g1 = spans[0, s], spans[1, s]
@@ -164,53 +133,38 @@ def place_points(
         end = p_value[2, hi - 1] + p_value[1, hi - 1] - p_value[0, hi - 1]
         n = b - a
         where, sd = np.empty(n), np.zeros(n)
-        _interpolate(t, a, b, g0, g1, first_row, group_time, place_of, still, where)
+        _interpolate(t, a, g0, g1, group, group_time, place_of, still, where)
         seen, var, v, v_var = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
         for _ in range(2):
-            piece, g = lo, g0
-            cursor[0] = -1
+            piece, cursor[0] = lo, -1
             for i in range(n):
-                while a + i >= first_row[g + 1]:
-                    g += 1
+                g = group[a + i]
                 if still[g]:
-                    seen[i], var[i], v[i], v_var[i] = (
-                        place_of[g],
-                        variance / max(first_row[g + 1] - first_row[g], 1),
-                        0.0,
-                        1e-6,
-                    )
+                    var[i] = noise.position / max(first_row[g + 1] - first_row[g], 1)
+                    seen[i], v[i], v_var[i] = place_of[g], 0.0, 1e-6
                     continue
-                piece, _o, qx, qy, ux, uy, stretch = _locate(
-                    min(max(where[i], 0.0), end), piece, lo, hi, p_edge, p_value, px, py, first, dist, cursor
-                )
+                c = min(max(where[i], 0.0), end)
+                piece, _o, qx, qy, ux, uy, stretch = _locate(c, piece, lo, hi, routes, roads, cursor)
                 along = ((x[a + i] - qx) * ux + (y[a + i] - qy) * uy) * stretch
-                seen[i] = min(max(where[i], 0.0), end) + along
-                var[i], v[i], v_var[i] = variance, speed[a + i], speed_variance
-            smooth_coordinate(t[a:b], seen, var, v, v_var, accel, where, sd)
-        for g in range(g0, g1 + 1):
-            if still[g]:
-                for i in range(first_row[g] - a, first_row[g + 1] - a):
-                    where[i] = place_of[g]
-        make_monotone(where)  # a truck does not slide back on its route: a turn would be a piece of its own
-        for g in range(g0, g1 + 1):
-            if not still[g]:  # rows in motion stay nanometres apart: equal offsets mean a standstill
-                for i in range(first_row[g] - a, first_row[g + 1] - a):
-                    where[i] += 1e-9 * i
-        piece, g = lo, g0
-        cursor[0] = -1
+                seen[i], var[i], v[i], v_var[i] = c + along, noise.position, speed[a + i], noise.speed
+            smooth_coordinate(t[a:b], seen, var, v, v_var, noise.acceleration, where, sd)
         for i in range(n):
-            while a + i >= first_row[g + 1]:
-                g += 1
+            if still[group[a + i]]:
+                where[i] = place_of[group[a + i]]
+        make_monotone(where)  # a truck does not slide back on its route: a turn would be a piece of its own
+        piece, cursor[0] = lo, -1
+        for i in range(n):
+            g = group[a + i]
+            if not still[g]:  # rows in motion stay nanometres apart: equal offsets mean a standstill
+                where[i] += 1e-9 * i
             c = min(max(where[i], 0.0), end)
-            piece, o, qx, qy, ux, uy, _s = _locate(
-                c, piece, lo, hi, p_edge, p_value, px, py, first, dist, cursor
-            )
-            edge[a + i], offset[a + i] = p_edge[piece], o
-            lateral[a + i] = -(x[a + i] - qx) * uy + (y[a + i] - qy) * ux
-            width = math.sqrt(2.0 * (sd[i] * sd[i] + lasting) + 1e-6)
+            piece, o, qx, qy, ux, uy, _s = _locate(c, piece, lo, hi, routes, roads, cursor)
+            out.edge[a + i], out.offset[a + i] = routes.edge[piece], o
+            out.lateral[a + i] = -(x[a + i] - qx) * uy + (y[a + i] - qy) * ux
+            width = math.sqrt(2.0 * (sd[i] * sd[i] + noise.lasting) + 1e-6)
             low = -1e9 if piece == lo else (p_value[2, piece] - c) / width
             high = 1e9 if piece == hi - 1 else (p_value[2, piece + 1] - c) / width
-            confidence[a + i] = near[g] * 0.5 * (math.erf(high) - math.erf(low))
+            out.confidence[a + i] = near[g] * 0.5 * (math.erf(high) - math.erf(low))
 
 
 @njit(cache=True, error_model="numpy")
@@ -236,60 +190,35 @@ def make_monotone(values: Floats) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _interpolate(
-    t: Floats,
-    a: int,
-    b: int,
-    g0: int,
-    g1: int,
-    first_row: Wide,
-    group_time: Floats,
-    place_of: Floats,
-    still: Flags,
+    t: Floats, a: int, g0: int, g1: int, group: Wide, group_time: Floats, place_of: Floats, still: Flags,
     where: Floats,
-) -> None:
+) -> None:  # fmt: skip
     """Path coordinate of rows between the groups' centres, carried on with the nearest slope at both ends."""
     g = g0
-    for i in range(a, b):
+    for i in range(a, a + len(where)):
         while g < g1 - 1 and t[i] > group_time[g + 1]:
             g += 1
-        if g1 == g0:
-            where[i - a] = place_of[g0]
+        if g1 == g0 or still[group[i]]:
+            where[i - a] = place_of[group[i]]
             continue
-        h = min(g + 1, g1)
-        if h == g:
-            g = h - 1
-        slope = (place_of[h] - place_of[g]) / max(group_time[h] - group_time[g], 1e-9)
+        slope = (place_of[g + 1] - place_of[g]) / max(group_time[g + 1] - group_time[g], 1e-9)
         where[i - a] = place_of[g] + slope * (t[i] - group_time[g])
-    for g in range(g0, g1 + 1):
-        if still[g]:
-            for i in range(first_row[g], first_row[g + 1]):
-                where[i - a] = place_of[g]
 
 
 @njit(cache=True, error_model="numpy")
-def route_posterior(
-    chosen: Wide,
-    ptr: Wide,
-    edge: Index,
-    posterior: Floats,
-    piece_of: Wide,
-    of: Wide,
-    firsts: Wide,
-    p_edge: Index,
-) -> Any:
-    """(G,) posterior mass of the candidates on the route next to the chosen one:
-    previous, same and following piece.
-    """
+def route_posterior(choice: Choice, near: Candidates, routes: Routes) -> Any:
+    """(G,) posterior of the candidates on the previous, same and following piece of the route."""
+    chosen, posterior, firsts = choice.chosen, choice.posterior, routes.firsts
     out = np.zeros(len(chosen))
     for g in range(len(chosen)):
         if chosen[g] < 0:
             continue
-        p = piece_of[g]
-        lo, hi = max(p - 1, firsts[of[g]]), min(p + 2, firsts[of[g] + 1])
+        p, s = routes.piece[g], routes.of[g]
+        lo, hi = max(p - 1, firsts[s]), min(p + 2, firsts[s + 1])
         total = 0.0
-        for c in range(ptr[g], ptr[g + 1]):
+        for c in range(near.ptr[g], near.ptr[g + 1]):
             for q in range(lo, hi):
-                if p_edge[q] == edge[c]:
+                if routes.edge[q] == near.edge[c]:
                     total += posterior[c]
                     break
         out[g] = min(total, 1.0)

@@ -1,6 +1,4 @@
-"""What the hidden Markov model charges: emissions and steps.
-Costs are negative logarithms of probabilities.
-"""
+"""What the hidden Markov model charges: emissions and steps, as negative logarithms of probabilities."""
 
 from __future__ import annotations
 
@@ -9,11 +7,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Wide = NDArray[np.int64]
-Index = NDArray[np.int32]
+from fleetlog.roads.kernels.records import Candidates, Costs, Floats, Index, Roads, Store, Wide
 
 JUMP = 12.0
 """Cost of two groups on roads that no path connects: the chain starts anew."""
@@ -21,37 +16,25 @@ RARE = np.exp(-JUMP)
 LEAVE = 4.0
 """Cost of leaving the roads, and of coming back."""
 SLACK = 5.0
-"""A way this much longer than the travelled distance is always tried [m]:
-two corners of an aisle, taken short.
-"""
+"""A way this much longer than the travelled distance is always tried [m]: two corners, taken short."""
 CHANGE = 0.5
 """Cost of entering another edge: of two routes that fit alike the plainer one."""
 IDLE_CHANGE = 2.0
-"""Cost of entering another edge only to stand there:
-a truck that stops at a node has not left its edge yet.
-"""
+"""Cost of entering another edge only to stand there: a truck at a node has not left its edge yet."""
 CHAIN_END = -2
 BY_JUMP = 1 << 20
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def emission_costs(
-    ptr: Wide,
-    edge: Index,
-    value: Floats,
-    direction: Floats,
-    sharpness: Floats,
-    axis: Floats,
-    reverse: Index,
-    sigma: float,
+    near: Candidates, direction: Floats, sharpness: Floats, axis: Floats, reverse: Index, sigma: float,
     weight: float,
-) -> Any:
-    """Cost of every candidate: lateral distance (Gaussian, beyond 3 sigma linear), direction of motion and
-    the heading's axis.
+) -> Any:  # fmt: skip
+    """Cost of every candidate: lateral distance (Gaussian, linear beyond 3 sigma), direction, heading's axis.
 
-    A motion that is plainly against a one-way road counts threefold: there is no other direction that it
-    could be noise of.
+    A motion plainly against a one-way road counts threefold: it is no noise about the other direction.
     """
+    ptr, edge, value = near
     out = np.empty(len(edge))
     for g in range(len(ptr) - 1):
         strength = math.sqrt(axis[0, g] ** 2 + axis[1, g] ** 2)
@@ -70,39 +53,27 @@ def emission_costs(
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def mismatch(d: float, moved: float, scale: float) -> Any:
-    """Cost of a step of network distance d:
-    exponential, beyond four scales of slow growth (corners cut, wheels that slip).
-    """
+    """Cost of a step of network distance d: exponential, beyond four scales of slow growth (corners cut)."""
     z = abs(d - moved) / scale
     return z if z < 4.0 else 4.0 + 2.0 * math.log(0.25 * z)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
 def step_costs(
-    begin: Wide,
-    count: Wide,
-    target: Index,
-    away: Floats,
-    slot: Wide,
-    ptr: Wide,
-    edge: Index,
-    value: Floats,
-    g: int,
-    moved: float,
-    beta: float,
-    back: float,
-    turn: float,
-    change: float,
-    reverse: Index,
-    length: Floats,
-    cost: Floats,
-) -> None:
+    store: Store, roads: Roads, near: Candidates, costs: Costs, g: int, moved: float,
+    standing: tuple[bool, bool], slot: Wide, cost: Floats,
+) -> None:  # fmt: skip
     """Cost of every step from the candidates of group g to those of g + 1 into ``cost`` (K + 1, L + 1).
 
-    A step costs about |network distance - travelled distance| / beta, a turn in mid edge ``turn`` and one to
-    another edge ``change`` more; steps that the network does not allow cost ``JUMP``.  ``back`` is how far
-    noise may move a truck against its edge.
+    A step costs about |network distance - travelled distance| / beta, more by a turn in mid edge and where
+    it enters another edge; steps that the network does not allow cost ``JUMP``.  ``standing`` are the two
+    groups.
     """
+    ptr, edge, value = near
+    length, reverse, beta = roads.length, roads.reverse, costs.beta
+    begin, count, target, away = store.begin, store.reached, store.target, store.away
+    turn = 0.5 * costs.turn if standing[0] or standing[1] else costs.turn
+    change = IDLE_CHANGE if standing[1] else CHANGE
     a, b, c = ptr[g], ptr[g + 1], ptr[g + 2]
     k, m = b - a, c - b
     scale = math.sqrt(beta * beta + 0.01 * moved * moved)
@@ -125,7 +96,7 @@ def step_costs(
         j = slot[e]
         if j >= 0:
             d = value[0, b + j] - s
-            if d >= -back:
+            if d >= -costs.back:
                 cost[i, j] = min(cost[i, j], mismatch(d, moved, scale))
         if reverse[e] >= 0 and slot[reverse[e]] >= 0:
             j = slot[reverse[e]]

@@ -6,36 +6,18 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from fleetlog.roads.matchkernels.kernels.distances import path_between
-from fleetlog.roads.matchkernels.kernels.growing import longer, wider
-
-Floats = NDArray[np.float64]
-Wide = NDArray[np.int64]
-Index = NDArray[np.int32]
-Flags = NDArray[np.bool_]
+from fleetlog.roads.kernels.distances import path_between
+from fleetlog.roads.kernels.growing import longer, wider
+from fleetlog.roads.kernels.records import Candidates, Choice, Floats, Index, Roads, Routes, Store
 
 
 @njit(cache=True)
 def build_routes(
-    store: Any,
-    chosen: Wide,
-    linked: Flags,
-    edge: Index,
-    value: Floats,
-    moved: Floats,
-    reverse: Index,
-    length: Floats,
-    back: float,
-) -> Any:
-    """Pieces of all stretches, end to end.
-
-    Returns (P,) edge, from, to (offsets on it) and coordinate of its begin; (S + 1,) first piece and first
-    and last group of every stretch; (G,) stretch, piece and path coordinate of every group (-1 off the
-    roads).
-    """
-    begin, count, target, previous, away = store[1], store[2], store[3], store[4], store[5]
+    store: Store, roads: Roads, near: Candidates, choice: Choice, moved: Floats, back: float
+) -> Routes:
+    """Pieces of all stretches, end to end."""
+    chosen, linked, edge, value, length = choice.chosen, choice.linked, near.edge, near.value, roads.length
     groups = len(chosen)
     capacity = 2 * groups + 64
     p_edge = np.empty(capacity, np.int32)
@@ -57,13 +39,13 @@ def build_routes(
         fresh = not linked[g] or g == 0 or chosen[g - 1] < 0
         if not fresh:
             last, at = p_edge[n - 1], value[0, chosen[g - 1]]
-            kind = _kind(begin, count, target, away, last, at, e, s, moved[g - 1], reverse, length, back)
+            kind = _kind(store, roads, last, at, e, s, moved[g - 1], back)
             if kind == 2:  # a turn in mid edge
                 turned = max(at, length[e] - s, p_value[0, n - 1])
                 p_value[1, n - 1] = turned
                 n = _append(p_edge, p_value, n, e, length[e] - turned, length[e])
             elif kind == 1:
-                m = path_between(begin, count, target, previous, last, e, path)
+                m = path_between(store, last, e, path)
                 if m < 0:
                     fresh = True
                 else:
@@ -81,10 +63,10 @@ def build_routes(
         piece[g] = n - 1
         place[g] = p_value[2, n - 1] + s - p_value[0, n - 1]
     firsts[stretches] = n
-    return (
-        p_edge[:n].copy(), p_value[:, :n].copy(), firsts[: stretches + 1].copy(),
-        spans[:, :stretches].copy(), of, piece, place,
-    )  # fmt: skip
+    edges, values = p_edge[:n].copy(), p_value[:, :n].copy()
+    return Routes(
+        edges, values, firsts[: stretches + 1].copy(), spans[:, :stretches].copy(), of, piece, place
+    )
 
 
 @njit(cache=True)
@@ -95,30 +77,16 @@ def _append(p_edge: Index, p_value: Floats, n: int, e: int, begin: float, end: f
 
 
 @njit(cache=True)
-def _kind(
-    begin: Wide,
-    count: Wide,
-    target: Index,
-    away: Floats,
-    a: int,
-    s: float,
-    b: int,
-    t: float,
-    moved: float,
-    reverse: Index,
-    length: Floats,
-    back: float,
-) -> Any:
-    """How one step goes, as the model priced it:
-    0 along the same edge, 1 by a path, 2 by a turn in mid edge.
-    """
+def _kind(store: Store, roads: Roads, a: int, s: float, b: int, t: float, moved: float, back: float) -> Any:
+    """How one step goes, as the model priced it: 0 along its edge, 1 by a path, 2 by a turn in mid edge."""
+    length = roads.length
     by_path = np.inf
-    for q in range(begin[a], begin[a] + count[a]):
-        if target[q] == b:
-            by_path = abs(away[q] + length[a] - s + t - moved)
+    for q in range(store.begin[a], store.begin[a] + store.reached[a]):
+        if store.target[q] == b:
+            by_path = abs(store.away[q] + length[a] - s + t - moved)
             break
     if a == b and t - s >= -back and abs(t - s - moved) <= by_path:
         return 0
-    if reverse[a] == b and (by_path == np.inf or abs(abs(length[a] - s - t) - moved) + 1.0 < by_path):
+    if roads.reverse[a] == b and (by_path == np.inf or abs(abs(length[a] - s - t) - moved) + 1.0 < by_path):
         return 2
     return 1

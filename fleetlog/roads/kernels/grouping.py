@@ -14,11 +14,10 @@ Wide = NDArray[np.int64]
 
 @njit(cache=True)
 def group_points(t: Floats, speed: Floats, chain: Wide, span: float, standing_speed: float) -> Any:
-    """Group of every point: at most ``span`` seconds of motion, or one whole standstill that the log's speed
-    shows.
+    """First row of every group (G + 1,) and whether it stands (G,).
 
-    ``chain`` (N,) counts up at gaps, ``speed`` is NaN where unknown.  Returns the first row of every group (G
-    + 1,) and whether it stands (G,).
+    A group is at most ``span`` seconds of motion, or one whole standstill that the log's speed shows;
+    ``chain`` (N,) counts up at gaps, ``speed`` is NaN where unknown.
     """
     n = len(t)
     first = np.empty(n + 1, np.int64)
@@ -38,9 +37,7 @@ def group_points(t: Floats, speed: Floats, chain: Wide, span: float, standing_sp
 
 @njit(cache=True)
 def group_means(first: Wide, t: Floats, x: Floats, y: Floats, travelled: Floats, heading: Floats) -> Any:
-    """Means over each group: time, x, y, travelled distance,
-    and the axis of the log's heading (cos, sin of the double angle).
-    """
+    """(6, G) means: time, x, y, travelled distance, cos and sin of the double angle of the log's heading."""
     count = len(first) - 1
     out = np.empty((6, count))
     for g in range(count):
@@ -68,11 +65,7 @@ def group_means(first: Wide, t: Floats, x: Floats, y: Floats, travelled: Floats,
 def find_stops(
     first: Wide, t: Floats, gx: Floats, gy: Floats, chain: Wide, radius: float, min_duration: float
 ) -> Any:
-    """Runs of groups that stay within ``radius`` of their mean for ``min_duration``: merged, as the truck
-    stands there.
-
-    Returns the first rows of the merged groups and whether each stands.
-    """
+    """First rows of groups, those merged that stay within ``radius`` of their mean; which stand."""
     count = len(first) - 1
     merged = np.empty(count + 1, np.int64)
     still = np.zeros(count, np.bool_)
@@ -88,8 +81,7 @@ def find_stops(
             sy += gy[h]
             m += 1
             h += 1
-        # the truck came to the spot and left it within the radius too: the run begins and ends close to its
-        # mean
+        # the truck came and left within the radius too: the run begins and ends close to its mean
         a, b = g, h
         while b - a > 2 and np.hypot(gx[a] - sx / m, gy[a] - sy / m) > 0.6 * radius:
             a += 1

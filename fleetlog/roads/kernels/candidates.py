@@ -1,0 +1,158 @@
+"""Segments in a grid, and the edges near a position."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from fleetlog.roads.kernels.growing import longer, wider
+from fleetlog.roads.kernels.records import Candidates, Floats, Grid, Index, Roads, Wide
+
+Frame = tuple[float, float, float, int, int]
+"""Origin x, y and side [m] of cells, and their numbers along x and y."""
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _cell_range(low: float, high: float, origin: float, cell: float, count: int) -> Any:
+    return max(int((low - origin) / cell), 0), min(int((high - origin) / cell), count - 1) + 1
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _visit_cells(roads: Roads, frame: Frame, counts: Wide, items: Wide) -> None:
+    """Enter every segment in ``items`` of every cell that its band crosses; without items, count only.
+
+    Of twins only the first edge is entered.
+    """
+    x0, y0, cell, nx, ny = frame
+    px, py = roads.px, roads.py
+    for e in range(len(roads.length)):
+        if 0 <= roads.twin[e] < e:
+            continue
+        for k in range(roads.first[e], roads.first[e + 1] - 1):
+            ax, ay, bx, by = px[k], py[k], px[k + 1], py[k + 1]
+            i0, i1 = _cell_range(min(ax, bx), max(ax, bx), x0, cell, nx)
+            j0, j1 = _cell_range(min(ay, by), max(ay, by), y0, cell, ny)
+            dx, dy = bx - ax, by - ay
+            length = np.hypot(dx, dy)
+            for i in range(i0, i1):
+                for j in range(j0, j1):
+                    if length > 0.0 and i1 - i0 > 1 and j1 - j0 > 1:
+                        cx, cy = x0 + (i + 0.5) * cell - ax, y0 + (j + 0.5) * cell - ay
+                        if abs(cx * dy - cy * dx) / length > 0.75 * cell:  # the cell's half diagonal is 0.707
+                            continue
+                    c = i * ny + j
+                    if len(items):
+                        items[counts[c]] = k
+                    counts[c] += 1
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def build_grid(roads: Roads, frame: Frame) -> Grid:
+    """The segments of every cell, by their first vertex."""
+    x0, y0, cell, nx, ny = frame
+    counts = np.zeros(nx * ny, np.int64)
+    _visit_cells(roads, frame, counts, np.empty(0, np.int64))
+    starts = np.zeros(nx * ny + 1, np.int64)
+    starts[1:] = np.cumsum(counts)
+    items = np.empty(starts[-1], np.int64)
+    if len(items):
+        _visit_cells(roads, frame, starts[:-1].copy(), items)
+    return Grid(x0, y0, cell, nx, ny, starts, items)
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def project(px: Floats, py: Floats, k: int, x: float, y: float) -> Any:
+    """Foot of (x, y) on segment k: squared distance, and the share of the segment passed."""
+    ax, ay = px[k], py[k]
+    dx, dy = px[k + 1] - ax, py[k + 1] - ay
+    along, square = (x - ax) * dx + (y - ay) * dy, dx * dx + dy * dy
+    share = 0.0 if along <= 0.0 else (1.0 if along >= square else along / square)
+    ex, ey = x - ax - share * dx, y - ay - share * dy
+    return ex * ex + ey * ey, share
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def find_candidates(
+    x: Floats, y: Floats, roads: Roads, grid: Grid, radius: float, margin: float, limit: int
+) -> Candidates:
+    """Edges within ``radius`` and not more than ``margin`` farther than the nearest; at most ``limit``.
+
+    One candidate an edge: its nearest point; beyond an end the lateral distance is the whole one.
+    """
+    px, py, dist = roads.px, roads.py, roads.dist
+    n = len(x)
+    ptr = np.zeros(n + 1, np.int64)
+    capacity = 8 * n + limit
+    edge = np.empty(capacity, np.int32)
+    value = np.empty((4, capacity))
+    near_k = np.empty(limit // 2, np.int64)
+    near = np.empty((2, limit // 2))
+    total = 0
+    for p in range(n):
+        m = 0
+        best = cut = radius * radius
+        i0 = max(int(np.floor((x[p] - radius - grid.x0) / grid.cell)), 0)
+        i1 = min(int(np.floor((x[p] + radius - grid.x0) / grid.cell)), grid.nx - 1)
+        j0 = max(int(np.floor((y[p] - radius - grid.y0) / grid.cell)), 0)
+        j1 = min(int(np.floor((y[p] + radius - grid.y0) / grid.cell)), grid.ny - 1)
+        for i in range(i0, i1 + 1):
+            for j in range(j0, j1 + 1):
+                for q in range(grid.starts[i * grid.ny + j], grid.starts[i * grid.ny + j + 1]):
+                    k = grid.items[q]
+                    d2, share = project(px, py, k, x[p], y[p])
+                    if d2 > cut:
+                        continue
+                    if d2 < best:
+                        best = d2
+                        cut = min((math.sqrt(best) + margin) ** 2, radius * radius)
+                    m = _keep(near_k, near, m, k, d2, share, roads.owner)
+        if total + limit > capacity:
+            capacity *= 2
+            edge, value = longer(edge, capacity), wider(value, capacity)
+        for c in range(m):
+            if near[0, c] > cut:
+                continue
+            k, e = near_k[c], roads.owner[near_k[c]]
+            dx, dy = px[k + 1] - px[k], py[k + 1] - py[k]
+            scale = 1.0 / max(math.sqrt(dx * dx + dy * dy), 1e-12)
+            left = dx * (y[p] - py[k]) - dy * (x[p] - px[k]) >= 0.0
+            offset = dist[k] + near[1, c] * (dist[k + 1] - dist[k])
+            aside = math.sqrt(near[0, c]) if left else -math.sqrt(near[0, c])
+            edge[total], value[0, total], value[1, total] = e, offset, aside
+            value[2, total], value[3, total] = dx * scale, dy * scale
+            total += 1
+            if roads.twin[e] >= 0:
+                edge[total], value[0, total], value[1, total] = (
+                    roads.twin[e],
+                    roads.length[e] - offset,
+                    -aside,
+                )
+                value[2, total], value[3, total] = -dx * scale, -dy * scale
+                total += 1
+        ptr[p + 1] = total
+    return Candidates(ptr, edge[:total].copy(), value[:, :total].copy())
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _keep(near_k: Wide, near: Floats, m: int, k: int, d2: float, share: float, owner: Index) -> Any:
+    """Enter a foot of one position: of an edge the nearest stays, of too many edges the farthest goes."""
+    at = -1
+    for c in range(m):
+        if owner[near_k[c]] == owner[k]:
+            at = c
+            if d2 >= near[0, c]:
+                return m
+            break
+    if at < 0:
+        if m < len(near_k):
+            at = m
+            m += 1
+        else:
+            at = int(np.argmax(near[0]))
+            if near[0, at] <= d2:
+                return m
+    near_k[at], near[0, at], near[1, at] = k, d2, share
+    return m

@@ -1,1 +1,0 @@
-"""The inner loops of map matching, in numba; imported only when a track is matched."""

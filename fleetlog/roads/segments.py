@@ -1,0 +1,15 @@
+"""Distances from segments."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def distance_to_segment(points: Floats, a: Floats, b: Floats) -> Floats:
+    """(N,) distance of points from the segments a to b; each (N, d), or (d,) where it is one for all."""
+    d = b - a
+    share = ((points - a) * d).sum(axis=-1) / np.maximum((d * d).sum(axis=-1), 1e-18)
+    return np.asarray(np.linalg.norm(a + np.clip(share, 0.0, 1.0)[..., None] * d - points, axis=-1))
