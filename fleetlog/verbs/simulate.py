@@ -42,7 +42,8 @@ Asked = SimpleNamespace
 def simulate(
     *, site: SiteLike | None = None, truck: TruckLike, vehicles: Annotated[int | str | None, Counts()] = None,
     duration: Annotated[float | str, Duration()] = "1h", like: DatasetLike | None = None,
-    same_mission: bool = False, together: bool = False, tasks: TableLike | None = None, cycle: Literal["vdi2198"] | None = None,
+    same_mission: bool = False, together: bool = False, tasks: TableLike | None = None,
+    cycle: Literal["vdi2198"] | None = None,
     close: tuple[str, ...] = (), physics: PhysicsLike | None = None, without: tuple[str, ...] = (),
     seed: Seed = 0, rate: Annotated[float, Between(0.0, 1000.0)] = 1.0,
     step: Annotated[float, Between(0.001, 60.0)] = 0.1, start: str | None = None, soc: Share = 0.95,
