@@ -48,6 +48,10 @@ def runs(sample: Path) -> Iterator[tuple[str, Any]]:
         "simulate --same-mission",
         fleetlog.simulate(like=one, truck=truck, same_mission=True, recording=False),
     )
+    yield (
+        "simulate --same-mission",
+        fleetlog.simulate(like=one, truck=truck, same_mission=True, together=True, recording=False),
+    )
     yield "simulate --cycle", fleetlog.simulate(cycle="vdi2198", truck=truck, duration="5m", recording=False)
     yield "simulate --vary", fleetlog.simulate(**{**fleet, "vehicles": "2,4"}, runs=2)
     for name in fleetlog.analyze.lines():

@@ -122,7 +122,7 @@ def load_verb(name: str) -> click.Command:
 
 def command_of(verb: Verb) -> click.Command:
     """The command of a function."""
-    params = [_parameter(o, verb.name) for o in verb.options]
+    params = [_parameter(o, verb) for o in verb.options]
     text = description(verb.function.__doc__)
     return click.Command(
         verb.name, params=[*params, *TELLING], help=text, short_help=text.split("\n\n")[0],
@@ -130,8 +130,10 @@ def command_of(verb: Verb) -> click.Command:
     )  # fmt: skip
 
 
-def _parameter(option: Option, verb: str) -> click.Parameter:
-    required = option.default is REQUIRED or (option.name == "output" and verb not in OPTIONAL_OUTPUT)
+def _parameter(option: Option, verb: Verb) -> click.Parameter:
+    # What a file may fill in is asked for once the file is read.
+    required = option.default is REQUIRED and (verb.fill is None or option.positional)
+    required = required or (option.name == "output" and verb.name not in OPTIONAL_OUTPUT)
     kind: Any = click.Choice(option.choices) if option.choices else Value(option)
     if option.positional:
         return click.Argument([option.name], type=kind, nargs=-1 if option.many else 1, required=required)
@@ -143,7 +145,8 @@ def _parameter(option: Option, verb: str) -> click.Parameter:
     more: dict[str, Any] = {"type": kind, "multiple": option.many, "required": required, "show_default": True}
     if not required:  # None, given as a default, is a value to some releases of click
         listed = isinstance(option.default, tuple)
-        more["default"] = (",".join(map(str, option.default)) or None) if listed else option.default
+        default = (",".join(map(str, option.default)) or None) if listed else option.default
+        more["default"] = None if default is REQUIRED else default
     return click.Option(names, help=text, **more)
 
 
@@ -156,6 +159,10 @@ def _run(verb: Verb, as_json: bool, quiet: bool, verbose: bool, **values: Any) -
     if verb.name == "import" and not {"output", "dry_run"} & given.keys():
         raise click.UsageError("say where the dataset goes with -o, or look first with --dry-run", context)
     try:
+        known = verb.fill(given) if verb.fill is not None else given
+        for option in (o for o in verb.options if o.default is REQUIRED and o.name not in known):
+            param = next(p for p in context.command.params if p.name == option.name)
+            raise click.MissingParameter(ctx=context, param=param)
         return tell(verb, given, as_json=as_json, quiet=quiet, verbose=verbose)
     except ArgumentError as error:
         raise click.UsageError(error.line(), context) from None

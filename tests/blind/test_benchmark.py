@@ -9,18 +9,13 @@ from cases import Case
 from judged import judged
 from run import run
 
-BESIDE = pytest.mark.xfail(
-    strict=True,
-    reason="the model's own error at strong accelerations is told beside a large effect of the drive",
-)
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [
         "none",
-        pytest.param("drivetrain_efficiency", marks=BESIDE),
+        "drivetrain_efficiency",
         "waiting",
         "auxiliary_load+grade",
         "lift_efficiency+wind",

@@ -32,7 +32,7 @@ def test_a_clean_recording_stays_clean(lack: str, shared_data: Path) -> None:
 @pytest.mark.parametrize(
     ("case", "lack"),
     [
-        pytest.param("grade", "rows", marks=RARELY),
+        ("grade", "rows"),
         ("grade", "load"),
         ("grade", "power"),
         ("surface", "load"),
