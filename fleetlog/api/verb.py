@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager
 from typing import Any, TypeVar
 
 from fleetlog import engines
-from fleetlog.api.signature import SHARED, Option, options_of
+from fleetlog.api.signature import REQUIRED, SHARED, Option, options_of
 from fleetlog.core.arguments import Between, Named
 from fleetlog.errors import ArgumentError, nearest
 
@@ -21,6 +21,14 @@ JOBS = (
     Option("scheduler", None, SHARED["scheduler"], check=Named("ADDRESS")),
 )
 """Where jobs run."""
+
+
+class MissingArgument(TypeError):
+    """An argument without a default was not given; ``name`` is its."""
+
+    def __init__(self, verb: str, name: str) -> None:
+        self.name = name
+        super().__init__(f"{verb}() is missing the argument {name!r}")
 
 
 class Verb:
@@ -63,7 +71,9 @@ class Verb:
         given = self.__signature__.bind_partial(*args, **options).arguments
         if self.fill is not None:
             given = self.fill(given)
-        self.__signature__.bind(**given)
+        for option in known.values():
+            if option.default is REQUIRED and option.name not in given:
+                raise MissingArgument(self.name, option.name)
         return {name: known[name].convert(value) for name, value in given.items()}
 
     def __getattr__(self, name: str) -> Any:

@@ -14,7 +14,7 @@ import click
 
 from fleetlog import VERBS
 from fleetlog.api.signature import REQUIRED, Option, description
-from fleetlog.api.verb import Verb
+from fleetlog.api.verb import MissingArgument, Verb
 from fleetlog.cli.tell import asked, tell
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.registry import part_lines
@@ -159,10 +159,9 @@ def _run(verb: Verb, as_json: bool, quiet: bool, verbose: bool, **values: Any) -
     if verb.name == "import" and not {"output", "dry_run"} & given.keys():
         raise click.UsageError("say where the dataset goes with -o, or look first with --dry-run", context)
     try:
-        known = verb.fill(given) if verb.fill is not None else given
-        for option in (o for o in verb.options if o.default is REQUIRED and o.name not in known):
-            param = next(p for p in context.command.params if p.name == option.name)
-            raise click.MissingParameter(ctx=context, param=param)
         return tell(verb, given, as_json=as_json, quiet=quiet, verbose=verbose)
+    except MissingArgument as error:
+        param = next(p for p in context.command.params if p.name == error.name)
+        raise click.MissingParameter(ctx=context, param=param) from None
     except ArgumentError as error:
         raise click.UsageError(error.line(), context) from None

@@ -26,8 +26,7 @@ from fleetlog.store import Dataset
 
 HANDED_OVER = 500_000
 """Channels of a recording of more rows are explained one after the other: what is known of each would take
-as long to
-hand over as it takes memory.
+as long to hand over as it takes memory.
 """
 
 

@@ -181,10 +181,7 @@ def _finding(
     gain = None if unfitted is None or fitted is None else unfitted - fitted
     return Finding(
         h.term or "unknown", channel.name, text, rivals, words.needs(h.term, rivals), list(h.depends_on),
-        where,
-        _classes(problem, beside[h]) if h in beside else _when(h),
-        scope,
-        parameters,
+        where, _classes(problem, beside[h]) if h in beside else _when(h), scope, parameters,
         {"p_value": scores.p_values.get(h, fit.p_value), "held_out_gain": gain,
         "alternatives": _alternatives(found, h, gain)},
         {"metric": channel.metric, "before": unfitted, "after": fitted}, gain or 0.0,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a diagnosis; tests/benchmarks/settings.py varies each and says which answers change.
+    """Settings of a diagnosis.
 
     Attributes
     ----------

@@ -27,6 +27,8 @@ from fleetlog.errors import TruckError, nearest
 Floats = NDArray[np.float64]
 REFERENCE_TEMPERATURE = 20.0
 """At which capacity and resistance are stated [degC]."""
+CHARGING = -300.0
+"""A standing truck whose battery takes more than this is being charged [W]: no wheel gave it."""
 COLDEST = 0.2
 """Share of capacity that remains however cold it is; keeps the linear law from going through zero."""
 

@@ -11,6 +11,7 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.errors import DataError
+from fleetlog.physics.battery import CHARGING
 from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.motion.channels import forks
 from fleetlog.physics.motion.legs import Leg, free_flow, joined, legs, speed_limits
@@ -26,8 +27,6 @@ FINE = 0.1
 """Length of the steps that power is worked out in [s]."""
 MOST = 100_000_000
 """Rows of one truck between two of its trips."""
-CHARGING = -300.0
-"""A standing truck whose battery takes more is being charged: that is taken over as recorded [W]."""
 ROUNDED = 9
 """Nodes over which a truck goes from one lane over to the next."""
 
@@ -163,6 +162,7 @@ class VehicleReplay:
         fine = (rows[:, None] + inside).ravel()
         motion = self._motion(trip, fine, leave, arrival)
         power = battery_power(motion, self.physics)
+        # What a standing truck is charged with is taken over as recorded.
         charging = motion.power < CHARGING
         power = np.where(charging & (motion.speed == 0.0), motion.power, power)
         truck = self.physics.at(fine[0]).actual_truck()

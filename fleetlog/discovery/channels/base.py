@@ -29,8 +29,7 @@ class Unit:
     ``own`` is the channel's; ``noise`` (W,) the variance that the uncertainty of the motion leaves to any
     model;
     ``level`` (W,) what the nominal model says, and ``swing`` (W,) how far rows scatter about it, above zero:
-    noise
-    grows with both.
+    noise grows with both.
     """
 
     windows: Windows

@@ -26,8 +26,7 @@ ROWS = 3.0
 """Rows in a window at least."""
 DILUTED = 0.002
 """Power that is measured with errors of this share of its square makes whatever is proportional to it look
-smaller
-by the same share (regression dilution); wider windows average the errors."""
+smaller by the same share (regression dilution); wider windows average the errors."""
 ENOUGH = 4.0
 """Times the fewest windows that a channel is judged by."""
 

@@ -29,6 +29,7 @@ from fleetlog.discovery.recording import windows
 from fleetlog.discovery.recording.blocks import Block
 from fleetlog.discovery.recording.windows import Cut
 from fleetlog.discovery.settings import Settings
+from fleetlog.physics.battery import CHARGING
 from fleetlog.physics.power import all_terms, battery_power
 from fleetlog.physics.term import GRAVITY, Term
 
@@ -37,17 +38,14 @@ Ints = NDArray[np.int64]
 
 STANDS, PASSING, LIFTS, LOADED = 0.9, 0.15, 250.0, 0.3
 """Share of a window from which on it is a standstill, and up to which it is none; power above the usual that
-shows
-hydraulics [W]; a usual load that nobody weighed, as a share of the truck at most."""
+shows hydraulics [W]; a usual load that nobody weighed, as a share of the truck at most."""
 LEAST_SWING = 1.0
 """Rows that scatter by less than this [W] are as good as a logger writes them."""
-CHARGING, LEAP = -300.0, 0.005
-"""Power at a standstill below which a battery is being charged [W], and a rise of its charge from row to
-row."""
+LEAP = 0.005
+"""A rise of the charge from row to row that no braking gives."""
 ERRORS = (ErrorSource("sampling", 0.5), ErrorSource("ripple", 2.0), ErrorSource("lag", 0.15))
 """What sampling hides: accelerations between rows (0: what is expected, 1: what is likeliest), power that
-swings
-within them (1: as far as from row to row), and a clock a little late [s]."""
+swings within them (1: as far as from row to row), and a clock a little late [s]."""
 
 
 @dataclass
@@ -93,18 +91,16 @@ class EnergyChannel(FleetChannel):
         whole = np.isfinite(energy) & self._seen_lifts(block, c, frame.duration, energy)
         # Both ends of a window are rounded to a step: its drop scatters by a sixth of the step's square.
         coarse = (self.charge_step * 3.6 * self.truck.battery.capacity_wh) ** 2 / 6.0
-        noise = coarse + (np.zeros(c.count) if self.measured else self._uncertain(block, c))
         e = self.evaluation(block, self.base)
+        noise = coarse + (np.zeros(c.count) if self.measured else self._uncertain(block, c, e))
         swing = np.ones(c.count) if self.name == "soc" else np.maximum(jumps(block, c, e), LEAST_SWING)
-        # Power that is measured errs where it is large by chance: how noisy a window is must not hang on
-        # that.
-        level = c.energy(block, replace(e, measured=None).power)
+        # Measured power errs where it is large by chance: how noisy a window is must not hang on that.
+        level = c.energy(block, (replace(e, measured=None) if self.measured else e).power)
         return Unit(frame, np.where(whole, energy, 0.0), whole, noise, level, swing, (block, c))
 
     def settle(self, settings: Settings) -> float:
         """Measure the model's own error, and return the error of sampling: by how much of its energy a
-        window's residual
-        changes with every second row left out.
+        window's residual changes with every second row left out.
 
         The mean of half the rows scatters about that of all by as much as that does about the truth.
         """
@@ -173,12 +169,10 @@ class EnergyChannel(FleetChannel):
             return block
         return replace(block, power=moved, motion=block.motion.replaced(power=moved[block.row]))
 
-    def _uncertain(self, block: Block, c: Cut) -> Floats:
+    def _uncertain(self, block: Block, c: Cut, e: Evaluation) -> Floats:
         """(W,) variance that the uncertainty of the motion leaves to the nominal model [kJ2]."""
-        e = self.evaluation(block, self.base)
         known = block.known.window_variance(lambda m: battery_power(m, e.physics), c.of_sample) * 1e-6
-        known += self._unknown_load(block, c, e) ** 2
-        return np.asarray(known)
+        return np.asarray(known + self._unknown_load(block, c, e) ** 2)
 
     def _unknown_load(self, block: Block, c: Cut, e: Evaluation) -> Floats:
         """(W,) what a usual load adds [kJ], where trucks carry loads that nobody recorded."""
@@ -285,13 +279,12 @@ class EnergyChannel(FleetChannel):
         tried = c.energy(block, (self.truck.chassis.mass + m.payload) * np.abs(m.acceleration) * m.speed)
         scale = max(float(np.sqrt(np.mean(unit.recorded**2))), 1e-9)
         return np.column_stack([
-            np.nan_to_num(w.x) / 4.0 * moving, np.nan_to_num(w.y) / 4.0 * moving, np.cos(m.heading[sample])
-            * moving,
-            np.sin(m.heading[sample]) * moving, m.payload[sample] / 500.0, w.distance / wide / 0.5, wide /
-            self.seconds * 3.0,
+            np.nan_to_num(w.x) / 4.0 * moving, np.nan_to_num(w.y) / 4.0 * moving,
+            np.cos(m.heading[sample]) * moving, np.sin(m.heading[sample]) * moving,
+            m.payload[sample] / 500.0, w.distance / wide / 0.5, wide / self.seconds * 3.0,
             rise / scale * 2.0, tried / scale * 2.0, lift / scale * 2.0,
-            np.nan_to_num(m.ambient_temperature[sample]) / 4.0, w.time / self.fleet.span * 3.0, w.vehicle *
-            3.0,
+            np.nan_to_num(m.ambient_temperature[sample]) / 4.0, w.time / self.fleet.span * 3.0,
+            w.vehicle * 3.0,
         ])  # fmt: skip
 
 

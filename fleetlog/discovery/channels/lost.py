@@ -68,8 +68,7 @@ def lost_time(
     """Return the time lost; None where nobody was in the way.
 
     ``free`` gives the modelled seconds at the nodes of a path; ``known`` (C,) is the share of the time by
-    stretch of lane that is
-    known to be lost: it is left out.
+    stretch of lane that is known to be lost: it is left out.
     """
     steps = _steps(passed, lanes, free)
     if not steps.behind.any():

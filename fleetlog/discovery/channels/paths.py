@@ -34,13 +34,10 @@ class Path:
     """Legs of a vehicle-day laid end to end: G nodes.
 
     ``motion`` (G,) with ``speed`` that road and truck allow; ``s`` (G,) [m]; ``inside`` (G,) whether the
-    node has a
-    predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane that belongs
-    to a step;
-    ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at the node, neither for a
-    purpose nor for
-    another truck; ``behind`` (W,) whether another truck was in the
-    way in a window.
+    node has a predecessor in its leg; ``of`` (G,) window; ``share`` (G,) part of the passage of its lane that
+    belongs to a step; ``took`` (G,) seconds from the node before; what of it was spent ``standing`` at the
+    node, neither for a purpose nor for another truck; ``behind`` (W,) whether another truck was in the way in
+    a window.
     """
 
     motion: Motion

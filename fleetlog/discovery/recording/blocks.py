@@ -94,7 +94,6 @@ def block(
     power = np.zeros(len(time))
     power[r.row] = motion.power
     return Block(
-        motion, r.row, time, r.dt_row, power, trajectory.floats("soc"), trajectory.trip_ids() + TRIP *
-        vehicle, vehicle,
-        int(trajectory.time[0] // DAY), r,
+        motion, r.row, time, r.dt_row, power, trajectory.floats("soc"),
+        trajectory.trip_ids() + TRIP * vehicle, vehicle, int(trajectory.time[0] // DAY), r,
     )  # fmt: skip

@@ -1,11 +1,9 @@
 """Where trucks were in one another's way.
 
 A truck is hindered on the stretch before a place that another leaves after it has come within reach of that
-place: close behind
-another, before a crossing that another is to pass, behind one that stands.  The time between the two at one
-place is the
-post-encroachment time of traffic safety (Allen, Shin and Cooper 1978).  Only positions decide, never how
-long anything took.
+place: close behind another, before a crossing that another is to pass, behind one that stands.  The time
+between the two at one place is the post-encroachment time of traffic safety (Allen, Shin and Cooper 1978).
+Only positions decide, never how long anything took.
 """
 
 from __future__ import annotations
@@ -111,9 +109,8 @@ def _nodes(found: Sequence[Route]) -> _Nodes:
     return _Nodes(
         np.repeat([r.vehicle for r in found], [len(r.of) for r in found]), way,
         all_of([r.nodes("x") for r in found]), all_of([r.nodes("y") for r in found]),
-        all_of([r.arrive for r in found]), all_of([r.leave for r in found]), all_of([r.course for r in
-        found]),
-        all_of([r.nodes("speed") for r in found]),
+        all_of([r.arrive for r in found]), all_of([r.leave for r in found]),
+        all_of([r.course for r in found]), all_of([r.nodes("speed") for r in found]),
         first[np.searchsorted(first, np.arange(len(way)), side="right") - 1],
     )  # fmt: skip
 

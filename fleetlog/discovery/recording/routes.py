@@ -34,8 +34,7 @@ class Route:
     """One vehicle-day: its legs in order; (L,) of each.
 
     ``wait`` [s] of the standstill after a leg, NaN unknown; ``known``, whether the log would show a purpose
-    of it; ``errand``
-    counts up with every standstill that had one.
+    of it; ``errand`` counts up with every standstill that had one.
     """
 
     vehicle: int

@@ -2,10 +2,9 @@
 drag.
 
 Clock: the predicted power is compared with the measured one at every shift, piece by piece, with a parabola
-at the best; and
-with its mean over the last interval, which is what some loggers report.  Scale: integrated speed against
-progress along the
-map, on the middle of edges; without a map against chords of straights.  Held-out trips are not looked at.
+at the best; and with its mean over the last interval, which is what some loggers report.  Scale: integrated
+speed against progress along the map, on the middle of edges; without a map against chords of straights.
+Held-out trips are not looked at.
 """
 
 from __future__ import annotations

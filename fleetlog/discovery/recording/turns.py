@@ -2,10 +2,8 @@
 trucks themselves.
 
 Undisturbed passages tell the speed, positions where the bend lies.  Only how one way over a junction differs
-from another is taken
-from there; what all have in common stays the model's to explain.  Where the corners of the map, rounded with
-the radius of the
-truck, explain the speeds seen, they are kept as they are.
+from another is taken from there; what all have in common stays the model's to explain.  Where the corners of
+the map, rounded with the radius of the truck, explain the speeds seen, they are kept as they are.
 """
 
 from __future__ import annotations
@@ -52,8 +50,7 @@ class Turn:
     """A way over a junction.
 
     ``angle`` [rad]; ``middle`` (about the meeting of the edges) and ``length`` of its bend [m]; ``speed``
-    driven and ``free``
-    speed [m/s]; ``curvature`` by the map [1/m].
+    driven and ``free`` speed [m/s]; ``curvature`` by the map [1/m].
     """
 
     angle: float

@@ -22,8 +22,7 @@ def finding_of(fault: Fault) -> Finding:
     return Finding(
         fault.term, fault.channel, words.statement(term, parameters, None, None), [], None,
         list(term.depends_on), None,
-        {"vehicles": {v: float(x) for v, x in fault.by_vehicle.items()}}, {"vehicles": vehicles,
-        "from": None, "until": None},
-        parameters, evidence, {"metric": fault.metric, "before": fault.before, "after": fault.after}, 1.0 +
-        fault.before,
+        {"vehicles": {v: float(x) for v, x in fault.by_vehicle.items()}},
+        {"vehicles": vehicles, "from": None, "until": None}, parameters, evidence,
+        {"metric": fault.metric, "before": fault.before, "after": fault.after}, 1.0 + fault.before,
     )  # fmt: skip

@@ -177,9 +177,8 @@ def _tolerance(channel: Channel, layout: Layout, model: Model, knob: Knob) -> At
     now = model.coordinate(knob)
     column = layout.at(KnobSource(knob.column))[0]
     return Atom(
-        np.array([column]), np.ones(1), (CERTAIN / width) ** 2, zero - now, zero - width - now, zero + width
-        - now,
-        knob.scope.one, knob,
+        np.array([column]), np.ones(1), (CERTAIN / width) ** 2, zero - now,
+        zero - width - now, zero + width - now, knob.scope.one, knob,
     )  # fmt: skip
 
 

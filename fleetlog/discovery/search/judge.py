@@ -70,8 +70,8 @@ def judge(
         return float(np.sqrt(np.mean(residual**2))) / size
 
     return Scores(
-        error(old), error(new), None if floor is None else floor / size, {h: error(r) for h, r in
-        others.items()},
+        error(old), error(new), None if floor is None else floor / size,
+        {h: error(r) for h, r in others.items()},
         {h: p_value(r, r - new, cluster) for h, r in others.items()}
         | {h: p_value(new, new - r, cluster) for h, r in free.items()},
         {h: error(r) for h, r in free.items()},

@@ -2,10 +2,9 @@
 windows of a trip err.
 
 Noise is judged from what the freest model leaves; judged from the nominal model, an effect yet to be found
-would pass
-for noise.  It grows with the power drawn, so it is measured in classes of power; and where rows scatter more
-than is
-usual at that power, as trucks jerk between them, by a power of that excess which is measured too.
+would pass for noise.  It grows with the power drawn, so it is measured in classes of power; and where rows
+scatter more than is usual at that power, as trucks jerk between them, by a power of that excess which is
+measured too.
 """
 
 from __future__ import annotations

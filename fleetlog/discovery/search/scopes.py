@@ -35,8 +35,7 @@ DISTINCT = 1e-3
 """Share of a column's square that the model must leave of it: of less, nothing is learnt."""
 OWN = 0.5
 """Share of a column's square that must lie within the classes (trips) that are known to differ each by
-itself: of
-less, a time is told apart from a run of alike classes by the smaller part of what it says."""
+itself: of less, a time is told apart from a run of alike classes by the smaller part of what it says."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +64,7 @@ class Column:
     """One column beside a model: products by slow fold F, truck V and slot S.
 
     ``cross`` (F, V, S, K) with the model's columns, ``along`` (F, V, S) with the residual, ``own`` (F, V, S)
-    with
-    itself; ``unit`` of the losses.
+    with itself; ``unit`` of the losses.
     """
 
     model: Beside
