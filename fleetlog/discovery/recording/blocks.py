@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +23,8 @@ DAY = 86_400_000_000
 """Microseconds."""
 TRIP = 1_000_000
 """Trip codes count on from this much of each vehicle."""
-EXACT = ("time", "dt", "x", "y")
-"""What of a motion is kept in double precision: sums run over it, or it may be far from its origin."""
+EXACT = ("time", "x", "y")
+"""What of a motion is kept in double precision: it may be far from its origin."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +79,10 @@ class Block:
         return self.motion.replaced(acceleration=self.likely)
 
     @cached_property
-    def first(self) -> Ints:
+    def first(self) -> NDArray[np.int32]:
         """(rows,) the first sample of each row."""
-        return np.minimum(np.searchsorted(self.row, np.arange(len(self))), len(self.motion) - 1)
+        found = np.searchsorted(self.row, np.arange(len(self), dtype=np.int32))
+        return np.minimum(found, len(self.motion) - 1).astype(np.int32)
 
     @cached_property
     def silent(self) -> NDArray[np.bool_]:
@@ -102,7 +104,7 @@ def block(
     time = np.asarray(trajectory.time * 1e-6, dtype=np.float64)
     power = np.zeros(len(time))
     power[r.row] = r.motion.power
-    code = np.broadcast_to(np.int64(vehicle), len(r.motion))
+    code = np.full(len(r.motion), vehicle)
     motion = _narrow(r.motion.replaced(time=r.motion.time + time[0], vehicle=code))
     return Block(
         motion, r.row.astype(np.int32), r.likeliest.acceleration.astype(np.float32), time, r.dt_row, power,
@@ -112,6 +114,13 @@ def block(
 
 
 def _narrow(motion: Motion) -> Motion:
-    """A motion in single precision: seven digits, where its parts are known to three or four."""
-    arrays = {f.name: getattr(motion, f.name) for f in fields(Motion) if f.name not in EXACT}
-    return motion.replaced(**{k: v.astype(np.float32) for k, v in arrays.items() if v.dtype == np.float64})
+    """A motion in single precision, seven digits where three or four are known; what is constant takes no
+    room."""
+    kept = {f.name: getattr(motion, f.name) for f in fields(Motion) if f.name not in EXACT}
+    return motion.replaced(**{name: _light(values) for name, values in kept.items()})
+
+
+def _light(values: NDArray[Any]) -> NDArray[Any]:
+    if len(values) and np.array_equal(values, np.broadcast_to(values[0], values.shape), equal_nan=True):
+        return np.broadcast_to(values[0], values.shape)
+    return values.astype(np.float32 if values.dtype.kind == "f" else np.int32)
