@@ -114,8 +114,10 @@ def block(
 
 
 def narrow(motion: Motion) -> Motion:
-    """Return a motion in single precision, seven digits where three or four are known; what is constant takes no
-    room."""
+    """Return a motion in single precision, seven digits where three or four are known.
+
+    What is constant takes no room.
+    """
     kept = {f.name: getattr(motion, f.name) for f in fields(Motion) if f.name not in EXACT}
     return motion.replaced(**{name: _light(values) for name, values in kept.items()})
 
