@@ -113,10 +113,23 @@ def _counting(problem: Problem, now: Joint, found: Search, ranked: list[Joint]) 
     for joint in _by_simplicity(problem, ranked):
         if now.score - joint.score < problem.settings.evidence or _on_bound(problem, joint):
             continue
+        if any(_is_part_of(joint, other) for other in ranked):
+            continue
         size = size_of(problem, now, joint)
         found.log.append(f"{joint.chosen[-1].name}: share {size.share:.4f} verified {size.verified:.4f}")
         if _counts(problem, joint.chosen[-1], size):
             yield joint
+
+
+def _is_part_of(joint: Joint, other: Joint) -> bool:
+    """Whether a number of a part only repeats what the same number says of all, and says it worse."""
+    own, whole = joint.chosen[-1], other.chosen[-1]
+    return (
+        bool(own.knobs)
+        and not own.scope.whole
+        and whole.knobs == tuple(k.fleet for k in own.knobs)
+        and other.score < joint.score
+    )
 
 
 def _in_their_time(
@@ -268,8 +281,9 @@ def _counts(problem: Problem, h: Hypothesis, size: Size) -> bool:
     """
     material = problem.settings.material
     least = max(material, problem.channel.model_error)
-    if h.knobs:  # The model's own error is alike in all trucks and hours: between them it takes nothing away.
-        return size.share >= (least if h.scope.whole else material)
+    if h.knobs and not h.scope.whole:
+        # The model's own error is alike in all trucks and hours: between them it takes nothing away.
+        return size.share >= material
     if {"x", "y"} & set(h.depends_on):
         return size.verified >= problem.channel.place_error
     return size.share >= least and size.verified >= problem.channel.model_error
