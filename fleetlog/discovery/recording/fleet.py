@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -57,14 +57,19 @@ class Fleet:
         """Whether any vehicle-day knows the column."""
         return any(t.has(column) for _, t in self.days)
 
-    most_in_memory: int = 300_000
-    """Rows whose motion is kept between the passes; of more it is made anew, so that memory does not grow
-    with the days."""
+    most_in_memory: int = 1_500_000
+    """Rows whose motion is kept between the passes, 250 bytes each; of more it is made anew, so that memory
+    does not grow with the days."""
+    _blocks: dict[tuple[int, int], Block] = field(default_factory=dict, init=False, repr=False)
 
     def each_block(self) -> Iterator[Block]:
-        """Yield all vehicle-days as finely stepped motion."""
+        """Yield all vehicle-days as finely stepped motion, the same for all who ask."""
         for vehicle, trajectory in self.days:
-            yield self.block(vehicle, trajectory)
+            key = vehicle, int(trajectory.time[0])
+            found = self._blocks.get(key) or self.block(vehicle, trajectory)
+            if self.rows <= self.most_in_memory:
+                self._blocks[key] = found.put_away()
+            yield found
 
     def block(self, vehicle: int, trajectory: Trajectory) -> Block:
         """Return one vehicle-day."""
