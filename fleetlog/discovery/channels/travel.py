@@ -196,7 +196,7 @@ def travel_channel(fleet: Fleet, base: Model, settings: Settings, split: Split) 
     assert fleet.network is not None
     return TravelChannel(
         "speed",
-        fleet,
+        replace(fleet, interval={}),
         base,
         split,
         settings.stretch,
