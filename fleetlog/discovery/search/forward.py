@@ -155,8 +155,6 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
 
 MOST = 0.7
 """Share of what speaks for free time by place that a name must reach to go before it."""
-PART = 0.5
-"""Share of the model's own error that unseen trips must confirm of a number of the whole fleet."""
 NUMBERS, OTHERS = 0.1, 0.3
 """Hypotheses with this share of the best gain are fitted exactly: a number's linear gain may be far too
 small."""
@@ -283,14 +281,11 @@ def _counts(problem: Problem, h: Hypothesis, size: Size) -> bool:
     """
     material = problem.settings.material
     least = max(material, problem.channel.model_error)
-    if h.knobs and not h.scope.whole:
-        # The model's own error is alike in all trucks and hours: between them it takes nothing away.
-        return size.share >= material
+    if h.knobs:  # The model's own error is alike in all trucks and hours: between them it takes nothing away.
+        return size.share >= (least if h.scope.whole else material)
     if {"x", "y"} & set(h.depends_on):
         return size.verified >= problem.channel.place_error
-    # Of a number the tolerances of others take up a part, which unseen trips then cannot confirm.
-    confirmed = PART if h.knobs else 1.0
-    return size.share >= least and size.verified >= confirmed * problem.channel.model_error
+    return size.share >= least and size.verified >= problem.channel.model_error
 
 
 def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> list[Rival]:
