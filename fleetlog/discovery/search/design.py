@@ -186,7 +186,7 @@ def _tolerance(channel: Channel, layout: Layout, model: Model, knob: Knob) -> At
 def of_hypothesis(
     channel: Channel, layout: Layout, model: Model, h: Hypothesis, fitted: bool = False
 ) -> list[Atom]:
-    """Return the coefficients of a hypothesis; of one that is ``fitted`` they are steps from where it stands."""
+    """Return the coefficients of a hypothesis, which of one that is ``fitted`` are steps from where it is."""
     if h.knobs:
         return [_free(layout, model, h, k, s) for k, s in zip(h.knobs, h.sources, strict=True)]
     columns = np.array(layout.at(h.sources[0]), dtype=np.int64)
