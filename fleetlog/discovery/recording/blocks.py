@@ -96,9 +96,12 @@ class Block:
 
 def block(
     trajectory: Trajectory, vehicle: int, network: Network | None, truck: Truck, *, lag: float = 0.0,
-    scale: float = 1.0, load_lags: bool = False,
+    scale: float = 1.0, load_lags: bool = False, mean_of: float = 0.0,
 ) -> Block:  # fmt: skip
-    """Return one vehicle-day, its sensors put right by ``lag`` [s] and ``scale``."""
+    """Return one vehicle-day, its sensors put right by ``lag`` [s] and ``scale``.
+
+    Rows whose power is the mean of the last ``mean_of`` seconds are taken together so that they say it once.
+    """
     recipe = partial(reconstruct, trajectory, network, truck, lag, scale, load_lags=load_lags)
     r = recipe()
     time = np.asarray(trajectory.time * 1e-6, dtype=np.float64)
@@ -106,10 +109,29 @@ def block(
     power[r.row] = r.motion.power
     code = np.full(len(r.motion), vehicle)
     motion = narrow(r.motion.replaced(time=r.motion.time + time[0], vehicle=code))
-    return Block(
+    made = Block(
         motion, r.row.astype(np.int32), r.likeliest.acceleration.astype(np.float32), time, r.dt_row, power,
         trajectory.floats("soc"), trajectory.trip_ids() + TRIP * vehicle, vehicle,
         int(trajectory.time[0] // DAY), recipe, r,
+    )  # fmt: skip
+    count = round(mean_of / float(np.median(np.diff(time)))) if mean_of > 0.0 else 1
+    return _merged(made, count) if count > 1 else made
+
+
+def _merged(block: Block, count: int) -> Block:
+    """Take ``count`` rows together; of fewer, before a trip or a silence ends, the power is not known."""
+    begin = np.append(True, np.diff(block.trip) != 0) | block.silent
+    since = np.arange(len(block)) - np.maximum.accumulate(np.where(begin, np.arange(len(block)), 0))
+    begin |= since % count == 0
+    group, size = np.cumsum(begin) - 1, np.diff(np.append(np.flatnonzero(begin), len(block)))
+    last = np.cumsum(size) - 1
+    mean = block.power[last]
+    return replace(
+        block, motion=block.motion.replaced(power=mean[group][block.row]),
+        row=group[block.row].astype(np.int32), time=np.bincount(group, block.time) / size,
+        seconds=np.bincount(group, block.seconds).astype(np.float64),
+        power=np.where(size == count, mean, np.nan), soc=np.bincount(group, block.soc) / size,
+        trip=block.trip[last],
     )  # fmt: skip
 
 

@@ -36,7 +36,7 @@ class Fleet:
     """Vehicle-days of a recording on a site, with the truck that the model takes for all of them.
 
     ``lag`` and ``scale`` (by vehicle) put the clock of the power channel and the scale of the speed channel
-    right.
+    right; ``interval`` (by vehicle) is that over which the logger took the mean of power [s].
     """
 
     days: list[tuple[int, Trajectory]]
@@ -46,6 +46,7 @@ class Fleet:
     lag: dict[int, float]
     scale: dict[int, float]
     load_with_power: bool = False
+    interval: dict[int, float] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
     """Vehicles whose log lacks the payload that others have: their loads would pass for missing physics."""
     speed_from_positions: frozenset[int] = frozenset()
@@ -82,6 +83,7 @@ class Fleet:
             lag=lag,
             scale=scale,
             load_lags=self.load_with_power,
+            mean_of=self.interval.get(vehicle, 0.0),
         )
 
     @cached_property
