@@ -1,4 +1,4 @@
-"""Laws of the whole diagnosis: what is held out only scores, errors are those of model.toml, frames are free."""
+"""Laws of the whole diagnosis: what is held out only scores, errors are those of model.toml."""
 
 from __future__ import annotations
 
