@@ -14,6 +14,7 @@ from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.store import Dataset
 from fleetlog.view import blueprint, events, fleet, palette, thin
 from fleetlog.view.clock import SKIPPED, clock_of
+from fleetlog.view.day import opened
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.happenings import happenings_of
 from fleetlog.view.palette import Colour
@@ -41,6 +42,7 @@ def write_recording(
     *,
     rate_hz: float = RATE,
     summary: str | Mapping[str, Any] | None = None,
+    day: str | None = None,
 ) -> Path:
     """The replay of a dataset as an .rrd file that opens with everything in view.
 
@@ -50,8 +52,11 @@ def write_recording(
     out_rrd : the file; it appears whole or not at all, and replaces an older one.
     rate_hz : samples a second kept of every vehicle; values are picked, not averaged.
     summary : Markdown, or figures by name, shown beside the replay; by default the dataset's own.
+    day : show the rows of this day (UTC, YYYY-MM-DD) alone.
     """
-    dataset = Dataset(dataset_path)
+    dataset = opened(dataset_path, day)
+    if day is not None and summary is None:
+        summary = {}  # that of the dataset is of all its days
     site = dataset.site
     start, end = (microseconds(dataset.meta.get(k)) for k in ("start", "end"))
     duration = 0.0 if start is None or end is None else (end - start) * 1e-6

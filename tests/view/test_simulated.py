@@ -182,3 +182,21 @@ def test_spots_drawn_along_the_roads_are_shown(sim: SimpleNamespace) -> None:
     drawn = sim.bays[~sim.bays.place.isin(known)]
     found = {e for e in rrd.entities(sim.out) if e.endswith("/drawn/points")}
     assert found == {f"/site/places/{kind}/drawn/points" for kind in drawn.kind.unique()}
+
+
+def test_a_day_of_a_simulation_shows_nothing_of_the_other(
+    tmp_path: Path, project_root: Path, sim: SimpleNamespace
+) -> None:
+    """A run from two minutes before midnight to three after it."""
+    site, _ = load_site(project_root / "sample_data" / "site.toml")
+    truck = load_truck(project_root / "sample_data" / "truck.toml")
+    path, midnight = tmp_path / "dataset", 1_772_496_000_000_000
+    with DatasetWriter.create(path, "simulated", site) as writer:
+        settings = Settings(vehicles=2, duration=300.0, interval=1.0, seed=2, start=midnight - 120_000_000)
+        simulate(site, truck, writer, settings)
+    for day, after in (("2026-03-02", False), ("2026-03-03", True)):
+        out = recording.write_recording(path, tmp_path / "day.rrd", day=day)
+        times = np.concatenate([rrd.times(out, entity) for entity in rrd.entities(out)])
+        # A curve that ends is followed by nothing a microsecond later, a truck by a gap of ten seconds.
+        assert (times >= midnight).all() if after else (times < midnight + 11_000_000).all()
+        assert np.ptp(times) > 100_000_000
