@@ -65,23 +65,18 @@ def _checked(path: Path) -> Path:
 
 
 def middle_of_driving(path: Path, day: str | None = None) -> int | None:
-    """Time [ns] of the trip nearest to the middle of a dataset; None where a truck drives in the middle."""
+    """Time [ns] in the middle of the middle trip of a dataset; None of anything without trips."""
     if not (path / "dataset.json").is_file():
         return None
-    from fleetlog.view.day import opened
+    from fleetlog.store import Dataset
 
-    dataset = opened(path, day)
-    trips = dataset.trips
+    trips = Dataset(path).trips.sort_values("start")
     if day is not None:
         trips = trips[trips["start"].dt.strftime("%Y-%m-%d") == day]
     if not len(trips):
         return None
-    start, end = (trips[n].to_numpy("datetime64[ns]").astype(np.int64) for n in ("start", "end"))
-    middle = int(start.min()) + (int(end.max()) - int(start.min())) // 2
-    if ((start <= middle) & (middle <= end)).any():
-        return None
-    of_trips = start + (end - start) // 2
-    return int(of_trips[np.abs(of_trips - middle).argmin()])
+    trip = trips.iloc[len(trips) // 2]
+    return int((trip["start"] + (trip["end"] - trip["start"]) / 2).value)
 
 
 def nanoseconds_of(iso: str) -> int:
