@@ -152,12 +152,13 @@ def _sentence(f: Finding) -> str:
 
 
 def _parameters(f: Finding) -> Table | None:
+    """The numbers of a finding that has more than the one in its sentence."""
     rows = [
-        [_plain(p.name), f"{p.value:.4g}", f"{p.low:.4g} to {p.high:.4g}", p.unit.replace("1", "")]
+        [_plain(p.name), f"{p.value:.4g}", f"{p.low:.4g} to {p.high:.4g}", p.unit if p.unit != "1" else ""]
         for p in f.parameters
     ]
     head = ["Quantity", "value", "95 % interval", "unit"]
-    return Table(head, rows, [False, True, True, False]) if rows else None
+    return Table(head, rows, [False, True, True, False]) if len(rows) > 1 else None
 
 
 def _ranking(f: Finding) -> list[tuple[str, float, float, bool]]:
@@ -174,8 +175,8 @@ def _ranking(f: Finding) -> list[tuple[str, float, float, bool]]:
 def _roads(f: Finding) -> Table | None:
     edges = (f.where or {}).get("edges") or []
     rows = [
-        [e["edge_id"], f"{e['from']:.0f} to {e['to']:.0f} m", f"{e['value']:.4g}",
-         f"{e['low']:.4g} to {e['high']:.4g}"]
+        [e["edge_id"], f"{e['from']:.0f} to {e['to']:.0f} m", f"{e['value']:.3g}",
+         f"{e['low']:.3g} to {e['high']:.3g}"]
         for e in edges[:MOST_ROADS]
     ]  # fmt: skip
     head, right = ["Road", "stretch", "value", "95 % interval"], [False, True, True, True]
