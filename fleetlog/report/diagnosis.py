@@ -22,7 +22,7 @@ from fleetlog.report.facts import Facts
 from fleetlog.view.picture import svg
 from fleetlog.view.scales import scales_of
 
-MOST_ROADS = 20
+MOST_ROADS, KJ_PER_KWH = 20, 3600.0
 
 
 def in_short(facts: Facts) -> list[str]:
@@ -76,8 +76,8 @@ def _cost(d: Diagnosis) -> list[str]:
     if not whole > 0.0:
         return []
     word = "add" if added > 0.0 else "take"
-    share, kwh = percent(abs(added) / whole, 1), abs(added) / 3.6e6
-    return [f"Together they {word} {number(kwh)} kWh: {share} of the {number(whole / 3.6e6)} kWh recorded."]
+    share, kwh = percent(abs(added) / whole, 1), abs(added) / KJ_PER_KWH
+    return [f"Together they {word} {number(kwh)} kWh: {share} of the {number(whole / KJ_PER_KWH)} kWh recorded."]
 
 
 def _todo(findings: list[Finding], zone: str) -> Table | None:
