@@ -77,7 +77,9 @@ def _cost(d: Diagnosis) -> list[str]:
         return []
     word = "add" if added > 0.0 else "take"
     share, kwh = percent(abs(added) / whole, 1), abs(added) / KJ_PER_KWH
-    return [f"Together they {word} {number(kwh)} kWh: {share} of the {number(whole / KJ_PER_KWH)} kWh recorded."]
+    return [
+        f"Together they {word} {number(kwh)} kWh: {share} of the {number(whole / KJ_PER_KWH)} kWh recorded."
+    ]
 
 
 def _todo(findings: list[Finding], zone: str) -> Table | None:

@@ -6,8 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from fleetlog.errors import InputError, nearest
+from fleetlog.errors import InputError
 from fleetlog.store import Dataset
+
+MOST = 7
+"""Days that an error names."""
 
 
 class Day(Dataset):
@@ -16,7 +19,9 @@ class Day(Dataset):
     def __init__(self, path: str | Path, date: str) -> None:
         super().__init__(path)
         if date not in self.dates:
-            raise InputError(f"no rows on {date} (UTC)", where=path, do=nearest(date, self.dates))
+            more = f" and {len(self.dates) - MOST} more" if self.dates[MOST:] else ""
+            do = f"choose from {', '.join(self.dates[:MOST])}{more}"
+            raise InputError(f"no rows on {date} (UTC)", where=path, do=do)
         self.dates = [date]
         self.vehicle_days = [day for day in self.vehicle_days if day[1] == date]
         times = {t.vehicle_id: t.time for t in self.days(())}
