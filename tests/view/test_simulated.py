@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import rrd
 from fixtures_view import complaints
+from ink import is_drawn, views
 
 from fleetlog.core.truck import load_truck
 from fleetlog.roads import load_site
@@ -157,10 +158,10 @@ def test_a_simulation_is_drawn(sim: SimpleNamespace) -> None:
     with headless.open_headless(sim.out, (1200, 800)) as viewer:
         start, _ = viewer.span()
         viewer.pause_at(start + 150_000_000_000)
-        assert [v for v in viewer.views() if v.startswith("Open tasks")]
-        for name in viewer.views():
+        assert [v for v in views(viewer) if v.startswith("Open tasks")]
+        for name in views(viewer):
             if name.startswith(("Activities", "Open tasks", "Plan")):
-                assert headless.colour_ink(viewer.picture(name)) > headless.INK, name
+                assert is_drawn(viewer, name), name
         assert not complaints(viewer)
 
 
