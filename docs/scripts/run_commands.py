@@ -16,6 +16,7 @@ import shlex
 import shutil
 import sys
 import tempfile
+import textwrap
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -31,6 +32,9 @@ NAMED = {
 ELSEWHERE = {
     "twizy": "a public data set",
     "mqtt://": "a broker of one's own",
+    "tcp://": "a cluster of one's own",
+    "s3://": "a bucket of one's own",
+    "2026-03-03": "logs of another day",
     "VERB": "a synopsis",
     "LOG...": "a synopsis",
     "demo": "the demo alone runs for a minute; its steps are all here",
@@ -73,6 +77,12 @@ def prepare(run: object) -> None:
     Path("runs.csv").write_text(RUNS)
     Path("tasks.csv").write_text(TASKS)
     Path("plan.toml").write_text(PLAN)
+    Path("tariff.toml").write_text(indented("report", "currency"))
+    Path("profile.toml").write_text(titled("tutorials/own-data", "profile.toml"))
+    for week in ("week-10", "week-11"):
+        fleetlog.read_logs(
+            f"messy/{week}.csv.gz", profile="profile.toml", site="site.toml", recording=False, output=week
+        )
     Path("log.jsonl").write_bytes(gzip.decompress(Path("logs/T7_vda5050.jsonl.gz").read_bytes()))
     shutil.copy("truck.toml", "plant.toml")
     site = "site.toml"
@@ -82,6 +92,20 @@ def prepare(run: object) -> None:
     fleetlog.analyze.density(recorded, output="density")
     fleetlog.view("recorded", beside="simulated", save="both.rrd")
     fleetlog.export(recorded, to="sumo-fcd", output="driven.fcd.xml")
+
+
+def titled(page: str, title: str) -> str:
+    """A file that a page shows under its name."""
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    return text.split(f'title="{title}"\n')[1].split("```")[0]
+
+
+def indented(page: str, first: str) -> str:
+    """The indented block of a page that begins with a word."""
+    lines = (
+        (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8").split(f"    {first} ")[1].split("\n\n")[0]
+    )
+    return textwrap.dedent(f"    {first} {lines}")
 
 
 def quick(words: list[str]) -> list[str]:

@@ -87,7 +87,9 @@ def _todo(findings: list[Finding], zone: str) -> Table | None:
     rows = []
     for k, f in enumerate(findings, start=1):
         trucks = ", ".join(f.scope["vehicles"] or ()) or "all"
-        rows.append([f"{k}. {_plain(f.term)}", trucks, place(f.where), _when(f, zone), f"{_advice(f)}."])
+        rows.append(
+            [f"{k}. {_plain(f.term).capitalize()}", trucks, place(f.where), _when(f, zone), f"{_advice(f)}."]
+        )
     head = ["Finding", "trucks", "where", "when", "what to do"]
     return Table(head, rows, [False] * 5, "What to do, the largest effect first") if rows else None
 
@@ -98,12 +100,15 @@ def _plain(name: str) -> str:
 
 def _when(f: Finding, zone: str) -> str:
     """The time that a finding is of, on the site's clock."""
-    ends = [
-        f.scope[k] and f"{pd.Timestamp(f.scope[k]).tz_convert(zone):%d %b %Y %H:%M}"
-        for k in ("from", "until")
-    ]
-    words = ("growing from" if f.scope.get("drift") else "from", "to" if ends[0] else "until")
-    said = " ".join(f"{word} {end}" for word, end in zip(words, ends, strict=True) if end)
+    begin, end = (f.scope[k] and pd.Timestamp(f.scope[k]).tz_convert(zone) for k in ("from", "until"))
+    one_day = begin and end and begin.date() == end.date()
+    first = f"{'growing ' if f.scope.get('drift') else ''}from {begin:%d %b %Y %H:%M}" if begin else ""
+    last = (
+        f"{'to' if begin else 'until'} {f'{end:%H:%M}' if one_day else f'{end:%d %b %Y %H:%M}'}"
+        if end
+        else ""
+    )
+    said = " ".join(filter(None, (first, last)))
     return f"{said} ({zone})" if said else "always"
 
 
@@ -163,15 +168,18 @@ def _parameters(f: Finding) -> Table | None:
     return Table(head, rows, [False, True, True, False]) if len(rows) > 1 else None
 
 
-def _ranking(f: Finding) -> list[tuple[str, float, float, bool]]:
+def _ranking(f: Finding) -> list[tuple[str, str, float, bool]]:
     """Explanations with what each takes off the error on held-out trips, and its share of the largest."""
+    gains: dict[str, float] = {}
     others: list[dict[str, Any]] = f.evidence.get("alternatives", [])
-    rows = [(f.term, float(f.evidence.get("held_out_gain") or 0.0), True)]
-    rows += [(str(a["term"]), float(a["held_out_gain"] or 0.0), False) for a in others]
-    top = max(abs(g) for _, g, _ in rows)
-    if top <= 0.0 or len(rows) < 2:
+    for name, gain in ((str(a["term"]), float(a["held_out_gain"] or 0.0)) for a in others):
+        gains[name] = max(gain, gains.get(name, gain))
+    gains[f.term] = float(f.evidence.get("held_out_gain") or 0.0)
+    top = max(gains.values())
+    if top <= 0.0 or len(gains) < 2:
         return []
-    return [(_plain(n), g, 100.0 * max(g, 0.0) / top, own) for n, g, own in rows]
+    rows = sorted(gains.items(), key=lambda item: -item[1])
+    return [(_plain(n), percent(g, 1), 100.0 * max(g, 0.0) / top, n == f.term) for n, g in rows]
 
 
 def _roads(f: Finding) -> Table | None:
