@@ -155,8 +155,9 @@ def main(short: bool) -> int:
         for page in pages():
             for words in commands(page):
                 words = quick(words) if short else words
-                # Without an output or a file that is there it is a mention, not a command.
-                if tuple(words) in seen or not ("-o" in words or any(Path(w).exists() for w in words)):
+                shows = words[0] in ("info", "view") or "--dry-run" in words
+                # Without an output, or a file that is there to be shown, it is a mention, not a command.
+                if tuple(words) in seen or not ("-o" in words or (shows and any(map(os.path.exists, words)))):
                     continue
                 seen.add(tuple(words))
                 begun = time.monotonic()
