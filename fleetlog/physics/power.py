@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -106,6 +107,10 @@ class Physics:
 
     def actual_truck(self) -> Truck:
         """The truck with every value that a term replaces."""
+        return self._actual_truck
+
+    @cached_property
+    def _actual_truck(self) -> Truck:
         truck = self.truck
         for term in self.active():
             for name, value in self.values.get(term.name, {}).items():

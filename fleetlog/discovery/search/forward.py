@@ -113,10 +113,23 @@ def _counting(problem: Problem, now: Joint, found: Search, ranked: list[Joint]) 
     for joint in _by_simplicity(problem, ranked):
         if now.score - joint.score < problem.settings.evidence or _on_bound(problem, joint):
             continue
+        if any(_is_part_of(joint, other) for other in ranked):
+            continue
         size = size_of(problem, now, joint)
         found.log.append(f"{joint.chosen[-1].name}: share {size.share:.4f} verified {size.verified:.4f}")
         if _counts(problem, joint.chosen[-1], size):
             yield joint
+
+
+def _is_part_of(joint: Joint, other: Joint) -> bool:
+    """Whether a number of a part only repeats what the same number says of all, and says it worse."""
+    own, whole = joint.chosen[-1], other.chosen[-1]
+    return (
+        bool(own.knobs)
+        and not own.scope.whole
+        and whole.knobs == tuple(k.fleet for k in own.knobs)
+        and other.score < joint.score
+    )
 
 
 def _in_their_time(
@@ -142,6 +155,8 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
 
 MOST = 0.7
 """Share of what speaks for free time by place that a name must reach to go before it."""
+PART = 0.5
+"""Share of the model's own error that unseen trips must confirm of a number of the whole fleet."""
 NUMBERS, OTHERS = 0.1, 0.3
 """Hypotheses with this share of the best gain are fitted exactly: a number's linear gain may be far too
 small."""
@@ -268,11 +283,14 @@ def _counts(problem: Problem, h: Hypothesis, size: Size) -> bool:
     """
     material = problem.settings.material
     least = max(material, problem.channel.model_error)
-    if h.knobs:  # The model's own error is alike in all trucks and hours: between them it takes nothing away.
-        return size.share >= (least if h.scope.whole else material)
+    if h.knobs and not h.scope.whole:
+        # The model's own error is alike in all trucks and hours: between them it takes nothing away.
+        return size.share >= material
     if {"x", "y"} & set(h.depends_on):
         return size.verified >= problem.channel.place_error
-    return size.share >= least and size.verified >= problem.channel.model_error
+    # Of a number the tolerances of others take up a part, which unseen trips then cannot confirm.
+    confirmed = PART if h.knobs else 1.0
+    return size.share >= least and size.verified >= confirmed * problem.channel.model_error
 
 
 def _rivals(problem: Problem, now: Joint, joint: Joint, ranked: list[Joint]) -> list[Rival]:
