@@ -95,7 +95,7 @@ def _span(recorded: Dataset, simulated: Dataset, shift: int) -> tuple[int | None
 
 def _text(recorded: Dataset, simulated: Dataset, shift: int) -> str:
     moved = f"\n\nThe simulated clock is moved by {shift * 1e-6:,.0f} s.\n" if shift else "\n"
-    summaries = f"{summary_markdown(recorded, {})}\n{summary_markdown(simulated, {})}"
+    summaries = "\n".join(summary_markdown(d, figures=False) for d in (recorded, simulated))
     return f"Recorded in orange, simulated in blue.{moved}\n{summaries}"
 
 
