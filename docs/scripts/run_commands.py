@@ -2,6 +2,7 @@
 
 python docs/scripts/run_commands.py            as printed (some simulate for hours: this takes a while)
 python docs/scripts/run_commands.py --quick    simulations of ten minutes, one seed
+python docs/scripts/run_commands.py --quick plan.md report.md      those of some pages
 
 Prints each command with its time; exit status 1 if one fails.
 """
@@ -121,6 +122,10 @@ def quick(words: list[str]) -> list[str]:
     )
 
 
+MADE = ("recorded", "simulated", "diagnosis", "density")
+"""What every page finds, whatever the pages before it have put in its place."""
+
+
 def run(words: list[str]) -> tuple[bool, str]:
     """Whether a command ends well, and what it says; outputs of an earlier one are replaced."""
     from click.testing import CliRunner
@@ -128,31 +133,32 @@ def run(words: list[str]) -> tuple[bool, str]:
     from fleetlog.cli.main import cli
 
     for flag in ("-o", "--save", "--screenshot"):
-        if flag in words:
-            target = Path(words[words.index(flag) + 1])
-            if target.name not in ("recorded", "simulated", "diagnosis", "density"):
-                shutil.rmtree(target, ignore_errors=True) if target.is_dir() else target.unlink(
-                    missing_ok=True
-                )
-            elif "--overwrite" not in words:
-                words = [*words, "--overwrite"]
+        if flag in words and "--overwrite" not in words and "--append" not in words:
+            words = [*words, "--overwrite"]
     done = CliRunner().invoke(cli, words, standalone_mode=False)
-    return done.exception is None and done.return_value in (
-        None,
-        0,
-        3,
-    ), f"{done.exception or done.return_value}"
+    good = done.exception is None and done.return_value in (None, 0, 3)
+    return good, f"{done.exception or done.return_value}"
 
 
-def main(short: bool) -> int:
-    """Run all of them; return how many failed."""
+def restore(kept: Path) -> None:
+    """Put back what was made for all pages."""
+    for name in MADE:
+        shutil.rmtree(name, ignore_errors=True)
+        shutil.copytree(kept / name, name)
+
+
+def main(short: bool, names: list[str]) -> int:
+    """Run those of some pages, or of all; return how many failed."""
     from fleetlog.view import viewer
 
     viewer.show = lambda rrd: None
     failed, seen = 0, set()
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         prepare(run)
-        for page in pages():
+        for name in MADE:
+            shutil.copytree(name, Path("kept") / name)
+        for page in (p for p in pages() if not names or p.name in names):
+            restore(Path("kept"))
             for words in commands(page):
                 words = quick(words) if short else words
                 shows = words[0] in ("info", "view") or "--dry-run" in words
@@ -164,14 +170,13 @@ def main(short: bool) -> int:
                 good, why = run(words)
                 failed += not good
                 state = "done" if good else f"FAILED ({why})"
-                print(
-                    f"{page.name}: fleetlog {shlex.join(words)}: {state}, {time.monotonic() - begun:.1f} s",
-                    flush=True,
-                )
+                took = time.monotonic() - begun
+                print(f"{page.name}: fleetlog {shlex.join(words)}: {state}, {took:.1f} s", flush=True)
     print(f"{len(seen)} commands, {failed} failed")
     return failed
 
 
 if __name__ == "__main__":
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    sys.exit(bool(main("--quick" in sys.argv)))
+    given = sys.argv[1:]
+    sys.exit(bool(main("--quick" in given, [name for name in given if name != "--quick"])))

@@ -30,7 +30,8 @@ FIGURES: dict[str, tuple[str, float]] = {
     "trips": ("trips: {:,.0f}", 1.0), "matched": ("on a road: {:.1f} % of the rows", 100.0),
     "rows_rejected": ("rows rejected: {:,.0f}", 1.0), "tasks_done": ("tasks done: {:,.0f}", 1.0),
     "distance_m": ("driven: {:,.1f} km", 1e-3), "energy_wh": ("energy: {:,.1f} kWh", 1e-3),
-    "soc_lowest": ("lowest state of charge: {:.0f} %", 100.0), "waiting_s": ("waiting: {:,.1f} h", 1.0 / 3600.0),
+    "soc_lowest": ("lowest state of charge: {:.0f} %", 100.0),
+    "waiting_s": ("waiting: {:,.1f} h", 1.0 / 3600.0),
 }  # fmt: skip
 """Figures of an import or a simulation that are shown, with the factor to the unit in which they are."""
 COLUMNS = (
