@@ -14,11 +14,12 @@ from ink import is_drawn, views
 
 from fleetlog.core.truck import load_truck
 from fleetlog.roads import load_site
+from fleetlog.roads.segments import reduced
 from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.store.events import TABLES, read_table
-from fleetlog.view import events, headless, marks, recording
+from fleetlog.view import events, headless, recording
 from fleetlog.view.comparison import write_comparison
 
 TRUCKS = 4
@@ -169,13 +170,13 @@ def test_a_line_is_reduced_to_what_its_tolerance_needs() -> None:
     turn = np.linspace(0.0, np.pi / 2, 200)
     bend = np.column_stack([10 * np.cos(turn), 10 * np.sin(turn), np.zeros(200)])
     for tolerance in (0.5, 0.1, 0.02):
-        kept = marks.reduced(bend, tolerance)
+        kept = reduced(bend, tolerance)
         # The chord of an arc of radius r is r (1 - cos(half its angle)) away from it.
         angles = np.arctan2(kept[:, 1], kept[:, 0])
         assert (10 * (1 - np.cos(np.diff(angles) / 2))).max() <= tolerance + 1e-9
         assert (kept[[0, -1]] == bend[[0, -1]]).all()
     straight = np.column_stack([np.linspace(0, 30, 61), np.zeros(61), np.zeros(61)])
-    assert len(marks.reduced(straight, 0.01)) == 2
+    assert len(reduced(straight, 0.01)) == 2
 
 
 def test_spots_drawn_along_the_roads_are_shown(sim: SimpleNamespace) -> None:
