@@ -59,7 +59,7 @@ def diagnosis_page(d: Diagnosis, site: Site) -> str:
     return render(
         "diagnosis.html", title="Differences between recording and model", lead=[head, *_cost(d)],
         channels=_channels(d), todo=_todo(v.findings, site.timezone or "UTC"),
-        findings=[(f, _sentence(f), _parameters(f), _ranking(f), _roads(f)) for f in v.findings],
+        findings=[(f, _sentence(f), _ranking(f), _roads(f)) for f in v.findings],
         pictures=_pictures(drawn, site), notes=v.notes,
     )  # fmt: skip
 
@@ -156,16 +156,6 @@ def _sentence(f: Finding) -> str:
         others = ", ".join(_plain(n) for n in f.not_excluded)
         return f"These data cannot tell it from {others}. To tell them apart: {f.needs or 'record more'}."
     return f"To go on: {f.needs}." if f.needs else ""
-
-
-def _parameters(f: Finding) -> Table | None:
-    """The numbers of a finding that has more than the one in its sentence."""
-    rows = [
-        [_plain(p.name), f"{p.value:.4g}", f"{p.low:.4g} to {p.high:.4g}", p.unit if p.unit != "1" else ""]
-        for p in f.parameters
-    ]
-    head = ["Quantity", "value", "95 % interval", "unit"]
-    return Table(head, rows, [False, True, True, False]) if len(rows) > 1 else None
 
 
 def _ranking(f: Finding) -> list[tuple[str, str, float, bool]]:
