@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fleetlog.learn.cells import Cells
 from fleetlog.learn.shape import ends
 from fleetlog.learn.skeleton import Chain, way
-from fleetlog.roads.segments import distance_to_segment
+from fleetlog.roads.segments import reduced
 
 Floats = NDArray[np.float64]
 STEP = 1.0
@@ -56,24 +56,7 @@ def refined(
         chains = [_resampled(f.chain) for f in fits]
         fits = _meeting(_fitted(chains, driven, cells, reach))
     fits = _reaching(fits, cells, reach)
-    return [replace(f, chain=_simple(f.chain)) for f in fits]
-
-
-def _simple(c: Chain) -> Chain:
-    """The chain with as few vertices as stay within ``FINE`` of its line (Douglas and Peucker, 1973)."""
-    keep = np.zeros(len(c.points), bool)
-    keep[[0, -1]] = True
-    spans = [(0, len(c.points) - 1)]
-    while spans:
-        a, b = spans.pop()
-        if b - a < 2:
-            continue
-        gap = distance_to_segment(c.points[a + 1 : b], c.points[a], c.points[b])
-        far = int(np.argmax(gap))
-        if gap[far] > FINE:
-            keep[a + 1 + far] = True
-            spans += [(a, a + 1 + far), (a + 1 + far, b)]
-    return replace(c, points=c.points[keep])
+    return [replace(f, chain=replace(f.chain, points=reduced(f.chain.points, FINE))) for f in fits]
 
 
 def _reaching(fits: list[Fit], cells: Cells, reach: float) -> list[Fit]:
