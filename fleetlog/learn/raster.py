@@ -18,9 +18,9 @@ MOST_PIXELS = 30_000_000
 """Pixels of a picture; of a larger site they are coarser."""
 BLUR = 0.6
 """Standard deviation of the blur that turns cells into passes [m]."""
-STRAY = 0.03
+STRAY = 0.1
 """What is driven less than this share of what the floor nearby is, is scatter about it."""
-NEARBY = 3.0
+NEARBY = 2.0
 """... within this [m]."""
 RIM = 4
 """Empty pixels about the picture."""

@@ -121,29 +121,56 @@ def _tangents(points: Floats) -> Floats:
     return np.asarray(d / np.maximum(np.hypot(*d.T), 1e-9)[:, None])
 
 
-def _fitted(chains: list[Chain], driven: NDArray[np.bool_], cells: Cells, reach: float) -> list[Fit]:
-    from scipy.spatial import cKDTree
+@dataclass(frozen=True)
+class _Stations:
+    """Places a metre apart along chains, end to end; chain k owns ``first[k]`` to ``first[k + 1]``."""
 
-    points = np.concatenate([c.points for c in chains])
-    tangent = np.concatenate([_tangents(_softened(c.points)) for c in chains])
-    first = np.concatenate([[0], np.cumsum([len(c.points) for c in chains])])
-    sense = np.repeat(driven, np.diff(first), axis=0)
-    # Stations once for each direction that is driven; a cell belongs to one that lies near and heads alike.
-    station = np.concatenate([np.flatnonzero(sense[:, 0]), np.flatnonzero(sense[:, 1])])
-    sign = np.repeat([1.0, -1.0], sense.sum(axis=0))
-    known = np.column_stack([points[station], HEADED * sign[:, None] * tangent[station]])
-    facing = HEADED * np.cos(cells.heading), HEADED * np.sin(cells.heading)
-    wanted = np.column_stack([cells.x, cells.y, *facing])
-    far, near = cKDTree(known).query(wanted, distance_upper_bound=float(np.hypot(reach, HEADED * TILT)))
-    use = np.flatnonzero(np.isfinite(far))
-    at, back = station[near[use]], (sign[near[use]] < 0.0).astype(np.int64)
+    points: Floats
+    tangent: Floats
+    first: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, chains: list[Chain]) -> _Stations:
+        points = np.concatenate([c.points for c in chains])
+        tangent = np.concatenate([_tangents(_softened(c.points)) for c in chains])
+        return cls(points, tangent, np.concatenate([[0], np.cumsum([len(c.points) for c in chains])]))
+
+    def owners(
+        self, senses: NDArray[np.bool_], cells: Cells, reach: float
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """The cells that lie on the chains, in one of their ``senses`` (n, 2): cell, station, 1 if back."""
+        from scipy.spatial import cKDTree
+
+        sense = np.repeat(senses, np.diff(self.first), axis=0)
+        station = np.concatenate([np.flatnonzero(sense[:, 0]), np.flatnonzero(sense[:, 1])])
+        sign = np.repeat([1.0, -1.0], sense.sum(axis=0))
+        known = np.column_stack([self.points[station], HEADED * sign[:, None] * self.tangent[station]])
+        facing = HEADED * np.cos(cells.heading), HEADED * np.sin(cells.heading)
+        wanted = np.column_stack([cells.x, cells.y, *facing])
+        far, near = cKDTree(known).query(wanted, distance_upper_bound=float(np.hypot(reach, HEADED * TILT)))
+        use = np.flatnonzero(np.isfinite(far))
+        return use, station[near[use]], (sign[near[use]] < 0.0).astype(np.intp)
+
+
+def passes(chains: list[Chain], cells: Cells, reach: float) -> Floats:
+    """(n, 2) how often each metre of a chain was driven forth and back, manoeuvres aside."""
+    chains = [_resampled(c) for c in chains]
+    stations = _Stations.of(chains)
+    use, at, back = stations.owners(np.ones((len(chains), 2), bool), cells, reach)
+    owner = np.searchsorted(stations.first, at, side="right") - 1
+    metres = np.bincount(2 * owner + back, cells.weight[use], 2 * len(chains)).reshape(-1, 2)
+    return np.asarray(metres / np.array([max(c.length, STEP) for c in chains])[:, None])
+
+
+def _fitted(chains: list[Chain], driven: NDArray[np.bool_], cells: Cells, reach: float) -> list[Fit]:
+    stations = _Stations.of(chains)
+    points, tangent, n = stations.points, stations.tangent, len(stations.points)
+    use, at, back = stations.owners(driven, cells, reach)
     dx, dy = cells.x[use] - points[at, 0], cells.y[use] - points[at, 1]
     left = dy * tangent[at, 0] - dx * tangent[at, 1]
-    n, key, w = len(points), back * len(points) + at, cells.weight[use]
-    sums = np.zeros((2, 3, n))
-    for k in range(3):
-        sums[:, k] = np.bincount(key, w * left**k, 2 * n).reshape(2, n)
-    spans = zip(chains, pairwise(first), strict=True)
+    moments = [np.bincount(back * n + at, cells.weight[use] * left**k, 2 * n).reshape(2, n) for k in range(3)]
+    sums = np.stack(moments, axis=1)
+    spans = zip(chains, pairwise(stations.first), strict=True)
     return [_fit(c, sums[:, :, a:b], tangent[a:b]) for c, (a, b) in spans]
 
 
