@@ -18,7 +18,7 @@ MOST_PIXELS = 30_000_000
 """Pixels of a picture; of a larger site they are coarser."""
 BLUR = 0.6
 """Standard deviation of the blur that turns cells into passes [m]."""
-STRAY = 0.1
+STRAY = 0.06
 """What is driven less than this share of what the floor nearby is, is scatter about it."""
 NEARBY = 2.0
 """... within this [m]."""

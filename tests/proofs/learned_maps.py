@@ -6,8 +6,8 @@
 Positions get a noise of which half of the variance lasts for 20 s. An edge is found where 80 % of what was driven
 of it lies within 2.5 m of a learned edge of its direction; false is learned length that is near no edge of the map
 (near no true track either). Routes run on both maps between the
-places of the site, or where it has none between places that lie far apart on the driven roads. Rows are right where they are
-matched to an edge within 60 degrees of the true direction and 2.5 m of the true place.
+places of the site, or where it has none between places that lie far apart on the driven roads. Rows of trucks that drive
+along a road of the map are right where they are matched within 2.5 m of the true place and 60 degrees of the direction.
 """
 
 from __future__ import annotations
@@ -147,22 +147,21 @@ def _shortest(router: Router, n: Network, starts: list, ends: list) -> float:
     return float(best)
 
 
-def matched(dataset: Dataset, truth: Dataset, network: Network) -> tuple[float, float]:
-    """Shares of moving rows on roads, and of those at the true place in the true direction."""
-    rows = on = right = 0
-    for t, true in zip(dataset.days(("x", "y", "speed")), truth.days(("x", "y", "heading")), strict=True):
-        use = moving_rows(t)
+def matched(dataset: Dataset, truth: Dataset, network: Network) -> float:
+    """Share of the rows of trucks that drive along a road of the map which are matched there, in that direction."""
+    rows = right = 0
+    roads = Stations.of(truth.site.roads())
+    for t, true in zip(dataset.days(("x", "y", "speed")), truth.days(("x", "y", "heading", "speed")), strict=True):
         true = true[np.isin(true.time, t.time)]
+        xy, h = np.column_stack([true.floats("x"), true.floats("y")]), true.floats("heading")
+        where = Stations(xy, np.column_stack([np.cos(h), np.sin(h)]), np.zeros(len(h), np.int32))
+        use = (true.floats("speed") > 0.3) & where.near(roads)
         m = match(t, network)
-        edge = m.edge[use]
-        ok = edge >= 0
-        heading = network.heading(edge[ok], m.offset[use][ok])
-        place = network.position(edge[ok], m.offset[use][ok])[:, :2]
-        gap = np.hypot(place[:, 0] - true.floats("x")[use][ok], place[:, 1] - true.floats("y")[use][ok])
-        facing = np.cos(heading - true.floats("heading")[use][ok])
-        rows, on = rows + len(use), on + int(ok.sum())
-        right += int(((facing > 0.5) & (gap < NEAR)).sum())
-    return on / rows, right / rows
+        edge, offset = np.maximum(m.edge, 0), np.nan_to_num(m.offset)
+        gap = np.hypot(*(network.position(edge, offset)[:, :2] - xy).T)
+        ok = (m.edge >= 0) & (np.cos(network.heading(edge, offset) - h) > ALIKE) & (gap < NEAR)
+        rows, right = rows + int(use.sum()), right + int((ok & use).sum())
+    return right / rows
 
 
 def judged(dataset: Dataset, noise: float, folder: Path) -> str:
@@ -177,14 +176,13 @@ def judged(dataset: Dataset, noise: float, folder: Path) -> str:
     places = np.array([(p.x, p.y) for p in dataset.site.places[:PLACES]]).reshape(-1, 2)
     ratio = route_ratios(true, learned, places if len(places) > 3 else spread_out(driven.xy))
     quantiles = np.quantile(np.nan_to_num(ratio, posinf=9.9), [0.5, 0.1, 0.9])
-    on_true, right_true = matched(log, dataset, true)
-    on_learned, right_learned = matched(log, dataset, learned)
+    right, right_learned = (100.0 * matched(log, dataset, n) for n in (true, learned))
     return (
         f"{dataset.path.name} {noise} m: found {100 * (share[some] >= FOUND).mean():.1f} % of {some.sum()}, "
         f"false {100 * (~to_map).mean():.1f} % ({100 * (~(to_map | to_tracks)).mean():.1f} %), "
         f"routes {quantiles[0]:.3f} ({quantiles[1]:.2f} to {quantiles[2]:.2f}), "
         f"within 2 %: {100 * (np.abs(ratio - 1.0) < 0.02).mean():.0f} %, "
-        f"on roads {100 * on_true:.1f} / {100 * on_learned:.1f} %, right {100 * right_true:.1f} / {100 * right_learned:.1f} %"
+        f"rows right: {right:.1f} % on the map, {right_learned:.1f} % on the learned one"
     )
 
 
