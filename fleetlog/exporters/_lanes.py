@@ -1,6 +1,7 @@
 """A site's roads as points and straight lanes, for fleet managers whose graphs know nothing else."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ STEP = 0.5
 
 @dataclass(frozen=True)
 class Lane:
-    """A straight piece of a directed edge, from one point to another; ``limit`` [m/s] is NaN where unknown."""
+    """A straight piece of a directed edge between two points; ``limit`` [m/s] is NaN where unknown."""
 
     name: str
     start: str
@@ -36,15 +37,15 @@ class Lanes:
 def lanes_of(site: Site) -> Lanes:
     """Every edge as a chain of lanes through its vertices and the places beside it.
 
-    An edge and its reverse that share a line share its points.  A place is reached from the nearest point of the
-    nearest road; of several at one point the first counts.
+    An edge and its reverse that share a line share its points.  A place is reached from the nearest point of
+    the nearest road; of several at one point the first counts.
     """
     n, out = site.roads(), Lanes()
     feet = _feet(site.places, n)
     for i, edge in enumerate(n.edge_ids):
         marks = feet.get(n.roads[i], [])
         names = [_corner(n, i, xyz, out) for xyz in _through(n.polyline(i), [foot for _, foot in marks])]
-        pieces = [(a, b) for a, b in zip(names, names[1:], strict=False) if a != b]
+        pieces = [(a, b) for a, b in pairwise(names) if a != b]
         for k, (a, b) in enumerate(pieces, 1):
             length = float(np.hypot(*(out.points[b] - out.points[a])[:2]))
             name = edge if len(pieces) == 1 else f"{edge}.{k}"
@@ -73,7 +74,7 @@ def _through(line: Floats, marks: list[Floats]) -> list[Floats]:
     """The vertices of a line and the marks on it, in order."""
     points = list(line)
     for mark in marks:
-        gaps = [_detour(a, mark, b) for a, b in zip(points, points[1:], strict=False)]
+        gaps = [_detour(a, mark, b) for a, b in pairwise(points)]
         points.insert(int(np.argmin(gaps)) + 1, mark)
     return points
 
@@ -87,8 +88,9 @@ def _corner(n: Network, edge: int, xyz: Floats, out: Lanes) -> str:
     line = n.polyline(edge)
     for vertex, node in ((0, n.start[edge]), (-1, n.end[edge])):
         if np.linalg.norm(xyz - line[vertex]) < 1e-3:
-            out.points.setdefault(n.node_ids[node], n.node_points[node])
-            return n.node_ids[node]
+            name = str(n.node_ids[node])
+            out.points.setdefault(name, n.node_points[node])
+            return name
     front = f"{n.roads[edge]}/"
     known = [name for name in out.points if name.startswith(front)]
     for name in known:

@@ -29,9 +29,7 @@ def windows(selection: Selection, columns: Sequence[str]) -> Iterator[list[Traje
                 yield pieces
 
 
-def _read(
-    selection: Selection, vehicle: str, date: str, begin: int, columns: Sequence[str]
-) -> Trajectory:
+def _read(selection: Selection, vehicle: str, date: str, begin: int, columns: Sequence[str]) -> Trajectory:
     """A vehicle's rows from ``begin`` on for ``WINDOW``; parts and row groups outside are not read."""
     stamp = pa.timestamp("us", tz="UTC")
     inside = [

@@ -1,7 +1,7 @@
 """ASAM OSI trace (``.osi``): a ground truth a moment, with every vehicle that has a row then.
 
-Messages stand behind their lengths, 32 bits in little endian; positions are the site frame's metres, times count
-from 1970, ids from 1 in the order of the vehicles.  Lost are load, battery and the log's own columns.
+Messages stand behind their lengths, 32 bits in little endian; positions are the site frame's metres, times
+count from 1970, ids from 1 in the order of the vehicles.  Lost are load, battery and the log's own columns.
 """
 
 import struct

@@ -17,7 +17,6 @@ from fleetlog.importers._rows import Sample, finite, heading_of_quaternion
 from fleetlog.importers._times import iso_time
 from fleetlog.importers._wire import Wire, fields
 
-
 Decode = Callable[[Any], Sample | list[Sample]]
 
 

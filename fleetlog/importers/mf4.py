@@ -1,7 +1,7 @@
 """ASAM MDF 4 measurements (``.mf4``), read by asammdf (the extra ``mf4``).
 
-Channels are recognised by name and unit as the columns of a CSV are.  Channels of one group share their times:
-a group that holds a position gives rows, any other one values at times of its own.
+Channels are recognised by name and unit as the columns of a CSV are.  Channels of one group share their
+times: a group that holds a position gives rows, any other one values at times of its own.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from fleetlog.core.trajectory import Values
 from fleetlog.errors import FormatError
 from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._fields import Fields, fields_of
+from fleetlog.importers._profile import Source
 from fleetlog.importers._times import NONE, from_counts, microseconds
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject, holding
 
@@ -83,18 +84,18 @@ class _Group:
                 return
 
     def _batch(self, first: int, done: int) -> RawBatch:
-        wanted = [(name, f.column, f) for name, f in self.fields.columns.items()]
-        wanted += [(name, name, None) for name in self.fields.kept if self.placed]
+        own = self.fields.kept if self.placed else []
+        wanted = [*self.fields.columns.items(), *((name, Source(name)) for name in own)]
         signals = self.measurement.select(
-            [self.names[column] for _, column, _ in wanted], record_offset=first,
+            [self.names[source.column] for _, source in wanted], record_offset=first,
             record_count=min(BATCH, self.length - first), copy_master=False,
         )  # fmt: skip
         time = from_counts(np.asarray(signals[0].timestamps, np.float64), "s", self.origin)
         columns: dict[str, Values] = {}
-        for (name, _, field), signal in zip(wanted, signals, strict=True):
+        for (name, source), signal in zip(wanted, signals, strict=True):
             if signal.samples.dtype.kind in "iufb" and signal.samples.ndim == 1:
                 values = signal.samples.astype(np.float64)
-                columns[name] = values if field is None else field.to_si(field.known(values))
+                columns[name] = source.to_si(source.known(values))
         record = np.arange(done + 1, done + 1 + len(time))
         good = time != NONE
         rejects = [Reject(n, "row without a time", "") for n in record[~good].tolist()]

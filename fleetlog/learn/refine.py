@@ -169,7 +169,7 @@ def _fitted(chains: list[Chain], driven: NDArray[np.bool_], cells: Cells, reach:
     dx, dy = cells.x[use] - points[at, 0], cells.y[use] - points[at, 1]
     left = dy * tangent[at, 0] - dx * tangent[at, 1]
     moments = [np.bincount(back * n + at, cells.weight[use] * left**k, 2 * n).reshape(2, n) for k in range(3)]
-    sums = np.stack(moments, axis=1)
+    sums = np.stack(moments, axis=1).astype(np.float64)
     spans = zip(chains, pairwise(stations.first), strict=True)
     return [_fit(c, sums[:, :, a:b], tangent[a:b]) for c, (a, b) in spans]
 
@@ -222,16 +222,19 @@ def _middle(mean: Floats, seen: NDArray[np.bool_]) -> Floats:
 
 
 def _meeting(fits: list[Fit]) -> list[Fit]:
-    """Every junction where the roads point to, and the roads straight into it."""
+    """Every junction where the roads point to, and the roads straight into it; two that meet just go on."""
     points = [f.chain.points for f in fits]
     at = ends([f.chain for f in fits]).items()
     where = {n: _node([points[k][:: 1 if begins else -1] for k, begins in arms]) for n, arms in at}
-    return [replace(f, chain=_tied(f.chain, where)) for f in fits]
+    onward = {n for n, arms in at if len(arms) == 2}
+    return [replace(f, chain=_tied(f.chain, where, onward)) for f in fits]
 
 
 def _node(arms: list[Floats]) -> Floats:
     """The place nearest to the lines along which the arms come in."""
-    old = np.mean([a[0] for a in arms], axis=0)
+    old = np.asarray(np.mean([a[0] for a in arms], axis=0))
+    if len(arms) == 2:
+        return old
     matrix, value = PULL * np.eye(2), PULL * old
     for arm in arms:
         line = _entry(arm)
@@ -256,9 +259,10 @@ def _entry(arm: Floats) -> tuple[Floats, Floats] | None:
     return middle, axes[0]
 
 
-def _tied(c: Chain, where: dict[int, Floats]) -> Chain:
+def _tied(c: Chain, where: dict[int, Floats], onward: set[int]) -> Chain:
     """The chain from node to node: what lies within a junction's reach gives way to a straight line."""
     s = c.way
     clear = min(CLEAR, 0.3 * s[-1])
-    inner = c.points[(s > clear) & (s < s[-1] - clear)]
+    first, last = (0.0 if n in onward else clear for n in (c.start, c.end))
+    inner = c.points[(s > first) & (s < s[-1] - last)]
     return replace(c, points=np.vstack([where[c.start], inner, where[c.end]]))

@@ -155,8 +155,8 @@ def _turning_point(c: Chain, near: float) -> int | None:
 def split(chains: list[Chain], turns: Counter[tuple[int, int]]) -> list[Chain]:
     """Roads that cross where trucks never turn from one into the other do not meet: they pass through.
 
-    ``turns`` counts how often chain a's end (2 a + 1; its start: 2 a) was left for that of chain b; a few turns
-    among many that go elsewhere are rows matched to the wrong road.
+    ``turns`` counts how often chain a's end (2 a + 1; its start: 2 a) was left for that of chain b; a few
+    turns among many that go elsewhere are rows matched to the wrong road.
     """
     chains = [Chain(c.start, c.end, c.points) for c in chains]
     fresh = _fresh(chains)

@@ -21,7 +21,15 @@ REQUIRED = {
     "model": {"version", "name"},
     "point": {"name", "positionX", "positionY", "positionZ", "type"},
     "maxVehicleBoundingBox": {"length", "width", "height", "referenceOffsetX", "referenceOffsetY"},
-    "path": {"name", "sourcePoint", "destinationPoint", "length", "maxVelocity", "maxReverseVelocity", "locked"},
+    "path": {
+        "name",
+        "sourcePoint",
+        "destinationPoint",
+        "length",
+        "maxVelocity",
+        "maxReverseVelocity",
+        "locked",
+    },
     "location": {"name", "positionX", "positionY", "positionZ", "type", "locked"},
 }
 ORDER = ["point", "path", "locationType", "location"]
@@ -55,7 +63,9 @@ def test_what_was_written_is_read_as_it_was(dataset: Dataset, tmp_path: Path, na
 
 
 @pytest.mark.parametrize("name", ["opentcs", "open-rmf"])
-def test_every_way_through_the_model_is_one_through_the_site(dataset: Dataset, tmp_path: Path, name: str) -> None:
+def test_every_way_through_the_model_is_one_through_the_site(
+    dataset: Dataset, tmp_path: Path, name: str
+) -> None:
     """From any node to any other the shortest way is as long."""
     import networkx as nx
 
@@ -86,9 +96,14 @@ def test_a_plant_model_has_what_its_schema_requires(dataset: Dataset, tmp_path: 
     assert all(p.get("sourcePoint") in points and p.get("destinationPoint") in points for p in paths.values())
     for point in model.iterfind("point"):
         assert point[0].tag == "maxVehicleBoundingBox"
-        assert all(paths[o.get("name")].get("sourcePoint") == point.get("name") for o in point.iterfind("outgoingPath"))
+        assert all(
+            paths[o.get("name")].get("sourcePoint") == point.get("name")
+            for o in point.iterfind("outgoingPath")
+        )
     types = {t.get("name") for t in model.iterfind("locationType")}
-    assert all(v.get("type") in types and v.find("link").get("point") in points for v in model.iterfind("location"))
+    assert all(
+        v.get("type") in types and v.find("link").get("point") in points for v in model.iterfind("location")
+    )
 
 
 def test_a_site_without_places_has_none(dataset: Dataset, tmp_path: Path) -> None:

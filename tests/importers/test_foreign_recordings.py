@@ -107,7 +107,9 @@ def test_osi_in_mcap(tmp_path: Path, kind: str) -> None:
 
 def test_an_osi_trace_that_is_cut_off_gives_what_is_whole(tmp_path: Path) -> None:
     pytest.importorskip("osi3", reason="the extra osi is not installed")
-    data = b"".join(struct.pack("<I", len(d)) + d for i in range(5) for d in [ground_truth(i).SerializeToString()])
+    data = b"".join(
+        struct.pack("<I", len(d)) + d for i in range(5) for d in [ground_truth(i).SerializeToString()]
+    )
     path = tmp_path / "a_gt_.osi"
     path.write_bytes(data[:-3])
     batches, report = read(path)
@@ -121,7 +123,13 @@ def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     osi, mf4 = tmp_path / "a.osi", tmp_path / "a.mf4"
     osi.write_bytes(struct.pack("<I", 4) + b"\x0a\x02\x08\x03")
     mf4.write_bytes(b"MDF     4.10")
-    for module in ("osi3", "osi3.osi_groundtruth_pb2", "osi3.osi_sensorview_pb2", "osi3.osi_trafficupdate_pb2", "asammdf"):
+    for module in (
+        "osi3",
+        "osi3.osi_groundtruth_pb2",
+        "osi3.osi_sensorview_pb2",
+        "osi3.osi_trafficupdate_pb2",
+        "asammdf",
+    ):
         monkeypatch.setitem(sys.modules, module, None)
     for path, extra in ((osi, "osi"), (mf4, "mf4")):
         with pytest.raises(FormatError, match=rf"fleetlog\[{extra}\]"):

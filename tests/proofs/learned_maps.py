@@ -5,9 +5,9 @@
 
 Positions get a noise of which half of the variance lasts for 20 s. An edge is found where 80 % of what was driven
 of it lies within 2.5 m of a learned edge of its direction; false is learned length that is near no edge of the map
-(near no true track either). Routes run on both maps between the
-places of the site, or where it has none between places that lie far apart on the driven roads. Rows of trucks that drive
-along a road of the map are right where they are matched within 2.5 m of the true place and 60 degrees of the direction.
+(near no true track either). Routes run on both maps between the places of the site, or where it has none between
+places that lie far apart on the driven roads. Rows of trucks that drive
+along a road of the map (1.5 m, 30 degrees) are right where they are matched within 2.5 m and 60 degrees of the truth.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ from fleetlog.store import DatasetWriter
 from fleetlog.store.dataset import Dataset
 
 NEAR, ALIKE = 2.5, np.cos(np.radians(60.0))
+BESIDE, ALONG = 1.5, np.cos(np.radians(30.0))
+"""Who is nearer to a road than this [m] and heads as it does drives along it, and into no bay."""
 FOUND, STEP, PLACES = 0.8, 0.5, 14
 
 
@@ -51,10 +53,12 @@ class Stations:
         heading = n.heading(line, offset)
         return cls(n.position(line, offset)[:, :2], np.column_stack([np.cos(heading), np.sin(heading)]), line)
 
-    def near(self, other: Stations) -> np.ndarray:
+    def near(self, other: Stations, reach: float = NEAR, alike: float = ALIKE) -> np.ndarray:
         """(N,) whether a station of ``other`` that faces the same way is near."""
-        around = cKDTree(other.xy).query_ball_point(self.xy, NEAR)
-        return np.array([bool((other.facing[k] @ f > ALIKE).any()) for k, f in zip(around, self.facing, strict=True)])
+        around = cKDTree(other.xy).query_ball_point(self.xy, reach)
+        return np.array(
+            [bool((other.facing[k] @ f > alike).any()) for k, f in zip(around, self.facing, strict=True)]
+        )
 
 
 def moving_rows(t: Trajectory) -> np.ndarray:
@@ -86,7 +90,9 @@ def driven_edges(dataset: Dataset, network: Network) -> tuple[Stations, np.ndarr
     on, tracks = Stations.of(network), true_tracks(dataset)
     seen = on.near(tracks)
     seen &= np.isin(on.line, _matched_edges(dataset, network))
-    return Stations(on.xy[seen], on.facing[seen], on.line[seen]), np.bincount(on.line[seen], minlength=len(network))
+    return Stations(on.xy[seen], on.facing[seen], on.line[seen]), np.bincount(
+        on.line[seen], minlength=len(network)
+    )
 
 
 def _matched_edges(dataset: Dataset, network: Network) -> np.ndarray:
@@ -114,7 +120,9 @@ def route_ratios(true: Network, learned: Network, places: np.ndarray) -> np.ndar
     for n in (true, learned):
         stations, router = Stations.of(n), Router(n, speed=np.ones(len(n)))
         ends = [_ends(n, stations, p) for p in places]
-        lengths.append([_shortest(router, n, ends[a], ends[b]) for a, b in permutations(range(len(places)), 2)])
+        lengths.append(
+            [_shortest(router, n, ends[a], ends[b]) for a, b in permutations(range(len(places)), 2)]
+        )
     a, b = (np.array(v) for v in lengths)
     with np.errstate(invalid="ignore"):
         return (b / a)[np.isfinite(a) & (a > 30.0)]
@@ -151,11 +159,13 @@ def matched(dataset: Dataset, truth: Dataset, network: Network) -> float:
     """Share of the rows of trucks that drive along a road of the map which are matched there, in that direction."""
     rows = right = 0
     roads = Stations.of(truth.site.roads())
-    for t, true in zip(dataset.days(("x", "y", "speed")), truth.days(("x", "y", "heading", "speed")), strict=True):
+    for t, true in zip(
+        dataset.days(("x", "y", "speed")), truth.days(("x", "y", "heading", "speed")), strict=True
+    ):
         true = true[np.isin(true.time, t.time)]
         xy, h = np.column_stack([true.floats("x"), true.floats("y")]), true.floats("heading")
         where = Stations(xy, np.column_stack([np.cos(h), np.sin(h)]), np.zeros(len(h), np.int32))
-        use = (true.floats("speed") > 0.3) & where.near(roads)
+        use = (true.floats("speed") > 0.3) & where.near(roads, BESIDE, ALONG)
         m = match(t, network)
         edge, offset = np.maximum(m.edge, 0), np.nan_to_num(m.offset)
         gap = np.hypot(*(network.position(edge, offset)[:, :2] - xy).T)
