@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
+from fleetlog.core.files import open_regular
 from fleetlog.core.trajectory import Values
 from fleetlog.errors import FormatError
 from fleetlog.importers._bounded import refuse_packed
@@ -26,17 +27,7 @@ BATCH = 1 << 16
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """The rows of every group that holds something known, group by group."""
     refuse_packed(path)
-    try:
-        from asammdf import MDF
-    except ImportError:
-        what, do = "reading MF4 needs asammdf", 'install it with: pip install "fleetlog[mf4]"'
-        raise FormatError(what, where=path, do=do) from None
-    try:
-        measurement = MDF(path)
-    except Exception as error:  # the library raises several kinds on damaged files
-        what = f"cannot be read as MF4 ({type(error).__name__})"
-        raise FormatError(what, where=path, do="record it again, or repair it with asammdf") from None
-    with measurement:
+    with open_regular(path) as stream, _opened(stream, path) as measurement:
         origin = options.origin or microseconds(measurement.header.start_time)
         groups = [_Group(measurement, number, options, origin) for number in range(len(measurement.groups))]
         if not any(g.placed for g in groups):
@@ -47,6 +38,20 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             for batch in group.batches(done):
                 done = int(batch.record[-1])
                 yield batch
+
+
+def _opened(stream: BinaryIO, path: Path) -> Any:
+    """The measurement in an open file: one that it opens itself the library cannot close when it is damaged."""
+    try:
+        from asammdf import MDF
+    except ImportError:
+        what, do = "reading MF4 needs asammdf", 'install it with: pip install "fleetlog[mf4]"'
+        raise FormatError(what, where=path, do=do) from None
+    try:
+        return MDF(stream)
+    except Exception as error:  # the library raises several kinds on damaged files
+        what = f"cannot be read as MF4 ({type(error).__name__})"
+        raise FormatError(what, where=path, do="record it again, or repair it with asammdf") from None
 
 
 def _named(groups: list[_Group]) -> str:

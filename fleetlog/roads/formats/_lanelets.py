@@ -78,6 +78,8 @@ def _line(lanelet: Any, projector: Any) -> Floats:
 
     back = [projector.reverse(BasicPoint3d(p.x, p.y, p.z)) for p in lanelet.centerline]
     line = np.array([(g.lon, g.lat, g.alt) for g in back]).reshape(-1, 3)
+    if not np.isfinite(line).all():
+        raise SiteError("a position is not a number", place=f"lanelet {lanelet.id}", do="correct the map")
     return (
         line[np.append(True, np.abs(np.diff(line[:, :2], axis=0)).max(axis=1) > 0.0)] if len(line) else line
     )
