@@ -6,13 +6,14 @@ times: a group that holds a position gives rows, any other one values at times o
 
 from __future__ import annotations
 
+import gc
+import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
-from fleetlog.core.files import open_regular
 from fleetlog.core.trajectory import Values
 from fleetlog.errors import FormatError
 from fleetlog.importers._bounded import refuse_packed
@@ -27,7 +28,7 @@ BATCH = 1 << 16
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """The rows of every group that holds something known, group by group."""
     refuse_packed(path)
-    with open_regular(path) as stream, _opened(stream, path) as measurement:
+    with _opened(path) as measurement:
         origin = options.origin or microseconds(measurement.header.start_time)
         groups = [_Group(measurement, number, options, origin) for number in range(len(measurement.groups))]
         if not any(g.placed for g in groups):
@@ -40,18 +41,23 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
                 yield batch
 
 
-def _opened(stream: BinaryIO, path: Path) -> Any:
-    """The measurement in an open file: one that it opens itself the library cannot close when it is damaged."""
+def _opened(path: Path) -> Any:
     try:
         from asammdf import MDF
     except ImportError:
         what, do = "reading MF4 needs asammdf", 'install it with: pip install "fleetlog[mf4]"'
         raise FormatError(what, where=path, do=do) from None
+    # What the library could not open it cannot close either, and would say so on the terminal.
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
-        return MDF(stream)
-    except Exception as error:  # the library raises several kinds on damaged files
-        what = f"cannot be read as MF4 ({type(error).__name__})"
-        raise FormatError(what, where=path, do="record it again, or repair it with asammdf") from None
+        try:
+            return MDF(path)
+        except Exception as error:  # of several kinds, on damaged files
+            what = f"cannot be read as MF4 ({type(error).__name__})"
+        gc.collect()
+    finally:
+        sys.unraisablehook = hook
+    raise FormatError(what, where=path, do="record it again, or repair it with asammdf")
 
 
 def _named(groups: list[_Group]) -> str:
