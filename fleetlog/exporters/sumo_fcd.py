@@ -5,8 +5,6 @@ north; ``lane`` is lane 0 of the matched edge.  ``time`` counts from the dataset
 comment so that an import gets the true times back.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the columns of a text log are: names, what each is taken for, and what was decided unasked."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Blocks of a delimited log to batches: typed columns, times, units, and the rows that do not fit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

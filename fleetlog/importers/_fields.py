@@ -1,7 +1,5 @@
 """Fields of a table or JSON object, read by name: what each is, and how its values come to SI."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime

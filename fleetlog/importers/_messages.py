@@ -5,8 +5,6 @@ PoseWithCovarianceStamped, sensor_msgs/BatteryState.  Foxglove: LocationFix and 
 protobuf.  ASAM OSI: ground truths, sensor views and traffic updates, each with many vehicles.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

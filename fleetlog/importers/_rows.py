@@ -1,7 +1,5 @@
 """Rows gathered one at a time into batches, and the small conversions that formats share."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial

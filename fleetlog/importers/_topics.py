@@ -1,7 +1,5 @@
 """From topics to vehicles: which topic says where which truck is, which adds its battery."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from functools import partial

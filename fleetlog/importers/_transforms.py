@@ -3,8 +3,6 @@
 Frames are named as REP 105 has them; a name in front (``robot1/base_link``) is the vehicle's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 

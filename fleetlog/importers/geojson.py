@@ -5,8 +5,6 @@ a vertex, as converters of GPX and the tools of Mapbox write them.  Points are r
 properties, as a CSV's columns are.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterator

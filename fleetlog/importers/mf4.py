@@ -7,6 +7,7 @@ times: a group that holds a position gives rows, any other one values at times o
 from __future__ import annotations
 
 import gc
+import logging
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -47,7 +48,8 @@ def _opened(path: Path) -> Any:
     except ImportError:
         what, do = "reading MF4 needs asammdf", 'install it with: pip install "fleetlog[mf4]"'
         raise FormatError(what, where=path, do=do) from None
-    # What the library could not open it cannot close either, and would say so on the terminal.
+    # Damage is told in one line.  The library would log it too, and what it could not open it cannot close.
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         try:

@@ -1,7 +1,5 @@
 """Parquet tables, read by column names as a CSV is; GeoParquet's points; parts of a dataset."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Cells gathered on the lines that trucks agree on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The floor that is road: a picture of the gathered cells, and its middle lines."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The road graph of a recording: traces gathered on lines, joined to a graph, fitted to the traces."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The shape of a road graph: short ends cut, short links closed, roads of two pieces joined."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Mean shift across the direction of travel: traces of one lane gather on its centre line."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
