@@ -12,7 +12,8 @@ from fleetlog.errors import FormatError
 from fleetlog.importers._rows import Sample
 
 SCHEMAS = ("osi3.SensorView", "osi3.GroundTruth", "osi3.TrafficUpdate")
-NO_VEHICLES = ("TYPE_PEDESTRIAN", "TYPE_ANIMAL")
+PEDESTRIAN, ANIMAL = 3, 4
+"""Types of moving objects that are no vehicles."""
 
 
 def message(schema: str) -> Any:
@@ -36,11 +37,7 @@ def vehicles(schema: str, data: Any) -> list[Sample]:
     truth = said.global_ground_truth if schema == "osi3.SensorView" else said
     objects = truth.update if schema == "osi3.TrafficUpdate" else truth.moving_object
     stamp = said.timestamp.seconds * 1_000_000 + (said.timestamp.nanos + 500) // 1000
-    return [_sample(o, stamp) for o in objects if o.HasField("id") and _is_vehicle(o)]
-
-
-def _is_vehicle(o: Any) -> bool:
-    return o.type not in [o.Type.Value(name) for name in NO_VEHICLES]
+    return [_sample(o, stamp) for o in objects if o.HasField("id") and o.type not in (PEDESTRIAN, ANIMAL)]
 
 
 def _sample(o: Any, stamp: int) -> Sample:

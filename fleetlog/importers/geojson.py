@@ -97,7 +97,7 @@ class _Reader:
             rows.reject(number, "the point has no coordinates", coordinates)
             return
         try:
-            time = known.instant(properties.get(known.time) if known.time else None)
+            time = known.instant(properties.get(known.time[0]) if known.time else None)
         except ValueError:
             rows.reject(number, "point without a time", properties)
             return
