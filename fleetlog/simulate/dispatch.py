@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fleetlog.simulate.itinerary import Itineraries, Visit
 from fleetlog.simulate.occupancy import Occupancy, Policy
 from fleetlog.simulate.state import DROP_PLACE, PICK_PLACE, Fleet, Mode, creep_speed
 from fleetlog.simulate.taskbook import TaskBook
@@ -17,21 +18,19 @@ YIELD = 5.0
 """A truck that waits this long for a place asks whoever stands idle there to leave [s]."""
 ASIDE = 30.0
 """A truck that waits this long for a place, where another wants to be, makes room itself [s]."""
-KEPT = 240.0
-"""A task that follows another one is kept so long for the truck that did that [s]."""
 DUE = 50
 """Due tasks that a truck looks at."""
 
 
 class Dispatcher(Occupancy):
-    """Takes over whenever a truck needs attention, once a second; ``done`` (V,) the task of each before."""
+    """Takes over whenever a truck needs attention, once a second."""
 
     def __init__(
-        self, world: World, fleet: Fleet, names: list[str], demand: Demand, policy: Policy, seed: int
-    ) -> None:
+        self, world: World, fleet: Fleet, names: list[str], demand: Demand, policy: Policy, seed: int,
+        start_of_day: float = 0.0,
+    ) -> None:  # fmt: skip
         super().__init__(world, fleet, policy)
         self.names, self.demand, self.truck, self.book = names, demand, world.truck, TaskBook(names)
-        self.done = np.full(len(names), -1, np.int64)
         self.pending: list[Task] = list(demand.given)
         self.given = 0
         self._due: list[Task] = []
@@ -42,6 +41,16 @@ class Dispatcher(Occupancy):
         creep, drive = creep_speed(self.truck), self.truck.drive
         change = 0.5 * creep * (1.0 / drive.max_acceleration + 1.0 / drive.max_deceleration)
         self.spur_time = np.array([d.length for d in world.doors]) / creep + change
+        self.itineraries = Itineraries(demand.visits, len(names), seed, start_of_day) if demand.visits else None
+        self.settle(self._first)
+
+    def _first(self, v: int) -> str | None:
+        """The place where a truck begins."""
+        visit = self.itineraries and self.itineraries.first(v, lambda place: self._open(place, v))
+        if visit is None:
+            return None
+        self.jobs[v].stage, self.jobs[v].since = "staying", visit.dwell
+        return visit.place
 
     def tick(self, now: float) -> None:
         """One second's decisions."""
@@ -76,7 +85,7 @@ class Dispatcher(Occupancy):
     def _parked(self, v: int, now: float) -> None:
         """What a truck does that has come to its bay, or is done there."""
         job, f = self.jobs[v], self.fleet
-        if job.stage in ("fetch", "bring", "charge", "park"):
+        if job.stage in ("fetch", "bring", "charge", "park", "visit"):
             self.home[v] = job.goal
         job.since = now
         if job.stage in ("fetch", "bring"):
@@ -87,12 +96,13 @@ class Dispatcher(Occupancy):
         elif job.stage == "dropping":
             self.count.tasks_done += 1
             self.book.dropped(v, now)
-            self.done[v] = -1 if job.task is None else job.task.number
             job.since = now + (job.drawn.pause if job.drawn is not None else 0.0)
             job.task, job.drawn, job.stage = None, None, "idle"
         elif job.stage == "charge":
             f.mode[v] = Mode.CHARGING
             self.count.charges += 1
+        elif job.stage == "visit":
+            job.stage, job.since = "staying", now + max(job.stay - 2.0 * self.spur_time[f.door[v]], 0.0)
         elif job.stage == "park":
             begun = "loaded" if f.load[v] > 0.0 else "assigned"
             job.stage = begun if job.task is not None else "idle"
@@ -116,10 +126,14 @@ class Dispatcher(Occupancy):
         job = self.jobs[v]
         if self.soc[v] <= 0.0:
             return
+        if job.stage == "staying" and now >= job.since:
+            job.stage = "idle"
         if job.stage == "idle":
             if self.soc[v] < self.policy.low and self._wants_charge(v):
                 return
-            if not (now >= job.since and self._new_task(v, now)):
+            if self.itineraries is not None:
+                self._next_visit(v, now)
+            elif not (now >= job.since and self._new_task(v, now)):
                 if job.task is None:
                     self._rest(v, now)
                 return
@@ -128,9 +142,38 @@ class Dispatcher(Occupancy):
         elif job.stage == "assigned" and job.task is not None:
             self._to_place(v, job.task.source, "fetch", now)
 
+    def _visit(self, v: int, now: float) -> Visit | None:
+        """Where a truck goes on to as recorded ones did; None while it waits for a place there."""
+        assert self.itineraries is not None
+        visit = self.itineraries.next(v, now, lambda place: self._open(place, v))
+        if visit is None:
+            self._wait_for(v, [b for place in self.itineraries.places(v) for b in self.bays_of[place]], now)
+        return visit
+
+    def _next_visit(self, v: int, now: float) -> None:
+        """An empty truck goes to fetch a load, or to stand somewhere."""
+        visit, job = self._visit(v, now), self.jobs[v]
+        if visit is None:
+            return
+        if visit.loads:
+            load = min(visit.taken, self.truck.chassis.rated_load)
+            job.task = Task(None, visit.place, "", load, now, (visit.dwell, 0.0), (visit.height, 0.0), True)
+            job.stage = "assigned"
+            self._give(job.task)
+            self.book.assign(v, job.task, now)
+        else:
+            job.stay = visit.dwell
+            self._to_place(v, visit.place, "visit", now)
+
     def _bring(self, v: int, now: float) -> None:
         job = self.jobs[v]
         assert job.task is not None
+        if self.itineraries is not None and not job.task.target:
+            visit = self._visit(v, now)
+            if visit is None:
+                return
+            dwell, height = (job.task.dwell[0], visit.dwell), (job.task.height[0], visit.height)
+            job.task = replace(job.task, target=visit.place, dwell=dwell, height=height)
         ranks = np.zeros(len(self.places)) if job.drawn is None else job.drawn.ranks
         target = job.task.target or self._free_place("drop", ranks)
         if target is None:
@@ -172,7 +215,7 @@ class Dispatcher(Occupancy):
         """Nothing to do: charge if that is worth while, else clear a working place that is not one's own."""
         if self.soc[v] < self.policy.chance and self._wants_charge(v):
             return
-        stays = self.demand.endless or self.demand.stay or self.kind[self.home[v]] == "park"
+        stays = self.demand.endless or self.kind[self.home[v]] == "park"
         if not stays and now - self.jobs[v].since > ASIDE:
             spare = self._spare_bay(v, only_park=True)
             if spare is not None:
@@ -201,15 +244,12 @@ class Dispatcher(Occupancy):
 
     def _due_task(self, v: int, now: float) -> Task | None:
         """The nearest task that this truck can do now, of those due half as long as the first or longer."""
-        for task in self._due:
-            if task.after >= 0 and task.after == self.done[v] and self._open(task.source, v):
-                return task
         best: tuple[float, Task] | None = None
         blocked: Task | None = None
         patience = 0.0
         for task in self._due[:DUE]:
             waited = now - task.earliest
-            if task.vehicle not in (None, self.names[v]) or (task.after >= 0 and waited < KEPT):
+            if task.vehicle not in (None, self.names[v]):
                 continue
             if best is not None and waited < patience:
                 break
@@ -219,7 +259,7 @@ class Dispatcher(Occupancy):
                 if blocked is None and not any(task is other for other in self._blocked):
                     blocked = task
             elif self._nearest(task, v):
-                cost = min(self._cost(v, b) for b in self._start(task))
+                cost = min(self._cost(v, b) for b in self.bays_of[task.source])
                 patience = patience or 0.5 * waited
                 if best is None or cost < best[0]:
                     best = (cost, task)
@@ -229,15 +269,11 @@ class Dispatcher(Occupancy):
             self._lack(v, PICK_PLACE, self.bays_of[blocked.source])
         return None if best is None else best[1]
 
-    def _start(self, task: Task) -> Sequence[int]:
-        """Bays of the place near which a task is taken: where the recorded truck set off, else the source."""
-        return self.bays_of.get(task.origin or task.source) or self.bays_of[task.source]
-
     def _nearest(self, task: Task, v: int) -> bool:
-        """Whether no other truck with nothing to do stands nearer to where the task is begun from."""
+        """Whether no other truck with nothing to do stands nearer to its source."""
         if task.vehicle is not None:
             return True
-        start, parked = self._start(task)[:1], np.flatnonzero(self.fleet.mode == Mode.PARKED).tolist()
+        start, parked = self.bays_of[task.source][:1], np.flatnonzero(self.fleet.mode == Mode.PARKED).tolist()
         rivals = (u for u in parked if self.jobs[u].stage == "idle" and self.soc[u] > self.policy.low)
         mine = (self._gaps(start, v)[0], v)
         return not any((self._gaps(start, u)[0], u) < mine for u in rivals)

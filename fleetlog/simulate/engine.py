@@ -16,6 +16,7 @@ from fleetlog.simulate.arrays import Index
 from fleetlog.simulate.dispatch import Dispatcher, Policy
 from fleetlog.simulate.energy import Meter, locate
 from fleetlog.simulate.events import EventLog
+from fleetlog.simulate.itinerary import at_places
 from fleetlog.simulate.junctions import GAP
 from fleetlog.simulate.limits import Tally
 from fleetlog.simulate.record import Recorder, columns_of
@@ -99,6 +100,7 @@ def simulate(
 def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
     """The demand without the given tasks from or to places that have no bay; and what to say about it."""
     known = set(world.by_place)
+    demand = replace(demand, visits=at_places(demand.visits, known))
     doable = [t for t in demand.given if {t.source, t.target} <= known]
     left_out = [t for t in demand.given if not {t.source, t.target} <= known]
     if not left_out:
@@ -152,8 +154,8 @@ class Run:
         self.steps = unit * max(int(np.ceil(BATCH / dt / unit)), 1)
         self.total = int(np.ceil(settings.duration / dt / self.steps)) * self.steps
         self.log = new_log(n, self.steps)
-        self.dispatcher = Dispatcher(world, self.fleet, names, demand, settings.policy, settings.seed)
-        self.dispatcher.settle()
+        day = settings.start % 86_400_000_000 * 1e-6
+        self.dispatcher = Dispatcher(world, self.fleet, names, demand, settings.policy, settings.seed, day)
         self.tally = Tally(self.dispatcher)
         self.events = EventLog(self.dispatcher, writer, settings.start)
         charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])

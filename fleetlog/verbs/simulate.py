@@ -200,8 +200,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
     if like is not None:
         # Another fleet than the recorded one shares the tasks in its own way.
         same = vehicles == len(like.vehicles) and not is_experiment(asked)
-        site, tasks, notes = take_over(like, site, truck, vehicles, start, asked.duration, seed, same)
-        demand = Demand(tasks, endless=not tasks, stay=same)
+        site, demand, notes = take_over(like, site, truck, vehicles, start, asked.duration, seed, same)
     if asked.tasks is not None:
         demand = Demand(read_tasks(as_csv(asked.tasks), site, truck, seed), endless=False)
     battery = None if asked.chemistry == "constant" else battery_of(truck, asked.chemistry)
