@@ -11,6 +11,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
 from fleetlog.simulate.itinerary import visits_of
+from fleetlog.simulate.roadside import recorded_stands
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.trips import MIN_LOAD_CHANGE
@@ -109,7 +110,7 @@ def like(
     notes = [f"{len(table)} places mined from {len(stands)} stops ({kinds})"]
     visits = visits_of(stands, cluster, names, [p.id for p in site.places if p.kind == "charge"])
     if same and any(v.next >= 0 for v in visits):
-        return site, Demand(visits=visits, endless=False), [*notes, f"trucks go on as after {len(visits)} recorded visits"]
+        return site, Demand(visits=visits, stands=recorded_stands(stands, cluster, names), endless=False), [*notes, f"trucks go on as after {len(visits)} recorded visits"]
     known = carried(stands, cluster, names)
     if not known:
         return site, Demand(), [*notes, "the recording shows no load carried between two places: tasks are random"]

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.itinerary import Itineraries, Visit
 from fleetlog.simulate.occupancy import Occupancy, Policy
 from fleetlog.simulate.state import DROP_PLACE, PICK_PLACE, Fleet, Mode, creep_speed
@@ -20,6 +21,16 @@ ASIDE = 30.0
 """A truck that waits this long for a place, where another wants to be, makes room itself [s]."""
 DUE = 50
 """Due tasks that a truck looks at."""
+
+
+def spur_times(world: World) -> Floats:
+    """(D,) seconds on every spur, from rest to rest."""
+    creep, drive = creep_speed(world.truck), world.truck.drive
+    ease = 1.0 / drive.max_acceleration + 1.0 / drive.max_deceleration
+    length = np.array([d.length for d in world.doors])
+    short = length < 0.5 * creep**2 * ease
+    # XX
+    return np.where(short, np.sqrt(2.0 * length * ease), length / creep + 0.5 * creep * ease)
 
 
 class Dispatcher(Occupancy):
@@ -38,9 +49,9 @@ class Dispatcher(Occupancy):
         self._wanted: list[tuple[int, list[int]]] = []
         self._wanted_now: list[tuple[int, list[int]]] = []
         self.stream = TaskStream(seed, self.truck, len(self.places), demand.pause)
-        creep, drive = creep_speed(self.truck), self.truck.drive
-        change = 0.5 * creep * (1.0 / drive.max_acceleration + 1.0 / drive.max_deceleration)
-        self.spur_time = np.array([d.length for d in world.doors]) / creep + change
+        times = spur_times(world)
+        self.manoeuvre = np.array([0.0 if world.doors[b].passed else times[b] + times[d].max() for b, d in enumerate(world.ways.of_bay)])
+        """(B,) seconds that the ways into a bay and out of it take."""
         self.itineraries = Itineraries(demand.visits, len(names), seed, start_of_day) if demand.visits else None
         self.settle(self._first)
 
@@ -102,7 +113,7 @@ class Dispatcher(Occupancy):
             f.mode[v] = Mode.CHARGING
             self.count.charges += 1
         elif job.stage == "visit":
-            job.stage, job.since = "staying", now + max(job.stay - 2.0 * self.spur_time[f.door[v]], 0.0)
+            job.stage, job.since = "staying", now + max(job.stay - self.manoeuvre[self.home[v]], 0.0)
         elif job.stage == "park":
             begun = "loaded" if f.load[v] > 0.0 else "assigned"
             job.stage = begun if job.task is not None else "idle"
@@ -117,7 +128,7 @@ class Dispatcher(Occupancy):
         times = (height / lift.raise_speed, ENGAGE, height / lift.lower_speed)
         f.hand_start[v], f.hand_height[v], f.hand_times[v] = now, height, times
         f.hand_before[v], f.hand_after[v] = f.load[v], 0.0 if bring else task.payload
-        spurs = 2.0 * self.spur_time[f.door[v]] if task.on_road else 0.0
+        spurs = self.manoeuvre[self.home[v]] if task.on_road else 0.0
         f.until[v] = now + max(task.dwell[bring] - spurs, sum(times))
         f.mode[v] = Mode.HANDLING
 

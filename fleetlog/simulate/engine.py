@@ -88,7 +88,7 @@ def simulate(
     _check(settings)
     # Half the time of a large run is writing, and half of that is packing.
     writer.compression = "snappy"
-    world = build_world(site, truck, settings.vehicles, physics, mined, settings.room)
+    world = build_world(site, truck, settings.vehicles, physics, mined, settings.room, demand.stands)
     check_vehicles(demand.given, names)
     writer.site = world.site
     demand, notes = reachable(demand, world)

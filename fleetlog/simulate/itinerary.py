@@ -10,7 +10,7 @@ import numpy as np
 
 from fleetlog.simulate.places import Stands
 from fleetlog.simulate.arrays import Ints
-from fleetlog.store.trips import MIN_LOAD_CHANGE, MIN_STOP
+from fleetlog.store.trips import MIN_LOAD_CHANGE
 
 DAY = 86_400.0
 NEAR = 3600.0
@@ -41,15 +41,14 @@ class Visit:
 def visits_of(stands: Stands, cluster: Ints, names: Sequence[str], apart: Iterable[str]) -> tuple[Visit, ...]:
     """The visits of all trucks, in order of truck and time.
 
-    Stops that end no trip are none, nor are those at the places ``apart`` (chargers: trucks charge when they
-    must) or with a load that stays on the forks.
+    Stops at the places ``apart`` are none (chargers: trucks charge when they must), nor are those with a load
+    that stays on the forks.
     """
     taken = np.where(stands.after > MIN_LOAD_CHANGE, stands.after - stands.before, 0.0)
     taken = np.where((stands.before > MIN_LOAD_CHANGE) & (taken <= 0.0), -stands.before, taken)
     carried = (stands.before > MIN_LOAD_CHANGE) & (stands.after > MIN_LOAD_CHANGE)
-    ends_trip = (stands.dwell >= MIN_STOP) | (np.abs(stands.after - stands.before) > MIN_LOAD_CHANGE)
     left_out = np.isin(cluster, [k for k, name in enumerate(names) if name in set(apart)])
-    kept = np.flatnonzero((cluster >= 0) & ends_trip & ~carried & ~left_out)
+    kept = np.flatnonzero((cluster >= 0) & ~carried & ~left_out)
     same = np.append(np.diff(stands.vehicle[kept]) == 0, False)
     begin = (stands.start[kept] * 1e-6) % DAY
     return tuple(

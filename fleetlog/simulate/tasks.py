@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import difflib
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
 from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.itinerary import Visit
+from fleetlog.simulate.roadside import Stand
 
 COLUMNS = ("vehicle", "from", "to", "payload", "earliest")
 HEIGHTS = (0.3, 1.2, 2.4, 3.6)
@@ -54,6 +55,8 @@ class Demand:
     """Mean time between two endless tasks of a truck [s]."""
     visits: tuple[Visit, ...] = ()
     """Of a recorded fleet: each truck goes on as recorded ones did, and nothing else is asked of it."""
+    stands: Mapping[str, Stand] = field(default_factory=dict)
+    """Places where the recorded trucks stood along the road."""
     left_out: list[Task] = field(default_factory=list)
     """Given ones that cannot be done: there is no room at one of their places."""
 

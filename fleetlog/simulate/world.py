@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,7 @@ from fleetlog.simulate.bays import BayMaker
 from fleetlog.simulate.doors import all_doors
 from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box, unique_pairs
 from fleetlog.simulate.reach import with_loops
+from fleetlog.simulate.roadside import Stand
 from fleetlog.simulate.spots import lay_out
 from fleetlog.simulate.spurs import Bay, Door
 from fleetlog.simulate.state import Roads
@@ -61,6 +64,7 @@ def build_world(
     physics: Physics | None = None,
     mined: frozenset[str] = frozenset(),
     room: int = 0,
+    stands: Mapping[str, Stand] = MappingProxyType({}),
 ) -> World:
     """Lay out a site, ``mined`` places if there is room; :class:`SiteError` if it cannot hold the trucks."""
     site, notes = with_loops(site)
@@ -69,7 +73,7 @@ def build_world(
     actual = physics.actual_truck()
     track = build_track(network, truck, site.traffic)
     junctions = find_junctions(track, truck)
-    maker = BayMaker(track, junctions, truck, 1.0 if site.traffic == "left" else -1.0)
+    maker = BayMaker(track, junctions, truck, 1.0 if site.traffic == "left" else -1.0, stands)
     notes += lay_out(site, maker, vehicles, mined, max(vehicles, room))
     doors = all_doors(track, junctions, maker.bays, truck)
     ground = with_spurs(track, doors)
@@ -161,7 +165,9 @@ def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], ground: Track
     resource = np.concatenate([j.resource, 2 * lanes + ground.owner[samples:]]).astype(np.int64)
     # b > a always, and spurs come last: b is the spur.
     a, b = resource[pairs[:, 0]], resource[pairs[:, 1]]
-    keep = a >= 0
+    passed = np.array([d.passed for d in doors])
+    keep = (a >= 0) & ~passed[np.maximum(b - pieces - 2 * lanes, 0)]
+    keep &= (a < pieces + 2 * lanes) | ~passed[np.maximum(a - pieces - 2 * lanes, 0)]
     found = unique_pairs(a[keep], b[keep])
     lane = np.array([d.lane for d in doors], dtype=np.int64)[found[:, 1] - pieces - 2 * lanes]
     other = found[:, 0]

@@ -54,8 +54,10 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
                 if j > f.at[v] or f.s[v] <= r.door_high[d]:
                     limit = min(limit, safe(speed, max(off + r.door_low[d], 0.0), 0.0, x.plan, dt))
             if j == f.last[v]:
-                pace = x.creep if f.entry[v] and past_door(r, f, v, x) else 0.0
-                limit = min(limit, safe(speed, off + r.door_at[f.door[v]], pace, x.plan, dt))
+                d = f.door[v]
+                creep = min(x.creep, np.sqrt(2.0 * x.plan * r.door_length[d]))
+                pace = creep if f.entry[v] and past_door(r, f, v, x) else 0.0
+                limit = min(limit, safe(speed, off + r.door_at[d], pace, x.plan, dt))
             elif is_safe_lane(r, p) and j >= f.held_to[v]:
                 limit = min(limit, safe(speed, off + r.stop[p], 0.0, x.plan, dt))
                 break
