@@ -11,6 +11,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
 from fleetlog.simulate.itinerary import visits_of
+from fleetlog.simulate.reach import recorded_turns, with_turns
 from fleetlog.simulate.roadside import recorded_stands
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.store.dataset import Dataset
@@ -106,8 +107,12 @@ def like(
     table = place_table(stands, cluster)
     site, names = mined_site(site, table)
     site = with_room(site, stands, cluster, names)
+    turns = recorded_turns(dataset, site.roads())
+    site = replace(site, network=with_turns(site.roads(), turns))
     kinds = ", ".join(f"{n} {k}" for k, n in table.kind.value_counts().items())
     notes = [f"{len(table)} places mined from {len(stands)} stops ({kinds})"]
+    if turns:
+        notes.append(f"trucks turn round at the end of {len(turns)} lanes, as recorded")
     visits = visits_of(stands, cluster, names, [p.id for p in site.places if p.kind == "charge"])
     if same and any(v.next >= 0 for v in visits):
         return site, Demand(visits=visits, stands=recorded_stands(stands, cluster, names), endless=False), [*notes, f"trucks go on as after {len(visits)} recorded visits"]
