@@ -18,7 +18,7 @@ from fleetlog.store.trips import STANDING_SPEED
 
 OPPOSITE = 2.4
 """A lane whose heading differs by more than this from that of another leads the other way [rad]."""
-NODE, SEEN = 12.0, 2
+NODE, SEEN = 20.0, 2
 """Who changes to the opposite edge within so many metres of its node turns round there, if seen so often."""
 TURN_REACH = 30.0
 """A truck turns round at the open end of a lane onto lanes that begin at most this far away [m]."""
