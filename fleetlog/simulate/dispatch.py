@@ -25,7 +25,8 @@ DUE = 50
 
 def spur_times(world: World) -> Floats:
     """(D,) seconds on every spur, from rest to rest."""
-    creep, drive = creep_speed(world.truck), world.truck.drive
+    slow = min(world.trucks.kinds, key=creep_speed)
+    creep, drive = creep_speed(slow), slow.drive
     ease = 1.0 / drive.max_acceleration + 1.0 / drive.max_deceleration
     length = np.array([d.length for d in world.doors])
     short = length < 0.5 * creep**2 * ease
@@ -41,14 +42,14 @@ class Dispatcher(Occupancy):
         start_of_day: float = 0.0,
     ) -> None:  # fmt: skip
         super().__init__(world, fleet, policy)
-        self.names, self.demand, self.truck, self.book = names, demand, world.truck, TaskBook(names)
+        self.names, self.demand, self.trucks, self.book = names, demand, world.trucks, TaskBook(names)
         self.pending: list[Task] = list(demand.given)
         self.given = 0
         self._due: list[Task] = []
         self._blocked: list[Task] = []
         self._wanted: list[tuple[int, list[int]]] = []
         self._wanted_now: list[tuple[int, list[int]]] = []
-        self.stream = TaskStream(seed, self.truck, len(self.places), demand.pause)
+        self.stream = TaskStream(seed, world.truck, len(self.places), demand.pause)
         times = spur_times(world)
         self.manoeuvre = np.array([0.0 if world.doors[b].passed else times[b] + times[d].max() for b, d in enumerate(world.ways.of_bay)])
         """(B,) seconds that the ways into a bay and out of it take."""
@@ -120,7 +121,7 @@ class Dispatcher(Occupancy):
 
     def _handle(self, v: int, now: float, bring: bool) -> None:
         """Take the load, or set it down."""
-        f, lift, job = self.fleet, self.truck.lift, self.jobs[v]
+        f, lift, job = self.fleet, self.trucks[v].lift, self.jobs[v]
         task = job.task
         assert task is not None
         job.stage = "dropping" if bring else "picking"
@@ -167,7 +168,7 @@ class Dispatcher(Occupancy):
         if visit is None:
             return
         if visit.loads:
-            load = min(visit.taken, self.truck.chassis.rated_load)
+            load = min(visit.taken, self.trucks[v].chassis.rated_load)
             job.task = Task(None, visit.place, "", load, now, (visit.dwell, 0.0), (visit.height, 0.0), True)
             job.stage = "assigned"
             self._give(job.task)
@@ -247,7 +248,9 @@ class Dispatcher(Occupancy):
         else:
             job.drawn = self.stream.draw(now)
             here = self.places[self.place_of[self.home[v]]]
-            task = replace(job.drawn.task, source=self._free_place("pick", job.drawn.ranks) or here)
+            load = min(job.drawn.task.payload, self.trucks[v].chassis.rated_load)
+            source = self._free_place("pick", job.drawn.ranks) or here
+            task = replace(job.drawn.task, source=source, payload=load)
             self._give(task)
         job.task, job.stage = task, "assigned"
         self.book.assign(v, task, now)
@@ -260,7 +263,7 @@ class Dispatcher(Occupancy):
         patience = 0.0
         for task in self._due[:DUE]:
             waited = now - task.earliest
-            if task.vehicle not in (None, self.names[v]):
+            if not self._can(v, task):
                 continue
             if best is not None and waited < patience:
                 break
@@ -280,12 +283,16 @@ class Dispatcher(Occupancy):
             self._lack(v, PICK_PLACE, self.bays_of[blocked.source])
         return None if best is None else best[1]
 
+    def _can(self, v: int, task: Task) -> bool:
+        """Whether a truck may do a task, and can carry the load."""
+        return task.vehicle in (None, self.names[v]) and task.payload <= self.trucks[v].chassis.rated_load
+
     def _nearest(self, task: Task, v: int) -> bool:
         """Whether no other truck with nothing to do stands nearer to its source."""
         if task.vehicle is not None:
             return True
         start, parked = self.bays_of[task.source][:1], np.flatnonzero(self.fleet.mode == Mode.PARKED).tolist()
-        rivals = (u for u in parked if self.jobs[u].stage == "idle" and self.soc[u] > self.policy.low)
+        rivals = (u for u in parked if self._idles(u) and self._can(u, task) and self.soc[u] > self.policy.low)
         mine = (self._gaps(start, v)[0], v)
         return not any((self._gaps(start, u)[0], u) < mine for u in rivals)
 
