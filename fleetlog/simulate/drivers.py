@@ -76,7 +76,7 @@ def _in_turns(motion: Motion, track: Track) -> float | None:
             if bend > TURNS and turn < SWING:
                 found.append(float(motion.speed[near].min()) ** 2 * bend)
     # Who has just set off, or waits, is slower than the turn asks for.
-    return round(float(np.quantile(found, 0.7)), 3) if len(found) >= FEW else None
+    return round(float(np.quantile(found, 0.85)), 3) if len(found) >= FEW else None
 
 
 def limits_along(motion: Motion, site: Site) -> Floats:

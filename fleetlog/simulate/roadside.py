@@ -21,6 +21,8 @@ from fleetlog.simulate.track import SPACING, Track
 
 ALONG = 0.7
 """A truck that stops within this of the direction of the road stands along it [rad]."""
+BESIDE = 6.0
+"""A spot along the road is at most this far from a lane [m]."""
 LENGTH = 0.01
 """Of a spur to where a truck stands on the road [m]."""
 
@@ -56,7 +58,9 @@ def door_beside(
     track: Track, junctions: Junctions, truck: Truck, stand: Stand, near: Sequence[tuple[float, int, float]]
 ) -> Door | None:
     """The spot on the nearest lane that leads as trucks came; None where no lane ``near`` does."""
-    for _, lane, at in near:
+    for gap, lane, at in near:
+        if gap > BESIDE:
+            break
         low, high = span(track, junctions, lane)
         k = int(track.first[lane] + round(float(np.clip(at, low, high)) / track.spacing[lane]))
         if high < low or abs(np.angle(np.exp(1j * (track.heading[k] - stand.heading)))) > ALONG:
