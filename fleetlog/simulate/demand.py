@@ -9,8 +9,8 @@ import numpy as np
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Floats, Ints
-from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
 from fleetlog.simulate.itinerary import visits_of
+from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
 from fleetlog.simulate.reach import recorded_turns, with_turns
 from fleetlog.simulate.roadside import recorded_stands
 from fleetlog.simulate.tasks import Demand, Task
@@ -115,11 +115,23 @@ def like(
         notes.append(f"trucks turn round at the end of {len(turns)} lanes, as recorded")
     visits = visits_of(stands, cluster, names, [p.id for p in site.places if p.kind == "charge"])
     if same and any(v.next >= 0 for v in visits):
-        return site, Demand(visits=visits, stands=recorded_stands(stands, cluster, names), endless=False), [*notes, f"trucks go on as after {len(visits)} recorded visits"]
+        return (
+            site,
+            Demand(visits=visits, stands=recorded_stands(stands, cluster, names), endless=False),
+            [*notes, f"trucks go on as after {len(visits)} recorded visits"],
+        )
     known = carried(stands, cluster, names)
     if not known:
-        return site, Demand(), [*notes, "the recording shows no load carried between two places: tasks are random"]
+        return (
+            site,
+            Demand(),
+            [*notes, "the recording shows no load carried between two places: tasks are random"],
+        )
     day = float(start % 86_400_000_000) * 1e-6
     share = vehicles / max(len(dataset.vehicles), 1)
     tasks = demand_like(known, recorded_hours(dataset), day, duration, share, truck, seed)
-    return site, Demand(tasks, endless=False), [*notes, f"{len(tasks)} tasks drawn like the {len(known)} recorded ones"]
+    return (
+        site,
+        Demand(tasks, endless=False),
+        [*notes, f"{len(tasks)} tasks drawn like the {len(known)} recorded ones"],
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -39,26 +38,33 @@ class Dispatcher(Occupancy):
 
     def __init__(
         self, world: World, fleet: Fleet, names: list[str], demand: Demand, policy: Policy, seed: int,
-        start_of_day: float = 0.0,
+        start: float = 0.0,
     ) -> None:  # fmt: skip
         super().__init__(world, fleet, policy)
         self.names, self.demand, self.trucks, self.book = names, demand, world.trucks, TaskBook(names)
         self.pending: list[Task] = list(demand.given)
-        self.given = 0
+        self.given, self.start, self.resting = 0, start, False
         self._due: list[Task] = []
         self._blocked: list[Task] = []
         self._wanted: list[tuple[int, list[int]]] = []
         self._wanted_now: list[tuple[int, list[int]]] = []
         self.stream = TaskStream(seed, world.truck, len(self.places), demand.pause)
         times = spur_times(world)
-        self.manoeuvre = np.array([0.0 if world.doors[b].passed else times[b] + times[d].max() for b, d in enumerate(world.ways.of_bay)])
+        self.manoeuvre = np.array(
+            [
+                0.0 if world.doors[b].passed else times[b] + times[d].max()
+                for b, d in enumerate(world.ways.of_bay)
+            ]
+        )
         """(B,) seconds that the ways into a bay and out of it take."""
-        self.itineraries = Itineraries(demand.visits, len(names), seed, start_of_day) if demand.visits else None
+        self.itineraries = Itineraries(demand.visits, len(names), seed, start) if demand.visits else None
         self.settle(self._first)
 
     def _first(self, v: int) -> str | None:
         """The place where a truck begins."""
-        visit = self.itineraries and self.itineraries.first(v, lambda place: self._open(place, v))
+        if self.itineraries is None:
+            return None
+        visit = self.itineraries.first(v, lambda place: self._open(place, v))
         if visit is None:
             return None
         self.jobs[v].stage, self.jobs[v].since = "staying", visit.dwell
@@ -67,6 +73,7 @@ class Dispatcher(Occupancy):
     def tick(self, now: float) -> None:
         """One second's decisions."""
         f = self.fleet
+        self.resting = bool(self.world.site.breaks) and self.world.site.on_break(self.start + now)
         self.lacks[:] = 0
         self.wants.clear()
         for v in np.flatnonzero(f.attention).tolist():
@@ -143,12 +150,12 @@ class Dispatcher(Occupancy):
         if job.stage == "idle":
             if self.soc[v] < self.policy.low and self._wants_charge(v):
                 return
-            if self.itineraries is not None:
+            if self.resting:
+                self._rest(v, now)
+            elif self.itineraries is not None:
                 self._next_visit(v, now)
-            elif not (now >= job.since and self._new_task(v, now)):
-                if job.task is None:
-                    self._rest(v, now)
-                return
+            elif now < job.since or not self._new_task(v, now):
+                self._rest(v, now)
         if job.stage == "loaded":
             self._bring(v, now)
         elif job.stage == "assigned" and job.task is not None:
@@ -292,7 +299,9 @@ class Dispatcher(Occupancy):
         if task.vehicle is not None:
             return True
         start, parked = self.bays_of[task.source][:1], np.flatnonzero(self.fleet.mode == Mode.PARKED).tolist()
-        rivals = (u for u in parked if self._idles(u) and self._can(u, task) and self.soc[u] > self.policy.low)
+        rivals = (
+            u for u in parked if self._idles(u) and self._can(u, task) and self.soc[u] > self.policy.low
+        )
         mine = (self._gaps(start, v)[0], v)
         return not any((self._gaps(start, u)[0], u) < mine for u in rivals)
 

@@ -24,7 +24,7 @@ STEADY, CHANGES = 0.08, 0.15
 STRAIGHT, TURNS = 0.03, 0.1
 """Below the first curvature a road is straight, above the second a truck turns [1/m]."""
 NEAR, FEW = 2.0, 10
-"""A truck is slowest within so many seconds of where it goes over to the next edge; turns that tell how fast."""
+"""A truck is slowest within so many seconds of where it goes over to the next edge; turns that are enough."""
 MOST = 16
 """Drivers that are told apart; of more, neighbours in speed are one."""
 
@@ -37,7 +37,9 @@ def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[Truck, ...]:
         rows = measured_channels(dataset.read(vehicle), dataset.meta)
         found.append(truck)
         if len(rows) > 1:
-            found[-1] = driven(reconstruct(rows, dataset.site.network, truck).motion, dataset.site, truck, track)
+            found[-1] = driven(
+                reconstruct(rows, dataset.site.network, truck).motion, dataset.site, truck, track
+            )
     out = list(found)
     by_speed = np.argsort([t.drive.speed_factor for t in found], kind="stable")
     for group in np.array_split(by_speed, min(len(found), MOST)):

@@ -11,7 +11,7 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.physics.battery import BatteryModel, discharge
 from fleetlog.physics.power import Physics, battery_power, cell_power
-from fleetlog.simulate.arrays import Floats, Index, Ints, Modes
+from fleetlog.simulate.arrays import Floats, Index, Modes
 from fleetlog.simulate.state import Log, Mode
 from fleetlog.simulate.track import Track
 
@@ -65,7 +65,7 @@ class Meter:
     """
 
     physics: list[Physics]
-    of: Ints
+    of: Index
     ground: Track
     charger: Floats
     dt: float

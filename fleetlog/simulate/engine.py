@@ -13,6 +13,7 @@ from fleetlog.errors import DataError, SiteError
 from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.arrays import Index
+from fleetlog.simulate.crossings import Crossings
 from fleetlog.simulate.dispatch import Dispatcher, Policy
 from fleetlog.simulate.energy import Meter, locate
 from fleetlog.simulate.events import EventLog
@@ -158,15 +159,18 @@ class Run:
         self.steps = unit * max(int(np.ceil(BATCH / dt / unit)), 1)
         self.total = int(np.ceil(settings.duration / dt / self.steps)) * self.steps
         self.log = new_log(n, self.steps)
-        day = settings.start % 86_400_000_000 * 1e-6
-        self.dispatcher = Dispatcher(world, self.fleet, names, demand, settings.policy, settings.seed, day)
+        start = settings.start * 1e-6
+        self.dispatcher = Dispatcher(world, self.fleet, names, demand, settings.policy, settings.seed, start)
+        self.crossings = Crossings(world.site, world.walks, settings.seed)
         self.tally = Tally(self.dispatcher)
         self.events = EventLog(self.dispatcher, writer, settings.start)
         charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])
         self.bay_of = np.array([d.bay for d in world.doors], dtype=np.int32)
         soc = np.full(n, settings.soc)
         weather, battery = settings.temperature, settings.battery
-        self.meter = Meter(world.physics, trucks.of, world.ground, charger, dt, soc, weather, battery)
+        self.meter = Meter(
+            world.physics, trucks.of, world.ground, charger, dt, soc, weather, battery, world.site.power_limit
+        )
         columns = columns_of(bool(np.any(world.ground.z)), battery is not None)
         edges = world.track.network.edge_ids
         self.recorder = Recorder(
@@ -199,6 +203,7 @@ class Run:
         bay = self.bay_of[self.fleet.door]
         for k in range(0, self.steps, self.second):
             self.dispatcher.tick((step0 + k) * dt)
+            self.crossings.tick((step0 + k) * dt, self.fleet.walked)
             self.tally.tick()
             self.events.tick((step0 + k) * dt)
             advance(self.world.roads, self.fleet, self.limits, self.log, k, self.second, step0 + k, dt)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fleetlog.simulate.places import Stands
 from fleetlog.simulate.arrays import Ints
+from fleetlog.simulate.places import Stands
 from fleetlog.store.trips import MIN_LOAD_CHANGE
 
 DAY = 86_400.0
@@ -19,9 +19,9 @@ NEAR = 3600.0
 
 @dataclass(frozen=True)
 class Visit:
-    """A recorded truck stood at a place: ``dwell`` [s], ``height`` of the forks [m], ``begin`` time of day [s].
+    """A recorded truck stood at a place.
 
-    ``taken`` is the load that it took up there [kg], negative where it set one down; ``next`` is the number
+    ``begin`` time of day [s], ``dwell`` [s], ``height`` of the forks [m].  ``taken`` is the load that it took up there [kg], negative where it set one down; ``next`` is the number
     of the visit that the same truck made after it, -1: none.
     """
 
@@ -75,13 +75,15 @@ class Itineraries:
     about equally often; first of those at this time of day.  ``of`` (V,) is the visit of each truck.
     """
 
-    def __init__(self, visits: Sequence[Visit], trucks: int, seed: int, start_of_day: float) -> None:
-        self.visits, self.start_of_day = visits, start_of_day
+    def __init__(self, visits: Sequence[Visit], trucks: int, seed: int, start: float) -> None:
+        self.visits, self.start = visits, start
         self.of = np.full(trucks, -1, np.int64)
         self._rng = np.random.Generator(np.random.PCG64([seed, 7]))
         self._drawn = np.zeros(len(visits), np.int64)
         self._after = defaultdict[tuple[str, bool], list[int]](list)
-        self._any = {laden: [k for k, v in enumerate(visits) if (v.taken < 0.0) == laden] for laden in (False, True)}
+        self._any = {
+            laden: [k for k, v in enumerate(visits) if (v.taken < 0.0) == laden] for laden in (False, True)
+        }
         for visit in visits:
             if visit.next >= 0 and (visits[visit.next].taken < 0.0) == visit.loads:
                 self._after[visit.place, visit.loads].append(visit.next)
@@ -108,13 +110,14 @@ class Itineraries:
         possible = [k for k in options if is_open(self.visits[k].place)]
         if not possible:
             return None
-        time, chance = (self.start_of_day + now) % DAY, self._rng.random(len(possible))
+        time, chance = (self.start + now) % DAY, self._rng.random(len(possible))
 
         def rank(i: int) -> tuple[bool, int, float]:
             k = possible[i]
             gap = abs(self.visits[k].begin - time)
             return min(gap, DAY - gap) > NEAR, int(self._drawn[k]), float(chance[i])
 
-        self.of[v] = possible[min(range(len(possible)), key=rank)]
-        self._drawn[self.of[v]] += 1
-        return self.visits[self.of[v]]
+        drawn = possible[min(range(len(possible)), key=rank)]
+        self.of[v] = drawn
+        self._drawn[drawn] += 1
+        return self.visits[drawn]

@@ -82,7 +82,7 @@ class Occupancy(Untangler):
         self.chargers: list[int] = np.flatnonzero(self.kind == "charge").tolist()
 
     def settle(self, wanted: Callable[[int], str | None]) -> None:
-        """Put every truck into a bay of the place it wants; else into a parking place, or any but a charger."""
+        """Put every truck into a bay of the place it wants, else to park, else anywhere but at a charger."""
         order = np.concatenate([
             np.flatnonzero(self.kind == "park"), np.flatnonzero(~np.isin(self.kind, ("park", "charge")))
         ])  # fmt: skip

@@ -97,7 +97,9 @@ def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
         rise = np.nan_to_num(soc[b - 1] - soc[a])
         row = (t.time[a], t.time[b - 1], *at, load[first], load[last], rise, height[a:b].max())
         before, after = slice(max(a - MOTION, 0), a), slice(b, b + MOTION)
-        out.append((*row, _direction(x[before][::-1], y[before][::-1]) + np.pi, _direction(x[after], y[after])))
+        out.append(
+            (*row, _direction(x[before][::-1], y[before][::-1]) + np.pi, _direction(x[after], y[after]))
+        )
     return vehicle, np.array(out, dtype=np.float64).reshape(-1, 10)
 
 

@@ -86,14 +86,14 @@ def recorded_turns(dataset: Dataset, network: Network) -> list[tuple[int, int]]:
 
 
 def _half_turns(dataset: Dataset, vehicle: str, date: str) -> Ints:
-    """(n, 2) edges between which a truck of one day changed at a node, on to the opposite one, without a stop."""
+    """(n, 2) edges, each with the opposite one that a truck went over to at its node without a stop."""
     t, network = dataset.read(vehicle, date, ("edge_id", "edge_offset", "speed")), dataset.site.roads()
     edge, offset = t.labels("edge_id").recode(network.index), t.floats("edge_offset")
     a, b = edge[:-1], edge[1:]
     drives = np.minimum(t.floats("speed")[:-1], t.floats("speed")[1:]) > STANDING_SPEED
     turned = (a >= 0) & (b >= 0) & (network.reverse[a] == b) & drives
     turned &= network.length[a] - offset[:-1] + offset[1:] < NODE
-    return np.column_stack([a, b])[turned].astype(np.int64)
+    return np.asarray(np.column_stack([a, b])[turned], dtype=np.int64)
 
 
 def with_loops(site: Site) -> tuple[Site, list[str]]:

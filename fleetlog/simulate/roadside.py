@@ -67,7 +67,7 @@ def door_beside(
             continue
         x, y, heading = float(track.x[k]), float(track.y[k]), float(track.heading[k])
         ahead = LENGTH * np.array([[0.0, 0.0], [np.cos(heading), np.sin(heading)]])
-        path = np.column_stack([ahead + (x, y), [heading, heading], [0.0, 0.0]])
+        path = np.column_stack([ahead + np.array([x, y]), [heading, heading], [0.0, 0.0]])
         on_lane = (k - track.first[lane]) * float(track.spacing[lane])
         return Door(lane, on_lane, path, LENGTH, 0.5 * truck.chassis.length, passed=True)
     return None
@@ -100,4 +100,3 @@ def _half_turn(start: Floats, end: Floats, heading: float) -> tuple[Floats, floa
     sign = 1.0 if left @ (np.cos(heading), np.sin(heading)) > 0.0 else -1.0
     angle = np.linspace(0.0, np.pi, 33)[:, None]
     return even(middle + np.cos(angle) * arm + sign * np.sin(angle) * left, 0.5 * SPACING)
-

@@ -39,6 +39,8 @@ class Roads(NamedTuple):
     cap: Floats
     """(2 K, S) highest speed of truck k without (row 2 k) and with a load (2 k + 1), braking ahead of every
     bend included [m/s]."""
+    walk_at: Floats
+    """(E,) where trucks stop when people cross the lane [m]; inf: nobody does."""
     run_in: Floats
     """(E,) metres in which any truck that comes onto a lane can stop."""
     clear: Floats
@@ -123,6 +125,8 @@ class Fleet(NamedTuple):
     """(E,) where they stop for it [m]."""
     crossed: Index
     """(E,) the truck that crosses a lane on its way into a bay or out of it, -1: none."""
+    walked: Flags
+    """(E,) whether people cross a lane now."""
     entry: Flags
     """Whether a truck on the road has the ground of its bay reserved."""
     held: Index
@@ -177,7 +181,7 @@ def new_fleet(trucks: int, lanes: int, pieces: int, resources: int, longest: int
         "held": resources,
         "claimed": resources,
         "round": 1,
-        **dict.fromkeys(("on", "inbound", "last_out", "asks", "ask_at", "crossed"), lanes),
+        **dict.fromkeys(("on", "inbound", "last_out", "asks", "ask_at", "crossed", "walked"), lanes),
     }
     hints = get_type_hints(Fleet)
 

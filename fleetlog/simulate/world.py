@@ -16,6 +16,7 @@ from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
 from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.bays import BayMaker
+from fleetlog.simulate.crossings import stops_before
 from fleetlog.simulate.doors import all_doors
 from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box, unique_pairs
 from fleetlog.simulate.mixed import Trucks
@@ -49,6 +50,8 @@ class World:
     doors: list[Door]
     roads: Roads
     ways: Ways
+    walks: Floats
+    """(Z, E) where trucks stop before each zone that people cross [m]; inf: nowhere."""
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -82,11 +85,12 @@ def build_world(
     notes += lay_out(site, maker, vehicles, mined, max(vehicles, room))
     doors = all_doors(track, junctions, maker.bays, truck)
     ground = with_spurs(track, doors)
-    roads = _roads(site, track, junctions, doors, ground, truck, own)
+    walks = stops_before(site, track, truck.chassis.length)
+    roads = _roads(site, track, junctions, doors, ground, truck, own, walks)
     limit = np.where(np.isfinite(network.speed_limit), network.speed_limit, fastest.max_speed)
     pace = np.minimum(limit * fastest.speed_factor, fastest.max_speed)
     ways = Ways(track, Router(network, pace, turn_time=TURN_TIME), doors, len(maker.bays))
-    return World(site, trucks, truck, own, track, ground, maker.bays, doors, roads, ways, notes)
+    return World(site, trucks, truck, own, track, ground, maker.bays, doors, roads, ways, walks, notes)
 
 
 def with_spurs(track: Track, doors: list[Door]) -> Track:
@@ -147,7 +151,14 @@ def run_in(cap: Floats, track: Track, physics: list[Physics]) -> Floats:
 
 
 def _roads(
-    site: Site, track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck, physics: list[Physics]
+    site: Site,
+    track: Track,
+    j: Junctions,
+    doors: list[Door],
+    ground: Track,
+    truck: Truck,
+    physics: list[Physics],
+    walks: Floats,
 ) -> Roads:
     pieces, lanes = len(track), len(track.network)
     pairs = _spur_conflicts(track, j, doors, ground, truck)
@@ -166,8 +177,8 @@ def _roads(
         return np.array([getattr(d, name) for d in doors], dtype=np.float64)
 
     return Roads(
-        track.first, track.spacing, track.length, track.slope, cap, run_in(cap, track, physics), j.clear, j.stop,
-        j.capacity, j.swings, first, conflicts, ints("lane"), floats("at"), floats("length"), floats("ahead"),
+        track.first, track.spacing, track.length, track.slope, cap, walks.min(axis=0, initial=np.inf),
+        run_in(cap, track, physics), j.clear, j.stop, j.capacity, j.swings, first, conflicts, ints("lane"), floats("at"), floats("length"), floats("ahead"),
         ints("crosses"), floats("low"), floats("high"),
     )  # fmt: skip
 

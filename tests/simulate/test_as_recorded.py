@@ -16,7 +16,12 @@ from fleetlog.simulate.reach import recorded_turns, with_turns
 from fleetlog.simulate.roadside import ALONG
 from fleetlog.store import Dataset, DatasetWriter
 
-PLACES = [place(1, "pick", 15, 3), place(1, "drop", 45, 33), place(2, "pick", 33, 45), place(2, "drop", 3, 45)]
+PLACES = [
+    place(1, "pick", 15, 3),
+    place(1, "drop", 45, 33),
+    place(2, "pick", 33, 45),
+    place(2, "drop", 3, 45),
+]
 
 
 @pytest.fixture
@@ -38,7 +43,7 @@ def days(trucks=4, each=40, seed=3):
 def test_every_recorded_trip_is_drawn_about_equally_often_and_no_other():
     visits = days()
     pairs = Counter((a.place, visits[a.next].place) for a in visits if a.next >= 0)
-    draws = Itineraries(visits, 3, seed=1, start_of_day=0.0)
+    draws = Itineraries(visits, 3, seed=1, start=0.0)
     for v in range(3):
         draws.first(v, lambda place: True)
     drawn = Counter()
@@ -54,7 +59,7 @@ def test_every_recorded_trip_is_drawn_about_equally_often_and_no_other():
 
 def test_only_open_places_are_drawn_and_the_same_seed_draws_the_same():
     visits = days()
-    one, two = (Itineraries(visits, 1, seed=5, start_of_day=0.0) for _ in range(2))
+    one, two = (Itineraries(visits, 1, seed=5, start=0.0) for _ in range(2))
     for draws in (one, two):
         draws.first(0, lambda place: True)
     open_to_day = [one.next(0, 0.0, lambda place: place != "D1") for _ in range(50)]

@@ -52,6 +52,10 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
                 # on.
                 if room > max(speed * speed / (2.0 * x.down[v]), 0.01) - 0.2:
                     limit = min(limit, safe(speed, max(room, 0.0), 0.0, plan, dt))
+            if f.walked[p]:
+                room = off + r.walk_at[p]
+                if room > max(speed * speed / (2.0 * x.down[v]), 0.01) - 0.2:
+                    limit = min(limit, safe(speed, max(room, 0.0), 0.0, plan, dt))
             if f.crossed[p] >= 0:
                 d = f.door[f.crossed[p]]
                 if j > f.at[v] or f.s[v] <= r.door_high[d]:
@@ -137,9 +141,7 @@ def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
 
 # As in inner: nothing allocates, references need no counting.
 @njit(cache=True, _nrt=False, nogil=True)
-def advance(
-    r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, step0: int, dt: float
-) -> None:
+def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, step0: int, dt: float) -> None:
     """``steps`` steps of ``dt`` [s] from step number ``step0``, logged from ``column`` on."""
     trucks = len(f.mode)
     for k in range(steps):
