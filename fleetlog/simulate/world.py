@@ -178,8 +178,8 @@ def _roads(
 
     return Roads(
         track.first, track.spacing, track.length, track.slope, cap, walks.min(axis=0, initial=np.inf),
-        run_in(cap, track, physics), j.clear, j.stop, j.capacity, j.swings, first, conflicts, ints("lane"), floats("at"), floats("length"), floats("ahead"),
-        ints("crosses"), floats("low"), floats("high"),
+        run_in(cap, track, physics), j.clear, j.stop, j.capacity, j.swings, first, conflicts, ints("lane"),
+        floats("at"), floats("length"), floats("ahead"), ints("crosses"), floats("low"), floats("high"),
     )  # fmt: skip
 
 
