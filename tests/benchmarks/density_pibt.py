@@ -21,6 +21,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "simulate"))
 from simulated_sites import TRUCK, grid
@@ -29,10 +30,13 @@ from fleetlog.simulate.dispatch import spur_times
 from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.simulate.tasks import ENGAGE, Demand, random_visits
 from fleetlog.simulate.world import build_world
-from fleetlog.store import DatasetWriter
+from fleetlog.store import Dataset, DatasetWriter
+from fleetlog.store.events import read_table
 
 PITCH, LIMIT, CELL = 60.0, 3.0, 4.0
 """Between crossings [m], speed limit [m/s], length of a truck with its gap [m]."""
+WARM_UP = 1.0 / 3.0
+"""Of the time, before tasks are counted: all begin beside the road."""
 SHARP = replace(
     TRUCK,
     drive=replace(
@@ -124,22 +128,28 @@ def stand() -> float:
 
 
 def ours(crossings: int, trucks: int, seconds: float, seed: int, truck) -> tuple[float, float, object]:
-    """Tasks done per truck and hour, the time that a truck spends in a bay beside its work, the summary."""
+    """Tasks done per truck and hour after the warm-up, the time on the way into a bay and out, the summary."""
     site = grid(crossings, crossings, PITCH)
     with TemporaryDirectory() as scratch, DatasetWriter.create(Path(scratch) / "run", "simulated", site) as w:
         settings = Settings(trucks, seconds, interval=10.0, seed=seed, soc=1.0)
         done = simulate(site, truck, w, settings, Demand(pause=1e-6))
+        w.finish()
+        dropped = read_table(Dataset(w.path), "tasks").dropped.dropna()
+        late = pd.Timestamp(settings.start, unit="us", tz="UTC") + pd.Timedelta(seconds=WARM_UP * seconds)
+        count = int((dropped > late).sum())
     spur = float(np.median(spur_times(build_world(site, truck, trucks))))
-    return done.count.tasks_done / trucks / (seconds / 3600.0), 2.0 * spur, done
+    return count / trucks / ((1.0 - WARM_UP) * seconds / 3600.0), 2.0 * spur, done
 
 
 def pibt(crossings: int, trucks: int, seconds: float, seed: int, stand: float) -> float:
     """Tasks per agent and hour: two arrivals are one."""
     step = CELL / LIMIT
     agents = Agents(crossings, trucks, round(stand / step), seed)
-    for _ in range(round(seconds / step)):
+    early = 0
+    for k in range(round(seconds / step)):
         agents.step()
-    return agents.arrivals / 2.0 / trucks / (seconds / 3600.0)
+        early = agents.arrivals if k * step < WARM_UP * seconds else early
+    return (agents.arrivals - early) / 2.0 / trucks / ((1.0 - WARM_UP) * seconds / 3600.0)
 
 
 def compare(args: argparse.Namespace) -> list[tuple[float, ...]]:
