@@ -13,7 +13,6 @@ from fleetlog.simulate.drivers import recorded_drivers
 from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.simulate.itinerary import Itineraries, Visit, at_places
 from fleetlog.simulate.reach import recorded_turns, with_turns
-from fleetlog.simulate.roadside import ALONG
 from fleetlog.store import Dataset, DatasetWriter
 
 PLACES = [
@@ -118,4 +117,3 @@ def test_turning_round_is_allowed_where_it_was_recorded(recording):
     assert int(network.reverse[edge]) in more.successors(edge)
     assert len(more.next_edges) == len(network.next_edges) + 1
     assert all(set(network.successors(i)) <= set(more.successors(i)) for i in range(len(network)))
-    assert 0.0 < ALONG < np.pi / 2
