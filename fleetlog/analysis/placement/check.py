@@ -39,14 +39,14 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, trial: Trial) -> dict[str, A
 
     start = DEFAULT_START if dataset.kind == "simulated" else _start(dataset)
     own = {p.id for p in dataset.site.places}
-    site, tasks, notes = like(
+    site, demand, notes = like(
         dataset, dataset.site, trial.truck, trial.vehicles, start, trial.duration, trial.seed
     )
     mined = frozenset(p.id for p in site.places) - own
     planned = with_chargers(site, sites)
     new = frozenset(p.id for p in planned.places if p.kind == "charge")
     settings = Settings(trial.vehicles, trial.duration, start=start, seed=trial.seed, soc=trial.soc)
-    present = Scenario(site, trial.truck, settings, Demand(tasks, endless=not tasks), mined=mined)
+    present = Scenario(site, trial.truck, settings, demand, mined=mined)
     both = {"before": present, "after": replace(present, site=planned, mined=mined | new)}
     out: dict[str, Any] = {
         "vehicles": trial.vehicles, "hours": trial.duration / 3600.0, "seed": trial.seed,
