@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from fleetlog.errors import DataError, FleetlogError, fault
 
@@ -32,8 +32,30 @@ class Engine:
         """
         return successes(attempt(work, job, name) for job in jobs)
 
+    def crew(self, work: Callable[[J], R], name: Name[J] = str) -> Crew[J, R]:
+        """Return who does the same ``work`` on many short lists of jobs.
+
+        Nothing that ``work`` knows is handed over: where workers do not share this process's memory as it is
+        now, the jobs are done here.
+        """
+        return Crew(work, name)
+
     def close(self) -> None:
         """Leave everything as it was."""
+
+
+class Crew(Generic[J, R]):
+    """Does jobs here, in turn."""
+
+    def __init__(self, work: Callable[[J], R], name: Name[J]) -> None:
+        self.work, self.name = work, name
+
+    def run(self, jobs: Sequence[J]) -> Generator[R, None, None]:
+        """Yield the results in the order of the jobs."""
+        return successes(attempt(self.work, job, self.name) for job in jobs)
+
+    def close(self) -> None:
+        """End the workers."""
 
 
 class Serial(Engine):
