@@ -8,15 +8,15 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
 from fleetlog import interrupt
-from fleetlog.engines.engine import AHEAD, Crew, Engine, J, Name, R, attempt, successes
+from fleetlog.engines.engine import AHEAD, Crew, Engine, J, Name, R, attempt
 from fleetlog.errors import DataError, FleetlogError
 
 START = 0.5
@@ -28,8 +28,7 @@ PATIENCE = 3.0
 PR_SET_PDEATHSIG = 1
 
 # A forked worker has all modules and compiled functions at once; elsewhere than on Linux, fork is not safe.
-FORKS = sys.platform == "linux"
-_context: Any = multiprocessing.get_context("fork" if FORKS else "spawn")
+_context: Any = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
 
 
 class Processes(Engine):
@@ -42,27 +41,12 @@ class Processes(Engine):
         """Return whether the work is more than starting processes."""
         return self.workers > 1 and (self.always or cost > START)
 
-    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str) -> Generator[R, None, None]:
-        """Yield the results; see :class:`~fleetlog.engines.engine.Engine`."""
-        count = self._count(len(jobs))
-        if count < 2:
-            return super().run(work, jobs, name)
-        return successes(self._once(work, jobs, name, count))
-
-    def crew(self, work: Callable[[J], R], name: Name[J] = str) -> Crew[J, R]:
-        """Return processes that stay between runs, and with them what they remember; see :class:`Crew`."""
-        count = self._count(self.workers) if FORKS else 1
-        return ProcessCrew(work, name, count) if count > 1 else super().crew(work, name)
-
-    def _count(self, jobs: int) -> int:
-        """How many processes to start; a worker starts none of its own."""
-        return 1 if multiprocessing.current_process().daemon else min(self.workers, jobs)
-
-    def _once(
-        self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int
-    ) -> Iterator[R | FleetlogError]:
-        with closing(ProcessCrew(work, name, count)) as crew:
-            yield from crew.outcomes(jobs)
+    def crew(self, work: Callable[[J], R], name: Name[J] = str, most: int | None = None) -> Crew[J, R]:
+        """Return processes, or who does the jobs here where one alone would; a worker starts no workers."""
+        count = self.workers if most is None else min(self.workers, most)
+        if count < 2 or multiprocessing.current_process().daemon:
+            return super().crew(work, name)
+        return _ProcessCrew(work, name, count)
 
 
 @dataclass
@@ -73,16 +57,12 @@ class _Worker:
     """Of the job that it does."""
 
 
-class ProcessCrew(Crew[J, R]):
+class _ProcessCrew(Crew[J, R]):
     """Workers that do the same work on any number of lists of jobs."""
 
     def __init__(self, work: Callable[[J], R], name: Name[J], count: int) -> None:
         super().__init__(work, name)
         self._workers = [_start(work, name) for _ in range(count)]
-
-    def run(self, jobs: Sequence[J]) -> Generator[R, None, None]:
-        """Yield the results in the order of the jobs; all of them are to be taken."""
-        return successes(self.outcomes(jobs))
 
     def outcomes(self, jobs: Sequence[J]) -> Iterator[R | FleetlogError]:
         """Yield outcomes in the order of the jobs; at most ``AHEAD`` jobs per worker wait for their turn."""
