@@ -188,7 +188,7 @@ def _finding(
 
 def _open(found: Search, h: Hypothesis) -> list[str]:
     """Rivals that the trips cannot tell from a finding, once each."""
-    near = [r for r in found.rivals.get(h, []) if r.behind < EXCLUDED]
+    near = [r for r in found.rivals.get(h.kind, []) if r.behind < EXCLUDED]
     chosen = {c.term for c in found.joint.chosen}
     names = [r.hypothesis.term or f"unknown({','.join(r.hypothesis.depends_on)})" for r in near]
     return [n for n in dict.fromkeys(names) if n not in chosen]
@@ -199,7 +199,7 @@ def _alternatives(found: Search, h: Hypothesis, gain: float | None) -> list[dict
     return [
         {"term": r.hypothesis.term or "unknown", "depends_on": list(r.hypothesis.depends_on),
          "held_out_gain": None if gain is None else gain * r.share}
-        for r in found.rivals.get(h, [])[:6]
+        for r in found.rivals.get(h.kind, [])[:6]
     ]  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
     F        = sum of force terms                       [N]
     P_drive  = F v / efficiency where F v >= 0, F v regeneration where F v < 0
-    P        = P_drive + sum of power terms             [W] at the battery terminals, > 0 when discharging
+    P        = P_drive + sum of power and drive terms   [W] at the battery terminals, > 0 when discharging
     P_cell   = P + internal_resistance (P / voltage)^2  what the state of charge pays
 
 ``ledger`` splits P_drive among the forces in proportion, so its rows add up to P exactly; ``cell_ledger``
@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
@@ -106,6 +108,10 @@ class Physics:
 
     def actual_truck(self) -> Truck:
         """The truck with every value that a term replaces."""
+        return self._actual_truck
+
+    @cached_property
+    def _actual_truck(self) -> Truck:
         truck = self.truck
         for term in self.active():
             for name, value in self.values.get(term.name, {}).items():
@@ -140,7 +146,13 @@ def ledger(motion: Motion, physics: Physics, forces: dict[str, Floats] | None = 
     drive = physics.actual_truck().drive
     total = sum(forces.values(), np.zeros(len(motion)))
     conversion = np.where(total >= 0.0, 1.0 / drive.efficiency, drive.regeneration) * motion.speed
-    return {**{n: f * conversion for n, f in forces.items()}, **powers}
+    driven = drive_powers(motion, physics, total)
+    return {**{n: f * conversion for n, f in forces.items()}, **powers, **driven}
+
+
+def drive_powers(motion: Motion, physics: Physics, force: Floats) -> dict[str, Floats]:
+    """Power by each term that goes by the total ``force`` at the wheel [N], (N,) watts each."""
+    return _evaluate(motion, physics, "drive", {"force": force})
 
 
 def _over_phases(
@@ -154,12 +166,14 @@ def _over_phases(
     return total
 
 
-def _evaluate(motion: Motion, physics: Physics, acts: str) -> dict[str, Floats]:
+def _evaluate(
+    motion: Motion, physics: Physics, acts: str, given: Values = MappingProxyType({})
+) -> dict[str, Floats]:
     if physics.own:
-        return _over_phases(motion, physics, lambda p: _evaluate(motion, p, acts))
+        return _over_phases(motion, physics, lambda p: _evaluate(motion, p, acts, given))
     truck, motion = physics.actual_truck(), physics.actual_motion(motion)
     return {
-        t.name: t.function(motion, truck, physics.values_along(t, motion))
+        t.name: t.function(motion, truck, {**physics.values_along(t, motion), **given})
         for t in physics.active()
         if t.acts == acts and t.function is not None
     }

@@ -98,6 +98,7 @@ class Term:
     =========  ==========================================================================================
     force      N at the wheel against the motion, > 0 resisting; goes through drive efficiency or regeneration
     power      W at the battery terminals, > 0 consuming
+    drive      the same, by the sum of all forces at the wheel: the values have it as ``force``, (N,) newtons
     load       the payload that acts, kg (replaces the recorded one)
     truck      nothing of its own: it only changes values of the truck (``truck_key`` of its parameters)
     loss       an internal loss that only the state of charge sees, W; ``motion.power`` is that at the
@@ -117,7 +118,7 @@ class Term:
     """
 
     name: str
-    acts: Literal["force", "power", "load", "truck", "loss", "speed", "wait", "traffic", "sensor"]
+    acts: Literal["force", "power", "drive", "load", "truck", "loss", "speed", "wait", "traffic", "sensor"]
     statement: str
     """What it is, for a fleet engineer; a clause without a full stop."""
     parameters: tuple[Parameter, ...] = ()

@@ -205,7 +205,15 @@ MOTION_UNITS = {
     "payload": "kg", "lift_speed": "m/s", "fork_height": "m", "x": "m", "y": "m", "edge_offset": "m",
     "ambient_temperature": "degC", "soc": "1", "power": "W",
 }  # fmt: skip
-RESULT_UNITS = {"force": "N", "power": "W", "load": "kg", "loss": "W", "speed": "m/s", "sensor": "W"}
+RESULT_UNITS = {
+    "force": "N",
+    "power": "W",
+    "drive": "W",
+    "load": "kg",
+    "loss": "W",
+    "speed": "m/s",
+    "sensor": "W",
+}
 CONSTANTS = {"GRAVITY": "m/s2", "AIR_DENSITY": "kg/m3", "LADEN": "kg"}
 
 
@@ -230,6 +238,9 @@ def test_every_term_has_the_dimension_of_what_it_says(name: str, monkeypatch: py
     scaled = motion.replaced(**{k: getattr(motion, k) * factor(u) for k, u in MOTION_UNITS.items()})
     values = {p.name: 0.3 * p.low + 0.7 * p.high for p in term.parameters}
     rescaled = {p.name: values[p.name] * factor(p.unit) for p in term.parameters}
+    force = np.linspace(-4000.0, 6000.0, len(motion)) if term.acts == "drive" else None
+    if force is not None:
+        values, rescaled = {**values, "force": force}, {**rescaled, "force": force * factor("N")}
     plain = term.function(motion, truck(False), values)
     module = importlib.import_module(term.function.__module__)
     for constant, unit in CONSTANTS.items():
@@ -250,6 +261,18 @@ def test_power_at_constant_speed_is_the_closed_formula(speed: float, load: float
     m, theta = 3575.0 + load, np.arctan(grade)
     force = m * 9.81 * (0.015 * np.cos(theta) + np.sin(theta)) + 0.5 * 1.2 * 3.5 * speed**2
     assert battery_power(motion, Physics(TRUCK))[0] == pytest.approx(force * speed / 0.72 + 250.0, rel=1e-12)
+
+
+@given(st.floats(0.2, 5.0), st.floats(0.0, 2500.0), st.floats(-0.1, 0.1), st.floats(1e-5, 1e-3))
+def test_copper_loss_goes_by_all_forces_at_the_wheel(
+    speed: float, load: float, grade: float, k: float
+) -> None:
+    motion = Motion.of(1, speed=speed, payload=load)
+    physics = Physics(TRUCK, {"grade": {"slope": grade}, "viscous_drag": {"coefficient": 80.0}})
+    force = sum(term_forces(motion, physics).values())[0]
+    warm = physics.changed({"copper_loss": {"k": k}})
+    lost = battery_power(motion, warm)[0] - battery_power(motion, physics)[0]
+    assert lost == pytest.approx(k * force**2, rel=1e-9)
 
 
 def test_a_coasting_truck_draws_auxiliary_power_only() -> None:

@@ -221,7 +221,7 @@ class EnergyChannel(FleetChannel):
 
     def terms(self) -> list[Term]:
         """Return the terms that change the energy of this channel."""
-        acting = {"loss"} if self.measured else {"force", "power", "load", "truck"}
+        acting = {"loss"} if self.measured else {"force", "power", "drive", "load", "truck"}
         if self.name == "soc":
             acting.add("loss")
         return [t for t in all_terms().values() if t.acts in acting and t.parameters and self._can_act(t)]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
-from fleetlog.physics.power import Physics, cell_power
+from fleetlog.physics.power import Physics, cell_power, drive_powers
 from fleetlog.physics.term import Floats, Term, Values
 
 Index = NDArray[np.int32]
@@ -89,7 +89,8 @@ class Evaluation:
     def _driven(self, force: Floats) -> Floats:
         drive = self.truck.drive
         conversion = np.where(force >= 0.0, 1.0 / drive.efficiency, drive.regeneration)
-        return np.asarray(force * conversion * self.motion.speed)
+        by_force = drive_powers(self.recorded, self.physics, force).values()
+        return np.asarray(sum(by_force, force * conversion * self.motion.speed))
 
     def _seen(self, terminal: Floats) -> Floats:
         """(n,) what the channel shows of a power at the terminals: for the charge, scaled to the nominal
@@ -106,7 +107,9 @@ class Evaluation:
             return self._mean(lambda e: e.change(term, setting))
         before = self.physics.values.get(term.name, {})
         after = {**before, **setting}
-        simple = term.acts in ("force", "power") and all(p.truck_key is None for p in term.parameters)
+        simple = term.acts in ("force", "power", "drive") and all(
+            p.truck_key is None for p in term.parameters
+        )
         if simple and term.function is not None and self.measured is None:
             return self._swapped(term, before, after)
         physics = Physics(self.physics.truck, {**self.physics.values, term.name: after})
@@ -115,10 +118,11 @@ class Evaluation:
     def _swapped(self, term: Term, before: Values, after: Values) -> Floats:
         """Return the same where one term's force or power is all that changes: no need of the whole sum."""
         assert term.function is not None
-        new = term.function(self.motion, self.truck, after)
+        given = {"force": self.force} if term.acts == "drive" else {}
+        new = term.function(self.motion, self.truck, {**after, **given})
         active = term.nominal or term.name in self.physics.values
-        old = term.function(self.motion, self.truck, before) if active else np.zeros(len(new))
-        if term.acts == "power":
+        old = term.function(self.motion, self.truck, {**before, **given}) if active else np.zeros(len(new))
+        if term.acts != "force":
             if not self.charge:
                 return new - old
             return self._seen(self._driven(self.force) + self._powers + new - old) - self.power

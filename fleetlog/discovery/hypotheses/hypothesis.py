@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,11 @@ class Hypothesis:
             else ""
         )
         return (self.term or (self.curve.name if self.curve else "power by place")) + scope + form
+
+    @property
+    def kind(self) -> Hypothesis:
+        """The same without regard to the variance of its prior."""
+        return replace(self, variance=1.0)
 
     @property
     def physics(self) -> Term | None:

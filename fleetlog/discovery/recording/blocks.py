@@ -1,9 +1,11 @@
-"""The rows of a vehicle-day as finely stepped motion."""
+"""The rows of a vehicle-day as finely stepped motion, small enough to keep for many days."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,8 @@ DAY = 86_400_000_000
 """Microseconds."""
 TRIP = 1_000_000
 """Trip codes count on from this much of each vehicle."""
+EXACT = ("time", "x", "y")
+"""What of a motion is kept in double precision: it may be far from its origin."""
 
 
 @dataclass(frozen=True)
@@ -29,15 +33,19 @@ class Block:
 
     Attributes
     ----------
-    motion : (n,) samples;  row : (n,) the row that each belongs to, growing.
+    motion : (n,) samples, in single precision but for ``EXACT``;  row : (n,) the row that each belongs to,
+    growing.
+    likely : (n,) the likeliest accelerations, which those of ``motion`` lie above and below.
     time, seconds, power, soc : (rows,) stamp [s since the epoch], time it stands for [s], the recorded
     channels [W, 1].
     trip : (rows,) codes, unique over vehicles;  vehicle, day : codes.
-    known : how well the motion is known.
+    recipe : makes the reconstruction, which takes four times the memory of all else;  fresh : that, until the
+    block is put away.
     """
 
     motion: Motion
-    row: Ints
+    row: NDArray[np.int32]
+    likely: NDArray[np.float32]
     time: Floats
     seconds: Floats
     power: Floats
@@ -45,29 +53,36 @@ class Block:
     trip: Ints
     vehicle: int
     day: int
-    known: Reconstruction
+    recipe: Callable[[], Reconstruction]
+    fresh: Reconstruction | None
 
     def __len__(self) -> int:
         return len(self.time)
 
+    @property
+    def known(self) -> Reconstruction:
+        """How well the motion is known; made anew where the block was put away."""
+        return self.fresh or self.recipe()
+
+    def put_away(self) -> Block:
+        """Return the block without what can be made anew."""
+        return replace(self, fresh=None)
+
     def rows(self, values: Floats) -> Floats:
         """Return the mean of (n,) values over the samples of each row, (rows,)."""
         total = np.bincount(self.row, values * self.motion.dt, len(self))
-        return np.asarray(total / np.maximum(self._weight, 1e-12))
-
-    @cached_property
-    def _weight(self) -> Floats:
-        return np.asarray(np.bincount(self.row, self.motion.dt, len(self)), dtype=np.float64)
+        return np.asarray(total / np.maximum(self.seconds, 1e-12))
 
     @property
     def likeliest(self) -> Motion:
-        """The motion with the likeliest accelerations, which those of ``motion`` lie above and below."""
-        return self.motion.replaced(acceleration=self.known.likeliest.acceleration)
+        """The motion with the likeliest accelerations."""
+        return self.motion.replaced(acceleration=self.likely)
 
     @cached_property
-    def first(self) -> Ints:
+    def first(self) -> NDArray[np.int32]:
         """(rows,) the first sample of each row."""
-        return np.minimum(np.searchsorted(self.row, np.arange(len(self))), len(self.motion) - 1)
+        found = np.searchsorted(self.row, np.arange(len(self), dtype=np.int32))
+        return np.minimum(found, len(self.motion) - 1).astype(np.int32)
 
     @cached_property
     def silent(self) -> NDArray[np.bool_]:
@@ -81,19 +96,53 @@ class Block:
 
 def block(
     trajectory: Trajectory, vehicle: int, network: Network | None, truck: Truck, *, lag: float = 0.0,
-    scale: float = 1.0, load_lags: bool = False,
+    scale: float = 1.0, load_lags: bool = False, mean_of: float = 0.0,
 ) -> Block:  # fmt: skip
-    """Return one vehicle-day, its sensors put right by ``lag`` [s] and ``scale``."""
-    r = reconstruct(trajectory, network, truck, lag, scale, load_lags=load_lags)
+    """Return one vehicle-day, its sensors put right by ``lag`` [s] and ``scale``.
+
+    Rows whose power is the mean of the last ``mean_of`` seconds are taken together so that they say it once.
+    """
+    recipe = partial(reconstruct, trajectory, network, truck, lag, scale, load_lags=load_lags)
+    r = recipe()
     time = np.asarray(trajectory.time * 1e-6, dtype=np.float64)
-    motion = r.motion.replaced(
-        time=r.motion.time + time[0],
-        vehicle=np.broadcast_to(np.int64(vehicle), len(r.motion)),
-        power=r.motion.power,
-    )
     power = np.zeros(len(time))
-    power[r.row] = motion.power
-    return Block(
-        motion, r.row, time, r.dt_row, power, trajectory.floats("soc"),
-        trajectory.trip_ids() + TRIP * vehicle, vehicle, int(trajectory.time[0] // DAY), r,
+    power[r.row] = r.motion.power
+    code = np.full(len(r.motion), vehicle)
+    motion = _narrow(r.motion.replaced(time=r.motion.time + time[0], vehicle=code))
+    made = Block(
+        motion, r.row.astype(np.int32), r.likeliest.acceleration.astype(np.float32), time, r.dt_row, power,
+        trajectory.floats("soc"), trajectory.trip_ids() + TRIP * vehicle, vehicle,
+        int(trajectory.time[0] // DAY), recipe, r,
     )  # fmt: skip
+    count = round(mean_of / float(np.median(np.diff(time)))) if mean_of > 0.0 else 1
+    return _merged(made, count) if count > 1 else made
+
+
+def _merged(block: Block, count: int) -> Block:
+    """Take ``count`` rows together; of fewer, before a trip or a silence ends, the power is not known."""
+    begin = np.append(True, np.diff(block.trip) != 0) | block.silent
+    since = np.arange(len(block)) - np.maximum.accumulate(np.where(begin, np.arange(len(block)), 0))
+    begin |= since % count == 0
+    group, size = np.cumsum(begin) - 1, np.diff(np.append(np.flatnonzero(begin), len(block)))
+    last = np.cumsum(size) - 1
+    mean = block.power[last]
+    return replace(
+        block, motion=block.motion.replaced(power=mean[group][block.row]),
+        row=group[block.row].astype(np.int32), time=np.bincount(group, block.time) / size,
+        seconds=np.bincount(group, block.seconds).astype(np.float64),
+        power=np.where(size == count, mean, np.nan), soc=np.bincount(group, block.soc) / size,
+        trip=block.trip[last],
+    )  # fmt: skip
+
+
+def _narrow(motion: Motion) -> Motion:
+    """A motion in single precision, seven digits where three or four are known; what is constant takes no
+    room."""
+    kept = {f.name: getattr(motion, f.name) for f in fields(Motion) if f.name not in EXACT}
+    return motion.replaced(**{name: _light(values) for name, values in kept.items()})
+
+
+def _light(values: NDArray[Any]) -> NDArray[Any]:
+    if len(values) and np.array_equal(values, np.broadcast_to(values[0], values.shape), equal_nan=True):
+        return np.broadcast_to(values[0], values.shape)
+    return values.astype(np.float32 if values.dtype.kind == "f" else np.int32)

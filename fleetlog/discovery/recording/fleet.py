@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -36,7 +36,7 @@ class Fleet:
     """Vehicle-days of a recording on a site, with the truck that the model takes for all of them.
 
     ``lag`` and ``scale`` (by vehicle) put the clock of the power channel and the scale of the speed channel
-    right.
+    right; ``interval`` (by vehicle) is that over which the logger took the mean of power [s].
     """
 
     days: list[tuple[int, Trajectory]]
@@ -46,6 +46,7 @@ class Fleet:
     lag: dict[int, float]
     scale: dict[int, float]
     load_with_power: bool = False
+    interval: dict[int, float] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
     """Vehicles whose log lacks the payload that others have: their loads would pass for missing physics."""
     speed_from_positions: frozenset[int] = frozenset()
@@ -57,14 +58,19 @@ class Fleet:
         """Whether any vehicle-day knows the column."""
         return any(t.has(column) for _, t in self.days)
 
-    most_in_memory: int = 300_000
-    """Rows whose motion is kept between the passes; of more it is made anew, so that memory does not grow
-    with the days."""
+    most_in_memory: int = 1_500_000
+    """Rows whose motion is kept between the passes, 250 bytes each; of more it is made anew, so that memory
+    does not grow with the days."""
+    _blocks: dict[tuple[int, int], Block] = field(default_factory=dict, init=False, repr=False)
 
     def each_block(self) -> Iterator[Block]:
-        """Yield all vehicle-days as finely stepped motion."""
+        """Yield all vehicle-days as finely stepped motion, the same for all who ask."""
         for vehicle, trajectory in self.days:
-            yield self.block(vehicle, trajectory)
+            key = vehicle, int(trajectory.time[0])
+            found = self._blocks.get(key) or self.block(vehicle, trajectory)
+            if self.rows <= self.most_in_memory:
+                self._blocks[key] = found.put_away()
+            yield found
 
     def block(self, vehicle: int, trajectory: Trajectory) -> Block:
         """Return one vehicle-day."""
@@ -77,6 +83,7 @@ class Fleet:
             lag=lag,
             scale=scale,
             load_lags=self.load_with_power,
+            mean_of=self.interval.get(vehicle, 0.0),
         )
 
     @cached_property

@@ -2,7 +2,7 @@
 drag.
 
 Clock: the predicted power is compared with the measured one at every shift, piece by piece, with a parabola
-at the best; and with its mean over the last interval, which is what some loggers report.  Scale: integrated
+at the best; and with its mean over the last seconds, which is what some loggers report.  Scale: integrated
 speed against progress along the map, on the middle of edges; without a map against chords of straights.
 Held-out trips are not looked at.
 """
@@ -39,6 +39,12 @@ SHORTEST = 12.0
 """Metres of progress that are worth comparing."""
 MISMATCHED = 0.25
 """A ratio of speed to progress that is off by this is a wrong match."""
+SLOT = 0.1
+"""Length of a slot of time in which shifts are compared at first [s]."""
+MANY = 2000
+"""Rows that show well enough which shift to look at closely."""
+INTERVALS = np.linspace(0.85, 1.15, 13)
+"""Intervals of a mean that are tried, over twice the shift that fits best."""
 PIECE = 200
 """Rows of a piece whose clock is looked at by itself."""
 
@@ -68,8 +74,9 @@ class _Look:
     value: float
     before: float
     after: float
+    interval: float
     averaged: float
-    """The same with the mean over the last interval."""
+    """The same with the mean over the last ``interval`` seconds."""
 
 
 def examine(fleet: Fleet, split: Split, only: tuple[str, ...] = ()) -> tuple[Fleet, list[Fault]]:
@@ -87,14 +94,16 @@ def examine(fleet: Fleet, split: Split, only: tuple[str, ...] = ()) -> tuple[Fle
         late = _clock(fleet, split, terms)
         if late is not None:
             faults.append(late[0])
-            fleet = replace(fleet, lag=late[1])
-            fleet = replace(fleet, load_with_power=_load_runs_with_power(fleet))
+            fleet = replace(late[1], load_with_power=_load_runs_with_power(late[1]))
     return fleet, faults
 
 
-def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, dict[int, float]] | None:
-    """How far the power channel runs behind the positions, or that it is a mean; None where no vehicle's
-    does."""
+def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, Fleet] | None:
+    """How far the power channel runs behind the positions, or that it is a mean, and the fleet with that put
+    right.
+
+    None where no vehicle's is late.
+    """
     if not fleet.has("battery_power"):
         return None
     looks: dict[int, list[_Look]] = {}
@@ -106,33 +115,34 @@ def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, d
     late = {v: m for v, m in middle.items() if abs(m) > least and abs(m) > SURE * error[v]}
     if not late:
         return None
-    means = _are_means(late, looks, fleet.step) and "mean" in terms
-    if not means and "clock" not in terms:
-        return None
-    values = (
-        dict.fromkeys(late, 0.5 * fleet.step) if means else _in_common(late, error, len(late) == len(middle))
-    )
-    term = terms["mean" if means else "clock"]
-    told = {v: fleet.step if means else x for v, x in values.items()}
     every = [k for v in late for k in looks[v]]
     joint = float(np.sqrt(np.mean([error[v] ** 2 for v in late]) / len(late)))
     worst = max(abs(m) / error[v] for v, m in late.items())
-    fault = Fault(
-        term.name, "battery_power", "share of the power that the model does not explain",
-        float(np.median(list(told.values()))),
-        0.06 * fleet.step if means else max(joint, 0.06 * fleet.step), {fleet.vehicles[v]: x for v,
-        x in told.items()},
-        len(late) == len(middle), _tail(worst), float(np.mean([k.before for k in every])),
-        float(np.mean([k.averaged if means else k.after for k in every])),
-    )  # fmt: skip
-    return fault, values
+    whole, p_value = len(late) == len(middle), _tail(worst)
+    metric, before = (
+        "share of the power that the model does not explain",
+        float(np.mean([k.before for k in every])),
+    )
 
+    def fault(kind: str, told: dict[int, float], off: float, after: list[float]) -> Fault:
+        by_name = {fleet.vehicles[v]: x for v, x in told.items()}
+        value = float(np.median(list(told.values())))
+        return Fault(
+            terms[kind].name, "battery_power", metric, value, off, by_name, whole, p_value, before,
+            float(np.mean(after)),
+        )  # fmt: skip
 
-def _are_means(late: dict[int, float], looks: dict[int, list[_Look]], step: float) -> bool:
-    """Whether the mean over the last interval fits better than the best shift of the moment."""
-    every = [k for v in late for k in looks[v]]
-    near = all(abs(m - 0.5 * step) < 0.25 * step for m in late.values())
-    return near and float(np.median([k.averaged - k.after for k in every])) < 0.0
+    if "mean" in terms and float(np.median([k.averaged - k.after for k in every])) < 0.0:
+        interval = float(np.median([k.interval for k in every]))
+        told = dict.fromkeys(late, interval)
+        off = max(0.06 * fleet.step, _spread([k.interval for k in every]))
+        averaged = fault("mean", told, off, [k.averaged for k in every])
+        return averaged, replace(fleet, lag=dict.fromkeys(late, 0.5 * fleet.step), interval=told)
+    if "clock" not in terms:
+        return None
+    values = _in_common(late, error, whole)
+    shifted = fault("clock", values, max(joint, 0.06 * fleet.step), [k.after for k in every])
+    return shifted, replace(fleet, lag=values)
 
 
 def _in_common(late: dict[int, float], error: dict[int, float], all_of_them: bool) -> dict[int, float]:
@@ -183,7 +193,7 @@ def _best_shift(block: Block, power: Floats, piece: slice, train: Mask, step: fl
         return alike(clock - shift - half, clock - shift + half)
 
     coarse = np.arange(-LONGEST, LONGEST + 0.1, max(step, 0.5))
-    scores = np.array([shifted(s) for s in coarse])
+    scores = _coarsely(clock, y, ends, energy, coarse, 0.5 * min(step, 1.0))
     good = np.flatnonzero(scores >= scores.max() - ALIKE)
     best = float(coarse[good[np.argmin(np.abs(coarse[good]))]])
     wide = max(step, 0.5)
@@ -194,11 +204,24 @@ def _best_shift(block: Block, power: Floats, piece: slice, train: Mask, step: fl
     if curve[0] >= 0 or scores.max() < 0.5:
         return None
     shift = best + float(np.clip(-curve[1] / (2.0 * curve[0]), -wide, wide))
-    left = [
-        float(np.sqrt(max(1.0 - c**2, 0.0)))
-        for c in (shifted(0.0), shifted(shift), alike(clock - step, clock))
-    ]
-    return _Look(shift, left[0], left[1], left[2])
+    # A mean over an interval lags by half of it.
+    intervals = [step, *(2.0 * shift * INTERVALS if shift > 0.5 * step else ())]
+    averaged = [alike(clock - i, clock) for i in intervals]
+    left = [float(np.sqrt(max(1.0 - c**2, 0.0))) for c in (shifted(0.0), shifted(shift), max(averaged))]
+    return _Look(shift, left[0], left[1], float(intervals[int(np.argmax(averaged))]), left[2])
+
+
+def _coarsely(clock: Floats, y: Floats, ends: Floats, energy: Floats, shifts: Floats, half: float) -> Floats:
+    """The correlation at every shift, to a slot of ``SLOT`` seconds, on ``MANY`` rows at most."""
+    some = slice(None, None, len(clock) // MANY + 1)
+    clock, y = clock[some], y[some] - y[some].mean()
+    slots = np.arange(clock[0] - LONGEST - 2.0, clock[-1] + LONGEST + 2.0, SLOT)
+    paid = np.interp(slots, ends, energy)
+    at = np.rint((clock[None, :] - shifts[:, None] - slots[0]) / SLOT).astype(np.int64)
+    wide = max(round(half / SLOT), 1)
+    x = paid[at + wide] - paid[at - wide]
+    x -= x.mean(axis=1, keepdims=True)
+    return np.asarray(x @ y / np.sqrt((x**2).sum(axis=1) * (y @ y) + 1e-12))
 
 
 def _load_runs_with_power(fleet: Fleet) -> bool:

@@ -38,8 +38,8 @@ SHORTEST = 1.0
 """Shortest bend [m]; and a quarter of one where a truck goes straight on."""
 BLUR = 1.0 / 3.0
 """Variance of the stretch over which a course is taken here [m2]."""
-EXPLAINED = 0.1
-"""Share of the speed by which corners of the map may miss that of turns."""
+EXPLAINED = 0.25
+"""Share of the square by which free speed misses that of turns, that corners of the map explain at least."""
 ALIKE = 0.65
 """Share of the nominal lateral acceleration above which a map without curves cannot tell it from that of the
 truck file."""
@@ -152,12 +152,11 @@ def _turn(passes: list[_Pass]) -> Turn:
 
 
 def _map_explains(known: list[Turn]) -> bool:
-    """Whether one lateral acceleration on the corners of the map gives the speeds driven."""
+    """Whether the corners of the map, at one lateral acceleration, tell where trucks slow down."""
     speed, free, bend = (np.array([getattr(t, n) for t in known]) for n in ("speed", "free", "curvature"))
-    misses = [
-        float(
-            np.sqrt(np.mean((np.minimum(free, np.sqrt(lateral / np.maximum(bend, 1e-6))) / speed - 1.0) ** 2))
-        )
-        for lateral in np.geomspace(0.1, 10.0, 60)
-    ]
-    return min(misses) < EXPLAINED
+
+    def missed(cap: Floats) -> float:
+        return float(np.sum((np.minimum(free, cap) / speed - 1.0) ** 2))
+
+    corners = [np.sqrt(lateral / np.maximum(bend, 1e-6)) for lateral in np.geomspace(0.1, 10.0, 60)]
+    return min(missed(c) for c in corners) < (1.0 - EXPLAINED) * missed(free)

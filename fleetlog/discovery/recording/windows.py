@@ -17,6 +17,7 @@ from fleetlog.discovery.recording.blocks import Block
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Codes = NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,8 @@ class Cut:
     """The windows of one block: ``of_row`` (rows,) and ``of_sample`` (n,) number its windows 0..count-1,
     in order."""
 
-    of_row: Ints
-    of_sample: Ints
+    of_row: Codes
+    of_sample: Codes
     count: int
 
     @cached_property
@@ -93,8 +94,8 @@ def cut(block: Block, width: float) -> Cut:
     # A trip of fewer rows than parts leaves numbers unused; make them dense.
     numbers = np.repeat(base, length) + local
     numbers[1:] = np.where(block.seconds[1:] > 0.0, numbers[1:], numbers[:-1])
-    _, of_row = np.unique(numbers, return_inverse=True)
-    return Cut(of_row, of_row[block.row], int(of_row.max()) + 1)
+    of_row = (np.cumsum(np.diff(numbers, prepend=numbers[:1]) != 0)).astype(np.int32)
+    return Cut(of_row, of_row[block.row], int(of_row[-1]) + 1)
 
 
 def describe(block: Block, c: Cut) -> Windows:

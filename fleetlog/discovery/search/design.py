@@ -164,7 +164,8 @@ def make_design(
                 )
             )
     for h in chosen:
-        atoms.extend(of_hypothesis(channel, layout, model, h))
+        alone = sum(other.term == h.term for other in chosen) == 1
+        atoms.extend(of_hypothesis(channel, layout, model, h, alone))
     return Design(tuple(atoms))
 
 
@@ -182,8 +183,10 @@ def _tolerance(channel: Channel, layout: Layout, model: Model, knob: Knob) -> At
     )  # fmt: skip
 
 
-def of_hypothesis(channel: Channel, layout: Layout, model: Model, h: Hypothesis) -> list[Atom]:
-    """Return the coefficients of a hypothesis."""
+def of_hypothesis(
+    channel: Channel, layout: Layout, model: Model, h: Hypothesis, fitted: bool = False
+) -> list[Atom]:
+    """Return the coefficients of a hypothesis, which of one that is ``fitted`` are steps from where it is."""
     if h.knobs:
         return [_free(layout, model, h, k, s) for k, s in zip(h.knobs, h.sources, strict=True)]
     columns = np.array(layout.at(h.sources[0]), dtype=np.int64)
@@ -196,7 +199,14 @@ def of_hypothesis(channel: Channel, layout: Layout, model: Model, h: Hypothesis)
         ]
     usual = h.physics.parameters[0].usual if h.physics else 1.0
     precision = 1.0 / (h.variance * usual**2)
-    return [Atom(columns[i : i + 1], np.ones(1), precision, owner=h) for i in range(len(columns))]
+    now = np.zeros(len(columns))
+    if fitted and h.physics is not None and h.term in model.fields:
+        cells = channel.cells(h.physics)
+        assert cells is not None
+        now = cells.in_basis(model.fields[h.term], h.physics.odd)
+    return [
+        Atom(columns[i : i + 1], np.ones(1), precision, -float(now[i]), owner=h) for i in range(len(columns))
+    ]
 
 
 def _free(layout: Layout, model: Model, h: Hypothesis, knob: Knob, source: Source) -> Atom:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model, field_values
-from fleetlog.discovery.search.joint import Joint, refit, scored, verified
+from fleetlog.discovery.search.joint import Joint, refit, scored, tightened, tuned, verified
 from fleetlog.discovery.search.places import pattern_hypotheses
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.scopes import narrowed, scoped
@@ -51,9 +51,11 @@ def search(problem: Problem, nominal: Model) -> Search:
     found = Search(base, base)
     while len(found.joint.chosen) < problem.settings.most_findings:
         sums = problem.sums(found.joint.model, _all(problem, found.joint.chosen))
-        now = scored(problem, sums, found.joint.model, found.joint.chosen)
+        now = tuned(problem, sums, found.joint.model, found.joint.chosen)
         better = _step(problem, sums, now, found)
         if better is None:
+            if now.chosen != found.joint.chosen:
+                found.joint = refit(problem, found.joint.model, now.chosen)
             break
         found.joint = better
     return _pruned(problem, found)
@@ -88,11 +90,13 @@ def _best(
 ) -> Joint | None:
     """Return the model with the best of some hypotheses added, None where none of them counts."""
     best = max((s.gain for s in worth), default=0.0)
-    near = [s.hypothesis for s in worth if s.gain > _share(s) * best]
-    rivals = _close(problem, screened, worth)
-    tried = _exact(problem, now, [*near, *_on_edge(problem, now), *rivals])
-    slow = {replace(s.hypothesis, variance=1.0): s for s in screened if s.hypothesis.slow}
-    tried = [_no_better_than(now, j, slow.get(replace(j.chosen[-1], variance=1.0))) for j in tried]
+    near = [s for s in worth if s.gain > _share(s) * best]
+    close = _close(problem, screened, worth)
+    rivals = [s.hypothesis for s in close]
+    beside = {s.hypothesis: s.beside or now.chosen for s in (*near, *close)}
+    tried = _exact(problem, now, beside | {h: now.chosen for h in _on_edge(problem, now) if h not in beside})
+    slow = {s.hypothesis.kind: s for s in screened if s.hypothesis.slow}
+    tried = [_no_better_than(now, j, slow.get(j.chosen[-1].kind)) for j in tried]
     ranked = sorted(tried, key=lambda j: j.score)
     _note(found, now, screened, ranked)
     counting = _counting(problem, now, found, [j for j in ranked if j.chosen[-1] not in rivals])
@@ -104,7 +108,7 @@ def _best(
         first = next((j for j in counting if j.chosen[-1].term and j.score < reach), first)
     if first is not None:
         first, ranked = _in_their_time(problem, now, first, ranked)
-        found.rivals[first.chosen[-1]] = _rivals(problem, now, first, ranked)
+        found.rivals[first.chosen[-1].kind] = _rivals(problem, now, first, ranked)
     return first
 
 
@@ -113,10 +117,23 @@ def _counting(problem: Problem, now: Joint, found: Search, ranked: list[Joint]) 
     for joint in _by_simplicity(problem, ranked):
         if now.score - joint.score < problem.settings.evidence or _on_bound(problem, joint):
             continue
+        if any(_is_part_of(joint, other) for other in ranked):
+            continue
         size = size_of(problem, now, joint)
         found.log.append(f"{joint.chosen[-1].name}: share {size.share:.4f} verified {size.verified:.4f}")
         if _counts(problem, joint.chosen[-1], size):
             yield joint
+
+
+def _is_part_of(joint: Joint, other: Joint) -> bool:
+    """Whether a number of a part only repeats what the same number says of all, and says it worse."""
+    own, whole = joint.chosen[-1], other.chosen[-1]
+    return (
+        bool(own.knobs)
+        and not own.scope.whole
+        and whole.knobs == tuple(k.fleet for k in own.knobs)
+        and other.score < joint.score
+    )
 
 
 def _in_their_time(
@@ -136,7 +153,7 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
     h = narrowed(problem, now, joint)
     if h is None:
         return None
-    timed = refit(problem, now.model, [*now.chosen, h], 2)
+    timed = refit(problem, now.model, [*joint.chosen[:-1], h], 2)
     return timed if joint.score - timed.score > problem.settings.evidence else None
 
 
@@ -157,15 +174,16 @@ def _no_better_than(now: Joint, joint: Joint, slow: Screened | None) -> Joint:
 def _candidates(problem: Problem, sums: Sums, now: Joint) -> list[Hypothesis]:
     """Every hypothesis that may be added to the model, places in simple shapes among them."""
     knobs = {k for h in now.chosen for k in h.knobs}
-    taken = {replace(h, variance=1.0) for h in now.chosen}
+    taken = {h.kind for h in now.chosen}
     placed = {h.term for h in now.chosen if h.when.timed}
+    joints = [scored(problem, sums, now.model, chosen) for chosen in tightened(now.chosen)]
     out = []
     for h in problem.rest:
         if h not in taken and not set(h.knobs) & knobs and h.term not in placed:
             out.append(h)
             if h.field:
-                out += pattern_hypotheses(problem, sums, now, h)
-    return out
+                out += [p for joint in joints for p in pattern_hypotheses(problem, sums, joint, h)]
+    return list(dict.fromkeys(out))
 
 
 def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
@@ -179,11 +197,12 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
     )
 
 
-def _close(problem: Problem, screened: list[Screened], worth: list[Screened]) -> list[Hypothesis]:
+def _close(problem: Problem, screened: list[Screened], worth: list[Screened]) -> list[Screened]:
     """What is not evident by itself, but so near to the best that evidence does not tell them apart: rivals,
     and no more."""
     best = max((s.gain for s in worth), default=np.inf)
-    return [s.hypothesis for s in screened if s.gain > best - problem.settings.evidence and s not in worth]
+    told = {s.hypothesis for s in worth}
+    return [s for s in screened if s.gain > best - problem.settings.evidence and s.hypothesis not in told]
 
 
 def _on_edge(problem: Problem, now: Joint) -> list[Hypothesis]:
@@ -197,19 +216,18 @@ def _on_edge(problem: Problem, now: Joint) -> list[Hypothesis]:
     return [h for h in problem.rest if len(h.knobs) == 1 and h.knobs[0] in knobs]
 
 
-def _exact(problem: Problem, now: Joint, worth: list[Hypothesis]) -> list[Joint]:
-    """The best few fitted exactly: every term in its best form; free curves and fields are linear as they
-    are."""
+def _exact(problem: Problem, now: Joint, worth: dict[Hypothesis, tuple[Hypothesis, ...]]) -> list[Joint]:
+    """The best few, each beside its model, fitted exactly: every term in its best form; free curves and
+    fields are linear as they are."""
     short: list[Joint] = []
     seen: dict[object, int] = {}
-    for h in worth:
+    for h, beside in worth.items():
         kind = "fleet" if h.scope.whole else "truck" if h.scope.one is not None else "scoped"
         key = (h.term, kind) if h.term else "free"
         most = 3 if h.term is None or (h.physics and h.physics.field) else 2 if kind == "scoped" else 1
         if seen.get(key, 0) < most and (key in seen or len(seen) < problem.settings.shortlist or h.knobs):
             seen[key] = seen.get(key, 0) + 1
-            chosen = [*now.chosen, h]
-            short.append(refit(problem, now.model, chosen, 2 if h.term else 1))
+            short.append(refit(problem, now.model, [*beside, h], 2 if h.term else 1))
     return short
 
 

@@ -76,6 +76,24 @@ def scored(
     return min(out, key=lambda j: j.score)
 
 
+def tuned(problem: Problem, sums: Sums, model: Model, chosen: Sequence[Hypothesis]) -> Joint:
+    """Return a set of hypotheses fitted linearly about a model, each field and free curve with the variance
+    that fits best beside the others: of what the first had to take up the next may tell the cause."""
+    best = scored(problem, sums, model, chosen)
+    for i, h in enumerate(chosen):
+        for variance in () if h.numbers else VARIANCES:
+            tried = [*best.chosen[:i], replace(h, variance=variance), *best.chosen[i + 1 :]]
+            best = min(best, scored(problem, sums, model, tried), key=lambda j: j.score)
+    return best
+
+
+def tightened(chosen: tuple[Hypothesis, ...]) -> list[tuple[Hypothesis, ...]]:
+    """Return a set of hypotheses, and the same with the tightest prior of fields: a wide one takes up what
+    is yet to be told apart."""
+    tight = tuple(replace(h, variance=VARIANCES[0]) if h.field and not h.patterns else h for h in chosen)
+    return [chosen] if tight == chosen else [chosen, tight]
+
+
 def moved(joint: Joint, problem: Problem) -> tuple[Model, float]:
     """Return the model after the step of a fit, and how far the boldest number went, as a share of its
     range."""

@@ -8,6 +8,7 @@ Coefficients of the model that stand on a bound stay there; the joint fit afterw
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.search.design import Atom, Design, of_hypothesis
-from fleetlog.discovery.search.joint import SHARES, VARIANCES, Joint, scored
+from fleetlog.discovery.search.joint import SHARES, VARIANCES, Joint, scored, tightened
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Prior
 from fleetlog.discovery.search.sums import Sums
@@ -33,6 +34,8 @@ class Screened:
     hypothesis: Hypothesis
     gain: float
     by_fold: Floats
+    beside: tuple[Hypothesis, ...] = ()
+    """The model that it is added to: of fields in it the prior may be tighter."""
 
 
 def screen(problem: Problem, sums: Sums, joint: Joint, tried: Sequence[Hypothesis]) -> list[Screened]:
@@ -41,12 +44,12 @@ def screen(problem: Problem, sums: Sums, joint: Joint, tried: Sequence[Hypothesi
     fast = [h for h in tried if not h.slow]
     slow = [h for h in tried if h.slow]
     best: dict[Hypothesis, Screened] = {}
-    for share in SHARES:
-        other = scored(problem, sums, joint.model, joint.chosen, [share])
+    for chosen, share in itertools.product(tightened(joint.chosen), SHARES):
+        other = scored(problem, sums, joint.model, chosen, [share])
         head = joint.score - other.score
         for s in _screen(problem, sums, other, fast, False) + _screen(problem, sums, other, slow, True):
-            now = Screened(s.hypothesis, s.gain + head, s.by_fold)
-            key = replace(s.hypothesis, variance=1.0)
+            now = Screened(s.hypothesis, s.gain + head, s.by_fold, chosen)
+            key = s.hypothesis.kind
             if key not in best or now.gain > best[key].gain:
                 best[key] = now
     return sorted(best.values(), key=lambda s: -s.gain)

@@ -25,11 +25,11 @@ def passes(
     square = cap * cap
     for i in range(n - 1):
         ds = distance[i + 1] - distance[i]
-        v = np.sqrt(square[i])
-        a = up
-        if v > 0.0:
-            resist = mass[i] * GRAVITY * (rolling * np.cos(slope[i]) + np.sin(slope[i]))
-            a = min(up, (power / v - resist) / mass[i])
+        v, a = np.sqrt(square[i]), up
+        level = slope[i] == 0.0
+        resist = GRAVITY * (rolling if level else rolling * np.cos(slope[i]) + np.sin(slope[i]))
+        if (up + resist) * mass[i] * v > power:
+            a = power / (v * mass[i]) - resist
         square[i + 1] = min(square[i + 1], max(square[i] + 2.0 * a * ds, 0.0))
     for i in range(n - 1, 0, -1):
         ds = distance[i] - distance[i - 1]
