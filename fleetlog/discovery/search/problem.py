@@ -80,13 +80,16 @@ class Problem:
 
         The parts are the same for any number of workers, so the sum of their results is, too.
         """
-        self.crew = self.crew or engines.current().crew(self._part, lambda _: self.channel.name)
+        self.crew = self.crew or engines.current().crew(self._part, self._told)
         ends = np.linspace(0, self.channel.count, min(PARTS, self.channel.count) + 1).astype(int).tolist()
         yield from self.crew.run([(work, part, arguments) for part in itertools.pairwise(ends)])
 
     def _part(self, job: tuple[Callable[..., Any], tuple[int, int], tuple[Any, ...]]) -> Any:
         work, part, arguments = job
         return work(self, self.training(*part), *arguments)
+
+    def _told(self, _: object) -> str:
+        return self.channel.name
 
     def close(self) -> None:
         """End the workers."""
