@@ -15,6 +15,7 @@ JUMP = 12.0
 RARE = np.exp(-JUMP)
 LEAVE = 4.0
 """Cost of leaving the roads, and of coming back."""
+LEFT = np.exp(-LEAVE)
 SLACK = 5.0
 """A way this much longer than the travelled distance is always tried [m]: two corners, taken short."""
 CHANGE = 0.5

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
-from fleetlog.roads.kernels.costs import BY_JUMP, CHAIN_END, JUMP, RARE, reach_of, step_costs
+from fleetlog.roads.kernels.costs import BY_JUMP, CHAIN_END, JUMP, LEAVE, LEFT, RARE, reach_of, step_costs
 from fleetlog.roads.kernels.distances import ensure
 from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Floats, Roads, Steps, Store, Wide
 
@@ -153,7 +153,7 @@ def _advance(
         best, where, total = 1e300, 0, 0.0
         for i in range(k):
             c = cost[i, j]
-            p = RARE if c == JUMP else math.exp(-c)
+            p = RARE if c == JUMP else LEFT if c == LEAVE else math.exp(-c)
             steps[at[h] + i * m + j] = p
             total += alpha[a + i] * p
             through = delta[a + i] + c
