@@ -56,12 +56,13 @@ def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explai
         return _unjudged(problem, base, reason)
     problem.rest = tuple(hypotheses(channel, only))
     found = search(problem, base)
-    told = [h for h in found.joint.chosen if not _within_tolerance(base, found.joint.model, h)]
     kept = [h for h in found.joint.chosen if h.term is not None]
     # What is written holds no free curve; the corrections beside it are fitted without one, too.
     final = refit(problem, found.joint.model, kept)
-    before = refit(problem, base, [h for h in kept if h not in told])
     known = intervals(problem, final)
+    numbers = _numbers(known)
+    told = [h for h in found.joint.chosen if not _within_tolerance(base, numbers, h)]
+    before = refit(problem, base, [h for h in kept if h not in told])
     named = [h for h in kept if h in told]
     tried = {h: without(final, h) for h in named}
     untold = _strongest_untold(problem, found)
@@ -69,7 +70,6 @@ def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explai
     scores = judge(problem, before.model, final.model, tried, beside)
     fit = _fit(channel, scores, strongest(problem, found.base, untold) if untold else None)
     values = {h.term: _values(problem, known, h) for h in named if h.term and (h.field or h.patterns)}
-    numbers = _numbers(known)
     findings = [_finding(problem, found, h, final, scores, fit, values, numbers, beside) for h in told]
     after = final.model
     lost = channel.lost(after)
@@ -99,16 +99,17 @@ def _unjudged(problem: Problem, base: Model, reason: str) -> Explained:
     return Explained(problem, base, base, fit, [], [], {}, {}, False, [])
 
 
-def _within_tolerance(base: Model, model: Model, h: Hypothesis) -> bool:
-    """Whether a number found is no more than a truck file or a logger may be off."""
+def _within_tolerance(base: Model, numbers: dict[Knob, Parameter], h: Hypothesis) -> bool:
+    """Whether a number found may be no more than a truck file or a logger is off, by its interval."""
     if len(h.knobs) != 1 or h.setting:
         return False
     knob = h.knobs[0]
     if knob.scope.timed:  # A truck file that is a little off is off all the time.
         return False
-    p = knob.definition
-    off = model.value(knob) - base.value(knob.fleet)
-    return abs(off) <= p.allowance(model.truck) or (p.ceiling and off > 0.0)
+    p, found, nominal = knob.definition, numbers[knob], base.value(knob.fleet)
+    allowed = p.allowance(base.truck)
+    above = p.ceiling or found.low <= nominal + allowed
+    return above if found.value > nominal else found.high >= nominal - allowed
 
 
 def _strongest_untold(problem: Problem, found: Search) -> Joint | None:

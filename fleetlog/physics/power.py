@@ -112,13 +112,14 @@ class Physics:
 
     @cached_property
     def _actual_truck(self) -> Truck:
-        truck = self.truck
+        sections: dict[str, dict[str, float]] = {}
         for term in self.active():
             for name, value in self.values.get(term.name, {}).items():
-                key = term.by_name[name].truck_key
-                if key is not None:
-                    truck = truck.with_value(key, float(value))
-        return truck
+                if key := term.by_name[name].truck_key:
+                    section, entry = key.split(".")
+                    sections.setdefault(section, {})[entry] = float(value)
+        changed = {name: replace(getattr(self.truck, name), **new) for name, new in sections.items()}
+        return replace(self.truck, **changed)
 
     def actual_motion(self, motion: Motion) -> Motion:
         """The motion with the load that acts, where a term replaces it."""

@@ -106,9 +106,21 @@ def test_time_lost_is_what_is_over_undisturbed_passages_of_the_same_place() -> N
             np.zeros(40),
             np.array([behind]),
         )
-        passed.append((path, np.array([not behind]), np.array([trip])))
+        passed.append((path, np.array([not behind]), np.array([trip]), np.zeros(40)))
     found = lost_time(passed, _Lane(), lambda p: np.ones(len(p.s)))  # type: ignore[arg-type]
     assert found is not None
-    total = sum(p.took.sum() for p, _, _ in passed)
+    total = sum(p.took.sum() for p, *_ in passed)
     assert abs(found.share - lost / total) < 0.01
     assert abs(found.share - lost / total) < 2.0 * found.error
+    # What trucks are known to wait there, whoever is in the way, is not lost to traffic.
+    known = [
+        (path, whole, trip, np.where(path.behind[0], extra_of(path), 0.0)) for path, whole, trip, _ in passed
+    ]
+    left = lost_time(known, _Lane(), lambda p: np.ones(len(p.s)))  # type: ignore[arg-type]
+    assert left is not None
+    assert abs(left.share) < 0.01
+
+
+def extra_of(path: Path) -> np.ndarray:
+    """Seconds over the usual 1.1 a node."""
+    return path.took - 1.1

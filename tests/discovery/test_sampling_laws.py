@@ -12,11 +12,15 @@ import fleetlog
 from fleetlog.core.truck import load_truck
 from fleetlog.discovery.channels.base import Unit
 from fleetlog.discovery.channels.choose import channel_of
+from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model
+from fleetlog.discovery.recording.blocks import block
 from fleetlog.discovery.recording.fleet import read_fleet
 from fleetlog.discovery.recording.splits import make_split
 from fleetlog.discovery.recording.windows import Windows
+from fleetlog.discovery.search.joint import refit
 from fleetlog.discovery.search.noise import Noise, learn
+from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.settings import SETTINGS
 from fleetlog.store import Dataset
 
@@ -78,3 +82,36 @@ def test_the_models_own_error_grows_as_rows_become_rarer(simulated: Path) -> Non
         errors.append(channel_of("battery_power", rarer, base, SETTINGS, split).model_error)
     assert errors[0] < 0.03
     assert errors[0] <= errors[1] < errors[2]
+
+
+def test_a_field_fitted_again_and_again_stays_what_its_prior_allows(simulated: Path) -> None:
+    truck = load_truck(Path(__file__).parents[2] / "sample_data" / "truck.toml")
+    fleet = read_fleet(Dataset(simulated), truck)
+    split = make_split("trips", fleet.trips, fleet.seconds, [0, 1, 2], [0], 10, 0.2, 0)
+    base = Model(truck)
+    problem = Problem(channel_of("battery_power", fleet, base, SETTINGS, split), split, SETTINGS, ())
+    field = Hypothesis("grade", field=True, variance=1e-4)
+    joint, sizes = refit(problem, base, [field], 1), []
+    for _ in range(6):
+        sizes.append(float(np.linalg.norm(joint.model.fields["grade"])))
+        joint = refit(problem, joint.model, [field], 1)
+    assert sizes[0] > 0.0
+    assert sizes == pytest.approx([sizes[0]] * 6, rel=0.1)
+
+
+@pytest.mark.parametrize("interval", [3, 5])
+def test_rows_whose_power_is_a_mean_say_their_energy_once(simulated: Path, interval: int) -> None:
+    """Of a mean over the last seconds the energy of windows is exact, whatever happened within the interval."""
+    dataset = Dataset(simulated)
+    trajectory = dataset.read(dataset.vehicles[0], dataset.dates[0])
+    exact = trajectory.floats("battery_power")
+    sums = np.cumsum(exact)
+    mean = (sums - np.concatenate([np.zeros(interval), sums[:-interval]])) / interval
+    told = trajectory.with_columns(battery_power=mean)
+    truck = load_truck(Path(__file__).parents[2] / "sample_data" / "truck.toml")
+    made = block(told, 0, dataset.site.network, truck, mean_of=float(interval))
+    rows = np.flatnonzero(np.isfinite(made.power))[1:]
+    assert len(made) == pytest.approx(len(exact) / interval, rel=0.2)
+    last = np.searchsorted(trajectory.time * 1e-6, made.time[rows] + 0.5 * (interval - 1) - 0.1)
+    energy = [exact[i - interval + 1 : i + 1].sum() for i in last]
+    assert made.power[rows] * interval == pytest.approx(energy, rel=1e-6, abs=1.0)

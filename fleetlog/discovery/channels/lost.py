@@ -56,10 +56,12 @@ class _Steps:
     plain: Mask
     cell: Ints
     trip: Ints
+    waits: Floats
 
 
-Passed = tuple[Path, Mask, Ints]
-"""A path, which of its windows count, (W,), and the trips of these, (W,)."""
+Passed = tuple[Path, Mask, Ints, Floats]
+"""A path, which of its windows count, (W,), the trips of these, (W,), and the seconds that trucks are known
+to wait at its nodes, whoever is there, (G,)."""
 
 
 def lost_time(
@@ -73,7 +75,8 @@ def lost_time(
     steps = _steps(passed, lanes, free)
     if not steps.behind.any():
         return None
-    lost = np.where(steps.behind, steps.over - _usual(steps, len(lanes))[steps.cell] * steps.free, 0.0)
+    usual = _usual(steps, len(lanes))[steps.cell] * steps.free + steps.waits
+    lost = np.where(steps.behind, steps.over - usual, 0.0)
     if known is not None:
         lost = lost - known[steps.cell] * steps.took
     total = float(steps.took.sum())
@@ -93,14 +96,14 @@ def lost_time(
 
 def _steps(passed: Iterable[Passed], lanes: Stretches, free: Callable[[Path], Floats]) -> _Steps:
     parts = []
-    for path, whole, trip in passed:
+    for path, whole, trip, waits in passed:
         modelled = free(path)
         parts.append((
             modelled, path.took - path.standing - modelled, path.took, path.behind[path.of], whole[path.of],
-            lanes.at(path.motion)[0].astype(np.int64), trip[path.of],
+            lanes.at(path.motion)[0].astype(np.int64), trip[path.of], waits,
         ))  # fmt: skip
     columns = [np.concatenate(c) for c in zip(*parts, strict=True)]
-    columns[-1] = np.unique(columns[-1], return_inverse=True)[1]
+    columns[-2] = np.unique(columns[-2], return_inverse=True)[1]
     return _Steps(*columns)
 
 

@@ -108,7 +108,7 @@ def block(
     power = np.zeros(len(time))
     power[r.row] = r.motion.power
     code = np.full(len(r.motion), vehicle)
-    motion = _narrow(r.motion.replaced(time=r.motion.time + time[0], vehicle=code))
+    motion = narrow(r.motion.replaced(time=r.motion.time + time[0], vehicle=code))
     made = Block(
         motion, r.row.astype(np.int32), r.likeliest.acceleration.astype(np.float32), time, r.dt_row, power,
         trajectory.floats("soc"), trajectory.trip_ids() + TRIP * vehicle, vehicle,
@@ -135,9 +135,11 @@ def _merged(block: Block, count: int) -> Block:
     )  # fmt: skip
 
 
-def _narrow(motion: Motion) -> Motion:
-    """A motion in single precision, seven digits where three or four are known; what is constant takes no
-    room."""
+def narrow(motion: Motion) -> Motion:
+    """Return a motion in single precision, seven digits where three or four are known.
+
+    What is constant takes no room.
+    """
     kept = {f.name: getattr(motion, f.name) for f in fields(Motion) if f.name not in EXACT}
     return motion.replaced(**{name: _light(values) for name, values in kept.items()})
 

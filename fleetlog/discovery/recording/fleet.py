@@ -22,7 +22,7 @@ from fleetlog.physics.motion import measured_channels
 from fleetlog.store import Dataset
 
 COLUMNS = (
-    "x", "y", "heading", "speed", "edge_id", "edge_offset", "trip_id", "payload", "fork_height",
+    "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "trip_id", "payload", "fork_height",
     "battery_power",
     "soc", "ambient_temperature", "lateral_offset",
 )  # fmt: skip

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.discovery.recording.blocks import Block
+from fleetlog.discovery.recording.blocks import Block, narrow
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.physics.motion.legs import Leg, legs
 
@@ -92,7 +92,7 @@ def routes(fleet: Fleet) -> list[Route]:
 
 
 def _route(block: Block) -> Route | None:
-    found = legs(block.known)
+    found = [replace(leg, path=narrow(leg.path)) for leg in legs(block.known)]
     if not found:
         return None
     m = block.motion

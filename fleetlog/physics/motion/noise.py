@@ -30,6 +30,8 @@ PATH = 1.0
 better ..."""
 SELDOM = 2.0
 """... where its rows are closer than this [s]."""
+NORMAL_QUARTER = 0.3186
+"""A quarter of normal variables are no larger than this many standard deviations."""
 BENDS = 0.03
 """A mean speed is off that of the middle of its step by so much a second of it [m/s2]."""
 BOUNDS = {"jerk": (1e-4, 30.0), "position": (0.003, 30.0), "speed": (0.003, 2.0)}
@@ -120,9 +122,10 @@ def estimate_noise(observed: Observed, start: Noise, least: float = 0.0) -> Nois
 
 
 def speed_noise(o: Observed) -> float:
-    """Standard deviation of the speed channel [m/s] from third differences of driven rows (robust).
+    """Standard deviation of the speed channel [m/s] from the quieter third differences of driven rows.
 
-    An upper bound.  Where rows are so far apart that the speed itself changes in bends between them, that of
+    Where a truck begins to brake or to gather speed they show that; a quarter of the rows lies between.
+    Where rows are so far apart that the speed itself changes in bends between them, that of
     a usual wheel encoder.
     """
     third = o.speed[3:] - 3.0 * o.speed[2:-1] + 3.0 * o.speed[1:-2] - o.speed[:-3]
@@ -130,7 +133,8 @@ def speed_noise(o: Observed) -> float:
     whole = (o.t[3:] - o.t[:-3] < 4.5) & np.isfinite(third) & (lowest > 0.3)
     if whole.sum() < 50:
         return ENCODER
-    return float(np.clip(1.4826 * np.median(np.abs(third[whole])) / np.sqrt(20.0), *BOUNDS["speed"]))
+    usual = np.quantile(np.abs(third[whole]), 0.25) / NORMAL_QUARTER
+    return float(np.clip(usual / np.sqrt(20.0), *BOUNDS["speed"]))
 
 
 def _line(

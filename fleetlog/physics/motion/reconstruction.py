@@ -46,6 +46,7 @@ from fleetlog.physics.motion.rows import (
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Numbers = NDArray[np.int32] | NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
@@ -94,7 +95,7 @@ class Reconstruction:
         mean = np.where(self.standing, 0.0, self.states.mean[self.node, 2])
         return self.motion.replaced(acceleration=mean)
 
-    def window_variance(self, power: Callable[[Motion], Floats], window: Ints) -> Floats:
+    def window_variance(self, power: Callable[[Motion], Floats], window: Numbers) -> Floats:
         """(W,) variance [J2] of the energy of every window that the doubt about speed and acceleration makes.
 
         ``power`` [W] of a motion; ``window`` (n,) number of the window of each sample, growing, -1 in none.
@@ -116,7 +117,7 @@ class Reconstruction:
         moved = energy_variance(self.states.cov, self.states.gain, slopes[0], slopes[1], window[near], count)
         return np.asarray(moved + self._lift_variance(power, window, count))
 
-    def _lift_variance(self, power: Callable[[Motion], Floats], window: Ints, count: int) -> Floats:
+    def _lift_variance(self, power: Callable[[Motion], Floats], window: Numbers, count: int) -> Floats:
         """(W,) that of lifts between the last row of a window and the first of the next.
 
         Either may have them.
