@@ -109,10 +109,10 @@ class Path3:
 class Truck:
     """One truck, its driver and its small deviations from the data sheet."""
 
-    def __init__(self, number: int, rng: np.random.Generator) -> None:
+    def __init__(self, number: int, rng: np.random.Generator, tyres: float = 1.0) -> None:
         self.id, self.rng = f"T{number}", rng
         self.mass = NOMINAL["mass"] * rng.normal(1, 0.006)
-        self.rolling = NOMINAL["rolling"] * rng.normal(1, 0.02)
+        self.rolling = NOMINAL["rolling"] * tyres * rng.normal(1, 0.02)
         self.aux = NOMINAL["aux"] + rng.normal(0, 12)
         self.factor, self.lateral, self.pull = (
             rng.normal(0.92, 0.02),
@@ -255,11 +255,14 @@ class Truck:
         )
 
 
-def record() -> list[Truck]:
-    rng = np.random.default_rng(20260302)
-    trucks = [Truck(i, np.random.default_rng(rng.integers(1 << 31))) for i in range(1, 9)]
+def record(
+    seed: int = 20260302, fleet: int = 8, duration: float = DURATION, tyres: float = 1.0
+) -> list[Truck]:
+    """Drive a fleet for a time [s]; ``tyres`` is the factor on its rolling resistance."""
+    rng = np.random.default_rng(seed)
+    trucks = [Truck(i, np.random.default_rng(rng.integers(1 << 31)), tyres) for i in range(1, fleet + 1)]
     phase = [float(rng.uniform(0, 1)) for _ in trucks]
-    for k in range(int(DURATION / STEP)):
+    for k in range(int(duration / STEP)):
         t = k * STEP
         for truck, p in zip(trucks, phase, strict=True):
             truck.step(t, trucks)

@@ -2,6 +2,7 @@
 
 python docs/scripts/run_commands.py            as printed (some simulate for hours: this takes a while)
 python docs/scripts/run_commands.py --quick    simulations of ten minutes, one seed
+python docs/scripts/run_commands.py --quick plan.md report.md      those of some pages
 
 Prints each command with its time; exit status 1 if one fails.
 """
@@ -9,12 +10,14 @@ Prints each command with its time; exit status 1 if one fails.
 from __future__ import annotations
 
 import contextlib
+import gzip
 import os
 import re
 import shlex
 import shutil
 import sys
 import tempfile
+import textwrap
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,6 +32,10 @@ NAMED = {
 """What stands for the names in capitals."""
 ELSEWHERE = {
     "twizy": "a public data set",
+    "mqtt://": "a broker of one's own",
+    "tcp://": "a cluster of one's own",
+    "s3://": "a bucket of one's own",
+    "2026-03-03": "logs of another day",
     "VERB": "a synopsis",
     "LOG...": "a synopsis",
     "demo": "the demo alone runs for a minute; its steps are all here",
@@ -54,7 +61,9 @@ def commands(page: Path) -> Iterator[list[str]]:
     for found in COMMAND.finditer(page.read_text(encoding="utf-8")):
         text = re.sub(r"\[[^]]*\]|  .*", "", found[1])
         words = [NAMED.get(w, w) for w in shlex.split(text)[1:]]
-        if len(words) > 1 and not ELSEWHERE.keys() & set(words) and "..." not in words:
+        mentioned = len(words) < (3 if words[0] == "analyze" else 2)
+        elsewhere = any(known in word for known in ELSEWHERE for word in words)
+        if not mentioned and not elsewhere and "..." not in words:
             yield words
 
 
@@ -69,6 +78,13 @@ def prepare(run: object) -> None:
     Path("runs.csv").write_text(RUNS)
     Path("tasks.csv").write_text(TASKS)
     Path("plan.toml").write_text(PLAN)
+    Path("tariff.toml").write_text(indented("report", "currency"))
+    Path("profile.toml").write_text(titled("tutorials/own-data", "profile.toml"))
+    for week in ("week-10", "week-11"):
+        fleetlog.read_logs(
+            f"messy/{week}.csv.gz", profile="profile.toml", site="site.toml", recording=False, output=week
+        )
+    Path("log.jsonl").write_bytes(gzip.decompress(Path("logs/T7_vda5050.jsonl.gz").read_bytes()))
     shutil.copy("truck.toml", "plant.toml")
     site = "site.toml"
     recorded = fleetlog.read_logs("logs", site=site, output="recorded")
@@ -77,6 +93,20 @@ def prepare(run: object) -> None:
     fleetlog.analyze.density(recorded, output="density")
     fleetlog.view("recorded", beside="simulated", save="both.rrd")
     fleetlog.export(recorded, to="sumo-fcd", output="driven.fcd.xml")
+
+
+def titled(page: str, title: str) -> str:
+    """A file that a page shows under its name."""
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    return text.split(f'title="{title}"\n')[1].split("```")[0]
+
+
+def indented(page: str, first: str) -> str:
+    """The indented block of a page that begins with a word."""
+    lines = (
+        (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8").split(f"    {first} ")[1].split("\n\n")[0]
+    )
+    return textwrap.dedent(f"    {first} {lines}")
 
 
 def quick(words: list[str]) -> list[str]:
@@ -92,6 +122,10 @@ def quick(words: list[str]) -> list[str]:
     )
 
 
+MADE = ("recorded", "simulated", "diagnosis", "density")
+"""What every page finds, whatever the pages before it have put in its place."""
+
+
 def run(words: list[str]) -> tuple[bool, str]:
     """Whether a command ends well, and what it says; outputs of an earlier one are replaced."""
     from click.testing import CliRunner
@@ -99,49 +133,50 @@ def run(words: list[str]) -> tuple[bool, str]:
     from fleetlog.cli.main import cli
 
     for flag in ("-o", "--save", "--screenshot"):
-        if flag in words:
-            target = Path(words[words.index(flag) + 1])
-            if target.name not in ("recorded", "simulated", "diagnosis", "density"):
-                shutil.rmtree(target, ignore_errors=True) if target.is_dir() else target.unlink(
-                    missing_ok=True
-                )
-            elif "--overwrite" not in words:
-                words = [*words, "--overwrite"]
+        if flag in words and "--overwrite" not in words and "--append" not in words:
+            words = [*words, "--overwrite"]
     done = CliRunner().invoke(cli, words, standalone_mode=False)
-    return done.exception is None and done.return_value in (
-        None,
-        0,
-        3,
-    ), f"{done.exception or done.return_value}"
+    good = done.exception is None and done.return_value in (None, 0, 3)
+    return good, f"{done.exception or done.return_value}"
 
 
-def main(short: bool) -> int:
-    """Run all of them; return how many failed."""
+def restore(kept: Path) -> None:
+    """Put back what was made for all pages."""
+    for name in MADE:
+        shutil.rmtree(name, ignore_errors=True)
+        shutil.copytree(kept / name, name)
+
+
+def main(short: bool, names: list[str]) -> int:
+    """Run those of some pages, or of all; return how many failed."""
     from fleetlog.view import viewer
 
     viewer.show = lambda rrd: None
     failed, seen = 0, set()
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         prepare(run)
-        for page in pages():
+        for name in MADE:
+            shutil.copytree(name, Path("kept") / name)
+        for page in (p for p in pages() if not names or p.name in names):
+            restore(Path("kept"))
             for words in commands(page):
                 words = quick(words) if short else words
-                # Without an output or a file that is there it is a mention, not a command.
-                if tuple(words) in seen or not ("-o" in words or any(Path(w).exists() for w in words)):
+                shows = words[0] in ("info", "view") or "--dry-run" in words
+                # Without an output, or a file that is there to be shown, it is a mention, not a command.
+                if tuple(words) in seen or not ("-o" in words or (shows and any(map(os.path.exists, words)))):
                     continue
                 seen.add(tuple(words))
                 begun = time.monotonic()
                 good, why = run(words)
                 failed += not good
                 state = "done" if good else f"FAILED ({why})"
-                print(
-                    f"{page.name}: fleetlog {shlex.join(words)}: {state}, {time.monotonic() - begun:.1f} s",
-                    flush=True,
-                )
+                took = time.monotonic() - begun
+                print(f"{page.name}: fleetlog {shlex.join(words)}: {state}, {took:.1f} s", flush=True)
     print(f"{len(seen)} commands, {failed} failed")
     return failed
 
 
 if __name__ == "__main__":
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    sys.exit(bool(main("--quick" in sys.argv)))
+    given = sys.argv[1:]
+    sys.exit(bool(main("--quick" in given, [name for name in given if name != "--quick"])))

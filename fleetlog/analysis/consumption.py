@@ -24,7 +24,7 @@ def consumption(dataset: Dataset) -> pd.DataFrame:
     """One row a truck and quarter of an hour: vehicle_id, start, and the ``SUMS``.
 
     ``seconds`` and ``metres`` of the log, ``measured_s`` and ``measured_m`` of these with a known power, and
-    the energy in that time; ``soc_low`` and ``soc_end``, the lowest and last state of charge (NaN unknown).
+    the energy in that time.
     """
     days = [_quarters(t) for t in joined_days(dataset, (*COLUMNS, *ELECTRICAL))]
     whole = pd.concat(days, ignore_index=True)
@@ -32,8 +32,7 @@ def consumption(dataset: Dataset) -> pd.DataFrame:
 
 
 def _summed(rows: pd.DataFrame) -> pd.DataFrame:
-    how = {**dict.fromkeys(SUMS, "sum"), "soc_low": "min", "soc_end": "last"}
-    return rows.groupby(["vehicle_id", "start"], as_index=False).agg(how)
+    return rows.groupby(["vehicle_id", "start"], as_index=False)[list(SUMS)].sum()
 
 
 def _quarters(t: Trajectory) -> pd.DataFrame:
@@ -44,11 +43,9 @@ def _quarters(t: Trajectory) -> pd.DataFrame:
     joules = np.where(known, watts, 0.0) * dt
     charging = row_states(t) == STATES.index("charging")
     metres = np.nan_to_num(t.floats("speed")) * dt
-    soc = pd.Series(t.floats("soc"))
     return _summed(pd.DataFrame({
         "vehicle_id": t.vehicle_id, "start": stamps(t.time // QUARTER * QUARTER),
         "seconds": dt, "metres": metres, "measured_s": known * dt, "measured_m": known * metres,
         "used_kwh": np.where(charging, 0.0, joules) / KWH,
         "charged_kwh": np.where(charging, -joules, 0.0) / KWH,
-        "soc_low": soc, "soc_end": soc,
     }))  # fmt: skip

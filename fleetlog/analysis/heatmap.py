@@ -93,7 +93,7 @@ def _compared(here: HeatMap, other: HeatMap, summary: dict[str, Any], table: pd.
     summary["compare"] = {"other": name, "significant_cells": int(mask.sum()), "moved_share": moved}
     r, c = np.nonzero(here.grid[0] > 0)
     table["difference"], table["significant"] = share[r, c], mask[r, c]
-    f, label = here.cells, "share of time, difference [per mille]"
+    f, label = here.cells, f"share of time, {summary['dataset']} minus {Path(name).name} [per mille]"
     return Grid("difference", per_mille, f.x0, f.y0, f.cell, label, True, mask)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
@@ -9,7 +10,7 @@ import pandas as pd
 
 from fleetlog.core.arguments import Between
 from fleetlog.core.result import Marks, Result, Shape
-from fleetlog.core.site import PlaceKind
+from fleetlog.core.site import Place, PlaceKind
 from fleetlog.core.words import count, listed
 from fleetlog.simulate.demand import carried
 from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table
@@ -31,13 +32,14 @@ def stops(
     -------
     Result
         Table ``places`` (place, kind, x, y, spread, visits, vehicles, dwell, shares of picks, drops and
-        charges); table ``flows`` with the loads carried from place to place; summary with counts and the
-        ``[[place]]`` text for a site file.
+        charges), under the names of the site where it knows them; table ``flows`` with the loads carried from
+        place to place; summary with counts and, as ``[[place]]`` text, the places that the site file lacks.
     """
     stands = find_stands(dataset)
     cluster = clusters(stands, min_visits)
     table = place_table(stands, cluster)
-    _, names = mined_site(dataset.site, table)
+    site, names = mined_site(dataset.site, table)
+    table["place"] = names
     tasks = carried(stands, cluster, names)
     loads = pd.DataFrame([(t.source, t.target, t.payload) for t in tasks], columns=["from", "to", "payload"])
     of = loads.groupby(["from", "to"], as_index=False)
@@ -47,7 +49,7 @@ def stops(
     summary = {
         "stops": len(stands), "in_places": int((cluster >= 0).sum()), "places": len(table), "kinds": kinds,
         "standing_s": float(stands.dwell.sum()), "loads_carried": len(tasks) if weighed else None,
-        "site_toml": site_text(table),
+        "site_toml": site_text(site.places[len(dataset.site.places) :]),
     }  # fmt: skip
     lines = [
         f"{summary['in_places']:,} of {count(len(stands), 'stop')} are at {count(len(table), 'place')}"
@@ -77,11 +79,10 @@ def _marks(table: pd.DataFrame) -> list[Shape]:
     ]
 
 
-def site_text(table: pd.DataFrame) -> str:
+def site_text(places: Sequence[Place]) -> str:
     """The places as ``[[place]]`` tables of a site file."""
     return "\n".join(
-        f'[[place]]\nid = "{r.place}"\nkind = "{r.kind}"\nx = {r.x:.2f}\ny = {r.y:.2f}'
-        for r in table.itertuples()
+        f'[[place]]\nid = "{p.id}"\nkind = "{p.kind}"\nx = {p.x:.2f}\ny = {p.y:.2f}' for p in places
     )
 
 

@@ -47,8 +47,9 @@ FORKS = 0.05
 """The forks move when their height changes by more than this [m]."""
 PATIENCE, PATIENCE_WITHOUT_LOAD = 180.0, 60.0
 """A truck that stands without a load for longer is idle, also where the log has no loads [s]."""
-CHARGER = 100.0
-"""A battery that takes more than this, on average over a standstill, is charged [W]."""
+CHARGER, SHORTEST_CHARGE = 100.0, 20.0
+"""A battery that takes more than this on average [W] over a standstill of this length [s] is charged; what
+flows back while a truck brakes may be logged when it stands already."""
 COLUMNS = ("speed", "payload", "fork_height", "battery_power", "soc", "charging")
 QUARTER = 900_000_000
 """Intervals are cut at quarters of an hour [us]: on these, hours of every time zone begin."""
@@ -153,7 +154,7 @@ def row_states(t: Trajectory) -> Codes:
     waits = laden | ((lasts <= patience) & ~_set_down(laden, stand))
     out[still] = np.where(waits[still], stopped, number["idle"])
     out[still & _handling(t, still, load)] = number["handling"]
-    out[still & _charging(t, stand)] = number["charging"]
+    out[still & _charging(t, stand, lasts)] = number["charging"]
     out[silent] = number["no_data"]
     return np.asarray(out, dtype=np.int64)
 
@@ -172,7 +173,7 @@ def _spread(run: NDArray[Any], values: Floats, how: np.ufunc) -> Floats:
     return np.asarray(np.repeat(how.reduceat(values, first), np.diff(np.append(first, len(run)))))
 
 
-def _charging(t: Trajectory, stand: NDArray[Any]) -> Mask:
+def _charging(t: Trajectory, stand: NDArray[Any], lasts: Floats) -> Mask:
     """Where the log says so; standstills in which the battery takes power on average, or its charge rises."""
     own = t.columns.get("charging")
     silent = own is None or isinstance(own, Labels)
@@ -182,7 +183,8 @@ def _charging(t: Trajectory, stand: NDArray[Any]) -> Mask:
     soc = t.floats("soc")
     rise = np.repeat(soc[np.append(first[1:], len(stand)) - 1] - soc[first], length)
     taken = -_spread(stand, np.nan_to_num(t.floats("battery_power")), np.add) / np.repeat(length, length)
-    return np.asarray((said > 0.0) | (taken > CHARGER) | (np.nan_to_num(rise) > MIN_CHARGE))
+    takes = (taken > CHARGER) & (lasts >= SHORTEST_CHARGE)
+    return np.asarray((said > 0.0) | takes | (np.nan_to_num(rise) > MIN_CHARGE))
 
 
 def _handling(t: Trajectory, still: Mask, load: Floats) -> Mask:

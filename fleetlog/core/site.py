@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from datetime import datetime
 from functools import cached_property
 from typing import Any, Literal
+from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -71,12 +73,18 @@ class Place:
 
 @dataclass(frozen=True)
 class Zone:
-    """A polygon ((n, 2) metres) with a speed limit [m/s] (NaN: none), or under a roof."""
+    """A polygon ((n, 2) metres) with a speed limit [m/s] (NaN: none), or under a roof.
+
+    Simulated people cross the roads through it ``closed_every`` [s] on average (0: never), and close them
+    ``closed_for`` [s] each time.
+    """
 
     id: str
     polygon: Floats
     speed_limit: float = float("nan")
     covered: bool = False
+    closed_every: float = 0.0
+    closed_for: float = 10.0
 
     def contains(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
         """(N,) whether points lie inside: an odd number of the polygon's sides is to their right."""
@@ -127,6 +135,10 @@ class Site:
     zones: tuple[Zone, ...] = ()
     buildings: tuple[Building, ...] = ()
     map_frames: tuple[MapFrame, ...] = ()
+    breaks: tuple[tuple[float, float], ...] = ()
+    """From when until when simulated trucks rest [s of the local day], or past midnight until then."""
+    power_limit: float = float("inf")
+    """Of all chargers together [W]."""
     source: dict[str, Any] = field(default_factory=dict)
     """Where it was read from: file names and sha256, for provenance."""
 
@@ -134,6 +146,12 @@ class Site:
     def timezone(self) -> str:
         """IANA name of the zone of the hours in reports."""
         return "UTC" if self.frame is None else self.frame.timezone
+
+    def on_break(self, time: float) -> bool:
+        """Whether trucks rest at a time [s since 1970]."""
+        local = datetime.fromtimestamp(time, ZoneInfo(self.timezone))
+        now = 3600.0 * local.hour + 60.0 * local.minute + local.second
+        return any(a <= now < b if a <= b else not b <= now < a for a, b in self.breaks)
 
     def roads(self) -> Network:
         """The network, or :class:`SiteError` where the site has none."""
@@ -145,6 +163,10 @@ class Site:
 def site_to_dict(site: Site) -> dict[str, Any]:
     """The whole site JSON-ready, network included; :func:`site_from_dict` reads it back exactly."""
     out: dict[str, Any] = {"name": site.name, "traffic": site.traffic, "source": site.source}
+    if site.breaks:
+        out["break"] = [list(b) for b in site.breaks]
+    if np.isfinite(site.power_limit):
+        out["power"] = {"limit": site.power_limit}
     if site.frame:
         out["frame"] = site.frame.to_dict()
     parts = {
@@ -187,6 +209,8 @@ def site_from_dict(data: dict[str, Any]) -> Site:
         tuple(Zone(**_known(z)) for z in data.get("zone", ())),
         tuple(Building(**_known(b)) for b in data.get("building", ())),
         tuple(MapFrame(**{**f, "shift": tuple(f["shift"])}) for f in data.get("map_frame", ())),
+        tuple((a, b) for a, b in data.get("break", ())),
+        data.get("power", {}).get("limit", float("inf")),
         data.get("source", {}),
     )
 

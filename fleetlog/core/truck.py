@@ -6,7 +6,7 @@ from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from fleetlog.core.schema import anything, load_toml, real, table, text
+from fleetlog.core.schema import anything, load_toml, real, table, text, whole
 from fleetlog.errors import TruckError, nearest
 
 
@@ -85,6 +85,8 @@ class Truck:
     lift: Lift = Lift()
     auxiliary: Auxiliary = Auxiliary()
     battery: Battery = Battery()
+    others: tuple[tuple[Truck, int], ...] = ()
+    """Trucks of other types that are simulated beside it, and how many of each."""
 
     def with_value(self, key: str, value: float) -> Truck:
         """A copy with one dotted key changed, as ``drive.efficiency``."""
@@ -115,7 +117,21 @@ def load_truck(path: str | Path) -> Truck:
     if not path.exists() and path.name == str(path) and path.name in preset_names():
         path = PRESETS / f"{path.name}.toml"
     do = f"give a truck file or a preset: {nearest(path.name, preset_names())}"
-    return truck_from_dict(load_toml(path, TruckError, do), path)
+    data = load_toml(path, TruckError, do)
+    fleet = data.pop("fleet", [])
+    if not isinstance(fleet, list):
+        raise TruckError("is not a list of tables", where=path, place="fleet", do="write [[fleet]]")
+    return replace(truck_from_dict(data, path), others=tuple(_other(row, path) for row in fleet))
+
+
+def _other(row: Any, path: Path) -> tuple[Truck, int]:
+    """A row of [[fleet]]: a truck file beside this one, or a preset, and how many there are."""
+    keys = {"truck": text, "count": whole(1, 100_000)}
+    given = table(row, keys, path, "fleet", ("truck", "count"), TruckError)
+    name, beside = given["truck"], path.parent / given["truck"]
+    file = PRESETS / f"{name}.toml" if name in preset_names() else beside
+    do = f"give a truck file or a preset: {nearest(name, preset_names())}"
+    return truck_from_dict(load_toml(file, TruckError, do), file), given["count"]
 
 
 def truck_from_dict(data: dict[str, Any], where: str | Path | None = None) -> Truck:

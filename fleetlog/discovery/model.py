@@ -114,6 +114,15 @@ class Model:
     def values(self, vehicle: int | None = None) -> dict[str, dict[str, float]]:
         """Return every number that is not nominal at all times, by term and parameter, of a vehicle or the
         fleet."""
+        if vehicle not in self._values:
+            self._values[vehicle] = self._worked_out(vehicle)
+        return self._values[vehicle]
+
+    @cached_property
+    def _values(self) -> dict[int | None, dict[str, dict[str, float]]]:
+        return {}
+
+    def _worked_out(self, vehicle: int | None) -> dict[str, dict[str, float]]:
         out: dict[str, dict[str, float]] = {}
         for knob in self.at:
             if knob.scope.whole or (
@@ -131,7 +140,11 @@ class Model:
             other = {k: v for k, v in values.items() if fleet.get(name, {}).get(k) != v}
             if other:
                 always[name] = other
-        out = [Own(always)] if always else []
+        return [*([Own(always)] if always else []), *self._timed(vehicle)]
+
+    def _timed(self, vehicle: int) -> list[Own]:
+        """What one vehicle has for a while."""
+        out = []
         for knob in self.at:
             s = knob.scope
             if s.timed and s.covers(vehicle):
@@ -156,7 +169,7 @@ class Model:
             here = along(where, motion, deviation, term.odd) * self.share(name, vehicle, motion.time)
             found = field_values(first, here)
             values[name] = {**values.get(name, {}), first.name: found}
-        return Physics(self.truck, values, own=tuple(o for o in self.own(vehicle) if o.timed))
+        return Physics(self.truck, values, own=tuple(self._timed(vehicle)))
 
 
 def field_values(parameter: Parameter, deviation: Floats) -> Floats:

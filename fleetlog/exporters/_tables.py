@@ -1,7 +1,5 @@
 """Arrow tables of a selection under one schema, for the formats that are tables."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pyarrow as pa

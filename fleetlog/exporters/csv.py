@@ -1,7 +1,5 @@
 """CSV with the contract's column names, read back without a profile; .gz and .zst are packed."""
 
-from __future__ import annotations
-
 import csv
 import io
 from contextlib import ExitStack

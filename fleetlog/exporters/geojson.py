@@ -3,8 +3,6 @@
 Where the site has no place on earth the points are local metres, which the property ``frame`` says.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import repeat
 from pathlib import Path

@@ -1,7 +1,5 @@
 """GPX 1.1: a track per vehicle, a segment per day; other columns as extensions."""
 
-from __future__ import annotations
-
 import math
 from itertools import groupby
 from pathlib import Path

@@ -1,7 +1,5 @@
 """KITTI odometry poses of one vehicle: the first three rows of a 4 x 4 pose a line, without times."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -2,8 +2,6 @@
 earth, ``/ID/pose`` (foxglove.PoseInFrame), and ``/ID/battery`` where the dataset knows it.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

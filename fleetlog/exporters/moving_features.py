@@ -4,8 +4,6 @@ In longitude and latitude where the site lies somewhere on earth, else in local 
 rows without a position.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

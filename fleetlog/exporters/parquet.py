@@ -1,7 +1,5 @@
 """One Parquet file; GeoParquet 1.1 (a WGS 84 point a row) where the site has a place on earth."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ north; ``lane`` is lane 0 of the matched edge.  ``time`` counts from the dataset
 comment so that an import gets the true times back.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,15 +12,12 @@ from typing import Any, TextIO
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.exporters._windows import windows
 from fleetlog.exporters.base import Exporter, Selection, iso_times
 from fleetlog.exporters.sumo_net import sumo_name
 
-WINDOW = 600_000_000
-"""Stretch of time that is held at once, all vehicles [us]."""
 _COLUMNS = ("x", "y", "z", "heading", "speed", "edge_id", "edge_offset")
 
 
@@ -32,7 +27,7 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
     origin: int | None = None
     with path.open("w", encoding="utf-8") as out:
         out.write('<?xml version="1.0" encoding="UTF-8"?>\n')
-        for pieces in _windows(selection):
+        for pieces in windows(selection, _COLUMNS):
             if origin is None:
                 origin = min(int(p.time[0]) for p in pieces)
                 out.write(f"<!-- fleetlog-epoch {iso_times(np.array([origin]))[0]} -->\n<fcd-export>\n")
@@ -42,41 +37,6 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
         out.write("<fcd-export>\n" if origin is None else "")
         out.write("</fcd-export>\n")
     return {"rows": rows, "rows_without_position": left_out}
-
-
-def _windows(selection: Selection) -> Iterator[list[Trajectory]]:
-    """All vehicles' rows, stretch by stretch of a day."""
-    meta = selection.dataset.meta
-    first, last = (
-        int(np.datetime64(str(meta[k]).rstrip("Z"), "us").astype(np.int64)) for k in ("start", "end")
-    )
-    for date in selection.dataset.dates:
-        day = int(np.datetime64(date, "us").astype(np.int64))
-        for begin in range(day, day + 86_400_000_000, WINDOW):
-            if begin > last or begin + WINDOW <= first:
-                continue
-            pieces = [p for v in selection.vehicles if len(p := _read(selection, v, date, begin))]
-            if pieces:
-                yield pieces
-
-
-def _read(selection: Selection, vehicle: str, date: str, begin: int) -> Trajectory:
-    """A vehicle's rows from ``begin`` on for ``WINDOW``; parts and row groups outside are not read."""
-    from fleetlog.core.trajectory import from_arrow
-
-    stamp = pa.timestamp("us", tz="UTC")
-    inside = [
-        ("timestamp", ">=", pa.scalar(begin, pa.int64()).cast(stamp)),
-        ("timestamp", "<", pa.scalar(begin + WINDOW, pa.int64()).cast(stamp)),
-    ]
-    tables = []
-    for part in selection.dataset.parts(vehicle, date):
-        have = set(pq.read_schema(part).names)
-        want = ["timestamp", *(c for c in _COLUMNS if c in have)]
-        tables.append(pq.read_table(part, columns=want, filters=inside, partitioning=None))
-    if not tables:
-        return Trajectory(vehicle, np.zeros(0, np.int64))
-    return from_arrow(pa.concat_tables(tables, promote_options="permissive"), vehicle)
 
 
 def _steps(out: TextIO, pieces: list[Trajectory], origin: int) -> int:

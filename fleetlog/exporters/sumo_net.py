@@ -6,8 +6,6 @@ earlier one in the file has the right of way.  An edge without a speed limit get
 https://sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter, defaultdict
 from pathlib import Path

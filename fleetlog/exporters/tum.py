@@ -1,7 +1,5 @@
 """TUM trajectory of one vehicle: ``timestamp x y z qx qy qz qw``, as evo reads it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -5,8 +5,6 @@ without a state of charge, which the standard requires, there is no power supply
 temperature, fork height, power and the log's own columns.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Iterator

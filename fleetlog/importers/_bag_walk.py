@@ -3,8 +3,6 @@
 Readers that go by the index at the end refuse a bag that was cut off altogether.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from typing import Any

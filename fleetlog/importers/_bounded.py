@@ -1,7 +1,5 @@
 """Unpacking what came from outside: never more than it states, and never more than a limit."""
 
-from __future__ import annotations
-
 import bz2
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A text log as blocks of whole lines in UTF-8, with the number of each line."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import re

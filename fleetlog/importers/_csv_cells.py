@@ -1,7 +1,5 @@
 """Cells of a text log to numbers, one by one where a whole column cannot be converted at once."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

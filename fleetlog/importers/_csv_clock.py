@@ -1,7 +1,5 @@
 """The time column of a delimited log: which way it is written is decided on the first rows and kept."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from pathlib import Path
 

@@ -1,18 +1,16 @@
 """What the columns of a text log are: names, what each is taken for, and what was decided unasked."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from fleetlog.core.columns import BY_NAME
 from fleetlog.errors import FormatError, InputError, nearest
 from fleetlog.importers._csv_blocks import rows_of
-from fleetlog.importers._names import Meaning, normal, recognise
+from fleetlog.importers._fields import Fields, fields_of
+from fleetlog.importers._names import normal
 from fleetlog.importers._profile import Profile, Source
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._units import KINDS, si_unit
+from fleetlog.importers._units import KINDS
 
 DELIMITERS = ",;\t|"
 _COMMA = re.compile(r"[+-]?\d*,\d+")
@@ -21,28 +19,28 @@ _POINT = re.compile(r"[+-]?\d*\.\d+")
 
 @dataclass
 class Layout:
-    """How a log's columns become the dataset's."""
+    """How the text of a log is cut into columns, and what they are."""
 
-    names: list[str]
+    fields: Fields
     delimiter: str
     skip: int
     """Lines before the first row, the header line among them."""
-    vehicle: str | None = None
-    time: tuple[str, ...] = ()
-    epoch: str | None = None
-    """Unit of a time that counts, where the name or the profile states it."""
-    values: dict[str, Source] = field(default_factory=dict)
-    """Column of the dataset -> where it comes from."""
-    labels: dict[str, str] = field(default_factory=dict)
-    """Columns of text (edge_id) and the trip number -> where they come from."""
-    own: list[str] = field(default_factory=list)
     decimal: str = "."
 
     @property
-    def used(self) -> set[str]:
-        """Names in the log that are taken for something."""
-        named = {s.column for s in self.values.values()} | set(self.labels.values()) | set(self.time)
-        return named | ({self.vehicle} if self.vehicle else set())
+    def names(self) -> list[str]:
+        """Of all columns, in their order."""
+        return self.fields.names
+
+    @property
+    def values(self) -> dict[str, Source]:
+        """Columns of figures of the dataset and where they come from."""
+        return {target: s for target, s in self.fields.columns.items() if target in KINDS}
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """Columns of text (edge_id) and the trip number, and where they come from."""
+        return {target: s.column for target, s in self.fields.columns.items() if target not in KINDS}
 
 
 def find_delimiter(lines: list[str]) -> str:
@@ -95,91 +93,36 @@ def fit_header(names: list[str], rows: list[list[str]], report: ReadReport) -> l
 
 
 def lay_out(names: list[str], delimiter: str, skip: int, profile: Profile, report: ReadReport) -> Layout:
-    """Decide what every column is: the profile first, then the names; ``report`` hears of it all."""
-    layout = Layout(unique(names, report), delimiter, skip)
-    _from_profile(layout, profile, report)
-    meanings = {n: m for n in layout.names if n not in layout.used and (m := recognise(n))}
-    _split_time(layout, meanings, report)
-    for name, meaning in sorted(meanings.items(), key=lambda item: not item[1].exact):
-        _take(layout, name, meaning, report)
-    if profile.keep:
-        layout.own = [n for n in layout.names if n not in layout.used]
-    _check(layout, report)
-    return layout
-
-
-def _from_profile(layout: Layout, profile: Profile, report: ReadReport) -> None:
+    """Decide what every column is; an error where there is no time, or nothing at all that is known."""
+    names = unique(names, report)
     for target, source in profile.columns.items():
-        _must_have(layout, source.column, f"columns.{target}", profile)
-        if target == "vehicle_id":
-            layout.vehicle = source.column
-        elif BY_NAME.get(target) and BY_NAME[target].kind in ("label", "int64"):
-            layout.labels[target] = source.column
-        else:
-            layout.values[target] = source
-        unit = f", from {source.unit.name}" if source.unit else ""
-        report.recognised[source.column] = f"{target}{unit} (profile)"
+        _must_have(names, source.column, f"columns.{target}", profile)
     for name in profile.time:
-        _must_have(layout, name, "time.column", profile)
-        report.recognised[name] = "timestamp (profile)"
-    layout.time = profile.time
-
-
-def _must_have(layout: Layout, name: str, place: str, profile: Profile) -> None:
-    if name not in layout.names:
-        what, do = f"the log has no column {name!r}", nearest(name, layout.names)
-        raise InputError(what, where=profile.path, place=place, do=do)
-
-
-def _split_time(layout: Layout, meanings: dict[str, Meaning], report: ReadReport) -> None:
-    """A date and a time of day in two columns."""
-    if layout.time:
-        return
-    plain = {normal(n): n for n in layout.names if n not in layout.used}
-    date = plain.get("date") or plain.get("day")
-    clock = plain.get("time") or plain.get("time_of_day") or plain.get("clock")
-    if date and clock and not any(m.column == "timestamp" and m.exact for m in meanings.values()):
-        layout.time = (date, clock)
-        report.recognised[date], report.recognised[clock] = "timestamp (date)", "timestamp (time of day)"
-
-
-def _take(layout: Layout, name: str, meaning: Meaning, report: ReadReport) -> None:
-    """Give a recognised column its place, unless that is taken."""
-    target = meaning.column
-    taken = target in layout.values or target in layout.labels
-    if taken or (target == "timestamp" and layout.time) or (target == "vehicle_id" and layout.vehicle):
-        if name not in layout.used:
-            report.note(f"{name!r} could be the {target} too; kept under its own name")
-        return
-    if target == "timestamp":
-        layout.time, layout.epoch = (name,), meaning.epoch
-    elif target == "vehicle_id":
-        layout.vehicle = name
-    elif target in KINDS:
-        layout.values[target] = Source(name, meaning.unit)
-    else:
-        layout.labels[target] = name
-    if not meaning.exact:
-        report.recognised[name] = target + _unit_text(target, meaning)
-
-
-def _unit_text(target: str, meaning: Meaning) -> str:
-    if target == "timestamp":
-        return f", counted in {meaning.epoch}" if meaning.epoch else ""
-    if target not in KINDS or target in ("latitude", "longitude"):
-        return ""
-    if meaning.unit is None:
-        return f", no unit in the name, taken as {si_unit(target).name}"
-    compass = meaning.unit.name == "compass_deg"
-    return ", from degrees of the compass" if compass else f", from {meaning.unit.name}"
-
-
-def _check(layout: Layout, report: ReadReport) -> None:
-    """An error where there is no time or nothing at all that is known."""
-    seen = ", ".join(layout.names[:12]) + (" ..." if len(layout.names) > 12 else "")
-    if not layout.time:
+        _must_have(names, name, "time.column", profile)
+    layout = Layout(fields_of(names, profile, report, _split_time(names, profile, report)), delimiter, skip)
+    seen = ", ".join(names[:12]) + (" ..." if len(names) > 12 else "")
+    if not layout.fields.time:
         do = "name it in a profile: [time] column = ..."
         raise FormatError(f"no time among the columns ({seen})", where=report.path, do=do)
     if not layout.values:
         what = f"no known column beside the time ({seen})"
         raise FormatError(what, where=report.path, do="map the columns in a profile")
+    return layout
+
+
+def _must_have(names: list[str], name: str, place: str, profile: Profile) -> None:
+    if name not in names:
+        what, do = f"the log has no column {name!r}", nearest(name, names)
+        raise InputError(what, where=profile.path, place=place, do=do)
+
+
+def _split_time(names: list[str], profile: Profile, report: ReadReport) -> tuple[str, ...]:
+    """A date and a time of day in two columns; nothing where the time is known otherwise."""
+    free = [n for n in names if n not in {s.column for s in profile.columns.values()}]
+    plain = {normal(n): n for n in free}
+    date = plain.get("date") or plain.get("day")
+    clock = plain.get("time") or plain.get("time_of_day") or plain.get("clock")
+    if profile.time or not date or not clock or "timestamp" in (n.strip() for n in free):
+        return ()
+    report.recognised[date], report.recognised[clock] = "timestamp (date)", "timestamp (time of day)"
+    return date, clock

@@ -1,7 +1,5 @@
 """Blocks of a delimited log to batches: typed columns, times, units, and the rows that do not fit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +30,7 @@ class RowReader:
 
     def __init__(self, layout: Layout, path: Path, profile: Profile, report: ReadReport) -> None:
         self.layout, self.path, self.profile, self.report = layout, path, profile, report
-        self.clock = Clock(layout.time, layout.epoch, path, profile, report)
+        self.clock = Clock(layout.fields.time, layout.fields.epoch, path, profile, report)
         self.vehicle = self._constant_vehicle()
         sentinels = [*profile.sentinels, *(s for v in layout.values.values() for s in v.sentinels)]
         self.reader = TableReader(layout, [s for s in sentinels if isinstance(s, str)], report)
@@ -46,7 +44,7 @@ class RowReader:
     def _constant_vehicle(self) -> str:
         """The id of every row where no column has it."""
         stem = plain_stem(self.path)
-        if self.layout.vehicle:
+        if self.layout.fields.vehicle:
             return ""
         if self.profile.vehicle:
             return str(self.profile.vehicle_of(self.path))
@@ -84,13 +82,13 @@ class RowReader:
 
     def _decide(self, block: Block) -> None:
         """Types of the columns, from the first block."""
-        layout = self.layout
+        layout, fields = self.layout, self.layout.fields
         inferred = self.reader.inferred(block)
-        text = {*layout.time, *layout.labels.values(), *([layout.vehicle] if layout.vehicle else [])}
+        text = {*fields.time, *layout.labels.values(), fields.vehicle}
         for name in layout.names:
             kind = inferred.field(name).type
             figures = pa.types.is_floating(kind) or pa.types.is_integer(kind)
-            if pa.types.is_null(kind) and name in layout.own:
+            if pa.types.is_null(kind) and name in fields.kept:
                 self._blank.add(name)
             self._types[name] = pa.float64() if name not in text and figures else pa.string()
         for target, source in layout.values.items():
@@ -111,7 +109,7 @@ class RowReader:
                 columns[target] = np.where(np.isfinite(trip), trip, -1).astype(np.int64)
             else:
                 columns[target] = _labels(table.column(name))
-        for name in self.layout.own:
+        for name in self.layout.fields.kept:
             if name in self._blank:
                 self._decide_blank(table.column(name), name)
             if name in self._blank:
@@ -158,9 +156,9 @@ class RowReader:
         return values / 100.0 if self._percent else values
 
     def _vehicles(self, table: pa.Table) -> Labels:
-        if self.layout.vehicle is None:
+        if self.layout.fields.vehicle is None:
             return Labels(np.zeros(table.num_rows, np.int32), (self.vehicle,))
-        labels = _labels(table.column(self.layout.vehicle))
+        labels = _labels(table.column(self.layout.fields.vehicle))
         return renamed(labels, [name.strip() or None for name in labels.names])
 
     # ----------------------------------------------------------------------- what is refused

@@ -1,7 +1,5 @@
 """The text of a block to an Arrow table: fast where rows are whole, else line by line."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import io

@@ -1,30 +1,79 @@
 """Fields of a table or JSON object, read by name: what each is, and how its values come to SI."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any
 
-from fleetlog.importers._names import EPOCH_UNITS, recognise
+from fleetlog.importers._names import EPOCH_UNITS, Meaning, recognise
 from fleetlog.importers._profile import Profile, Source, has_date
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers._times import epoch_unit, microseconds
+from fleetlog.importers._units import KINDS, si_unit
 
 _PER = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 
 
 @dataclass
 class Fields:
-    """All fields: ``columns`` by the dataset's names; ``time``, ``vehicle``, ``kept`` by the log's."""
+    """What the fields called ``names`` are: ``columns`` of the dataset and their sources; the log's own
+    names of its ``time`` (one, or date and time of day), its ``vehicle`` and what is kept as it is.
+    """
 
+    names: list[str]
+    profile: Profile
+    report: ReadReport
     columns: dict[str, Source] = field(default_factory=dict)
-    time: str | None = None
+    time: tuple[str, ...] = ()
     epoch: str | None = None
+    """Unit of a time that counts, where the name or the profile states it."""
     vehicle: str | None = None
     kept: list[str] = field(default_factory=list)
-    profile: Profile = field(default_factory=Profile)
+
+    @property
+    def used(self) -> set[str]:
+        """Names in the log that are taken for something."""
+        return {s.column for s in self.columns.values()} | {
+            *self.time,
+            *([self.vehicle] if self.vehicle else []),
+        }
+
+    def take_profile(self) -> None:
+        """What the profile says of names that are there."""
+        profile = self.profile
+        for target, source in profile.columns.items():
+            if source.column not in self.names:
+                continue
+            if target == "vehicle_id":
+                self.vehicle = source.column
+            else:
+                self.columns[target] = replace(source, sentinels=(*source.sentinels, *profile.sentinels))
+            unit = f", from {source.unit.name}" if source.unit else ""
+            self.report.recognised[source.column] = f"{target}{unit} (profile)"
+        if profile.time and {*profile.time} <= {*self.names}:
+            self.time = profile.time
+            self.report.recognised |= dict.fromkeys(profile.time, "timestamp (profile)")
+        self.epoch = profile.time_format if profile.time_format in EPOCH_UNITS else None
+
+    def take(self, name: str, meaning: Meaning) -> None:
+        """Give a recognised field its place, unless that is taken."""
+        target = meaning.column
+        if (
+            target in self.columns
+            or (target == "timestamp" and self.time)
+            or (target == "vehicle_id" and self.vehicle)
+        ):
+            if name not in self.used:
+                self.report.note(f"{name!r} could be the {target} too; kept under its own name")
+            return
+        if target == "timestamp":
+            self.time, self.epoch = (name,), self.epoch or meaning.epoch
+        elif target == "vehicle_id":
+            self.vehicle = name
+        else:
+            self.columns[target] = Source(name, meaning.unit)
+        if not meaning.exact:
+            self.report.recognised[name] = target + _unit_text(target, meaning)
 
     def instant(self, value: Any, epoch: str | None = "") -> int:
         """Microseconds UTC of a text, or of a count in ``epoch`` (None: the likely one) from the origin.
@@ -53,43 +102,28 @@ class Fields:
         return microseconds(moment if moment.tzinfo else moment.replace(tzinfo=self.profile.zone or UTC))
 
 
-def fields_of(names: Iterable[str], profile: Profile | None, report: ReadReport) -> Fields:
-    """What the fields called ``names`` are: the profile's word first, then the spelling."""
-    found, names = Fields(profile=profile or Profile()), list(names)
-    if profile is not None:
-        found.time = profile.time[0] if profile.time and profile.time[0] in names else None
-        if profile.time_format in EPOCH_UNITS:
-            found.epoch = profile.time_format
-        for target, source in profile.columns.items():
-            if source.column in names:
-                missing = (*source.sentinels, *profile.sentinels)
-                found.columns[target] = replace(source, sentinels=missing)
-    given = {f.column for f in found.columns.values()} | {found.time}
-    exact_first = sorted(names, key=lambda n: not ((m := recognise(n)) and m.exact))
-    for name in exact_first:
-        meaning = None if name in given else recognise(name)
-        if meaning is None:
-            found.kept += [name] * (name not in given)
-        elif meaning.column == "timestamp" and found.time is None:
-            found.time, found.epoch = name, found.epoch or meaning.epoch
-        elif meaning.column == "vehicle_id" and found.vehicle is None and "vehicle_id" not in found.columns:
-            found.vehicle = name
-        elif meaning.column not in found.columns and meaning.column not in ("timestamp", "vehicle_id"):
-            found.columns[meaning.column] = Source(name, meaning.unit)
-        else:
-            found.kept.append(name)
-    if "vehicle_id" in found.columns:
-        found.vehicle = found.columns.pop("vehicle_id").column
-    if profile is not None and not profile.keep:
-        found.kept = []
-    _say(found, report)
+def fields_of(
+    names: Iterable[str], profile: Profile | None, report: ReadReport, time: tuple[str, ...] = ()
+) -> Fields:
+    """What the fields called ``names`` are: the profile's word first, then the spelling; told to ``report``.
+
+    ``time`` is known beforehand.
+    """
+    found = Fields([*names], profile or Profile(), report, time=time)
+    found.take_profile()
+    meanings = {n: m for n in found.names if n not in found.used and (m := recognise(n))}
+    for name, meaning in sorted(meanings.items(), key=lambda item: not item[1].exact):
+        found.take(name, meaning)
+    found.kept = [n for n in found.names if n not in found.used] if found.profile.keep else []
     return found
 
 
-def _say(found: Fields, report: ReadReport) -> None:
-    for target, f in found.columns.items():
-        if f.column != target or f.unit is not None:
-            report.recognised[f.column] = f"{target}, from {f.unit.name}" if f.unit else target
-    for name, target in ((found.time, "timestamp"), (found.vehicle, "vehicle_id")):
-        if name and name != target:
-            report.recognised[name] = target
+def _unit_text(target: str, meaning: Meaning) -> str:
+    if target == "timestamp":
+        return f", counted in {meaning.epoch}" if meaning.epoch else ""
+    if target not in KINDS or target in ("latitude", "longitude"):
+        return ""
+    if meaning.unit is None:
+        return f", no unit in the name, taken as {si_unit(target).name}"
+    compass = meaning.unit.name == "compass_deg"
+    return ", from degrees of the compass" if compass else f", from {meaning.unit.name}"

@@ -1,7 +1,5 @@
 """How all logs are read: whatever goes wrong within a reader is damage, and rows come out sound."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote

@@ -1,7 +1,5 @@
 """The features of a GeoJSON text one by one, without holding the text."""
 
-from __future__ import annotations
-
 import codecs
 import json
 import re

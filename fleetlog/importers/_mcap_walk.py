@@ -1,7 +1,5 @@
 """MCAP records: every checksum verified, sizes bounded.  https://mcap.dev/spec."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Iterator

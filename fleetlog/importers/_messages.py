@@ -2,34 +2,20 @@
 
 Known by schema name.  ROS: sensor_msgs/NavSatFix, nav_msgs/Odometry, geometry_msgs/PoseStamped and
 PoseWithCovarianceStamped, sensor_msgs/BatteryState.  Foxglove: LocationFix and PoseInFrame, as JSON and
-protobuf.
+protobuf.  ASAM OSI: ground truths, sensor views and traffic updates, each with many vehicles.
 """
-
-from __future__ import annotations
 
 import json
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from fleetlog.importers._rows import finite, heading_of_quaternion
+from fleetlog.importers._osi import SCHEMAS, vehicles
+from fleetlog.importers._rows import Sample, finite, heading_of_quaternion
 from fleetlog.importers._times import iso_time
 from fleetlog.importers._wire import Wire, fields
 
-
-class Sample(NamedTuple):
-    """One message: its stamp [us] (0: none) and values; ``fix`` False where the receiver had none.
-
-    ``vehicle`` is that which the message itself names.
-    """
-
-    stamp: int
-    values: dict[str, Any]
-    fix: bool = True
-    vehicle: str = ""
-
-
-Decode = Callable[[Any], Sample]
+Decode = Callable[[Any], Sample | list[Sample]]
 
 
 class Kind(NamedTuple):
@@ -180,6 +166,11 @@ def _proto_pose(data: Any) -> Sample:
     return Sample(_proto_stamp(message[1]) if 1 in message else 0, values)
 
 
+def _osi(schema: str) -> dict[str, Decode]:
+    """A trace may count from zero, which as a stamp is none: then a microsecond later."""
+    return {"protobuf": lambda d: [s._replace(stamp=max(s.stamp, 1)) for s in vehicles(schema, d)]}
+
+
 def _ros(decode: Callable[[Wire], Sample], in_json: Decode) -> dict[str, Decode]:
     return {"cdr": lambda d: decode(Wire(d)), "ros1": lambda d: decode(Wire(d, ros1=True)), "json": in_json}
 
@@ -193,7 +184,8 @@ KINDS: dict[str, Kind] = {
     "geometry_msgs/PoseWithCovarianceStamped": Kind(2, _ros(_pose, _json_pose("pose", "pose")), _POSE),
     "geometry_msgs/PoseStamped": Kind(3, _ros(_pose, _json_pose("pose")), _POSE),
     "foxglove.PoseInFrame": Kind(4, {"json": _json_pose("pose"), "protobuf": _proto_pose}, _POSE),
-    "nav_msgs/Odometry": Kind(5, _ros(_odometry, _json_pose("pose", "pose")), _POSE + ", speed"),
+    **{name: Kind(5, _osi(name), "position, heading and speed of every vehicle") for name in SCHEMAS},
+    "nav_msgs/Odometry": Kind(6, _ros(_odometry, _json_pose("pose", "pose")), _POSE + ", speed"),
     "sensor_msgs/BatteryState": Kind(9, _ros(_battery, _json_battery(1.0)), _BATTERY),
     "foxglove.Battery": Kind(9, {"json": _json_battery(0.01)}, _BATTERY + ", percentage from %"),
 }

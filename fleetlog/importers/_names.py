@@ -1,7 +1,5 @@
 """Spellings of columns that are met in logs, and what each is taken for."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 

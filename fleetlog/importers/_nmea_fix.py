@@ -3,8 +3,6 @@
 Field positions: NMEA 0183 version 4.11; NAV-PVT: u-blox M10 interface description (UBX-21035062).
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field

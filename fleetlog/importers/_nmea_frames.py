@@ -1,7 +1,5 @@
 """A receiver's byte stream cut into NMEA sentences and UBX frames, every checksum verified."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from io import BufferedReader

@@ -1,7 +1,5 @@
 """A profile: what a log's columns are, where their names do not say it; see ``docs/logs.md``."""
 
-from __future__ import annotations
-
 import codecs
 import re
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """What a file turned out to hold; an importer fills it while it reads, the summary prints it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 

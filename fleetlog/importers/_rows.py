@@ -1,12 +1,10 @@
 """Rows gathered one at a time into batches, and the small conversions that formats share."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +18,18 @@ BATCH = 1 << 16
 REJECT_TEXT = 400
 """Characters of a rejected record that are kept."""
 NAN = float("nan")
+
+
+class Sample(NamedTuple):
+    """One message: its stamp [us] (0: none) and values; ``fix`` False where the receiver had none.
+
+    ``vehicle`` is that which the message itself names.
+    """
+
+    stamp: int
+    values: dict[str, Any]
+    fix: bool = True
+    vehicle: str = ""
 
 
 class Rows:

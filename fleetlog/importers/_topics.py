@@ -1,7 +1,5 @@
 """From topics to vehicles: which topic says where which truck is, which adds its battery."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from functools import partial
@@ -12,10 +10,10 @@ from fleetlog.core.files import open_regular
 from fleetlog.core.words import count
 from fleetlog.errors import FormatError
 from fleetlog.importers._bounded import refuse_packed
-from fleetlog.importers._messages import KINDS, POSITIONS, Sample, Topic, normal_name
+from fleetlog.importers._messages import KINDS, POSITIONS, Topic, normal_name
 from fleetlog.importers._open import plain_stem
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import BATCH, Rows, unplaced
+from fleetlog.importers._rows import BATCH, Rows, Sample, unplaced
 from fleetlog.importers._transforms import ODOMETRY, Transforms, decoder
 from fleetlog.importers._walk import Walk
 from fleetlog.importers.base import RawBatch, ReadOptions

@@ -3,13 +3,11 @@
 Frames are named as REP 105 has them; a name in front (``robot1/base_link``) is the vehicle's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
-from fleetlog.importers._messages import Sample, json_object, json_part, json_stamp, normal_name
-from fleetlog.importers._rows import finite, heading_of_quaternion
+from fleetlog.importers._messages import json_object, json_part, json_stamp, normal_name
+from fleetlog.importers._rows import Sample, finite, heading_of_quaternion
 from fleetlog.importers._wire import Wire
 
 BASES = ("base_link", "base_footprint")

@@ -1,7 +1,5 @@
 """Units of logs and their way to SI; names of columns and what they mean."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ No index is needed: a file that was cut off gives all that is whole.  An index a
 behind damage and how many messages there must be.
 """
 
-from __future__ import annotations
-
 import struct
 from abc import ABC, abstractmethod
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ CDR: OMG DDSI-RTPS, encapsulation identifiers 0x0000 to 0x0009; a primitive is a
 XCDR2 at most 4 bytes) from the end of the encapsulation header.  ROS 1 packs without gaps, little endian.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from functools import cache

@@ -1,7 +1,5 @@
 """Safe, streaming reading of XML from outside: nothing is expanded, fetched or kept."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path

@@ -4,8 +4,6 @@ The file is read in blocks of whole lines.  A block goes through the fast reader
 typed; a block with a cell that does not fit its type is read again as text and every cell judged by itself.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Garmin FIT: the record messages of an activity, read by fitdecode (the extra ``fit``)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path

@@ -5,8 +5,6 @@ a vertex, as converters of GPX and the tools of Mapbox write them.  Points are r
 properties, as a CSV's columns are.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -99,7 +97,7 @@ class _Reader:
             rows.reject(number, "the point has no coordinates", coordinates)
             return
         try:
-            time = known.instant(properties.get(known.time) if known.time else None)
+            time = known.instant(properties.get(known.time[0]) if known.time else None)
         except ValueError:
             rows.reject(number, "point without a time", properties)
             return

@@ -5,8 +5,6 @@ may stand in an extension; numbers in other extensions are kept.  A file is one 
 file that fleetlog wrote names its vehicles by its tracks.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path

@@ -3,8 +3,6 @@
 Axes are those of the export: x, y on the floor and z up.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

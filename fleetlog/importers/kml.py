@@ -3,8 +3,6 @@
 Lines without times say where, not when: they are left out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

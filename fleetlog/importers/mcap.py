@@ -1,7 +1,5 @@
 """MCAP recordings of Foxglove's and ROS 2's positions and batteries."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from fleetlog.importers._mcap_walk import MAGIC, McapWalk

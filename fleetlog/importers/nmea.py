@@ -5,8 +5,6 @@ NAV-PVT; a fix before the first date gets it in hindsight.  Broken sentences are
 ships' AIS messages are left out.
 """
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Iterator
 from pathlib import Path

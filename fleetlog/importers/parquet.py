@@ -1,7 +1,5 @@
 """Parquet tables, read by column names as a CSV is; GeoParquet's points; parts of a dataset."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -89,7 +87,7 @@ class _Reader:
         self.fields = fields_of(plain, options.profile, options.report)
         self._check(kinds)
         profile = options.profile or Profile()
-        self.clock = Clock((str(self.fields.time),), self.fields.epoch, path, profile, options.report)
+        self.clock = Clock(self.fields.time[:1], self.fields.epoch, path, profile, options.report)
 
     def _check(self, kinds: dict[str, Any]) -> None:
         place = self.fields.columns.keys()
@@ -144,7 +142,7 @@ class _Reader:
 
     def _times(self, batch: pa.RecordBatch, vehicle: Labels) -> NDArray[np.int64]:
         """(N,) microseconds UTC; ``NONE`` where they are not known."""
-        array = batch.column(str(self.fields.time))
+        array = batch.column(self.fields.time[0])
         if pa.types.is_date(array.type):
             array = array.cast(pa.timestamp("s") if pa.types.is_date32(array.type) else pa.timestamp("ms"))
         kind = array.type
@@ -158,7 +156,7 @@ class _Reader:
             return _counted(array, self.clock.style, self.clock.profile.origin)
         texts = _values(array)
         cells = pa.array(texts.strings() if isinstance(texts, Labels) else [None] * len(array), pa.string())
-        return self.clock.times(pa.table({str(self.fields.time): cells}), vehicle)
+        return self.clock.times(pa.table({self.fields.time[0]: cells}), vehicle)
 
     def _vehicle(self, batch: pa.RecordBatch) -> Labels:
         folder = next((p for p in self.path.parts if p.startswith("vehicle_id=")), None)

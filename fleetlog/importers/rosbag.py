@@ -3,8 +3,6 @@
 The messages are those of :mod:`fleetlog.importers._messages`; ``rosbags`` opens the containers of ROS 2.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

@@ -5,8 +5,6 @@ with ``--fcd-output.geo``. ``time`` counts seconds from the start of the simulat
 epoch that the file names (fleetlog's exporter writes it) or at 1970.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Garmin TCX: the trackpoints of all activities and courses, with altitude and speed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

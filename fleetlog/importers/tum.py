@@ -1,7 +1,5 @@
 """TUM trajectories: ``timestamp x y z qx qy qz qw`` a line, seconds and metres, as evo writes them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path

@@ -5,8 +5,6 @@ A line may be the message itself, the message behind its MQTT topic (``mosquitto
 ``batteryState`` and ``batteryCharge``.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections import Counter

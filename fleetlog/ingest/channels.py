@@ -1,7 +1,5 @@
 """Values that come at their own times (a battery message) onto the rows that have positions."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ Every step takes the sorted rows of one vehicle and gives fewer rows, or rows wi
 ``rejects``.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

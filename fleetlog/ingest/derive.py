@@ -1,7 +1,5 @@
 """Speed and heading from positions, where the log has none: straight lines fitted over a short while."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

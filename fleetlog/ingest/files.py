@@ -1,7 +1,5 @@
 """Which logs are meant: files, folders and patterns, as a sorted list of files with their formats."""
 
-from __future__ import annotations
-
 import glob
 import os
 from collections.abc import Iterator, Sequence

@@ -4,8 +4,6 @@ Loggers write the last fix into every row.  Where the speed says that the truck 
 short stretches between two fixes are then filled along the line between them, by the distance driven.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

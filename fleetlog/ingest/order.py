@@ -5,8 +5,6 @@ ahead by more than ``LEAP``.  A run of fewer than ``SHORT`` rows beside a step b
 is refused; a longer one is the log starting again (files put together in another order) and is kept.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Positions into the site's frame, and the check that log and map lie in the same place."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The first rows of every log as they would be read; nothing is written."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path

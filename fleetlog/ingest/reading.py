@@ -1,7 +1,5 @@
 """Reading the logs: batches sorted out by vehicle, put in order, set down."""
 
-from __future__ import annotations
-
 import itertools
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Set

@@ -4,8 +4,6 @@ The session outlives a lost connection: a broker that keeps sessions delivers wh
 (quality of service 1).  What a broker forgets when it restarts is lost to every listener.
 """
 
-from __future__ import annotations
-
 import json
 import threading
 import time

@@ -1,7 +1,5 @@
 """Every row and value that was refused: counted by reason, and kept in ``rejected.parquet``."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field

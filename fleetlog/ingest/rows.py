@@ -1,7 +1,5 @@
 """Rows of a vehicle on their way into a dataset: unsorted, with where each came from."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

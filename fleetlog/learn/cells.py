@@ -3,8 +3,6 @@
 The table grows with the roads of a site, not with the length of its log.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Cells gathered on the lines that trucks agree on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +12,8 @@ ALIKE = np.cos(np.radians(35.0))
 ALONG = 1.0
 """Standard deviation along the way of what is averaged [m]."""
 ROUNDS = 12
+SCATTER = 0.1
+"""Directions with a smaller share of what is driven about there pull by that share, the others alike."""
 
 
 def gathered(cells: Cells, noise: float, lane: float) -> Cells:
@@ -23,15 +23,16 @@ def gathered(cells: Cells, noise: float, lane: float) -> Cells:
     the log has trips over it.
     """
     one_way, _ = _shifted(cells, max(0.5, 0.8 * noise), either=False)
-    # Two equal peaks become one where they are closer than two deviations (bimodality of a sum of normals).
-    even = replace(one_way, weight=one_way.weight / _shifted(one_way, 0.5, either=False, rounds=1)[1])
-    both, _ = _shifted(even, 0.5 * lane, either=True)
+    own = _shifted(one_way, 0.5, either=False, rounds=1)[1]
+    around = _shifted(one_way, lane, either=True, rounds=1)[1]
+    even = replace(one_way, weight=one_way.weight / np.maximum(own, SCATTER * around))
+    both, _ = _shifted(even, lane, either=True)
     return replace(both, weight=one_way.weight)
 
 
 def _shifted(cells: Cells, across: float, *, either: bool, rounds: int = ROUNDS) -> tuple[Cells, Floats]:
     """Cells moved across their heading to the local mean, in their order; and the weight about each."""
-    side = 3.0 * max(across, ALONG) + 1.0
+    side = max(3.0 * ALONG, across if either else 3.0 * across) + 1.0
     x0, y0 = cells.x.min(), cells.y.min()
     i, j = ((v - low) // side for v, low in ((cells.x, x0), (cells.y, y0)))
     columns, rows = int(i.max()) + 1, int(j.max()) + 1

@@ -1,7 +1,5 @@
 """How often which road was driven, by whom, on which days, how fast: passes of a recording over a network."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field

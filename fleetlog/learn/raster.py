@@ -1,7 +1,5 @@
 """The floor that is road: a picture of the gathered cells, and its middle lines."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +16,9 @@ MOST_PIXELS = 30_000_000
 """Pixels of a picture; of a larger site they are coarser."""
 BLUR = 0.6
 """Standard deviation of the blur that turns cells into passes [m]."""
-STRAY = 0.03
+STRAY = 0.06
 """What is driven less than this share of what the floor nearby is, is scatter about it."""
-NEARBY = 3.0
+NEARBY = 2.0
 """... within this [m]."""
 RIM = 4
 """Empty pixels about the picture."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fleetlog.learn.cells import Cells
 from fleetlog.learn.shape import ends
 from fleetlog.learn.skeleton import Chain, way
-from fleetlog.roads.segments import distance_to_segment
+from fleetlog.roads.segments import reduced
 
 Floats = NDArray[np.float64]
 STEP = 1.0
@@ -56,24 +56,7 @@ def refined(
         chains = [_resampled(f.chain) for f in fits]
         fits = _meeting(_fitted(chains, driven, cells, reach))
     fits = _reaching(fits, cells, reach)
-    return [replace(f, chain=_simple(f.chain)) for f in fits]
-
-
-def _simple(c: Chain) -> Chain:
-    """The chain with as few vertices as stay within ``FINE`` of its line (Douglas and Peucker, 1973)."""
-    keep = np.zeros(len(c.points), bool)
-    keep[[0, -1]] = True
-    spans = [(0, len(c.points) - 1)]
-    while spans:
-        a, b = spans.pop()
-        if b - a < 2:
-            continue
-        gap = distance_to_segment(c.points[a + 1 : b], c.points[a], c.points[b])
-        far = int(np.argmax(gap))
-        if gap[far] > FINE:
-            keep[a + 1 + far] = True
-            spans += [(a, a + 1 + far), (a + 1 + far, b)]
-    return replace(c, points=c.points[keep])
+    return [replace(f, chain=replace(f.chain, points=reduced(f.chain.points, FINE))) for f in fits]
 
 
 def _reaching(fits: list[Fit], cells: Cells, reach: float) -> list[Fit]:
@@ -121,29 +104,56 @@ def _tangents(points: Floats) -> Floats:
     return np.asarray(d / np.maximum(np.hypot(*d.T), 1e-9)[:, None])
 
 
-def _fitted(chains: list[Chain], driven: NDArray[np.bool_], cells: Cells, reach: float) -> list[Fit]:
-    from scipy.spatial import cKDTree
+@dataclass(frozen=True)
+class _Stations:
+    """Places a metre apart along chains, end to end; chain k owns ``first[k]`` to ``first[k + 1]``."""
 
-    points = np.concatenate([c.points for c in chains])
-    tangent = np.concatenate([_tangents(_softened(c.points)) for c in chains])
-    first = np.concatenate([[0], np.cumsum([len(c.points) for c in chains])])
-    sense = np.repeat(driven, np.diff(first), axis=0)
-    # Stations once for each direction that is driven; a cell belongs to one that lies near and heads alike.
-    station = np.concatenate([np.flatnonzero(sense[:, 0]), np.flatnonzero(sense[:, 1])])
-    sign = np.repeat([1.0, -1.0], sense.sum(axis=0))
-    known = np.column_stack([points[station], HEADED * sign[:, None] * tangent[station]])
-    facing = HEADED * np.cos(cells.heading), HEADED * np.sin(cells.heading)
-    wanted = np.column_stack([cells.x, cells.y, *facing])
-    far, near = cKDTree(known).query(wanted, distance_upper_bound=float(np.hypot(reach, HEADED * TILT)))
-    use = np.flatnonzero(np.isfinite(far))
-    at, back = station[near[use]], (sign[near[use]] < 0.0).astype(np.int64)
+    points: Floats
+    tangent: Floats
+    first: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, chains: list[Chain]) -> _Stations:
+        points = np.concatenate([c.points for c in chains])
+        tangent = np.concatenate([_tangents(_softened(c.points)) for c in chains])
+        return cls(points, tangent, np.concatenate([[0], np.cumsum([len(c.points) for c in chains])]))
+
+    def owners(
+        self, senses: NDArray[np.bool_], cells: Cells, reach: float
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """The cells that lie on the chains, in one of their ``senses`` (n, 2): cell, station, 1 if back."""
+        from scipy.spatial import cKDTree
+
+        sense = np.repeat(senses, np.diff(self.first), axis=0)
+        station = np.concatenate([np.flatnonzero(sense[:, 0]), np.flatnonzero(sense[:, 1])])
+        sign = np.repeat([1.0, -1.0], sense.sum(axis=0))
+        known = np.column_stack([self.points[station], HEADED * sign[:, None] * self.tangent[station]])
+        facing = HEADED * np.cos(cells.heading), HEADED * np.sin(cells.heading)
+        wanted = np.column_stack([cells.x, cells.y, *facing])
+        far, near = cKDTree(known).query(wanted, distance_upper_bound=float(np.hypot(reach, HEADED * TILT)))
+        use = np.flatnonzero(np.isfinite(far))
+        return use, station[near[use]], (sign[near[use]] < 0.0).astype(np.intp)
+
+
+def passes(chains: list[Chain], cells: Cells, reach: float) -> Floats:
+    """(n, 2) how often each metre of a chain was driven forth and back, manoeuvres aside."""
+    chains = [_resampled(c) for c in chains]
+    stations = _Stations.of(chains)
+    use, at, back = stations.owners(np.ones((len(chains), 2), bool), cells, reach)
+    owner = np.searchsorted(stations.first, at, side="right") - 1
+    metres = np.bincount(2 * owner + back, cells.weight[use], 2 * len(chains)).reshape(-1, 2)
+    return np.asarray(metres / np.array([max(c.length, STEP) for c in chains])[:, None])
+
+
+def _fitted(chains: list[Chain], driven: NDArray[np.bool_], cells: Cells, reach: float) -> list[Fit]:
+    stations = _Stations.of(chains)
+    points, tangent, n = stations.points, stations.tangent, len(stations.points)
+    use, at, back = stations.owners(driven, cells, reach)
     dx, dy = cells.x[use] - points[at, 0], cells.y[use] - points[at, 1]
     left = dy * tangent[at, 0] - dx * tangent[at, 1]
-    n, key, w = len(points), back * len(points) + at, cells.weight[use]
-    sums = np.zeros((2, 3, n))
-    for k in range(3):
-        sums[:, k] = np.bincount(key, w * left**k, 2 * n).reshape(2, n)
-    spans = zip(chains, pairwise(first), strict=True)
+    moments = [np.bincount(back * n + at, cells.weight[use] * left**k, 2 * n).reshape(2, n) for k in range(3)]
+    sums = np.stack(moments, axis=1).astype(np.float64)
+    spans = zip(chains, pairwise(stations.first), strict=True)
     return [_fit(c, sums[:, :, a:b], tangent[a:b]) for c, (a, b) in spans]
 
 
@@ -195,16 +205,19 @@ def _middle(mean: Floats, seen: NDArray[np.bool_]) -> Floats:
 
 
 def _meeting(fits: list[Fit]) -> list[Fit]:
-    """Every junction where the roads point to, and the roads straight into it."""
+    """Every junction where the roads point to, and the roads straight into it; two that meet just go on."""
     points = [f.chain.points for f in fits]
     at = ends([f.chain for f in fits]).items()
     where = {n: _node([points[k][:: 1 if begins else -1] for k, begins in arms]) for n, arms in at}
-    return [replace(f, chain=_tied(f.chain, where)) for f in fits]
+    onward = {n for n, arms in at if len(arms) == 2}
+    return [replace(f, chain=_tied(f.chain, where, onward)) for f in fits]
 
 
 def _node(arms: list[Floats]) -> Floats:
     """The place nearest to the lines along which the arms come in."""
-    old = np.mean([a[0] for a in arms], axis=0)
+    old = np.asarray(np.mean([a[0] for a in arms], axis=0))
+    if len(arms) == 2:
+        return old
     matrix, value = PULL * np.eye(2), PULL * old
     for arm in arms:
         line = _entry(arm)
@@ -229,9 +242,10 @@ def _entry(arm: Floats) -> tuple[Floats, Floats] | None:
     return middle, axes[0]
 
 
-def _tied(c: Chain, where: dict[int, Floats]) -> Chain:
+def _tied(c: Chain, where: dict[int, Floats], onward: set[int]) -> Chain:
     """The chain from node to node: what lies within a junction's reach gives way to a straight line."""
     s = c.way
     clear = min(CLEAR, 0.3 * s[-1])
-    inner = c.points[(s > clear) & (s < s[-1] - clear)]
+    first, last = (0.0 if n in onward else clear for n in (c.start, c.end))
+    inner = c.points[(s > first) & (s < s[-1] - last)]
     return replace(c, points=np.vstack([where[c.start], inner, where[c.end]]))

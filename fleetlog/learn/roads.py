@@ -1,7 +1,5 @@
 """The road graph of a recording: traces gathered on lines, joined to a graph, fitted to the traces."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -17,7 +15,7 @@ from fleetlog.learn.cells import Cells
 from fleetlog.learn.consensus import gathered
 from fleetlog.learn.evidence import Evidence, gather_evidence
 from fleetlog.learn.raster import centre_lines
-from fleetlog.learn.refine import Fit, refined
+from fleetlog.learn.refine import Fit, passes, refined
 from fleetlog.learn.shape import apart, ends, joined, pieces, split, tidied
 from fleetlog.learn.skeleton import Chain, chains
 
@@ -30,7 +28,7 @@ REACH = 2.5
 """Traces farther than this from a road are another road's [m]."""
 PIECE = 8.0
 """Length of the pieces of road that were driven or not [m]."""
-RARE, BRIEF = 0.05, 10.0
+RARE, BRIEF = 0.1, 10.0
 """A link shorter than this [m] with a smaller share of the passes of the roads at its ends is a manoeuvre."""
 SELDOM = 0.06
 """A direction with a smaller share of the other one's passes is not one in which trucks drive."""
@@ -104,27 +102,22 @@ def two_way_edges(graph: list[Chain]) -> list[Edge]:
     return edges
 
 
-def _senses(passes: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(n, 2) in which directions (n, 2) passes say that trucks drive."""
-    return np.asarray(passes > np.maximum(SELDOM * passes[:, ::-1], 0.0))
-
-
 def _final(graph: list[Chain], cells: Cells, reread: Reread) -> Roads:
     """The graph on its traces, every road in the directions in which it is driven."""
-    both = build_network(two_way_edges(graph))
-    senses = _senses(gather_evidence(both, reread()).mean_passes(both).reshape(-1, 2))
+    driven = passes(graph, cells, REACH)
+    senses = driven > SELDOM * driven[:, ::-1]
     some = np.flatnonzero(senses.any(axis=1))
     graph, senses = [graph[k] for k in some], senses[some]
     if not graph:
         raise DataError("shows no road that was driven from end to end", do="record for longer")
     fits = refined(graph, senses, cells, REACH)
     edges = two_way_edges([f.chain for f in fits])
-    driven = np.flatnonzero(senses.ravel())
+    kept = np.flatnonzero(senses.ravel())
     while True:
-        network = build_network([edges[i] for i in driven])
+        network = build_network([edges[i] for i in kept])
         evidence = gather_evidence(network, reread())
         used = evidence.mean_passes(network) > 0
         if used.all():
             break
-        driven = driven[used]
-    return Roads(network, evidence, [fits[i // 2] for i in driven], driven % 2 == 0)
+        kept = kept[used]
+    return Roads(network, evidence, [fits[i // 2] for i in kept], kept % 2 == 0)

@@ -1,7 +1,5 @@
 """The shape of a road graph: short ends cut, short links closed, roads of two pieces joined."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from itertools import pairwise
 
@@ -14,6 +12,8 @@ from fleetlog.learn.skeleton import Chain
 Floats = NDArray[np.float64]
 BACK = 2.5
 """A road this many times longer than the straight line between two of its places has turned round."""
+SPURIOUS = 0.1
+"""Turns made by a smaller share of the trucks at both roads' ends are none."""
 UNLIKE = 4.0
 """A road that this many times fewer trucks go on is another one from there."""
 
@@ -151,9 +151,10 @@ def _turning_point(c: Chain, near: float) -> int | None:
 
 
 def split(chains: list[Chain], turns: Counter[tuple[int, int]]) -> list[Chain]:
-    """Roads that cross where no truck ever turned from one into the other do not meet: they pass through.
+    """Roads that cross where trucks never turn from one into the other do not meet: they pass through.
 
-    ``turns`` counts how often chain a's end (2 a + 1; its start: 2 a) was left for that of chain b.
+    ``turns`` counts how often chain a's end (2 a + 1; its start: 2 a) was left for that of chain b; a few
+    turns among many that go elsewhere are rows matched to the wrong road.
     """
     chains = [Chain(c.start, c.end, c.points) for c in chains]
     fresh = _fresh(chains)
@@ -168,7 +169,14 @@ def split(chains: list[Chain], turns: Counter[tuple[int, int]]) -> list[Chain]:
 def _turning(arms: list[tuple[int, bool]], turns: Counter[tuple[int, int]]) -> list[list[tuple[int, bool]]]:
     """The arms of a junction in groups that trucks change between; lone arms go with the first."""
     groups = [{2 * k + (not begins)} for k, begins in arms]
-    for a, b in turns:
+    mine = {end for group in groups for end in group}
+    here = {pair: n for pair, n in turns.items() if mine.issuperset(pair)}
+    busy = Counter[int]()
+    for pair, n in here.items():
+        busy.update(dict.fromkeys(pair, n))
+    for (a, b), n in here.items():
+        if n < SPURIOUS * min(busy[a], busy[b]):
+            continue
         one = next((g for g in groups if a in g), None)
         two = next((g for g in groups if b in g), None)
         if one is not None and two is not None and one is not two:

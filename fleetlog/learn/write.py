@@ -1,7 +1,5 @@
 """A learned site as files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from fleetlog.learn.learn import Learned

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 COLUMNS = ("edge_id", "x", "y", "heading", "from", "to", "value", "low", "high", "samples")
 """Of a field's Parquet file; ``from`` and ``to`` may be absent and then mean the whole edge."""
 MARGIN = 2.0
-"""A place off the map belongs to a stretch whose middle is within half its length and this much [m]."""
+"""Without a map a place belongs to a stretch whose middle is within half its length and this much [m]."""
 MAX_TURN = np.pi / 3
 """... and whose heading differs by less than this [rad]."""
 
@@ -65,7 +65,7 @@ class Field:
 
     def along(self, motion: Motion, neutral: float) -> Floats:
         """(N,) the value at each sample of a motion:
-        that of its stretch of edge, off the map of the nearest, else ``neutral``.
+        that of its stretch of edge, without a map of the nearest, else ``neutral``.
         """
         out = np.full(len(motion), neutral)
         if not len(self):
@@ -80,9 +80,8 @@ class Field:
         )
         on = inside & (motion.edge >= 0)
         out[on] = self.value[k[on]]
-        off = np.flatnonzero(motion.edge < 0)
-        if len(off):
-            out[off] = self._nearest(motion.x[off], motion.y[off], motion.heading[off], neutral)
+        if (motion.edge < 0).all():
+            return self._nearest(motion.x, motion.y, motion.heading, neutral)
         return out
 
     def _nearest(self, x: Floats, y: Floats, heading: Floats, neutral: float) -> Floats:

@@ -143,6 +143,8 @@ class Term:
     """Whether it can be a finding; else it is only a tolerance of the truck file."""
     needs: str = ""
     """What recording shows this effect apart from others; an imperative clause."""
+    advice: str = ""
+    """What to do about it in the plant; imperative, without a full stop."""
 
     @cached_property
     def by_name(self) -> dict[str, Parameter]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from fleetlog.core.words import percent
 from fleetlog.report.content import Table
 from fleetlog.report.facts import Facts
 from fleetlog.report.figures import FIGURES, Difference, Figure, compare, holm
@@ -79,11 +80,14 @@ class Comparison:
             if known is not None and known[1] < SIGNIFICANT:
                 unit = "" if self.unit(figure).startswith("1/") else self.unit(figure)
                 a, b = (f"{figure.shown(v)} {unit}".rstrip() for v in values)
-                how = f"{'higher' if values[1] > values[0] else 'lower'} in {names[1]}"
-                out.append(f"{figure.label}: {how}, {b} against {a} in {names[0]} (p {_p(known[1])}).")
+                how = f"{_by(*values)} from {a} in {names[0]} to {b} in {names[1]}"
+                out.append(f"{figure.label} {how} (p {_p(known[1])}).")
         if not self.differences:
             return ["There are too few truck days to tell differences from chance: each dataset needs four."]
-        return out or [f"None of {len(self.differences)} figures differs by more than chance."]
+        rest = len(self.differences) - len(out)
+        if not out:
+            return [f"None of {rest} figures differs by more than chance."]
+        return [*out, f"The other {rest} figures that can be judged differ by no more than chance."]
 
     def frame(self) -> pd.DataFrame:
         """All figures as a table."""
@@ -102,6 +106,12 @@ def truck_days(f: Facts) -> pd.DataFrame:
     """The ledger by truck and day: units that are exchangeable if nothing has changed."""
     day = f.local(f.ledger.index.get_level_values("start").to_series()).dt.date.to_numpy()
     return f.ledger.groupby([f.ledger.index.get_level_values("vehicle_id"), day]).sum()
+
+
+def _by(first: float, second: float) -> str:
+    """How far a figure rose or fell."""
+    word = "rose" if second > first else "fell"
+    return f"{word} by {percent(abs(second / first - 1.0))}" if first else word
 
 
 def _p(p: float) -> str:

@@ -78,7 +78,7 @@ def number(value: float) -> str:
         return "–"
     if value == 0.0 or abs(value) >= 100.0 or value == round(value):
         return f"{value:,.0f}"
-    return f"{value:.1f}" if abs(value) >= 10.0 else f"{value:.2f}" if abs(value) >= 0.1 else f"{value:.2g}"
+    return f"{value:#.3g}" if abs(value) >= 0.1 else f"{value:.2g}"
 
 
 @cache

@@ -95,7 +95,7 @@ def _page(found: Comparison, lead: list[str]) -> str:
     facts = found.facts
     sites = list(dict.fromkeys(f.site.name if f.site.source else f.name for f in facts))
     large = [(f, v[0]) for f, v in found.figures if f.title and np.isfinite(v[0])]
-    tiles = [(f.label, f.shown(value), found.unit(f)) for f, value in large]
+    tiles = [(f.label, f.shown(v), "" if f.unit == "1/h" else found.unit(f)) for f, v in large]
     return render(
         "fleet.html", title=f"Fleet report: {' and '.join(sites)}", lead=lead,
         about=[_about(f) for f in facts], tiles=[] if found.two else tiles, sections=_sections(found),

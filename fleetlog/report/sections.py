@@ -27,8 +27,8 @@ DATA = (
     "channels=channels"
 )
 WORK = (
-    "truck=vehicle_id; hours=hours .2f; tasks=tasks .0f; tasks/h=tasks/h .1f; trips=trips .0f; "
-    "trips/h=trips/h .1f; km=km .2f; km/h=km/h .2f"
+    "truck=vehicle_id; hours=hours .2f; tasks=tasks .0f; per hour=tasks/h .1f; trips=trips .0f; "
+    "per hour=trips/h .1f; km=km .2f; per hour=km/h .2f"
 )
 FLOWS = (
     "from=from_place; to=to_place; trips=trips .0f; mean distance [m]=distance_mean .0f; "
@@ -85,6 +85,7 @@ def utilisation_part(f: Facts) -> Part:
     by_truck = hours.groupby(level="vehicle_id").sum()
     of_day = f.local(hours.index.get_level_values("start").to_series()).dt.strftime("%H:00").to_numpy()
     by_hour = hours.groupby(of_day).sum()
+    by_hour = by_hour[by_hour.drop(columns="no_data").sum(axis=1) > 0.0]
     blocks = [picture(f, state_bars("by truck", by_truck), "What each truck does")]
     if len(by_hour) > 1:
         bars = state_bars("by hour of the day", by_hour)

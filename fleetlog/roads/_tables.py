@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,14 @@ def polygon(value: Any) -> NDArray[np.float64]:
     return points
 
 
+def clock(value: Any) -> float:
+    """A time of day such as "09:30" [s]."""
+    found = re.fullmatch(r"([01]?\d|2[0-3]):([0-5]\d)", text(value))
+    if not found:
+        raise Wrong('is no time of day such as "09:30"')
+    return 3600.0 * int(found[1]) + 60.0 * int(found[2])
+
+
 FRAME: Keys = {
     "latitude": real(-90, 90),
     "longitude": real(-180, 180),
@@ -53,7 +62,11 @@ NETWORK: Keys = {
 PLACE: Keys = {
     "id": text, "kind": one_of(*KINDS), "x": metres, "y": metres, "plugs": whole(), "power": real(0.0, 1e9),
 }  # fmt: skip
-ZONE: Keys = {"id": text, "polygon": polygon, "speed_limit": real(1e-3, 100.0), "covered": flag}
+ZONE: Keys = {
+    "id": text, "polygon": polygon, "speed_limit": real(1e-3, 100.0), "covered": flag,
+    "closed_every": real(1.0, 1e6, "s"), "closed_for": real(1.0, 1e4, "s"),
+}  # fmt: skip
+BREAK: Keys = {"id": text, "from": clock, "until": clock}
 BUILDING: Keys = {"id": text, "polygon": polygon, "height": real(0.0, 1000.0)}
 
 
@@ -90,6 +103,18 @@ def zones(data: dict[str, Any], where: Path) -> tuple[Zone, ...]:
 def buildings(data: dict[str, Any], where: Path) -> tuple[Building, ...]:
     """All [[building]] tables."""
     return tuple(Building(**row) for row in rows(data, "building", BUILDING, where, ("polygon",)))
+
+
+def breaks(data: dict[str, Any], where: Path) -> tuple[tuple[float, float], ...]:
+    """All [[break]] tables."""
+    found = rows(data, "break", BREAK, where, ("from", "until"))
+    return tuple((row["from"], row["until"]) for row in found)
+
+
+def power_limit(data: dict[str, Any], where: Path) -> float:
+    """What the [power] table allows all chargers together [W]."""
+    given = table(data.get("power", {}), {"limit": real(1.0, 1e9, "W")}, where, "power", error=SiteError)
+    return float(given.get("limit", math.inf))
 
 
 def frame(data: dict[str, Any], where: Path) -> Frame | None:

@@ -30,7 +30,9 @@ OFF_ROADS = 10.0
 """A place farther than this [m] from every road gets a warning."""
 TOP: Keys = {
     "name": text,
-    **dict.fromkeys(("frame", "network", "place", "zone", "building", "map_frame"), anything),
+    **dict.fromkeys(
+        ("frame", "network", "place", "zone", "building", "map_frame", "break", "power"), anything
+    ),
 }
 
 
@@ -121,6 +123,8 @@ def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
         places=_tables.places(data, path),
         zones=_tables.zones(data, path),
         buildings=_tables.buildings(data, path),
+        breaks=_tables.breaks(data, path),
+        power_limit=_tables.power_limit(data, path),
         map_frames=map_frames(data, path, SiteError),
         source={"site": {"file": path.name, "sha256": sha256(path)}},
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
@@ -11,6 +12,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Flags, Floats
 from fleetlog.simulate.junctions import Junctions, half_box
 from fleetlog.simulate.paths import arc, even, moved
+from fleetlog.simulate.roadside import Stand, door_beside
 from fleetlog.simulate.spurs import SHARES, Bay, Door, opposite_spur, span
 from fleetlog.simulate.track import SPACING, Track
 
@@ -24,10 +26,13 @@ STEP = 0.5
 class BayMaker:
     """Finds free ground for bays, one after another."""
 
-    def __init__(self, track: Track, junctions: Junctions, truck: Truck, side: float) -> None:
+    def __init__(
+        self, track: Track, junctions: Junctions, truck: Truck, side: float, stands: Mapping[str, Stand]
+    ) -> None:
         from scipy.spatial import cKDTree
 
         self.track, self.junctions, self.truck, self.side = track, junctions, truck, side
+        self.stands = stands
         self.half = half_box(truck)
         lanes = len(track.network)
         self._lane_tree = cKDTree(np.column_stack([track.x, track.y])[: track.first[lanes]])
@@ -50,7 +55,16 @@ class BayMaker:
         return sorted((gap, lane, at) for lane, (gap, at) in found.items())
 
     def place(self, place: Place) -> Bay | None:
-        """A bay on the nearest free ground, rather one that both lanes of its road lead to, or None."""
+        """Where recorded trucks stood along the road; else a bay on the nearest free ground, rather one that
+        both lanes of its road lead to; or None.
+        """
+        stand = self.stands.get(place.id)
+        if stand is not None:
+            near = self.lanes_near(stand.x, stand.y)
+            door = door_beside(self.track, self.junctions, self.truck, stand, near)
+            if door is not None:
+                self.bays.append(Bay(place, door, stand.turns))
+                return self.bays[-1]
         near = self.lanes_near(place.x, place.y)
         return self._kept(place, self._nearest(place, near, True) or self._nearest(place, near, False))
 

@@ -9,16 +9,16 @@ import numpy as np
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Floats, Ints
+from fleetlog.simulate.itinerary import visits_of
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
-from fleetlog.simulate.tasks import Task
+from fleetlog.simulate.reach import recorded_turns, with_turns
+from fleetlog.simulate.roadside import recorded_stands
+from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.trips import MIN_LOAD_CHANGE
 
 JITTER = 120.0
 """A drawn task comes this much earlier or later than the recorded one at most [s]."""
-
-BETWEEN, LONGEST_GAP = 60.0, 900.0
-"""From when one task of a truck begins to when its next one does [s]."""
 
 
 def carried(stands: Stands, cluster: Ints, names: list[str]) -> list[Task]:
@@ -41,10 +41,9 @@ def carried(stands: Stands, cluster: Ints, names: list[str]) -> list[Task]:
                 continue
             known = k > 0 and stands.vehicle[k - 1] == vehicle
             day = float((stands.end[k - 1] if known else stands.start[k]) % 86_400_000_000) * 1e-6
-            origin = names[cluster[k - 1]] if known and cluster[k - 1] >= 0 else None
             load = float(stands.after[k] - stands.before[k])
             dwell, height = ((float(v[k]), float(v[i])) for v in (stands.dwell, stands.height))
-            tasks.append(Task(None, names[a], names[b], load, day, dwell, height, True, origin))
+            tasks.append(Task(None, names[a], names[b], load, day, dwell, height, True))
     return tasks
 
 
@@ -83,27 +82,6 @@ def demand_like(
     return sorted(out, key=lambda t: t.earliest)
 
 
-def chained(tasks: list[Task]) -> list[Task]:
-    """The tasks in order of time, numbered, each after one that ends where its recorded truck set off.
-
-    That is the last of those that nobody follows yet and that began at least ``BETWEEN`` earlier; a task
-    after another may begin ``JITTER`` earlier, as its time is known no better than that.
-    """
-    ends: dict[str, list[Task]] = {}
-    out: list[Task] = []
-    for number, task in enumerate(tasks):
-        found = [
-            t for t in ends.get(task.origin or "", ()) if BETWEEN <= task.earliest - t.earliest <= LONGEST_GAP
-        ]
-        after = found[-1].number if found else -1
-        if found:
-            ends[task.origin or ""].remove(found[-1])
-        earliest = max(task.earliest - JITTER, 0.0) if found else task.earliest
-        out.append(replace(task, number=number, after=after, earliest=earliest))
-        ends.setdefault(task.target, []).append(replace(task, number=number))
-    return sorted(out, key=lambda t: (t.earliest, t.number))
-
-
 def recorded_hours(dataset: Dataset) -> Floats:
     """(24,) how many hours of recording fall on each hour of the day."""
     start, end = (np.datetime64(str(dataset.meta[k]).removesuffix("Z"), "us") for k in ("start", "end"))
@@ -118,23 +96,42 @@ def recorded_hours(dataset: Dataset) -> Floats:
 
 def like(
     dataset: Dataset, site: Site, truck: Truck, vehicles: int, start: int, duration: float, seed: int,
-    assigned: bool = False,
-) -> tuple[Site, list[Task], list[str]]:  # fmt: skip
-    """The site with a recording's places, tasks like its own (``assigned``: also whose they were), notes."""
+    same: bool = False,
+) -> tuple[Site, Demand, list[str]]:  # fmt: skip
+    """The site with a recording's places, demand like its own, and notes.
+
+    The ``same`` fleet goes from place to place as the recorded one; any other shares out tasks like its.
+    """
     stands = find_stands(dataset)
     cluster = clusters(stands)
     table = place_table(stands, cluster)
     site, names = mined_site(site, table)
     site = with_room(site, stands, cluster, names)
-    known = carried(stands, cluster, names)
+    turns = recorded_turns(dataset, site.roads())
+    site = replace(site, network=with_turns(site.roads(), turns))
     kinds = ", ".join(f"{n} {k}" for k, n in table.kind.value_counts().items())
     notes = [f"{len(table)} places mined from {len(stands)} stops ({kinds})"]
+    if turns:
+        notes.append(f"trucks turn round at the end of {len(turns)} lanes, as recorded")
+    visits = visits_of(stands, cluster, names, [p.id for p in site.places if p.kind == "charge"])
+    if same and any(v.next >= 0 for v in visits):
+        return (
+            site,
+            Demand(visits=visits, stands=recorded_stands(stands, cluster, names), endless=False),
+            [*notes, f"trucks go on as after {len(visits)} recorded visits"],
+        )
+    known = carried(stands, cluster, names)
     if not known:
-        notes.append("the recording shows no load carried between two places: tasks are random")
-        return site, [], notes
+        return (
+            site,
+            Demand(),
+            [*notes, "the recording shows no load carried between two places: tasks are random"],
+        )
     day = float(start % 86_400_000_000) * 1e-6
     share = vehicles / max(len(dataset.vehicles), 1)
     tasks = demand_like(known, recorded_hours(dataset), day, duration, share, truck, seed)
-    tasks = chained(tasks) if assigned else [replace(t, origin=None) for t in tasks]
-    notes.append(f"{len(tasks)} tasks drawn like the {len(known)} recorded ones")
-    return site, tasks, notes
+    return (
+        site,
+        Demand(tasks, endless=False),
+        [*notes, f"{len(tasks)} tasks drawn like the {len(known)} recorded ones"],
+    )

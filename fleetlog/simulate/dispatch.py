@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from fleetlog.simulate.arrays import Floats
+from fleetlog.simulate.itinerary import Itineraries, Visit
 from fleetlog.simulate.occupancy import Occupancy, Policy
 from fleetlog.simulate.state import DROP_PLACE, PICK_PLACE, Fleet, Mode, creep_speed
 from fleetlog.simulate.taskbook import TaskBook
@@ -17,35 +18,62 @@ YIELD = 5.0
 """A truck that waits this long for a place asks whoever stands idle there to leave [s]."""
 ASIDE = 30.0
 """A truck that waits this long for a place, where another wants to be, makes room itself [s]."""
-KEPT = 240.0
-"""A task that follows another one is kept so long for the truck that did that [s]."""
 DUE = 50
 """Due tasks that a truck looks at."""
 
 
+def spur_times(world: World) -> Floats:
+    """(D,) seconds on every spur, from rest to rest."""
+    slow = min(world.trucks.kinds, key=creep_speed)
+    creep, drive = creep_speed(slow), slow.drive
+    ease = 1.0 / drive.max_acceleration + 1.0 / drive.max_deceleration
+    length = np.array([d.length for d in world.doors])
+    short = length < 0.5 * creep**2 * ease
+    # XX
+    return np.where(short, np.sqrt(2.0 * length * ease), length / creep + 0.5 * creep * ease)
+
+
 class Dispatcher(Occupancy):
-    """Takes over whenever a truck needs attention, once a second; ``done`` (V,) the task of each before."""
+    """Takes over whenever a truck needs attention, once a second."""
 
     def __init__(
-        self, world: World, fleet: Fleet, names: list[str], demand: Demand, policy: Policy, seed: int
-    ) -> None:
+        self, world: World, fleet: Fleet, names: list[str], demand: Demand, policy: Policy, seed: int,
+        start: float = 0.0,
+    ) -> None:  # fmt: skip
         super().__init__(world, fleet, policy)
-        self.names, self.demand, self.truck, self.book = names, demand, world.truck, TaskBook(names)
-        self.done = np.full(len(names), -1, np.int64)
+        self.names, self.demand, self.trucks, self.book = names, demand, world.trucks, TaskBook(names)
         self.pending: list[Task] = list(demand.given)
-        self.given = 0
+        self.given, self.start, self.resting = 0, start, False
         self._due: list[Task] = []
         self._blocked: list[Task] = []
         self._wanted: list[tuple[int, list[int]]] = []
         self._wanted_now: list[tuple[int, list[int]]] = []
-        self.stream = TaskStream(seed, self.truck, len(self.places), demand.pause)
-        creep, drive = creep_speed(self.truck), self.truck.drive
-        change = 0.5 * creep * (1.0 / drive.max_acceleration + 1.0 / drive.max_deceleration)
-        self.spur_time = np.array([d.length for d in world.doors]) / creep + change
+        self.stream = TaskStream(seed, world.truck, len(self.places), demand.pause)
+        times = spur_times(world)
+        self.manoeuvre = np.array(
+            [
+                0.0 if world.doors[b].passed else times[b] + times[d].max()
+                for b, d in enumerate(world.ways.of_bay)
+            ]
+        )
+        """(B,) seconds that the ways into a bay and out of it take."""
+        self.itineraries = Itineraries(demand.visits, len(names), seed, start) if demand.visits else None
+        self.settle(self._first)
+
+    def _first(self, v: int) -> str | None:
+        """The place where a truck begins."""
+        if self.itineraries is None:
+            return None
+        visit = self.itineraries.first(v, lambda place: self._open(place, v))
+        if visit is None:
+            return None
+        self.jobs[v].stage, self.jobs[v].since = "staying", visit.dwell
+        return visit.place
 
     def tick(self, now: float) -> None:
         """One second's decisions."""
         f = self.fleet
+        self.resting = bool(self.world.site.breaks) and self.world.site.on_break(self.start + now)
         self.lacks[:] = 0
         self.wants.clear()
         for v in np.flatnonzero(f.attention).tolist():
@@ -76,7 +104,7 @@ class Dispatcher(Occupancy):
     def _parked(self, v: int, now: float) -> None:
         """What a truck does that has come to its bay, or is done there."""
         job, f = self.jobs[v], self.fleet
-        if job.stage in ("fetch", "bring", "charge", "park"):
+        if job.stage in ("fetch", "bring", "charge", "park", "visit"):
             self.home[v] = job.goal
         job.since = now
         if job.stage in ("fetch", "bring"):
@@ -87,19 +115,20 @@ class Dispatcher(Occupancy):
         elif job.stage == "dropping":
             self.count.tasks_done += 1
             self.book.dropped(v, now)
-            self.done[v] = -1 if job.task is None else job.task.number
             job.since = now + (job.drawn.pause if job.drawn is not None else 0.0)
             job.task, job.drawn, job.stage = None, None, "idle"
         elif job.stage == "charge":
             f.mode[v] = Mode.CHARGING
             self.count.charges += 1
+        elif job.stage == "visit":
+            job.stage, job.since = "staying", now + max(job.stay - self.manoeuvre[self.home[v]], 0.0)
         elif job.stage == "park":
             begun = "loaded" if f.load[v] > 0.0 else "assigned"
             job.stage = begun if job.task is not None else "idle"
 
     def _handle(self, v: int, now: float, bring: bool) -> None:
         """Take the load, or set it down."""
-        f, lift, job = self.fleet, self.truck.lift, self.jobs[v]
+        f, lift, job = self.fleet, self.trucks[v].lift, self.jobs[v]
         task = job.task
         assert task is not None
         job.stage = "dropping" if bring else "picking"
@@ -107,7 +136,7 @@ class Dispatcher(Occupancy):
         times = (height / lift.raise_speed, ENGAGE, height / lift.lower_speed)
         f.hand_start[v], f.hand_height[v], f.hand_times[v] = now, height, times
         f.hand_before[v], f.hand_after[v] = f.load[v], 0.0 if bring else task.payload
-        spurs = 2.0 * self.spur_time[f.door[v]] if task.on_road else 0.0
+        spurs = self.manoeuvre[self.home[v]] if task.on_road else 0.0
         f.until[v] = now + max(task.dwell[bring] - spurs, sum(times))
         f.mode[v] = Mode.HANDLING
 
@@ -116,21 +145,54 @@ class Dispatcher(Occupancy):
         job = self.jobs[v]
         if self.soc[v] <= 0.0:
             return
+        if job.stage == "staying" and now >= job.since:
+            job.stage = "idle"
         if job.stage == "idle":
             if self.soc[v] < self.policy.low and self._wants_charge(v):
                 return
-            if not (now >= job.since and self._new_task(v, now)):
-                if job.task is None:
-                    self._rest(v, now)
-                return
+            if self.resting:
+                self._rest(v, now)
+            elif self.itineraries is not None:
+                self._next_visit(v, now)
+            elif now < job.since or not self._new_task(v, now):
+                self._rest(v, now)
         if job.stage == "loaded":
             self._bring(v, now)
         elif job.stage == "assigned" and job.task is not None:
             self._to_place(v, job.task.source, "fetch", now)
 
+    def _visit(self, v: int, now: float) -> Visit | None:
+        """Where a truck goes on to as recorded ones did; None while it waits for a place there."""
+        assert self.itineraries is not None
+        visit = self.itineraries.next(v, now, lambda place: self._open(place, v))
+        if visit is None:
+            self._wait_for(v, [b for place in self.itineraries.places(v) for b in self.bays_of[place]], now)
+        return visit
+
+    def _next_visit(self, v: int, now: float) -> None:
+        """An empty truck goes to fetch a load, or to stand somewhere."""
+        visit, job = self._visit(v, now), self.jobs[v]
+        if visit is None:
+            return
+        if visit.loads:
+            load = min(visit.taken, self.trucks[v].chassis.rated_load)
+            job.task = Task(None, visit.place, "", load, now, (visit.dwell, 0.0), (visit.height, 0.0), True)
+            job.stage = "assigned"
+            self._give(job.task)
+            self.book.assign(v, job.task, now)
+        else:
+            job.stay = visit.dwell
+            self._to_place(v, visit.place, "visit", now)
+
     def _bring(self, v: int, now: float) -> None:
         job = self.jobs[v]
         assert job.task is not None
+        if self.itineraries is not None and not job.task.target:
+            visit = self._visit(v, now)
+            if visit is None:
+                return
+            dwell, height = (job.task.dwell[0], visit.dwell), (job.task.height[0], visit.height)
+            job.task = replace(job.task, target=visit.place, dwell=dwell, height=height)
         ranks = np.zeros(len(self.places)) if job.drawn is None else job.drawn.ranks
         target = job.task.target or self._free_place("drop", ranks)
         if target is None:
@@ -172,7 +234,7 @@ class Dispatcher(Occupancy):
         """Nothing to do: charge if that is worth while, else clear a working place that is not one's own."""
         if self.soc[v] < self.policy.chance and self._wants_charge(v):
             return
-        stays = self.demand.endless or self.demand.stay or self.kind[self.home[v]] == "park"
+        stays = self.demand.endless or self.kind[self.home[v]] == "park"
         if not stays and now - self.jobs[v].since > ASIDE:
             spare = self._spare_bay(v, only_park=True)
             if spare is not None:
@@ -193,7 +255,9 @@ class Dispatcher(Occupancy):
         else:
             job.drawn = self.stream.draw(now)
             here = self.places[self.place_of[self.home[v]]]
-            task = replace(job.drawn.task, source=self._free_place("pick", job.drawn.ranks) or here)
+            load = min(job.drawn.task.payload, self.trucks[v].chassis.rated_load)
+            source = self._free_place("pick", job.drawn.ranks) or here
+            task = replace(job.drawn.task, source=source, payload=load)
             self._give(task)
         job.task, job.stage = task, "assigned"
         self.book.assign(v, task, now)
@@ -201,15 +265,12 @@ class Dispatcher(Occupancy):
 
     def _due_task(self, v: int, now: float) -> Task | None:
         """The nearest task that this truck can do now, of those due half as long as the first or longer."""
-        for task in self._due:
-            if task.after >= 0 and task.after == self.done[v] and self._open(task.source, v):
-                return task
         best: tuple[float, Task] | None = None
         blocked: Task | None = None
         patience = 0.0
         for task in self._due[:DUE]:
             waited = now - task.earliest
-            if task.vehicle not in (None, self.names[v]) or (task.after >= 0 and waited < KEPT):
+            if not self._can(v, task):
                 continue
             if best is not None and waited < patience:
                 break
@@ -219,7 +280,7 @@ class Dispatcher(Occupancy):
                 if blocked is None and not any(task is other for other in self._blocked):
                     blocked = task
             elif self._nearest(task, v):
-                cost = min(self._cost(v, b) for b in self._start(task))
+                cost = min(self._cost(v, b) for b in self.bays_of[task.source])
                 patience = patience or 0.5 * waited
                 if best is None or cost < best[0]:
                     best = (cost, task)
@@ -229,16 +290,18 @@ class Dispatcher(Occupancy):
             self._lack(v, PICK_PLACE, self.bays_of[blocked.source])
         return None if best is None else best[1]
 
-    def _start(self, task: Task) -> Sequence[int]:
-        """Bays of the place near which a task is taken: where the recorded truck set off, else the source."""
-        return self.bays_of.get(task.origin or task.source) or self.bays_of[task.source]
+    def _can(self, v: int, task: Task) -> bool:
+        """Whether a truck may do a task, and can carry the load."""
+        return task.vehicle in (None, self.names[v]) and task.payload <= self.trucks[v].chassis.rated_load
 
     def _nearest(self, task: Task, v: int) -> bool:
-        """Whether no other truck with nothing to do stands nearer to where the task is begun from."""
+        """Whether no other truck with nothing to do stands nearer to its source."""
         if task.vehicle is not None:
             return True
-        start, parked = self._start(task)[:1], np.flatnonzero(self.fleet.mode == Mode.PARKED).tolist()
-        rivals = (u for u in parked if self.jobs[u].stage == "idle" and self.soc[u] > self.policy.low)
+        start, parked = self.bays_of[task.source][:1], np.flatnonzero(self.fleet.mode == Mode.PARKED).tolist()
+        rivals = (
+            u for u in parked if self._idles(u) and self._can(u, task) and self.soc[u] > self.policy.low
+        )
         mine = (self._gaps(start, v)[0], v)
         return not any((self._gaps(start, u)[0], u) < mine for u in rivals)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.junctions import Junctions, half_box
+from fleetlog.simulate.roadside import turning_door
 from fleetlog.simulate.spurs import SHARES, Bay, Door, opposite_spur
 from fleetlog.simulate.track import Track
 
@@ -16,7 +17,9 @@ def all_doors(track: Track, junctions: Junctions, bays: list[Bay], truck: Truck)
     """Door b of bay b on its own lane, for every bay; then those on opposite lanes that have room."""
     half = half_box(truck)
     own = [replace(bay.door, bay=b) for b, bay in enumerate(bays)]
-    todo, opposite = list(range(len(bays))), []
+    passed = [d for d in own if d.passed and bays[d.bay].turns]
+    opposite = [d for door in passed if (d := turning_door(track, junctions, truck, door)) is not None]
+    todo = [b for b, bay in enumerate(bays) if not bay.door.passed]
     for share in SHARES:
         tried = [
             opposite_spur(track, junctions, bays[b].door, share * truck.chassis.turn_radius, half[1])

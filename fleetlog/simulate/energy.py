@@ -11,7 +11,7 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.physics.battery import BatteryModel, discharge
 from fleetlog.physics.power import Physics, battery_power, cell_power
-from fleetlog.simulate.arrays import Floats, Index
+from fleetlog.simulate.arrays import Floats, Index, Modes
 from fleetlog.simulate.state import Log, Mode
 from fleetlog.simulate.track import Track
 
@@ -58,20 +58,34 @@ def locate(ground: Track, log: Log) -> Batch:
 
 @dataclass
 class Meter:
-    """Follows the charge of trucks; ``charger`` (B,) [W] of bays, NaN: none; no ``battery``: nominal."""
+    """Follows the charge of trucks; no ``battery``: nominal.
 
-    physics: Physics
+    ``physics`` of each kind, ``of`` (V,) the kind of each truck; ``charger`` (B,) [W] of bays, NaN: none;
+    ``limit`` [W] of all chargers together.
+    """
+
+    physics: list[Physics]
+    of: Index
     ground: Track
     charger: Floats
     dt: float
     soc: Floats
     temperature: float = 20.0
     battery: BatteryModel | None = None
+    limit: float = np.inf
+    share: float = 1.0
+    """Of its power that each charger gives now."""
 
-    def batch(self, log: Log, place: Batch, bay: Index, step0: int, first: int = 0) -> Energy:
-        """Power and charge of trucks ``first`` ... from step ``step0`` on; ``bay`` (V,) where each stands."""
+    def share_site_power(self, mode: Modes, bay: Index) -> None:
+        """What each charger may give of its power, so that all together keep to the limit of the site."""
+        charging = np.flatnonzero(mode == Mode.CHARGING)
+        wanted = sum(float(self._charge_power(bay[v : v + 1], slice(v, v + 1))[0]) for v in charging.tolist())
+        self.share = min(1.0, self.limit / wanted) if wanted > 0.0 else 1.0
+
+    def batch(self, log: Log, place: Batch, bay: Index, step0: int, which: slice) -> Energy:
+        """Power and charge of ``which`` trucks, of one kind, from step ``step0``; ``bay`` (V,) of each."""
         trucks, steps = log.piece.shape
-        n, which = trucks * steps, slice(first, first + trucks)
+        n, first, physics = trucks * steps, which.start, self.physics[self.of[which.start]]
         motion = Motion(
             time=np.tile((step0 + np.arange(steps)) * self.dt, trucks), dt=np.full(n, self.dt),
             speed=np.maximum(log.v + 0.5 * log.a * self.dt, 0.0).ravel(), acceleration=log.a.ravel(),
@@ -82,22 +96,22 @@ class Meter:
             vehicle=np.repeat(np.arange(first, first + trucks), steps),
             trip=log.trip.ravel().astype(np.int64), power=np.zeros(n),
         )  # fmt: skip
-        power = battery_power(motion, self.physics).reshape(trucks, steps)
+        power = battery_power(motion, physics).reshape(trucks, steps)
         charging = log.mode == Mode.CHARGING
         if charging.any():
-            power = power - np.where(charging, self._charge_power(bay, which)[:, None], 0.0)
+            power = power - np.where(charging, self.share * self._charge_power(bay, which)[:, None], 0.0)
         power[log.mode == Mode.EMPTY] = 0.0
         return self._follow(power, which)
 
     def _charge_power(self, bay: Index, which: slice) -> Floats:
-        truck = self.physics.truck
+        truck = self.physics[self.of[which.start]].truck
         rate = self.charger[bay]
         rate = np.where(np.isfinite(rate), rate, CHARGE_RATE * truck.battery.capacity_wh)
         taper = 1.0 - 0.9 * np.clip((self.soc[which] - TAPER_FROM) / (1.0 - TAPER_FROM), 0.0, 1.0)
         return np.asarray(rate * taper)
 
     def _follow(self, power: Floats, which: slice) -> Energy:
-        truck: Truck = self.physics.actual_truck()
+        truck: Truck = self.physics[self.of[which.start]].actual_truck()
         if self.battery is not None:
             return self._chemistry(power, which)
         soc = np.zeros((len(power), power.shape[1] + 1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,11 +13,14 @@ from fleetlog.errors import DataError, SiteError
 from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.arrays import Index
+from fleetlog.simulate.crossings import Crossings
 from fleetlog.simulate.dispatch import Dispatcher, Policy
 from fleetlog.simulate.energy import Meter, locate
 from fleetlog.simulate.events import EventLog
+from fleetlog.simulate.itinerary import at_places
 from fleetlog.simulate.junctions import GAP
 from fleetlog.simulate.limits import Tally
+from fleetlog.simulate.mixed import Trucks
 from fleetlog.simulate.record import Recorder, columns_of
 from fleetlog.simulate.state import STANDS, Mode, limits_of, log_of, new_fleet, new_log
 from fleetlog.simulate.summary import Summary
@@ -58,7 +61,7 @@ class Settings:
 
 def simulate(
     site: Site,
-    truck: Truck,
+    truck: Truck | Sequence[Truck],
     writer: DatasetWriter,
     settings: Settings | None = None,
     demand: Demand | None = None,
@@ -71,6 +74,7 @@ def simulate(
 
     Parameters
     ----------
+    truck : of all vehicles, or one for each.
     demand : tasks; by default endless ones between random places.
     physics : terms beyond the nominal model; each can be switched off in it.
     progress : called with seconds done and in all.
@@ -87,7 +91,8 @@ def simulate(
     _check(settings)
     # Half the time of a large run is writing, and half of that is packing.
     writer.compression = "snappy"
-    world = build_world(site, truck, settings.vehicles, physics, mined, settings.room)
+    trucks = Trucks.given(truck, settings.vehicles)
+    world = build_world(site, trucks, settings.vehicles, physics, mined, settings.room, demand.stands)
     check_vehicles(demand.given, names)
     writer.site = world.site
     demand, notes = reachable(demand, world)
@@ -99,6 +104,7 @@ def simulate(
 def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
     """The demand without the given tasks from or to places that have no bay; and what to say about it."""
     known = set(world.by_place)
+    demand = replace(demand, visits=at_places(demand.visits, known))
     doable = [t for t in demand.given if {t.source, t.target} <= known]
     left_out = [t for t in demand.given if not {t.source, t.target} <= known]
     if not left_out:
@@ -144,6 +150,7 @@ class Run:
         self, world: World, settings: Settings, demand: Demand, names: list[str], writer: DatasetWriter
     ) -> None:
         self.world, self.settings, self.names = world, settings, names
+        trucks, length = world.trucks, world.truck.chassis.length
         dt, n, lanes = settings.step, len(names), len(world.track.network)
         self.fleet = new_fleet(n, lanes, len(world.track), len(world.roads.conflict_first) - 1, LONGEST)
         self.second = max(round(1.0 / dt), 1)
@@ -152,21 +159,25 @@ class Run:
         self.steps = unit * max(int(np.ceil(BATCH / dt / unit)), 1)
         self.total = int(np.ceil(settings.duration / dt / self.steps)) * self.steps
         self.log = new_log(n, self.steps)
-        self.dispatcher = Dispatcher(world, self.fleet, names, demand, settings.policy, settings.seed)
-        self.dispatcher.settle()
+        start = settings.start * 1e-6
+        self.dispatcher = Dispatcher(world, self.fleet, names, demand, settings.policy, settings.seed, start)
+        self.crossings = Crossings(world.site, world.walks, settings.seed)
         self.tally = Tally(self.dispatcher)
         self.events = EventLog(self.dispatcher, writer, settings.start)
         charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])
         self.bay_of = np.array([d.bay for d in world.doors], dtype=np.int32)
         soc = np.full(n, settings.soc)
         weather, battery = settings.temperature, settings.battery
-        self.meter = Meter(world.physics, world.ground, charger, dt, soc, weather, battery)
+        self.meter = Meter(
+            world.physics, trucks.of, world.ground, charger, dt, soc, weather, battery, world.site.power_limit
+        )
         columns = columns_of(bool(np.any(world.ground.z)), battery is not None)
         edges = world.track.network.edge_ids
         self.recorder = Recorder(
             writer, names, edges, settings.start, dt, every, self.steps, self.total, columns
         )
-        self.limits = limits_of(world.physics.actual_truck(), GAP)
+        self.limits = limits_of([p.actual_truck() for p in world.physics], trucks.of, length, GAP)
+        self.groups = list(trucks.alike(TOGETHER))
         self.used = self.charged = self.waiting = 0.0
         self.soc_lowest, self.soc_sum = settings.soc, 0.0
 
@@ -187,36 +198,34 @@ class Run:
         """Some ten seconds of all trucks."""
         from fleetlog.simulate.kernels.traffic import advance
 
-        dt, lift = self.settings.step, self.world.truck.lift
+        dt = self.settings.step
         self.dispatcher.soc = self.meter.soc
         bay = self.bay_of[self.fleet.door]
         for k in range(0, self.steps, self.second):
             self.dispatcher.tick((step0 + k) * dt)
+            self.crossings.tick((step0 + k) * dt, self.fleet.walked)
             self.tally.tick()
             self.events.tick((step0 + k) * dt)
-            advance(
-                self.world.roads, self.fleet, self.limits, self.log, k, self.second, step0 + k, dt,
-                lift.raise_speed, lift.lower_speed,
-            )  # fmt: skip
-        for first in range(0, len(self.names), TOGETHER):
-            self._account(first, bay, step0)
+            advance(self.world.roads, self.fleet, self.limits, self.log, k, self.second, step0 + k, dt)
+        self.meter.share_site_power(self.fleet.mode, bay)
+        for which in self.groups:
+            self._account(which, bay, step0)
         self.soc_lowest = min(self.soc_lowest, float(self.meter.soc.min()))
         self.soc_sum += float(self.meter.soc.mean()) * self.steps
         self.recorder.next()
         self._stop_empty()
 
-    def _account(self, first: int, bay: Index, step0: int) -> None:
+    def _account(self, which: slice, bay: Index, step0: int) -> None:
         """Place, power and rows of some trucks over a batch."""
-        which = slice(first, first + TOGETHER)
         log, dt = log_of(self.log, which), self.settings.step
         place = locate(self.world.ground, log)
-        energy = self.meter.batch(log, place, bay[which], step0, first)
+        energy = self.meter.batch(log, place, bay[which], step0, which)
         self.used += float(np.maximum(energy.power, 0.0).sum()) * dt / 3600.0
         charging = np.where(log.mode == Mode.CHARGING, energy.power, 0.0)
         self.charged -= float(np.minimum(charging, 0.0).sum()) * dt / 3600.0
         slow = (log.v < STANDS) & IN_TRAFFIC[log.mode]
         self.waiting += float(slow.sum()) * dt
-        self.recorder.add(first, log, place, energy)
+        self.recorder.add(which.start, log, place, energy)
 
     def _stop_empty(self) -> None:
         f = self.fleet

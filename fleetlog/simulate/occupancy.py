@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,13 +39,17 @@ class Policy:
 
 @dataclass
 class Job:
-    """What a truck is about: a stage, its task (and how that was drawn), its bay, since when [s]."""
+    """What a truck is about: a stage, its task (and how that was drawn), its bay, since when [s].
+
+    ``stay``: how long it stands where it goes without working there [s].
+    """
 
     stage: str = "idle"
     task: Task | None = None
     drawn: Drawn | None = None
     goal: int = -1
     since: float = 0.0
+    stay: float = 0.0
 
 
 class Occupancy(Untangler):
@@ -77,12 +81,14 @@ class Occupancy(Untangler):
         self.working = {k: np.flatnonzero(work & mine if mine.any() else work) for k, mine in own.items()}
         self.chargers: list[int] = np.flatnonzero(self.kind == "charge").tolist()
 
-    def settle(self) -> None:
-        """Put every truck into a bay: parking places first, then any but chargers, in the site's order."""
+    def settle(self, wanted: Callable[[int], str | None]) -> None:
+        """Put every truck into a bay of the place it wants, else to park, else anywhere but at a charger."""
         order = np.concatenate([
             np.flatnonzero(self.kind == "park"), np.flatnonzero(~np.isin(self.kind, ("park", "charge")))
         ])  # fmt: skip
-        for v, b in enumerate(order[: len(self.jobs)]):
+        for v in range(len(self.jobs)):
+            own = self.bays_of.get(wanted(v) or "", ())
+            b = next(b for b in (*own, *order.tolist()) if self.owner[b] < 0)
             self.fleet.door[v] = self.home[v] = b
             self.fleet.spur[v] = self.world.bays[b].door.length
             self.owner[b] = v

@@ -23,6 +23,8 @@ MIN_DWELL = 8.0
 """A shorter standstill is a wait on the way, unless the load changes [s]."""
 CELL = 2.0
 """Stands in the same or in touching cells of this size belong to one place [m]."""
+MOVED, MOTION = 1.5, 50
+"""Direction of motion before and after a stop is that of so many metres, within so many rows."""
 MIN_VISITS = 3
 """A place was visited this often at least."""
 MIN_CHARGE = 0.005
@@ -38,7 +40,8 @@ class Stands:
     """N standstills of all trucks, in order of vehicle and time.
 
     ``vehicle`` codes; ``start``, ``end`` microseconds; ``x``, ``y`` m; ``before``, ``after`` kg on the forks;
-    ``charged`` change of the state of charge; ``height`` m, the highest of the forks.
+    ``charged`` change of the state of charge; ``height`` m, the highest of the forks; ``into``, ``out`` rad,
+    the direction of motion before and after, NaN where that is not known.
     """
 
     vehicle: Ints
@@ -50,6 +53,8 @@ class Stands:
     after: Floats
     charged: Floats
     height: Floats
+    into: Floats
+    out: Floats
 
     def __len__(self) -> int:
         return len(self.x)
@@ -75,7 +80,7 @@ def find_stands(dataset: Dataset) -> Stands:
 
 
 def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
-    """The truck, and its (n, 8) standstills on one day."""
+    """The truck, and its (n, 10) standstills on one day."""
     t = dataset.read(vehicle, date, COLUMNS)
     still = np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED
     gap = np.diff(t.time, prepend=t.time[:1]) * 1e-6 > MAX_GAP
@@ -90,8 +95,18 @@ def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
             continue
         at = np.nanmedian(x[a:b]), np.nanmedian(y[a:b])
         rise = np.nan_to_num(soc[b - 1] - soc[a])
-        out.append((t.time[a], t.time[b - 1], *at, load[first], load[last], rise, height[a:b].max()))
-    return vehicle, np.array(out, dtype=np.float64).reshape(-1, 8)
+        row = (t.time[a], t.time[b - 1], *at, load[first], load[last], rise, height[a:b].max())
+        before, after = slice(max(a - MOTION, 0), a), slice(b, b + MOTION)
+        out.append(
+            (*row, _direction(x[before][::-1], y[before][::-1]) + np.pi, _direction(x[after], y[after]))
+        )
+    return vehicle, np.array(out, dtype=np.float64).reshape(-1, 10)
+
+
+def _direction(x: Floats, y: Floats) -> float:
+    """Direction from the first of some positions to the next that is ``MOVED`` away [rad]; NaN: none is."""
+    far = np.flatnonzero(np.hypot(x - x[:1], y - y[:1]) > MOVED)
+    return float(np.arctan2(y[far[0]] - y[0], x[far[0]] - x[0])) if len(far) else float("nan")
 
 
 def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> Ints:

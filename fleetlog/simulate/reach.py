@@ -12,9 +12,14 @@ from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.errors import SiteError
 from fleetlog.simulate.arrays import Flags, Ints
+from fleetlog.store.dataset import Dataset
+from fleetlog.store.days import each_day
+from fleetlog.store.trips import STANDING_SPEED
 
 OPPOSITE = 2.4
 """A lane whose heading differs by more than this from that of another leads the other way [rad]."""
+NODE, SEEN = 20.0, 2
+"""Who changes to the opposite edge within so many metres of its node turns round there, if seen so often."""
 TURN_REACH = 30.0
 """A truck turns round at the open end of a lane onto lanes that begin at most this far away [m]."""
 
@@ -52,15 +57,43 @@ def turning_round(network: Network) -> tuple[Network, int]:
     leave, enter = network.heading(every, network.length), network.heading(every, np.zeros(len(network)))
     starts, ends = network.points[network.first[:-1]], network.points[network.first[1:] - 1]
     entered = np.isin(every, network.next_edges)
-    follow = [network.successors(i) for i in range(len(network))]
-    count = 0
-    for i in np.flatnonzero(np.diff(network.next_first) == 0):
+    turns = []
+    for i in np.flatnonzero(np.diff(network.next_first) == 0).tolist():
         near = np.linalg.norm(starts - ends[i], axis=1) <= TURN_REACH
         back = np.abs(np.angle(np.exp(1j * (enter - leave[i])))) > OPPOSITE
-        follow[i] = np.flatnonzero(~entered & near & back).astype(np.int32)
-        count += bool(len(follow[i]))
-    first = np.concatenate([[0], np.cumsum([len(f) for f in follow])]).astype(np.int32)
-    return replace(network, next_first=first, next_edges=np.concatenate(follow)), count
+        turns += [(i, int(k)) for k in np.flatnonzero(~entered & near & back)]
+    return with_turns(network, turns), len({i for i, _ in turns})
+
+
+def with_turns(network: Network, turns: Iterable[tuple[int, int]]) -> Network:
+    """The network with further turns from one edge to another."""
+    every = range(len(network))
+    known = {(i, int(k)) for i in every for k in network.successors(i)}
+    pairs = np.array(sorted(known | set(turns)), dtype=np.int32).reshape(-1, 2)
+    first = np.searchsorted(pairs[:, 0], np.arange(len(network) + 1)).astype(np.int32)
+    return replace(network, next_first=first, next_edges=np.ascontiguousarray(pairs[:, 1]))
+
+
+def recorded_turns(dataset: Dataset, network: Network) -> list[tuple[int, int]]:
+    """Edges of a network at whose end recorded trucks turned round, each with the opposite edge."""
+    ids = np.array(dataset.site.roads().edge_ids)
+    found = [pairs for pairs in each_day(dataset, _half_turns, kinds=(), cost=0.2e-6) if len(pairs)]
+    if not found:
+        return []
+    pairs, count = np.unique(np.concatenate(found), axis=0, return_counts=True)
+    found_ids = ids[pairs[count >= SEEN]].tolist()
+    return [(network.index[a], network.index[b]) for a, b in found_ids if {a, b} <= network.index.keys()]
+
+
+def _half_turns(dataset: Dataset, vehicle: str, date: str) -> Ints:
+    """(n, 2) edges, each with the opposite one that a truck went over to at its node without a stop."""
+    t, network = dataset.read(vehicle, date, ("edge_id", "edge_offset", "speed")), dataset.site.roads()
+    edge, offset = t.labels("edge_id").recode(network.index), t.floats("edge_offset")
+    a, b = edge[:-1], edge[1:]
+    drives = np.minimum(t.floats("speed")[:-1], t.floats("speed")[1:]) > STANDING_SPEED
+    turned = (a >= 0) & (b >= 0) & (network.reverse[a] == b) & drives
+    turned &= network.length[a] - offset[:-1] + offset[1:] < NODE
+    return np.asarray(np.column_stack([a, b])[turned], dtype=np.int64)
 
 
 def with_loops(site: Site) -> tuple[Site, list[str]]:

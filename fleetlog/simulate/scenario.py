@@ -25,7 +25,7 @@ class Scenario:
     """Where, with what, how and what for; arguments as of :func:`fleetlog.simulate.engine.simulate`."""
 
     site: Site
-    truck: Truck
+    truck: Truck | tuple[Truck, ...]
     settings: Settings
     demand: Demand = field(default_factory=Demand)
     physics: Physics | None = None

@@ -29,6 +29,7 @@ class Door:
     It leaves ``lane`` at ``at`` [m]; ``path`` (n, 4) x, y, heading, curvature leads from there into bay
     number ``bay``, ``length`` [m]; a truck on it can be met on the lane up to ``ahead`` [m] past ``at``.  It
     crosses lane ``crosses`` (-1: none): no truck there is between ``low`` and ``high`` [m] meanwhile.
+    ``passed``: it leads to a spot along the road, where others pass who stands.
     """
 
     lane: int
@@ -40,6 +41,7 @@ class Door:
     crosses: int = -1
     low: float = 0.0
     high: float = 0.0
+    passed: bool = False
 
 
 class Bay(NamedTuple):
@@ -47,6 +49,8 @@ class Bay(NamedTuple):
 
     place: Place
     door: Door
+    turns: bool = True
+    """Whether trucks turn round there, if they can."""
 
 
 def span(track: Track, j: Junctions, lane: int) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from typing import Any, NamedTuple, get_args, get_type_hints
 
@@ -22,6 +23,8 @@ class Mode(IntEnum):
 
 PICK_PLACE, DROP_PLACE, CHARGER = 1, 2, 3
 """What a truck that stands in a bay waits for; 0: nothing."""
+PLAN = 0.9
+"""Share of its braking that a truck plans with."""
 STANDS = 0.05
 """Slower than this a truck in traffic stands, and waits [m/s]."""
 
@@ -34,7 +37,12 @@ class Roads(NamedTuple):
     length: Floats
     slope: Floats
     cap: Floats
-    """(2, S) highest speed without and with a load, braking ahead of every bend included [m/s]."""
+    """(2 K, S) highest speed of truck k without (row 2 k) and with a load (2 k + 1), braking ahead of every
+    bend included [m/s]."""
+    walk_at: Floats
+    """(E,) where trucks stop when people cross the lane [m]; inf: nobody does."""
+    run_in: Floats
+    """(E,) metres in which any truck that comes onto a lane can stop."""
     clear: Floats
     stop: Floats
     capacity: Index
@@ -52,19 +60,23 @@ class Roads(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Numbers of the truck and of the rules."""
+    """Numbers of the rules, and (V,) of the trucks."""
 
     length: float
     gap: float
-    up: float
-    down: float
-    plan: float
+    cap: Index
+    """Row of a truck's speeds in ``Roads.cap``."""
+    up: Floats
+    down: Floats
+    plan: Floats
     """Braking that a driver plans with; a little less than he has [m/s2]."""
-    power: float
-    rolling: float
-    mass: float
-    creep: float
+    power: Floats
+    rolling: Floats
+    mass: Floats
+    creep: Floats
     """On a spur [m/s]."""
+    raises: Floats
+    lowers: Floats
     patience: float
     """After this wait [s] a truck asks others for room."""
 
@@ -113,6 +125,8 @@ class Fleet(NamedTuple):
     """(E,) where they stop for it [m]."""
     crossed: Index
     """(E,) the truck that crosses a lane on its way into a bay or out of it, -1: none."""
+    walked: Flags
+    """(E,) whether people cross a lane now."""
     entry: Flags
     """Whether a truck on the road has the ground of its bay reserved."""
     held: Index
@@ -167,7 +181,7 @@ def new_fleet(trucks: int, lanes: int, pieces: int, resources: int, longest: int
         "held": resources,
         "claimed": resources,
         "round": 1,
-        **dict.fromkeys(("on", "inbound", "last_out", "asks", "ask_at", "crossed"), lanes),
+        **dict.fromkeys(("on", "inbound", "last_out", "asks", "ask_at", "crossed", "walked"), lanes),
     }
     hints = get_type_hints(Fleet)
 
@@ -185,10 +199,16 @@ def creep_speed(truck: Truck) -> float:
     return min(1.0, d.max_speed, float(np.sqrt(d.max_lateral_acceleration * 0.5 * truck.chassis.turn_radius)))
 
 
-def limits_of(truck: Truck, gap: float) -> Limits:
-    """The numbers of a truck."""
-    d = truck.drive
+def limits_of(kinds: Sequence[Truck], of: Index, length: float, gap: float) -> Limits:
+    """The numbers of trucks of several kinds; ``of`` (V,) which each has."""
+
+    def each(number: Callable[[Truck], float]) -> Floats:
+        return np.array([number(truck) for truck in kinds])[of]
+
+    down = each(lambda t: t.drive.max_deceleration)
     return Limits(
-        truck.chassis.length, gap, d.max_acceleration, d.max_deceleration, 0.9 * d.max_deceleration,
-        d.max_power, truck.resistance.rolling, truck.chassis.mass, creep_speed(truck), 15.0,
+        length, gap, 2 * of, each(lambda t: t.drive.max_acceleration), down, PLAN * down,
+        each(lambda t: t.drive.max_power), each(lambda t: t.resistance.rolling),
+        each(lambda t: t.chassis.mass), each(creep_speed), each(lambda t: t.lift.raise_speed),
+        each(lambda t: t.lift.lower_speed), 15.0,
     )  # fmt: skip

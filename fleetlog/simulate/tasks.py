@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import difflib
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,6 +16,8 @@ from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
 from fleetlog.simulate.arrays import Floats
+from fleetlog.simulate.itinerary import Visit
+from fleetlog.simulate.roadside import Stand
 
 COLUMNS = ("vehicle", "from", "to", "payload", "earliest")
 HEIGHTS = (0.3, 1.2, 2.4, 3.6)
@@ -30,8 +32,7 @@ class Task:
 
     ``vehicle`` None: any; ``source``, ``target`` places; ``payload`` kg; ``earliest`` s after the start;
     ``dwell`` (pick, drop) s, at least what the lift needs, ``on_road`` with the way into and out of the bay;
-    ``height`` (pick, drop) m.  A truck near ``origin``, where a recorded truck set off to do it, takes it, or
-    one near the source.  ``after`` is the number of the task that the same truck did before, -1: none.
+    ``height`` (pick, drop) m.
     """
 
     vehicle: str | None
@@ -42,9 +43,6 @@ class Task:
     dwell: tuple[float, float] = (20.0, 20.0)
     height: tuple[float, float] = (1.2, 1.2)
     on_road: bool = False
-    origin: str | None = None
-    number: int = -1
-    after: int = -1
 
 
 @dataclass
@@ -55,8 +53,10 @@ class Demand:
     endless: bool = True
     pause: float = 20.0
     """Mean time between two endless tasks of a truck [s]."""
-    stay: bool = False
-    """Whether an idle truck stays until another needs its place, instead of going to park."""
+    visits: tuple[Visit, ...] = ()
+    """Of a recorded fleet: each truck goes on as recorded ones did, and nothing else is asked of it."""
+    stands: Mapping[str, Stand] = field(default_factory=dict)
+    """Places where the recorded trucks stood along the road."""
     left_out: list[Task] = field(default_factory=list)
     """Given ones that cannot be done: there is no room at one of their places."""
 

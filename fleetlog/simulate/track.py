@@ -65,6 +65,10 @@ class Track:
         turns = zip(self.source.tolist(), self.target.tolist(), strict=True)
         return {turn: p for p, turn in enumerate(turns) if turn[0] >= 0}
 
+    def turn(self, a: int, b: int) -> int:
+        """The connector from one edge to another, -1: none."""
+        return self._by_turn.get((a, b), -1)
+
     def pieces(self, edges: NDArray[np.integer]) -> list[int]:
         """Lanes and connectors along a chain of edges."""
         out = [int(edges[0])]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,30 +14,35 @@ from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
-from fleetlog.simulate.arrays import Floats, Index, Ints
+from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.bays import BayMaker
+from fleetlog.simulate.crossings import stops_before
 from fleetlog.simulate.doors import all_doors
 from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box, unique_pairs
+from fleetlog.simulate.mixed import Trucks
 from fleetlog.simulate.reach import with_loops
+from fleetlog.simulate.roadside import Stand
 from fleetlog.simulate.spots import lay_out
 from fleetlog.simulate.spurs import Bay, Door
-from fleetlog.simulate.state import Roads
+from fleetlog.simulate.state import PLAN, Roads, creep_speed
 from fleetlog.simulate.track import Track, assemble, build_track
 from fleetlog.simulate.ways import Ways
 
-PLAN = 0.9
-"""Share of its braking that a truck plans with."""
 TURN_TIME = 3.0
 """What a half turn costs in choosing a route [s]."""
 
 
 @dataclass
 class World:
-    """The site as trucks of one type drive on it; ``notes`` are said aloud."""
+    """The site as trucks drive on it; ``notes`` are said aloud.
+
+    ``truck`` is the one that it is laid out for, ``physics`` those of each of the kinds of ``trucks``.
+    """
 
     site: Site
+    trucks: Trucks
     truck: Truck
-    physics: Physics
+    physics: list[Physics]
     track: Track
     ground: Track
     """The track with the spurs behind it: piece len(track) + d is the spur of door d."""
@@ -43,6 +50,8 @@ class World:
     doors: list[Door]
     roads: Roads
     ways: Ways
+    walks: Floats
+    """(Z, E) where trucks stop before each zone that people cross [m]; inf: nowhere."""
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -56,28 +65,32 @@ class World:
 
 def build_world(
     site: Site,
-    truck: Truck,
+    trucks: Trucks | Truck,
     vehicles: int,
     physics: Physics | None = None,
     mined: frozenset[str] = frozenset(),
     room: int = 0,
+    stands: Mapping[str, Stand] = MappingProxyType({}),
 ) -> World:
     """Lay out a site, ``mined`` places if there is room; :class:`SiteError` if it cannot hold the trucks."""
     site, notes = with_loops(site)
     network = site.roads()
-    physics = (physics or Physics(truck)).fleet
-    actual = physics.actual_truck()
+    trucks = Trucks.given(trucks, vehicles) if isinstance(trucks, Truck) else trucks
+    truck = trucks.envelope
+    own = trucks.physics((physics or Physics(truck)).fleet)
+    fastest = max((p.actual_truck().drive for p in own), key=lambda d: d.max_speed * d.speed_factor)
     track = build_track(network, truck, site.traffic)
     junctions = find_junctions(track, truck)
-    maker = BayMaker(track, junctions, truck, 1.0 if site.traffic == "left" else -1.0)
+    maker = BayMaker(track, junctions, truck, 1.0 if site.traffic == "left" else -1.0, stands)
     notes += lay_out(site, maker, vehicles, mined, max(vehicles, room))
     doors = all_doors(track, junctions, maker.bays, truck)
     ground = with_spurs(track, doors)
-    roads = _roads(site, track, junctions, doors, ground, truck, physics)
-    limit = np.where(np.isfinite(network.speed_limit), network.speed_limit, actual.drive.max_speed)
-    pace = np.minimum(limit * actual.drive.speed_factor, actual.drive.max_speed)
+    walks = stops_before(site, track, truck.chassis.length)
+    roads = _roads(site, track, junctions, doors, ground, truck, own, walks)
+    limit = np.where(np.isfinite(network.speed_limit), network.speed_limit, fastest.max_speed)
+    pace = np.minimum(limit * fastest.speed_factor, fastest.max_speed)
     ways = Ways(track, Router(network, pace, turn_time=TURN_TIME), doors, len(maker.bays))
-    return World(site, truck, physics, track, ground, maker.bays, doors, roads, ways, notes)
+    return World(site, trucks, truck, own, track, ground, maker.bays, doors, roads, ways, walks, notes)
 
 
 def with_spurs(track: Track, doors: list[Door]) -> Track:
@@ -109,25 +122,43 @@ def speed_limits(site: Site, track: Track) -> Floats:
     return limit
 
 
-def caps(site: Site, track: Track, physics: Physics) -> Floats:
-    """(2, S) highest speed [m/s] without and with a load, by limits, truck, turns and the terms on speed."""
+def caps(site: Site, track: Track, physics: Physics, swings: Flags) -> Floats:
+    """(2, S) highest speed [m/s] without and with a load, by limits, truck, turns and the terms on speed.
+
+    On pieces that swing round a truck creeps, as into a bay.
+    """
     from fleetlog.simulate.kernels.profile import brake_ahead
 
     truck = physics.actual_truck()
     allowed = np.minimum(speed_limits(site, track) * truck.drive.speed_factor, truck.drive.max_speed)
+    creep = np.where(swings[track.owner], creep_speed(truck), np.inf)
     out = np.empty((2, len(track.x)))
     for laden, payload in enumerate((0.0, 0.5 * truck.chassis.rated_load)):
         motion = Motion.of(
             len(track.x), speed=allowed, curvature=track.curvature, slope=track.slope, heading=track.heading,
             x=track.x, y=track.y, edge=track.edge, edge_offset=track.offset, payload=payload,
         )  # fmt: skip
-        cap = np.maximum(allowed_speed(motion, physics), 0.05)
+        cap = np.maximum(np.minimum(allowed_speed(motion, physics), creep), 0.05)
         out[laden] = brake_ahead(cap, track.first, track.spacing, PLAN * truck.drive.max_deceleration)
     return out
 
 
+def run_in(cap: Floats, track: Track, physics: list[Physics]) -> Floats:
+    """(E,) metres in which any truck that comes onto a lane can stop."""
+    enter = cap[:, track.first[: len(track.network)]].reshape(len(physics), 2, -1).min(axis=1)
+    brake = PLAN * np.array([p.actual_truck().drive.max_deceleration for p in physics])[:, None]
+    return np.asarray((enter * enter / (2.0 * brake) + 0.6 * enter).max(axis=0))
+
+
 def _roads(
-    site: Site, track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck, physics: Physics
+    site: Site,
+    track: Track,
+    j: Junctions,
+    doors: list[Door],
+    ground: Track,
+    truck: Truck,
+    physics: list[Physics],
+    walks: Floats,
 ) -> Roads:
     pieces, lanes = len(track), len(track.network)
     pairs = _spur_conflicts(track, j, doors, ground, truck)
@@ -137,6 +168,8 @@ def _roads(
         np.concatenate([old, pairs[:, 0]]), np.concatenate([j.conflicts, pairs[:, 1]]), count
     )
 
+    cap = np.concatenate([caps(site, track, p, j.swings) for p in physics])
+
     def ints(name: str) -> Index:
         return np.array([getattr(d, name) for d in doors], dtype=np.int32)
 
@@ -144,9 +177,9 @@ def _roads(
         return np.array([getattr(d, name) for d in doors], dtype=np.float64)
 
     return Roads(
-        track.first, track.spacing, track.length, track.slope, caps(site, track, physics), j.clear, j.stop,
-        j.capacity, j.swings, first, conflicts, ints("lane"), floats("at"), floats("length"), floats("ahead"),
-        ints("crosses"), floats("low"), floats("high"),
+        track.first, track.spacing, track.length, track.slope, cap, walks.min(axis=0, initial=np.inf),
+        run_in(cap, track, physics), j.clear, j.stop, j.capacity, j.swings, first, conflicts, ints("lane"),
+        floats("at"), floats("length"), floats("ahead"), ints("crosses"), floats("low"), floats("high"),
     )  # fmt: skip
 
 
@@ -161,7 +194,9 @@ def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], ground: Track
     resource = np.concatenate([j.resource, 2 * lanes + ground.owner[samples:]]).astype(np.int64)
     # b > a always, and spurs come last: b is the spur.
     a, b = resource[pairs[:, 0]], resource[pairs[:, 1]]
-    keep = a >= 0
+    passed = np.array([d.passed for d in doors])
+    keep = (a >= 0) & ~passed[np.maximum(b - pieces - 2 * lanes, 0)]
+    keep &= (a < pieces + 2 * lanes) | ~passed[np.maximum(a - pieces - 2 * lanes, 0)]
     found = unique_pairs(a[keep], b[keep])
     lane = np.array([d.lane for d in doors], dtype=np.int64)[found[:, 1] - pieces - 2 * lanes]
     other = found[:, 0]

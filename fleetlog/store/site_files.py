@@ -40,9 +40,16 @@ def _tables(site: Site, frame: Frame) -> dict[str, Any]:
     tables = {
         "place": [_place(p) for p in site.places],
         "zone": [_zone(z) for z in site.zones],
+        "break": [{"from": _clock(a), "until": _clock(b)} for a, b in site.breaks],
         "building": [{"id": b.id, "polygon": b.polygon.tolist(), "height": b.height} for b in site.buildings],
     }
+    if math.isfinite(site.power_limit):
+        out["power"] = {"limit": site.power_limit}
     return {**out, **{name: rows for name, rows in tables.items() if rows}}
+
+
+def _clock(seconds: float) -> str:
+    return f"{int(seconds // 3600):02d}:{int(seconds % 3600 // 60):02d}"
 
 
 def _place(p: Place) -> dict[str, Any]:
@@ -56,6 +63,8 @@ def _zone(z: Zone) -> dict[str, Any]:
     out: dict[str, Any] = {"id": z.id, "polygon": np.round(z.polygon, 3).tolist()}
     if not math.isnan(z.speed_limit):
         out["speed_limit"] = z.speed_limit
+    if z.closed_every:
+        out |= {"closed_every": z.closed_every, "closed_for": z.closed_for}
     return {**out, "covered": True} if z.covered else out
 
 

@@ -187,6 +187,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
     from fleetlog.physics.battery import battery_of
     from fleetlog.simulate.demand import like as take_over
     from fleetlog.simulate.dispatch import Policy
+    from fleetlog.simulate.drivers import recorded_drivers
     from fleetlog.simulate.engine import Settings
     from fleetlog.simulate.scenario import Scenario
     from fleetlog.simulate.tasks import Demand, read_tasks
@@ -196,12 +197,13 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
     fleet = asked.vehicles if isinstance(asked.vehicles, int) else None
     vehicles = fleet if fleet is not None else (len(like.vehicles) if like else 8)
     start, demand, notes = _start(asked.start, like), Demand(), list[str]()
+    driven = truck
     own = {p.id for p in site.places}
     if like is not None:
         # Another fleet than the recorded one shares the tasks in its own way.
         same = vehicles == len(like.vehicles) and not is_experiment(asked)
-        site, tasks, notes = take_over(like, site, truck, vehicles, start, asked.duration, seed, same)
-        demand = Demand(tasks, endless=not tasks, stay=same)
+        driven = recorded_drivers(like, truck) if same else truck
+        site, demand, notes = take_over(like, site, truck, vehicles, start, asked.duration, seed, same)
     if asked.tasks is not None:
         demand = Demand(read_tasks(as_csv(asked.tasks), site, truck, seed), endless=False)
     battery = None if asked.chemistry == "constant" else battery_of(truck, asked.chemistry)
@@ -211,7 +213,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
         Policy.named(asked.policy, asked.charge_below), battery,
     )  # fmt: skip
     mined = frozenset(p.id for p in site.places) - own
-    return Scenario(site, truck, settings, demand, asked.physics, mined), notes
+    return Scenario(site, driven, settings, demand, asked.physics, mined), notes
 
 
 def _mission(asked: Asked, writer: DatasetWriter) -> tuple[dict[str, Any], list[str]]:

@@ -19,7 +19,8 @@ from fleetlog.listening import notice
 def view(
     path: DatasetLike, *, beside: DatasetLike | None = None, save: PathLike | None = None,
     screenshot: PathLike | None = None, at: str | None = None,
-    rate: Annotated[float, Between(0.01, 100.0)] | None = None, overwrite: bool = False,
+    rate: Annotated[float, Between(0.01, 100.0)] | None = None, day: str | None = None,
+    overwrite: bool = False,
 ) -> Answer:  # fmt: skip
     """Open PATH in the Rerun viewer: a dataset, an analysis, an .rrd file, a map, a site or a log.
 
@@ -34,6 +35,7 @@ def view(
     screenshot : draw it without a screen into this PNG file.
     at : time of the screenshot (UTC, ISO 8601); the middle of the recording by default.
     rate : samples per second when the replay is made again.
+    day : show this day of a dataset only (UTC, YYYY-MM-DD).
     """
     if save is not None and beside is None:
         raise ArgumentError("--save goes with --beside")
@@ -41,17 +43,19 @@ def view(
 
     when = None if at is None else viewer.nanoseconds_of(at)
     source, inputs = existing(path), files_of(path, beside)
+    if day is not None and not (source / "dataset.json").is_file():
+        raise ArgumentError(f"goes with a dataset, and {source} is none", option="--day")
     with (
         _written(screenshot, "picture", overwrite, inputs) as picture,
         _written(save, "recording", overwrite, inputs) as kept,
     ):
         if beside is None:
             drawn = source.is_file() and source.suffix.lower() != ".rrd"
-            rrd = _drawn(source) if drawn else viewer.recording_of(source, rate_hz=rate, say=notice)
+            rrd = _drawn(source) if drawn else viewer.recording_of(source, rate_hz=rate, day=day, say=notice)
             if screenshot is not None and when is None:
-                when = viewer.middle_of_driving(source)
+                when = viewer.middle_of_driving(source, day)
         else:
-            rrd = _comparison(source, existing(beside), kept, rate)
+            rrd = _comparison(source, existing(beside), kept, rate, day)
         if picture is not None:
             headless.screenshot(rrd, picture, at=when)
         elif kept is None:
@@ -90,12 +94,12 @@ def _drawn(path: Path) -> Path:
     return write_result_recording(Result(site.name, {}, lines=[line.strip() for line in lines]), site, target)
 
 
-def _comparison(path: Path, beside: Path, kept: Path | None, rate: float | None) -> Path:
+def _comparison(path: Path, beside: Path, kept: Path | None, rate: float | None, day: str | None) -> Path:
     """Make the recording of two datasets."""
     from fleetlog.view.comparison import write_comparison
     from fleetlog.view.recording import RATE
 
     notice("making the comparison")
     both = kept or temporary() / "comparison.rrd"
-    write_comparison(path, beside, both, rate_hz=rate or RATE)
+    write_comparison(path, beside, both, rate_hz=rate or RATE, day=day)
     return both

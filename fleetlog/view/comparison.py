@@ -17,6 +17,7 @@ from fleetlog.core.trajectory import Floats, Ints, Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 from fleetlog.view import blueprint, palette, thin
+from fleetlog.view.day import opened
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.fleet import curve_style, log_curve
 from fleetlog.view.recording import MANY, RATE, Fleet, summary_markdown
@@ -41,14 +42,18 @@ SLOW = frozenset({"energy", "soc", "distance", "used"})
 
 
 def write_comparison(
-    recorded_path: str | Path, simulated_path: str | Path, out_rrd: str | Path, *, rate_hz: float = RATE
-) -> Path:
+    recorded_path: str | Path, simulated_path: str | Path, out_rrd: str | Path, *, rate_hz: float = RATE,
+    day: str | None = None,
+) -> Path:  # fmt: skip
     """Write a recording in which both fleets drive on one timeline, in orange and blue, with differences.
 
     Where the two share no time, the simulated one is moved to begin with the recorded one, and the summary
-    says so; ``out_rrd`` appears whole or not at all, and replaces an older one.
+    says so; ``out_rrd`` appears whole or not at all, and replaces an older one. A ``day`` (UTC, YYYY-MM-DD)
+    is that of the recording; the simulation is cut to it where it has the same one.
     """
-    recorded, simulated = Dataset(recorded_path), Dataset(simulated_path)
+    recorded, simulated = opened(recorded_path, day), Dataset(simulated_path)
+    if day in simulated.dates:
+        simulated = opened(simulated_path, day)
     shift = clock_shift(recorded, simulated)
     a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED, "recorded")
     b = Fleet(simulated, rate_hz, "simulated", palette.SIMULATED, "simulated", shift)
@@ -90,7 +95,7 @@ def _span(recorded: Dataset, simulated: Dataset, shift: int) -> tuple[int | None
 
 def _text(recorded: Dataset, simulated: Dataset, shift: int) -> str:
     moved = f"\n\nThe simulated clock is moved by {shift * 1e-6:,.0f} s.\n" if shift else "\n"
-    summaries = f"{summary_markdown(recorded, {})}\n{summary_markdown(simulated, {})}"
+    summaries = "\n".join(summary_markdown(d, figures=False) for d in (recorded, simulated))
     return f"Recorded in orange, simulated in blue.{moved}\n{summaries}"
 
 

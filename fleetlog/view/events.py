@@ -22,6 +22,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.roads.segments import reduced
 from fleetlog.store.events import ACTIVITIES
 from fleetlog.view import marks, palette
 from fleetlog.view.fleet import curve_style, log_curve
@@ -53,7 +54,7 @@ def log_events(
     """Those of a small fleet; the kinds that were drawn."""
     log_places(stream, h.spots, "drawn", labels=False)
     _log_waiting(stream, h.tasks, entity(prefix, "tasks", "waiting"))
-    lines = {way: marks.reduced(line, TRUE) + FLOOR for way, line in h.lines.items()}
+    lines = {way: reduced(line, TRUE) + FLOOR for way, line in h.lines.items()}
     for vehicle, colour in zip(vehicles, colours, strict=True):
         _log_tasks(stream, h.tasks, vehicle, colour, entity(prefix, "tasks", vehicle))
         _log_reserved(stream, h, lines, vehicle, colour, entity(prefix, "reserved", vehicle))

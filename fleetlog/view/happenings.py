@@ -15,6 +15,7 @@ from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.store import Dataset
 from fleetlog.store.events import ACTIVITIES, TABLES, read_table
 from fleetlog.view import palette
+from fleetlog.view.day import Day
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,6 +69,10 @@ def happenings_of(dataset: Dataset, shift: int) -> Happenings | None:
     middles = bays.groupby("place", observed=True)[["x", "y", "z"]].mean()
     spots = dict(zip(middles.index.astype(str), middles.to_numpy(np.float64), strict=True))
     clock = partial(_times, shift=shift)
+    if isinstance(dataset, Day):
+        first, last = dataset.span
+        clock = partial(_times, shift=shift, first=first, last=last)
+        doing, held = (t[(_times(t["end"]) >= first) & (_times(t["start"]) <= last)] for t in (doing, held))
     given = tasks[tasks["status"] != "left out"]
     earliest, assigned, picked, dropped = (clock(given[c]) for c in MOMENTS)
     source, target = (_places(given[c], spots) for c in ("from_place", "to_place"))
@@ -81,9 +86,10 @@ def happenings_of(dataset: Dataset, shift: int) -> Happenings | None:
     )  # fmt: skip
 
 
-def _times(column: pd.Series[Any], shift: int) -> Ints:
+def _times(column: pd.Series[Any], shift: int = 0, first: int = -NEVER, last: int = NEVER) -> Ints:
+    """What lies outside the time that is shown, from ``first`` to ``last``, is moved to its ends."""
     values = column.dt.tz_localize(None).to_numpy("datetime64[us]")
-    return np.where(np.isnat(values), NEVER, values.astype(np.int64) + shift)
+    return np.where(np.isnat(values), NEVER, np.clip(values.astype(np.int64), first, last) + shift)
 
 
 def _places(names: pd.Series[Any], spots: dict[str, Floats]) -> Floats:

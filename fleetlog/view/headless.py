@@ -5,7 +5,6 @@ All that fleetlog uses of ``rerun.experimental`` is here, because it may change 
 
 from __future__ import annotations
 
-import io
 import os
 import socket
 import subprocess
@@ -24,8 +23,6 @@ from fleetlog.view.stream import TIMELINE
 T = TypeVar("T")
 WAIT = 60.0
 """Longest wait for the viewer [s]."""
-INK = 5e-4
-"""Share of coloured points from which a view counts as drawn: frames, grids and axis texts are grey."""
 
 
 class ViewerError(FleetlogError):
@@ -92,10 +89,6 @@ class Viewer:
         """The viewer's own account of recordings and views."""
         return self.client.get_state()
 
-    def views(self) -> dict[str, Any]:
-        """Views by name."""
-        return {v.name: v for v in self.state.views}
-
     def span(self) -> tuple[int, int]:
         """First and last time [ns] of the active timeline."""
         recording = self.state.recordings[0]
@@ -115,18 +108,9 @@ class Viewer:
         else:
             self.client.set_time(line, duration=np.timedelta64(middle, "ns"), play_state="paused")
 
-    def picture(self, view: str | None = None) -> bytes:
-        """PNG of one view, taken again until it has ink, as data arrive late; or of the whole window."""
-        if view is None:
-            return bytes(self.client.take_screenshot())
-        self.client.take_screenshot()
-        view_id = self.views()[view].view_id
-        deadline = time.monotonic() + 15.0
-        while True:
-            png = bytes(self.client.take_screenshot(view_id))
-            if colour_ink(png) > INK or time.monotonic() > deadline:
-                return png
-            time.sleep(0.2)
+    def picture(self) -> bytes:
+        """PNG of the whole window."""
+        return bytes(self.client.take_screenshot())
 
 
 @contextmanager
@@ -158,14 +142,6 @@ def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Itera
 def _ready(viewer: Viewer) -> bool | None:
     state = viewer.state
     return True if state.recordings and state.recordings[0].timelines and not state.loading else None
-
-
-def colour_ink(png: bytes) -> float:
-    """Share of the points of a PNG that are coloured, not grey."""
-    from PIL import Image
-
-    rgb = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(np.int16)
-    return float(((rgb.max(axis=2) - rgb.min(axis=2)) > 60).mean())
 
 
 def screenshot(

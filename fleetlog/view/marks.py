@@ -53,23 +53,3 @@ def bolt(size: float, height: float) -> Floats:
     )
     lean = np.sqrt(0.5)
     return size * np.column_stack([flat[:, 0], lean * flat[:, 1], lean * flat[:, 1]]) + [0.0, 0.0, height]
-
-
-def reduced(line: Floats, tolerance: float) -> Floats:
-    """A polyline (n, 3) with few of its points, true to ``tolerance`` [m] (Douglas and Peucker 1973)."""
-    keep = np.zeros(len(line), dtype=bool)
-    keep[[0, -1]] = True
-    todo = [(0, len(line) - 1)]
-    while todo:
-        a, b = todo.pop()
-        if b - a < 2:
-            continue
-        along = line[b] - line[a]
-        inner = line[a + 1 : b] - line[a]
-        share = np.clip(inner @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
-        gap = np.linalg.norm(inner - share[:, None] * along, axis=1)
-        worst = int(gap.argmax())
-        if gap[worst] > tolerance:
-            keep[a + 1 + worst] = True
-            todo += [(a, a + 1 + worst), (a + 1 + worst, b)]
-    return line[keep]

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import rerun as rr
 
@@ -14,6 +12,7 @@ from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.store import Dataset
 from fleetlog.view import blueprint, events, fleet, palette, thin
 from fleetlog.view.clock import SKIPPED, clock_of
+from fleetlog.view.day import opened
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.happenings import happenings_of
 from fleetlog.view.palette import Colour
@@ -27,8 +26,14 @@ MANY = 60
 MANY_RATE = 1.0
 """Steps a second at most when they are."""
 MANY_LABELS, LONG_LEGEND = 24, 12
-SAID = frozenset({"start", "end", "rows", "vehicles", "rejected_file", "damaged"})
-"""Keys of a summary that are said already, or mean nothing beside a replay."""
+FIGURES: dict[str, tuple[str, float]] = {
+    "trips": ("trips: {:,.0f}", 1.0), "matched": ("on a road: {:.1f} % of the rows", 100.0),
+    "rows_rejected": ("rows rejected: {:,.0f}", 1.0), "tasks_done": ("tasks done: {:,.0f}", 1.0),
+    "distance_m": ("driven: {:,.1f} km", 1e-3), "energy_wh": ("energy: {:,.1f} kWh", 1e-3),
+    "soc_lowest": ("lowest state of charge: {:.0f} %", 100.0),
+    "waiting_s": ("waiting: {:,.1f} h", 1.0 / 3600.0),
+}  # fmt: skip
+"""Figures of an import or a simulation that are shown, with the factor to the unit in which they are."""
 COLUMNS = (
     "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "payload", "fork_height", "battery_power",
     "soc",
@@ -40,7 +45,7 @@ def write_recording(
     out_rrd: str | Path,
     *,
     rate_hz: float = RATE,
-    summary: str | Mapping[str, Any] | None = None,
+    day: str | None = None,
 ) -> Path:
     """The replay of a dataset as an .rrd file that opens with everything in view.
 
@@ -49,9 +54,9 @@ def write_recording(
     dataset_path : folder of the dataset; it may still be the scratch folder of one being written.
     out_rrd : the file; it appears whole or not at all, and replaces an older one.
     rate_hz : samples a second kept of every vehicle; values are picked, not averaged.
-    summary : Markdown, or figures by name, shown beside the replay; by default the dataset's own.
+    day : show the rows of this day (UTC, YYYY-MM-DD) alone.
     """
-    dataset = Dataset(dataset_path)
+    dataset = opened(dataset_path, day)
     site = dataset.site
     start, end = (microseconds(dataset.meta.get(k)) for k in ("start", "end"))
     duration = 0.0 if start is None or end is None else (end - start) * 1e-6
@@ -62,7 +67,8 @@ def write_recording(
         if (clock := clock_of(dataset)) is not None:
             stream.clock, screen.timeline, screen.duration = clock, SKIPPED, clock.seconds
         log_site(stream, site)
-        log_summary(stream, dataset, summary)
+        # The figures of a dataset are of all its days.
+        log_summary(stream, dataset, figures=day is None)
         Fleet(dataset, rate_hz).log(stream, screen)
         latitude = None if site.frame is None else site.frame.latitude
         blueprint.send(stream, blueprint.replay(screen, latitude))
@@ -127,53 +133,27 @@ class Fleet:
             screen.signals |= events.log_many(stream, known, self.prefix, self.name)
 
 
-def log_summary(stream: Stream, dataset: Dataset, summary: str | Mapping[str, Any] | None) -> None:
+def log_summary(stream: Stream, dataset: Dataset, figures: bool) -> None:
     """The summary as a text beside the views."""
-    text = summary if isinstance(summary, str) else summary_markdown(dataset, summary)
+    text = summary_markdown(dataset, figures)
     if stream.clock is not None:
         text = "\n".join(f"- {line}" for line in stream.clock.lines()) + f"\n\n{text}"
     stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
 
-def summary_markdown(dataset: Dataset, figures: Mapping[str, Any] | None = None) -> str:
-    """What a dataset says of itself, as Markdown."""
+def summary_markdown(dataset: Dataset, figures: bool) -> str:
+    """What a dataset says of itself, as Markdown; with the ``figures`` of its import or simulation."""
     meta, edges = dataset.meta, dataset.meta["site"].get("edges", 0)
+    known = (meta.get("summary") or {}) if figures else {}
     trucks = len(meta["vehicles"])
-    head = [
+    lines = [
         f"**{trucks}** vehicle{'s' if trucks != 1 else ''}, **{dataset.rows:,}** rows, {meta['kind']}",
         f"{_clock(meta.get('start'))} to {_clock(meta.get('end'))} UTC",
         f"{edges} directed road edges" if edges else "no road map",
+        *(said.format(factor * known[key]) for key, (said, factor) in FIGURES.items() if known.get(key)),
     ]
-    more = summary_lines(meta.get("summary") or {} if figures is None else figures)
-    lines = "\n".join(f"- {line}" for line in [*head, *more])
-    return f"**{verbatim(meta['site']['name'])}**\n\n{lines}\n"
-
-
-def summary_lines(figures: Mapping[str, Any]) -> list[str]:
-    """The figures of an import or a simulation that say something beside the dataset's own, one a line."""
-    lines = []
-    for key, value in figures.items():
-        name = verbatim(str(key).replace("_", " "))
-        if key in SAID or value in (None, "", 0, [], {}):
-            continue
-        if key == "files" and isinstance(value, list):
-            kinds = Counter(str(f.get("format")) for f in value)
-            lines.append("files: " + ", ".join(f"{n} {kind}" for kind, n in sorted(kinds.items())))
-        elif isinstance(value, str | int | float):
-            lines.append(f"{name}: {_figure(value)}")
-        elif isinstance(value, Mapping) and all(isinstance(v, str | int | float) for v in value.values()):
-            parts = ", ".join(f"{verbatim(str(k))} {_figure(v)}" for k, v in value.items())
-            lines.append(f"{name}: {parts}")
-    return lines
+    return f"**{verbatim(meta['site']['name'])}**\n\n" + "\n".join(f"- {line}" for line in lines) + "\n"
 
 
 def _clock(iso: str | None) -> str:
     return "-" if iso is None else iso.removesuffix("Z")[:19].replace("T", " ")
-
-
-def _figure(value: Any) -> str:
-    if isinstance(value, bool | str):
-        return verbatim(str(value))
-    if isinstance(value, float) and 0.0 < value <= 1.0:
-        return f"{100.0 * value:.4g} %"
-    return f"{value:,}" if isinstance(value, int) else f"{value:,.4g}"

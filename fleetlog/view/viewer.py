@@ -22,18 +22,22 @@ from fleetlog.view.headless import ViewerError, binary, environment, free_port
 AGAIN = "make it again from its dataset"
 
 
-def recording_of(path: Path, *, rate_hz: float | None = None, say: Callable[[str], None] = print) -> Path:
-    """The .rrd file of a recording, an analysis or a dataset; made, or made again, for that where needed."""
+def recording_of(
+    path: Path, *, rate_hz: float | None = None, day: str | None = None, say: Callable[[str], None] = print
+) -> Path:
+    """The .rrd file of a recording, an analysis or a dataset; made, or made again, for that where needed.
+
+    That of one ``day`` of a dataset, or of one elsewhere, is in a folder that goes when this process ends.
+    """
     if path.is_file():
         return _checked(path)
-    if is_url(path):
-        # In a folder that goes when this process ends.
-        folder = tempfile.mkdtemp(prefix="fleetlog-")
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
-        say(f"making the replay of {path}")
-        return _made(path, Path(folder) / "recording.rrd", rate_hz)
     recording = path / "recording.rrd"
     description = path / "dataset.json"
+    if is_url(path) or day is not None:
+        folder = tempfile.mkdtemp(prefix="fleetlog-")
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        say(f"making the replay of {path}" + ("" if day is None else f" on {day}"))
+        return _made(path, Path(folder) / "recording.rrd", rate_hz, day)
     if not description.is_file():
         if recording.is_file():
             return recording
@@ -46,10 +50,10 @@ def recording_of(path: Path, *, rate_hz: float | None = None, say: Callable[[str
     return recording
 
 
-def _made(dataset: Path, out: Path, rate_hz: float | None) -> Path:
+def _made(dataset: Path, out: Path, rate_hz: float | None, day: str | None = None) -> Path:
     from fleetlog.view.recording import RATE, write_recording
 
-    return write_recording(dataset, out, rate_hz=rate_hz or RATE)
+    return write_recording(dataset, out, rate_hz=rate_hz or RATE, day=day)
 
 
 def _checked(path: Path) -> Path:
@@ -60,21 +64,19 @@ def _checked(path: Path) -> Path:
     return path
 
 
-def middle_of_driving(path: Path) -> int | None:
-    """Time [ns] of the trip nearest to the middle of a dataset; None where a truck drives in the middle."""
+def middle_of_driving(path: Path, day: str | None = None) -> int | None:
+    """Time [ns] in the middle of the middle trip of a dataset; None of anything without trips."""
     if not (path / "dataset.json").is_file():
         return None
     from fleetlog.store import Dataset
 
-    trips = Dataset(path).trips
+    trips = Dataset(path).trips.sort_values("start")
+    if day is not None:
+        trips = trips[trips["start"].dt.strftime("%Y-%m-%d") == day]
     if not len(trips):
         return None
-    start, end = (trips[n].to_numpy("datetime64[ns]").astype(np.int64) for n in ("start", "end"))
-    middle = int(start.min()) + (int(end.max()) - int(start.min())) // 2
-    if ((start <= middle) & (middle <= end)).any():
-        return None
-    of_trips = start + (end - start) // 2
-    return int(of_trips[np.abs(of_trips - middle).argmin()])
+    trip = trips.iloc[len(trips) // 2]
+    return int((trip["start"] + (trip["end"] - trip["start"]) / 2).value)
 
 
 def nanoseconds_of(iso: str) -> int:

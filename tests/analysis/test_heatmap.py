@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleetlog.analysis.heatmap import difference, heatmap
-from fleetlog.analysis.occupancy.kernels import accumulate, occupy
+from fleetlog.analysis.occupancy.kernels import accumulate
 from fleetlog.analysis.occupancy.maps import cells_of, compute, compute_by, extent, values
 from fleetlog.errors import DataError
 
@@ -50,19 +50,16 @@ def test_irregular_sampling_weighs_time_not_rows(seed, n):
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.integers(1, 9_000_000, n)).astype(np.int64)
     x, y = rng.random(n) * 30, rng.random(n) * 30
-    out, nan = np.zeros((30, 30)), np.full(n, np.nan)
-    occupy(x, y, time, 0.0, 0.0, 1.0, 1e9, out)
-    assert out.sum() == pytest.approx((time[-1] - time[0]) * 1e-6)
-    layers = np.zeros((6, 30, 30))
+    layers, nan = np.zeros((6, 30, 30)), np.full(n, np.nan)
     accumulate(x, y, time, nan, nan, 0.2, np.ones(n, bool), 0.0, 0.0, 1.0, 1e9, layers)
     assert layers[0].sum() == pytest.approx((time[-1] - time[0]) * 1e-6)
 
 
 def test_a_gap_is_nobody_s_time():
     time = np.array([0, 1, 2, 500, 501], np.int64) * 1_000_000
-    out = np.zeros((10, 10))
-    occupy(np.full(5, 3.5), np.full(5, 3.5), time, 0.0, 0.0, 1.0, 15.0, out)
-    assert out.sum() == pytest.approx(3.0)
+    layers, at, nan = np.zeros((6, 10, 10)), np.full(5, 3.5), np.full(5, np.nan)
+    accumulate(at, at, time, nan, nan, 0.2, np.ones(5, bool), 0.0, 0.0, 1.0, 15.0, layers)
+    assert layers[0].sum() == pytest.approx(3.0)
 
 
 def test_passages_count_entries_not_rows():

@@ -104,14 +104,19 @@ def density() -> None:
 
 
 def heatmap() -> None:
-    from fleetlog.analysis.occupancy.kernels import occupy
+    from fleetlog.analysis.occupancy.kernels import accumulate
 
     n, size = 10_000_000, 1000
     rng = np.random.default_rng(0)
     x, y = (np.clip(np.cumsum(rng.normal(0, 0.5, n)) % size, 0, size - 1e-6) for _ in range(2))
     t = np.arange(n, dtype=np.int64) * 100_000
     bounds = [[0, size], [0, size]]
-    rows = {"fleetlog, time-weighted": lambda: occupy(x, y, t, 0.0, 0.0, 1.0, 15.0, np.zeros((size, size)))}
+    step = t, np.ones(n), np.ones(n), 0.2, np.ones(n, np.bool_)
+    rows = {
+        "fleetlog, six layers": lambda: accumulate(
+            x, y, *step, 0.0, 0.0, 1.0, 15.0, np.zeros((6, size, size))
+        )
+    }
     rows["numpy histogram2d"] = lambda: np.histogram2d(y, x, size, bounds)
     try:
         import boost_histogram as bh

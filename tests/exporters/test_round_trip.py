@@ -30,10 +30,20 @@ FORMATS: dict[str, tuple[float, int, tuple[str, ...]]] = {
     "gpx": (2e-4, 0, ("heading", "speed", "payload", "soc", "battery_current", "my_signal", "z")),
     "mcap": (1e-6, 0, ("z",)),
     "sumo-fcd": (6e-4, 0, ("heading", "speed", "z")),
+    "osi": (1e-9, 0, ("heading", "speed")),
     "tum": (1e-6, 0, ("heading",)),
     "vda5050": (1e-9, 1000, ("heading", "speed", "payload")),  # the standard counts milliseconds
 }
-LOCAL = ("csv", "parquet", "geojson", "mcap", "sumo-fcd", "tum", "vda5050")
+LOCAL = ("csv", "parquet", "geojson", "mcap", "osi", "sumo-fcd", "tum", "vda5050")
+
+
+def renamed(name: str, dataset: Dataset) -> dict[str, str]:
+    """What a format calls the vehicles."""
+    rename = {
+        "sumo-fcd": lambda v: v.replace(" ", "_"), "vda5050": lambda v: f"fleetlog/{v}",
+        "osi": lambda v: str(dataset.vehicles.index(v) + 1),
+    }  # fmt: skip
+    return {v: rename.get(name, str)(v) for v in dataset.vehicles}
 
 
 def read_back(path: Path, dataset: Dataset) -> dict[str, dict[str, np.ndarray]]:
@@ -92,9 +102,7 @@ def test_round_trip_on_earth(name: str, make_dataset, tmp_path: Path) -> None:
     out = tmp_path / f"T00{exporters()[name].suffix}"
     summary = export_dataset(dataset, name, out)
     assert summary["rows"] == dataset.rows
-    renamed = {"sumo-fcd": lambda v: v.replace(" ", "_"), "vda5050": lambda v: f"fleetlog/{v}"}
-    rename = renamed.get(name, lambda v: v)
-    check(dataset, out, name, dataset.vehicles, rename)
+    check(dataset, out, name, dataset.vehicles, renamed(name, dataset).get)
 
 
 @pytest.mark.parametrize("name", LOCAL)
@@ -107,13 +115,7 @@ def test_round_trip_in_local_metres(name: str, make_dataset, tmp_path: Path) -> 
         np.testing.assert_allclose(back["x"], dataset.read("T00").floats("x"), atol=1e-9)
         np.testing.assert_allclose(back["z"], np.nan_to_num(dataset.read("T00").floats("z")), atol=1e-9)
         return
-    check(
-        dataset,
-        out,
-        name,
-        dataset.vehicles,
-        (lambda v: f"fleetlog/{v}") if name == "vda5050" else lambda v: v,
-    )
+    check(dataset, out, name, dataset.vehicles, renamed(name, dataset).get)
 
 
 def test_a_battery_comes_back_from_vda5050(make_dataset, tmp_path: Path) -> None:

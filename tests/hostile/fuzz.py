@@ -136,7 +136,7 @@ def rechecked(data: bytes) -> bytes:
 
 def targets() -> dict[str, tuple[str, bytes]]:
     """Name of a reader (with a variant): name of the file, and its bytes."""
-    more = {n: log for n, log in seeds.MORE_LOGS.items() if n != "fit" or find_spec("fitdecode")}
+    more = {n: log for n, log in seeds.MORE_LOGS.items() if find_spec(seeds.EXTRAS.get(n, "fleetlog"))}
     logs = {name: (f"log.{suffix}", make()) for name, (suffix, make) in (seeds.LOGS | more).items()}
     whole = {f"import {name}": log for name, log in logs.items()}
     return logs | whole | {name: (name, data) for name, data in (seeds.MAPS | seeds.SETTINGS).items()}
@@ -189,7 +189,7 @@ def fuzz(name: str, count: int, seed: int, folder: Path, keep: Path | None = Non
 
 def weight(name: str) -> float:
     """How many mutants a target gets, as a share of those of a reader."""
-    return IMPORTS if name.startswith("import ") else 1.0
+    return IMPORTS if name.startswith("import ") or name == "mf4" else 1.0
 
 
 def quick_folder() -> str | None:

@@ -204,6 +204,65 @@ def fit() -> bytes:
     return struct.pack("<BBHI4sH", 14, 0x20, 2100, len(body), b".FIT", 0) + body + bytes(2)
 
 
+def carla() -> bytes:
+    """A log as CARLA's recorder lays it out: one car and a walker, a frame a second."""
+
+    def text(value: str) -> bytes:
+        return struct.pack("<H", len(value)) + value.encode()
+
+    def packet(kind: int, data: bytes) -> bytes:
+        return struct.pack("<BI", kind, len(data)) + data
+
+    out = struct.pack("<H", 1) + text("CARLA_RECORDER") + struct.pack("<q", START) + text("Town03")
+    for i in range(ROWS):
+        out += packet(0, struct.pack("<Qdd", i + 1, 1.0, float(i)))
+        if i == 0:
+            names = ((27, 1, "vehicle.a"), (28, 2, "walker.b"))
+            added = b"".join(
+                struct.pack("<IB6fI", n, kind, *[0.0] * 6, 9)
+                + text(name)
+                + struct.pack("<HB", 1, 3)
+                + text("a")
+                + text("b")
+                for n, kind, name in names
+            )
+            out += packet(2, struct.pack("<H", 2) + added)
+        places = b"".join(struct.pack("<I6f", n, 50.0 * i, 2.0, 0.0, 0.0, 0.0, 90.0) for n in (27, 28))
+        out += packet(6, struct.pack("<H", 2) + places) + packet(1, b"")
+    return out
+
+
+@cache
+def osi() -> bytes:
+    from osi3.osi_groundtruth_pb2 import GroundTruth
+
+    out = b""
+    for i in range(ROWS):
+        said = GroundTruth()
+        said.version.version_major = 3
+        said.timestamp.seconds = START + i
+        for number in (1, 2):
+            o = said.moving_object.add()
+            o.id.value, o.type = number, 2
+            o.base.position.x, o.base.position.y, o.base.velocity.x = 0.5 * i, float(number), 0.5
+        data = said.SerializeToString()
+        out += struct.pack("<I", len(data)) + data
+    return out
+
+
+@cache
+def mf4() -> bytes:
+    import numpy as np
+    from asammdf import MDF, Signal
+
+    at = np.arange(float(ROWS))
+    with tempfile.TemporaryDirectory() as folder, MDF(version="4.10") as out:
+        out.append([Signal(0.5 * at, at, name=n, unit="m") for n in "xy"])
+        out.append([Signal(0.9 - 0.01 * at, at, name="soc"), Signal(at, at, name="tilt")])
+        out.save(Path(folder) / "a.mf4")
+        return (Path(folder) / "a.mf4").read_bytes()
+
+
 LOGS: dict[str, tuple[str, Callable[[], bytes]]] = {
     "csv": ("csv", csv), "gpx": ("gpx", gpx), "nmea": ("nmea", nmea), "tum": ("tum", tum), "sumo-fcd": ("xml", fcd),
     "vda5050": ("jsonl", vda), "geojson": ("geojson", geojson), "geojson lines": ("geojson", lines),
@@ -212,7 +271,11 @@ LOGS: dict[str, tuple[str, Callable[[], bytes]]] = {
     "rosbag ros2": ("db3", lambda: bag(2)), "tcx": ("tcx", tcx), "kml": ("kml", kml),
 }  # fmt: skip
 """Name: suffix, and the bytes of a file of 40 rows."""
-MORE_LOGS: dict[str, tuple[str, Callable[[], bytes]]] = {"kitti": ("txt", kitti), "fit": ("fit", fit)}
+MORE_LOGS: dict[str, tuple[str, Callable[[], bytes]]] = {
+    "kitti": ("txt", kitti), "fit": ("fit", fit), "carla": ("log", carla), "osi": ("osi", osi), "mf4": ("mf4", mf4),
+}  # fmt: skip
+EXTRAS = {"fit": "fitdecode", "osi": "osi3", "mf4": "asammdf"}
+"""The module without which a reader does not read."""
 """Logs that need a file beside them, or a package that may be missing."""
 
 ROAD = {"type": "Feature", "properties": {"id": "r", "speed_limit": 3.0},

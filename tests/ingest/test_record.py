@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -133,6 +135,72 @@ def test_a_broker_that_comes_back_is_listened_to_again():
     assert done, len(headers(out))
     assert done[0].reconnects >= 1
     assert sorted(set(headers(out))) == list(range(60))
+
+
+@pytest.fixture
+def mosquitto(tmp_path):
+    """A broker that keeps sessions and messages on the disk; ``start`` and ``stop`` it."""
+    program = shutil.which("mosquitto", path=f"{os.environ['PATH']}:/usr/sbin")
+    if program is None:
+        pytest.skip("mosquitto is not installed")
+    port = free_port()
+    (tmp_path / "m.conf").write_text(
+        f"listener {port} 127.0.0.1\nallow_anonymous true\npersistence true\npersistence_location {tmp_path}/\n"
+        "max_queued_messages 0\nmax_inflight_messages 20\n"
+        + ("user root\n" if os.geteuid() == 0 else "")
+    )  # fmt: skip
+    running: list[subprocess.Popen] = []
+
+    class Mosquitto:
+        def start(self) -> int:
+            running.append(
+                subprocess.Popen([program, "-c", str(tmp_path / "m.conf")], stderr=subprocess.DEVNULL)
+            )
+            wait_for(lambda: answers(port))
+            return port
+
+        def stop(self) -> None:
+            running[-1].terminate()
+            running.pop().wait(20)
+
+    yield Mosquitto()
+    for process in running:
+        process.kill()
+
+
+def answers(port: int) -> bool:
+    with socket.socket() as s:
+        return s.connect_ex(("127.0.0.1", port)) == 0
+
+
+def test_ten_thousand_messages_and_a_broker_restarted_among_them(mosquitto):
+    """The truck goes on sending while the broker is away; its own queue, the broker's disk and the session keep all.
+
+    What was under way comes twice (quality of service 1), so the capture ends a little above the count.
+    """
+    count, twice, out = 10_000, 500, io.StringIO()
+    port = mosquitto.start()
+    thread, done = capture(port, out, messages=count + twice)
+    client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, client_id="truck", clean_session=False)
+    client.max_queued_messages_set(0)
+    client.reconnect_delay_set(1, 1)
+    client.connect("127.0.0.1", port)
+    client.loop_start()
+    for i in range(count):
+        if i == count // 2:
+            wait_for(lambda: len(out.getvalue()) > 0)
+            mosquitto.stop()
+        if i == count // 2 + 1000:
+            mosquitto.start()
+        client.publish("uagv/v2/m/7/state", state(i), qos=1)
+    for i in range(count, count + twice):
+        client.publish("uagv/v2/m/7/state", state(i), qos=1)
+    thread.join(120)
+    client.disconnect()
+    client.loop_stop()
+    assert done, f"{len(headers(out))} of {count} came"
+    assert done[0].reconnects >= 1
+    assert set(range(count)) <= set(headers(out))
 
 
 def test_no_broker_is_one_clear_line():

@@ -7,9 +7,7 @@ from simulated_sites import TRUCK, grid, place
 from fleetlog.simulate.demand import carried, like
 from fleetlog.simulate.mission import replay
 from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table
-from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.store import Dataset, DatasetWriter
-from fleetlog.store.events import read_table
 
 PLACES = [
     place(1, "pick", 15, 3),
@@ -58,46 +56,10 @@ def test_mined_places_are_where_the_trucks_stood(recording):
 
 
 def test_demand_like_a_recording_has_its_volume(recording):
-    site, tasks, notes = like(recording.dataset, recording.dataset.site, TRUCK, 6, 0, 24 * 3600.0, 1)
+    site, demand, notes = like(recording.dataset, recording.dataset.site, TRUCK, 6, 0, 24 * 3600.0, 1)
     stands = find_stands(recording.dataset)
     known = carried(stands, clusters(stands), mined_site(site, place_table(stands, clusters(stands)))[1])
     expected = len(known) * 3.0 * 24.0 * 2.0
-    assert len(tasks) == pytest.approx(expected, rel=0.1)
-    assert {t.payload for t in tasks} <= {min(t.payload, TRUCK.chassis.rated_load) for t in known}
-    assert notes
-
-
-def test_tasks_like_a_recording_follow_one_another_as_there(recording):
-    _, tasks, _ = like(recording.dataset, recording.dataset.site, TRUCK, 3, 0, 3600.0, 1, assigned=True)
-    by_number = {t.number: t for t in tasks}
-    followed = [t for t in tasks if t.after >= 0]
-    assert len(by_number) == len(tasks) and len(followed) > 0.6 * len(tasks)
-    assert len({t.after for t in followed}) == len(followed), "each task is followed by one other at most"
-    for task in followed:
-        before = by_number[task.after]
-        assert before.target == task.origin and before.number < task.number
-    assert [t.earliest for t in tasks] == sorted(t.earliest for t in tasks)
-    _, free, _ = like(recording.dataset, recording.dataset.site, TRUCK, 3, 0, 3600.0, 1)
-    assert {(t.after, t.origin) for t in free} == {(-1, None)}
-    assert sorted(t.payload for t in free) == sorted(t.payload for t in tasks)
-
-
-def test_a_truck_goes_on_with_the_task_that_follows_and_late_ones_are_taken_by_others(simulated):
-    site = grid(3, 3, places=PLACES)
-    pick, drop = ([p.id for p in PLACES if p.kind == kind] for kind in ("pick", "drop"))
-    first = Task(None, pick[0], drop[0], 500.0, 0.0, number=0)
-    other = Task(None, pick[-1], drop[-1], 501.0, 0.0, number=1)
-    # Far away from where the truck that did the first task stands then, and near the other truck.
-    follows = Task(None, pick[-1], drop[-1], 502.0, 100.0, origin=drop[0], number=2, after=0)
-    orphan = Task(None, pick[0], drop[0], 503.0, 100.0, origin=drop[0], number=3, after=99)
-    done = simulated(
-        site,
-        2,
-        1200.0,
-        interval=1.0,
-        demand=Demand([first, other, follows, orphan], endless=False, stay=True),
-    )
-    table = read_table(done.dataset, "tasks").set_index("payload")
-    assert (table.status == "done").all()
-    assert table.vehicle_id[502.0] == table.vehicle_id[500.0] != table.vehicle_id[501.0]
-    assert (table.assigned[503.0] - table.earliest[503.0]).total_seconds() >= 240.0
+    assert len(demand.given) == pytest.approx(expected, rel=0.1)
+    assert {t.payload for t in demand.given} <= {min(t.payload, TRUCK.chassis.rated_load) for t in known}
+    assert notes and not demand.visits

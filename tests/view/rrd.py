@@ -52,3 +52,12 @@ def views(path: Path) -> set[str]:
         if "ViewBlueprint:display_name" in batch.schema.names:
             names |= {n for row in batch.column("ViewBlueprint:display_name").to_pylist() for n in row or []}
     return names
+
+
+def times(path: Path, entity: str) -> np.ndarray:
+    """All times [us] at which an entity has something."""
+    found = [np.zeros(0, np.int64)]
+    for chunk in RrdReader(str(path)).stream().filter(content=entity, is_static=False):
+        batch = chunk.to_record_batch()
+        found.append(batch.column("utc").cast(pa.int64()).to_numpy() // 1000)
+    return np.concatenate(found)

@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
+from ink import INK, colour_ink
 
 from fleetlog.cli.commands import load_verb
 from fleetlog.errors import FleetlogError
@@ -87,7 +88,7 @@ def test_screenshot(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setitem(headless.screenshot.__kwdefaults__, "settle", 2.0)
     out = tmp_path / "shot.png"
     run(str(dataset), "--screenshot", str(out), "--at", "2026-03-02T06:01:18")
-    assert headless.colour_ink(out.read_bytes()) > 5 * headless.INK
+    assert colour_ink(out.read_bytes()) > 5 * INK
 
 
 @pytest.mark.parametrize("name", ["site.toml", "roads.geojson", "logs/T8.nmea.gz"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -234,6 +236,12 @@ def test_two_recordings_are_two(tmp_path: Path, replay: tuple[Path, Path]) -> No
 
 def test_summary_is_shown(tmp_path: Path, replay: tuple[Path, Path]) -> None:
     dataset, _ = replay
-    out = write_recording(dataset, tmp_path / "r.rrd", summary={"rows_rejected": 17}, rate_hz=0.5)
+    copy = shutil.copytree(dataset, tmp_path / "dataset")
+    description = json.loads((copy / "dataset.json").read_text())
+    description["summary"] = {"rows_rejected": 17, "distance_m": 12_340.0, "matched": 0.987}
+    (copy / "dataset.json").write_text(json.dumps(description))
+    out = write_recording(copy, tmp_path / "r.rrd", rate_hz=0.5)
     _, text = rrd.column(out, "/summary", "TextDocument:text", None)
-    assert "rows rejected: 17" in text.to_pylist()[0][0] and "**3** vehicles" in text.to_pylist()[0][0]
+    said = text.to_pylist()[0][0]
+    for line in ("**3** vehicles", "rows rejected: 17", "driven: 12.3 km", "on a road: 98.7 % of the rows"):
+        assert line in said

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.errors import InputError
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.view.clock import MINUTE, SKIPPED, Clock, clock_of
 from fleetlog.view.panels import _over_time
@@ -82,3 +83,21 @@ def test_no_curve_runs_across_a_silence(points: int) -> None:
     x = START + np.concatenate([shift, shift + DAY, shift + 21 * DAY])
     _, values = _over_time(Figure().add_subplot(), x, np.ones((1, len(x))), "UTC")
     assert np.flatnonzero(np.isnan(values[0])).tolist() == [points, 2 * points + 1]
+
+
+def test_a_day_is_shown_as_if_it_were_the_dataset(weeks: Path, tmp_path: Path) -> None:
+    day = str(np.datetime64(START + DAY, "us"))[:10]
+    out = write_recording(weeks, tmp_path / "day.rrd", day=day)
+    assert describe_recording(out)["recordings"][0]["timelines"] == ["utc"]
+    whole, speeds = rrd.scalars(write_recording(weeks, tmp_path / "all.rrd"), "/speed/T1")
+    mine = (whole // DAY == (START + DAY) // DAY) & np.isfinite(speeds)
+    shown, of_day = rrd.scalars(out, "/speed/T1")
+    known = np.isfinite(of_day)
+    assert np.array_equal(shown[known], whole[mine]) and np.array_equal(of_day[known], speeds[mine])
+    assert known.sum() > 15
+
+
+def test_a_day_without_rows_is_told_with_those_that_have_some(weeks: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no rows on 2026-01-31"):
+        write_recording(weeks, tmp_path / "day.rrd", day="2026-01-31")
+    assert not (tmp_path / "day.rrd").exists()

@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 import rrd
 from fixtures_view import complaints
+from ink import is_drawn, views
 
 from fleetlog.core.truck import load_truck
 from fleetlog.roads import load_site
+from fleetlog.roads.segments import reduced
 from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.store.events import TABLES, read_table
-from fleetlog.view import events, headless, marks, recording
+from fleetlog.view import events, headless, recording
 from fleetlog.view.comparison import write_comparison
 
 TRUCKS = 4
@@ -157,10 +159,10 @@ def test_a_simulation_is_drawn(sim: SimpleNamespace) -> None:
     with headless.open_headless(sim.out, (1200, 800)) as viewer:
         start, _ = viewer.span()
         viewer.pause_at(start + 150_000_000_000)
-        assert [v for v in viewer.views() if v.startswith("Open tasks")]
-        for name in viewer.views():
+        assert [v for v in views(viewer) if v.startswith("Open tasks")]
+        for name in views(viewer):
             if name.startswith(("Activities", "Open tasks", "Plan")):
-                assert headless.colour_ink(viewer.picture(name)) > headless.INK, name
+                assert is_drawn(viewer, name), name
         assert not complaints(viewer)
 
 
@@ -168,13 +170,13 @@ def test_a_line_is_reduced_to_what_its_tolerance_needs() -> None:
     turn = np.linspace(0.0, np.pi / 2, 200)
     bend = np.column_stack([10 * np.cos(turn), 10 * np.sin(turn), np.zeros(200)])
     for tolerance in (0.5, 0.1, 0.02):
-        kept = marks.reduced(bend, tolerance)
+        kept = reduced(bend, tolerance)
         # The chord of an arc of radius r is r (1 - cos(half its angle)) away from it.
         angles = np.arctan2(kept[:, 1], kept[:, 0])
         assert (10 * (1 - np.cos(np.diff(angles) / 2))).max() <= tolerance + 1e-9
         assert (kept[[0, -1]] == bend[[0, -1]]).all()
     straight = np.column_stack([np.linspace(0, 30, 61), np.zeros(61), np.zeros(61)])
-    assert len(marks.reduced(straight, 0.01)) == 2
+    assert len(reduced(straight, 0.01)) == 2
 
 
 def test_spots_drawn_along_the_roads_are_shown(sim: SimpleNamespace) -> None:
@@ -182,3 +184,21 @@ def test_spots_drawn_along_the_roads_are_shown(sim: SimpleNamespace) -> None:
     drawn = sim.bays[~sim.bays.place.isin(known)]
     found = {e for e in rrd.entities(sim.out) if e.endswith("/drawn/points")}
     assert found == {f"/site/places/{kind}/drawn/points" for kind in drawn.kind.unique()}
+
+
+def test_a_day_of_a_simulation_shows_nothing_of_the_other(
+    tmp_path: Path, project_root: Path, sim: SimpleNamespace
+) -> None:
+    """A run from two minutes before midnight to three after it."""
+    site, _ = load_site(project_root / "sample_data" / "site.toml")
+    truck = load_truck(project_root / "sample_data" / "truck.toml")
+    path, midnight = tmp_path / "dataset", 1_772_496_000_000_000
+    with DatasetWriter.create(path, "simulated", site) as writer:
+        settings = Settings(vehicles=2, duration=300.0, interval=1.0, seed=2, start=midnight - 120_000_000)
+        simulate(site, truck, writer, settings)
+    for day, after in (("2026-03-02", False), ("2026-03-03", True)):
+        out = recording.write_recording(path, tmp_path / "day.rrd", day=day)
+        times = np.concatenate([rrd.times(out, entity) for entity in rrd.entities(out)])
+        # A curve that ends is followed by nothing a microsecond later, a truck by a gap of ten seconds.
+        assert (times >= midnight).all() if after else (times < midnight + 11_000_000).all()
+        assert np.ptp(times) > 100_000_000

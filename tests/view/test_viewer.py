@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fixtures_view import START, complaints, plant
+from ink import colour_ink, is_drawn, views
 from shapes import every_shape
 
 from fleetlog.view import headless
@@ -21,11 +22,9 @@ TEXT = {"Summary", "Answer"}
 def assert_drawn(rrd: Path, second: float, expected: set[str]) -> None:
     with headless.open_headless(rrd, (1200, 800)) as viewer:
         assert viewer.state.recordings[0].current_timeline == "utc"
-        assert set(viewer.views()) == expected
+        assert set(views(viewer)) == expected
         viewer.pause_at((START + int(second * 1e6)) * 1000)
-        blank = [
-            name for name in expected - TEXT if headless.colour_ink(viewer.picture(name)) <= headless.INK
-        ]
+        blank = [name for name in expected - TEXT if not is_drawn(viewer, name)]
         assert not blank, f"nothing is drawn in {blank}"
         assert not complaints(viewer)
 
@@ -53,9 +52,9 @@ def test_ink_tells_a_drawn_view_from_a_blank_one() -> None:
         return out.getvalue()
 
     grey = np.full((50, 50, 3), 90)
-    assert headless.colour_ink(png(grey)) == 0.0
+    assert colour_ink(png(grey)) == 0.0
     grey[:5, :5] = (230, 60, 40)
-    assert headless.colour_ink(png(grey)) == pytest.approx(0.01)
+    assert colour_ink(png(grey)) == pytest.approx(0.01)
 
 
 def test_missing_vulkan_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

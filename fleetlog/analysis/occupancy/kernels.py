@@ -12,27 +12,6 @@ Mask = NDArray[np.bool_]
 
 
 @njit(cache=True)
-def occupy(
-    x: Floats, y: Floats, time: Ints, x0: float, y0: float, cell: float, max_gap: float, out: Floats
-) -> None:
-    """Add seconds spent in each cell to ``out`` (rows, columns): the plain case, without subdivision.
-
-    A row stands for half the time to the row before and half to the row after; a gap longer than ``max_gap``
-    [s] counts on neither side.  NaN positions and rows outside are passed over.
-    """
-    rows, columns = out.shape
-    before, inverse = 0.0, 1.0 / cell
-    for i in range(len(x)):
-        after = 0.0
-        if i + 1 < len(x) and 0.0 < time[i + 1] - time[i] <= max_gap * 1e6:
-            after = float(time[i + 1] - time[i])
-        c, r = (x[i] - x0) * inverse, (y[i] - y0) * inverse
-        if 0.0 <= c < columns and 0.0 <= r < rows:
-            out[int(r), int(c)] += 0.5e-6 * (before + after)
-        before = after
-
-
-@njit(cache=True)
 def accumulate(
     x: Floats, y: Floats, time: Ints, speed: Floats, power: Floats, standing: float, use: Mask,
     x0: float, y0: float, cell: float, max_gap: float, out: Floats,

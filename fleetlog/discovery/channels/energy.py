@@ -27,6 +27,7 @@ from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording import windows
 from fleetlog.discovery.recording.blocks import Block
+from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.recording.windows import Cut
 from fleetlog.discovery.settings import Settings
 from fleetlog.physics.battery import CHARGING
@@ -98,7 +99,7 @@ class EnergyChannel(FleetChannel):
         level = c.energy(block, (replace(e, measured=None) if self.measured else e).power)
         return Unit(frame, np.where(whole, energy, 0.0), whole, noise, level, swing, (block, c))
 
-    def settle(self, settings: Settings) -> float:
+    def settle(self, settings: Settings, split: Split) -> float:
         """Measure the model's own error, and return the error of sampling: by how much of its energy a
         window's residual changes with every second row left out.
 
@@ -107,10 +108,11 @@ class EnergyChannel(FleetChannel):
         changed = size = 0.0
         count = 0
         for (vehicle, trajectory), unit in zip(self.fleet.days, self.units(), strict=True):
+            use = unit.whole & (split.fold(unit.windows) != HELD_OUT)
             change = self._thinned(unit, self.fleet.block(vehicle, trajectory[::2]))
-            changed += float((change[unit.whole] ** 2).sum())
-            size += float((unit.recorded[unit.whole] ** 2).sum())
-            count += int(unit.whole.sum())
+            changed += float((change[use] ** 2).sum())
+            size += float((unit.recorded[use] ** 2).sum())
+            count += int(use.sum())
             if count >= settings.sample:
                 break
         hidden = float(np.sqrt(changed / size)) if size > 0.0 else 0.0
@@ -126,8 +128,9 @@ class EnergyChannel(FleetChannel):
         block, c = unit.own
         if self.measured:
             rare = self._on_the_clock_of_charge(rare)
-        ends = block.motion.time[c.begin] - 0.5 * block.motion.dt[c.begin]
-        window = np.clip(np.searchsorted(ends, rare.motion.time, side="right") - 1, 0, c.count - 1)
+        # A row counts where it is stamped, whole: of its neighbours one may be held out.
+        own = c.of_row[np.minimum(np.searchsorted(block.time, rare.time), len(block) - 1)]
+        window = own[rare.row]
         seconds = np.bincount(window, rare.motion.dt, c.count)
         left = -self.evaluation(rare, self.base).power
         now = -self.predict(unit, self.base)

@@ -156,9 +156,9 @@ class About(SourceColumns):
 
 def jumps(block: Block, c: Cut, e: Evaluation) -> Floats:
     """Return the (windows,) root mean square of the residual power's second difference, scaled to that of
-    white noise [W]."""
+    white noise [W]; of three rows of one window each, as its neighbours may be held out."""
     r = np.nan_to_num(block.power - block.rows(e.power))
-    bend = np.zeros(len(r))
-    bend[1:-1] = (r[2:] - 2.0 * r[1:-1] + r[:-2]) / np.sqrt(6.0)
-    count = np.maximum(np.bincount(c.of_row, minlength=c.count), 1)
-    return np.asarray(np.sqrt(np.bincount(c.of_row, bend**2, c.count) / count))
+    inside = c.of_row[2:] == c.of_row[:-2]
+    window, bend = c.of_row[1:-1][inside], (r[2:] - 2.0 * r[1:-1] + r[:-2])[inside] / np.sqrt(6.0)
+    count = np.maximum(np.bincount(window, minlength=c.count), 1)
+    return np.asarray(np.sqrt(np.bincount(window, bend**2, c.count) / count))

@@ -1,7 +1,5 @@
 """Mean shift across the direction of travel: traces of one lane gather on its centre line."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -19,7 +17,8 @@ def shift(
 
     Cells are sorted by block of ``side`` m, column after column; block b owns ``first[b]`` to ``first[b +
     1]``. ``along``, ``across`` are the standard deviations of the kernel [m], ``alike`` the least cosine
-    between headings that count as one direction; with ``either`` the opposite one counts too.
+    between headings that count as one direction.  With ``either`` the opposite one counts too, and the kernel
+    is flat up to ``across``: lines farther apart than that do not pull at one another at all.
     """
     out, near = np.zeros(len(x)), np.zeros(len(x))
     for i in range(len(x)):
@@ -39,7 +38,11 @@ def shift(
                     dx, dy = x[k] - px, y[k] - py
                     ahead = (dx * cos[i] + dy * sin[i]) / along
                     left = dy * cos[i] - dx * sin[i]
-                    far = ahead * ahead + (left / across) ** 2
+                    far = ahead * ahead
+                    if not either:
+                        far += (left / across) ** 2
+                    elif abs(left) > across:
+                        continue
                     if far < 9.0:
                         w = weight[k] * np.exp(-0.5 * far)
                         total += w

@@ -1,7 +1,5 @@
 """Thinning of a picture to lines one pixel wide (Zhang and Suen, 1984, doi:10.1145/357994.358023)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -24,4 +24,5 @@ TERM = Term(
     "{acceleration.high:.2f}); "
     "the truck file has {acceleration.nominal:.2f} m/s2",
     needs="record starts on open straights",
+    advice="Compare the acceleration setting of the drive controller with the truck file",
 )

@@ -22,4 +22,5 @@ TERM = Term(
     "{drag_area.high:.1f}); "
     "the truck file has {drag_area.nominal:.1f} m2",
     needs="drive the same road at three speeds, the highest included",
+    advice="Enter the drag area in the truck file",
 )

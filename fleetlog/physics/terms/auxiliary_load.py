@@ -23,4 +23,5 @@ TERM = Term(
     "times; "
     "the truck file has {power.nominal:.0f} W",
     needs="record the truck standing with the key on",
+    advice="Switch off heater, lights, fan and terminal one by one with the key on, and watch the current",
 )

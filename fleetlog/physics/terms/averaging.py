@@ -30,4 +30,5 @@ TERM = Term(
     depends_on=("time",),
     sentence="The logger reports power as the mean of the last {interval.value:.1f} s, not the moment",
     needs="log at a higher rate",
+    advice="Set the logger to write momentary values",
 )

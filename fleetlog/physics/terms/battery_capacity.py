@@ -18,4 +18,5 @@ TERM = Term(
     "{capacity_wh.high:.0f}); "
     "the truck file has {capacity_wh.nominal:.0f} Wh",
     needs="record one full discharge",
+    advice="Have the battery's capacity tested; plan shorter runs until then",
 )

@@ -25,4 +25,5 @@ TERM = Term(
     sentence="The battery loses energy inside as a resistance of {resistance.value:.4f} ohm would "
     "({resistance.low:.4f} to {resistance.high:.4f}); the truck file has {resistance.nominal:.4f} ohm",
     needs="record both heavy and light work on one charge",
+    advice="Have the battery's cells and connectors checked",
 )

@@ -33,4 +33,5 @@ TERM = Term(
     "the positions. "
     "Synchronise the clocks of the two loggers",
     needs="record starts and stops with both loggers",
+    advice="Synchronise the clocks of the loggers; import earlier logs with this offset taken off",
 )

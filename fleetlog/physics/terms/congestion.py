@@ -14,5 +14,7 @@ TERM = Term(
     sentence="{share.value:.1%} of the travel time ({share.low:.1%} to {share.high:.1%}) is lost to other "
     "trucks, behind them or before crossings that they use, most of it {where}",
     needs="record each truck once more alone on its roads",
+    advice="See where with fleetlog analyze density; try fewer trucks or a second way with fleetlog "
+    "simulate --vary",
 )
 """``share`` of the travel time, or of that on a stretch of lane where it varies."""

@@ -27,4 +27,5 @@ TERM = Term(
     sentence="Drive and cables lose {k.value:.2e} W for every N2 of wheel force ({k.low:.2e} to "
     "{k.high:.2e})",
     needs="record strong and gentle starts at one load",
+    advice="Check the power cables and connectors for heat",
 )

@@ -28,4 +28,5 @@ TERM = Term(
     sentence="Turning costs extra force, as tyre scrub does: k = {k.value:.3f} m ({k.low:.3f} to "
     "{k.high:.3f})",
     needs="drive circles of two radii at one speed",
+    advice="Check the tyres and the steering geometry",
 )

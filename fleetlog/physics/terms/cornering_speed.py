@@ -39,4 +39,5 @@ TERM = Term(
     "({lateral_acceleration.low:.2f} to {lateral_acceleration.high:.2f}); "
     "the truck file has {lateral_acceleration.nominal:.2f} m/s2",
     needs="record turns on several roads",
+    advice="Compare the cornering limit of the drive controller with the truck file",
 )

@@ -13,4 +13,5 @@ TERM = Term(
     sentence="The drive turns {efficiency.value:.1%} of the battery's energy into motion "
     "({efficiency.low:.1%} to {efficiency.high:.1%}); the truck file has {efficiency.nominal:.1%}",
     needs="let a truck coast to a stop, with and without a load",
+    advice="Have motor, gearbox and inverter checked",
 )

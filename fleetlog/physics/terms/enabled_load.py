@@ -40,4 +40,5 @@ TERM = Term(
     "truck moves "
     "and for {hold.value:.0f} s after",
     needs="record stops of different length with the key on",
+    advice="Shorten the time after which the drive switches itself off",
 )

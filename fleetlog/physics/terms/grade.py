@@ -30,4 +30,5 @@ TERM = Term(
     "the map is level there. Add the elevation to the map",
     extreme="max_grade",
     needs="drive these roads in both directions, or survey their elevation",
+    advice="Enter the slope in the map; plan batteries and brakes with it until then",
 )

@@ -41,4 +41,5 @@ TERM = Term(
     sentence="With a load, trucks drive at {factor.value:.0%} ({factor.low:.0%} to {factor.high:.0%}) of "
     "their unladen speed",
     needs="drive the same roads with and without a load",
+    advice="Compare the laden speed limit of the drive controller with the truck file",
 )

@@ -27,4 +27,5 @@ TERM = Term(
     "{efficiency.high:.1%}); "
     "the truck file has {efficiency.nominal:.1%}. Have the hydraulics checked",
     needs="record lifts with and without a load",
+    advice="Check the oil, filter and pump of the hydraulics",
 )

@@ -13,4 +13,5 @@ TERM = Term(
     sentence="The truck weighs {mass.value:.0f} kg ({mass.low:.0f} to {mass.high:.0f}) without load; "
     "the truck file has {mass.nominal:.0f} kg",
     needs="weigh the truck",
+    advice="Weigh the truck, and enter its weight in the truck file",
 )

@@ -20,4 +20,5 @@ TERM = Term(
     sentence="The true load is {factor.value:.2f} times the recorded one "
     "({factor.low:.2f} to {factor.high:.2f}). Check the load sensor",
     needs="weigh a few loads",
+    advice="Check the load cell with a known weight",
 )

@@ -12,4 +12,5 @@ TERM = Term(
     sentence="Braking returns {regeneration.value:.0%} of the braking work to the battery "
     "({regeneration.low:.0%} to {regeneration.high:.0%}); the truck file has {regeneration.nominal:.0%}",
     needs="record hard and gentle braking from one speed",
+    advice="Compare the braking settings of the drive controller with those of the other trucks",
 )

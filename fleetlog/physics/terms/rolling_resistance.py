@@ -29,4 +29,6 @@ TERM = Term(
     "{coefficient.high:.4f}); "
     "the truck file has {coefficient.nominal:.4f}. Check tyres and brakes",
     needs="let a truck coast to a stop, with and without a load",
+    advice="Lift the truck and turn every wheel by hand: a dragging brake or a worn bearing "
+    "resists. Check the tyres",
 )

@@ -23,4 +23,5 @@ TERM = Term(
     "{factor.high:.2f}), "
     "as rotating parts cause",
     needs="record strong and gentle starts at one load",
+    advice="Enter the factor in the model; nothing is wrong with the truck",
 )

@@ -26,4 +26,5 @@ TERM = Term(
     "{factor.high:.3f}). "
     "Check the wheel diameter in the logger",
     needs="drive a measured distance",
+    advice="Correct the wheel diameter in the logger",
 )

@@ -23,4 +23,6 @@ TERM = Term(
     sentence="Trucks drive at {factor.value:.0%} ({factor.low:.0%} to {factor.high:.0%}) of the permitted "
     "speed {where}",
     needs="record these roads without other traffic",
+    advice="Find out what slows trucks there: people, the floor, a blind corner, or a limit that "
+    "the map lacks",
 )

@@ -31,4 +31,6 @@ TERM = Term(
     sentence="Rolling resistance {where} is {factor.value:.2f} times the value in the truck file "
     "({factor.low:.2f} to {factor.high:.2f}), in both directions. Inspect the floor there",
     needs="drive these roads in both directions",
+    advice="Walk these roads: look for a worn or soft floor, an open joint, dirt. Repair it, or "
+    "lead traffic around it",
 )

@@ -34,4 +34,5 @@ TERM = Term(
     "below or above "
     "{threshold.value:.0f} degC outside",
     needs="record days of different outside temperature",
+    advice="Check the settings of heating and cooling",
 )

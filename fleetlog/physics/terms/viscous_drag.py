@@ -22,4 +22,5 @@ TERM = Term(
     sentence="A drag of {coefficient.value:.0f} N for every m/s of speed is missing "
     "({coefficient.low:.0f} to {coefficient.high:.0f}), as oil in gears causes",
     needs="drive the same road at three speeds, the highest included",
+    advice="Check the gearbox oil: grade, level and temperature",
 )

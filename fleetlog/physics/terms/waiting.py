@@ -16,4 +16,5 @@ TERM = Term(
     "{where}, "
     "where the model drives through",
     needs="record what trucks wait for there",
+    advice="Watch what trucks wait for there: a door, a scanner, a person",
 )

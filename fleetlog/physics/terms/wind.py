@@ -31,4 +31,5 @@ TERM = Term(
     "{wind_east.high:+.1f}) and "
     "{wind_north.value:+.1f} m/s to the north ({wind_north.low:+.1f} to {wind_north.high:+.1f})",
     needs="record the same roads on another, calm day",
+    advice="Compare with a calm day; nothing is wrong with the trucks",
 )

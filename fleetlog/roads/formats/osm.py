@@ -17,6 +17,7 @@ import numpy as np
 
 from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.errors import SiteError
+from fleetlog.roads.formats import _lanelets
 from fleetlog.roads.formats._osm_restrictions import forbidden_turns, tags
 from fleetlog.roads.formats._xml import looks_like, parse_xml
 from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, number, osm_speed
@@ -52,6 +53,8 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     """Read an OSM extract; see the module."""
     tally = Tally()
     root = parse_xml(path, "osm", tally.notes)
+    if _lanelets.holds_lanelets(root):
+        return _lanelets.read(path)
     spots = {str(n.get("id")): _spot(n) for n in root.iterfind("node") if _alive(n)}
     ways = _ways(root, options.road_classes or DRIVEN, spots, tally)
     if not ways:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.kernels.lanes import front, insert, is_safe_lane, run_in
+from fleetlog.simulate.kernels.lanes import front, insert, is_safe_lane
 from fleetlog.simulate.kernels.reserve import acquire, is_free, is_free_ahead
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
@@ -27,7 +27,7 @@ def may_ask(r: Roads, f: Fleet, v: int, j: int, x: Limits) -> bool:
     if j == f.at[v]:
         # Its junction or the ground of its bay is reserved already: it goes first.
         return f.held_to[v] <= f.at[v] and not f.entry[v]
-    return f.inbound[lane] == 0 or f.ask_at[lane] >= run_in(r, lane, x)
+    return f.inbound[lane] == 0 or f.ask_at[lane] >= r.run_in[lane]
 
 
 @inner
@@ -57,7 +57,7 @@ def unask(r: Roads, f: Fleet, v: int) -> None:
 @inner
 def comes_in(r: Roads, f: Fleet, lane: int, at: float, stop: float, x: Limits) -> bool:
     """Whether somebody comes onto a lane, behind nobody before ``at``, who could not stop at ``stop``."""
-    if f.inbound[lane] == 0 or stop >= run_in(r, lane, x):
+    if f.inbound[lane] == 0 or stop >= r.run_in[lane]:
         return False
     return f.tail[lane] < 0 or f.s[f.tail[lane]] >= at
 
@@ -74,7 +74,7 @@ def may_cross(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     u = f.tail[lane]
     while u >= 0:
         if f.s[u] <= high:
-            need = f.v[u] * f.v[u] / (2.0 * x.plan) + 0.6 * f.v[u]
+            need = f.v[u] * f.v[u] / (2.0 * x.plan[u]) + 0.6 * f.v[u]
             if f.s[u] + need > low or f.held_to[u] > f.at[u]:
                 return False
         u = f.ahead[u]
@@ -98,7 +98,7 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
             if f.s[u] - 0.5 * x.length < at + r.door_ahead[d] + 0.3:
                 return False
         else:
-            need = f.v[u] * f.v[u] / (2.0 * x.plan) + 0.6 * f.v[u]
+            need = f.v[u] * f.v[u] / (2.0 * x.plan[u]) + 0.6 * f.v[u]
             if front(r, f, u, x) + need > rear or f.held_to[u] > f.at[u]:
                 return False
         u = f.ahead[u]

@@ -16,12 +16,12 @@ def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
 
 
 @inner
-def cap_at(r: Roads, piece: int, s: float, laden: int) -> float:
+def cap_at(r: Roads, piece: int, s: float, row: int) -> float:
     """Speed cap on a piece; its square is linear between samples."""
     x = min(max(s, 0.0), r.length[piece]) / r.spacing[piece]
     low = r.first[piece]
     i = min(int(x), r.first[piece + 1] - low - 2)
-    a, b = r.cap[laden, low + i], r.cap[laden, low + i + 1]
+    a, b = r.cap[row, low + i], r.cap[row, low + i + 1]
     return np.sqrt(a * a + (x - i) * (b * b - a * a))
 
 
@@ -29,13 +29,6 @@ def cap_at(r: Roads, piece: int, s: float, laden: int) -> float:
 def is_safe_lane(r: Roads, piece: int) -> bool:
     """Whether a truck may wait on this piece."""
     return piece < len(r.clear) and r.capacity[piece] > 0
-
-
-@inner
-def run_in(r: Roads, lane: int, x: Limits) -> float:
-    """Metres in which a truck that comes onto a lane can stop."""
-    enter = min(cap_at(r, lane, 0.0, 0), cap_at(r, lane, 0.0, 1))
-    return enter * enter / (2.0 * x.plan) + 0.6 * enter
 
 
 @inner

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.kernels.lanes import is_safe_lane, run_in
+from fleetlog.simulate.kernels.lanes import is_safe_lane
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 
@@ -80,7 +80,7 @@ def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
         if r.door_lane[f.door[asker]] == lane:
             room -= 1
         # Who could not stop there any more would go first, and after it the next one.
-        if f.ask_at[lane] < max(r.clear[lane] + 0.5, run_in(r, lane, x)) and not f.force[v]:
+        if f.ask_at[lane] < max(r.clear[lane] + 0.5, r.run_in[lane]) and not f.force[v]:
             return False
     if f.force[v]:
         room += 1

@@ -16,7 +16,7 @@ def wants_entry(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
     """Whether a truck comes near its door without a reservation of the ground there."""
     if f.at[v] < f.last[v] or f.entry[v]:
         return False
-    return r.door_at[f.door[v]] - f.s[v] < f.v[v] * f.v[v] / (2.0 * x.plan) + 1.2 * f.v[v] + 1.0
+    return r.door_at[f.door[v]] - f.s[v] < f.v[v] * f.v[v] / (2.0 * x.plan[v]) + 1.2 * f.v[v] + 1.0
 
 
 @inner
@@ -29,7 +29,7 @@ def wants_passage(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
         return False
     if f.ahead[v] >= 0 and f.held_to[f.ahead[v]] <= f.at[f.ahead[v]]:
         return False
-    return r.stop[p] - f.s[v] < f.v[v] * f.v[v] / (2.0 * x.plan) + 1.2 * f.v[v] + 3.0
+    return r.stop[p] - f.s[v] < f.v[v] * f.v[v] / (2.0 * x.plan[v]) + 1.2 * f.v[v] + 3.0
 
 
 @inner

@@ -20,19 +20,22 @@ ROUND = 5
 @inner
 def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
     """The highest speed at the end of the step that keeps all limits, distances and stops ahead."""
-    laden = 1 if f.load[v] > 25.0 else 0
+    row = x.cap[v] + (1 if f.load[v] > 25.0 else 0)
+    plan = x.plan[v]
     speed = f.v[v]
-    limit = cap_at(r, f.piece[v], f.s[v] + speed * dt, laden)
-    look = speed * speed / (2.0 * x.plan) + speed + 3.0 + x.length + x.gap
+    limit = cap_at(r, f.piece[v], f.s[v] + speed * dt, row)
+    look = speed * speed / (2.0 * plan) + speed + 3.0 + x.length + x.gap
     off = -f.s[v]
     for j in range(f.at[v], f.last[v] + 1):
         p = f.route[v, j]
         if j > f.at[v]:
-            limit = min(limit, safe(speed, off, r.cap[laden, r.first[p]], x.plan, dt))
+            limit = min(limit, safe(speed, off, r.cap[row, r.first[p]], plan, dt))
         u = f.ahead[v] if j == f.at[v] else f.tail[p]
         if u >= 0:
             pace = f.v[u] if f.mode[u] == Mode.DRIVING or f.mode[u] == Mode.EMPTY else 0.0
-            limit = min(limit, safe(speed, off + f.s[u] - x.length - x.gap, pace, x.plan, dt))
+            # One who brakes harder stops sooner.
+            pace *= min(1.0, np.sqrt(plan / x.plan[u]))
+            limit = min(limit, safe(speed, off + f.s[u] - x.length - x.gap, pace, plan, dt))
         if p < len(r.clear):
             if u < 0:
                 o = f.last_out[p]
@@ -40,24 +43,30 @@ def wanted_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
                     past = max(0.0, f.left_by[o] - f.left_hold[o])
                     if past < x.length + x.gap:
                         limit = min(
-                            limit, safe(speed, off + r.length[p] + past - x.length - x.gap, 0.0, x.plan, dt)
+                            limit, safe(speed, off + r.length[p] + past - x.length - x.gap, 0.0, plan, dt)
                         )
             asker = f.asks[p]
             if asker >= 0 and asker != v and may_ask(r, f, v, j, x):
                 room = off + f.ask_at[p]
                 # A truck that stands at the mark by a hair stays there; one that cannot stop before it goes
                 # on.
-                if room > max(speed * speed / (2.0 * x.down), 0.01) - 0.2:
-                    limit = min(limit, safe(speed, max(room, 0.0), 0.0, x.plan, dt))
+                if room > max(speed * speed / (2.0 * x.down[v]), 0.01) - 0.2:
+                    limit = min(limit, safe(speed, max(room, 0.0), 0.0, plan, dt))
+            if f.walked[p]:
+                room = off + r.walk_at[p]
+                if room > max(speed * speed / (2.0 * x.down[v]), 0.01) - 0.2:
+                    limit = min(limit, safe(speed, max(room, 0.0), 0.0, plan, dt))
             if f.crossed[p] >= 0:
                 d = f.door[f.crossed[p]]
                 if j > f.at[v] or f.s[v] <= r.door_high[d]:
-                    limit = min(limit, safe(speed, max(off + r.door_low[d], 0.0), 0.0, x.plan, dt))
+                    limit = min(limit, safe(speed, max(off + r.door_low[d], 0.0), 0.0, plan, dt))
             if j == f.last[v]:
-                pace = x.creep if f.entry[v] and past_door(r, f, v, x) else 0.0
-                limit = min(limit, safe(speed, off + r.door_at[f.door[v]], pace, x.plan, dt))
+                d = f.door[v]
+                creep = min(x.creep[v], np.sqrt(2.0 * plan * r.door_length[d]))
+                pace = creep if f.entry[v] and past_door(r, f, v, x) else 0.0
+                limit = min(limit, safe(speed, off + r.door_at[d], pace, plan, dt))
             elif is_safe_lane(r, p) and j >= f.held_to[v]:
-                limit = min(limit, safe(speed, off + r.stop[p], 0.0, x.plan, dt))
+                limit = min(limit, safe(speed, off + r.stop[p], 0.0, plan, dt))
                 break
         if u >= 0:
             break
@@ -73,11 +82,11 @@ def pull(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     p = f.piece[v]
     i = r.first[p] + int(min(max(f.s[v], 0.0), r.length[p]) / r.spacing[p])
     lean = r.slope[min(i, r.first[p + 1] - 1)]
-    mass = x.mass + f.load[v]
-    resist = mass * GRAVITY * (x.rolling * np.cos(lean) + np.sin(lean))
+    mass = x.mass[v] + f.load[v]
+    resist = mass * GRAVITY * (x.rolling[v] * np.cos(lean) + np.sin(lean))
     if f.v[v] <= 0.0:
-        return x.up
-    return min(x.up, (x.power / f.v[v] - resist) / mass)
+        return x.up[v]
+    return min(x.up[v], (x.power[v] / f.v[v] - resist) / mass)
 
 
 @inner
@@ -88,34 +97,32 @@ def next_speed(r: Roads, f: Fleet, v: int, x: Limits, dt: float) -> float:
         new = min(speed + pull(r, f, v, x) * dt, wanted_speed(r, f, v, x, dt))
     elif m == Mode.ENTERING or m == Mode.LEAVING:
         rest = r.door_length[f.door[v]] - f.spur[v] if m == Mode.ENTERING else f.spur[v]
-        new = min(min(speed + x.up * dt, x.creep), safe(speed, rest, 0.0, x.plan, dt))
+        new = min(min(speed + x.up[v] * dt, x.creep[v]), safe(speed, rest, 0.0, x.plan[v], dt))
     else:
         new = 0.0
-    new = max(new, speed - x.down * dt)
+    new = max(new, speed - x.down[v] * dt)
     return new if new > 1e-3 else 0.0
 
 
 @inner
-def forks(f: Fleet, v: int, since: float, raise_speed: float, lower_speed: float) -> float:
+def forks(f: Fleet, x: Limits, v: int, since: float) -> float:
     """Height of the forks so long after a truck began to work: up, take or leave the load, down [m]."""
     up, hold, down = f.hand_times[v, 0], f.hand_times[v, 1], f.hand_times[v, 2]
     if since < up:
-        return max(since, 0.0) * raise_speed
+        return max(since, 0.0) * x.raises[v]
     return (
-        max(f.hand_height[v] - max(since - up - hold, 0.0) * lower_speed, 0.0)
+        max(f.hand_height[v] - max(since - up - hold, 0.0) * x.lowers[v], 0.0)
         if since < up + hold + down
         else 0.0
     )
 
 
 @inner
-def handling(
-    f: Fleet, log: Log, v: int, column: int, now: float, dt: float, raise_speed: float, lower_speed: float
-) -> None:
+def handling(f: Fleet, x: Limits, log: Log, v: int, column: int, now: float, dt: float) -> None:
     """Forks and load of a truck that works; the rate is a mean over the step, so energy is exact."""
     since = now - f.hand_start[v]
-    height = forks(f, v, since, raise_speed, lower_speed)
-    after = forks(f, v, since + dt, raise_speed, lower_speed)
+    height = forks(f, x, v, since)
+    after = forks(f, x, v, since + dt)
     f.load[v] = f.hand_before[v] if since < f.hand_times[v, 0] + 0.5 * f.hand_times[v, 1] else f.hand_after[v]
     log.height[v, column], log.lift[v, column] = height, (after - height) / dt
 
@@ -134,10 +141,7 @@ def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
 
 # As in inner: nothing allocates, references need no counting.
 @njit(cache=True, _nrt=False, nogil=True)
-def advance(
-    r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, step0: int, dt: float,
-    raise_speed: float, lower_speed: float,
-) -> None:  # fmt: skip
+def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, step0: int, dt: float) -> None:
     """``steps`` steps of ``dt`` [s] from step number ``step0``, logged from ``column`` on."""
     trucks = len(f.mode)
     for k in range(steps):
@@ -157,7 +161,7 @@ def advance(
             log.height[v, column + k], log.lift[v, column + k] = 0.0, 0.0
             m = f.mode[v]
             if m == Mode.HANDLING:
-                handling(f, log, v, column + k, now, dt, raise_speed, lower_speed)
+                handling(f, x, log, v, column + k, now, dt)
             write(r, f, log, v, column + k)
             if f.v[v] == 0.0 and f.a[v] == 0.0:
                 if m == Mode.DRIVING and f.at[v] == f.last[v]:

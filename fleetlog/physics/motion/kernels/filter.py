@@ -291,7 +291,7 @@ def jerk_scales(
 
 @njit(cache=True)
 def energy_variance(
-    cov: Floats, gain: Singles, by_speed: Floats, by_acceleration: Floats, window: Ints, count: int
+    cov: Floats, gain: Singles, by_speed: Floats, by_acceleration: Floats, window: Ints | Index, count: int
 ) -> Floats:
     """(count,) variance of the sum over each window of ``by_speed`` v + ``by_acceleration`` a, (N,) each.
 

@@ -1,0 +1,51 @@
+"""The site as an Open-RMF navigation graph (``nav_graphs/0.yaml``): vertices in metres, directed lanes.
+
+A road with bends is a chain of straight lanes.  Every place is a vertex on the road from which it is reached,
+marked by its kind: charger, parking spot, dispenser (pick) or ingestor (drop).
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from fleetlog.core.site import Place
+from fleetlog.exporters._lanes import Lane, lanes_of
+from fleetlog.exporters.base import Exporter, Selection
+
+LEVEL = "L1"
+
+
+def write(selection: Selection, path: Path) -> dict[str, Any]:
+    """The graph of the dataset's site, on one level."""
+    from ruamel.yaml import YAML
+
+    site = selection.dataset.site
+    lanes = lanes_of(site)
+    number = {name: k for k, name in enumerate(lanes.points)}
+    vertices = [
+        [round(float(xyz[0]), 4), round(float(xyz[1]), 4), _said(lanes.stops.get(name))]
+        for name, xyz in lanes.points.items()
+    ]
+    rows = [[number[lane.start], number[lane.end], _limits(lane)] for lane in lanes.lanes]
+    graph = {"building_name": site.name, "levels": {LEVEL: {"lanes": rows, "vertices": vertices}}}
+    with path.open("w", encoding="utf-8") as out:
+        YAML(typ="safe", pure=True).dump(graph, out)
+    return {"rows": len(rows), "edges": len(rows), "vertices": len(vertices)}
+
+
+def _said(place: Place | None) -> dict[str, Any]:
+    """What is said of a vertex; names are those of places, for robots are sent there by name."""
+    if place is None:
+        return {"name": ""}
+    marks: dict[str, dict[str, Any]] = {
+        "charge": {"is_charger": True}, "park": {"is_parking_spot": True},
+        "pick": {"pickup_dispenser": place.id}, "drop": {"dropoff_ingestor": place.id},
+    }  # fmt: skip
+    return {"name": place.id, **marks[place.kind]}
+
+
+def _limits(lane: Lane) -> dict[str, float]:
+    return {} if math.isnan(lane.limit) else {"speed_limit": lane.limit}
+
+
+EXPORTER = Exporter("open-rmf", ".yaml", "the site as an Open-RMF navigation graph", write, network=True)

@@ -1,0 +1,139 @@
+"""CARLA recorder logs (version 1): where every vehicle was in every frame, read without a server.
+
+An information header, then packets of a kind, a length and data, little endian.  Positions are centimetres
+of the Unreal engine, whose y points right and whose angles turn clockwise; here y points left, as in the
+OpenDRIVE map that CARLA drives on.  Times are the recording's date and the seconds of simulation since.
+https://carla.readthedocs.io/en/latest/ref_recorder_binary_file_format/
+"""
+
+import math
+import struct
+from collections.abc import Iterator
+from io import BufferedReader
+from pathlib import Path
+
+from fleetlog.errors import FormatError
+from fleetlog.importers._open import open_bytes
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers._rows import Rows, gather, unplaced
+from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+
+MAGIC = b"CARLA_RECORDER"
+FRAME_START, EVENT_ADD, POSITION = 0, 2, 6
+VEHICLE = 1
+CENTIMETRE = 0.01
+LIMIT = 1 << 26
+"""Bytes of one packet that are believed."""
+_PACKET, _FRAME, _PLACE = struct.Struct("<BI"), struct.Struct("<Qdd"), struct.Struct("<I6f")
+_ADDED = struct.Struct("<IB6fI")
+Packet = tuple[int, bytes]
+
+
+def sniff(path: Path, head: bytes) -> bool:
+    """The version, and the magic text behind its length."""
+    return head[2:4] == struct.pack("<H", len(MAGIC)) and head[4:].startswith(MAGIC)
+
+
+def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
+    """One row a vehicle and frame; walkers and other actors are left out."""
+    stream, raw = open_bytes(path, options.report)
+    rows = Rows("x", "y", share=lambda: raw.share)
+    with stream:
+        start = _header(stream, path, options.report)
+        log = _Log(rows, options.origin or start)
+        yield from gather(_packets(stream, options.report), log.take, rows)
+    if not rows.total:
+        raise options.report.nothing("no vehicle's position in it", "record it with vehicles")
+    options.report.recognised |= {
+        "position": "x, y, z from cm, y turned to the left, heading from degrees",
+        "actor": "vehicle_id: type and number",
+    }
+    yield from rows.drain()
+
+
+def _header(stream: BufferedReader, path: Path, report: ReadReport) -> int:
+    """The recording's date [us since 1970]; the map is told."""
+    try:
+        version, _ = struct.unpack("<H", stream.read(2))[0], _text(stream)
+        date, town = struct.unpack("<q", stream.read(8))[0], _text(stream)
+    except struct.error:
+        raise FormatError("the file breaks off in its header", where=path, do="record it again") from None
+    if version != 1:
+        raise FormatError(f"is version {version} of the recorder's format", where=path, do="give version 1")
+    report.note(f"recorded by CARLA on the map {town}")
+    return int(date) * 1_000_000
+
+
+def _text(stream: BufferedReader) -> str:
+    return stream.read(struct.unpack("<H", stream.read(2))[0]).decode("utf-8", "replace")
+
+
+def _packets(stream: BufferedReader, report: ReadReport) -> Iterator[Packet]:
+    done = 0
+    while head := stream.read(_PACKET.size):
+        kind, length = _PACKET.unpack(head) if len(head) == _PACKET.size else (0, LIMIT + 1)
+        data = stream.read(length) if length <= LIMIT else b""
+        if len(data) < length:
+            report.damaged(f"the log breaks off or is wrong after {done:,} packets")
+            return
+        done += 1
+        yield kind, data
+
+
+class _Log:
+    """Packets to rows, with the names of the vehicles and the time of the frame."""
+
+    def __init__(self, rows: Rows, origin: int) -> None:
+        self.rows, self.origin = rows, origin
+        self._names: dict[int, str] = {}
+        self._time = origin
+
+    def take(self, packet: Packet, number: int) -> None:
+        """One packet."""
+        kind, data = packet
+        try:
+            if kind == FRAME_START:
+                self._time = self.origin + round(_FRAME.unpack(data)[2] * 1e6)
+            elif kind == EVENT_ADD:
+                self._names |= dict(_added(data))
+            elif kind == POSITION:
+                self._places(data, number)
+        except (struct.error, ValueError, OverflowError) as error:
+            self.rows.reject(number, f"the packet of kind {kind} is damaged", error)
+
+    def _places(self, data: bytes, number: int) -> None:
+        for actor, x, y, z, _, _, yaw in _PLACE.iter_unpack(data[2:]):
+            name = self._names.get(actor)
+            if name is None:
+                continue
+            values = {"x": x * CENTIMETRE, "y": -y * CENTIMETRE, "z": z * CENTIMETRE}
+            if unplaced(values):
+                self.rows.reject(number, "position is not a number", values)
+            else:
+                heading = math.remainder(-math.radians(yaw), math.tau)
+                self.rows.add(name, self._time, number, values | {"heading": heading})
+
+
+def _added(data: bytes) -> Iterator[tuple[int, str]]:
+    """(actor, name) of the vehicles that a packet adds: ``tesla.model3-27`` of ``vehicle.tesla.model3``."""
+    (count,), at = struct.unpack_from("<H", data), 2
+    for _ in range(count):
+        actor, kind = _ADDED.unpack_from(data, at)[:2]
+        name, at = _cut(data, at + _ADDED.size)
+        (attributes,), at = struct.unpack_from("<H", data, at), at + 2
+        for _ in range(attributes):
+            _, at = _cut(data, at + 1)
+            _, at = _cut(data, at)
+        if kind == VEHICLE:
+            yield actor, f"{name.removeprefix('vehicle.')}-{actor}"
+
+
+def _cut(data: bytes, at: int) -> tuple[str, int]:
+    (length,) = struct.unpack_from("<H", data, at)
+    end = at + 2 + length
+    if end > len(data):
+        raise ValueError("a text runs beyond the packet")
+    return data[at + 2 : end].decode("utf-8", "replace"), end
+
+
+IMPORTER = Importer("carla", (".log", ".rec"), sniff, read)

@@ -1,0 +1,120 @@
+"""ASAM MDF 4 measurements (``.mf4``), read by asammdf (the extra ``mf4``).
+
+Channels are recognised by name and unit as the columns of a CSV are.  Channels of one group share their
+times: a group that holds a position gives rows, any other one values at times of its own.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fleetlog.core.trajectory import Values
+from fleetlog.errors import FormatError
+from fleetlog.importers._bounded import refuse_packed
+from fleetlog.importers._fields import Fields, fields_of
+from fleetlog.importers._profile import Source
+from fleetlog.importers._times import NONE, from_counts, microseconds
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject, holding
+
+BATCH = 1 << 16
+
+
+def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
+    """The rows of every group that holds something known, group by group."""
+    refuse_packed(path)
+    with _opened(path) as measurement:
+        origin = options.origin or microseconds(measurement.header.start_time)
+        groups = [_Group(measurement, number, options, origin) for number in range(len(measurement.groups))]
+        if not any(g.placed for g in groups):
+            do = "map its channels to latitude, longitude or x, y with --profile"
+            raise FormatError(f"no group of channels holds a position ({_named(groups)})", where=path, do=do)
+        done = 0
+        for group in groups:
+            for batch in group.batches(done):
+                done = int(batch.record[-1])
+                yield batch
+
+
+def _opened(path: Path) -> Any:
+    try:
+        from asammdf import MDF
+    except ImportError:
+        what, do = "reading MF4 needs asammdf", 'install it with: pip install "fleetlog[mf4]"'
+        raise FormatError(what, where=path, do=do) from None
+    # Damage is told in one line.  The library would log it too, and what it could not open it cannot close.
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        try:
+            return MDF(path)
+        except Exception as error:  # of several kinds, on damaged files
+            what = f"cannot be read as MF4 ({type(error).__name__})"
+        gc.collect()
+    finally:
+        sys.unraisablehook = hook
+    raise FormatError(what, where=path, do="record it again, or repair it with asammdf")
+
+
+def _named(groups: list[_Group]) -> str:
+    names = [n for g in groups for n in g.names]
+    return f"channels: {', '.join(names[:20])}" if names else "it has no channel"
+
+
+class _Group:
+    """The channels of one group, by name; what each is taken for."""
+
+    def __init__(self, measurement: Any, number: int, options: ReadOptions, origin: int) -> None:
+        self.measurement, self.options, self.origin = measurement, options, origin
+        group = measurement.groups[number]
+        master = measurement.masters_db.get(number)
+        self.length = int(group.channel_group.cycles_nr) if master is not None else 0
+        self.names: dict[str, tuple[None, int, int]] = {}
+        for index, channel in enumerate(group.channels):
+            if index != master:
+                unit = (channel.unit or "").strip()
+                self.names[f"{channel.name} [{unit}]" if unit else channel.name] = (None, number, index)
+        self.fields: Fields = fields_of(self.names, options.profile, options.report)
+        known = self.fields.columns
+        self.placed = any(set(pair) <= known.keys() for pair in (GEOGRAPHIC, LOCAL))
+
+    def batches(self, done: int) -> Iterator[RawBatch]:
+        """The rows, numbered on from ``done``; none of a group in which nothing is known."""
+        if not self.fields.columns:
+            return
+        for first in range(0, self.length, BATCH):
+            try:
+                yield self._batch(first, done + first)
+            except Exception as error:
+                what = f"a group of {self.length:,} rows breaks off after row {first:,}"
+                self.options.report.damaged(f"{what} ({type(error).__name__})")
+                return
+
+    def _batch(self, first: int, done: int) -> RawBatch:
+        own = self.fields.kept if self.placed else []
+        wanted = [*self.fields.columns.items(), *((name, Source(name)) for name in own)]
+        signals = self.measurement.select(
+            [self.names[source.column] for _, source in wanted], record_offset=first,
+            record_count=min(BATCH, self.length - first), copy_master=False,
+        )  # fmt: skip
+        time = from_counts(np.asarray(signals[0].timestamps, np.float64), "s", self.origin)
+        columns: dict[str, Values] = {}
+        for (name, source), signal in zip(wanted, signals, strict=True):
+            if signal.samples.dtype.kind in "iufb" and signal.samples.ndim == 1:
+                values = signal.samples.astype(np.float64)
+                columns[name] = source.to_si(source.known(values))
+        record = np.arange(done + 1, done + 1 + len(time))
+        good = time != NONE
+        rejects = [Reject(n, "row without a time", "") for n in record[~good].tolist()]
+        kept: dict[str, Values] = {n: v[good] for n, v in columns.items()}
+        share = (first + len(time)) / max(self.length, 1)
+        return RawBatch.of(self.options.name, time[good], kept, record[good], rejects, share)
+
+
+IMPORTER = Importer("mf4", (".mf4", ".mdf"), holding(b"MDF     ", b"UnFinMF ", first=8), read)

@@ -1,0 +1,65 @@
+"""The page of a diagnosis: whom a finding concerns, where, when, and what to do about it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from fleetlog.discovery.report.finding import Finding
+from fleetlog.physics.power import all_terms
+from fleetlog.report.diagnosis import _ranking, _todo
+
+SCOPE = {"vehicles": None, "from": None, "until": None}
+WORN = Finding(
+    "surface_resistance", "battery_power", "The floor is worn", [], None, ["x", "y"],
+    {"edges": [{"edge_id": "-yard", "from": 0.0, "to": 9.0, "value": 3.0, "low": 2.5, "high": 3.5}], "extent": []},
+    None, SCOPE, [], {"held_out_gain": 0.2, "alternatives": []}, {},
+)  # fmt: skip
+
+
+def rows(*findings: Finding, zone: str = "UTC") -> list[list[str]]:
+    table = _todo(list(findings), zone)
+    assert table is not None
+    return table.rows
+
+
+@pytest.mark.parametrize(
+    "term", [t for t in all_terms().values() if t.told and t.sentence], ids=lambda t: t.name
+)
+def test_every_term_that_can_be_found_says_what_to_do(term) -> None:
+    assert term.advice and term.advice[0].isupper() and not term.advice.endswith(".")
+
+
+def test_a_row_names_trucks_place_and_time_of_the_site() -> None:
+    assert rows(WORN)[0][1:4] == ["all", "on road yard", "always"]
+    begin, end = "2026-03-16T08:02:00+00:00", "2026-03-16T09:02:00+00:00"
+    brake = replace(WORN, term="rolling_resistance", where=None, scope=SCOPE | {"vehicles": ["T3"]})
+    heater = replace(WORN, term="auxiliary_load", where=None, scope=SCOPE | {"from": begin, "until": end})
+    first, second = rows(brake, heater, zone="Europe/Berlin")
+    assert first[0] == "1. Rolling resistance" and first[1:4] == ["T3", "everywhere", "always"]
+    assert second[3] == "from 16 Mar 2026 09:02 to 10:02 (Europe/Berlin)"
+    assert second[4].startswith("Find out what changed then. ")
+    since = replace(heater, scope=SCOPE | {"from": begin})
+    until = replace(heater, scope=SCOPE | {"until": end})
+    assert [r[3] for r in rows(since, until)] == [
+        "from 16 Mar 2026 08:02 (UTC)",
+        "until 16 Mar 2026 09:02 (UTC)",
+    ]
+
+
+def test_what_no_term_explains_says_what_to_record() -> None:
+    unknown = replace(WORN, term="unknown", needs="record more trucks")
+    assert rows(unknown)[0][4] == "Record more trucks."
+    assert rows(replace(unknown, needs=None))[0][4].startswith("Compare the trucks")
+    assert _todo([], "UTC") is None
+
+
+def test_explanations_stand_once_and_in_order() -> None:
+    others = [{"term": "grade", "held_out_gain": g} for g in (0.05, 0.1)]
+    ranked = _ranking(replace(WORN, evidence={"held_out_gain": 0.2, "alternatives": others}))
+    assert [(name, gain) for name, gain, _, _ in ranked] == [
+        ("surface resistance", "20.0 %"),
+        ("grade", "10.0 %"),
+    ]
+    assert [own for *_, own in ranked] == [True, False]

@@ -1,0 +1,119 @@
+"""A simulated fleet that goes on as a recorded one did: its ways, its drivers, its places."""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import ks_2samp
+from simulated_sites import TRUCK, grid, place
+
+from fleetlog.simulate.demand import like
+from fleetlog.simulate.drivers import recorded_drivers
+from fleetlog.simulate.engine import Settings, simulate
+from fleetlog.simulate.itinerary import Itineraries, Visit, at_places
+from fleetlog.simulate.reach import recorded_turns, with_turns
+from fleetlog.store import Dataset, DatasetWriter
+
+PLACES = [
+    place(1, "pick", 15, 3),
+    place(1, "drop", 45, 33),
+    place(2, "pick", 33, 45),
+    place(2, "drop", 3, 45),
+]
+
+
+@pytest.fixture
+def recording(simulated):
+    return simulated(grid(3, 3, places=PLACES), 3, 2400.0, seed=2, interval=1.0)
+
+
+def days(trucks=4, each=40, seed=3):
+    """Visits of trucks that go round places as they like, loads taken up at P and set down at D."""
+    rng, visits = np.random.default_rng(seed), []
+    for _ in range(trucks):
+        for k in range(each):
+            kind, load = ("P", 100.0) if k % 2 == 0 else ("D", -100.0)
+            follows = len(visits) + 1 if k + 1 < each else -1
+            visits.append(Visit(f"{kind}{rng.integers(4)}", 60.0 * k, 20.0, 1.0, load, follows))
+    return visits
+
+
+def test_every_recorded_trip_is_drawn_about_equally_often_and_no_other():
+    visits = days()
+    pairs = Counter((a.place, visits[a.next].place) for a in visits if a.next >= 0)
+    draws = Itineraries(visits, 3, seed=1, start=0.0)
+    for v in range(3):
+        draws.first(v, lambda place: True)
+    drawn = Counter()
+    for k in range(3000):
+        before = visits[draws.of[k % 3]]
+        after = draws.next(k % 3, 0.0, lambda place: True)
+        assert (after.taken < 0.0) == before.loads, "who has a load sets it down next"
+        drawn[before.place, after.place] += 1
+    assert set(drawn) <= set(pairs)
+    share = np.array([[drawn[p] / 3000.0, n / pairs.total()] for p, n in pairs.items()])
+    assert np.abs(share[:, 0] - share[:, 1]).max() < 0.02
+
+
+def test_only_open_places_are_drawn_and_the_same_seed_draws_the_same():
+    visits = days()
+    one, two = (Itineraries(visits, 1, seed=5, start=0.0) for _ in range(2))
+    for draws in (one, two):
+        draws.first(0, lambda place: True)
+    open_to_day = [one.next(0, 0.0, lambda place: place != "D1") for _ in range(50)]
+    assert all(v is None or v.place != "D1" for v in open_to_day)
+    assert open_to_day == [two.next(0, 0.0, lambda place: place != "D1") for _ in range(50)]
+    assert one.next(0, 0.0, lambda place: False) is None
+
+
+def test_visits_without_a_place_are_left_out_and_nothing_follows_them():
+    visits = days(1, 6)
+    kept = at_places(visits, {v.place for v in visits} - {visits[2].place})
+    assert all(v.place != visits[2].place for v in kept)
+    for v in kept:
+        assert v.next == -1 or (kept[v.next].begin, v.begin) == (v.begin + 60.0, kept[v.next].begin - 60.0)
+    assert sum(v.next == -1 for v in kept) >= 2
+
+
+def again(recording, tmp_path, seed, trucks=TRUCK):
+    data = recording.dataset
+    site, demand, _ = like(data, data.site, TRUCK, 3, 0, 2400.0, seed, same=True)
+    with DatasetWriter.create(tmp_path / f"again{seed}", "simulated", site) as writer:
+        summary = simulate(site, trucks, writer, Settings(3, 2400.0, seed=seed), demand)
+    return Dataset(tmp_path / f"again{seed}"), summary
+
+
+def test_trips_are_like_the_recorded_ones_in_distribution(recording, tmp_path):
+    trips = recording.dataset.trips
+    trips = trips[trips.distance > 10.0]
+    runs = [again(recording, tmp_path, seed) for seed in range(2)]
+    others = [d.trips[d.trips.distance > 10.0] for d, _ in runs]
+    for name in ("distance", "driving_time"):
+        both = np.concatenate([o[name] for o in others])
+        # Two such samples of one distribution are this far apart in one case of twenty.
+        chance = 1.36 * np.sqrt(1.0 / len(trips) + 1.0 / len(both))
+        assert ks_2samp(trips[name], both).statistic < chance, name
+    for _, summary in runs:
+        assert summary.count.tasks_done == pytest.approx(recording.summary.count.tasks_done, rel=0.15)
+        assert summary.count.deadlocks == 0
+
+
+def test_a_driver_is_found_again(simulated):
+    slow = replace(TRUCK, drive=replace(TRUCK.drive, speed_factor=0.8, max_acceleration=0.4))
+    fleet = simulated(grid(3, 3, 60.0, places=PLACES), 2, 2400.0, truck=(TRUCK, slow), interval=1.0)
+    found = recorded_drivers(fleet.dataset, TRUCK)
+    for truck, told in zip((TRUCK, slow), found, strict=True):
+        assert told.drive.speed_factor == pytest.approx(truck.drive.speed_factor, abs=0.03)
+        assert told.drive.max_acceleration == pytest.approx(truck.drive.max_acceleration, rel=0.25)
+    assert found[1].drive.max_acceleration < 0.8 * found[0].drive.max_acceleration
+
+
+def test_turning_round_is_allowed_where_it_was_recorded(recording):
+    network = recording.dataset.site.roads()
+    assert recorded_turns(recording.dataset, network) == [], "this fleet turned round in its bays alone"
+    edge = int(np.flatnonzero(network.reverse >= 0)[0])
+    more = with_turns(network, [(edge, int(network.reverse[edge]))])
+    assert int(network.reverse[edge]) in more.successors(edge)
+    assert len(more.next_edges) == len(network.next_edges) + 1
+    assert all(set(network.successors(i)) <= set(more.successors(i)) for i in range(len(network)))
