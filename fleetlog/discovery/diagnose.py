@@ -29,7 +29,7 @@ HANDED_OVER = 500_000
 """Channels of a recording of so many rows at most are explained at the same time.
 
 What is known of a larger one would take as long to hand over as it takes memory: its channels are explained
-one after the other, each pass over their vehicle-days on all cores.
+one after the other.
 """
 
 

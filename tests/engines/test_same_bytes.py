@@ -147,14 +147,11 @@ def diagnosed_alone(tmp_path_factory, fleet, truck):
     return diagnosed(fleet, truck, tmp_path_factory.mktemp("diagnosis") / "out")
 
 
-@pytest.mark.parametrize("how", ["two", "killed", "cluster", "by days"])
+@pytest.mark.parametrize("how", ["two", "killed", "cluster"])
 def test_diagnose(how, diagnosed_alone, fleet, truck, tmp_path, monkeypatch, request):
-    """``by days``: a pass over the vehicle-days is divided, as of large recordings, and a worker is killed."""
     address = request.getfixturevalue("scheduler") if how == "cluster" else None
-    crime = murder(monkeypatch, tmp_path) if how in ("killed", "by days") else nullcontext()
-    if how == "by days":
-        monkeypatch.setattr("fleetlog.discovery.diagnose.HANDED_OVER", 0)
-    with crime, engines.using(None if address else 4 if how == "by days" else 2, address):
+    crime = murder(monkeypatch, tmp_path) if how == "killed" else nullcontext()
+    with crime, engines.using(None if address else 2, address):
         assert diagnosed(fleet, truck, tmp_path / "out") == diagnosed_alone
 
 

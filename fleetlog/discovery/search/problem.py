@@ -81,7 +81,7 @@ class Problem:
 
         The parts are the same for any number of workers, so the sum of their results is, too.
         """
-        self.crew = self.crew or engines.current().crew(self._part, self._told)
+        self.crew = self.crew or engines.Serial().crew(self._part, self._told)
         ends = np.linspace(0, self.channel.count, min(PARTS, self.channel.count) + 1).astype(int).tolist()
         yield from self.crew.run([(work, part, arguments) for part in itertools.pairwise(ends)])
 
