@@ -19,14 +19,17 @@ from fleetlog.discovery.recording.sensors import Fault, examine
 from fleetlog.discovery.recording.splits import Kind, Split, make_split
 from fleetlog.discovery.report.faults import finding_of
 from fleetlog.discovery.report.finding import Finding, Verdict
+from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.settings import SETTINGS, Settings
 from fleetlog.errors import DataError, nearest
 from fleetlog.physics.power import all_terms
 from fleetlog.store import Dataset
 
 HANDED_OVER = 500_000
-"""Channels of a recording of more rows are explained one after the other: what is known of each would take
-as long to hand over as it takes memory.
+"""Channels of a recording of so many rows at most are explained at the same time.
+
+What is known of a larger one would take as long to hand over as it takes memory: its channels are explained
+one after the other.
 """
 
 
@@ -95,7 +98,8 @@ def _explained(
 ) -> Explained:
     """Explain one channel."""
     channel: Channel = channel_of(name, fleet, base, settings, split)
-    return explain(channel, split, base, settings, terms)
+    with closing(Problem(channel, split, settings, ())) as problem:
+        return explain(problem, base, terms)
 
 
 def together(base: Model, explained: dict[str, Explained]) -> Model:

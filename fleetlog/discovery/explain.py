@@ -12,7 +12,7 @@ from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.curves import UNIT
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, hypotheses
 from fleetlog.discovery.model import Knob, Model
-from fleetlog.discovery.recording.splits import HELD_OUT, Split
+from fleetlog.discovery.recording.splits import HELD_OUT
 from fleetlog.discovery.report import fields, traffic, words
 from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import Adjustment, ChannelFit, Finding, Parameter
@@ -47,11 +47,9 @@ class Explained:
     log: list[str]
 
 
-def explain(
-    channel: Channel, split: Split, base: Model, settings: Settings, only: tuple[str, ...] = ()
-) -> Explained:
+def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explained:
     """Say what a channel is missing."""
-    problem = Problem(channel, split, settings, ())
+    channel, settings = problem.channel, problem.settings
     count = sum(int(unit.whole.sum()) for _, unit in problem.training())
     if count < settings.fewest:
         reason = f"only {count} windows can be used, {settings.fewest} are needed; record more"

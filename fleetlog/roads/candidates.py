@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
-from fleetlog.roads.kernels.records import Candidates, Grid, Roads, Store
+from fleetlog.roads.kernels.records import Candidates, Grid, Roads, Steps, Store
 
 Floats = NDArray[np.float64]
 
@@ -29,8 +29,24 @@ class Prepared:
         """The edges within ``radius`` of every position, ``margin`` [m] behind the nearest at most."""
         from fleetlog.roads.kernels.candidates import find_candidates
 
-        found: Candidates = find_candidates(x, y, self.roads, self.grid, radius, margin, MOST_CANDIDATES)
-        return found
+        n, room = len(x), 8 * len(x) + MOST_CANDIDATES
+        found = Candidates(np.zeros(n + 1, np.int64), np.empty(room, np.int32), np.empty((4, room)))
+        lines = np.empty(MOST_CANDIDATES // 2, np.int64), np.empty((2, MOST_CANDIDATES // 2))
+        at = 0
+        while (at := find_candidates(x, y, self.roads, self.grid, radius, margin, at, found, *lines)) < n:
+            wider = np.concatenate([found.value, np.empty_like(found.value)], axis=1)
+            found = Candidates(found.ptr, np.resize(found.edge, 2 * len(found.edge)), wider)
+        total = found.ptr[-1]
+        return Candidates(found.ptr, found.edge[:total].copy(), found.value[:, :total].copy())
+
+    def reach(self, near: Candidates, steps: Steps, beta: float) -> None:
+        """Find the distances that the steps between candidates need."""
+        from fleetlog.roads.kernels.decoding import ensure_all
+        from fleetlog.roads.kernels.distances import roomier
+
+        at = 0
+        while (at := ensure_all(self.store, self.roads, near, steps, beta, at)) < len(steps.chain):
+            self.store = roomier(self.store)
 
 
 _PREPARED: dict[int, tuple[weakref.ref[Network], Prepared]] = {}

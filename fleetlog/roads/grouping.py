@@ -175,22 +175,34 @@ HEADING_WEIGHT = 1.0
 
 def group_track(track: Track, noise: float, sigma: float) -> Groups:
     """Groups of a track: standstills that speed or positions show, and steps of motion between."""
-    from fleetlog.roads.kernels.grouping import find_stops, group_means, group_points
+    from fleetlog.roads.kernels.grouping import find_stops, group_points
 
     span = group_span(track, noise)
     travelled = _travelled(track)
-    first, still = group_points(track.t, track.speed, track.chain, span - 1e-6, STANDING_SPEED)
+    first, still = np.empty(len(track) + 1, np.int64), np.zeros(len(track), np.bool_)
+    count = group_points(track.t, track.speed, track.chain, span - 1e-6, STANDING_SPEED, first, still)
     if not np.isfinite(track.speed).any():
-        _, x, y, *_ = group_means(first, track.t, track.x, track.y, travelled, track.heading)
-        radius = 2.5 * sigma + 0.1
-        first, still = find_stops(first, track.t, x, y, track.chain, radius, max(5.0, 4.0 * radius))
-    t, x, y, s, c2, s2 = group_means(first, track.t, track.x, track.y, travelled, track.heading)
+        _, x, y, *_ = _means(track, first[: count + 1], travelled)
+        radius, points = 2.5 * sigma + 0.1, first[: count + 1].copy()
+        still[:] = False
+        count = find_stops(points, track.t, x, y, track.chain, radius, max(5.0, 4.0 * radius), first, still)
+    first, still = first[: count + 1].copy(), still[:count].copy()
+    t, x, y, s, c2, s2 = _means(track, first, travelled)
     chord = np.hypot(np.diff(x), np.diff(y))
     blur = 2.0 * noise**2 / np.maximum(np.minimum(np.diff(first)[1:], np.diff(first)[:-1]), 1)
     by_position = np.sqrt(np.maximum(chord**2 - blur, 0.0))
     moved = np.where(np.isfinite(np.diff(s)), np.diff(s), by_position)
     axis = HEADING_WEIGHT * np.vstack([c2, s2])
     return Groups(first, t, x, y, np.append(moved, 0.0), axis, still, track.chain[first[:-1]])
+
+
+def _means(track: Track, first: Ints, travelled: Floats) -> Floats:
+    """(6, G) means of groups; see the kernel."""
+    from fleetlog.roads.kernels.grouping import group_means
+
+    out = np.empty((6, len(first) - 1))
+    group_means(first, track.t, track.x, track.y, travelled, track.heading, out)
+    return out
 
 
 def _travelled(track: Track) -> Floats:

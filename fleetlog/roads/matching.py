@@ -196,19 +196,22 @@ class Chain:
 
 def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> Chain:
     from fleetlog.roads.kernels.costs import emission_costs
-    from fleetlog.roads.kernels.decoding import decode
+    from fleetlog.roads.kernels.decoding import decode, scratch
 
     near = prepared.candidates(groups.x, groups.y, p.reach, max(4.5 * p.sigma, 1.5))
     weight = max((1.0 - p.persistence) / (1.0 + p.persistence), LEAST_WEIGHT)
     spread = float(np.hypot(p.sigma, 0.1))
-    emission = emission_costs(
-        near, *groups.direction(p.sigma), groups.axis, prepared.roads.reverse, spread, weight
-    )
+    emission, roads = np.empty(len(near.edge)), prepared.roads
+    emission_costs(near, *groups.direction(p.sigma), groups.axis, roads.reverse, spread, weight, emission)
     # off the roads costs as much as a road at the edge of what is believable, and never less than 5 sigma
     off = 3.0 * max(5.0, min(p.reach, 4.0) / spread) - 4.5
     costs = Costs(p.beta, 3.0 * p.sigma + 0.3, p.turn, off, BLOCK, AHEAD)
     steps = Steps(groups.chain, groups.moved, groups.still)
-    prepared.store, choice = decode(prepared.store, prepared.roads, near, emission, steps, costs)
+    count = len(groups)
+    choice = Choice(np.full(count, -1), np.zeros(len(near.edge)), np.zeros(count), np.zeros(count, np.bool_))
+    prepared.reach(near, steps, costs.beta)
+    room = scratch(near, costs, len(roads.length))
+    decode(prepared.store, roads, near, emission, steps, costs, choice, room)
     return Chain(near, choice, costs.back)
 
 
@@ -218,7 +221,8 @@ def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchPara
 
     chain, size = _decode(groups, prepared, p), np.diff(groups.first)
     routes = build_routes(prepared.store, prepared.roads, chain.near, chain.choice, groups.moved, chain.back)
-    posterior = route_posterior(chain.choice, chain.near, routes)
+    posterior = np.zeros(len(groups))
+    route_posterior(chain.choice, chain.near, routes, posterior)
     n = len(track)
     confidence = np.repeat(chain.choice.off, size)
     placed = Placed(np.full(n, -1, np.int32), np.full(n, np.nan), np.full(n, np.nan), confidence)
@@ -226,9 +230,11 @@ def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchPara
     noise = Noise(max(p.noise, 0.02) ** 2, lasting, p.speed_noise**2, p.acceleration)
     group = np.repeat(np.arange(len(groups)), size)
     rows = Rows(track.t, track.x, track.y, track.speed)
+    longest = int((groups.first[routes.spans[1] + 1] - groups.first[routes.spans[0]]).max(initial=0))
     place_points(
-        rows, group, groups.first, groups.t, groups.still, routes, prepared.roads, posterior, noise, placed
-    )
+        rows, group, groups.first, groups.t, groups.still, routes, prepared.roads, posterior, noise, placed,
+        np.zeros((13, longest)), np.zeros(2, np.int64),
+    )  # fmt: skip
     reason = np.repeat(_reasons(groups, chain, prepared, p), size).astype(np.uint8)
     restart = np.zeros(n, np.uint8)
     restart[groups.first[:-1][routes.spans[0]]] = NO_PATH
@@ -240,8 +246,9 @@ def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchPara
 def _reasons(groups: Groups, chain: Chain, prepared: Prepared, p: MatchParameters) -> NDArray[np.uint8]:
     """(G,) why a group is off the roads, 0 where it is on one."""
     reason = np.zeros(len(groups), np.uint8)
-    direction, sharpness = groups.direction(p.sigma)
-    for g in np.flatnonzero(chain.choice.chosen < 0):
+    off = np.flatnonzero(chain.choice.chosen < 0)
+    direction, sharpness = groups.direction(p.sigma) if len(off) else (np.zeros((2, 0)), np.zeros(0))
+    for g in off:
         rows = slice(chain.near.ptr[g], chain.near.ptr[g + 1])
         near = np.abs(chain.near.value[1, rows]) < max(3.0 * p.sigma, 1.0)
         edges, tangent = chain.near.edge[rows][near], chain.near.value[2:, rows][:, near]

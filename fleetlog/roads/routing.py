@@ -39,9 +39,11 @@ def bounded_distances(network: Network, limit: float, sources: Index | None = No
     ``sources`` (S,) are the edges to start from; all by default, then row i is edge i.
     """
     from fleetlog.roads.kernels import paths
+    from fleetlog.roads.kernels.distances import new_store
 
+    store = new_store(len(network), len(network.next_edges))
     rows = np.arange(len(network), dtype=np.int32) if sources is None else np.asarray(sources, dtype=np.int32)
-    found = paths.bounded(network.next_first, network.next_edges, network.length, float(limit), rows)
+    found = paths.bounded(store, network.next_first, network.next_edges, network.length, float(limit), rows)
     return Distances(*found)
 
 

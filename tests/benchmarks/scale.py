@@ -1,8 +1,9 @@
 """Cost of a vehicle-day by command, from one day to many; what one more day costs; what a second core gives.
 
-    python tests/benchmarks/scale.py [--trucks 5] [--days 6] [--keep FOLDER] [--figure docs/figures/scale.png]
+    python tests/benchmarks/scale.py [--trucks 5] [--days 6] [--steps 1,3,9,10] [--figure docs/figures/scale.png]
 
-A month of 50 trucks is ``--trucks 50 --days 30``.  CPU seconds are those of all processes together, memory is the
+A month of 50 trucks is ``--trucks 50 --days 30``.  With ``--brief`` energy, heat map and density alone, by one
+worker.  CPU seconds are those of all processes together, memory is the
 largest process.  On a busy machine compare CPU seconds, not wall time.
 """
 
@@ -87,6 +88,8 @@ def main() -> None:
     parser.add_argument("--trucks", type=int, default=5)
     parser.add_argument("--days", type=int, default=6)
     parser.add_argument("--dataset", type=Path, help="made before with these trucks and days")
+    parser.add_argument("--steps", help="numbers of days, the last two one apart: what one more day costs")
+    parser.add_argument("--brief", action="store_true")
     parser.add_argument("--figure", type=Path)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
@@ -100,18 +103,24 @@ def main() -> None:
             print(
                 f"simulate: {cost.cpu / args.trucks / args.days:.2f} CPU s per vehicle-day, {cost.memory:.0f} MB"
             )
-        table = growth(source, args.days, folder)
+        steps = sorted({1, 2, *range(4, args.days, 4), args.days - 1, args.days})
+        if args.steps:
+            steps = [int(n) for n in args.steps.split(",")]
+        if args.brief:
+            del COMMANDS["stops"], COMMANDS["chargers"]
+        table = growth(source, steps, folder)
+        if not args.brief:
+            second(table, folder)
         if args.figure:
             draw(table, args.figure)
 
 
-def growth(source: Path, days: int, folder: Path) -> list[tuple[int, dict[str, Cost]]]:
-    """Print the cost per vehicle-day of 1, 2, 4 ... days, of one more day, and with two workers."""
+def growth(source: Path, steps: list[int], folder: Path) -> list[tuple[int, dict[str, Cost]]]:
+    """Print the cost per vehicle-day of some numbers of days, and of one more day."""
     out = []
-    steps = sorted({1, 2, *range(4, days, 4), days - 1, days})
     for n in steps:
         count = first_days(source, n, folder / "part")
-        more = measured(folder / "part", folder, 1, fresh=False) if n == days else {}
+        more = measured(folder / "part", folder, 1, fresh=False) if n == steps[-1] else {}
         costs = measured(folder / "part", folder, 1, fresh=True)
         out.append((count, costs))
         for name, c in costs.items():
@@ -120,14 +129,18 @@ def growth(source: Path, days: int, folder: Path) -> list[tuple[int, dict[str, C
             )
         for name, c in more.items():
             print(f"one more day {name:9s} {c.cpu:7.2f} CPU s (a day at first {out[0][1][name].cpu:.2f})")
+    return out
+
+
+def second(table: list[tuple[int, dict[str, Cost]]], folder: Path) -> None:
+    """Print the cost with what is kept, and with two workers."""
     again = measured(folder / "part", folder, 1, fresh=False)
     both = measured(folder / "part", folder, 2, fresh=True)
     for name, c in both.items():
-        one = out[-1][1][name]
+        one = table[-1][1][name]
         print(
             f"{name:9s} kept {again[name].cpu:6.2f} CPU s; wall 1 worker {one.wall:.1f} s, 2 workers {c.wall:.1f} s"
         )
-    return out
 
 
 def draw(table: list[tuple[int, dict[str, Cost]]], target: Path) -> None:

@@ -69,19 +69,19 @@ class EnergyChannel(FleetChannel):
         """What the error is."""
         return f"rms error of energy per {self.seconds:.0f} s window, over rms energy"
 
-    def units(self) -> Iterator[Unit]:
+    @property
+    def count(self) -> int:
+        """Number of vehicle-days."""
+        return len(self.fleet.days)
+
+    def units(self, begin: int = 0, end: int | None = None) -> Iterator[Unit]:
         """Yield blocks with their windows; they stay in memory where the recording is small."""
-        if self._kept:
-            yield from self._kept
+        if self.fleet.rows > self.fleet.most_in_memory:
+            some = replace(self.fleet, days=self.fleet.days[begin:end])
+            yield from (self._unit(block) for block in some.each_block())
             return
-        keep = self.fleet.rows <= self.fleet.most_in_memory
-        made = []
-        for block in self.fleet.each_block():
-            unit = self._unit(block)
-            if keep:
-                made.append(unit)
-            yield unit
-        self._kept = made
+        self._kept = self._kept or [self._unit(block) for block in self.fleet.each_block()]
+        yield from self._kept[begin:end]
 
     def _unit(self, block: Block) -> Unit:
         if self.measured:

@@ -6,21 +6,20 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from fleetlog.roads.kernels.growing import longer, wider
+from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
 from fleetlog.roads.kernels.records import Candidates, Floats, Grid, Index, Roads, Wide
 
 Frame = tuple[float, float, float, int, int]
 """Origin x, y and side [m] of cells, and their numbers along x and y."""
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@fast_inner
 def _cell_range(low: float, high: float, origin: float, cell: float, count: int) -> Any:
     return max(int((low - origin) / cell), 0), min(int((high - origin) / cell), count - 1) + 1
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@fast_outer
 def _visit_cells(roads: Roads, frame: Frame, counts: Wide, items: Wide) -> None:
     """Enter every segment in ``items`` of every cell that its band crosses; without items, count only.
 
@@ -49,21 +48,19 @@ def _visit_cells(roads: Roads, frame: Frame, counts: Wide, items: Wide) -> None:
                     counts[c] += 1
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
 def build_grid(roads: Roads, frame: Frame) -> Grid:
     """The segments of every cell, by their first vertex."""
     x0, y0, cell, nx, ny = frame
     counts = np.zeros(nx * ny, np.int64)
     _visit_cells(roads, frame, counts, np.empty(0, np.int64))
-    starts = np.zeros(nx * ny + 1, np.int64)
-    starts[1:] = np.cumsum(counts)
+    starts = np.append(0, np.cumsum(counts))
     items = np.empty(starts[-1], np.int64)
     if len(items):
         _visit_cells(roads, frame, starts[:-1].copy(), items)
     return Grid(x0, y0, cell, nx, ny, starts, items)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@fast_inner
 def project(px: Floats, py: Floats, k: int, x: float, y: float) -> Any:
     """Foot of (x, y) on segment k: squared distance, and the share of the segment passed."""
     ax, ay = px[k], py[k]
@@ -74,24 +71,23 @@ def project(px: Floats, py: Floats, k: int, x: float, y: float) -> Any:
     return ex * ex + ey * ey, share
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@fast_outer
 def find_candidates(
-    x: Floats, y: Floats, roads: Roads, grid: Grid, radius: float, margin: float, limit: int
-) -> Candidates:
-    """Edges within ``radius`` and not more than ``margin`` farther than the nearest; at most ``limit``.
+    x: Floats, y: Floats, roads: Roads, grid: Grid, radius: float, margin: float, begin: int,
+    out: Candidates, near_k: Wide, near: Floats,
+) -> Any:  # fmt: skip
+    """Edges within ``radius`` and not more than ``margin`` farther than the nearest, into ``out``.
 
-    One candidate an edge: its nearest point; beyond an end the lateral distance is the whole one.
+    One candidate an edge: its nearest point; beyond an end the lateral distance is the whole one.  Begins at
+    position ``begin`` and returns where it ended: at the first for which ``out`` has no room, or after the
+    last.  ``near_k`` (K,) and ``near`` (2, K) are for the K nearest lines of one position.
     """
     px, py, dist = roads.px, roads.py, roads.dist
-    n = len(x)
-    ptr = np.zeros(n + 1, np.int64)
-    capacity = 8 * n + limit
-    edge = np.empty(capacity, np.int32)
-    value = np.empty((4, capacity))
-    near_k = np.empty(limit // 2, np.int64)
-    near = np.empty((2, limit // 2))
-    total = 0
-    for p in range(n):
+    ptr, edge, value = out
+    total = ptr[begin]
+    for p in range(begin, len(x)):
+        if total + 2 * len(near_k) > len(edge):
+            return p
         m = 0
         best = cut = radius * radius
         i0 = max(int(np.floor((x[p] - radius - grid.x0) / grid.cell)), 0)
@@ -109,9 +105,6 @@ def find_candidates(
                         best = d2
                         cut = min((math.sqrt(best) + margin) ** 2, radius * radius)
                     m = _keep(near_k, near, m, k, d2, share, roads.owner)
-        if total + limit > capacity:
-            capacity *= 2
-            edge, value = longer(edge, capacity), wider(value, capacity)
         for c in range(m):
             if near[0, c] > cut:
                 continue
@@ -133,10 +126,10 @@ def find_candidates(
                 value[2, total], value[3, total] = -dx * scale, -dy * scale
                 total += 1
         ptr[p + 1] = total
-    return Candidates(ptr, edge[:total].copy(), value[:, :total].copy())
+    return len(x)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@fast_inner
 def _keep(near_k: Wide, near: Floats, m: int, k: int, d2: float, share: float, owner: Index) -> Any:
     """Enter a foot of one position: of an edge the nearest stays, of too many edges the farthest goes."""
     at = -1
@@ -151,7 +144,10 @@ def _keep(near_k: Wide, near: Floats, m: int, k: int, d2: float, share: float, o
             at = m
             m += 1
         else:
-            at = int(np.argmax(near[0]))
+            at = 0
+            for c in range(1, m):
+                if near[0, c] > near[0, at]:
+                    at = c
             if near[0, at] <= d2:
                 return m
     near_k[at], near[0, at], near[1, at] = k, d2, share

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
 from fleetlog.roads.kernels.records import Candidates, Costs, Floats, Index, Roads, Store, Wide
 
 JUMP = 12.0
@@ -15,6 +15,7 @@ JUMP = 12.0
 RARE = np.exp(-JUMP)
 LEAVE = 4.0
 """Cost of leaving the roads, and of coming back."""
+LEFT = np.exp(-LEAVE)
 SLACK = 5.0
 """A way this much longer than the travelled distance is always tried [m]: two corners, taken short."""
 CHANGE = 0.5
@@ -25,17 +26,17 @@ CHAIN_END = -2
 BY_JUMP = 1 << 20
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@fast_outer
 def emission_costs(
     near: Candidates, direction: Floats, sharpness: Floats, axis: Floats, reverse: Index, sigma: float,
-    weight: float,
-) -> Any:  # fmt: skip
-    """Cost of every candidate: lateral distance (Gaussian, linear beyond 3 sigma), direction, heading's axis.
+    weight: float, out: Floats,
+) -> None:  # fmt: skip
+    """Cost of every candidate into ``out``: lateral distance, direction, axis of the log's heading.
 
+    That of the distance is Gaussian, linear beyond 3 sigma.
     A motion plainly against a one-way road counts threefold: it is no noise about the other direction.
     """
     ptr, edge, value = near
-    out = np.empty(len(edge))
     for g in range(len(ptr) - 1):
         strength = math.sqrt(axis[0, g] ** 2 + axis[1, g] ** 2)
         for c in range(ptr[g], ptr[g + 1]):
@@ -48,17 +49,16 @@ def emission_costs(
             if strength > 0.0:
                 cost += strength - (axis[0, g] * (ux * ux - uy * uy) + axis[1, g] * 2.0 * ux * uy)
             out[c] = weight * cost
-    return out
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@fast_inner
 def mismatch(d: float, moved: float, scale: float) -> Any:
     """Cost of a step of network distance d: exponential, beyond four scales of slow growth (corners cut)."""
     z = abs(d - moved) / scale
     return z if z < 4.0 else 4.0 + 2.0 * math.log(0.25 * z)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
+@fast_inner
 def step_costs(
     store: Store, roads: Roads, near: Candidates, costs: Costs, g: int, moved: float,
     standing: tuple[bool, bool], slot: Wide, cost: Floats,
@@ -108,7 +108,7 @@ def step_costs(
     cost[k, m] = 0.0
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@fast_inner
 def reach_of(moved: float, beta: float) -> Any:
     """How long a way is tried for a step of travelled distance ``moved`` [m]."""
     return moved + max(JUMP * math.sqrt(beta * beta + 0.01 * moved * moved), SLACK)

@@ -7,60 +7,81 @@ probabilities.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from fleetlog.roads.kernels.costs import BY_JUMP, CHAIN_END, JUMP, RARE, reach_of, step_costs
+from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
+from fleetlog.roads.kernels.costs import BY_JUMP, CHAIN_END, JUMP, LEAVE, LEFT, RARE, reach_of, step_costs
 from fleetlog.roads.kernels.distances import ensure
 from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Floats, Roads, Steps, Store, Wide
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
-def _first_missing(known: Floats, near: Candidates, moved: Floats, a: int, b: int, beta: float) -> Any:
-    """The first group of a to b with an edge whose reach is not stored, that edge (-1: none), its bound."""
-    for g in range(a, b):
+@fast_outer
+def ensure_all(store: Store, roads: Roads, near: Candidates, groups: Steps, beta: float, begin: int) -> Any:
+    """Store what the steps from group ``begin`` on need; the first group for which there is no room."""
+    chain, moved, _ = groups
+    for g in range(begin, len(chain) - 1):
+        if chain[g + 1] != chain[g]:
+            continue
         need = max(reach_of(moved[g], beta), 20.0)
         for c in range(near.ptr[g], near.ptr[g + 1]):
-            if known[near.edge[c]] < need:
-                return g, near.edge[c], need
-    return b, -1, 0.0
+            e = near.edge[c]
+            if store.known[e] < need and not ensure(store, roads, e, 1.5 * need):
+                return g
+    return len(chain)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
-def ensure_all(
-    store: Store, roads: Roads, near: Candidates, moved: Floats, a: int, b: int, beta: float
-) -> Store:
-    """The store, with what the steps of groups a to b need."""
-    g, edge, need = _first_missing(store.known, near, moved, a, b, beta)
-    while edge >= 0:
-        store = ensure(store, roads, edge, 1.5 * need)
-        g, edge, need = _first_missing(store.known, near, moved, g, b, beta)
-    return store
+class Scratch(NamedTuple):
+    """For blocks of at most B groups with W states: (B W W,) probabilities of ``steps``, where those of a
+    group begin ``at``, where its ``states`` begin; (B W,) values of states; ``cost`` (W, W) of one step; (W,)
+    ``alpha0`` of the group before a block, ``beta`` and ``later``; (E,) ``slot`` of edges, -1.
+    """
+
+    steps: Floats
+    at: Wide
+    states: Wide
+    delta: Floats
+    alpha: Floats
+    gamma: Floats
+    own: Floats
+    came: Wide
+    cost: Floats
+    alpha0: Floats
+    beta: Floats
+    later: Floats
+    slot: Wide
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+def scratch(near: Candidates, costs: Costs, edges: int) -> Scratch:
+    """Room for decoding."""
+    widest = int(np.diff(near.ptr).max()) + 1
+    groups = min(len(near.ptr), costs.block + costs.ahead + 1)
+    delta, alpha, gamma, own = np.empty((4, groups * widest))
+    alpha0, beta, later = np.empty((3, widest))
+    return Scratch(
+        np.empty(groups * widest * widest, np.float32), np.empty(groups + 1, np.int64),
+        np.empty(groups + 1, np.int64), delta, alpha, gamma, own, np.empty(groups * widest, np.int64),
+        np.empty((widest, widest)), alpha0, beta, later, np.full(edges, -1, np.int64),
+    )  # fmt: skip
+
+
+@fast_outer
 def decode(
-    store: Store, roads: Roads, near: Candidates, emission: Floats, groups: Steps, costs: Costs
-) -> tuple[Store, Choice]:
-    """Likeliest state of every group, and every state's posterior; the store, which grows.
+    store: Store, roads: Roads, near: Candidates, emission: Floats, groups: Steps, costs: Costs, out: Choice,
+    room: Scratch,
+) -> None:  # fmt: skip
+    """Likeliest state of every group, and every state's posterior, into ``out``.
 
     Works through blocks of groups and looks ahead beyond each, so memory does not grow with the track.
     """
-    ptr, edge, _ = near
+    ptr = near.ptr
     chain, moved, still = groups
+    chosen, posterior, off_posterior, linked = out
+    _, at, states, delta, alpha, gamma, own, came, cost, alpha0, _, _, slot = room
     off = costs.off
     count = len(ptr) - 1
-    chosen = np.full(count, -1, np.int64)
-    posterior = np.zeros(len(edge))
-    off_posterior = np.zeros(count)
-    linked = np.zeros(count, np.bool_)
-    widest = np.diff(ptr).max() + 1
-    slot = np.full(len(roads.length), -1, np.int64)
-    cost = np.empty((widest, widest))
     start = 0
-    alpha0 = np.empty(widest)
     fixed = -1  # state of the group before the block, when the chain goes on
     while start < count:
         begin = start - 1 if fixed >= 0 else start
@@ -69,20 +90,11 @@ def decode(
             end += 1
         whole = end == count or chain[end] != chain[begin]
         commit = end if whole else start + costs.block
-        store = ensure_all(store, roads, near, moved, begin, end - 1, costs.beta)
-        size = 0
-        for g in range(begin, end - 1):
-            size += (ptr[g + 1] - ptr[g] + 1) * (ptr[g + 2] - ptr[g + 1] + 1)
-        steps = np.empty(size, np.float32)
-        at = np.empty(end - begin + 1, np.int64)
-        at[0] = 0
-        states = np.empty(end - begin + 1, np.int64)
-        states[0] = 0
+        at[0] = states[0] = 0
         for g in range(begin, end):
             states[g - begin + 1] = states[g - begin] + ptr[g + 1] - ptr[g] + 1
-        total = states[end - begin]
-        delta, alpha, gamma, own = np.empty(total), np.empty(total), np.empty(total), np.ones(total)
-        came = np.full(total, CHAIN_END, np.int64)
+        for i in range(states[end - begin]):
+            own[i], came[i] = 1.0, CHAIN_END
         k = ptr[begin + 1] - ptr[begin]
         for i in range(k + 1):
             if fixed >= 0:
@@ -94,23 +106,8 @@ def decode(
         _normalise(alpha, 0, k + 1)
         for g in range(begin, end - 1):
             step_costs(store, roads, near, costs, g, moved[g], (still[g], still[g + 1]), slot, cost)
-            _advance(
-                g - begin,
-                g,
-                near,
-                cost,
-                emission,
-                off,
-                roads.rank,
-                states,
-                at,
-                steps,
-                delta,
-                alpha,
-                came,
-                own,
-            )
-        _backward(end - begin, states, at, steps, alpha, own, gamma, widest)
+            _advance(g - begin, g, near, emission, off, roads.rank, room)
+        _backward(end - begin, room)
         best = _best_last(states, end - begin, delta, roads.rank, near, end - 1)
         for h in range(end - begin - 1, -1, -1):
             g = begin + h
@@ -131,10 +128,9 @@ def decode(
         if whole:
             fixed = -1
         start = commit
-    return store, Choice(chosen, posterior, off_posterior, linked)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@fast_inner
 def _normalise(values: Floats, a: int, b: int) -> None:
     total = 0.0
     for i in range(a, b):
@@ -143,13 +139,13 @@ def _normalise(values: Floats, a: int, b: int) -> None:
         values[i] = values[i] / total if total > 0.0 else 1.0 / (b - a)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
+@fast_inner
 def _advance(
-    h: int, g: int, near: Candidates, cost: Floats, emission: Floats, off: float, rank: Wide, states: Wide,
-    at: Wide, steps: Floats, delta: Floats, alpha: Floats, came: Wide, own: Floats,
-) -> None:  # fmt: skip
+    h: int, g: int, near: Candidates, emission: Floats, off: float, rank: Wide, room: Scratch
+) -> None:
     """One step forward of Viterbi (``delta``, ``came``) and of the forward recursion (``alpha``)."""
     ptr, edge, _ = near
+    steps, at, states, delta, alpha, _, own, came, cost, _, _, _, _ = room
     k, m = ptr[g + 1] - ptr[g] + 1, ptr[g + 2] - ptr[g + 1] + 1
     a, b = states[h], states[h + 1]
     at[h + 1] = at[h] + k * m
@@ -157,7 +153,7 @@ def _advance(
         best, where, total = 1e300, 0, 0.0
         for i in range(k):
             c = cost[i, j]
-            p = RARE if c == JUMP else math.exp(-c)
+            p = RARE if c == JUMP else LEFT if c == LEAVE else math.exp(-c)
             steps[at[h] + i * m + j] = p
             total += alpha[a + i] * p
             through = delta[a + i] + c
@@ -174,12 +170,12 @@ def _advance(
     _normalise(alpha, b, b + m)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
-def _backward(
-    count: int, states: Wide, at: Wide, steps: Floats, alpha: Floats, own: Floats, gamma: Floats, widest: int
-) -> None:
+@fast_inner
+def _backward(count: int, room: Scratch) -> None:
     """Posteriors of all states of a block into ``gamma``."""
-    beta, later = np.ones(widest), np.ones(widest)
+    steps, at, states, _, alpha, gamma, own, _, _, _, beta, later, _ = room
+    for i in range(len(beta)):
+        beta[i] = 1.0
     for h in range(count - 1, -1, -1):
         a, k = states[h], states[h + 1] - states[h]
         if h < count - 1:
@@ -199,7 +195,7 @@ def _backward(
         _normalise(gamma, a, a + k)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@fast_inner
 def _best_last(states: Wide, count: int, delta: Floats, rank: Wide, near: Candidates, g: int) -> Any:
     ptr, edge, _ = near
     a, k = states[count - 1], ptr[g + 1] - ptr[g]

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from fleetlog.roads.kernels.growing import longer
+from fleetlog.roads.kernels.compiling import inner
 from fleetlog.roads.kernels.heap import pop, push
 from fleetlog.roads.kernels.records import Floats, Index, Roads, Store
 
 
-@njit(cache=True)
+@inner
 def search(
     source: int, bound: float, next_first: Index, next_edges: Index, length: Floats, best: Floats,
     before: Index, heap_d: Floats, heap_e: Index, found: Index,
@@ -49,7 +48,7 @@ def search(
     return count
 
 
-@njit(cache=True)
+@inner
 def forget(source: int, count: int, next_first: Index, next_edges: Index, best: Floats, found: Index) -> None:
     """Make ``best`` infinite again for all that a search touched, beyond its bound too."""
     for i in range(-1, count):
@@ -58,7 +57,6 @@ def forget(source: int, count: int, next_first: Index, next_edges: Index, best: 
             best[next_edges[q]] = np.inf
 
 
-@njit(cache=True)
 def new_store(edges: int, arcs: int) -> Store:
     """An empty store for a network of ``edges`` edges and ``arcs`` turns."""
     room = arcs + edges + 8
@@ -69,28 +67,34 @@ def new_store(edges: int, arcs: int) -> Store:
     )  # fmt: skip
 
 
-@njit(cache=True)
-def ensure(store: Store, roads: Roads, source: int, bound: float) -> Store:
-    """The store, with everything within ``bound`` of the end of ``source`` in it."""
-    known, begin, count, target, previous, away, used, best, before, heap_d, heap_e, found = store
-    if known[source] >= bound:
-        return store
+def roomier(store: Store) -> Store:
+    """The store with twice the rows."""
+    twice = {n: np.resize(getattr(store, n), 2 * len(store.target)) for n in ("target", "previous", "away")}
+    return store._replace(**twice)
+
+
+@inner
+def ensure(store: Store, roads: Roads, source: int, bound: float) -> Any:
+    """Store everything within ``bound`` of the end of ``source``; whether there was room for it."""
+    if store.known[source] >= bound:
+        return True
     onward, follow = roads.next_first, roads.next_edges
-    m = search(source, bound, onward, follow, roads.length, best, before, heap_d, heap_e, found)
-    start = used[0]
-    if start + m > len(target):
-        room = 2 * len(target) + m
-        target, previous, away = longer(target, room), longer(previous, room), longer(away, room)
-    for i in range(m):
-        f = found[i]
-        target[start + i], previous[start + i], away[start + i] = f, before[f], best[f]
+    best, before, found = store.best, store.before, store.found
+    m = search(source, bound, onward, follow, roads.length, best, before, store.heap_d, store.heap_e, found)
+    start = store.used[0]
+    fits = start + m <= len(store.target)
+    if fits:
+        for i in range(m):
+            f = found[i]
+            store.target[start + i], store.previous[start + i] = f, before[f]
+            store.away[start + i] = best[f]
+        store.known[source], store.begin[source], store.reached[source] = bound, start, m
+        store.used[0] = start + m
     forget(source, m, onward, follow, best, found)
-    known[source], begin[source], count[source] = bound, start, m
-    used[0] = start + m
-    return Store(known, begin, count, target, previous, away, used, best, before, heap_d, heap_e, found)
+    return fits
 
 
-@njit(cache=True)
+@inner
 def path_between(store: Store, source: int, goal: int, path: Index) -> Any:
     """Edges between ``source``, whose reach is stored, and ``goal`` into ``path``; how many, or -1."""
     target, previous = store.target, store.previous

@@ -5,23 +5,25 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetlog.roads.kernels.compiling import outer
 
 Floats = NDArray[np.float64]
 Wide = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 
-@njit(cache=True)
-def group_points(t: Floats, speed: Floats, chain: Wide, span: float, standing_speed: float) -> Any:
-    """First row of every group (G + 1,) and whether it stands (G,).
+@outer
+def group_points(
+    t: Floats, speed: Floats, chain: Wide, span: float, standing_speed: float, first: Wide, still: Flags
+) -> Any:
+    """First row of every group into ``first`` (G + 1,), whether it stands into ``still``; their number G.
 
     A group is at most ``span`` seconds of motion, or one whole standstill that the log's speed shows;
     ``chain`` (N,) counts up at gaps, ``speed`` is NaN where unknown.
     """
     n = len(t)
-    first = np.empty(n + 1, np.int64)
-    still = np.zeros(n, np.bool_)
     count = 0
     for i in range(n):
         stands = speed[i] < standing_speed
@@ -32,15 +34,15 @@ def group_points(t: Floats, speed: Floats, chain: Wide, span: float, standing_sp
         still[count] = stands
         count += 1
     first[count] = n
-    return first[: count + 1].copy(), still[:count].copy()
+    return count
 
 
-@njit(cache=True)
-def group_means(first: Wide, t: Floats, x: Floats, y: Floats, travelled: Floats, heading: Floats) -> Any:
-    """(6, G) means: time, x, y, travelled distance, cos and sin of the double angle of the log's heading."""
-    count = len(first) - 1
-    out = np.empty((6, count))
-    for g in range(count):
+@outer
+def group_means(
+    first: Wide, t: Floats, x: Floats, y: Floats, travelled: Floats, heading: Floats, out: Floats
+) -> None:
+    """Means into ``out`` (6, G): time, x, y, travelled distance, cos and sin of twice the log's heading."""
+    for g in range(len(first) - 1):
         a, b = first[g], first[g + 1]
         st = sx = sy = sd = c = s = 0.0
         known = 0
@@ -58,17 +60,15 @@ def group_means(first: Wide, t: Floats, x: Floats, y: Floats, travelled: Floats,
         out[3, g] = travelled[a] + sd / m
         out[4, g] = c / known if known else 0.0
         out[5, g] = s / known if known else 0.0
-    return out
 
 
-@njit(cache=True)
+@outer
 def find_stops(
-    first: Wide, t: Floats, gx: Floats, gy: Floats, chain: Wide, radius: float, min_duration: float
-) -> Any:
-    """First rows of groups, those merged that stay within ``radius`` of their mean; which stand."""
+    first: Wide, t: Floats, gx: Floats, gy: Floats, chain: Wide, radius: float, min_duration: float,
+    merged: Wide, still: Flags,
+) -> Any:  # fmt: skip
+    """First rows of groups, those merged that stay within ``radius`` of their mean; which stand; how many."""
     count = len(first) - 1
-    merged = np.empty(count + 1, np.int64)
-    still = np.zeros(count, np.bool_)
     out = 0
     g = 0
     while g < count:
@@ -97,4 +97,4 @@ def find_stops(
             out += 1
         g = b if stands else g + 1
     merged[out] = first[count]
-    return merged[: out + 1].copy(), still[:out].copy()
+    return out

@@ -15,13 +15,3 @@ def longer(array: Any, size: int) -> Any:
     for i in range(min(len(array), size)):
         out[i] = array[i]
     return out
-
-
-@njit(cache=True)
-def wider(array: Any, columns: int) -> Any:
-    """A copy of a two-dimensional array with room for ``columns`` columns; the new ones are not set."""
-    out = np.empty((array.shape[0], columns), array.dtype)
-    for i in range(array.shape[0]):
-        for j in range(min(array.shape[1], columns)):
-            out[i, j] = array[i, j]
-    return out

@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetlog.roads.kernels.compiling import inner
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
 
 
-@njit(cache=True)
+@inner
 def push(heap_d: Floats, heap_e: Index, size: int, d: float, e: int) -> Any:
     """Add edge ``e`` at distance ``d`` to a heap of ``size`` entries; returns its new size."""
     i = size
@@ -26,7 +27,7 @@ def push(heap_d: Floats, heap_e: Index, size: int, d: float, e: int) -> Any:
     return size + 1
 
 
-@njit(cache=True)
+@inner
 def pop(heap_d: Floats, heap_e: Index, size: int) -> Any:
     """Drop the top, which the caller has read; returns the new size."""
     size -= 1

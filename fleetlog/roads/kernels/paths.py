@@ -8,8 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fleetlog.roads.kernels.distances import forget, new_store, search
+from fleetlog.roads.kernels.distances import forget, search
 from fleetlog.roads.kernels.growing import longer
+from fleetlog.roads.kernels.records import Store
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
@@ -17,13 +18,13 @@ Index = NDArray[np.int32]
 
 @njit(cache=True)
 def bounded(
-    next_first: Index, next_edges: Index, length: Floats, limit: float, sources: Index
+    s: Store, next_first: Index, next_edges: Index, length: Floats, limit: float, sources: Index
 ) -> tuple[NDArray[np.int64], Index, Floats]:
     """CSR of the distances [m] from the start of each source to the starts of the edges within ``limit``.
 
-    Row k holds the reached edges in the order of distance, then of edge number, the source itself first.
+    Row k holds the reached edges in the order of distance, then of edge number, the source itself first;
+    ``s`` is an empty store.
     """
-    s = new_store(len(length), len(next_edges))
     first = np.zeros(len(sources) + 1, dtype=np.int64)
     edges, away = np.empty(0, dtype=np.int32), np.empty(0)
     end = 0

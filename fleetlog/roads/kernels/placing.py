@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numba import njit
-
+from fleetlog.roads.kernels.compiling import inner, outer
 from fleetlog.roads.kernels.records import (
     Candidates,
     Choice,
@@ -22,19 +20,18 @@ from fleetlog.roads.kernels.records import (
 )
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def smooth_coordinate(
     t: Floats, seen: Floats, seen_var: Floats, speed: Floats, speed_var: Floats, accel: float, out: Floats,
-    sd: Floats,
+    sd: Floats, kept: Floats,
 ) -> None:  # fmt: skip
     """Rauch-Tung-Striebel smoother of (coordinate, speed) under white acceleration ``accel`` [m2/s3].
 
     ``seen`` (n,) coordinates with variances ``seen_var`` (n,); ``speed`` (n,) is NaN where the log has none.
-    Writes the smoothed coordinate and its standard deviation.
+    Writes the smoothed coordinate and its standard deviation; ``kept`` (5, n) are the states on the way.
     """
     n = len(t)
-    m = np.empty((n, 2))
-    p = np.empty((n, 3))
+    m, p = kept[:2], kept[2:]
     x, v, pxx, pxv, pvv = seen[0], 0.0, seen_var[0], 0.0, 25.0
     for i in range(n):
         if i > 0:
@@ -58,13 +55,13 @@ def smooth_coordinate(
             pxx -= kx * pxv
             pxv -= kv * pxv
             pvv -= kv * pvv
-        m[i, 0], m[i, 1] = x, v
-        p[i, 0], p[i, 1], p[i, 2] = pxx, pxv, pvv
+        m[0, i], m[1, i] = x, v
+        p[0, i], p[1, i], p[2, i] = pxx, pxv, pvv
     out[n - 1], sd[n - 1] = x, math.sqrt(max(pxx, 0.0))
     sxx, sxv, svv = pxx, pxv, pvv
     for i in range(n - 2, -1, -1):
         h = t[i + 1] - t[i]
-        fxx, fxv, fvv = p[i, 0], p[i, 1], p[i, 2]
+        fxx, fxv, fvv = p[0, i], p[1, i], p[2, i]
         qxx = fxx + h * (2.0 * fxv + h * fvv) + accel * h * h * h / 3.0
         qxv = fxv + h * fvv + accel * h * h / 2.0
         qvv = fvv + accel * h
@@ -74,8 +71,8 @@ def smooth_coordinate(
         c, d = fxv + h * fvv, fvv
         g00, g01 = (a * qvv - b * qxv) / det, (b * qxx - a * qxv) / det
         g10, g11 = (c * qvv - d * qxv) / det, (d * qxx - c * qxv) / det
-        ex, ev = x - (m[i, 0] + h * m[i, 1]), v - m[i, 1]
-        x, v = m[i, 0] + g00 * ex + g01 * ev, m[i, 1] + g10 * ex + g11 * ev
+        ex, ev = x - (m[0, i] + h * m[1, i]), v - m[1, i]
+        x, v = m[0, i] + g00 * ex + g01 * ev, m[1, i] + g10 * ex + g11 * ev
         dxx, dxv, dvv = sxx - qxx, sxv - qxv, svv - qvv
         sxx = fxx + g00 * (g00 * dxx + g01 * dxv) + g01 * (g00 * dxv + g01 * dvv)
         n_xv = fxv + g00 * (g10 * dxx + g11 * dxv) + g01 * (g10 * dxv + g11 * dvv)
@@ -84,7 +81,7 @@ def smooth_coordinate(
         out[i], sd[i] = x, math.sqrt(max(sxx, 0.0))
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _locate(where: float, piece: int, lo: int, hi: int, routes: Routes, roads: Roads, cursor: Wide) -> Any:
     """Piece, offset, position, tangent and metres along per metre of plan at a path coordinate.
 
@@ -112,29 +109,29 @@ def _locate(where: float, piece: int, lo: int, hi: int, routes: Routes, roads: R
     return piece, inside, px[k] + share * dx, py[k] + share * dy, dx / norm, dy / norm, run / norm
 
 
-@njit(cache=True, error_model="numpy")
+@outer
 def place_points(
     rows: Rows, group: Wide, first_row: Wide, group_time: Floats, still: Flags, routes: Routes, roads: Roads,
-    near: Floats, noise: Noise, out: Placed,
+    near: Floats, noise: Noise, out: Placed, room: Floats, cursor: Wide,
 ) -> None:  # fmt: skip
     """Edge, offset, lateral offset and confidence of every row that a stretch covers, into ``out``.
 
     Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is
     projected onto the tangent of the route.  ``group`` (N,) is that of each row, ``near`` (G,) the
-    posterior of the route about it.
+    posterior of the route about it; ``room`` (13, n) is for the rows of one stretch, ``cursor`` (2,)
+    for the search along it.
     """
     t, x, y, speed = rows
     spans, firsts, place_of, p_value = routes.spans, routes.firsts, routes.place, routes.value
-    cursor = np.zeros(2, np.int64)
     for s in range(spans.shape[1]):
         g0, g1 = spans[0, s], spans[1, s]
         a, b = first_row[g0], first_row[g1 + 1]
         lo, hi = firsts[s], firsts[s + 1]
         end = p_value[2, hi - 1] + p_value[1, hi - 1] - p_value[0, hi - 1]
         n = b - a
-        where, sd = np.empty(n), np.zeros(n)
+        work = room[:, :n]
+        where, sd, seen, var, v, v_var = work[0], work[1], work[2], work[3], work[4], work[5]
         _interpolate(t, a, g0, g1, group, group_time, place_of, still, where)
-        seen, var, v, v_var = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
         for _ in range(2):
             piece, cursor[0] = lo, -1
             for i in range(n):
@@ -147,11 +144,13 @@ def place_points(
                 piece, _o, qx, qy, ux, uy, stretch = _locate(c, piece, lo, hi, routes, roads, cursor)
                 along = ((x[a + i] - qx) * ux + (y[a + i] - qy) * uy) * stretch
                 seen[i], var[i], v[i], v_var[i] = c + along, noise.position, speed[a + i], noise.speed
-            smooth_coordinate(t[a:b], seen, var, v, v_var, noise.acceleration, where, sd)
+            smooth_coordinate(t[a:b], seen, var, v, v_var, noise.acceleration, where, sd, work[6:11])
         for i in range(n):
             if still[group[a + i]]:
                 where[i] = place_of[group[a + i]]
-        make_monotone(where)  # a truck does not slide back on its route: a turn would be a piece of its own
+        make_monotone(
+            where, work[11], work[12]
+        )  # a truck does not slide back on its route: a turn would be a piece of its own
         piece, cursor[0] = lo, -1
         for i in range(n):
             g = group[a + i]
@@ -167,11 +166,13 @@ def place_points(
             out.confidence[a + i] = near[g] * 0.5 * (math.erf(high) - math.erf(low))
 
 
-@njit(cache=True, error_model="numpy")
-def make_monotone(values: Floats) -> None:
-    """The nearest series (least squares) that never decreases, in place: pool adjacent violators."""
+@inner
+def make_monotone(values: Floats, mean: Floats, size: Floats) -> None:
+    """The nearest series (least squares) that never decreases, in place: pool adjacent violators.
+
+    ``mean`` and ``size`` (n,) are for the pools.
+    """
     n = len(values)
-    mean, size = np.empty(n), np.empty(n, np.int64)
     m = 0
     for i in range(n):
         mean[m], size[m] = values[i], 1
@@ -183,12 +184,13 @@ def make_monotone(values: Floats) -> None:
         m += 1
     i = 0
     for k in range(m):
-        for j in range(i, i + size[k]):
+        pool = int(size[k])
+        for j in range(i, i + pool):
             values[j] = mean[k]
-        i += size[k]
+        i += pool
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _interpolate(
     t: Floats, a: int, g0: int, g1: int, group: Wide, group_time: Floats, place_of: Floats, still: Flags,
     where: Floats,
@@ -205,11 +207,10 @@ def _interpolate(
         where[i - a] = place_of[g] + slope * (t[i] - group_time[g])
 
 
-@njit(cache=True, error_model="numpy")
-def route_posterior(choice: Choice, near: Candidates, routes: Routes) -> Any:
-    """(G,) posterior of the candidates on the previous, same and following piece of the route."""
+@outer
+def route_posterior(choice: Choice, near: Candidates, routes: Routes, out: Floats) -> None:
+    """Posterior (G,) of the candidates on the previous, same and following piece of the route."""
     chosen, posterior, firsts = choice.chosen, choice.posterior, routes.firsts
-    out = np.zeros(len(chosen))
     for g in range(len(chosen)):
         if chosen[g] < 0:
             continue
@@ -222,4 +223,3 @@ def route_posterior(choice: Choice, near: Candidates, routes: Routes) -> Any:
                     total += posterior[c]
                     break
         out[g] = min(total, 1.0)
-    return out

@@ -5,37 +5,51 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from fleetlog.roads.kernels.compiling import inner, outer
 from fleetlog.roads.kernels.distances import path_between
-from fleetlog.roads.kernels.growing import longer, wider
 from fleetlog.roads.kernels.records import Candidates, Choice, Floats, Index, Roads, Routes, Store
 
+LONGEST = 4096
+"""Edges of a path between two groups at most."""
 
-@njit(cache=True)
+
 def build_routes(
     store: Store, roads: Roads, near: Candidates, choice: Choice, moved: Floats, back: float
 ) -> Routes:
     """Pieces of all stretches, end to end."""
+    groups = len(choice.chosen)
+    capacity, n, stretches = groups + LONGEST, -1, 0
+    path, firsts = np.empty(LONGEST, np.int32), np.empty(groups + 1, np.int64)
+    spans, (of, piece) = np.empty((2, groups), np.int64), np.full((2, groups), -1)
+    while n < 0:
+        capacity *= 2
+        room = Routes(
+            np.empty(capacity, np.int32), np.empty((3, capacity)), firsts, spans, of, piece, np.zeros(groups)
+        )
+        n, stretches = _build(store, roads, near, choice, moved, back, path, room)
+    edges, values = room.edge[:n].copy(), room.value[:, :n].copy()
+    return room._replace(
+        edge=edges, value=values, firsts=firsts[: stretches + 1], spans=spans[:, :stretches].copy()
+    )
+
+
+@outer
+def _build(
+    store: Store, roads: Roads, near: Candidates, choice: Choice, moved: Floats, back: float, path: Index,
+    out: Routes,
+) -> Any:  # fmt: skip
+    """Fill ``out``; how many pieces and stretches there are, -1 pieces where there is no room for them."""
     chosen, linked, edge, value, length = choice.chosen, choice.linked, near.edge, near.value, roads.length
+    p_edge, p_value, firsts, spans, of, piece, place = out
     groups = len(chosen)
-    capacity = 2 * groups + 64
-    p_edge = np.empty(capacity, np.int32)
-    p_value = np.empty((3, capacity))
-    firsts = np.empty(groups + 1, np.int64)
-    spans = np.empty((2, groups + 1), np.int64)
-    of = np.full(groups, -1, np.int64)
-    piece = np.full(groups, -1, np.int64)
-    place = np.zeros(groups)
-    path = np.empty(4096, np.int32)
     n = stretches = 0
     for g in range(groups):
         if chosen[g] < 0:
             continue
         e, s = edge[chosen[g]], value[0, chosen[g]]
-        if n + len(path) + 8 > capacity:
-            capacity = 2 * capacity + len(path)
-            p_edge, p_value = longer(p_edge, capacity), wider(p_value, capacity)
+        if n + len(path) + 8 > len(p_edge):
+            return -1, 0
         fresh = not linked[g] or g == 0 or chosen[g - 1] < 0
         if not fresh:
             last, at = p_edge[n - 1], value[0, chosen[g - 1]]
@@ -63,20 +77,17 @@ def build_routes(
         piece[g] = n - 1
         place[g] = p_value[2, n - 1] + s - p_value[0, n - 1]
     firsts[stretches] = n
-    edges, values = p_edge[:n].copy(), p_value[:, :n].copy()
-    return Routes(
-        edges, values, firsts[: stretches + 1].copy(), spans[:, :stretches].copy(), of, piece, place
-    )
+    return n, stretches
 
 
-@njit(cache=True)
+@inner
 def _append(p_edge: Index, p_value: Floats, n: int, e: int, begin: float, end: float) -> Any:
     p_edge[n], p_value[0, n], p_value[1, n] = e, begin, end
     p_value[2, n] = p_value[2, n - 1] + p_value[1, n - 1] - p_value[0, n - 1]
     return n + 1
 
 
-@njit(cache=True)
+@inner
 def _kind(store: Store, roads: Roads, a: int, s: float, b: int, t: float, moved: float, back: float) -> Any:
     """How one step goes, as the model priced it: 0 along its edge, 1 by a path, 2 by a turn in mid edge."""
     length = roads.length

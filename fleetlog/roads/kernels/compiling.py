@@ -1,0 +1,19 @@
+"""How the matcher's kernels are compiled.
+
+They allocate nothing: whoever calls them brings the arrays.  So neither numba's support for arrays that
+kernels make themselves nor counts of references are compiled, which would take as long again; and ``inner``
+kernels, which other kernels alone call, have no entrance from Python, which would unpack all those arrays.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import njit
+
+_OPTIONS: dict[str, Any] = {"cache": True, "_nrt": False, "error_model": "numpy", "no_cfunc_wrapper": True}
+
+outer = njit(**_OPTIONS)
+inner = njit(**_OPTIONS, no_cpython_wrapper=True)
+fast_outer = njit(**_OPTIONS, fastmath=True)
+fast_inner = njit(**_OPTIONS, fastmath=True, no_cpython_wrapper=True)
