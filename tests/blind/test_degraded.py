@@ -14,7 +14,8 @@ RARELY = pytest.mark.xfail(
     reason="rows five seconds apart: what they hide is told as unknown (truck, acceleration, speed) and as battery capacity",
 )
 STEEP = pytest.mark.xfail(
-    strict=True, reason="rows five seconds apart: the steepest stretch comes out 12 % for 7 %, outside its interval"
+    strict=True,
+    reason="rows five seconds apart: the steepest stretch comes out 12 % for 7 %, outside its interval",
 )
 SHARED = {"aux": "auxiliary_load", "grade": "grade", "surface": "surface_resistance"}
 

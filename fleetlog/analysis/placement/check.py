@@ -13,7 +13,6 @@ from fleetlog.core.truck import Truck
 from fleetlog.simulate.engine import DEFAULT_START, Settings
 from fleetlog.simulate.scenario import Scenario
 from fleetlog.simulate.summary import Summary
-from fleetlog.simulate.tasks import Demand
 from fleetlog.store import Dataset
 
 
