@@ -55,7 +55,6 @@ class Problem:
     crew: Crew[Any, Any] | None = None
     """The workers: started for the first pass after the noise is known, which they are not told."""
     _folds: dict[int, tuple[Ints, Ints]] = field(default_factory=dict)
-    _widest: tuple[Model, Sums] | None = None
 
     def folds(self, number: int, unit: Unit) -> tuple[Ints, Ints]:
         """Return the fold of every window of a unit, by trips and by stretches of hours, (W,) each."""
@@ -113,17 +112,8 @@ class Problem:
 
     def sums(self, model: Model, hypotheses: Sequence[Hypothesis]) -> Sums:
         """Return the products of the columns of the base and of hypotheses about a model, over all
-        training windows.
-
-        Those of the most columns are kept: a fit of some of them about the same model needs no other.
-        """
+        training windows."""
         layout, core = self.layout(hypotheses)
-        if self._widest is not None:
-            model_before, before = self._widest
-            if model_before is model and set(layout.sources) <= before.layout.index.keys():
-                return before
-            if layout.width >= before.layout.width:
-                self._widest = None
         if self.noise is None:
             error, together = self.channel.model_error, self.split.unit
             self.noise = learn(self._tables(model, layout, self.training()), self.settings, error, together)
@@ -143,8 +133,6 @@ class Problem:
                     fold[use], slow[use], w.vehicle[use],
                 )  # fmt: skip
         sums.flush()
-        if self._widest is None:
-            self._widest = model, sums
         return sums
 
     def _weight(self, number: int, unit: Unit) -> Floats:
