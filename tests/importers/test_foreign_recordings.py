@@ -82,6 +82,7 @@ def check_osi(batches: list[RawBatch], count: int) -> None:
 @pytest.mark.parametrize("name", ["20260302T050000Z_gt_380_600_5_a.osi", "gt.osi", "trace.osi"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_osi_traces_of_the_standards_own_writer(tmp_path: Path, kind: str, name: str) -> None:
+    pytest.importorskip("osi3", reason="the extra osi is not installed")
     utilities = pytest.importorskip("osi_utilities", reason="the wheel asam-osi-utilities is not installed")
     path = tmp_path / name.replace("gt", kind)
     with utilities.SingleTraceWriter() as writer:
