@@ -98,8 +98,7 @@ def _explained(
 ) -> Explained:
     """Explain one channel."""
     channel: Channel = channel_of(name, fleet, base, settings, split)
-    with closing(Problem(channel, split, settings, ())) as problem:
-        return explain(problem, base, terms)
+    return explain(Problem(channel, split, settings, ()), base, terms)
 
 
 def together(base: Model, explained: dict[str, Explained]) -> Model:

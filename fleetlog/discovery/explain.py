@@ -158,7 +158,8 @@ def _values(problem: Problem, known: Known, h: Hypothesis) -> Values:
     basis = np.column_stack([p.weights for p in h.patterns]) if h.patterns else cells.root(h.physics.odd)
     covariance = known.covariance[np.ix_(own, own)]
     error = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", basis, covariance, basis), 0.0))
-    return Values(joint.model.fields[h.term], error, problem.channel.passes(h.physics), basis, covariance)
+    passes, widening = problem.channel.passes(h.physics), problem.settings.widening
+    return Values(joint.model.fields[h.term], error, passes, basis, covariance, widening)
 
 
 def _finding(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from fleetlog.errors import DataError, FleetlogError, fault
 
@@ -31,33 +30,10 @@ class Engine:
         A job that fails leaves the rest: the first failure is raised in its turn, after the others were done.
         ``name`` says what a job reads, for the error of an unforeseen fault.
         """
-        with closing(self.crew(work, name, len(jobs))) as crew:
-            yield from crew.run(jobs)
-
-    def crew(self, work: Callable[[J], R], name: Name[J] = str, most: int | None = None) -> Crew[J, R]:
-        """Return who does the same ``work`` on any number of lists of jobs, of ``most`` jobs each."""
-        return Crew(work, name)
+        return successes(attempt(work, job, name) for job in jobs)
 
     def close(self) -> None:
         """Leave everything as it was."""
-
-
-class Crew(Generic[J, R]):
-    """Does lists of jobs; its workers stay, and with them what they remember.  This one does them here."""
-
-    def __init__(self, work: Callable[[J], R], name: Name[J]) -> None:
-        self.work, self.name = work, name
-
-    def run(self, jobs: Sequence[J]) -> Generator[R, None, None]:
-        """Yield the results in the order of the jobs; see :meth:`Engine.run`."""
-        return successes(self.outcomes(jobs))
-
-    def outcomes(self, jobs: Sequence[J]) -> Iterator[R | FleetlogError]:
-        """Yield the result or the error of every job, in their order."""
-        return (attempt(self.work, job, self.name) for job in jobs)
-
-    def close(self) -> None:
-        """End the workers."""
 
 
 class Serial(Engine):

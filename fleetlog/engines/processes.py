@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -16,7 +16,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from fleetlog import interrupt
-from fleetlog.engines.engine import AHEAD, Crew, Engine, J, Name, R, attempt
+from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt, successes
 from fleetlog.errors import DataError, FleetlogError
 
 START = 0.5
@@ -41,12 +41,12 @@ class Processes(Engine):
         """Return whether the work is more than starting processes."""
         return self.workers > 1 and (self.always or cost > START)
 
-    def crew(self, work: Callable[[J], R], name: Name[J] = str, most: int | None = None) -> Crew[J, R]:
-        """Return processes, or who does the jobs here where one alone would; a worker starts no workers."""
-        count = self.workers if most is None else min(self.workers, most)
+    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str) -> Generator[R, None, None]:
+        """Yield the results; see :class:`~fleetlog.engines.engine.Engine`."""
+        count = min(self.workers, len(jobs))
         if count < 2 or multiprocessing.current_process().daemon:
-            return super().crew(work, name)
-        return _ProcessCrew(work, name, count)
+            return super().run(work, jobs, name)
+        return successes(_run(work, jobs, name, count))
 
 
 @dataclass
@@ -57,44 +57,31 @@ class _Worker:
     """Of the job that it does."""
 
 
-class _ProcessCrew(Crew[J, R]):
-    """Workers that do the same work on any number of lists of jobs."""
-
-    def __init__(self, work: Callable[[J], R], name: Name[J], count: int) -> None:
-        super().__init__(work, name)
-        self._workers = [_start(work, name) for _ in range(count)]
-
-    def outcomes(self, jobs: Sequence[J]) -> Iterator[R | FleetlogError]:
-        """Yield outcomes in the order of the jobs; at most ``AHEAD`` jobs per worker wait for their turn."""
-        waiting, turn = list(range(len(jobs)))[::-1], 0
-        early: dict[int, R | FleetlogError] = {}
-        deaths = dict.fromkeys(range(len(jobs)), 0)
+def _run(work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int) -> Iterator[R | FleetlogError]:
+    """Outcomes in the order of the jobs; at most ``AHEAD`` jobs per worker wait for their turn."""
+    crew = [_start(work, name) for _ in range(count)]
+    waiting, turn = list(range(len(jobs)))[::-1], 0
+    early: dict[int, R | FleetlogError] = {}
+    deaths = dict.fromkeys(range(len(jobs)), 0)
+    try:
         while turn < len(jobs):
-            for worker in self._workers:
-                if worker.number is None and waiting and waiting[-1] < turn + AHEAD * len(self._workers):
+            for worker in crew:
+                if worker.number is None and waiting and waiting[-1] < turn + AHEAD * count:
                     _give(worker, waiting.pop(), jobs)
-            for k, number, outcome in _events(self._workers):
+            for k, number, outcome in _events(crew):
                 if outcome is None:  # it died
-                    self._workers[k] = _start(self.work, self.name)
+                    crew[k] = _start(work, name)
                     deaths[number] += 1
                     if deaths[number] < DEATHS:
                         waiting.append(number)
                         continue
-                    outcome = (_died(self.name(jobs[number])),)
+                    outcome = (_died(name(jobs[number])),)
                 early[number] = outcome[0]
             while turn in early:
                 yield early.pop(turn)
                 turn += 1
-
-    def close(self) -> None:
-        """Let the workers clean up what they are at, and end them."""
-        for worker in self._workers:
-            worker.process.terminate()
-        for worker in self._workers:
-            worker.process.join(PATIENCE)
-            worker.process.kill()
-            worker.process.join()
-            worker.pipe.close()
+    finally:
+        _end(crew)
 
 
 def _start(work: Callable[[J], R], name: Name[J]) -> _Worker:
@@ -132,6 +119,17 @@ def _events(crew: list[_Worker]) -> list[tuple[int, int, tuple[Any] | None]]:
 
 def _died(name: str) -> DataError:
     return DataError(f"its worker died {DEATHS} times", where=name, do="free memory, or use fewer --workers")
+
+
+def _end(crew: list[_Worker]) -> None:
+    """Let the workers clean up what they are at, and end them."""
+    for worker in crew:
+        worker.process.terminate()
+    for worker in crew:
+        worker.process.join(PATIENCE)
+        worker.process.kill()
+        worker.process.join()
+        worker.pipe.close()
 
 
 def _serve(work: Callable[[Any], Any], name: Callable[[Any], str], pipe: Connection, parent: int) -> None:

@@ -80,3 +80,12 @@ def aisle(width=2.2, length=60.0):
 
 def place(i, kind, x, y, **more):
     return Place(f"{kind}{i}", kind, x, y, **more)
+
+
+PLACES = [
+    place(1, "pick", 15, 3),
+    place(1, "drop", 45, 33),
+    place(2, "pick", 33, 45),
+    place(2, "drop", 3, 45),
+]
+"""On a grid of three by three."""

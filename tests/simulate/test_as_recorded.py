@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import ks_2samp
-from simulated_sites import TRUCK, grid, place
+from simulated_sites import PLACES, TRUCK, grid
 
 from fleetlog.simulate.demand import like
 from fleetlog.simulate.drivers import recorded_drivers
@@ -14,13 +14,6 @@ from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.simulate.itinerary import Itineraries, Visit, at_places
 from fleetlog.simulate.reach import recorded_turns, with_turns
 from fleetlog.store import Dataset, DatasetWriter
-
-PLACES = [
-    place(1, "pick", 15, 3),
-    place(1, "drop", 45, 33),
-    place(2, "pick", 33, 45),
-    place(2, "drop", 3, 45),
-]
 
 
 @pytest.fixture

@@ -2,19 +2,12 @@
 
 import numpy as np
 import pytest
-from simulated_sites import TRUCK, grid, place
+from simulated_sites import PLACES, TRUCK, grid
 
 from fleetlog.simulate.demand import carried, like
 from fleetlog.simulate.mission import replay
 from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table
 from fleetlog.store import Dataset, DatasetWriter
-
-PLACES = [
-    place(1, "pick", 15, 3),
-    place(1, "drop", 45, 33),
-    place(2, "pick", 33, 45),
-    place(2, "drop", 3, 45),
-]
 
 
 @pytest.fixture

@@ -75,13 +75,8 @@ class Channel(Protocol):
         """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
         ...
 
-    @property
-    def count(self) -> int:
-        """Number of units."""
-        ...
-
-    def units(self, begin: int = 0, end: int | None = None) -> Iterator[Unit]:
-        """Yield the recording, piece by piece: all of it, or units number ``begin`` to ``end``."""
+    def units(self) -> Iterator[Unit]:
+        """Yield the recording, piece by piece."""
         ...
 
     def predict(self, unit: Unit, model: Model) -> Floats:

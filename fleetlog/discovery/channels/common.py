@@ -45,14 +45,9 @@ class FleetChannel(ABC):
     _passes: dict[str, Ints] = field(default_factory=dict, init=False)
     _knots: dict[str, tuple[float, ...]] | None = field(default=None, init=False)
 
-    @property
     @abstractmethod
-    def count(self) -> int:
-        """Number of units."""
-
-    @abstractmethod
-    def units(self, begin: int = 0, end: int | None = None) -> Iterator[Unit]:
-        """Yield the recording, piece by piece: all of it, or units number ``begin`` to ``end``."""
+    def units(self) -> Iterator[Unit]:
+        """Yield the recording, piece by piece."""
 
     @abstractmethod
     def terms(self) -> list[Term]:

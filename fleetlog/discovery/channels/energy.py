@@ -69,19 +69,13 @@ class EnergyChannel(FleetChannel):
         """What the error is."""
         return f"rms error of energy per {self.seconds:.0f} s window, over rms energy"
 
-    @property
-    def count(self) -> int:
-        """Number of vehicle-days."""
-        return len(self.fleet.days)
-
-    def units(self, begin: int = 0, end: int | None = None) -> Iterator[Unit]:
+    def units(self) -> Iterator[Unit]:
         """Yield blocks with their windows; they stay in memory where the recording is small."""
         if self.fleet.rows > self.fleet.most_in_memory:
-            some = replace(self.fleet, days=self.fleet.days[begin:end])
-            yield from (self._unit(block) for block in some.each_block())
+            yield from (self._unit(block) for block in self.fleet.each_block())
             return
         self._kept = self._kept or [self._unit(block) for block in self.fleet.each_block()]
-        yield from self._kept[begin:end]
+        yield from self._kept
 
     def _unit(self, block: Block) -> Unit:
         if self.measured:

@@ -61,17 +61,12 @@ class TravelChannel(FleetChannel):
         """What the error is."""
         return f"rms error of the time for {self.length:.0f} m of path, over rms time"
 
-    @property
-    def count(self) -> int:
-        """Number of vehicle-days with a path."""
-        return len(list(self.units()))
-
-    def units(self, begin: int = 0, end: int | None = None) -> Iterator[Unit]:
+    def units(self) -> Iterator[Unit]:
         """Yield vehicle-days; their paths are small and stay in memory."""
         if not self._kept:
             made = (self._unit(day) for day in days(self.fleet, self.split))
             self._kept = self._with_stands([u for u in made if u is not None])
-        yield from self._kept[begin:end]
+        yield from self._kept
 
     def _with_stands(self, made: list[Unit]) -> list[Unit]:
         """The units, told where trucks stood for no purpose: only there can they have waited, and there

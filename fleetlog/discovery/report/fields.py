@@ -16,7 +16,6 @@ from fleetlog.discovery.hypotheses.stretches import Cells, Stretches
 from fleetlog.discovery.model import field_values
 from fleetlog.discovery.report.finding import Parameter
 from fleetlog.discovery.search.intervals import NORMAL
-from fleetlog.discovery.settings import SETTINGS
 from fleetlog.physics.field import Field, stretches
 from fleetlog.physics.term import Term
 
@@ -43,6 +42,8 @@ class Values:
     samples: NDArray[np.int64]
     basis: Floats
     covariance: Floats
+    widening: float = 1.0
+    """Of the standard errors that these hold."""
 
 
 def large(v: Values) -> NDArray[np.bool_]:
@@ -86,7 +87,7 @@ def _size(v: Values, mask: NDArray[np.bool_], term: Term) -> Parameter:
     if term.odd:
         value = float(np.abs(own).max())
         # The largest of values that err is too large, by as much as erring once more makes it larger.
-        again = np.abs(own + spread / SETTINGS.widening).max(axis=1)
+        again = np.abs(own + spread / v.widening).max(axis=1)
         value -= min(float(np.median(again)) - value, 0.5 * value)
         low, middle, high = np.quantile(np.abs(own + spread).max(axis=1), [0.025, 0.5, 0.975])
         below, above = max(value + float(low - middle), 0.0), value + float(high - middle)

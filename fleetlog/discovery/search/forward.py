@@ -176,7 +176,7 @@ def _candidates(problem: Problem, sums: Sums, now: Joint) -> list[Hypothesis]:
     knobs = {k for h in now.chosen for k in h.knobs}
     taken = {h.kind for h in now.chosen}
     placed = {h.term for h in now.chosen if h.when.timed}
-    joints = [scored(problem, sums, now.model, chosen) for chosen in tightened(now.chosen)]
+    joints = [now, *(scored(problem, sums, now.model, chosen) for chosen in tightened(now.chosen)[1:])]
     out = []
     for h in problem.rest:
         if h not in taken and not set(h.knobs) & knobs and h.term not in placed:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.discovery.search.joint import Joint
-from fleetlog.discovery.search.problem import Problem, Training
+from fleetlog.discovery.search.problem import Problem
 
 Floats = NDArray[np.float64]
 
@@ -54,18 +54,11 @@ def intervals(problem: Problem, joint: Joint) -> Known:
 
 def _meat(problem: Problem, joint: Joint) -> tuple[Floats, Floats]:
     """The squares of the trips' scores, and the scores that the model's own error makes."""
-    parts = problem.each_part(_squares, joint)
-    total, shift, clusters = (np.sum(p, axis=0) for p in zip(*parts, strict=True))
-    return total * clusters / max(clusters - 1.0, 1.0), shift
-
-
-def _squares(problem: Problem, units: Training, joint: Joint) -> tuple[Floats, Floats, int]:
-    """Both of some units, before the first is corrected for the number of trips, and that number."""
     assert joint.design is not None and problem.noise is not None
     layout, _ = problem.layout(joint.chosen)
     k = len(joint.design.atoms)
     total, clusters, shift = np.zeros((k, k)), 0, np.zeros(k)
-    for i, unit in units:
+    for i, unit in problem.training():
         modelled, x = problem.channel.columns(unit, joint.model, layout.sources)
         own = joint.design.columns(x, unit.windows.vehicle)
         scores = own * ((unit.recorded - modelled) * problem.noise.weight(i, unit) * unit.whole)[:, None]
@@ -76,4 +69,4 @@ def _squares(problem: Problem, units: Training, joint: Joint) -> tuple[Floats, F
         np.add.at(sums, which, scores)
         total += sums.T @ sums
         clusters += len(sums)
-    return total, shift, clusters
+    return total * clusters / max(clusters - 1.0, 1.0), shift

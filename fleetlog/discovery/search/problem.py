@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog import engines
 from fleetlog.discovery.channels.base import Channel, Columns, Unit
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.hypotheses.sources import (
@@ -26,21 +23,9 @@ from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.search.noise import Noise, learn
 from fleetlog.discovery.search.sums import Sums
 from fleetlog.discovery.settings import Settings
-from fleetlog.engines import Crew
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-R = TypeVar("R")
-
-PARTS = 8
-"""A pass over the windows is made in this many parts at most, whose sums are added in turn.
-
-Sums over all candidates are as large as the columns of 20,000 windows: more parts would cost more than they
-save.
-"""
-
-
-Training: TypeAlias = Iterator[tuple[int, Unit]]
 
 
 @dataclass
@@ -52,8 +37,6 @@ class Problem:
     settings: Settings
     rest: tuple[Hypothesis, ...]
     noise: Noise | None = None
-    crew: Crew[Any, Any] | None = None
-    """The workers: started for the first pass after the noise is known, which they are not told."""
     _folds: dict[int, tuple[Ints, Ints]] = field(default_factory=dict)
 
     def folds(self, number: int, unit: Unit) -> tuple[Ints, Ints]:
@@ -75,31 +58,9 @@ class Problem:
         widths = [self.channel.width(s) for s in (*plain, *over_cells)]
         return lay_out([*plain, *over_cells], widths), sum(widths[: len(plain)])
 
-    def each_part(self, work: Callable[..., R], *arguments: Any) -> Iterator[R]:
-        """Yield ``work(problem, units, *arguments)`` of each part of the training units, on all cores.
-
-        The parts are the same for any number of workers, so the sum of their results is, too.
-        """
-        self.crew = self.crew or engines.Serial().crew(self._part, self._told)
-        ends = np.linspace(0, self.channel.count, min(PARTS, self.channel.count) + 1).astype(int).tolist()
-        yield from self.crew.run([(work, part, arguments) for part in itertools.pairwise(ends)])
-
-    def _part(self, job: tuple[Callable[..., Any], tuple[int, int], tuple[Any, ...]]) -> Any:
-        work, part, arguments = job
-        return work(self, self.training(*part), *arguments)
-
-    def _told(self, _: object) -> str:
-        return self.channel.name
-
-    def close(self) -> None:
-        """End the workers."""
-        if self.crew is not None:
-            self.crew.close()
-            self.crew = None
-
-    def training(self, begin: int = 0, end: int | None = None) -> Training:
-        """Yield units number ``begin`` to ``end`` with what is held out marked as not whole."""
-        for i, unit in enumerate(self.channel.units(begin, end), begin):
+    def training(self) -> Iterator[tuple[int, Unit]]:
+        """Yield the units with what is held out marked as not whole."""
+        for i, unit in enumerate(self.channel.units()):
             use = unit.whole & (self.folds(i, unit)[0] != HELD_OUT)
             yield i, replace(unit, whole=use)
 
@@ -116,32 +77,21 @@ class Problem:
         layout, core = self.layout(hypotheses)
         if self.noise is None:
             error, together = self.channel.model_error, self.split.unit
-            self.noise = learn(self._tables(model, layout, self.training()), self.settings, error, together)
-        total = Sums.empty(layout, core, self.settings.folds, len(self.channel.vehicles))
-        for sums in self.each_part(Problem._sums, model, layout, core):
-            total.merge(sums)
-        return total
-
-    def _sums(self, units: Training, model: Model, layout: Layout, core: int) -> Sums:
+            self.noise = learn(self._tables(model, layout), self.settings, error, together)
         sums = Sums.empty(layout, core, self.settings.folds, len(self.channel.vehicles))
-        for i, unit, modelled, x in self._tables(model, layout, units):
+        for i, unit, modelled, x in self._tables(model, layout):
             w, use = unit.windows, unit.whole
             fold, slow = self.folds(i, unit)
             if use.any():
                 sums.add(
-                    x[use], (unit.recorded - modelled)[use], unit.recorded[use], self._weight(i, unit)[use],
+                    x[use], (unit.recorded - modelled)[use], unit.recorded[use], self.noise.weight(i,
+                    unit)[use],
                     fold[use], slow[use], w.vehicle[use],
                 )  # fmt: skip
         sums.flush()
         return sums
 
-    def _weight(self, number: int, unit: Unit) -> Floats:
-        assert self.noise is not None
-        return self.noise.weight(number, unit)
-
-    def _tables(
-        self, model: Model, layout: Layout, units: Training
-    ) -> Iterator[tuple[int, Unit, Floats, Columns]]:
-        for i, unit in units:
+    def _tables(self, model: Model, layout: Layout) -> Iterator[tuple[int, Unit, Floats, Columns]]:
+        for i, unit in self.training():
             modelled, x = self.channel.columns(unit, model, layout.sources)
             yield i, unit, modelled, x

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from fleetlog.discovery.hypotheses.hypothesis import TIME, Hypothesis, Pattern
 from fleetlog.discovery.hypotheses.scope import Scope
-from fleetlog.discovery.hypotheses.sources import Layout
-from fleetlog.discovery.model import Knob, Model
+from fleetlog.discovery.model import Knob
 from fleetlog.discovery.search.design import Atom, Design, make_design, of_hypothesis
 from fleetlog.discovery.search.joint import Joint
-from fleetlog.discovery.search.problem import Problem, Training
+from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Prior
 from fleetlog.discovery.search.screen import Screened
 
@@ -200,34 +199,14 @@ def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slo
     vehicles, folds = len(problem.channel.vehicles), problem.settings.folds
     slots = int(np.clip(GROUPS // vehicles, 12, SLOTS))
     edges = problem.channel.moments(slots)
-    k, j = len(design.atoms), len(numbers)
-    parts = problem.each_part(_products, now.model, layout, (design, added), (vehicles, slots), edges)
-    gram, moment, cross, along, own = (sum(p) for p in zip(*parts, strict=True))
-    beta, shape = now.fitted.beta, (folds, vehicles, slots, j)
-    prior = Design(tuple(replace(a, precision=0.0) if _is_class(a) else a for a in now.design.atoms)).prior
-    return Slotted(
-        edges, gram, moment, cross.reshape(*shape, k), along.reshape(shape), own.reshape(shape), prior, beta,
-        (beta > prior.low) & (beta < prior.high), tuple(a.knob for a in design.atoms),
-        2.0 * problem.noise.design, any(_is_class(a) for a in now.design.atoms),
-    )  # fmt: skip
-
-
-def _products(
-    problem: Problem, units: Training, model: Model, layout: Layout, designs: tuple[Design, Design],
-    shape: tuple[int, int], edges: Floats,
-) -> tuple[Floats, Floats, Floats, Floats, Floats]:  # fmt: skip
-    """Sums over some units: products of the model's columns and with the residual by fold; of the columns
-    added with the model's, the residual and themselves by fold, vehicle and slot of time."""
-    assert problem.noise is not None
-    folds, (vehicles, slots) = problem.settings.folds, shape
-    k, j, groups = len(designs[0].atoms), len(designs[1].atoms), folds * vehicles * slots
+    k, j, groups = len(design.atoms), len(numbers), folds * vehicles * slots
     gram, moment = np.zeros((folds, k, k)), np.zeros((folds, k))
     cross, along, own = np.zeros((groups, j, k)), np.zeros((groups, j)), np.zeros((groups, j))
-    for i, unit in units:
+    for i, unit in problem.training():
         use, w = unit.whole, unit.windows[unit.whole]
-        modelled, x = problem.channel.columns(unit, model, layout.sources)
+        modelled, x = problem.channel.columns(unit, now.model, layout.sources)
         root = np.sqrt(problem.noise.weight(i, unit)[use])[:, None]
-        base, new = (d.columns(x[use], w.vehicle) * root for d in designs)
+        base, new = (d.columns(x[use], w.vehicle) * root for d in (design, added))
         left = (unit.recorded - modelled)[use] * root[:, 0]
         slot = np.clip(np.searchsorted(edges, w.time, side="right") - 1, 0, slots - 1)
         code = (problem.folds(i, unit)[1][use] * vehicles + w.vehicle) * slots + slot
@@ -239,7 +218,13 @@ def _products(
             cross[c] += n.T @ b
             along[c] += n.T @ r
             own[c] += np.einsum("ij,ij->j", n, n)
-    return gram, moment, cross, along, own
+    beta, shape = now.fitted.beta, (folds, vehicles, slots, j)
+    prior = Design(tuple(replace(a, precision=0.0) if _is_class(a) else a for a in now.design.atoms)).prior
+    return Slotted(
+        edges, gram, moment, cross.reshape(*shape, k), along.reshape(shape), own.reshape(shape), prior, beta,
+        (beta > prior.low) & (beta < prior.high), tuple(a.knob for a in design.atoms),
+        2.0 * problem.noise.design, any(_is_class(a) for a in now.design.atoms),
+    )  # fmt: skip
 
 
 def _is_class(atom: Atom) -> bool:

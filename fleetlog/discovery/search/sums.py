@@ -66,13 +66,6 @@ class Sums:
         if sum(len(w[0]) for w in self._waiting) >= ENOUGH:
             self.flush()
 
-    def merge(self, other: Sums) -> None:
-        """Add the sums over other windows."""
-        self.fold += other.fold
-        self.slow += other.slow
-        self.own += other.own
-        self.energy += other.energy
-
     def flush(self) -> None:
         """Multiply what is waiting."""
         if not self._waiting:
