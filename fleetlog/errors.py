@@ -12,8 +12,6 @@
 ``fleetlog.cli.main`` is the one place that turns these into a line on standard error.
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 from pathlib import Path

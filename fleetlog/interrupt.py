@@ -2,8 +2,6 @@
 never in the middle of a swap.
 """
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Who hears how far a run is: the command line, a notebook, nobody.  Library code never prints."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar

@@ -6,8 +6,6 @@ part is adding a file.  Other distributions add parts through entry points of th
 (for example ``fleetlog.physics.terms``), each naming such an object.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 import importlib.util

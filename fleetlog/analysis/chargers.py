@@ -6,8 +6,6 @@ The ranking is PageRank-like over observed moves; the choice is a p-median by de
 method that inspired it, and what is our own, is told in docs/chargers.md.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 import numpy as np

@@ -4,8 +4,6 @@ Power is held from each row to the next; a silence longer than ``MAX_GAP`` count
 the battery while the truck is charged is charged energy, everything else is used (braking returns some).
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

@@ -1,7 +1,5 @@
 """Energy per trip, truck, shift and road, and its breakdown by physical cause."""
 
-from __future__ import annotations
-
 import inspect
 import sys
 from collections.abc import Sequence

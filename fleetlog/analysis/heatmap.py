@@ -3,8 +3,6 @@
 The sums are those of :mod:`fleetlog.analysis.occupancy.maps`; they add over days, vehicles and shifts.
 """
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 from typing import Annotated, Any, Literal

@@ -1,7 +1,5 @@
 """Where and when trucks exceed the speed limit."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import numpy as np

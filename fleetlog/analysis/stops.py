@@ -1,7 +1,5 @@
 """Places where trucks stop regularly, and what for."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Annotated
 

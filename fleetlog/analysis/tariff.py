@@ -13,8 +13,6 @@ price = 0.15
 co2 = 0.30
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

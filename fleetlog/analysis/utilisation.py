@@ -13,8 +13,6 @@ A simulation says so itself.  Of a recording it is read from motion, load, forks
 The intervals of a truck partition the time from its first to its last row.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

@@ -4,8 +4,6 @@ A parameter is described in the section ``Parameters`` of the docstring as ``nam
 functions share and that a docstring leaves out is described in :data:`SHARED`.
 """
 
-from __future__ import annotations
-
 import inspect
 import types
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A function behind a command: its arguments are checked as the command's are."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 import sys

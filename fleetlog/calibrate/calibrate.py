@@ -1,7 +1,5 @@
 """From measurements to a fitted truck."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -13,8 +13,6 @@ held one can stand in for it, is *tied*: the runs carry a combination of the two
 *fitted*.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 

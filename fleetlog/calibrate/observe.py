@@ -1,7 +1,5 @@
 """What is compared: measured figures with their deviations, and the same figures as the model makes them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

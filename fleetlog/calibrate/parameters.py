@@ -1,7 +1,5 @@
 """What calibration may change of a truck, how well it is known beforehand, and what run would tell it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any

@@ -1,7 +1,5 @@
 """A fit in words, as JSON and as a truck file."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

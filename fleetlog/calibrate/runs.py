@@ -1,7 +1,5 @@
 """Measured runs as rows of a table: what was driven or lifted, and what it cost."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Callable

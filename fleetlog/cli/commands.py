@@ -3,8 +3,6 @@
 A command adds only how its answer is told: ``--json``, ``-q``, ``-v``.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A place for compiled kernels where neither installation nor home can be written (containers, services)."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``fleetlog``: the verbs; the one place that turns errors into a line and an exit status."""
 
-from __future__ import annotations
-
 import logging
 import os
 import re

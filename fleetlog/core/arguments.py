@@ -5,8 +5,6 @@
 A check takes what a user gave, a text or a value, and returns the value; ``ValueError`` says what is wrong.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable

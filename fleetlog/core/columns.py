@@ -1,7 +1,5 @@
 """Every column of a trajectory, of which schema, checks and documentation are made."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Files from outside: only regular ones are opened, and those that are held whole only up to a size."""
 
-from __future__ import annotations
-
 import os
 import stat
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Frames that files state: a projected system by its EPSG code, and a log's own frame in the site's."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import lru_cache

@@ -4,8 +4,6 @@ A schema is a dictionary: key -> check.  A check takes the value as TOML gives i
 used, or raises :class:`Wrong` with what was expected.
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Mapping

@@ -1,7 +1,5 @@
 """A site: its frame on the earth, roads, places, zones and buildings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, fields
 from datetime import datetime
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Numbers in sentences: singular and plural, percent as percent."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The whole algorithm on one screen: what physics a recording has that the model has not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """One channel, from the recording to its findings: search, judge, word."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Every number that the diagnosis takes from its authors and not from the recording, each with its reason."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

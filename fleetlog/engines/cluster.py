@@ -1,7 +1,5 @@
 """Jobs on a running Dask cluster, reached by the address of its scheduler."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any
 

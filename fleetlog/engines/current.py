@@ -1,7 +1,5 @@
 """The engine that library functions use: one for a block of code, chosen by who calls them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

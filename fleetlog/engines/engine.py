@@ -1,7 +1,5 @@
 """What an engine is: it does jobs, in any order, and gives their results in the order of the jobs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any, TypeAlias, TypeVar
 

@@ -1,7 +1,5 @@
 """Jobs on the cores of this machine: processes that are replaced when they die and end with their parent."""
 
-from __future__ import annotations
-
 import ctypes
 import multiprocessing
 import os

@@ -4,8 +4,6 @@ Positions are world positions in the metres of the site, times seconds after the
 network is that of a site whose map is OpenDRIVE.  Lost are loads, energy and labels.
 """
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any

@@ -14,8 +14,6 @@ Sources 155, 2006, doi 10.1016/j.jpowsour.2005.04.030).  The curves E(q) and the
 estimates of ours, typical of the chemistry and no maker's data.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

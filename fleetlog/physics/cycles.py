@@ -5,8 +5,6 @@ Every recipe is a list of pieces of constant acceleration; :func:`legs` lays the
 order in ``dt``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Compiled loops; imported only where they run."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Values that hold for some vehicles, or for some time, in place of the fleet's."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

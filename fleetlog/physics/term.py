@@ -1,7 +1,5 @@
 """What a physics term is: a function of motion, truck and its own parameters, the same signature for all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """State of charge over time and charging by truck."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

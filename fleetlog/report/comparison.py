@@ -1,7 +1,5 @@
 """The key figures of one dataset, or of two beside one another with differences and their significance."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any

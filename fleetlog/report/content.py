@@ -1,7 +1,5 @@
 """What stands on a page, and the house of all pages: one set of templates and one style sheet."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """What the truck model leaves out: in three sentences for a fleet report, and as the page of a diagnosis."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ The ledger has one row a truck and quarter of an hour.  Whatever happened is one
 fleet, of a truck, of a day or of an hour of the day are sums over some of its rows and cannot disagree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

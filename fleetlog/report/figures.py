@@ -1,7 +1,5 @@
 """The key figures: each a sum over the ledger, or a ratio of two."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

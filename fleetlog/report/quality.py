@@ -1,7 +1,5 @@
 """How good the data of every truck are."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

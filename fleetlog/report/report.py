@@ -1,7 +1,5 @@
 """One page about a fleet, or about two datasets side by side."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace

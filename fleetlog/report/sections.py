@@ -1,7 +1,5 @@
 """The sections of a fleet report, each a function of the facts of one dataset."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeVar
 

@@ -1,7 +1,5 @@
 """The tables behind a report: a folder of Parquet files, or one workbook."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Bring the roads of a map into the frame of a site."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The tables of a site file: their schemas, and the parts of a site that they become."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A network made ready for matching: segments in a grid, turns, and distances found so far."""
 
-from __future__ import annotations
-
 import weakref
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Sites: a site file with its map, or a map alone."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace

@@ -12,8 +12,6 @@ fixed-interval smoother on the route places the rows:
 5. the chosen candidates become routes, and the rows of each are smoothed along it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ways through a network: the quickest route between edges, and distances within a bound."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Distances from segments."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Where trucks stand beside the road: a bay at every place, reached from a lane over a spur."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import lru_cache
 

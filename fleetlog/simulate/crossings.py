@@ -1,7 +1,5 @@
 """People on foot: zones of a site that close the roads through them at times."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fleetlog.core.site import Site

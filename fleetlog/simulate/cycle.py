@@ -1,7 +1,5 @@
 """Test cycles as a dataset: one truck on a strip of floor of its own."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fleetlog.core.network import Edge, build_network, reversed_edge

@@ -1,7 +1,5 @@
 """Demand like a recording's: who carried what when, and tasks drawn like that."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Who does what next: tasks, and places that are free for them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

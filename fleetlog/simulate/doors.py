@@ -1,7 +1,5 @@
 """The ways into a bay: from its own lane, and across it from the opposite one, to turn round."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How the drivers of a recording drive: what each asks of speed limit, acceleration, brakes and turns."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Power and charge of all trucks over a batch of steps, by the one list of terms."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The simulation: a fixed step for all trucks, decisions once a second, power and rows every ten seconds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 

@@ -1,7 +1,5 @@
 """What each truck does and has reserved, and what becomes of tasks: looked at once a second, no more."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fleetlog.core.trajectory import Labels

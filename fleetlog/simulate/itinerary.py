@@ -1,7 +1,5 @@
 """What a recorded fleet did next: simulated trucks go from place to place as recorded ones went."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace

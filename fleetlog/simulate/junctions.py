@@ -6,8 +6,6 @@ connector or a lane without a safe part is resource p (its own number); the last
 P + lane, the first ones P + E + lane; spur k of a place is P + 2 E + k.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

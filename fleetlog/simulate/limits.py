@@ -1,7 +1,5 @@
 """What limits a simulated fleet: how busy trucks, places, chargers and junctions are, and their queues."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from typing import Any
 

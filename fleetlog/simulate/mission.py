@@ -4,8 +4,6 @@ Each truck drives the recorded trips at the recorded times, as the model would: 
 differs from the recording, trip by trip, is the physics and not the traffic, or in one another's way.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 

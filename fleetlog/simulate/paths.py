@@ -1,7 +1,5 @@
 """Plane curves: lanes beside a centre line, corners rounded with a radius, even samples."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fleetlog.simulate.arrays import Floats

@@ -1,7 +1,5 @@
 """Which lanes lead to one another, so that a truck that leaves a place can come back."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

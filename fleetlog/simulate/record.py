@@ -1,7 +1,5 @@
 """From steps to rows of the dataset, in bounded memory, written by threads as the fleet drives on."""
 
-from __future__ import annotations
-
 import math
 import os
 import threading

@@ -1,7 +1,5 @@
 """One truck's recorded trips, driven again as the model would."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass, replace
 

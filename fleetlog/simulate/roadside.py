@@ -4,8 +4,6 @@ A recording that shows trucks stop in the direction of the road says that there 
 the map has it.  Nothing of a way into a bay is in such trips, and the simulated ones must not have it either.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

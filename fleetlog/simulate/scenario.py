@@ -1,7 +1,5 @@
 """What one simulation is made of; runs of many, and what one more of a scarce thing brings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The bays of a site: at its places, and drawn along the roads where it has no places, or too few."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fleetlog.core.site import Place, Site

@@ -1,7 +1,5 @@
 """The short ways between lanes and the ground beside the road, drawn as curves."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What the compiled loop of the simulator sees: the roads, and every truck, as arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 from typing import Any, NamedTuple, get_args, get_type_hints

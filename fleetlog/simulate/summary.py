@@ -1,7 +1,5 @@
 """What a simulation came to, for people and as JSON."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What became of every task: given, taken by a truck, picked, dropped."""
 
-from __future__ import annotations
-
 import bisect
 from array import array
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """What trucks are asked to do: fetch a load at one place and set it down at another."""
 
-from __future__ import annotations
-
 import csv
 import difflib
 import io

@@ -5,8 +5,6 @@ first, and the other waits until the place is free. A truck that stands for a mi
 is let past: such rings are counted. Who has arrived stands in nobody's way.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The ways that trucks drive on, sampled: a lane for every directed edge, a connector for every turn."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 from functools import cached_property

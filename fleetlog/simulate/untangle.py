@@ -1,7 +1,5 @@
 """Trucks that wait for one another: rings are found and released, others look for another way."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Who makes no progress, and for whom it waits: rings of trucks that wait for one another are deadlocks."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fleetlog.simulate.arrays import Floats

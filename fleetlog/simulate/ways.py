@@ -1,7 +1,5 @@
 """The quickest ways between bays, over all their doors."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

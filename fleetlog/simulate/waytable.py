@@ -1,7 +1,5 @@
 """The table of the pieces of road that were ever reserved."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fleetlog.core.trajectory import Labels

@@ -1,7 +1,5 @@
 """Everything that stays put in a simulation: lanes, junctions, bays, speed caps, ways between bays."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """A question asked of every part of a dataset: on the engine in use, with what was found before."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The one way to JSON: no NaN, no infinity, unknown is null; and the digest of a file."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from datetime import date

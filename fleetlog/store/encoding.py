@@ -1,7 +1,5 @@
 """Dataclasses of arrays, numbers and texts as bytes and back, without running anything found in them."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import zlib

@@ -5,8 +5,6 @@ metres about the site's origin; a turned site by a full transformation.  Without
 local metres.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from pathlib import Path

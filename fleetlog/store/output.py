@@ -5,8 +5,6 @@ releases however the run ends; whoever finds the folder unlocked knows that its 
 output carries a :data:`MARK` that says what was written into it; a single file has its mark beside it.
 """
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import json

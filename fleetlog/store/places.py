@@ -1,7 +1,5 @@
 """Where datasets lie: a folder, or a URL that fsspec opens (``s3://``, ``gs://``, ``az://``)."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

@@ -1,7 +1,5 @@
 """Where a result came from."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from collections.abc import Iterable, Sequence

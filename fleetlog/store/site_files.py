@@ -1,7 +1,5 @@
 """Writing a site: ``site.toml`` and ``roads.geojson``, as :func:`fleetlog.roads.load_site` reads them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from pathlib import Path

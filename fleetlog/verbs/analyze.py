@@ -1,7 +1,5 @@
 """Trips, stops, energy, density, heat maps, chargers of a dataset."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 from functools import cache

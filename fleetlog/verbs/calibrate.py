@@ -1,7 +1,5 @@
 """Fit a truck to measured runs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import cast
 

@@ -1,7 +1,5 @@
 """Do the whole job on sample data."""
 
-from __future__ import annotations
-
 import contextlib
 import shlex
 import shutil

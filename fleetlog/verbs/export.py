@@ -1,7 +1,5 @@
 """Write a dataset in another format."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from fleetlog.api.answer import Answer

@@ -1,7 +1,5 @@
 """Describe a dataset, log, map, site, truck or recording, or a folder that fleetlog wrote."""
 
-from __future__ import annotations
-
 from fleetlog.api.answer import Answer
 from fleetlog.api.inputs import existing
 from fleetlog.api.kinds import DatasetLike

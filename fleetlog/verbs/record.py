@@ -1,7 +1,5 @@
 """Capture the VDA 5050 messages of an MQTT broker."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from fleetlog.api.answer import Answer

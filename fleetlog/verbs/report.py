@@ -1,7 +1,5 @@
 """Write one page about a fleet, or about two datasets side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import cast
 

@@ -1,7 +1,5 @@
 """Open a replay, an analysis, a map or a log in the Rerun viewer."""
 
-from __future__ import annotations
-
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated

@@ -9,8 +9,6 @@ Rows of a vehicle each would cost more than twice the file and two hundred curve
     PREFIX/trail/fleet     where they were
 """
 
-from __future__ import annotations
-
 import math
 import mmap
 import tempfile

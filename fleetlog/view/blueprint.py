@@ -1,7 +1,5 @@
 """What is on the screen when a recording opens: plan, oblique view, map, curves and summary."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any

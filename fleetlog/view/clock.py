@@ -1,7 +1,5 @@
 """A timeline without the silences of a log, beside that of the clock: weeks play as their shifts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

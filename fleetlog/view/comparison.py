@@ -4,8 +4,6 @@ Where the simulation drives the recorded mission again, trucks of one name are s
 else they do different things, and the totals of the fleets are beside one another.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

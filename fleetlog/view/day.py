@@ -1,7 +1,5 @@
 """One day of a dataset, for a replay of it alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -13,8 +13,6 @@ Large fleets have no arcs, which would hide the floor, one entity for all reserv
 states.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What of the floor must be seen."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

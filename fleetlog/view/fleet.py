@@ -8,8 +8,6 @@ Paths have the signal first and the vehicle second, because a view's filter know
     PREFIX/trail/ID             where it was                    PREFIX/geo/ID      on the map
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 All that fleetlog uses of ``rerun.experimental`` is here, because it may change with every release.
 """
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """Lines that are drawn for tasks, reservations and charging: pure array work."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fleetlog.core.trajectory import Floats

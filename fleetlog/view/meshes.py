@@ -1,7 +1,5 @@
 """Small triangle meshes built in code, flat shaded: every face owns its vertices."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Colours, the same in recordings and pictures."""
 
-from __future__ import annotations
-
 import colorsys
 
 Colour = tuple[int, int, int]

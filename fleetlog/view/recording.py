@@ -1,7 +1,5 @@
 """``recording.rrd``: the replay of a dataset."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,11 +39,7 @@ COLUMNS = (
 
 
 def write_recording(
-    dataset_path: str | Path,
-    out_rrd: str | Path,
-    *,
-    rate_hz: float = RATE,
-    day: str | None = None,
+    dataset_path: str | Path, out_rrd: str | Path, *, rate_hz: float = RATE, day: str | None = None
 ) -> Path:
     """The replay of a dataset as an .rrd file that opens with everything in view.
 

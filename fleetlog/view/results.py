@@ -1,7 +1,5 @@
 """``recording.rrd`` of an analysis: its shapes on the site's floor, its curves and its answer in words."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

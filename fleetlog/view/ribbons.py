@@ -1,7 +1,5 @@
 """Roads as ribbons, arrows along them, discs and extruded polygons: triangles (m, 3, 3) in metres."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fleetlog.core.trajectory import Floats, Ints

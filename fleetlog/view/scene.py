@@ -1,7 +1,5 @@
 """The site in a recording: roads, buildings, zones, places; without a map the ways driven."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A recording being written: the one place that opens a Rerun stream and sends columns in chunks."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

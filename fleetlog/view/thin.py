@@ -1,7 +1,5 @@
 """Which rows of a trajectory a replay keeps: pure array work, no drawing."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The recording of what a user names: finding it, saying what it holds, starting the viewer on it."""
 
-from __future__ import annotations
-
 import atexit
 import os
 import shutil

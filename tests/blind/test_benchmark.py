@@ -13,14 +13,7 @@ from run import run
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [
-        "none",
-        "drivetrain_efficiency",
-        "waiting",
-        "auxiliary_load+grade",
-        "lift_efficiency+wind",
-        "warm_up",
-    ],
+    ["none", "drivetrain_efficiency", "waiting", "auxiliary_load+grade", "lift_efficiency+wind", "warm_up"],
 )
 def test_concealed_effects_are_named(name: str, tmp_path: Path) -> None:
     row = judged(run(Case.parse(f"{name},seed=1002"), tmp_path))

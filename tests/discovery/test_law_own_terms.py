@@ -115,7 +115,7 @@ def told(d: Diagnosis, dataset: Dataset, name: str) -> str:
 
 
 LANES = pytest.mark.xfail(
-    reason="simulated trucks slow down before crossings, which free time by place explains before the term: unknown",
+    reason="simulated trucks slow down before crossings, which free time by place explains before the term: unknown"
 )
 
 

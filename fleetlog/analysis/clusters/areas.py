@@ -1,7 +1,5 @@
 """Episodes gathered to critical areas of the road network, ranked by delay."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 

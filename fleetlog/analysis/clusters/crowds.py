@@ -1,7 +1,5 @@
 """The clusters of some hours: a partial result, and what they add up to."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Numba kernels of the density analysis."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -10,8 +10,6 @@ closed under "a truck belongs to the cluster of any truck that it can reach with
 of two or more is critical where its mean speed is under the limit.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -9,8 +9,6 @@ Hours are followed apart (:func:`follow`), each as if nothing had been before it
 same clusters are critical as were found without it; from there on nothing can differ.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Whole trips of one vehicle: sums of every term over segments (one trip in one hour), stretches, zones."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ power is zero, so its move adds nothing to first order, and with E the energy of
     dE/d ln(efficiency) = -E_traction    dE/d ln(regeneration) = E_braking    dE/d ln(rolling) = E_rolling ...
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

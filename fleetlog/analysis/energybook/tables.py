@@ -1,7 +1,5 @@
 """The books as tables: by trip, vehicle, shift, hour, stretch of road and zone."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

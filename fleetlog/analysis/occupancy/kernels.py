@@ -1,7 +1,5 @@
 """Numba kernels of the heat map."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """A charging plan tried out in the simulator: the same tasks with present and with planned chargers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

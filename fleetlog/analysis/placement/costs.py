@@ -1,7 +1,5 @@
 """What a drive from vertex to vertex costs: metres, seconds, or energy."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where trucks need a charger: visits, standstills and urgency per road vertex."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

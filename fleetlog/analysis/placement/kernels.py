@@ -1,7 +1,5 @@
 """Numba kernels of the site selection."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """One question about sites, and the steps of its answer: share, rank, demand, choice, stability."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal
 

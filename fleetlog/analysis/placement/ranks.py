@@ -10,8 +10,6 @@ decide what such a rank can say (both are tests): on closed trajectories the sta
 matrix *is* the share of visits, and with v equal to that share it is so for every alpha.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse

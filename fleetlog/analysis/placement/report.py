@@ -1,7 +1,5 @@
 """What is said about chosen sites: how far, against what, how stable, how many plugs."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ All distances are from demand (row) to site (column), since trucks drive towards
 smallest vertex number.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

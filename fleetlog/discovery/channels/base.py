@@ -1,7 +1,5 @@
 """What the search needs of a channel, be it energy over windows or time over stretches of path."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """Which channels a recording has, and how each is looked at."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

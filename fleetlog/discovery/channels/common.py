@@ -1,8 +1,6 @@
 """What both kinds of channel do alike: knobs, knots and passages of a fleet, and a column for every
 source."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field

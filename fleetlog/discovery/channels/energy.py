@@ -1,8 +1,6 @@
 """The energy channels: what battery power, or the state of charge, adds up to over windows of some ten
 seconds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,13 +14,7 @@ from fleetlog.discovery.channels.energy_columns import About, jumps
 from fleetlog.discovery.channels.evaluate import Evaluation
 from fleetlog.discovery.hypotheses import curves
 from fleetlog.discovery.hypotheses.curves import FreeCurve
-from fleetlog.discovery.hypotheses.sources import (
-    CurveSource,
-    ErrorSource,
-    FieldSource,
-    PlaceSource,
-    Source,
-)
+from fleetlog.discovery.hypotheses.sources import CurveSource, ErrorSource, FieldSource, PlaceSource, Source
 from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording import windows

@@ -1,8 +1,6 @@
 """Columns of the energy channels: how the energy of a window changes with each number, field and free
 curve."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

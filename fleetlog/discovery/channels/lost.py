@@ -1,8 +1,6 @@
 """What other trucks cost: the time on stretches where one was in the way, over what the same stretches take
 otherwise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 

@@ -1,8 +1,6 @@
 """The paths of a fleet as the speed channel sees them: nodes in windows, where others were in the way, what
 every piece took."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,8 +1,6 @@
 """The speed channel: the time that stretches of a path took, against the quickest drive that limits, turns
 and truck allow."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Columns of the speed channel: how the time on a path changes with each number, field and free curve."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -11,10 +9,7 @@ from numpy.typing import NDArray
 from fleetlog.discovery.channels.common import SourceColumns
 from fleetlog.discovery.channels.paths import Path
 from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
-from fleetlog.discovery.hypotheses.sources import (
-    FieldSource,
-    KnobSource,
-)
+from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource
 from fleetlog.discovery.hypotheses.stretches import Stretches
 from fleetlog.discovery.model import Model
 from fleetlog.physics.power import Physics, all_terms, allowed_speed

@@ -7,8 +7,6 @@ the battery, a ``moving`` curve on it while the truck moves; hat functions make 
 swing beside steps).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """Where a column of the regression comes from: what a channel is asked to compute for every window."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -4,8 +4,6 @@ A field that is odd in direction is a vector there, so that it has two values a 
 north sin.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -6,8 +6,6 @@ and an even part (floor: the same).  Without a map there are squares instead, se
 :mod:`fleetlog.discovery.hypotheses.squares`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Protocol
 

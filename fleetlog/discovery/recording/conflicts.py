@@ -6,8 +6,6 @@ between the two at one place is the post-encroachment time of traffic safety (Al
 Only positions decide, never how long anything took.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The recording in memory: one trajectory per vehicle and day, and what it lacks."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field

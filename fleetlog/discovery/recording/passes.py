@@ -1,8 +1,6 @@
 """Whether a recording sees a place, or a trip's own floor, more than once; what is seen once needs pieces
 held out."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

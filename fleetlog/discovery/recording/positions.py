@@ -6,8 +6,6 @@ minutes of driving on one spot.  Between two updates a vehicle moved along the l
 its speed says.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,8 +1,6 @@
 """What every vehicle drove, stop by stop, as nodes in place and time: what trucks do to one another is read
 from these."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -7,8 +7,6 @@ speed against progress along the map, on the middle of edges; without a map agai
 Held-out trips are not looked at.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

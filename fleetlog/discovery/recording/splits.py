@@ -5,8 +5,6 @@ short as windows allow.
 Trips are dealt vehicle-day by vehicle-day, so that a day can be read without the others.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -6,8 +6,6 @@ from another is taken from there; what all have in common stays the model's to e
 the map, rounded with the radius of the truck, explain the speeds seen, they are kept as they are.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Faults of the recording as findings."""
 
-from __future__ import annotations
-
 from fleetlog.discovery.recording.sensors import Fault
 from fleetlog.discovery.report import words
 from fleetlog.discovery.report.finding import Finding, Parameter

@@ -1,7 +1,5 @@
 """A field found, as places: which stretches stand out, merged along their roads, with intervals."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The verdict of a diagnosis, as the contract writes it."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field
 from math import isfinite
 from typing import Any

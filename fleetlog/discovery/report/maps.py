@@ -1,8 +1,6 @@
 """Shapes for the eye: the mismatch over the roads before and after, and recorded and modelled power on a
 bad trip."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """The folder of a diagnosis: JSON, model, fields; page and recording are drawn elsewhere."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

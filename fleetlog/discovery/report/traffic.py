@@ -1,7 +1,5 @@
 """Time lost to other trucks as a finding."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

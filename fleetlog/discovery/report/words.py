@@ -1,7 +1,5 @@
 """Findings in sentences that a fleet engineer understands, from what the terms say of themselves."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import isfinite

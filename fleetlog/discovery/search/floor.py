@@ -8,8 +8,6 @@ Stefánsson, Končar and
 Jones 1997, doi 10.1007/BF01413858).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree

@@ -1,8 +1,6 @@
 """The search: add what predicts best, try its rivals in its place, drop what is not needed, until nothing
 material is left."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 

@@ -1,8 +1,6 @@
 """How well the numbers of a model are known: the covariance of a joint fit, trips being its independent
 samples."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 """The joint fit: all numbers of a set of hypotheses together, by Gauss and Newton, on sums about the
 model of the moment."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

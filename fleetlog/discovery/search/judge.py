@@ -1,7 +1,5 @@
 """The last judgement: errors on trips that nothing has read, of exactly the model that is written."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ scatter more than is usual at that power, as trucks jerk between them, by a powe
 measured too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 

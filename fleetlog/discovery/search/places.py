@@ -1,7 +1,5 @@
 """Where on the roads: the stretches over which a field stands out, found in the sums, one after the other."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A channel with its split, weights and tolerances: what the search asks, and what it gets in return."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 

@@ -1,8 +1,6 @@
 """The regression: the likeliest step of every coefficient under its prior and within its bounds, from
 sums alone."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

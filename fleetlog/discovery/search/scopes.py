@@ -5,8 +5,6 @@ them, so that all sets of trucks that stand out, all pairs of a begin and an end
 once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 

@@ -6,8 +6,6 @@ What remains of each hypothesis is a regression of its few columns alone (Frisch
 Coefficients of the model that stand on a bound stay there; the joint fit afterwards lets them go.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

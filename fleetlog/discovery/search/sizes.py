@@ -1,8 +1,6 @@
 """How large an effect is: what it makes up of the energy where it acts, and how much of that unseen trips
 confirm."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

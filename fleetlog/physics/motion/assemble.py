@@ -1,7 +1,5 @@
 """The samples of a motion from the smoothed states and the other channels."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Load, forks, power and slope of a log as a motion needs them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

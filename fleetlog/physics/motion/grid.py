@@ -3,8 +3,6 @@
 Every row's share of time in pieces short enough for the convex switch of the drive.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Legs: what a truck drives from one standstill to the next, as nodes along its path."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ corner with its turning radius, gentle kinks as widely as it can within ``BOW`` 
 coordinate is the way of the truck, not that of the map, and its curvature is that of the arcs.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

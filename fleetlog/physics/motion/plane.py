@@ -1,7 +1,5 @@
 """The track off the map: both axes smoothed alike, and the way along the smooth curve."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 Limits, turns, setting off and braking, as a profile of speed over distance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

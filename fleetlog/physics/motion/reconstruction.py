@@ -8,8 +8,6 @@ smoothed positions off the map.  At a standstill speed and acceleration are obse
 of the log ends a stretch: no sample stands for it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

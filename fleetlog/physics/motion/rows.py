@@ -3,8 +3,6 @@
 Clean positions and speeds, where it is silent, and when the truck stands.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

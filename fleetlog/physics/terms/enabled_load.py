@@ -30,10 +30,7 @@ TERM = Term(
     "enabled_load",
     "power",
     "the enabled drive draws power while the truck moves and for some seconds after",
-    (
-        Parameter("power", "W", 0.0, 6000.0),
-        Parameter("hold", "s", 0.0, 60.0, neutral=5.0, shape=True),
-    ),
+    (Parameter("power", "W", 0.0, 6000.0), Parameter("hold", "s", 0.0, 60.0, neutral=5.0, shape=True)),
     power,
     depends_on=("standing",),
     sentence="The enabled drive draws {power.value:.0f} W ({power.low:.0f} to {power.high:.0f}) while the "

@@ -1,7 +1,5 @@
 """Where lines drawn without nodes meet: coinciding ends become nodes, shared inner vertices split."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 

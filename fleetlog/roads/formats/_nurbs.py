@@ -1,7 +1,5 @@
 """NURBS trajectories of VDA 5050 and LIF as polylines (Piegl and Tiller, The NURBS Book, 1997)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

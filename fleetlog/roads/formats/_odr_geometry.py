@@ -1,7 +1,5 @@
 """OpenDRIVE reference lines by arc length.  Source: ASAM OpenDRIVE 1.8, chapter 9."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """OpenDRIVE lanes as directed edges: which are driven, which way, along which line."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What a map format gives: the type of a reader and of what it reads."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterator

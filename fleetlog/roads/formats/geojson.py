@@ -6,8 +6,6 @@ that coincide are one node, and a road is split, as ``r:0``, ``r:1`` ..., at an 
 road has a vertex too.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 from collections import Counter

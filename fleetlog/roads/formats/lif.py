@@ -6,8 +6,6 @@ layouts are kept in one network; a transition between floors is an edge.  Source
 2024) and the draft of 2.0.0 (January 2026), section 8.3.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

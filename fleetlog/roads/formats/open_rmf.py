@@ -6,8 +6,6 @@ and places named ``LEVEL/...`` where there are more than one.  Chargers, parking
 ingestors (drop) become places.  Source: the tools of github.com/open-rmf/rmf_traffic_editor.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

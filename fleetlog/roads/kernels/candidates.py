@@ -1,7 +1,5 @@
 """Segments in a grid, and the edges near a position."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

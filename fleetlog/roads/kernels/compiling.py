@@ -5,8 +5,6 @@ kernels make themselves nor counts of references are compiled, which would take 
 kernels, which other kernels alone call, have no entrance from Python, which would unpack all those arrays.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from numba import njit

@@ -1,7 +1,5 @@
 """What the hidden Markov model charges: emissions and steps, as negative logarithms of probabilities."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -4,8 +4,6 @@ States of a group are its candidates and, last, "off the roads".  Costs are nega
 probabilities.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

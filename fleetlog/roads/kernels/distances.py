@@ -1,7 +1,5 @@
 """Bounded network distances from the end of an edge, found when first asked for and kept."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

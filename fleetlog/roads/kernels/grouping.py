@@ -1,7 +1,5 @@
 """Points to groups: what one step of the hidden Markov model sees."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arrays that grow, by plain loops: numpy's own way costs seconds to compile."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A binary heap in two arrays, distances and edges, for Dijkstra in numba."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Searches on directed edges, compiled.  Ties are broken by edge number, so one input has one answer."""
 
-from __future__ import annotations
-
 from heapq import heappop, heappush
 
 import numpy as np

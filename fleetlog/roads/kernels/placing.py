@@ -1,7 +1,5 @@
 """Points on a route: a fixed-interval smoother on the path coordinate."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

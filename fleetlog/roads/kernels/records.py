@@ -1,7 +1,5 @@
 """What the loops of the matcher share: arrays that belong together."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From chosen candidates to routes: connected stretches of directed edges with one path coordinate."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

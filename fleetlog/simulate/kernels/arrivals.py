@@ -1,7 +1,5 @@
 """From piece to piece of a route, and into a bay and out of it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fleetlog.simulate.kernels.inner import inner

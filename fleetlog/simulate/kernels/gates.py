@@ -1,7 +1,5 @@
 """In and out of bays: asking others to stop, crossing a lane, backing out, turning in."""
 
-from __future__ import annotations
-
 from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.kernels.lanes import front, insert, is_safe_lane
 from fleetlog.simulate.kernels.reserve import acquire, is_free, is_free_ahead

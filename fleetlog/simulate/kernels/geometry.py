@@ -1,7 +1,5 @@
 """Rectangles that meet, points laid on lines."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Free ground beside the roads: what is taken is kept in lists of square cells."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

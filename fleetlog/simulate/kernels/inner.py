@@ -5,8 +5,6 @@ the time, is switched off; and without an entrance from Python, which would unpa
 time of compiling is saved.
 """
 
-from __future__ import annotations
-
 from numba import njit
 
 inner = njit(cache=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)

@@ -1,7 +1,5 @@
 """Lanes and pieces of road: how fast on them, who is in line there, how far ahead one must know."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fleetlog.simulate.kernels.inner import inner

@@ -1,7 +1,5 @@
 """What every truck does at a moment, and what it has reserved: only changes are written down."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from numba import njit

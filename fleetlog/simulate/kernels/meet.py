@@ -1,7 +1,5 @@
 """Trucks on paths of their own that wait before places until others have passed them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From batches of steps to rows in whole numbers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Speeds ahead and places along the pieces of a track."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

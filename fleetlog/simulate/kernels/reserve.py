@@ -1,7 +1,5 @@
 """Passages from one lane to the next: junctions and aisles are reserved whole or not at all."""
 
-from __future__ import annotations
-
 from fleetlog.simulate.kernels.inner import inner
 from fleetlog.simulate.kernels.lanes import is_safe_lane
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads

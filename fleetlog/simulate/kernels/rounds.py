@@ -1,7 +1,5 @@
 """Who may go where: all who want to go on ask in turn, who waits longest first."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fleetlog.simulate.kernels.gates import try_enter, try_leave

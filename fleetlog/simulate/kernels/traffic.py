@@ -1,7 +1,5 @@
 """The fixed step of all trucks: speeds, moves, arrivals, the log of it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

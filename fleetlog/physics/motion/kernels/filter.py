@@ -5,8 +5,6 @@ white jerk of density q [m2/s5] drives it (R. A. Singer, Estimating optimal trac
 manned maneuvering targets, IEEE Trans. Aerospace and Electronic Systems 6 (1970) 473).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

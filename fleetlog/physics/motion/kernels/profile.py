@@ -1,7 +1,5 @@
 """Forward and backward passes over a path."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

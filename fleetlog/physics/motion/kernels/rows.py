@@ -1,7 +1,5 @@
 """Compiled loops over rows: places on edges, held and banded channels; imported only where they run."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The way along matched edges, and standstills of positions; imported only where they run."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
