@@ -26,9 +26,8 @@ from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.store import Dataset
 from fleetlog.view import palette, thin
 from fleetlog.view.fleet import CURVES, MIN_LOAD, curve_style, heights, log_curve, quaternions
-from fleetlog.view.meshes import LOAD_CENTRE, LOAD_HALF, box, join, truck_body, truck_fork
+from fleetlog.view.meshes import LOAD_CENTRE, LOAD_HALF, box, mesh3d, truck_body, truck_fork
 from fleetlog.view.palette import Colour
-from fleetlog.view.scene import mesh3d
 from fleetlog.view.stream import Stream, entity, microseconds, ui_points
 
 Singles = NDArray[Any]
@@ -135,8 +134,8 @@ def _log_static(stream: Stream, prefix: str, colour: Colour) -> None:
     centre, half = np.array(LOAD_CENTRE), np.array(LOAD_HALF)
     load = box((centre - half).tolist(), (centre + half).tolist(), (196, 150, 96))
     for names, archetype in {
-        ("trucks", "bodies"): mesh3d(join([truck_body(colour), truck_fork()])),
-        ("trucks", "loads"): mesh3d(load),
+        ("trucks", "bodies"): mesh3d([*truck_body(colour), *truck_fork()]),
+        ("trucks", "loads"): mesh3d([load]),
         ("trucks", "charge"): rr.Points3D.from_fields(radii=ui_points(3.5)),
         ("trail", "fleet"): rr.Points3D.from_fields(radii=ui_points(1.1), colors=[colour]),
         ("geo", "fleet"): rr.GeoPoints.from_fields(radii=ui_points(3.0), colors=[(86, 180, 233)]),

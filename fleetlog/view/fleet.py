@@ -16,9 +16,8 @@ import rerun as rr
 from fleetlog.core.site import Frame, Site
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.view import palette, thin
-from fleetlog.view.meshes import LOAD_CENTRE, LOAD_HALF, truck_body, truck_fork
+from fleetlog.view.meshes import LOAD_CENTRE, LOAD_HALF, mesh3d, truck_body, truck_fork
 from fleetlog.view.palette import Colour
-from fleetlog.view.scene import mesh3d
 from fleetlog.view.stream import Stream, entity, ui_points
 
 CURVES = {"speed": ("speed", 1.0), "battery_power": ("power", 1e-3), "soc": ("soc", 100.0)}

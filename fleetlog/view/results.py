@@ -15,9 +15,9 @@ from fleetlog.view import blueprint, palette, ribbons, thin
 from fleetlog.view.extent import Extent, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve, with_gaps
 from fleetlog.view.marks import arc, head
-from fleetlog.view.meshes import join, mesh_of
+from fleetlog.view.meshes import mesh3d
 from fleetlog.view.scales import Scale, scales_of, screen_colours
-from fleetlog.view.scene import drawn_width, lane, log_site, mesh3d
+from fleetlog.view.scene import drawn_width, lane, log_site
 from fleetlog.view.stream import Stream, entity, open_stream, ui_points, verbatim
 
 MARK_COLOURS = {
@@ -94,9 +94,9 @@ def _log_edges(stream: Stream, path: str, shape: EdgeValues, site: Site, scale: 
             line = ribbons.stretch(network.polyline(edge), float(start), float(end))
             left, right = lane(site, int(edge))
             inset = 0.06 * drawn_width(network, int(edge))
-            meshes.append(mesh_of(ribbons.ribbon(line, left - inset, right + inset, 0.06), colour[:3]))
+            meshes.append((ribbons.ribbon(line, left - inset, right + inset, 0.06), colour[:3]))
     if meshes:
-        stream.static(path, mesh3d(join(meshes)))
+        stream.static(path, mesh3d(meshes))
 
 
 def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent) -> str:
@@ -108,10 +108,10 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
     xs = np.linspace(x0, x0 + 0.5 * span, 65)
     colours = screen_colours(scale.at((np.arange(64) + 0.5) / 64), scale)[:, :3]
     cells = [
-        mesh_of(ribbons.ribbon(np.array([[a, y, 0.0], [b, y, 0.0]]), thick / 2, -thick / 2, 0.05), colour)
+        (ribbons.ribbon(np.array([[a, y, 0.0], [b, y, 0.0]]), thick / 2, -thick / 2, 0.05), colour)
         for a, b, colour in zip(xs[:-1], xs[1:], colours, strict=True)
     ]
-    stream.static(f"{path}/scale", mesh3d(join(cells)))
+    stream.static(f"{path}/scale", mesh3d(cells))
     top = ("≥ " if scale.clipped else "") + _short(scale.high)
     texts = [_short(scale.low), _short(float(scale.at(np.array(0.5)))), f"{top}  {label}"]
     ends = rr.Points3D(
@@ -129,10 +129,10 @@ def _log_marks(stream: Stream, path: str, marks: Marks) -> str:
     colour = MARK_COLOURS[marks.kind]
     solid = marks.kind == "charger"
     pads = [
-        mesh_of(ribbons.disc(x, y, float(r), 0.09, inner=0.0 if solid else 0.82 * float(r)), colour)
+        (ribbons.disc(x, y, float(r), 0.09, inner=0.0 if solid else 0.82 * float(r)), colour)
         for (x, y), r in zip(marks.xy, np.maximum(marks.size, 0.5), strict=True)
     ]
-    stream.static(f"{path}/rings", mesh3d(join(pads)))
+    stream.static(f"{path}/rings", mesh3d(pads))
     where = np.column_stack([marks.xy, np.full(len(marks.xy), 0.2)])
     points = rr.Points3D(
         where, radii=ui_points(3.0), colors=[colour], labels=list(marks.labels), show_labels=len(where) <= 30

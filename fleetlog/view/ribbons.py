@@ -77,40 +77,31 @@ def disc(x: float, y: float, radius: float, lift: float, inner: float = 0.0, cor
     return _band(centre + radius * rim, centre + inner * rim)
 
 
-def _turn(a: Floats, b: Floats, c: Floats) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
-
-
 def triangulate(polygon: Floats) -> Ints:
-    """(n - 2, 3) counter-clockwise vertex indices of a simple polygon (n, 2), by clipping ears."""
-    points = np.asarray(polygon, dtype=np.float64)
-    nxt = np.roll(points, -1, axis=0)
-    area = float((points[:, 0] * nxt[:, 1] - nxt[:, 0] * points[:, 1]).sum())
-    left = list(range(len(points))) if area > 0 else list(range(len(points)))[::-1]
-    out: list[tuple[int, int, int]] = []
-    while len(left) > 3:
-        for i in range(len(left)):
-            a, b, c = left[i - 1], left[i], left[(i + 1) % len(left)]
-            if _is_ear(points, a, b, c, left):
-                break
-        else:  # a polygon that crosses itself: clip any corner rather than fail
-            a, b, c = left[-1], left[0], left[1]
-            i = 0
-        out.append((a, b, c))
-        del left[i]
-    return np.array([*out, tuple(left)], dtype=np.int64).reshape(-1, 3)
+    """(n - 2, 3) counter-clockwise vertex indices of a simple polygon (n, 2), by clipping ears.
 
-
-def _is_ear(points: Floats, a: int, b: int, c: int, left: list[int]) -> bool:
-    if _turn(points[a], points[b], points[c]) <= 0.0:
-        return False
-    return not any(
-        _turn(points[a], points[b], points[k]) >= 0.0
-        and _turn(points[b], points[c], points[k]) >= 0.0
-        and _turn(points[c], points[a], points[k]) >= 0.0
-        for k in left
-        if k not in (a, b, c)
+    Of a polygon that crosses itself some corner is clipped where there is no ear.
+    """
+    x, y = np.asarray(polygon, dtype=np.float64).T
+    left = (
+        np.arange(len(x)) if (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() > 0 else np.arange(len(x))[::-1]
     )
+    out = []
+    while len(left) > 2:
+        k = next((k for k in range(len(left)) if _is_ear(polygon[np.roll(left, 1 - k)])), 0)
+        out.append(np.roll(left, 1 - k)[:3])
+        left = np.delete(left, k)
+    return np.array(out, dtype=np.int64).reshape(-1, 3)
+
+
+def _is_ear(points: Floats) -> bool:
+    """Whether the first three of a ring of points turn left, and no other one is in their triangle."""
+    corners, others = points[:3], points[3:]
+    side = np.roll(corners, -1, axis=0) - corners
+    if side[0, 0] * side[1, 1] - side[0, 1] * side[1, 0] <= 0.0:
+        return False
+    to = others - corners[:, None]
+    return not (side[:, None, 0] * to[..., 1] - side[:, None, 1] * to[..., 0] >= 0.0).all(axis=0).any()
 
 
 def open_ring(polygon: Floats) -> Floats:
