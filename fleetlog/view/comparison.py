@@ -15,12 +15,12 @@ from fleetlog.core.trajectory import Floats, Ints, Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 from fleetlog.view import blueprint, palette, thin
-from fleetlog.view.day import opened
+from fleetlog.view.clock import opened, span_of
 from fleetlog.view.extent import dataset_outline
-from fleetlog.view.fleet import curve_style, log_curve
-from fleetlog.view.recording import MANY, RATE, Fleet, summary_markdown
+from fleetlog.view.fleet import Fleet, curve_style, log_curve
+from fleetlog.view.recording import MANY, RATE, log_fleet, summary_markdown
 from fleetlog.view.scene import log_site
-from fleetlog.view.stream import Stream, entity, microseconds, open_stream
+from fleetlog.view.stream import Stream, entity, open_stream
 
 DIFFERENCES = {
     "apart": "Distance apart [m]",
@@ -60,8 +60,8 @@ def write_comparison(
     screen.start, screen.duration = _span(recorded, simulated, shift)
     with open_stream(Path(out_rrd), f"{recorded.site.name} (recorded and simulated)", screen.start) as stream:
         log_site(stream, recorded.site)
-        a.log(stream, screen)
-        b.log(stream, screen)
+        log_fleet(stream, screen, a)
+        log_fleet(stream, screen, b)
         found = _log_differences(stream, a, b) if same_mission(simulated) else _log_totals(stream, a, b)
         text = rr.TextDocument(_text(recorded, simulated, shift), media_type=rr.MediaType.MARKDOWN)
         stream.static("/summary", text)
@@ -74,20 +74,14 @@ def same_mission(simulated: Dataset) -> bool:
     return "distance_ratio" in (simulated.meta.get("summary") or {})
 
 
-def _ends(dataset: Dataset) -> tuple[int, int] | None:
-    """First and last time [us]; None for a dataset without rows."""
-    start, end = (microseconds(dataset.meta.get(k)) for k in ("start", "end"))
-    return None if start is None or end is None else (start, end)
-
-
 def clock_shift(recorded: Dataset, simulated: Dataset) -> int:
     """Microseconds to add to the simulated times: 0 where the two overlap."""
-    a, b = _ends(recorded), _ends(simulated)
+    a, b = span_of(recorded), span_of(simulated)
     return 0 if a is None or b is None or (a[0] <= b[1] and b[0] <= a[1]) else a[0] - b[0]
 
 
 def _span(recorded: Dataset, simulated: Dataset, shift: int) -> tuple[int | None, float]:
-    times = [*(_ends(recorded) or ()), *(t + shift for t in _ends(simulated) or ())]
+    times = [*(span_of(recorded) or ()), *(t + shift for t in span_of(simulated) or ())]
     return (min(times), (max(times) - min(times)) * 1e-6) if times else (None, 0.0)
 
 

@@ -27,7 +27,7 @@ from fleetlog.core.trajectory import Floats
 from fleetlog.roads.segments import reduced
 from fleetlog.store.events import ACTIVITIES
 from fleetlog.view import marks, palette
-from fleetlog.view.fleet import curve_style, log_curve
+from fleetlog.view.fleet import Lane, curve_style, log_curve
 from fleetlog.view.happenings import NEVER, Happenings, mean_number, rows_while
 from fleetlog.view.palette import Colour
 from fleetlog.view.scene import log_places
@@ -53,26 +53,23 @@ FLOOR, UP = np.array([0.0, 0.0, 0.14]), np.array([0.0, 0.0, 0.6])
 MOMENTS = ("earliest", "assigned", "picked", "dropped")
 
 
-def log_events(
-    stream: Stream, h: Happenings, vehicles: Sequence[str], colours: Sequence[Colour], prefix: str, name: str
-) -> set[str]:
+def log_events(stream: Stream, h: Happenings, lanes: list[Lane]) -> set[str]:
     """Those of a small fleet; the kinds that were drawn."""
     log_places(stream, h.drawn, "drawn", labels=False)
-    _log_tasks(stream, h, vehicles, colours, prefix)
+    prefix = lanes[0].fleet.prefix
+    _log_tasks(stream, h, lanes, entity(prefix, "tasks", "waiting"))
     lines = {way: reduced(line, TRUE) + FLOOR for way, line in h.lines.items()}
-    for vehicle, colour in zip(vehicles, colours, strict=True):
-        mine, path = (
-            h.reservations[h.reservations["vehicle_id"] == vehicle],
-            entity(prefix, "reserved", vehicle),
-        )
-        dim = palette.faded(colour, 0.55, palette.ROAD)
+    for lane in lanes:
+        mine = h.reservations[h.reservations["vehicle_id"] == lane.vehicle]
+        path, dim = lane.path("reserved"), palette.faded(lane.colour, 0.55, palette.ROAD)
         stream.static(path, rr.LineStrips3D.from_fields(radii=0.95, colors=[dim]))
         _log_stretches(stream, path, mine["start"], mine["end"], [[lines[w]] for w in mine["way"]])
     found = {"tasks", "reserved"} | _log_charging(stream, h, entity(prefix, "charging"))
-    few = len(vehicles) <= STATES
-    for vehicle in vehicles if few else ():
-        mine = h.activities[h.activities["vehicle_id"] == vehicle]
-        _log_state(stream, mine.sort_values("start"), entity(prefix, "state", vehicle))
+    few = len(lanes) <= STATES
+    for lane in lanes if few else ():
+        mine = h.activities[h.activities["vehicle_id"] == lane.vehicle]
+        _log_state(stream, mine.sort_values("start"), lane.path("state"))
+    name = lanes[0].fleet.name
     return found | ({"state"} if few else set()) | _log_curves(stream, h, prefix, name, activity=not few)
 
 
@@ -116,21 +113,19 @@ def _log_stretches(
     stream.parts(path, times, lengths, rr.LineStrips3D, strips=strips, **more)
 
 
-def _log_tasks(
-    stream: Stream, h: Happenings, vehicles: Sequence[str], colours: Sequence[Colour], prefix: str
-) -> None:
+def _log_tasks(stream: Stream, h: Happenings, lanes: list[Lane], path: str) -> None:
     """Arcs: dashes while the load is fetched, then whole; of waiting tasks, those that wait longest."""
     source, target = h.where(h.tasks["from_place"]) + UP, h.where(h.tasks["to_place"]) + UP
     known = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
     tasks, ends = h.tasks[known], list(zip(source[known], target[known], strict=True))
     dashes = [marks.broken(*e) for e in ends]
-    late, path = np.flatnonzero(tasks["assigned"] > tasks["earliest"]), entity(prefix, "tasks", "waiting")
+    late = np.flatnonzero(tasks["assigned"] > tasks["earliest"])
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(0.8), colors=[palette.WAITING]))
     waiting, arcs = tasks.iloc[late], [dashes[k] for k in late]
     _log_stretches(stream, path, waiting["earliest"], waiting["assigned"], arcs, most=MOST_WAITING)
-    for vehicle, colour in zip(vehicles, colours, strict=True):
-        path, which = entity(prefix, "tasks", vehicle), np.flatnonzero(tasks["vehicle_id"] == vehicle)
-        stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(1.1), colors=[colour]))
+    for lane in lanes:
+        path, which = lane.path("tasks"), np.flatnonzero(tasks["vehicle_id"] == lane.vehicle)
+        stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(1.1), colors=[lane.colour]))
         mine, whole = tasks.iloc[which], [marks.arc(*ends[k]) for k in which]
         fetched = [[*dashes[k], marks.head(line)] for k, line in zip(which, whole, strict=True)]
         lines = [*fetched, *([line, marks.head(line)] for line in whole)]

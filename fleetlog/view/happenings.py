@@ -11,7 +11,7 @@ from fleetlog.core.site import Place, PlaceKind
 from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.store import Dataset
 from fleetlog.store.events import TABLES, read_table
-from fleetlog.view.day import Day
+from fleetlog.view.clock import OneDay, span_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,7 +46,7 @@ def happenings_of(dataset: Dataset, shift: int) -> Happenings | None:
     tasks, doing, held, ways, bays = (read_table(dataset, name, compact=True) for name in TABLES)
     if tasks is None or doing is None or held is None or ways is None or bays is None:
         return None
-    first, last = dataset.span if isinstance(dataset, Day) else (-NEVER, NEVER)
+    first, last = (isinstance(dataset, OneDay) and span_of(dataset)) or (-NEVER, NEVER)
 
     def clocked(table: pd.DataFrame) -> pd.DataFrame:
         """What lies outside the time that is shown is moved to its ends."""

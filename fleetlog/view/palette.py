@@ -1,6 +1,10 @@
 """Colours, the same in recordings and pictures."""
 
 import colorsys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 Colour = tuple[int, int, int]
 Share = tuple[float, float, float]
@@ -13,8 +17,6 @@ _VEHICLES: tuple[Colour, ...] = (
 )  # fmt: skip
 
 SOC_GOOD, SOC_LOW, SOC_EMPTY = (64, 196, 99), (245, 195, 50), (232, 65, 60)
-SOC_CLASSES = ((0.5, SOC_GOOD), (0.2, SOC_LOW), (-1.0, SOC_EMPTY))
-"""Above 50 % green, from 20 to 50 % yellow, below red."""
 
 ROAD, ROAD_EDGE, ARROW = (66, 74, 88), (120, 132, 150), (168, 180, 198)
 ONE_WAY = (64, 86, 108)
@@ -76,9 +78,10 @@ def shade(colour: Colour, number: int) -> Colour:
     return r, g, b
 
 
-def soc_colour(soc: float) -> Colour:
-    """Green, yellow or red of a state of charge (share)."""
-    return next(colour for above, colour in SOC_CLASSES if soc > above or above < 0)
+def soc_colours(soc: NDArray[Any]) -> NDArray[np.uint8]:
+    """(N, 3) of states of charge (share): to 20 % red, to 50 % yellow, above green; grey where unknown."""
+    colours = np.array([SOC_EMPTY, SOC_LOW, SOC_GOOD, (150, 150, 150)], np.uint8)
+    return np.asarray(colours[np.digitize(soc, [0.2, 0.5, np.inf], right=True)])
 
 
 def faded(colour: Colour, share: float, ground: Colour = (18, 20, 24)) -> Colour:

@@ -31,11 +31,6 @@ def nanoseconds(time: Ints) -> Any:
     return np.asarray(time, dtype="datetime64[us]").astype("datetime64[ns]")
 
 
-def microseconds(iso: str | None) -> int | None:
-    """Microseconds since 1970 of a time in a dataset's description."""
-    return None if iso is None else int(np.datetime64(iso.removesuffix("Z"), "us").astype(np.int64))
-
-
 def entity(*names: str) -> str:
     """An entity path; names are escaped where a log's own ids need it."""
     return str(rr.new_entity_path([n for n in names if n]))
