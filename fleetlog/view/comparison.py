@@ -56,7 +56,6 @@ def write_comparison(
     a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED, "recorded")
     b = Fleet(simulated, rate_hz, "simulated", palette.SIMULATED, "simulated", shift)
     screen = blueprint.Screen(dataset_outline(recorded), ("/recorded", "/simulated"))
-    screen.on_earth = recorded.site.frame is not None
     screen.start, screen.duration = _span(recorded, simulated, shift)
     with open_stream(Path(out_rrd), f"{recorded.site.name} (recorded and simulated)", screen.start) as stream:
         log_site(stream, recorded.site)
@@ -180,10 +179,9 @@ def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
         blueprint.floor_view(screen, "Site", blueprint.oblique(screen.outline, 1.5)),
         blueprint.floor_view(screen, "Plan", blueprint.top_down(screen.outline, 1.5), flat),
     ]
-    both: list[Any] = [blueprint.curve_view(screen, s) for s in blueprint.CURVE_NAMES if s in screen.signals]
     summary = rrb.TextDocumentView(origin="/summary", name="Summary")
     doing = blueprint.activity_views(screen, roomy=True)
-    both.append(rrb.Tabs(summary, *doing) if doing else summary)
+    both = [*blueprint.curve_views(screen), rrb.Tabs(summary, *doing) if doing else summary]
     apart: list[Any] = [
         blueprint.plot(
             title, [f"/difference/{kind}/**"], legend=kind in TOTALS,

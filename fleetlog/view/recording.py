@@ -43,7 +43,7 @@ def write_recording(
     """
     dataset = opened(dataset_path, day)
     site = dataset.site
-    screen = blueprint.Screen(dataset_outline(dataset), on_earth=site.frame is not None)
+    screen = blueprint.Screen(dataset_outline(dataset))
     if (span := span_of(dataset)) is not None:
         screen.start, screen.duration = span[0], (span[1] - span[0]) * 1e-6
     with open_stream(Path(out_rrd), f"{site.name} ({dataset.kind})", screen.start) as stream:

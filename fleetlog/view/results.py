@@ -1,6 +1,5 @@
 """``recording.rrd`` of an analysis: its shapes on the site's floor, its curves and its answer in words."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +40,9 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
         log_site(stream, site)
         scales = scales_of(result.shapes)
         texts = [_log_shape(stream, site, shape, extent, scales) for shape in result.shapes]
-        _log_answer(stream, result, list(dict.fromkeys(t for t in texts if t)))
+        answer = "\n".join(f"- {verbatim(line)}" for line in result.lines)
+        text = "\n\n".join([f"### {_title(result.name)}", answer, *dict.fromkeys(t for t in texts if t)])
+        stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         if not _times(result):
             # A view of a recording without any time stays on "static"; one instant makes the timeline.
             stream.columns("/result/instant", np.zeros(1, np.int64), rr.Scalars, scalars=[0.0])
@@ -52,25 +53,30 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
 def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales: dict[str, Scale]) -> str:
     """Draw one shape; a line of Markdown that says how to read it."""
     path = entity("result", shape.name)
-    if isinstance(shape, Grid | EdgeValues):
-        scale = scales[shape.name]
-        if isinstance(shape, Grid):
-            _log_grid(stream, path, shape, scale)
-        elif site.network is not None:
-            _log_edges(stream, path, shape, site, scale)
-        else:
+    match shape:
+        case EdgeValues() if site.network is None:
             return ""
-        return _legend(stream, path, shape.label, scale, extent)
-    if isinstance(shape, Marks):
-        return _log_marks(stream, path, shape)
-    if isinstance(shape, MovingLines):
-        return _log_lines(stream, path, shape)
-    if isinstance(shape, Flows):
-        return _log_flows(stream, path, shape)
-    if isinstance(shape, Series):
-        return _log_series(stream, shape)
-    # Curves with intervals are in the picture; in the recording is the table of them.
-    return _bars_text(shape) if isinstance(shape, Bars) else ""
+        case Grid() | EdgeValues():
+            scale = scales[shape.name]
+            if isinstance(shape, Grid):
+                _log_grid(stream, path, shape, scale)
+            else:
+                _log_edges(stream, path, shape, site, scale)
+            return _legend(stream, path, shape.label, scale, extent)
+        case Marks():
+            return _log_marks(stream, path, shape)
+        case MovingLines():
+            return _log_lines(stream, path, shape)
+        case Flows():
+            return _log_flows(stream, path, shape)
+        case Series():
+            return _log_series(stream, shape)
+        case Bars():
+            shown = zip(shape.labels[:20], shape.values[:20], strict=True)
+            rows = "\n".join(f"| {name} | {_short(value)} |" for name, value in shown)
+            return f"| {_title(shape.name)} | {shape.label} |\n| --- | --- |\n{rows}\n"
+        case _:  # Curves with intervals are in the picture; in the recording is the table of them.
+            return ""
 
 
 def _log_grid(stream: Stream, path: str, grid: Grid, scale: Scale) -> None:
@@ -178,18 +184,6 @@ def _log_series(stream: Stream, shape: Series) -> str:
     return ""
 
 
-def _bars_text(bars: Bars) -> str:
-    shown = zip(bars.labels[:20], bars.values[:20], strict=True)
-    rows = "\n".join(f"| {name} | {_short(value)} |" for name, value in shown)
-    return f"| {_title(bars.name)} | {bars.label} |\n| --- | --- |\n{rows}\n"
-
-
-def _log_answer(stream: Stream, result: Result, legends: list[str]) -> None:
-    answer = "\n".join(f"- {verbatim(line)}" for line in result.lines)
-    text = f"### {_title(result.name)}\n\n{answer}\n\n" + "\n\n".join(legends)
-    stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
-
-
 def _short(value: float) -> str:
     """Three digits, and no powers of ten where they can be helped."""
     return f"{value:,.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"
@@ -197,12 +191,6 @@ def _short(value: float) -> str:
 
 def _title(name: str) -> str:
     return name.replace("_", " ").capitalize()
-
-
-def _contents(layer: Grid | EdgeValues | None) -> list[str]:
-    """Heat lies under the rims and arrows of the roads, and takes the place of their surface."""
-    surface = ["- /site/roads/surface/**"] if isinstance(layer, Grid) else []
-    return [*surface, *([f"{entity('result', layer.name)}/**"] if layer is not None else [])]
 
 
 def _curves(result: Result) -> list[Series]:
@@ -215,45 +203,42 @@ def _times(result: Result) -> list[Ints]:
     return [*moving, *(np.asarray(s.x) for s in _curves(result))]
 
 
-def _curve_title(series: Series) -> str:
-    unit = series.y_label[series.y_label.find("[") + 1 :].rstrip("]")
-    return f"{_title(series.name)} [{unit}]"
-
-
 def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
     """One plan a map; beside them the curves and the answer."""
-    maps: list[Grid | EdgeValues | None] = [
-        *[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
-    ]
-    over = [s for s in result.shapes if isinstance(s, MovingLines | Flows | Marks)]
-    if maps:
+    maps: list[Any] = [s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS] or [None]
+    if maps[0] is not None:
         x0, y0, x1, _ = around(outline)
         outline = np.vstack([outline, [x0, y0 - 0.08 * (x1 - x0), 0.0]])  # the colour bar
     known = [t for t in _times(result) if len(t)]
     duration = float(max(t[-1] for t in known) - min(t[0] for t in known)) * 1e-6 if known else 0.0
     screen = blueprint.Screen(outline, (), duration=duration)
 
-    def view(layer: Grid | EdgeValues | None, name: str, eye: rrb.EyeControls3D, more: Sequence[str]) -> Any:
-        """One map with all marks but those of another one."""
-        name_of = None if layer is None else layer.name
-        shown = [f"{entity('result', s.name)}/**" for s in over if getattr(s, "on", None) in (None, name_of)]
-        return blueprint.floor_view(screen, name, eye, [*shown, *_contents(layer), *more])
+    def view(layer: Grid | EdgeValues | None, name: str, eye: rrb.EyeControls3D, more: list[str]) -> Any:
+        """One map with all marks but those of another one.
+
+        Heat lies under the rims and arrows of the roads, and takes the place of their surface.
+        """
+        of = None if layer is None else layer.name
+        over = [s for s in result.shapes if isinstance(s, MovingLines | Flows | Marks)]
+        shown = [*(s.name for s in over if getattr(s, "on", None) in (None, of)), *([of] if of else [])]
+        surface = ["- /site/roads/surface/**"] if isinstance(layer, Grid) else []
+        contents = [f"{entity('result', shape)}/**" for shape in shown]
+        return blueprint.floor_view(screen, name, eye, [*contents, *surface, *more])
 
     eye, flat = blueprint.top_down(outline, WIDE), [*blueprint.FLAT, "- /site/zones/**"]
-    plans = [
-        view(m, "Plan" if m is None else _title(m.name), eye, flat) for m in (maps or [None]) if len(outline)
-    ]
+    # Without a map and without places there is nothing to see from above.
+    plans = [view(m, _title(m.name) if m else "Plan", eye, flat) for m in maps if len(outline)]
     if len(plans) == 1:
-        only, aslant = maps[0] if maps else None, blueprint.oblique(outline, WIDE)
-        plans.append(view(only, "Site", aslant, ["- /site/buildings/roofs/**"]))
+        aslant = blueprint.oblique(outline, WIDE)
+        plans.append(view(maps[0], "Site", aslant, ["- /site/buildings/roofs/**"]))
     side: list[Any] = [
         blueprint.plot(
-            _curve_title(s), [f"{entity('curves', s.name)}/**"], 1 < len(s.y) <= 8,
-            rrb.Corner2D.LeftTop, axis_x=blueprint.whole_time(),
+            f"{_title(s.name)} [{s.y_label[s.y_label.find('[') + 1 :].rstrip(']')}]",
+            [f"{entity('curves', s.name)}/**"], 1 < len(s.y) <= 8, rrb.Corner2D.LeftTop,
+            **blueprint.time_of(screen, slow=True),
         )
         for s in _curves(result)[:3]
     ]  # fmt: skip
     side.append(rrb.TextDocumentView(origin="/summary", name="Answer"))
-    # Without a map and without places there is nothing to see from above.
     left = [rrb.Vertical(*plans) if len(plans) <= 2 else rrb.Grid(*plans)] if plans else []
     return blueprint.whole(screen, [*left, rrb.Vertical(*side)], [5, 3][-1 - len(left) :])
