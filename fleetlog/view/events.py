@@ -26,7 +26,7 @@ import rerun as rr
 from fleetlog.core.trajectory import Floats
 from fleetlog.roads.segments import reduced
 from fleetlog.store.events import ACTIVITIES
-from fleetlog.view import marks, palette
+from fleetlog.view import palette, ribbons
 from fleetlog.view.fleet import Lane, curve_style, log_curve
 from fleetlog.view.happenings import NEVER, Happenings, mean_number, rows_while
 from fleetlog.view.palette import Colour
@@ -118,7 +118,7 @@ def _log_tasks(stream: Stream, h: Happenings, lanes: list[Lane], path: str) -> N
     source, target = h.where(h.tasks["from_place"]) + UP, h.where(h.tasks["to_place"]) + UP
     known = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
     tasks, ends = h.tasks[known], list(zip(source[known], target[known], strict=True))
-    dashes = [marks.broken(*e) for e in ends]
+    dashes = [ribbons.broken(*e) for e in ends]
     late = np.flatnonzero(tasks["assigned"] > tasks["earliest"])
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(0.8), colors=[palette.WAITING]))
     waiting, arcs = tasks.iloc[late], [dashes[k] for k in late]
@@ -126,9 +126,9 @@ def _log_tasks(stream: Stream, h: Happenings, lanes: list[Lane], path: str) -> N
     for lane in lanes:
         path, which = lane.path("tasks"), np.flatnonzero(tasks["vehicle_id"] == lane.vehicle)
         stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(1.1), colors=[lane.colour]))
-        mine, whole = tasks.iloc[which], [marks.arc(*ends[k]) for k in which]
-        fetched = [[*dashes[k], marks.head(line)] for k, line in zip(which, whole, strict=True)]
-        lines = [*fetched, *([line, marks.head(line)] for line in whole)]
+        mine, whole = tasks.iloc[which], [ribbons.arc(*ends[k]) for k in which]
+        fetched = [[*dashes[k], ribbons.head(line)] for k, line in zip(which, whole, strict=True)]
+        lines = [*fetched, *([line, ribbons.head(line)] for line in whole)]
         stages = mine[["assigned", "picked", "dropped"]].to_numpy()
         _log_stretches(stream, path, stages[:, :2].T.ravel(), stages[:, 1:].T.ravel(), lines)
 
@@ -141,7 +141,7 @@ def _log_charging(stream: Stream, h: Happenings, path: str) -> set[str]:
     if not len(mine):
         return set()
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(2.2)))
-    glow = [*(marks.ring(r, 0.15) for r in (2.1, 2.7, 3.3)), marks.bolt(1.5, 5.4)]
+    glow = [*(ribbons.ring(r, 0.15) for r in (2.1, 2.7, 3.3)), ribbons.bolt(1.5, 5.4)]
     tints = [palette.faded(palette.CHARGING, share) for share in (1.0, 0.65, 0.35, 1.0)]
     _log_stretches(stream, path, mine["start"], mine["end"], [[g + at for g in glow] for at in where], tints)
     return {"charging"}

@@ -47,13 +47,6 @@ def vehicle_colour(number: int) -> Colour:
     return int(255 * r), int(255 * g), int(255 * b)
 
 
-def dark_colour(number: int) -> Share:
-    """The same, from 0 to 1 and darker, for white paper."""
-    r, g, b = vehicle_colour(number)
-    dark = 0.82
-    return dark * r / 255, dark * g / 255, dark * b / 255
-
-
 NAMED: dict[str, Colour] = {
     "recorded": (40, 44, 52), "measured": (40, 44, 52), "model before": (214, 120, 40),
     "model after": (31, 119, 180), "model": (31, 119, 180), "driving_laden": (31, 119, 180),
@@ -64,10 +57,8 @@ NAMED: dict[str, Colour] = {
 
 
 def paper_colour(name: str, number: int) -> Share:
-    """Colour of a curve or part on white paper: that of its name, or of the ``number``-th."""
-    if name not in NAMED:
-        return dark_colour(number)
-    r, g, b = NAMED[name]
+    """Of a curve or part on white paper, from 0 to 1: of its name, or darker of the ``number``-th vehicle."""
+    r, g, b = NAMED.get(name) or (0.82 * c for c in vehicle_colour(number))
     return r / 255, g / 255, b / 255
 
 

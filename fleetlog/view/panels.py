@@ -29,7 +29,7 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
         x, values = _over_time(axes, x, values, zone)
     if series.stacked:
         # Energy that flows back lies below zero, and is not taken off what flows out.
-        colours, known = [palette.dark_colour(i) for i in range(len(names))], np.nan_to_num(values)
+        colours, known = [palette.paper_colour("", i) for i in range(len(names))], np.nan_to_num(values)
         axes.stackplot(x, np.maximum(known, 0.0), labels=names, colors=colours, lw=0)
         axes.stackplot(x, np.minimum(known, 0.0), colors=colours, lw=0)
     else:
@@ -112,7 +112,7 @@ def draw_spread(axes: Axes, spread: Spread) -> None:
     for k, (name, runs) in enumerate(spread.curves.items()):
         # Curves side by side do not hide one another's bars.
         aside = 0.012 * float(np.ptp(at)) * (k - 0.5 * (len(spread.curves) - 1))
-        _draw_curve(axes, at + aside, runs, name, palette.dark_colour(k), number)
+        _draw_curve(axes, at + aside, runs, name, palette.paper_colour("", k), number)
     axes.set_title(spread.y_label)
     if number:
         axes.set_xticks(at, list(spread.values))

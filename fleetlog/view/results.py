@@ -13,7 +13,6 @@ from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.view import blueprint, palette, ribbons, thin
 from fleetlog.view.extent import Extent, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve, with_gaps
-from fleetlog.view.marks import arc, head
 from fleetlog.view.meshes import mesh3d
 from fleetlog.view.scales import Scale, scales_of, screen_colours
 from fleetlog.view.scene import drawn_width, lane, log_site
@@ -150,11 +149,11 @@ def _log_marks(stream: Stream, path: str, marks: Marks) -> str:
 def _log_flows(stream: Stream, path: str, flows: Flows) -> str:
     """Arcs with heads, the wider the more."""
     ends = [np.column_stack([e, np.full(len(e), 0.3)]) for e in (flows.start, flows.end)]
-    arcs = [arc(a, b) for a, b in zip(*ends, strict=True)]
+    arcs = [ribbons.arc(a, b) for a, b in zip(*ends, strict=True)]
     if not arcs:
         return ""
     width = 0.5 + 2.5 * np.tile(flows.weight / flows.weight.max(), 2) ** 2
-    lines = [*arcs, *map(head, arcs)]
+    lines = [*arcs, *map(ribbons.head, arcs)]
     stream.static(path, rr.LineStrips3D(lines, radii=ui_points(width), colors=[palette.CALM]))
     return f"**{_title(flows.name)}**: the widest arrow is {_short(flows.weight.max())} {flows.label}"
 
