@@ -6,6 +6,7 @@ file that appears under the wanted name when it is whole.
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.site import Frame
-from fleetlog.core.trajectory import Labels, Trajectory
+from fleetlog.core.trajectory import Trajectory, to_arrow
 from fleetlog.errors import DataError, InputError, nearest
 from fleetlog.registry import parts
 from fleetlog.store import Dataset
@@ -25,23 +26,15 @@ from fleetlog.store.output import atomic_output
 
 @dataclass(frozen=True)
 class Exporter:
-    """An export format.
-
-    Attributes
-    ----------
-    name : as ``--to`` takes it.
-    suffix : the usual one of its files.
-    meaning : what it is, for the list of formats.
-    write : writes the selection to a path; gives what the summary should say beside the rows (``rows`` itself
-        included).
-    network : whether it writes the road network, not the motion.
-    """
+    """An export format: its name as ``--to`` takes it, the usual suffix of its files, and what it is."""
 
     name: str
     suffix: str
     meaning: str
     write: Callable[[Selection, Path], dict[str, Any]]
+    """Writes the selection to a path; gives what the summary should say, ``rows`` included."""
     network: bool = False
+    """Whether it writes the road network, not the motion."""
 
 
 @dataclass
@@ -55,11 +48,10 @@ class Selection:
 
     def days(self, columns: Sequence[str] | None = None) -> Iterator[Trajectory]:
         """One trajectory per vehicle and day, vehicle by vehicle."""
-        for vehicle in self.vehicles:
-            for date in self.dataset.dates:
-                trajectory = self.dataset.read(vehicle, date, columns)
-                if len(trajectory):
-                    yield trajectory
+        for vehicle, date in itertools.product(self.vehicles, self.dataset.dates):
+            trajectory = self.dataset.read(vehicle, date, columns)
+            if len(trajectory):
+                yield trajectory
 
     def placed(self, trajectory: Trajectory) -> Trajectory:
         """The rows that have a position; they and the others are counted."""
@@ -72,14 +64,6 @@ class Selection:
     def frame(self) -> Frame | None:
         """Where on earth the site lies, if known."""
         return self.dataset.site.frame
-
-    def need_frame(self, name: str) -> Frame:
-        """The frame, or an error that says why the format needs it."""
-        if self.frame is None:
-            what = f"{name} holds latitudes and longitudes, and this dataset's site has no [frame]"
-            do = "import it again with a site that has one, or export to csv, parquet, tum or sumo-fcd"
-            raise DataError(what, where=self.dataset.path, do=do)
-        return self.frame
 
     def need_one_vehicle(self, name: str) -> str:
         """The only vehicle, or an error that says to choose one."""
@@ -104,17 +88,15 @@ def export_dataset(
     ``vehicles`` are those to export (all by default); ``overwrite`` says whether an older file may be
     replaced.  Returns a summary: format, file, vehicles, rows, bytes and what the format adds.
     """
-    known = exporters()
-    if to not in known:
+    if to not in (known := exporters()):
         raise InputError(f"no export format {to!r}", do=nearest(to, known))
-    output = Path(output)
-    source = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+    output, source = Path(output), dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     for vehicle in vehicles:
         if vehicle not in source.vehicles:
             raise DataError(f"no vehicle {vehicle!r} in {source.path}", do=nearest(vehicle, source.vehicles))
     chosen = tuple(vehicles) or tuple(source.vehicles)
-    kind = f"{to} export"
-    with atomic_output(output, kind, overwrite=overwrite, folder=False, inputs=[source.path]) as scratch:
+    options: dict[str, Any] = {"overwrite": overwrite, "folder": False, "inputs": [source.path]}
+    with atomic_output(output, f"{to} export", **options) as scratch:
         more = known[to].write(Selection(source, chosen, output), scratch)
         size = scratch.stat().st_size
     return {"format": to, "file": str(output), "vehicles": len(chosen), "bytes": size, **more}
@@ -125,7 +107,7 @@ def write_features(path: Path, head: dict[str, Any], features: Iterable[dict[str
     with path.open("w", encoding="utf-8") as out:
         out.write(json.dumps({"type": "FeatureCollection", **head})[:-1] + ', "features": [')
         for number, feature in enumerate(features):
-            out.write((",\n" if number else "\n") + json.dumps(feature, allow_nan=False))
+            out.write((",\n" if number else "\n") + json.dumps(feature, allow_nan=False, default=str))
         out.write("\n]}\n")
 
 
@@ -138,14 +120,5 @@ def iso_times(time: NDArray[np.int64]) -> list[str]:
 
 def cells(trajectory: Trajectory, names: Sequence[str]) -> list[list[Any]]:
     """The columns called ``names`` as Python lists, None for null."""
-    return [_cells(trajectory.columns[n], n) for n in names]
-
-
-def _cells(values: Any, name: str) -> list[Any]:
-    if isinstance(values, Labels):
-        return list(values.strings())
-    if name == "trip_id":
-        return [None if v < 0 else int(v) for v in values]
-    if values.dtype.kind == "f":
-        return [None if v != v else v for v in values.tolist()]
-    return [v if isinstance(v, int | float | str | bool) else str(v) for v in values.tolist()]
+    table = to_arrow(trajectory)
+    return [table.column(name).to_pylist() for name in names]

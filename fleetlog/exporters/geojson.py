@@ -4,7 +4,6 @@ Where the site has no place on earth the points are local metres, which the prop
 """
 
 from collections.abc import Iterator
-from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +29,10 @@ def _features(t: Trajectory, frame: Frame | None) -> Iterator[dict[str, Any]]:
         latitude, longitude = frame.to_geographic(x, y)
         x, y, z = np.round(longitude, 9), np.round(latitude, 9), np.round(z, 4)
     places = np.column_stack([x, y, z]).tolist()
-    names = [n for n in t.columns if n not in _PLACED]
+    columns = [n for n in t.columns if n not in _PLACED]
     fixed = {} if frame is not None else {"frame": "local metres"}
-    rows = zip(*cells(t, names), strict=True) if names else repeat(())
-    for place, time, row in zip(places, iso_times(t.time), rows, strict=False):
-        values = {n: v for n, v in zip(names, row, strict=True) if v is not None}
+    for place, time, *row in zip(places, iso_times(t.time), *cells(t, columns), strict=True):
+        values = {n: v for n, v in zip(columns, row, strict=True) if v is not None}
         yield {
             "type": "Feature",
             "geometry": {"type": "Point", "coordinates": place if place[2] == place[2] else place[:2]},

@@ -31,15 +31,20 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
     motions = _motions(selection)
     begin = min(int(t.time[0]) for days in motions.values() for t in days)
     end = max(int(t.time[-1]) for days in motions.values() for t in days)
+    road_file = str(selection.dataset.site.source.get("network", {}).get("file", ""))
+    roads = xosc.RoadNetwork(road_file if road_file.endswith(".xodr") else None)
     entities, init = xosc.Entities(), xosc.Init()
+    box = xosc.BoundingBox(WIDTH, LENGTH, HEIGHT, 0.0, 0.0, 0.5 * HEIGHT)
+    axles = (xosc.Axle(1.5, 0.5, 1.0, along, 0.25) for along in (0.9, -0.9))
+    truck = xosc.Vehicle("truck", xosc.VehicleCategory.truck, box, *axles, 10.0, 5.0, 10.0)
     story = xosc.StoryBoard(init, _when(xosc, "stop", 1e-6 * (end - begin) + 1.0))
     for vehicle, days in motions.items():
-        entities.add_scenario_object(vehicle, _truck(xosc))
+        entities.add_scenario_object(vehicle, truck)
         init.add_init_action(vehicle, xosc.TeleportAction(_positions(xosc, days[0][:1])[0]))
         story.add_maneuver_group(_drive(xosc, vehicle, days, begin), _when(xosc, "start", 0.0, "start"))
     scenario = xosc.Scenario(
         selection.dataset.site.name, "fleetlog", xosc.ParameterDeclarations(), entities, story,
-        xosc.RoadNetwork(_map(selection)), xosc.Catalog(), osc_minor_version=2,
+        roads, xosc.Catalog(), osc_minor_version=2,
         creation_date=datetime.fromtimestamp(1e-6 * begin, UTC).replace(tzinfo=None),
     )  # fmt: skip
     scenario.write_xml(str(path))
@@ -58,18 +63,6 @@ def _motions(selection: Selection) -> dict[str, list[Trajectory]]:
     if not any(len(day) > 1 for days in out.values() for day in days):
         raise DataError("no vehicle moves", where=selection.dataset.path, do="export rows with positions")
     return out
-
-
-def _map(selection: Selection) -> str | None:
-    """The OpenDRIVE file of the site."""
-    name = str(selection.dataset.site.source.get("network", {}).get("file", ""))
-    return name if name.endswith(".xodr") else None
-
-
-def _truck(xosc: Any) -> Any:
-    box = xosc.BoundingBox(WIDTH, LENGTH, HEIGHT, 0.0, 0.0, 0.5 * HEIGHT)
-    front, rear = (xosc.Axle(1.5, 0.5, 1.0, along, 0.25) for along in (0.9, -0.9))
-    return xosc.Vehicle("truck", xosc.VehicleCategory.truck, box, front, rear, 10.0, 5.0, 10.0)
 
 
 def _when(xosc: Any, name: str, seconds: float, point: str = "stop") -> Any:

@@ -44,9 +44,12 @@ def _add(moments: dict[int, Any], t: Trajectory, number: int, kind: Any) -> None
     """The rows of a vehicle, each in the message of its moment."""
     columns = (t.time, *(t.floats(c) for c in COLUMNS))
     for time, x, y, z, heading, speed in zip(*(v.tolist() for v in columns), strict=True):
-        if time not in moments:
-            moments[time] = _moment(kind, time)
-        o = moments[time].moving_object.add()
+        if (said := moments.get(time)) is None:
+            said = moments[time] = kind(model_reference=f"fleetlog {__version__}")
+            v = said.version
+            v.version_major, v.version_minor, v.version_patch = VERSION
+            said.timestamp.seconds, said.timestamp.nanos = time // 1_000_000, time % 1_000_000 * 1000
+        o = said.moving_object.add()
         o.id.value, o.type = number, o.TYPE_VEHICLE
         o.base.position.x, o.base.position.y = x, y
         if z == z:
@@ -55,14 +58,6 @@ def _add(moments: dict[int, Any], t: Trajectory, number: int, kind: Any) -> None
             o.base.orientation.yaw = heading
         if heading == heading and speed == speed:
             o.base.velocity.x, o.base.velocity.y = speed * np.cos(heading), speed * np.sin(heading)
-
-
-def _moment(kind: Any, time: int) -> Any:
-    said = kind()
-    said.version.version_major, said.version.version_minor, said.version.version_patch = VERSION
-    said.timestamp.seconds, said.timestamp.nanos = time // 1_000_000, time % 1_000_000 * 1000
-    said.model_reference = f"fleetlog {__version__}"
-    return said
 
 
 EXPORTER = Exporter("osi", ".osi", "ASAM OSI ground truth, all vehicles of a moment in a message", write)
