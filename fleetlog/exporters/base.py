@@ -14,14 +14,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from fleetlog.core.site import Frame
-from fleetlog.core.trajectory import Trajectory, to_arrow
+from fleetlog.core.columns import arrow_schema
+from fleetlog.core.trajectory import Floats, Trajectory, from_arrow, to_arrow
 from fleetlog.errors import DataError, InputError, nearest
 from fleetlog.registry import parts
 from fleetlog.store import Dataset
 from fleetlog.store.output import atomic_output
+
+WINDOW = 600_000_000
+"""Stretch of time of which the rows of all vehicles are held at once [us]."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,17 @@ class Selection:
             if len(trajectory):
                 yield trajectory
 
+    def windows(self, columns: Sequence[str]) -> Iterator[list[Trajectory]]:
+        """All vehicles' rows side by side, in stretches of time that follow one another."""
+        ends = (str(self.dataset.meta[key]).rstrip("Z") for key in ("start", "end"))
+        first, last = (int(np.datetime64(moment, "us").astype(np.int64)) for moment in ends)
+        for begin in range(first - first % WINDOW, last + 1, WINDOW):
+            date = str(np.datetime64(begin, "us"))[:10]
+            parts = ((v, part) for v in self.vehicles for part in self.dataset.parts(v, date))
+            found = (_rows_from(begin, part, v, columns) for v, part in parts)
+            if pieces := [piece for piece in found if len(piece)]:
+                yield pieces
+
     def placed(self, trajectory: Trajectory) -> Trajectory:
         """The rows that have a position; they and the others are counted."""
         known = np.isfinite(trajectory.floats("x")) & np.isfinite(trajectory.floats("y"))
@@ -60,10 +76,29 @@ class Selection:
         self.counts["rows_without_position"] += int((~known).sum())
         return trajectory[known]
 
-    @property
-    def frame(self) -> Frame | None:
-        """Where on earth the site lies, if known."""
-        return self.dataset.site.frame
+    def schema(self) -> pa.Schema:
+        """The contract's columns, then every further one of any part, from the files' descriptions only."""
+        fields = {f.name: _plain(f) for f in arrow_schema()}
+        for part in (p for v in self.vehicles for p in self.dataset.parts(v)):
+            for f in pq.read_schema(part):
+                if f.name not in fields or pa.types.is_null(fields[f.name].type):
+                    fields[f.name] = _plain(f)
+        return pa.schema([f for f in fields.values() if f.name != "date"])
+
+    def tables(self, schema: pa.Schema) -> Iterator[pa.Table]:
+        """One table per vehicle and day, all of ``schema``."""
+        for table in map(to_arrow, self.days()):
+            for missing in (f for f in schema if f.name not in table.column_names):
+                table = table.append_column(missing, pa.nulls(len(table), missing.type))
+            yield table.select(schema.names).cast(schema, safe=False)
+
+    def places(self, t: Trajectory) -> list[Floats]:
+        """x, y, z as maps have them: longitude, latitude [degrees, to 0.1 mm] and metres, or local metres."""
+        x, y, z = (t.floats(c) for c in "xyz")
+        if (frame := self.dataset.site.frame) is None:
+            return [x, y, z]
+        latitude, longitude = frame.to_geographic(x, y)
+        return [np.round(longitude, 9), np.round(latitude, 9), np.round(z, 4)]
 
     def need_one_vehicle(self, name: str) -> str:
         """The only vehicle, or an error that says to choose one."""
@@ -72,6 +107,21 @@ class Selection:
             do = f"choose one with --vehicle {self.vehicles[0] if self.vehicles else 'ID'}"
             raise DataError(what, where=self.dataset.path, do=do)
         return self.vehicles[0]
+
+
+def _rows_from(begin: int, part: Path, vehicle: str, columns: Sequence[str]) -> Trajectory:
+    """The rows of a file from ``begin`` on for ``WINDOW``; row groups outside are not read."""
+    first, last = (
+        pa.scalar(t, pa.int64()).cast(pa.timestamp("us", tz="UTC")) for t in (begin, begin + WINDOW)
+    )
+    inside = [("timestamp", ">=", first), ("timestamp", "<", last)]
+    want = [name for name in pq.read_schema(part).names if name in ("timestamp", *columns)]
+    return from_arrow(pq.read_table(part, columns=want, filters=inside, partitioning=None), vehicle)
+
+
+def _plain(field: pa.Field) -> pa.Field:
+    """Labels as plain strings: dictionaries differ from part to part."""
+    return field.with_type(pa.string()) if pa.types.is_dictionary(field.type) else field
 
 
 def exporters() -> dict[str, Exporter]:

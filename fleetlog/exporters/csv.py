@@ -9,7 +9,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pcsv
 
-from fleetlog.exporters._tables import tables, union_schema
 from fleetlog.exporters.base import Exporter, Selection
 
 FORMULA = r"^([=@\t\r]|[+-][\pL\pN_.:-]*[^\pL\pN_.:-])"
@@ -18,7 +17,7 @@ _PACKING = {".gz": "gzip", ".zst": "zstd"}
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """Times in ISO 8601 UTC, empty cells for null, every digit of a double."""
-    schema = union_schema(selection)
+    schema = selection.schema()
     text = pa.schema([f.with_type(pa.string()) if f.name == "timestamp" else f for f in schema])
     rows = 0
     packing = _PACKING.get(selection.target.suffix.lower())
@@ -29,7 +28,7 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
     with pa.output_stream(str(path), compression=packing) as sink:
         sink.write(header.getvalue().encode())
         with pcsv.CSVWriter(sink, text, write_options=options) as writer:
-            for table in tables(selection, schema):
+            for table in selection.tables(schema):
                 writer.write_table(_with_iso_time(table, text))
                 rows += len(table)
     return {"rows": rows}

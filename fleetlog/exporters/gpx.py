@@ -25,7 +25,7 @@ _NAME = re.compile(r"(?!\d)\w+", re.ASCII)
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """Rows without a position have no place in a track."""
-    if (frame := selection.frame) is None:
+    if (frame := selection.dataset.site.frame) is None:
         what = "GPX holds latitudes and longitudes, and this dataset's site has no [frame]"
         do = "import it again with a site that has one, or export to csv, parquet, tum or sumo-fcd"
         raise DataError(what, where=selection.dataset.path, do=do)

@@ -55,7 +55,9 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
             return int(writer.register_channel(topic, "json", schema(kind)))
 
         for t in selection.days():
-            for kind, time, content in chain(_places(selection.placed(t), selection.frame), _batteries(t)):
+            for kind, time, content in chain(
+                _places(selection.placed(t), selection.dataset.site.frame), _batteries(t)
+            ):
                 stamp = {"sec": time // 1_000_000, "nsec": time % 1_000_000 * 1000}
                 data = json.dumps({"timestamp": stamp, **content}, allow_nan=False).encode()
                 writer.add_message(channel(t.vehicle_id, kind), time * 1000, data, time * 1000)

@@ -12,7 +12,6 @@ import numpy as np
 
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
-from fleetlog.exporters._windows import windows
 from fleetlog.exporters.base import Exporter, Selection
 from fleetlog.version import __version__
 
@@ -30,7 +29,7 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
         raise DataError("writing OSI needs osi-python", do=do) from None
     number = {vehicle: k for k, vehicle in enumerate(selection.vehicles, 1)}
     with path.open("wb") as out:
-        for pieces in windows(selection, COLUMNS):
+        for pieces in selection.windows(COLUMNS):
             moments: dict[int, Any] = {}
             for t in map(selection.placed, pieces):
                 _add(moments, t, number[t.vehicle_id], GroundTruth)

@@ -9,7 +9,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fleetlog.core.site import Frame
-from fleetlog.exporters._tables import tables, union_schema
 from fleetlog.exporters.base import Exporter, Selection
 
 _GEO = {
@@ -21,12 +20,12 @@ _WKB_POINT = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """The columns of the contract, vehicle by vehicle, and ``geometry``."""
-    schema = union_schema(selection)
-    whole, frame, rows = schema, selection.frame, 0
+    schema = selection.schema()
+    whole, frame, rows = schema, selection.dataset.site.frame, 0
     if frame is not None:
         whole = schema.append(pa.field("geometry", pa.binary())).with_metadata({"geo": json.dumps(_GEO)})
     with pq.ParquetWriter(path, whole, compression="zstd") as writer:
-        for table in tables(selection, schema):
+        for table in selection.tables(schema):
             if frame is not None:
                 table = table.append_column("geometry", _points(table, frame)).cast(whole)
             writer.write_table(table)

@@ -16,7 +16,6 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.exporters._windows import windows
 from fleetlog.exporters.base import Exporter, Selection, iso_times
 from fleetlog.exporters.sumo_net import sumo_name
 
@@ -28,7 +27,7 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
     origin: int | None = None
     with path.open("w", encoding="utf-8") as out:
         out.write('<?xml version="1.0" encoding="UTF-8"?>\n')
-        for pieces in windows(selection, (*_COLUMNS, "edge_id")):
+        for pieces in selection.windows((*_COLUMNS, "edge_id")):
             if origin is None:
                 origin = min(int(p.time[0]) for p in pieces)
                 out.write(f"<!-- fleetlog-epoch {iso_times(np.array([origin]))[0]} -->\n<fcd-export>\n")
@@ -47,8 +46,9 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
 def _lines(t: Trajectory) -> Iterator[tuple[int, str]]:
     edges, who = t.labels("edge_id"), quoteattr(sumo_name(t.vehicle_id))
     names = [quoteattr(sumo_name(n) + "_0") for n in edges.names]
-    columns = (c.tolist() for c in (t.time, edges.codes, *map(t.floats, _COLUMNS)))
-    for time, edge, x, y, z, heading, speed, offset in zip(*columns, strict=True):
+    columns = (t.floats(c).tolist() for c in _COLUMNS)
+    rows = zip(t.time.tolist(), edges.codes.tolist(), *columns, strict=True)
+    for time, edge, x, y, z, heading, speed, offset in rows:
         text = f'    <vehicle id={who} x="{x:.3f}" y="{y:.3f}"'
         text += f' z="{z:.3f}"' if z == z else ""
         text += f' angle="{math.degrees(math.pi / 2 - heading) % 360.0:.4f}"' if heading == heading else ""

@@ -35,7 +35,7 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
     _tell_apart(edges)
     _tell_apart(nodes)
     net = etree.Element("net", version="1.20", limitTurnSpeed="5.50")
-    etree.SubElement(net, "location", _location(n, selection.frame))
+    etree.SubElement(net, "location", _location(n, selection.dataset.site.frame))
     links: dict[int, list[Connection]] = defaultdict(list)
     for i, name in enumerate(edges):
         ends = {"id": name, "from": nodes[n.start[i]], "to": nodes[n.end[i]]}
