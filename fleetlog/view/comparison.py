@@ -56,21 +56,22 @@ def write_comparison(
     a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED, "recorded")
     b = Fleet(simulated, rate_hz, "simulated", palette.SIMULATED, "simulated", shift)
     screen = blueprint.Screen(dataset_outline(recorded), ("/recorded", "/simulated"))
-    screen.start, screen.duration = _span(recorded, simulated, shift)
+    times = [*(span_of(recorded) or ()), *(t + shift for t in span_of(simulated) or ())]
+    if times:
+        screen.start, screen.duration = min(times), (max(times) - min(times)) * 1e-6
+    text = "Recorded in orange, simulated in blue.\n"
+    text += f"\nThe simulated clock is moved by {shift * 1e-6:,.0f} s.\n" if shift else ""
+    text = "\n".join([text, *(summary_markdown(d, figures=False) for d in (recorded, simulated))])
     with open_stream(Path(out_rrd), f"{recorded.site.name} (recorded and simulated)", screen.start) as stream:
         log_site(stream, recorded.site)
         log_fleet(stream, screen, a)
         log_fleet(stream, screen, b)
-        found = _log_differences(stream, a, b) if same_mission(simulated) else _log_totals(stream, a, b)
-        text = rr.TextDocument(_text(recorded, simulated, shift), media_type=rr.MediaType.MARKDOWN)
-        stream.static("/summary", text)
+        # A simulation with this figure drove the trips of a recording again.
+        again = "distance_ratio" in (simulated.meta.get("summary") or {})
+        found = _log_differences(stream, a, b) if again else _log_totals(stream, a, b)
+        stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         blueprint.send(stream, _screen(screen, found))
     return Path(out_rrd)
-
-
-def same_mission(simulated: Dataset) -> bool:
-    """Whether a simulation drove the trips of a recording again."""
-    return "distance_ratio" in (simulated.meta.get("summary") or {})
 
 
 def clock_shift(recorded: Dataset, simulated: Dataset) -> int:
@@ -84,30 +85,21 @@ def _span(recorded: Dataset, simulated: Dataset, shift: int) -> tuple[int | None
     return (min(times), (max(times) - min(times)) * 1e-6) if times else (None, 0.0)
 
 
-def _text(recorded: Dataset, simulated: Dataset, shift: int) -> str:
-    moved = f"\n\nThe simulated clock is moved by {shift * 1e-6:,.0f} s.\n" if shift else "\n"
-    summaries = "\n".join(summary_markdown(d, figures=False) for d in (recorded, simulated))
-    return f"Recorded in orange, simulated in blue.{moved}\n{summaries}"
-
-
 def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:
     """Curves for the vehicles that both have; which kinds there are."""
     found: set[str] = set()
     common = sorted(set(a.dataset.vehicles) & set(b.dataset.vehicles))[:MANY]
     for number, vehicle in enumerate(common):
         ours, theirs = list(a.days(vehicle)), list(b.days(vehicle))
-        if not ours or not theirs:
-            continue
-        other, spent = concatenate(theirs), 0.0
-        for day in ours:
-            for kind, values in differences(day, other).items():
+        spent = 0.0
+        for day in ours if theirs else ():
+            for kind, values in differences(day, concatenate(theirs)).items():
                 if kind == "energy":
                     values, spent = values + spent, spent + values[-1]
                 path = entity("difference", kind, vehicle)
-                if kind not in found or day is ours[0]:
-                    stream.static(path, curve_style(vehicle, palette.vehicle_colour(number)))
-                found.add(kind)
+                stream.static(path, curve_style(vehicle, palette.vehicle_colour(number)))
                 log_curve(stream, path, day.time, values)
+                found.add(kind)
     return found
 
 
@@ -120,7 +112,7 @@ def _log_totals(stream: Stream, *fleets: Fleet) -> set[str]:
             path = entity("difference", kind, fleet.name)
             stream.static(path, curve_style(fleet.name, fleet.colour or palette.RECORDED))
             log_curve(stream, path, time, values)
-            found.add(kind)
+        found |= set(curves)
     return found
 
 
@@ -154,20 +146,14 @@ def at_times(other: Trajectory, name: str, time: Any) -> Floats:
     return np.asarray(out, dtype=np.float64)
 
 
-def running_energy(time: Any, power: Floats) -> Floats:
-    """(N,) energy [kWh] of a power [W] from the first row on; nothing where it is unknown or over a gap."""
-    if not np.isfinite(power).any():
-        return np.full(len(power), np.nan)
-    step = np.where(np.diff(time) > thin.gap_limit(time), 0.0, np.diff(time) * 1e-6)
-    part = 0.5 * np.nan_to_num(power[1:] + power[:-1]) * step
-    return np.asarray(np.concatenate([[0.0], np.cumsum(part)]) / 3.6e6, dtype=np.float64)
-
-
 def differences(recorded: Trajectory, simulated: Trajectory) -> dict[str, Floats]:
     """By kind with data (N,), simulated minus recorded, in the units of ``DIFFERENCES``."""
     time, columns = recorded.time, ("x", "y", "battery_power", "soc")
     dx, dy, power, soc = (at_times(simulated, c, time) - recorded.floats(c) for c in columns)
-    energy = running_energy(time, power)
+    # Nothing is spent while the power is unknown, and over a gap.
+    step = np.where(np.diff(time) > thin.gap_limit(time), 0.0, np.diff(time) * 1e-6)
+    spent = np.append(0.0, np.cumsum(0.5 * np.nan_to_num(power[1:] + power[:-1]) * step)) / 3.6e6
+    energy = np.where(np.isfinite(power).any(), spent, np.nan)
     every = {"apart": np.hypot(dx, dy), "power": power * 1e-3, "energy": energy, "soc": soc * 100.0}
     return {kind: values for kind, values in every.items() if np.isfinite(values).any()}
 

@@ -120,7 +120,13 @@ def log_day(stream: Stream, lane: Lane, t: Trajectory, site: Site, labels: bool)
     """One day of one vehicle, already thinned; the signals that it has."""
     moving = t[np.isfinite(t.floats("x")) & np.isfinite(t.floats("y"))]
     limit = thin.gap_limit(t.time)
-    signals = _log_curves(stream, lane, t, limit)
+    signals = set()
+    for column, (signal, factor) in CURVES.items():
+        if t.has(column):
+            slow = thin.thinned(t, SOC_RATE) if signal == "soc" else t
+            curve = with_gaps(slow.time, slow.floats(column) * factor, limit, lane.last)
+            log_curve(stream, lane.path(signal), *curve)
+            signals.add(signal)
     if len(moving):
         floor = np.column_stack([moving.floats("x"), moving.floats("y"), heights(moving, site)])
         keep = thin.moved(STEP, *floor.T)
@@ -133,15 +139,6 @@ def log_day(stream: Stream, lane: Lane, t: Trajectory, site: Site, labels: bool)
             _log_map(stream, lane, moving, site.frame)
     lane.last = int(t.time[-1])
     return signals
-
-
-def _log_curves(stream: Stream, lane: Lane, t: Trajectory, limit: int) -> set[str]:
-    known = {column: of for column, of in CURVES.items() if t.has(column)}
-    for column, (signal, factor) in known.items():
-        slow = thin.thinned(t, SOC_RATE) if signal == "soc" else t
-        curve = with_gaps(slow.time, slow.floats(column) * factor, limit, lane.last)
-        log_curve(stream, lane.path(signal), *curve)
-    return {signal for signal, _ in known.values()}
 
 
 def curve_style(name: str, colour: Colour, steps: bool = False) -> rr.SeriesLines:

@@ -50,8 +50,10 @@ def write_recording(
         if (clock := clock_of(dataset)) is not None:
             stream.clock, screen.timeline, screen.duration = clock, SKIPPED, clock.seconds
         log_site(stream, site)
+        periods = [] if clock is None else [*(f"- {line}" for line in clock.lines()), "", ""]
         # The figures of a dataset are of all its days.
-        log_summary(stream, dataset, figures=day is None)
+        text = "\n".join(periods) + summary_markdown(dataset, figures=day is None)
+        stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         log_fleet(stream, screen, Fleet(dataset, rate_hz))
         latitude = None if site.frame is None else site.frame.latitude
         blueprint.send(stream, blueprint.replay(screen, latitude))
@@ -83,14 +85,6 @@ def log_fleet(stream: Stream, screen: blueprint.Screen, fleet: Fleet) -> None:
         screen.lanes = len(lanes) if "state" in screen.signals else 0
 
 
-def log_summary(stream: Stream, dataset: Dataset, figures: bool) -> None:
-    """The summary as a text beside the views."""
-    text = summary_markdown(dataset, figures)
-    if stream.clock is not None:
-        text = "\n".join(f"- {line}" for line in stream.clock.lines()) + f"\n\n{text}"
-    stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
-
-
 def summary_markdown(dataset: Dataset, figures: bool) -> str:
     """What a dataset says of itself, as Markdown; with the ``figures`` of its import or simulation."""
     meta, edges = dataset.meta, dataset.meta["site"].get("edges", 0)
@@ -98,12 +92,8 @@ def summary_markdown(dataset: Dataset, figures: bool) -> str:
     trucks = len(meta["vehicles"])
     lines = [
         f"**{trucks}** vehicle{'s' if trucks != 1 else ''}, **{dataset.rows:,}** rows, {meta['kind']}",
-        f"{_clock(meta.get('start'))} to {_clock(meta.get('end'))} UTC",
+        f"{' to '.join((meta.get(end) or '-')[:19].replace('T', ' ') for end in ('start', 'end'))} UTC",
         f"{edges} directed road edges" if edges else "no road map",
         *(said.format(factor * known[key]) for key, (said, factor) in FIGURES.items() if known.get(key)),
     ]
     return f"**{verbatim(meta['site']['name'])}**\n\n" + "\n".join(f"- {line}" for line in lines) + "\n"
-
-
-def _clock(iso: str | None) -> str:
-    return "-" if iso is None else iso.removesuffix("Z")[:19].replace("T", " ")

@@ -42,8 +42,6 @@ def log_site(stream: Stream, site: Site) -> None:
     """Everything that the site has, under ``/site``."""
     if site.network is not None:
         _log_roads(stream, site)
-        if site.frame is not None:
-            _log_map(stream, site)
     _log_buildings(stream, site)
     _log_zones(stream, site)
     log_places(stream, site.places, "", len(site.places) <= MANY_PLACES)
@@ -61,33 +59,27 @@ def _log_roads(stream: Stream, site: Site) -> None:
         rims += [ribbons.offset(line, o) + RAISED for o in outer]
         middle = ribbons.offset(line, (left + right) / 2.0)
         marks.append((ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), lift=0.07), palette.ARROW))
+    # Discs close the gaps between ribbons.
+    half, radius = (
+        [drawn_width(network, i) / 2.0 for i in range(len(network))],
+        np.zeros(len(network.node_ids)),
+    )
+    for ends in (network.start, network.end):
+        np.maximum.at(radius, ends, half)
     surface += [
-        (ribbons.disc(x, y, half, z + 0.008, corners=20), palette.ROAD)
-        for (x, y, z), half in zip(network.node_points, _junction_radii(network), strict=True)
+        (ribbons.disc(x, y, r, z + 0.008, corners=20), palette.ROAD)
+        for (x, y, z), r in zip(network.node_points, radius, strict=True)
     ]
     stream.static("/site/roads/surface", mesh3d(surface))
     lines = rr.LineStrips3D(rims, colors=[palette.ROAD_EDGE], radii=ui_points(0.6))
     stream.static("/site/roads/edges", lines)
     if any(len(arrows) for arrows, _ in marks):
         stream.static("/site/roads/arrows", mesh3d(marks))
-
-
-def _junction_radii(network: Network) -> Floats:
-    """(V,) half the widest road at every node [m], to close the gaps between ribbons."""
-    radius = np.zeros(len(network.node_ids))
-    half = np.where(network.width > 0.3, network.width, DEFAULT_WIDTH) / 2.0
-    np.maximum.at(radius, network.start, half)
-    np.maximum.at(radius, network.end, half)
-    return radius
-
-
-def _log_map(stream: Stream, site: Site) -> None:
-    assert site.frame is not None
-    network = site.roads()
-    once = [i for i in range(len(network)) if network.reverse[i] > i or network.reverse[i] < 0]
-    lines = [np.column_stack(site.frame.to_geographic(*network.polyline(i)[:, :2].T)) for i in once]
-    colours = [palette.ROAD_EDGE] * len(lines)
-    stream.static("/geo/roads", rr.GeoLineStrings(lat_lon=lines, colors=colours, radii=ui_points(1.2)))
+    if site.frame is not None:
+        once = [i for i in range(len(network)) if network.reverse[i] > i or network.reverse[i] < 0]
+        on_earth = [np.column_stack(site.frame.to_geographic(*network.polyline(i)[:, :2].T)) for i in once]
+        look = {"colors": [palette.ROAD_EDGE] * len(once), "radii": ui_points(1.2)}
+        stream.static("/geo/roads", rr.GeoLineStrings(lat_lon=on_earth, **look))
 
 
 def _outline(polygon: Floats, z: float) -> Floats:
