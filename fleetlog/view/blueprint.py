@@ -12,7 +12,6 @@ from fleetlog.core.trajectory import Floats
 from fleetlog.view.extent import around
 from fleetlog.view.stream import TIMELINE, Stream
 
-Point = tuple[float, float, float]
 FIELD_OF_VIEW = np.radians(55.0)
 """Of the viewer's eye, in height."""
 ASPECT = 1.9
@@ -66,13 +65,12 @@ def oblique(outline: Floats, aspect: float = ASPECT) -> rrb.EyeControls3D:
     return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0))
 
 
-def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> tuple[Point, Point]:
+def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> tuple[Floats, Floats]:
     """Position and target of an eye that sees all of ``outline`` ((N, 3) m), filling the view but for a rim.
 
-    ``azimuth`` [rad] is how far east of south it stands, ``elevation`` [rad] how high.  For a point p about
-    the target, with the eye's axes right, up and forward, the eye at distance d sees it when |p.right| <= (d
-    + p.forward) tan(half width), and likewise in height; the target is moved until what is seen is in the
-    middle.
+    ``azimuth`` [rad] is how far east of south it stands, ``elevation`` [rad] how high.  With its axes right,
+    up and forward, an eye at e sees a point p when |(p - e).right| <= tan(half width) (p - e).forward, and
+    likewise in height: four planes bound where it may be, and it is in their middle, as near as it can be.
     """
     if not len(outline):
         outline = np.array([[-10.0, -10.0, 0.0], [10.0, 10.0, 0.0]])
@@ -82,21 +80,15 @@ def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> 
     right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     south = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
     forward = -np.cos(elevation) * south - np.array([0.0, 0.0, np.sin(elevation)])
-    up = np.cross(right, forward)
-    tall = np.tan(FIELD_OF_VIEW / 2.0)
-    target = (points.min(axis=0) + points.max(axis=0)) / 2.0
-
-    def seen() -> tuple[float, Floats, Floats]:
-        p = points - target
-        across, above, ahead = p @ right, p @ up, p @ forward
-        far = float(np.max([np.abs(across) / (tall * aspect) - ahead, np.abs(above) / tall - ahead]))
-        return far, across / (far + ahead), above / (far + ahead)
-
-    for _ in range(12):
-        distance, sideways, upward = seen()
-        middle = (sideways.min() + sideways.max()) * right + (upward.min() + upward.max()) * up
-        target = target + 0.5 * distance * middle
-    return tuple((target - seen()[0] * forward).tolist()), tuple(target.tolist())
+    eye, depth, tall = np.zeros(3), np.inf, np.tan(FIELD_OF_VIEW / 2.0)
+    for axis, tangent in ((right, tall * aspect), (np.cross(right, forward), tall)):
+        high, low = (np.max(points @ (s * axis - tangent * forward)) for s in (1.0, -1.0))
+        eye += 0.5 * (high - low) * axis
+        depth = min(depth, -0.5 * (high + low) / tangent)
+    eye += depth * forward
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    target = eye + ((middle - eye) @ forward) * forward
+    return eye, target
 
 
 NO_LEGEND = "Open tasks (dark: being fetched, light: on the forks)"

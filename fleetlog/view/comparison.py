@@ -91,14 +91,12 @@ def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:
     common = sorted(set(a.dataset.vehicles) & set(b.dataset.vehicles))[:MANY]
     for number, vehicle in enumerate(common):
         ours, theirs = list(a.days(vehicle)), list(b.days(vehicle))
-        spent = 0.0
+        spent, style = 0.0, curve_style(vehicle, palette.vehicle_colour(number))
         for day in ours if theirs else ():
             for kind, values in differences(day, concatenate(theirs)).items():
                 if kind == "energy":
                     values, spent = values + spent, spent + values[-1]
-                path = entity("difference", kind, vehicle)
-                stream.static(path, curve_style(vehicle, palette.vehicle_colour(number)))
-                log_curve(stream, path, day.time, values)
+                log_curve(stream, entity("difference", kind, vehicle), day.time, values, style)
                 found.add(kind)
     return found
 
@@ -109,9 +107,8 @@ def _log_totals(stream: Stream, *fleets: Fleet) -> set[str]:
     for fleet in fleets:
         time, curves = totals([day for v in fleet.dataset.vehicles for day in fleet.days(v)])
         for kind, values in curves.items():
-            path = entity("difference", kind, fleet.name)
-            stream.static(path, curve_style(fleet.name, fleet.colour or palette.RECORDED))
-            log_curve(stream, path, time, values)
+            style = curve_style(fleet.name, fleet.colour or palette.RECORDED)
+            log_curve(stream, entity("difference", kind, fleet.name), time, values, style)
         found |= set(curves)
     return found
 

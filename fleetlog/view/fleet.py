@@ -10,6 +10,7 @@ Paths have the signal first and the vehicle second, because a view's filter know
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -152,8 +153,10 @@ def curve_style(name: str, colour: Colour, steps: bool = False) -> rr.SeriesLine
     )  # fmt: skip
 
 
-def log_curve(stream: Stream, path: str, time: Ints, values: Floats) -> None:
-    """A curve over time, runs of equal values cut to their ends."""
+def log_curve(stream: Stream, path: str, time: Ints, values: Floats, style: Any = None) -> None:
+    """A curve over time, runs of equal values cut to their ends; ``style`` where it has none yet."""
+    if style is not None:
+        stream.static(path, style)
     keep = thin.runs_collapsed(values)
     stream.columns(path, time[keep], rr.Scalars, scalars=values[keep])
 

@@ -1,5 +1,6 @@
 """Small triangle meshes built in code, flat shaded: every face owns its vertices."""
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -43,25 +44,17 @@ def truck_body(colour: Colour) -> list[Painted]:
     """A counterbalance truck, 2.5 m without its forks, about the floor at mid wheelbase, x forward."""
     dark, steel = (38, 40, 46), (120, 126, 136)
     shade = (int(colour[0] * 0.7), int(colour[1] * 0.7), int(colour[2] * 0.7))
-    wheels = [
-        box((x - 0.28, side - 0.12, 0.0), (x + 0.28, side + 0.12, 0.56), dark)
-        for x in (-0.7, 0.75)
-        for side in (-0.5, 0.5)
-    ]
-    posts = [
-        box((x - 0.04, y - 0.04, 1.0), (x + 0.04, y + 0.04, 2.1), dark)
-        for x in (-0.75, 0.45)
-        for y in (-0.45, 0.45)
-    ]
-    mast = [box((1.1, y - 0.06, 0.1), (1.25, y + 0.06, 2.3), steel) for y in (-0.3, 0.3)]
+    wheels, posts = map(itertools.product, ((-0.7, 0.75), (-0.75, 0.45)), ((-0.5, 0.5), (-0.45, 0.45)))
     return [
         box((-1.25, -0.58, 0.25), (-0.75, 0.58, 1.15), shade),
         box((-0.75, -0.58, 0.25), (1.05, 0.58, 0.85), colour),
         box((-0.45, -0.28, 0.85), (0.05, 0.28, 1.35), dark),
         box((-0.8, -0.5, 2.1), (0.5, 0.5, 2.18), colour),
         box((1.1, -0.36, 2.2), (1.25, 0.36, 2.3), steel),
-        *wheels, *posts, *mast,
-    ]  # fmt: skip
+        *(box((x - 0.28, y - 0.12, 0.0), (x + 0.28, y + 0.12, 0.56), dark) for x, y in wheels),
+        *(box((x - 0.04, y - 0.04, 1.0), (x + 0.04, y + 0.04, 2.1), dark) for x, y in posts),
+        *(box((1.1, y - 0.06, 0.1), (1.25, y + 0.06, 2.3), steel) for y in (-0.3, 0.3)),
+    ]
 
 
 def truck_fork() -> list[Painted]:

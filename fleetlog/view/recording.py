@@ -10,7 +10,6 @@ from fleetlog.view import batch, blueprint, events
 from fleetlog.view.clock import SKIPPED, clock_of, opened, span_of
 from fleetlog.view.extent import dataset_outline
 from fleetlog.view.fleet import Fleet, log_day, log_static
-from fleetlog.view.happenings import happenings_of
 from fleetlog.view.scene import log_site, log_ways, ways_of
 from fleetlog.view.stream import Stream, entity, open_stream, verbatim
 
@@ -63,7 +62,7 @@ def write_recording(
 def log_fleet(stream: Stream, screen: blueprint.Screen, fleet: Fleet) -> None:
     """Every vehicle, day by day, so that memory does not grow with the dataset; what happened to them."""
     dataset, lanes, prefix = fleet.dataset, fleet.lanes(screen.start), fleet.prefix
-    known = happenings_of(dataset, fleet.shift)
+    known = events.happenings_of(dataset, fleet.shift)
     if len(lanes) >= MANY:
         screen.signals |= batch.log_together(stream, fleet)
         screen.trails.append(entity(prefix, "trail", "fleet"))

@@ -177,9 +177,9 @@ def _log_series(stream: Stream, shape: Series) -> str:
     if not shape.over_time:
         return f"**{_title(shape.name)}** ({shape.y_label} over {shape.x_label}) is in the picture"
     for i, (name, values) in enumerate(shape.y.items()):
-        path = entity("curves", shape.name, name)
-        stream.static(path, curve_style(name.replace("_", " "), SERIES_COLOURS[i % 24]))
-        log_curve(stream, path, *with_gaps(shape.x, np.asarray(values, float), thin.gap_limit(shape.x), None))
+        style = curve_style(name.replace("_", " "), SERIES_COLOURS[i % 24])
+        curve = with_gaps(shape.x, np.asarray(values, float), thin.gap_limit(shape.x), None)
+        log_curve(stream, entity("curves", shape.name, name), *curve, style)
     return ""
 
 
