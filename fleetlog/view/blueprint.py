@@ -52,19 +52,6 @@ def ranges(screen: Screen, first: float, last: float) -> rrb.VisibleTimeRanges:
     return rrb.VisibleTimeRanges([rr.VisibleTimeRange(timeline=t, start=start, end=end) for t in lines])
 
 
-def top_down(outline: Floats, aspect: float = ASPECT) -> rrb.EyeControls3D:
-    """An eye straight above the site, north up, that sees all; ``aspect`` is the view's width by height."""
-    flat = outline * np.array([1.0, 1.0, 0.0])
-    position, target = fitted(flat, 0.0, np.pi / 2 - 1e-3, aspect)
-    return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 1.0, 0.0))
-
-
-def oblique(outline: Floats, aspect: float = ASPECT) -> rrb.EyeControls3D:
-    """An eye south-south-east of the site and above it that sees all of ``outline``."""
-    position, target = fitted(outline, np.radians(24.0), np.radians(42.0), aspect)
-    return rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0))
-
-
 def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> tuple[Floats, Floats]:
     """Position and target of an eye that sees all of ``outline`` ((N, 3) m), filling the view but for a rim.
 
@@ -100,13 +87,21 @@ FLAT = tuple(f"- /site/buildings/{part}/**" for part in ("roofs", "walls", "fram
 
 
 def floor_view(
-    screen: Screen, name: str, eye: rrb.EyeControls3D, contents: Sequence[str] = ()
+    screen: Screen, name: str, contents: Sequence[str] = (), *, plan: bool = False, aspect: float = ASPECT
 ) -> rrb.Spatial3DView:
-    """A view of the site's floor with its trucks; ``contents`` are further filters."""
-    behind = ranges(screen, -TRAIL, 0.0)
+    """The site's floor with its trucks, all of it in view: from the south-south-east, or as a plan, north up.
+
+    ``contents`` are further filters, ``aspect`` is the view's width by height.
+    """
+    if plan:
+        eye = fitted(screen.outline * np.array([1.0, 1.0, 0.0]), 0.0, np.pi / 2 - 1e-3, aspect)
+    else:
+        eye = fitted(screen.outline, np.radians(24.0), np.radians(42.0), aspect)
+    up = (0.0, 1.0, 0.0) if plan else (0.0, 0.0, 1.0)
     return rrb.Spatial3DView(
         origin="/", name=name, contents=["/site/**", *screen.paths(*ON_FLOOR), *contents],
-        overrides=dict.fromkeys(screen.trails, behind), eye_controls=eye,
+        overrides=dict.fromkeys(screen.trails, ranges(screen, -TRAIL, 0.0)),
+        eye_controls=rrb.EyeControls3D(position=eye[0], look_target=eye[1], eye_up=up),
         background=rrb.Background(color=[18, 20, 24]), line_grid=rrb.LineGrid3D(visible=False),
     )  # fmt: skip
 
@@ -192,7 +187,7 @@ def whole(screen: Screen, columns: list[Any], shares: Sequence[float]) -> rrb.Bl
 def replay(screen: Screen, latitude: float | None) -> rrb.Blueprint:
     """The screen of a replay; ``latitude`` of the site where it is known."""
     aspect = 1.7 * ASPECT if latitude is None else ASPECT
-    below: list[Any] = [floor_view(screen, "Plan", top_down(screen.outline, aspect), FLAT)]
+    below: list[Any] = [floor_view(screen, "Plan", FLAT, plan=True, aspect=aspect)]
     below += [] if latitude is None else [map_view(screen, latitude)]
     doing = activity_views(screen)
     right = [*doing, *curve_views(screen)]
@@ -203,10 +198,12 @@ def replay(screen: Screen, latitude: float | None) -> rrb.Blueprint:
         below[1] = rrb.Tabs(below[1], summary)
     else:
         right.append(summary)
-    site = floor_view(screen, "Site", oblique(screen.outline))
     plans = rrb.Horizontal(*below, column_shares=[3, 2][: len(below)])
     shares = [first, *[1.0] * (len(right) - 1)]
-    columns = [rrb.Vertical(site, plans, row_shares=[3, 2]), rrb.Vertical(*right, row_shares=shares)]
+    columns = [
+        rrb.Vertical(floor_view(screen, "Site"), plans, row_shares=[3, 2]),
+        rrb.Vertical(*right, row_shares=shares),
+    ]
     return whole(screen, columns, [5, 3])
 
 

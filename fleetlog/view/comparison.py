@@ -159,8 +159,8 @@ def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
     # From above, arcs would hide where the two fleets part.
     flat = [*blueprint.FLAT, *(f"- {p}/tasks/**" for p in screen.prefixes)]
     left = [
-        blueprint.floor_view(screen, "Site", blueprint.oblique(screen.outline, 1.5)),
-        blueprint.floor_view(screen, "Plan", blueprint.top_down(screen.outline, 1.5), flat),
+        blueprint.floor_view(screen, "Site", aspect=1.5),
+        blueprint.floor_view(screen, "Plan", flat, plan=True, aspect=1.5),
     ]
     summary = rrb.TextDocumentView(origin="/summary", name="Summary")
     doing = blueprint.activity_views(screen, roomy=True)

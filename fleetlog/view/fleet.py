@@ -19,7 +19,7 @@ from fleetlog.core.site import Frame, Site
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.store import Dataset
 from fleetlog.view import palette, thin
-from fleetlog.view.meshes import LOAD_CENTRE, LOAD_HALF, mesh3d, truck_body, truck_fork
+from fleetlog.view.meshes import LOAD_CENTRE, LOAD_HALF
 from fleetlog.view.palette import Colour
 from fleetlog.view.stream import Stream, entity, ui_points
 
@@ -36,8 +36,6 @@ FAR_FROM_FLOOR = 10.0
 """[m]"""
 MIN_LOAD = 1.0
 """Payload [kg] above which a load is drawn."""
-
-
 COLUMNS = (
     "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "payload", "fork_height", "battery_power",
     "soc",
@@ -106,15 +104,6 @@ def heights(t: Trajectory, site: Site) -> Floats:
         on = (edge >= 0) & np.isfinite(offset)
         z[on] = site.network.position(edge[on], offset[on])[:, 2]
     return z
-
-
-def log_static(stream: Stream, lane: Lane, signals: set[str]) -> None:
-    """Meshes, and the style of the curves, of one vehicle."""
-    name = f"{lane.vehicle} {lane.fleet.name}".strip()
-    stream.static(lane.path("trucks", "body"), mesh3d(truck_body(lane.colour)))
-    stream.static(lane.path("trucks", "body", "fork"), mesh3d(truck_fork()))
-    for signal in sorted(signals):
-        stream.static(lane.path(signal), curve_style(name, lane.colour))
 
 
 def log_day(stream: Stream, lane: Lane, t: Trajectory, site: Site, labels: bool) -> set[str]:

@@ -47,7 +47,8 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
         columns, beside = (2 if len(shown) > 1 else 1 for shown in (maps, panels))
         room = (WIDTH / columns - 1.0) * _map_ratio(result, site) + 0.9
         heights = [float(np.clip(room, 2.6, 8.5 if columns == 1 else 6.0))] * -(-len(maps) // columns)
-        heights += [max(map(_height, panels[k : k + beside])) for k in range(0, len(panels), beside)]
+        needs = [bars_height(p) if isinstance(p, Bars) else PANEL_HEIGHT for p in panels]
+        heights += [max(PANEL_HEIGHT, *needs[k : k + beside]) for k in range(0, len(needs), beside)]
         figure = Figure(figsize=(WIDTH, sum(heights) + 0.5 or 4.0), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
         engine: Any = figure.get_layout_engine()
@@ -78,10 +79,6 @@ def _map_ratio(result: Result, site: Site) -> float:
     return (y1 - y0) / (x1 - x0)
 
 
-def _height(panel: Panel) -> float:
-    return max(bars_height(panel), PANEL_HEIGHT) if isinstance(panel, Bars) else PANEL_HEIGHT
-
-
 def svg(
     result: Result, site: Site, shape: Layer | Panel | None = None, *, salt: str = "",
     scale: Scale | None = None, zone: str | None = None,
@@ -97,9 +94,10 @@ def svg(
 
     own: Any = {"font.size": 10.0, "legend.fontsize": 9.0, "svg.fonttype": "none", "svg.hashsalt": salt}
     with matplotlib.rc_context({**STYLE, **own}):
-        height = float(np.clip((ON_PAGE - 1.0) * _map_ratio(result, site) + 1.0, 2.4, 7.0))
         if isinstance(shape, Panel):
             height = bars_height(shape) if isinstance(shape, Bars) else PANEL_HEIGHT
+        else:
+            height = float(np.clip((ON_PAGE - 1.0) * _map_ratio(result, site) + 1.0, 2.4, 7.0))
         figure = Figure(figsize=(ON_PAGE, height), dpi=DPI, layout="constrained")
         FigureCanvasSVG(figure)
         _draw(figure.add_subplot(), shape, result, site, scale, zone)
@@ -135,8 +133,9 @@ def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale
         axes.set_title(layer.name.replace("_", " "))
         if image is not None:
             ticks, side = scale.ticks(), "horizontal" if x1 - x0 > 1.3 * (y1 - y0) else "vertical"
+            ends = "neither" if not scale.clipped else "both" if scale.diverging else "max"
             bar = axes.figure.colorbar(
-                image, ax=axes, label=layer.label, extend=scale.extend, ticks=ticks, orientation=side,
+                image, ax=axes, label=layer.label, extend=ends, ticks=ticks, orientation=side,
                 format=None if ticks is None else "%g", shrink=0.7, aspect=30, pad=0.02,
             )  # fmt: skip
             bar.outline.set_visible(False)

@@ -9,7 +9,8 @@ from fleetlog.store import Dataset
 from fleetlog.view import batch, blueprint, events
 from fleetlog.view.clock import SKIPPED, clock_of, opened, span_of
 from fleetlog.view.extent import dataset_outline
-from fleetlog.view.fleet import Fleet, log_day, log_static
+from fleetlog.view.fleet import Fleet, curve_style, log_day
+from fleetlog.view.meshes import mesh3d, truck_body, truck_fork
 from fleetlog.view.scene import log_site, log_ways, ways_of
 from fleetlog.view.stream import Stream, entity, open_stream, verbatim
 
@@ -75,7 +76,10 @@ def log_fleet(stream: Stream, screen: blueprint.Screen, fleet: Fleet) -> None:
         for day in fleet.days(lane.vehicle):
             ways += ways_of(day) if dataset.site.network is None else []
             signals |= log_day(stream, lane, day, dataset.site, len(lanes) <= MANY_LABELS)
-        log_static(stream, lane, signals)
+        stream.static(lane.path("trucks", "body"), mesh3d(truck_body(lane.colour)))
+        stream.static(lane.path("trucks", "body", "fork"), mesh3d(truck_fork()))
+        for signal in signals:
+            stream.static(lane.path(signal), curve_style(f"{lane.vehicle} {fleet.name}".strip(), lane.colour))
         log_ways(stream, prefix, lane.vehicle, lane.colour, ways, dataset.site)
         screen.signals |= signals
         screen.trails.append(lane.path("trail"))

@@ -22,7 +22,6 @@ MARK_COLOURS = {
     "place": palette.PLACES["pick"], "charger": palette.PLACES["charge"], "critical": palette.CRITICAL,
     "point": (240, 240, 245), **palette.PLACES,
 }  # fmt: skip
-SERIES_COLOURS = [palette.vehicle_colour(i) for i in range(24)]
 MAX_MAPS = 9
 WIDE = 2.5
 """Width by height of one of two maps above one another."""
@@ -53,29 +52,32 @@ def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales:
     """Draw one shape; a line of Markdown that says how to read it."""
     path = entity("result", shape.name)
     match shape:
-        case EdgeValues() if site.network is None:
-            return ""
         case Grid() | EdgeValues():
             scale = scales[shape.name]
             if isinstance(shape, Grid):
                 _log_grid(stream, path, shape, scale)
-            else:
+            elif site.network is not None:
                 _log_edges(stream, path, shape, site, scale)
+            else:
+                return ""
             return _legend(stream, path, shape.label, scale, extent)
-        case Marks():
-            return _log_marks(stream, path, shape)
         case MovingLines():
-            return _log_lines(stream, path, shape)
-        case Flows():
-            return _log_flows(stream, path, shape)
-        case Series():
-            return _log_series(stream, shape)
+            _log_lines(stream, path, shape)
+            return f"**{_title(shape.name)}**: lines join trucks of one cluster, red where it is critical"
+        case Flows() if len(shape.weight):
+            _log_flows(stream, path, shape)
+            return f"**{_title(shape.name)}**: the widest arrow is {_short(shape.weight.max())} {shape.label}"
         case Bars():
             shown = zip(shape.labels[:20], shape.values[:20], strict=True)
             rows = "\n".join(f"| {name} | {_short(value)} |" for name, value in shown)
             return f"| {_title(shape.name)} | {shape.label} |\n| --- | --- |\n{rows}\n"
-        case _:  # Curves with intervals are in the picture; in the recording is the table of them.
-            return ""
+        case Series(over_time=False):
+            return f"**{_title(shape.name)}** ({shape.y_label} over {shape.x_label}) is in the picture"
+        case Series():
+            _log_series(stream, shape)
+        case Marks() if len(shape.xy):
+            _log_marks(stream, path, shape)
+    return ""
 
 
 def _log_grid(stream: Stream, path: str, grid: Grid, scale: Scale) -> None:
@@ -85,20 +87,18 @@ def _log_grid(stream: Stream, path: str, grid: Grid, scale: Scale) -> None:
     height, width = rgba.shape[:2]
     form = rr.components.ImageFormat(width=width, height=height, color_model="RGBA", channel_datatype="U8")
     pixels, corner = np.ascontiguousarray(rgba[::-1]).tobytes(), [grid.x0, grid.y0, 0.0]
-    stream.static(
-        path, rr.GridMap(data=pixels, format=form, cell_size=grid.cell, translation=corner, opacity=0.9)
-    )
+    where = {"cell_size": grid.cell, "translation": corner, "opacity": 0.9}
+    stream.static(path, rr.GridMap(data=pixels, format=form, **where))
 
 
 def _log_edges(stream: Stream, path: str, shape: EdgeValues, site: Site, scale: Scale) -> None:
-    network = site.roads()
-    rgba = screen_colours(shape.values, scale)
-    meshes = []
-    for edge, start, end, colour in zip(shape.edge, shape.start, shape.end, rgba, strict=True):
+    network, meshes = site.roads(), []
+    colours = screen_colours(shape.values, scale)
+    for edge, start, end, colour in zip(shape.edge.tolist(), shape.start, shape.end, colours, strict=True):
         if edge >= 0 and colour[3]:
             line = ribbons.stretch(network.polyline(edge), float(start), float(end))
-            left, right = lane(site, int(edge))
-            inset = 0.06 * drawn_width(network, int(edge))
+            left, right = lane(site, edge)
+            inset = 0.06 * drawn_width(network, edge)
             meshes.append((ribbons.ribbon(line, left - inset, right + inset, 0.06), colour[:3]))
     if meshes:
         stream.static(path, mesh3d(meshes))
@@ -108,8 +108,7 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
     """A colour bar on the floor south of the site, its ends labelled, and the same in words."""
     x0, y0, x1, _ = extent
     span = max(x1 - x0, 10.0)
-    thick = 0.022 * span
-    y = y0 - 0.05 * span
+    thick, y = 0.022 * span, y0 - 0.05 * span
     xs = np.linspace(x0, x0 + 0.5 * span, 65)
     colours = screen_colours(scale.at((np.arange(64) + 0.5) / 64), scale)[:, :3]
     cells = [
@@ -128,14 +127,12 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
     return f"**{label}**: {_short(scale.low)} to {top} ({how})"
 
 
-def _log_marks(stream: Stream, path: str, marks: Marks) -> str:
-    if not len(marks.xy):
-        return ""
-    colour = MARK_COLOURS[marks.kind]
-    solid = marks.kind == "charger"
+def _log_marks(stream: Stream, path: str, marks: Marks) -> None:
+    colour, hole = MARK_COLOURS[marks.kind], 0.0 if marks.kind == "charger" else 0.82
+    sizes = np.maximum(marks.size, 0.5).tolist()
     pads = [
-        (ribbons.disc(x, y, float(r), 0.09, inner=0.0 if solid else 0.82 * float(r)), colour)
-        for (x, y), r in zip(marks.xy, np.maximum(marks.size, 0.5), strict=True)
+        (ribbons.disc(x, y, r, 0.09, inner=hole * r), colour)
+        for (x, y), r in zip(marks.xy, sizes, strict=True)
     ]
     stream.static(f"{path}/rings", mesh3d(pads))
     where = np.column_stack([marks.xy, np.full(len(marks.xy), 0.2)])
@@ -143,26 +140,22 @@ def _log_marks(stream: Stream, path: str, marks: Marks) -> str:
         where, radii=ui_points(3.0), colors=[colour], labels=list(marks.labels), show_labels=len(where) <= 30
     )
     stream.static(f"{path}/labels", points)
-    return ""
 
 
-def _log_flows(stream: Stream, path: str, flows: Flows) -> str:
+def _log_flows(stream: Stream, path: str, flows: Flows) -> None:
     """Arcs with heads, the wider the more."""
     ends = [np.column_stack([e, np.full(len(e), 0.3)]) for e in (flows.start, flows.end)]
     arcs = [ribbons.arc(a, b) for a, b in zip(*ends, strict=True)]
-    if not arcs:
-        return ""
     width = 0.5 + 2.5 * np.tile(flows.weight / flows.weight.max(), 2) ** 2
     lines = [*arcs, *map(ribbons.head, arcs)]
     stream.static(path, rr.LineStrips3D(lines, radii=ui_points(width), colors=[palette.CALM]))
-    return f"**{_title(flows.name)}**: the widest arrow is {_short(flows.weight.max())} {flows.label}"
 
 
-def _log_lines(stream: Stream, path: str, shape: MovingLines) -> str:
+def _log_lines(stream: Stream, path: str, shape: MovingLines) -> None:
     """Segments and the dots at their ends."""
     lengths = np.array([len(s) for s in shape.lines], np.int64)
     flat = np.concatenate([np.zeros((0, 2, 2)), *(np.reshape(s, (-1, 2, 2)) for s in shape.lines)])
-    strips = np.concatenate([flat, np.full((*flat.shape[:2], 1), 1.2)], axis=2).astype(np.float32)
+    strips = np.pad(flat, ((0, 0), (0, 0), (0, 1)), constant_values=1.2).astype(np.float32)
     flags = np.concatenate([np.zeros(0, bool), *shape.critical]).astype(bool)
     colours = np.where(flags[:, None], palette.CRITICAL, palette.CALM).astype(np.uint8)
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(2.2)))
@@ -170,17 +163,13 @@ def _log_lines(stream: Stream, path: str, shape: MovingLines) -> str:
     dots, tints = strips.reshape(-1, 3), np.repeat(colours, 2, axis=0)
     stream.static(f"{path}/trucks", rr.Points3D.from_fields(radii=ui_points(5.0)))
     stream.parts(f"{path}/trucks", shape.time, 2 * lengths, rr.Points3D, positions=dots, colors=tints)
-    return f"**{_title(shape.name)}**: lines join trucks of one cluster, red where it is critical"
 
 
-def _log_series(stream: Stream, shape: Series) -> str:
-    if not shape.over_time:
-        return f"**{_title(shape.name)}** ({shape.y_label} over {shape.x_label}) is in the picture"
+def _log_series(stream: Stream, shape: Series) -> None:
     for i, (name, values) in enumerate(shape.y.items()):
-        style = curve_style(name.replace("_", " "), SERIES_COLOURS[i % 24])
+        style = curve_style(name.replace("_", " "), palette.vehicle_colour(i))
         curve = with_gaps(shape.x, np.asarray(values, float), thin.gap_limit(shape.x), None)
         log_curve(stream, entity("curves", shape.name, name), *curve, style)
-    return ""
 
 
 def _short(value: float) -> str:
@@ -212,7 +201,7 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
     duration = float(max(t[-1] for t in known) - min(t[0] for t in known)) * 1e-6 if known else 0.0
     screen = blueprint.Screen(outline, (), duration=duration)
 
-    def view(layer: Grid | EdgeValues | None, name: str, eye: rrb.EyeControls3D, more: list[str]) -> Any:
+    def view(layer: Grid | EdgeValues | None, name: str, plan: bool, *hidden: str) -> Any:
         """One map with all marks but those of another one.
 
         Heat lies under the rims and arrows of the roads, and takes the place of their surface.
@@ -222,14 +211,13 @@ def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
         shown = [*(s.name for s in over if getattr(s, "on", None) in (None, of)), *([of] if of else [])]
         surface = ["- /site/roads/surface/**"] if isinstance(layer, Grid) else []
         contents = [f"{entity('result', shape)}/**" for shape in shown]
-        return blueprint.floor_view(screen, name, eye, [*contents, *surface, *more])
+        return blueprint.floor_view(screen, name, [*contents, *surface, *hidden], plan=plan, aspect=WIDE)
 
-    eye, flat = blueprint.top_down(outline, WIDE), [*blueprint.FLAT, "- /site/zones/**"]
+    flat = *blueprint.FLAT, "- /site/zones/**"
     # Without a map and without places there is nothing to see from above.
-    plans = [view(m, _title(m.name) if m else "Plan", eye, flat) for m in maps if len(outline)]
+    plans = [view(m, _title(m.name) if m else "Plan", True, *flat) for m in maps if len(outline)]
     if len(plans) == 1:
-        aslant = blueprint.oblique(outline, WIDE)
-        plans.append(view(maps[0], "Site", aslant, ["- /site/buildings/roofs/**"]))
+        plans.append(view(maps[0], "Site", False, "- /site/buildings/roofs/**"))
     side: list[Any] = [
         blueprint.plot(
             f"{_title(s.name)} [{s.y_label[s.y_label.find('[') + 1 :].rstrip(']')}]",

@@ -45,34 +45,27 @@ def _band(a: Floats, b: Floats) -> Floats:
     return np.concatenate([np.stack(corners, axis=1) for corners in pairs])
 
 
-def along(points: Floats, distance: Floats) -> tuple[Floats, Floats]:
-    """Places (k, 3) and unit directions (k, 3) at distances [m] along a polyline."""
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    run = np.concatenate([[0.0], np.cumsum(steps)])
-    k = np.clip(np.searchsorted(run, distance, side="right") - 1, 0, len(steps) - 1)
-    share = (distance - run[k]) / np.maximum(steps[k], 1e-9)
-    direction = (points[k + 1] - points[k]) / np.maximum(steps[k], 1e-9)[:, None]
-    return points[k] + share[:, None] * (points[k + 1] - points[k]), direction
-
-
 def stretch(points: Floats, start: float, end: float) -> Floats:
     """The part of a polyline (n, 3) between two distances [m] along it."""
-    run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    run = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     start, end = max(start, 0.0), min(max(end, start + 1e-3), float(run[-1]))
-    ends, _ = along(points, np.array([min(start, end - 1e-3), end]))
-    inner = points[(run > start) & (run < end)]
-    return np.vstack([ends[:1], inner, ends[1:]])
+    start = min(start, end - 1e-3)
+    at = np.concatenate([[start], run[(run > start) & (run < end)], [end]])
+    return np.column_stack([np.interp(at, run, c) for c in points.T])
 
 
 def arrows(points: Floats, size: float, spacing: float = 14.0, lift: float = 0.0) -> Floats:
     """Chevrons along a polyline, one every ``spacing`` metres, and one at least from three sizes on."""
-    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    if length < 3.0 * size:
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    run = np.append(0.0, np.cumsum(steps))
+    if run[-1] < 3.0 * size:
         return np.zeros((0, 3, 3))
-    count = max(1, int(length / spacing))
-    at, d = along(points, (np.arange(count) + 0.5) * length / count)
+    count = max(1, int(run[-1] / spacing))
+    distance = (np.arange(count) + 0.5) * run[-1] / count
+    k = np.clip(np.searchsorted(run, distance, side="right") - 1, 0, len(steps) - 1)
+    d = np.diff(points, axis=0)[k] / np.maximum(steps[k], 1e-9)[:, None]
     left = np.column_stack([-d[:, 1], d[:, 0], np.zeros(count)])
-    at = at + np.array([0.0, 0.0, lift])
+    at = points[k] + (distance - run[k])[:, None] * d + np.array([0.0, 0.0, lift])
     tip, notch, back = at + d * size, at - 0.2 * size * d, at - 0.8 * size * d
     a, b = back + 0.6 * size * left, back - 0.6 * size * left
     return np.concatenate([np.stack([tip, a, notch], axis=1), np.stack([tip, notch, b], axis=1)])

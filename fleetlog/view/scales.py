@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,11 +36,6 @@ class Scale:
     diverging: bool = False
     clipped: bool = False
     knee: float = float("inf")
-
-    @property
-    def extend(self) -> Literal["neither", "max", "both"]:
-        """At which ends of a colour bar there are more values."""
-        return "neither" if not self.clipped else "both" if self.diverging else "max"
 
     def norm(self) -> Normalize:
         """From values to shares from 0 to 1, and back by its ``inverse``."""

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 
 from fleetlog.core.network import Network
-from fleetlog.core.site import Place, Site
+from fleetlog.core.site import Frame, Place, Site
 from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.view import palette, ribbons, thin
 from fleetlog.view.meshes import mesh3d
@@ -42,6 +42,8 @@ def log_site(stream: Stream, site: Site) -> None:
     """Everything that the site has, under ``/site``."""
     if site.network is not None:
         _log_roads(stream, site)
+        if site.frame is not None:
+            _log_map(stream, site.network, site.frame)
     _log_buildings(stream, site)
     _log_zones(stream, site)
     log_places(stream, site.places, "", len(site.places) <= MANY_PLACES)
@@ -49,23 +51,18 @@ def log_site(stream: Stream, site: Site) -> None:
 
 def _log_roads(stream: Stream, site: Site) -> None:
     network = site.roads()
-    surface, rims, marks = [], [], []
+    surface, rims, marks, radius = [], [], [], np.zeros(len(network.node_ids))
     for i in range(len(network)):
         line, (left, right) = network.polyline(i), lane(site, i)
-        two_way = network.reverse[i] >= 0
+        two_way, ends = network.reverse[i] >= 0, [network.start[i], network.end[i]]
+        radius[ends] = np.maximum(radius[ends], drawn_width(network, i) / 2.0)
         colour = palette.ROAD if two_way else palette.ONE_WAY
         surface.append((ribbons.ribbon(line, left, right, 0.01 if two_way else 0.03), colour))
         outer = (left, right) if not two_way else (right,) if site.traffic == "right" else (left,)
         rims += [ribbons.offset(line, o) + RAISED for o in outer]
         middle = ribbons.offset(line, (left + right) / 2.0)
         marks.append((ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), lift=0.07), palette.ARROW))
-    # Discs close the gaps between ribbons.
-    half, radius = (
-        [drawn_width(network, i) / 2.0 for i in range(len(network))],
-        np.zeros(len(network.node_ids)),
-    )
-    for ends in (network.start, network.end):
-        np.maximum.at(radius, ends, half)
+    # Discs as wide as the widest road close the gaps between ribbons.
     surface += [
         (ribbons.disc(x, y, r, z + 0.008, corners=20), palette.ROAD)
         for (x, y, z), r in zip(network.node_points, radius, strict=True)
@@ -75,11 +72,13 @@ def _log_roads(stream: Stream, site: Site) -> None:
     stream.static("/site/roads/edges", lines)
     if any(len(arrows) for arrows, _ in marks):
         stream.static("/site/roads/arrows", mesh3d(marks))
-    if site.frame is not None:
-        once = [i for i in range(len(network)) if network.reverse[i] > i or network.reverse[i] < 0]
-        on_earth = [np.column_stack(site.frame.to_geographic(*network.polyline(i)[:, :2].T)) for i in once]
-        look = {"colors": [palette.ROAD_EDGE] * len(once), "radii": ui_points(1.2)}
-        stream.static("/geo/roads", rr.GeoLineStrings(lat_lon=on_earth, **look))
+
+
+def _log_map(stream: Stream, network: Network, frame: Frame) -> None:
+    once = [i for i in range(len(network)) if network.reverse[i] > i or network.reverse[i] < 0]
+    lines = [np.column_stack(frame.to_geographic(*network.polyline(i)[:, :2].T)) for i in once]
+    colours = [palette.ROAD_EDGE] * len(lines)
+    stream.static("/geo/roads", rr.GeoLineStrings(lat_lon=lines, colors=colours, radii=ui_points(1.2)))
 
 
 def _outline(polygon: Floats, z: float) -> Floats:

@@ -26,11 +26,6 @@ ui_points = rr.Radius.ui_points
 """A radius in points of the screen."""
 
 
-def nanoseconds(time: Ints) -> Any:
-    """Microseconds since 1970 (UTC) as datetime64[ns]."""
-    return np.asarray(time, dtype="datetime64[us]").astype("datetime64[ns]")
-
-
 def entity(*names: str) -> str:
     """An entity path; names are escaped where a log's own ids need it."""
     return str(rr.new_entity_path([n for n in names if n]))
@@ -54,24 +49,21 @@ class Stream:
 
     def columns(self, path: str, time: Ints, kind: Any, **fields: Any) -> None:
         """One instance of the archetype ``kind`` at each ``time``; its ``fields`` have one row a time."""
-        for begin in range(0, len(time), CHUNK):
-            rows = slice(begin, begin + CHUNK)
-            self._send(path, time[rows], kind.columns(**{k: v[rows] for k, v in fields.items()}))
+        self.parts(path, time, None, kind, **fields)
 
-    def parts(self, path: str, time: Ints, lengths: Ints, kind: Any, **fields: Any) -> None:
+    def parts(self, path: str, time: Ints, lengths: Ints | None, kind: Any, **fields: Any) -> None:
         """Like :meth:`columns` for ``lengths`` instances at each time; ``fields`` hold all of them."""
-        ends = np.concatenate([[0], np.cumsum(lengths)])
+        ends = np.append(0, np.cumsum(np.ones(len(time), np.int64) if lengths is None else lengths))
         for begin in range(0, len(time), CHUNK):
             rows = slice(begin, min(begin + CHUNK, len(time)))
             part = slice(int(ends[rows.start]), int(ends[rows.stop]))
             data = kind.columns(**{k: v[part] for k, v in fields.items()})
-            self._send(path, time[rows], data.partition(lengths[rows]))
-
-    def _send(self, path: str, time: Ints, columns: Any) -> None:
-        index = [rr.TimeColumn(TIMELINE, timestamp=nanoseconds(time))]
-        if self.clock is not None:
-            index.append(rr.TimeColumn(SKIPPED, duration=self.clock(time).astype("timedelta64[us]")))
-        self.recording.send_columns(path, index, columns)
+            index = [rr.TimeColumn(TIMELINE, timestamp=time[rows].astype("datetime64[us]"))]
+            if self.clock is not None:
+                passed = self.clock(time[rows]).astype("timedelta64[us]")
+                index.append(rr.TimeColumn(SKIPPED, duration=passed))
+            whole = data if lengths is None else data.partition(lengths[rows])
+            self.recording.send_columns(path, index, whole)
 
 
 @contextmanager
