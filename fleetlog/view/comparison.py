@@ -80,20 +80,16 @@ def clock_shift(recorded: Dataset, simulated: Dataset) -> int:
     return 0 if a is None or b is None or (a[0] <= b[1] and b[0] <= a[1]) else a[0] - b[0]
 
 
-def _span(recorded: Dataset, simulated: Dataset, shift: int) -> tuple[int | None, float]:
-    times = [*(span_of(recorded) or ()), *(t + shift for t in span_of(simulated) or ())]
-    return (min(times), (max(times) - min(times)) * 1e-6) if times else (None, 0.0)
-
-
 def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:
     """Curves for the vehicles that both have; which kinds there are."""
     found: set[str] = set()
     common = sorted(set(a.dataset.vehicles) & set(b.dataset.vehicles))[:MANY]
     for number, vehicle in enumerate(common):
-        ours, theirs = list(a.days(vehicle)), list(b.days(vehicle))
         spent, style = 0.0, curve_style(vehicle, palette.vehicle_colour(number))
-        for day in ours if theirs else ():
-            for kind, values in differences(day, concatenate(theirs)).items():
+        theirs = list(b.days(vehicle))
+        other = concatenate(theirs) if theirs else Trajectory(vehicle, np.zeros(0, np.int64))
+        for day in a.days(vehicle):
+            for kind, values in differences(day, other).items():
                 if kind == "energy":
                     values, spent = values + spent, spent + values[-1]
                 log_curve(stream, entity("difference", kind, vehicle), day.time, values, style)

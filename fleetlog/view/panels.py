@@ -120,7 +120,8 @@ def draw_spread(axes: Axes, spread: Spread) -> None:
         means = np.array([runs[j].mean() for j in known])
         half = np.nan_to_num([half_width(runs[j]) for j in known])
         look |= {"yerr" if number else "xerr": half, "fmt": "o-" if number else "o", "label": name or None}
-        axes.errorbar(*[places[known], means][along], lw=1.2, capsize=3, **look)
+        ends: Any = [places[known], means][along]
+        axes.errorbar(*ends, lw=1.2, capsize=3, **look)
     axes.set_title(spread.y_label)
     if number:
         axes.set_xticks(at, list(spread.values))

@@ -85,9 +85,8 @@ def triangulate(polygon: Floats) -> Ints:
     Of a polygon that crosses itself some corner is clipped where there is no ear.
     """
     x, y = np.asarray(polygon, dtype=np.float64).T
-    left = (
-        np.arange(len(x)) if (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() > 0 else np.arange(len(x))[::-1]
-    )
+    clockwise = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() < 0.0
+    left = np.arange(len(x))[:: -1 if clockwise else 1]
     out = []
     while len(left) > 2:
         k = next((k for k in range(len(left)) if _is_ear(polygon[np.roll(left, 1 - k)])), 0)
