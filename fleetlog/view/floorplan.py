@@ -51,14 +51,8 @@ def _road_lines(site: Site) -> list[Floats]:
     return [] if network is None else [network.polyline(i)[:, :2] for i in range(len(network))]
 
 
-def draw_map_layer(axes: Axes, layer: Grid | EdgeValues, site: Site, scale: Scale) -> Any:
-    """Heat on the floor, or values along the roads; what a colour bar is made of, None where nothing is."""
-    if isinstance(layer, EdgeValues):
-        return _draw_edges(axes, layer, scale, site) if site.network is not None else None
-    return _draw_grid(axes, layer, scale, site)
-
-
-def _draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Any:
+def draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Any:
+    """Heat on the floor; what a colour bar is made of."""
     from matplotlib.collections import LineCollection
 
     rows, columns = grid.values.shape
@@ -79,8 +73,8 @@ def _draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Any:
     return image
 
 
-def _draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Any:
-    """Both directions of a road side by side, each on the side on which it is driven."""
+def draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Any:
+    """Values of a road's directions side by side, each where it is driven; what a colour bar is made of."""
     from matplotlib.collections import LineCollection
 
     network = site.roads()

@@ -10,7 +10,7 @@ import numpy as np
 
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Spread
 from fleetlog.core.site import Site
-from fleetlog.view.floorplan import draw_furniture, draw_map_layer, draw_overlay, draw_site, frame_map
+from fleetlog.view.floorplan import draw_edges, draw_furniture, draw_grid, draw_overlay, draw_site, frame_map
 from fleetlog.view.panels import bars_height, draw_bars, draw_series, draw_spread
 from fleetlog.view.scales import Scale, scales_of
 
@@ -42,7 +42,10 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    maps, panels = _split(result)
+    maps: list[Any] = [s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
+    if not maps and any(isinstance(s, Marks | MovingLines | Flows) for s in result.shapes):
+        maps = [None]
+    panels = [s for s in result.shapes if isinstance(s, Series | Bars | Spread)][:MAX_PANELS]
     with matplotlib.rc_context(STYLE):
         columns, beside = (2 if len(shown) > 1 else 1 for shown in (maps, panels))
         room = (WIDTH / columns - 1.0) * _map_ratio(result, site) + 0.9
@@ -65,13 +68,6 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
                     _draw(figure.add_subplot(spot), shape, result, site)
         figure.savefig(out_png, format="png", dpi=DPI, facecolor="white", metadata={"Software": "fleetlog"})
     return Path(out_png)
-
-
-def _split(result: Result) -> tuple[list[Layer | None], list[Panel]]:
-    maps: list[Layer | None] = [*[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]]
-    if not maps and any(isinstance(s, Marks | MovingLines | Flows) for s in result.shapes):
-        maps = [None]
-    return maps, [s for s in result.shapes if isinstance(s, Series | Bars | Spread)][:MAX_PANELS]
 
 
 def _map_ratio(result: Result, site: Site) -> float:
@@ -128,16 +124,16 @@ def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale
     axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal")
     draw_site(axes, site)
     if layer is not None:
-        scale = scale or scales_of(result.shapes)[layer.name]
-        image = draw_map_layer(axes, layer, site, scale)
         axes.set_title(layer.name.replace("_", " "))
-        if image is not None:
-            ticks, side = scale.ticks(), "horizontal" if x1 - x0 > 1.3 * (y1 - y0) else "vertical"
-            ends = "neither" if not scale.clipped else "both" if scale.diverging else "max"
-            bar = axes.figure.colorbar(
-                image, ax=axes, label=layer.label, extend=ends, ticks=ticks, orientation=side,
-                format=None if ticks is None else "%g", shrink=0.7, aspect=30, pad=0.02,
-            )  # fmt: skip
-            bar.outline.set_visible(False)
+    if isinstance(layer, Grid) or (isinstance(layer, EdgeValues) and site.network is not None):
+        scale = scale or scales_of(result.shapes)[layer.name]
+        draw: Any = draw_grid if isinstance(layer, Grid) else draw_edges
+        ticks, side = scale.ticks(), "horizontal" if x1 - x0 > 1.3 * (y1 - y0) else "vertical"
+        ends = "neither" if not scale.clipped else "both" if scale.diverging else "max"
+        bar = axes.figure.colorbar(
+            draw(axes, layer, scale, site), ax=axes, label=layer.label, extend=ends, ticks=ticks,
+            orientation=side, format=None if ticks is None else "%g", shrink=0.7, aspect=30, pad=0.02,
+        )  # fmt: skip
+        bar.outline.set_visible(False)
     draw_overlay(axes, result, None if layer is None else layer.name)
     draw_furniture(axes, site)

@@ -4,8 +4,8 @@ import os
 import re
 import shutil
 import struct
-import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -103,27 +103,24 @@ def _pipe_into(path: Path) -> Iterator[str]:
     may wait forever; a pipe takes everything, and the error is raised here.
     """
     receive, send = os.pipe()
-    failed: list[OSError] = []
 
     def copy() -> None:
         with os.fdopen(receive, "rb", buffering=0) as source:
             try:
                 with path.open("wb") as sink:
                     shutil.copyfileobj(source, sink)
-            except OSError as error:
-                failed.append(error)
-            while source.read(1 << 16):
-                pass
+            finally:
+                while source.read(1 << 16):
+                    pass
 
-    thread = threading.Thread(target=copy, daemon=True)
-    thread.start()
-    try:
-        yield f"/dev/fd/{send}"
-    finally:
-        os.close(send)
-        thread.join()
-    if failed:
-        raise _unwritten(path, failed[0].strerror or str(failed[0]))
+    with ThreadPoolExecutor(1) as pool:
+        copied = pool.submit(copy)
+        try:
+            yield f"/dev/fd/{send}"
+        finally:
+            os.close(send)
+    if isinstance(error := copied.exception(), OSError):
+        raise _unwritten(path, error.strerror or str(error))
 
 
 def _unwritten(path: Path, why: str) -> OutputError:
