@@ -161,7 +161,7 @@ def log_many(stream: Stream, h: Happenings, prefix: str, name: str) -> set[str]:
     times = np.arange(held["start"].min(), held["end"].max() + STEP, STEP)
     row, which = rows_while(times, held["start"].to_numpy(), held["end"].to_numpy())
     lengths = np.bincount(row, minlength=len(times))
-    for rows in np.array_split(np.arange(len(times)), len(row) // BLOCK + 1):
+    for rows in np.array_split(np.arange(len(times)), min(len(row) // BLOCK + 1, len(times))):
         shown = slice(*np.searchsorted(row, [rows[0], rows[-1] + 1]))
         stream.parts(path, times[rows], lengths[rows], rr.LineStrips3D, strips=lines[way[which[shown]]])
     return found | {"reserved"}

@@ -78,7 +78,7 @@ def log_fleet(stream: Stream, screen: blueprint.Screen, fleet: Fleet) -> None:
             signals |= log_day(stream, lane, day, dataset.site, len(lanes) <= MANY_LABELS)
         stream.static(lane.path("trucks", "body"), mesh3d(truck_body(lane.colour)))
         stream.static(lane.path("trucks", "body", "fork"), mesh3d(truck_fork()))
-        for signal in signals:
+        for signal in sorted(signals):
             stream.static(lane.path(signal), curve_style(f"{lane.vehicle} {fleet.name}".strip(), lane.colour))
         log_ways(stream, prefix, lane.vehicle, lane.colour, ways, dataset.site)
         screen.signals |= signals

@@ -27,14 +27,14 @@ def recording_of(
 
     That of one ``day`` of a dataset, or of one elsewhere, is in a folder that goes when this process ends.
     """
-    from fleetlog.view.recording import RATE, write_recording
-
     if path.is_file():
         with path.open("rb") as stream:
             if stream.read(4) != b"RRF2":
                 do = "name a dataset, or import the log first (fleetlog import)"
                 raise InputError("is not a Rerun recording", where=path, do=do)
         return path
+    from fleetlog.view.recording import RATE, write_recording
+
     recording, description = path / "recording.rrd", path / "dataset.json"
     if is_url(path) or day is not None:
         folder = tempfile.mkdtemp(prefix="fleetlog-")
