@@ -25,8 +25,8 @@ from fleetlog.registry import parts
 from fleetlog.store import Dataset
 from fleetlog.store.output import atomic_output
 
-WINDOW = 600_000_000
-"""Stretch of time of which the rows of all vehicles are held at once [us]."""
+WINDOW, DAY = 600_000_000, 86_400_000_000
+"""Stretch of time of which the rows of all vehicles are held at once, and a day [us]."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,10 @@ class Selection:
         """All vehicles' rows side by side, in stretches of time that follow one another."""
         ends = (str(self.dataset.meta[key]).rstrip("Z") for key in ("start", "end"))
         first, last = (int(np.datetime64(moment, "us").astype(np.int64)) for moment in ends)
-        for begin in range(first - first % WINDOW, last + 1, WINDOW):
-            date = str(np.datetime64(begin, "us"))[:10]
+        days = {date: int(np.datetime64(date, "us").astype(np.int64)) for date in self.dataset.dates}
+        for date, begin in ((d, day + t) for d, day in days.items() for t in range(0, DAY, WINDOW)):
+            if begin > last or begin + WINDOW <= first:
+                continue
             parts = ((v, part) for v in self.vehicles for part in self.dataset.parts(v, date))
             found = (_rows_from(begin, part, v, columns) for v, part in parts)
             if pieces := [piece for piece in found if len(piece)]:
