@@ -2,17 +2,15 @@
 curve."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from fleetlog.discovery.channels.common import SourceColumns
+from fleetlog.discovery.channels.base import Channel, SourceColumns
 from fleetlog.discovery.channels.evaluate import Evaluation
 from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
 from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource
-from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.blocks import Block
 from fleetlog.discovery.recording.windows import Cut
@@ -26,21 +24,11 @@ STEP = 0.01
 braking."""
 
 
-class Places(Protocol):
-    """What columns need of the channel."""
-
-    places: Cells | None
-
-    def state(self, block: Block) -> dict[str, Floats]:
-        """Return the recorded variables that a mismatch may follow, by row."""
-        ...
-
-
 @dataclass
 class About(SourceColumns):
     """Columns of a block about a model."""
 
-    channel: Places
+    channel: Channel
     block: Block
     cut: Cut
     e: Evaluation
@@ -66,7 +54,7 @@ class About(SourceColumns):
         return self.cut.energy(self.block, change)[:, None] / step
 
     def _field(self, source: FieldSource) -> Floats:
-        term, cells = all_terms()[source.term], self.channel.places
+        term, cells = all_terms()[source.term], self.channel.cells(all_terms()[source.term])
         assert cells is not None
         slope = self._slope(term) * source.scope.share(self.block.vehicle, self.block.motion.time)
         total = np.zeros((self.cut.count, cells.size(term.odd)))
@@ -86,7 +74,7 @@ class About(SourceColumns):
         )
 
     def _place(self) -> Floats:
-        cells = self.channel.places
+        cells = self.channel.cells(None)
         assert cells is not None
         m = self.block.motion
         moving = np.asarray(UNIT["moving"] * (m.speed > 0.0), dtype=np.float64)
@@ -105,7 +93,7 @@ class About(SourceColumns):
     @property
     def _state(self) -> dict[str, Floats]:
         if not hasattr(self, "_states"):
-            self._states = self.channel.state(self.block)
+            self._states = self.channel.state((self.block, self.cut))
         return self._states
 
     @property

@@ -1,12 +1,11 @@
 """Columns of the speed channel: how the time on a path changes with each number, field and free curve."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.discovery.channels.common import SourceColumns
+from fleetlog.discovery.channels.base import Channel, SourceColumns
 from fleetlog.discovery.channels.paths import Path
 from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
 from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource
@@ -55,25 +54,11 @@ def summed(path: Path, values: Floats) -> Floats:
     return np.asarray(np.bincount(path.of, values, int(path.of[-1]) + 1), dtype=np.float64)
 
 
-class Places(Protocol):
-    """What columns need of the channel."""
-
-    roads: Stretches
-
-    def cells(self, term: Term | None) -> Stretches:
-        """Return the cells of a field."""
-        ...
-
-    def state(self, path: Path) -> dict[str, Floats]:
-        """Return the recorded variables that a mismatch may follow, by node."""
-        ...
-
-
 @dataclass
 class About(SourceColumns):
     """Columns of a path about a model."""
 
-    channel: Places
+    channel: Channel
     path: Path
     model: Model
     physics: Physics
@@ -104,7 +89,7 @@ class About(SourceColumns):
 
     def _field(self, source: FieldSource) -> Floats:
         term = all_terms()[source.term]
-        cells, there = self.channel.cells(term), source.scope.share(self.vehicle, self.path.motion.time)
+        cells, there = self._cells(term), source.scope.share(self.vehicle, self.path.motion.time)
         if term.acts == "wait":
             return self._by_cell(cells, self.path.share * there) @ cells.root(False)
         first = term.parameters[0]
@@ -114,8 +99,13 @@ class About(SourceColumns):
         return np.asarray(self._by_cell(cells, slope * there) @ cells.root(term.odd))
 
     def _place(self) -> Floats:
-        roads = self.channel.roads
+        roads = self._cells(None)
         return np.asarray(self._by_cell(roads, UNIT["time"] * self.seconds) @ roads.root(False))
+
+    def _cells(self, term: Term | None) -> Stretches:
+        cells = self.channel.cells(term)
+        assert isinstance(cells, Stretches)
+        return cells
 
     def _by_cell(self, cells: Stretches, values: Floats) -> Floats:
         return self._sorted(cells.at(self.path.motion)[0].astype(np.int64), len(cells), values)

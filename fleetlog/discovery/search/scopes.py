@@ -162,7 +162,7 @@ def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slo
     added = Design(tuple(of_hypothesis(problem.channel, layout, now.model, h)[0] for h in numbers))
     vehicles, folds = len(problem.channel.vehicles), problem.settings.folds
     slots = int(np.clip(GROUPS // vehicles, 12, SLOTS))
-    edges = problem.channel.moments(slots)
+    edges = problem.channel.fleet.moments(slots)
     k, j, groups = len(design.atoms), len(numbers), folds * vehicles * slots
     gram, moment = np.zeros((folds, k, k)), np.zeros((folds, k))
     cross, along, own = np.zeros((groups, j, k)), np.zeros((groups, j)), np.zeros((groups, j))
