@@ -3,7 +3,8 @@ do alike."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -13,19 +14,12 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.channels.lost import Lost
 from fleetlog.discovery.hypotheses.curves import FreeCurve, knots_of
-from fleetlog.discovery.hypotheses.sources import (
-    CurveSource,
-    ErrorSource,
-    FieldSource,
-    KnobSource,
-    PlaceSource,
-    Source,
-)
+from fleetlog.discovery.hypotheses.sources import CurveSource, ErrorSource, FieldSource, KnobSource, Source
 from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.recording.fleet import Fleet
-from fleetlog.discovery.recording.windows import Windows
-from fleetlog.physics.power import all_terms
+from fleetlog.discovery.recording.splits import Split
+from fleetlog.discovery.recording.windows import Windows, join
 from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
@@ -52,6 +46,13 @@ class Unit:
     level: Floats
     swing: Floats
     own: Any
+
+    def part(self, keep: NDArray[np.bool_], own: Any) -> "Unit":
+        """Return some of the windows, (W,), with the channel's ``own`` of these."""
+        own_of: dict[str, Any] = {
+            f.name: getattr(self, f.name)[keep] for f in fields(self) if f.name != "own"
+        }
+        return Unit(**own_of, own=own)
 
 
 @dataclass
@@ -123,6 +124,14 @@ class Channel(ABC):
     def samples(self, unit: Unit) -> tuple[Motion, Ints]:
         """Return the motion of a unit, and the window of each of its samples."""
 
+    @abstractmethod
+    def part(self, unit: Unit, keep: NDArray[np.bool_]) -> Unit:
+        """Return some of the windows of a unit, (W,), which are all of some trips."""
+
+    @abstractmethod
+    def joined(self, own: list[Any]) -> Any:
+        """Return the own of several units of one vehicle as that of one."""
+
     @property
     def truck(self) -> Truck:
         """The nominal truck."""
@@ -135,12 +144,28 @@ class Channel(ABC):
 
     def width(self, source: Source) -> int:
         """Return the number of columns of a source."""
-        if isinstance(source, FieldSource | PlaceSource):
-            term = all_terms()[source.term] if isinstance(source, FieldSource) else None
-            cells = self.cells(term)
+        if isinstance(source, FieldSource):
+            cells, term = self.cells(source.physics), source.physics
             assert cells is not None
             return int(cells.root(term is not None and term.odd).shape[1])
         return source.curve.width if isinstance(source, CurveSource) else 1
+
+    def sampled(self, split: Split, share: float) -> "Channel":
+        """Return the channel with such a share of what is held out together, evenly drawn."""
+        by_vehicle: dict[int, list[Unit]] = {}
+        for unit in self.units():
+            part = self.part(unit, split.drawn(unit.windows, share))
+            if len(part.windows):
+                by_vehicle.setdefault(int(part.windows.vehicle[0]), []).append(part)
+        drawn = copy(self)
+        drawn._kept, drawn._passes = [self._joined(parts) for parts in by_vehicle.values()], {}
+        return drawn
+
+    def _joined(self, parts: list[Unit]) -> Unit:
+        """Several units of one vehicle as one: a few long arrays cost less than many short ones."""
+        names = ("recorded", "whole", "noise", "level", "swing")
+        arrays: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in parts]) for n in names}
+        return Unit(join([p.windows for p in parts]), **arrays, own=self.joined([p.own for p in parts]))
 
     def adjustable(self) -> list[Knob]:
         """Return every knob with a tolerance: the fleet's that may be a little off."""
@@ -190,8 +215,6 @@ class SourceColumns(ABC):
                 return self._field(source)
             case CurveSource():
                 return self._curve(source.curve)
-            case PlaceSource():
-                return self._place()
             case ErrorSource():
                 return self._error(source.name)
 
@@ -203,9 +226,6 @@ class SourceColumns(ABC):
 
     @abstractmethod
     def _curve(self, curve: FreeCurve) -> Floats: ...
-
-    @abstractmethod
-    def _place(self) -> Floats: ...
 
     @abstractmethod
     def _error(self, name: str) -> Floats: ...

@@ -17,7 +17,7 @@ from fleetlog.discovery.hypotheses.sources import ErrorSource, Source
 from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording import windows
-from fleetlog.discovery.recording.blocks import Block
+from fleetlog.discovery.recording.blocks import Block, joined
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.recording.windows import Cut
 from fleetlog.discovery.settings import Settings
@@ -60,11 +60,10 @@ class EnergyChannel(Channel):
 
     def units(self) -> Iterator[Unit]:
         """Yield blocks with their windows; they stay in memory where the recording is small."""
-        if self.fleet.rows > self.fleet.most_in_memory:
-            yield from (self._unit(block) for block in self.fleet.each_block())
-            return
-        self._kept = self._kept or [self._unit(block) for block in self.fleet.each_block()]
-        yield from self._kept
+        made = self._kept or (self._unit(block) for block in self.fleet.each_block())
+        if self.fleet.rows <= self.fleet.most_in_memory:
+            made = self._kept = list(made)
+        yield from made
 
     def _unit(self, block: Block) -> Unit:
         if self.measured:
@@ -219,19 +218,36 @@ class EnergyChannel(Channel):
 
     def state(self, own: tuple[Block, Cut]) -> dict[str, Floats]:
         """Return the recorded variables that a mismatch may follow, by row."""
-        block, m = own[0], own[0].motion
-        first = block.first
+        block, m, first = own[0], own[0].motion, own[0].first
+        day, of = np.unique((block.time // 86400.0).astype(np.int64), return_inverse=True)
+        begins = np.array([self.fleet.begins[block.vehicle, int(d)] for d in day])
         return {
             "speed": block.rows(m.speed), "payload": m.payload[first],
             "acceleration": block.rows(m.acceleration),
             "curvature": block.rows(np.abs(m.curvature)), "ambient_temperature": m.ambient_temperature[first],
             "soc": block.soc, "time": (block.time / 3600.0) % 24.0,
-            "time since start": (block.time - self.fleet.begins[block.vehicle, block.day]) / 3600.0,
+            "time since start": (block.time - begins[of]) / 3600.0,
             "lift_speed": block.rows(m.lift_speed), "heading": m.heading[first],
             "vehicle_id": np.full(len(block), float(block.vehicle)),
-            "day": np.full(len(block), float(self.fleet.dates.index(block.day))),
+            "day": np.searchsorted(self.fleet.dates, day)[of].astype(float),
             "trip_id": np.searchsorted(np.array(self.fleet.own_trips, np.int64), block.trip).astype(float),
         }  # fmt: skip
+
+    def part(self, unit: Unit, keep: NDArray[np.bool_]) -> Unit:
+        """Return some of the windows of a unit."""
+        block, c = unit.own
+        rows, samples, number = keep[c.of_row], keep[c.of_sample], (np.cumsum(keep) - 1).astype(np.int32)
+        cut = Cut(number[c.of_row[rows]], number[c.of_sample[samples]], int(keep.sum()))
+        return unit.part(keep, (block.part(rows, samples), cut))
+
+    def joined(self, own: list[tuple[Block, Cut]]) -> tuple[Block, Cut]:
+        """Return blocks and cuts one after the other."""
+        base = np.cumsum([0, *(c.count for _, c in own)])
+        numbers = [
+            np.concatenate([getattr(c, n) + b for (_, c), b in zip(own, base, strict=False)]).astype(np.int32)
+            for n in ("of_row", "of_sample")
+        ]
+        return joined([b for b, _ in own]), Cut(numbers[0], numbers[1], int(base[-1]))
 
     def lost(self, model: Model) -> None:
         """Return nothing: energy does not tell who was in the way."""

@@ -54,13 +54,15 @@ class About(SourceColumns):
         return self.cut.energy(self.block, change)[:, None] / step
 
     def _field(self, source: FieldSource) -> Floats:
-        term, cells = all_terms()[source.term], self.channel.cells(all_terms()[source.term])
+        term, motion = source.physics, self.block.motion
+        cells, odd = self.channel.cells(term), term is not None and term.odd
         assert cells is not None
-        slope = self._slope(term) * source.scope.share(self.block.vehicle, self.block.motion.time)
-        total = np.zeros((self.cut.count, cells.size(term.odd)))
-        for number, weight in cells.parts(self.block.motion, term.odd):
-            total += self.cut.energies(self.block, number, cells.size(term.odd), slope * weight)
-        return np.asarray(total @ cells.root(term.odd))
+        slope = UNIT["moving"] * (motion.speed > 0.0) if term is None else self._slope(term)
+        slope = slope * source.scope.share(self.block.vehicle, motion.time)
+        total = np.zeros((self.cut.count, cells.size(odd)))
+        for number, weight in cells.parts(motion, odd):
+            total += self.cut.energies(self.block, number, cells.size(odd), slope * weight)
+        return np.asarray(total @ cells.root(odd))
 
     def _slope(self, term: Term) -> Floats:
         """(n,) derivative of the channel's power with respect to a field's coordinate, where it is now."""
@@ -72,16 +74,6 @@ class About(SourceColumns):
         return (self.e.change(term, {first.name: up}) - self.e.change(term, {first.name: down})) / (
             2.0 * delta
         )
-
-    def _place(self) -> Floats:
-        cells = self.channel.cells(None)
-        assert cells is not None
-        m = self.block.motion
-        moving = np.asarray(UNIT["moving"] * (m.speed > 0.0), dtype=np.float64)
-        total = np.zeros((self.cut.count, cells.size(False)))
-        for number, weight in cells.parts(m, False):
-            total += self.cut.energies(self.block, number, cells.size(False), moving * weight)
-        return np.asarray(total @ cells.root(False))
 
     def _curve(self, curve: FreeCurve) -> Floats:
         weight = self._weights[curve.mode]

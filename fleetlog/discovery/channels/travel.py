@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fleetlog.core.motion import Motion
 from fleetlog.discovery.channels.base import Channel, Columns, Unit
 from fleetlog.discovery.channels.lost import Lost, lost_time
-from fleetlog.discovery.channels.paths import Day, Path, days, lay_out
+from fleetlog.discovery.channels.paths import Day, Path, days, joined, lay_out
 from fleetlog.discovery.channels.travel_columns import About, drive_times, summed
 from fleetlog.discovery.hypotheses import curves
 from fleetlog.discovery.hypotheses.curves import FreeCurve
@@ -25,6 +25,7 @@ from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 FEW = 3
 """Stops from which on trucks wait at a place."""
@@ -146,6 +147,17 @@ class TravelChannel(Channel):
             self.truck.drive.max_speed),
             "curvature": np.abs(m.curvature), "heading": m.heading, "vehicle_id": m.vehicle.astype(float),
         }  # fmt: skip
+
+    def part(self, unit: Unit, keep: Mask) -> Unit:
+        """Return the legs of a unit that begin in some of its windows."""
+        path = unit.own
+        nodes = keep[path.of[~path.inside]][np.cumsum(~path.inside) - 1]
+        mine = np.bincount(path.of[nodes], minlength=len(keep)) > 0
+        return unit.part(mine, path.part(nodes, mine))
+
+    def joined(self, own: list[Path]) -> Path:
+        """Return paths one after the other."""
+        return joined(own)
 
     def lost(self, model: Model) -> Lost | None:
         """Return what other vehicles cost beyond a model."""

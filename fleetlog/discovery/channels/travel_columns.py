@@ -39,11 +39,11 @@ def drive_times(path: Path, physics: Physics) -> tuple[Floats, Mask]:
         np.minimum(allowed, allowed_speed(path.motion.replaced(speed=allowed), physics)), SLOWEST
     )
     ends = ~path.inside | path.last
-    mass = truck.chassis.mass + path.motion.payload
+    mass = truck.chassis.mass + path.motion.payload.astype(float)
+    most, slope = np.where(ends, 0.0, cap).astype(float), path.motion.slope.astype(float)
     speed = passes(
-        path.s, np.where(ends, 0.0, cap), path.motion.slope, mass, drive.max_acceleration,
-        drive.max_deceleration,
-        drive.max_power, truck.resistance.rolling,
+        path.s, most, slope, mass, drive.max_acceleration, drive.max_deceleration, drive.max_power,
+        truck.resistance.rolling,
     )  # fmt: skip
     time = clock(path.s, speed, np.zeros(len(cap)), drive.max_acceleration, drive.max_deceleration)
     return np.where(path.inside, np.diff(time, prepend=0.0), 0.0), (speed > 0.97 * cap) & path.inside
@@ -88,8 +88,11 @@ class About(SourceColumns):
         )
 
     def _field(self, source: FieldSource) -> Floats:
-        term = all_terms()[source.term]
-        cells, there = self._cells(term), source.scope.share(self.vehicle, self.path.motion.time)
+        term, there = source.physics, source.scope.share(self.vehicle, self.path.motion.time)
+        cells = self.channel.cells(term)
+        assert isinstance(cells, Stretches)
+        if term is None:
+            return self._by_cell(cells, UNIT["time"] * self.seconds) @ cells.root(False)
         if term.acts == "wait":
             return self._by_cell(cells, self.path.share * there) @ cells.root(False)
         first = term.parameters[0]
@@ -97,15 +100,6 @@ class About(SourceColumns):
         # Where a cap binds, time goes with the inverse of the share of it that is driven.
         slope = np.where(self.capped, self.seconds * now, 0.0)
         return np.asarray(self._by_cell(cells, slope * there) @ cells.root(term.odd))
-
-    def _place(self) -> Floats:
-        roads = self._cells(None)
-        return np.asarray(self._by_cell(roads, UNIT["time"] * self.seconds) @ roads.root(False))
-
-    def _cells(self, term: Term | None) -> Stretches:
-        cells = self.channel.cells(term)
-        assert isinstance(cells, Stretches)
-        return cells
 
     def _by_cell(self, cells: Stretches, values: Floats) -> Floats:
         return self._sorted(cells.at(self.path.motion)[0].astype(np.int64), len(cells), values)

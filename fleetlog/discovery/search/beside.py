@@ -4,7 +4,7 @@ What remains is a regression of the few columns alone (Frisch and Waugh 1933, do
 Coefficients of the model that stand on a bound stay there; the joint fit afterwards lets them go.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -28,10 +28,6 @@ class Added:
     along: Floats
     own: Floats
 
-    def part(self, at: slice) -> "Added":
-        """Return some of the columns."""
-        return Added(self.cross[:, :, at], self.along[:, at], self.own[:, at, at])
-
 
 class Left(NamedTuple):
     """What a model leaves of J columns: ``by`` (K, J) their regression on its own, ``beta`` (K,) its fit
@@ -42,10 +38,10 @@ class Left(NamedTuple):
     product: Floats
     moment: Floats
 
-    def step(self, prior: Prior) -> Floats:
-        """Return the likeliest coefficients of the columns, (J,)."""
-        right = self.moment + prior.precision * prior.centre
-        return np.clip(np.linalg.solve(stiff(self.product, prior), right), prior.low, prior.high)
+    def step(self, at: slice, prior: Prior) -> Floats:
+        """Return the likeliest coefficients of some of the columns alone."""
+        right = self.moment[at] + prior.precision * prior.centre
+        return np.clip(np.linalg.solve(stiff(self.product[at, at], prior), right), prior.low, prior.high)
 
 
 @dataclass(frozen=True)
@@ -72,24 +68,24 @@ class Beside:
         by = inverse @ cross
         return Left(by, beta, own - cross.T @ by, along - cross.T @ beta)
 
-    def gains(self, new: Added, priors: Sequence[Prior]) -> list[tuple[Floats, float]]:
-        """Return for each prior of columns what they gain on every unseen fold, (F,), and what they cost
-        all priors."""
-        gains = np.zeros((len(priors), len(self.gram)))
+    def gains(self, new: Added, several: Sequence[tuple[slice, Prior]]) -> list[tuple[Floats, float]]:
+        """Return for each of several of the columns under a prior what they gain on every unseen fold, (F,),
+        and what they cost all priors."""
+        gains = np.zeros((len(several), len(self.gram)))
         for f, (gram, cross) in enumerate(zip(self.gram, new.cross, strict=True)):
             seen = self.left(new, f)
             through = gram @ seen.by
             # Of the fold held out: its products once the fit on the others is taken away.
             product = new.own[f] - cross.T @ seen.by - seen.by.T @ (cross - through)
             moment = new.along[f] - seen.by.T @ self.moment[f] - (cross - through).T @ seen.beta
-            for i, prior in enumerate(priors):
-                step = seen.step(prior)
-                gains[i, f] = 2.0 * step @ moment - step @ product @ step
+            for i, (at, prior) in enumerate(several):
+                step = seen.step(at, prior)
+                gains[i, f] = 2.0 * step @ moment[at] - step @ product[at, at] @ step
         whole = self.left(new)
         paid = []
-        for prior in priors:
-            step = whole.step(prior)
-            paid.append(prior.penalty(step) + self.prior.penalty(whole.beta - whole.by @ step))
+        for at, prior in several:
+            step = whole.step(at, prior)
+            paid.append(prior.penalty(step) + self.prior.penalty(whole.beta - whole.by[:, at] @ step))
         return [(g, p - self.prior.penalty(whole.beta)) for g, p in zip(gains, paid, strict=True)]
 
 
@@ -98,16 +94,23 @@ def _but(products: Floats, fold: int | None) -> Floats:
     return np.asarray(total if fold is None else total - products[fold])
 
 
-def beside(joint: Joint, sums: Sums, columns: Sequence[Atom], slow: bool = False) -> tuple[Beside, Added]:
-    """Return a joint model, and further coefficients' columns, by folds of trips or of stretches of hours."""
+def beside(
+    joint: Joint, sums: Sums, several: Iterable[Sequence[Atom]], slow: bool = False
+) -> Iterator[tuple[Beside, Added]]:
+    """Yield a joint model, and each of several sets of further coefficients' columns, by folds of trips or of
+    stretches of hours."""
     assert joint.design is not None and joint.fitted is not None
-    known = [not slow or (a.vehicle is None and a.columns.max() < sums.core) for a in joint.design.atoms]
+    known = [
+        not slow or (a.vehicle is None and a.columns.max() < sums.layout.core) for a in joint.design.atoms
+    ]
     own = Design(tuple(a for a, k in zip(joint.design.atoms, known, strict=True) if k))
     prior, beta = own.prior, joint.fitted.beta[known]
-    normal = Design((*own.atoms, *columns)).normal(sums, slow)
-    free = (beta > prior.low) & (beta < prior.high)
-    moment = normal.moment - normal.gram[:, :, : len(beta)] @ np.where(free, 0.0, beta)
-    base, extra = np.flatnonzero(free), np.arange(len(beta), moment.shape[1])
-    model = Beside(normal.gram[:, base][:, :, base], moment[:, base], prior.part(base))
-    cross, inner = (normal.gram[:, rows][:, :, extra] for rows in (base, extra))
-    return model, Added(cross, moment[:, extra], inner)
+    base = np.flatnonzero((beta > prior.low) & (beta < prior.high))
+    held = beta.copy()
+    held[base] = 0.0
+    model = None
+    for columns in several:
+        n = Design((*own.atoms, *columns)).normal(sums, slow)
+        moment, extra = n.moment - n.gram[:, :, : len(beta)] @ held, slice(len(beta), None)
+        model = model or Beside(n.gram[:, base][:, :, base], moment[:, base], prior.part(base))
+        yield model, Added(n.gram[:, base, extra], moment[:, extra], n.gram[:, extra, extra])

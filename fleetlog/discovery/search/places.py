@@ -61,8 +61,8 @@ def _by_cell(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis) -> tuple
     basis of the prior."""
     cells = problem.channel.cells(h.physics)
     assert cells is not None and h.physics is not None
-    model, columns = beside(joint, sums, of_hypothesis(problem.channel, sums.layout, joint.model, h))
-    left = model.left(columns)
+    own = of_hypothesis(problem.channel, sums.layout, joint.model, h)
+    left = next(model.left(columns) for model, columns in beside(joint, sums, [own]))
     back = np.linalg.inv(cells.root(h.physics.odd))
     return back.T @ left.moment, back.T @ left.product @ back
 

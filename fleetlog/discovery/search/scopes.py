@@ -76,7 +76,7 @@ class Column:
     def validated(self, weight: Floats) -> tuple[Floats, float]:
         """Return what the column with (V, S) weights gains on each unseen fold, (F,), and what it costs the
         prior."""
-        ((gains, paid),) = self.model.gains(self.added(weight), [ANYTHING])
+        ((gains, paid),) = self.model.gains(self.added(weight), [(slice(0, 1), ANYTHING)])
         return gains / self.unit, paid
 
 
@@ -157,7 +157,7 @@ def _numbers(now: Joint, screened: Sequence[Screened]) -> list[Hypothesis]:
 
 def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slotted:
     assert now.design is not None and now.fitted is not None and problem.noise is not None
-    layout, _ = problem.layout([*now.chosen, *numbers])
+    layout = problem.layout([*now.chosen, *numbers])
     design = make_design(problem.channel, layout, now.model, now.chosen)
     added = Design(tuple(of_hypothesis(problem.channel, layout, now.model, h)[0] for h in numbers))
     vehicles, folds = len(problem.channel.vehicles), problem.settings.folds

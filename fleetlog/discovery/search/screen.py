@@ -1,21 +1,24 @@
 """Every hypothesis beside a model, at once."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
-from fleetlog.discovery.search.beside import Added, Beside, beside
-from fleetlog.discovery.search.design import Design, of_hypothesis
+from fleetlog.discovery.search.beside import beside
+from fleetlog.discovery.search.design import Atom, Design, of_hypothesis
 from fleetlog.discovery.search.joint import SHARES, VARIANCES, Joint, scored, tightened
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Prior
 from fleetlog.discovery.search.sums import Sums
 
 Floats = NDArray[np.float64]
+
+TOGETHER = 100
+"""Columns that are looked at together: many small products cost time, very large ones room."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,8 @@ def screen(problem: Problem, sums: Sums, joint: Joint, tried: Sequence[Hypothesi
     for chosen, share in itertools.product(tightened(joint.chosen), SHARES):
         other = scored(problem, sums, joint.model, chosen, [share])
         head = joint.score - other.score
-        for s in (s for slow in (False, True) for s in _screen(problem, sums, other, tried, slow)):
+        found = (_screen(problem, sums, other, tried, slow) for slow in (False, True))
+        for s in itertools.chain.from_iterable(found):
             now = Screened(s.hypothesis, s.gain + head, s.by_fold, chosen)
             key = s.hypothesis.kind
             if key not in best or now.gain > best[key].gain:
@@ -47,27 +51,32 @@ def screen(problem: Problem, sums: Sums, joint: Joint, tried: Sequence[Hypothesi
 
 def _screen(
     problem: Problem, sums: Sums, joint: Joint, tried: Sequence[Hypothesis], slow: bool
-) -> list[Screened]:
-    mine = [h for h in tried if h.slow == slow]
-    atoms = [of_hypothesis(problem.channel, sums.layout, joint.model, h) for h in mine]
-    if not mine:
-        return []
-    model, added = beside(joint, sums, [a for own in atoms for a in own], slow)
-    ends = np.cumsum([len(own) for own in atoms])
-    parts = [added.part(slice(end - len(own), end)) for end, own in zip(ends, atoms, strict=True)]
-    priors = [Design(tuple(own)).prior for own in atoms]
-    return [_best(problem, h, model, new, p) for h, new, p in zip(mine, parts, priors, strict=True)]
-
-
-def _best(problem: Problem, h: Hypothesis, model: Beside, new: Added, prior: Prior) -> Screened:
-    """A hypothesis with the variance of its prior that serves it best."""
+) -> Iterator[Screened]:
+    """Yield every hypothesis, those with a prior of unknown width at several widths."""
     assert problem.noise is not None
-    variances = (1.0,) if h.numbers else VARIANCES
-    cost = problem.settings.parameter * h.numbers + h.choices
-    tries = []
-    gains = model.gains(new, [replace(prior, precision=prior.precision / v) for v in variances])
-    for v, (square, paid) in zip(variances, gains, strict=True):
-        by_fold = 0.5 * square / problem.noise.design
-        own = h if h.numbers else replace(h, variance=v)
-        tries.append(Screened(own, float(by_fold.sum()) - cost - paid, by_fold))
-    return max(tries, key=lambda s: s.gain)
+    mine = [(h, of_hypothesis(problem.channel, sums.layout, joint.model, h)) for h in tried if h.slow == slow]
+    ends = itertools.accumulate(len(own) for _, own in mine)
+    grouped = itertools.groupby(zip(mine, ends, strict=True), lambda pair: pair[1] // TOGETHER)
+    sets = [[one for one, _ in group] for _, group in grouped]
+    products = beside(joint, sums, ([a for _, own in s for a in own] for s in sets), slow)
+    for some, (model, added) in zip(sets, products, strict=True):
+        wide = list(_at_every_width(some))
+        for (h, _, _), (square, paid) in zip(wide, model.gains(added, [w[1:] for w in wide]), strict=True):
+            by_fold = 0.5 * square / problem.noise.design
+            cost = problem.settings.parameter * h.numbers + h.choices + paid
+            yield Screened(h, float(by_fold.sum()) - cost, by_fold)
+
+
+def _at_every_width(
+    tried: Sequence[tuple[Hypothesis, list[Atom]]],
+) -> Iterator[tuple[Hypothesis, slice, Prior]]:
+    """Hypotheses with the columns of each, and the prior of these."""
+    start = 0
+    for h, own in tried:
+        at, prior = slice(start, start + len(own)), Design(tuple(own)).prior
+        start = at.stop
+        if h.numbers:
+            yield h, at, prior
+        else:
+            for v in VARIANCES:
+                yield replace(h, variance=v), at, replace(prior, precision=prior.precision / v)
