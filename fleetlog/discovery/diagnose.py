@@ -15,8 +15,8 @@ from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.fleet import Fleet, absences, read_fleet
 from fleetlog.discovery.recording.sensors import Fault, examine
 from fleetlog.discovery.recording.splits import Kind, Split, make_split
-from fleetlog.discovery.report.faults import finding_of
-from fleetlog.discovery.report.finding import Finding, Verdict
+from fleetlog.discovery.report.finding import Verdict
+from fleetlog.discovery.report.others import of_fault
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.settings import SETTINGS, Settings
 from fleetlog.errors import DataError, nearest
@@ -38,7 +38,6 @@ class Diagnosis:
     verdict: Verdict
     found: Model
     channels: dict[str, Explained]
-    faults: list[Fault]
     fleet: Fleet
 
 
@@ -88,7 +87,7 @@ def diagnose(
         raise DataError(
             "no channel to judge", do="record battery power, state of charge, or positions on a road map"
         )
-    return Diagnosis(_verdict(fleet, explained, faults), together(base, explained), explained, faults, fleet)
+    return Diagnosis(_verdict(fleet, explained, faults), together(base, explained), explained, fleet)
 
 
 def _explained(
@@ -123,10 +122,11 @@ def _split(fleet: Fleet, holdout: Kind, settings: Settings, seed: int) -> Split:
 
 
 def _verdict(fleet: Fleet, explained: dict[str, Explained], faults: list[Fault]) -> Verdict:
-    findings = [finding_of(f) for f in faults]
+    findings = [of_fault(f) for f in faults]
     for e in explained.values():
         # What one channel has explained is not told again of the next.
-        findings += [f for f in e.findings if f.term == "unknown" or not _has(findings, f)]
+        told = [(f.term, f.scope) for f in findings]
+        findings += [f for f in e.findings if f.term == "unknown" or (f.term, f.scope) not in told]
     order = sorted(findings, key=lambda f: -f.strength)
     once = any(e.problem.split.once for e in explained.values())
     unexplained = [n for n, e in explained.items() if e.unexplained]
@@ -134,10 +134,6 @@ def _verdict(fleet: Fleet, explained: dict[str, Explained], faults: list[Fault])
     return Verdict(
         [e.fit for e in explained.values()], order, adjustments, unexplained, absences(fleet, once)
     )
-
-
-def _has(findings: list[Finding], f: Finding) -> bool:
-    return any(g.term == f.term and g.scope == f.scope for g in findings)
 
 
 def _check(given: Sequence[str], known: Iterable[str], what: str) -> None:

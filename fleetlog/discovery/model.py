@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.hypotheses.scope import FLEET, Scope
-from fleetlog.discovery.hypotheses.stretches import Cells, along
+from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.physics.own import Own
 from fleetlog.physics.power import Physics, all_terms
 from fleetlog.physics.term import Parameter, Term, Values
@@ -114,15 +114,6 @@ class Model:
     def values(self, vehicle: int | None = None) -> dict[str, dict[str, float]]:
         """Return every number that is not nominal at all times, by term and parameter, of a vehicle or the
         fleet."""
-        if vehicle not in self._values:
-            self._values[vehicle] = self._worked_out(vehicle)
-        return self._values[vehicle]
-
-    @cached_property
-    def _values(self) -> dict[int | None, dict[str, dict[str, float]]]:
-        return {}
-
-    def _worked_out(self, vehicle: int | None) -> dict[str, dict[str, float]]:
         out: dict[str, dict[str, float]] = {}
         for knob in self.at:
             if knob.scope.whole or (
@@ -159,14 +150,14 @@ class Model:
 
     def physics(self, vehicle: int, motion: Motion, cells: Callable[[Term], Cells | None]) -> Physics:
         """Return the sum of terms along a motion of one vehicle, fields looked up in their cells."""
-        values: dict[str, Values] = {k: dict(v) for k, v in self.values(vehicle).items()}
+        values: dict[str, Values] = dict(self.values(vehicle))
         for name, deviation in self.fields.items():
             term = all_terms()[name]
             where = cells(term)
             if term.acts in ("wait", "traffic") or where is None:
                 continue
             first = term.parameters[0]
-            here = along(where, motion, deviation, term.odd) * self.share(name, vehicle, motion.time)
+            here = where.along(motion, deviation) * self.share(name, vehicle, motion.time)
             found = field_values(first, here)
             values[name] = {**values.get(name, {}), first.name: found}
         return Physics(self.truck, values, own=tuple(self._timed(vehicle)))

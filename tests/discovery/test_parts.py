@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +15,7 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Chassis, Truck
 from fleetlog.discovery.channels.evaluate import Evaluation
 from fleetlog.discovery.hypotheses.squares import make_squares
-from fleetlog.discovery.hypotheses.stretches import along, make_stretches
+from fleetlog.discovery.hypotheses.stretches import make_stretches
 from fleetlog.discovery.recording import windows
 from fleetlog.discovery.recording.blocks import block
 from fleetlog.discovery.recording.fleet import Fleet
@@ -118,24 +120,24 @@ def test_an_odd_field_has_opposite_values_in_the_two_directions() -> None:
     field = np.random.default_rng(0).normal(size=len(cells))
     there = Motion.of(1, edge=net.edge("a"), edge_offset=11.0)
     back = Motion.of(1, edge=net.edge("-a"), edge_offset=29.0)
-    assert along(cells, there, field, True)[0] == pytest.approx(-along(cells, back, field, True)[0])
-    assert along(cells, there, field, False)[0] == pytest.approx(along(cells, back, field, False)[0])
+    for odd, sign in ((True, -1.0), (False, 1.0)):
+        own = replace(cells, odd=odd)
+        assert own.along(there, field)[0] == pytest.approx(sign * own.along(back, field)[0])
 
 
 def test_a_pattern_is_the_same_in_the_basis_of_the_prior() -> None:
     cells = make_stretches(network())
     pattern = np.random.default_rng(0).normal(size=len(cells))
-    for odd in (True, False):
-        assert cells.root(odd) @ cells.in_basis(pattern, odd) == pytest.approx(pattern)
+    assert cells.root @ (cells.inverse @ pattern) == pytest.approx(pattern)
 
 
 def test_squares_hold_a_vector_for_an_odd_field() -> None:
     rng = np.random.default_rng(0)
     squares = make_squares(rng.uniform(0, 60, 500), rng.uniform(0, 60, 500))
     assert squares is not None
+    squares = replace(squares, odd=True)
     values = np.tile([0.03, 0.0], len(squares))
     east, north, west = (
-        along(squares, Motion.of(1, x=30.0, y=30.0, heading=h), values, True)[0]
-        for h in (0.0, np.pi / 2, np.pi)
+        squares.along(Motion.of(1, x=30.0, y=30.0, heading=h), values)[0] for h in (0.0, np.pi / 2, np.pi)
     )
     assert (east, north, west) == pytest.approx((0.03, 0.0, -0.03), abs=1e-12)

@@ -11,8 +11,7 @@ from scipy.stats import kstest
 
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, lay_out
 from fleetlog.discovery.model import Knob
-from fleetlog.discovery.search.floor import noise_floor
-from fleetlog.discovery.search.judge import p_value
+from fleetlog.discovery.search.judge import noise_floor, p_value
 from fleetlog.discovery.search.ridge import Normal, Prior, cross_validated, solve
 from fleetlog.discovery.search.sums import Sums
 

@@ -14,7 +14,7 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.channels.lost import Lost
 from fleetlog.discovery.hypotheses.curves import FreeCurve, knots_of
-from fleetlog.discovery.hypotheses.sources import CurveSource, ErrorSource, FieldSource, KnobSource, Source
+from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, Source
 from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.recording.fleet import Fleet
@@ -91,9 +91,13 @@ class Channel(ABC):
         """Return what the model says, (W,), and the columns of the sources about it, (W, P)."""
 
     @abstractmethod
-    def cells(self, term: Term | None) -> Cells | None:
-        """Return the cells of a field term, or of places (None); None where the recording has no
-        positions."""
+    def cells(self, term: Term | None) -> Cells:
+        """Return the cells of a field term, or of places (None)."""
+
+    @property
+    def by_place(self) -> bool:
+        """Whether free power (or time) by place can be told."""
+        return True
 
     @abstractmethod
     def terms(self) -> list[Term]:
@@ -145,10 +149,8 @@ class Channel(ABC):
     def width(self, source: Source) -> int:
         """Return the number of columns of a source."""
         if isinstance(source, FieldSource):
-            cells, term = self.cells(source.physics), source.physics
-            assert cells is not None
-            return int(cells.root(term is not None and term.odd).shape[1])
-        return source.curve.width if isinstance(source, CurveSource) else 1
+            return int(self.cells(source.physics).root.shape[1])
+        return source.width if isinstance(source, FreeCurve) else 1
 
     def sampled(self, split: Split, share: float) -> "Channel":
         """Return the channel with such a share of what is held out together, evenly drawn."""
@@ -192,11 +194,10 @@ class Channel(ABC):
         """Return how many windows touch each value of a field, (C,)."""
         if term.name not in self._passes:
             cells = self.cells(term)
-            assert cells is not None
-            size = cells.size(term.odd)
+            size = cells.size
             total = np.zeros(size, np.int64)
             for motion, window in map(self.samples, self.units()):
-                for number, _ in cells.parts(motion, term.odd):
+                for number, _ in cells.parts(motion):
                     pairs = np.unique(window[number >= 0] * size + number[number >= 0])
                     total += np.bincount(pairs % size, minlength=size)
             self._passes[term.name] = total
@@ -213,8 +214,8 @@ class SourceColumns(ABC):
                 return self._knob(source)
             case FieldSource():
                 return self._field(source)
-            case CurveSource():
-                return self._curve(source.curve)
+            case FreeCurve():
+                return self._curve(source)
             case ErrorSource():
                 return self._error(source.name)
 

@@ -170,7 +170,8 @@ class EnergyChannel(Channel):
 
     def evaluation(self, block: Block, model: Model) -> Evaluation:
         """Return a block under a model."""
-        physics = model.physics(block.vehicle, block.motion, self.cells)
+        known = model if self.places is not None else replace(model, fields={})
+        physics = known.physics(block.vehicle, block.motion, self.cells)
         measured = np.nan_to_num(block.motion.power) if self.measured else None
         return Evaluation(block.motion, physics, self.name == "soc", measured)
 
@@ -187,10 +188,15 @@ class EnergyChannel(Channel):
         parts = [about.columns(s) for s in sources]
         return c.energy(block, e.power), np.concatenate(parts, axis=1).astype(np.float32)
 
-    def cells(self, term: Term | None) -> Cells | None:
-        """Return the cells of a field: the same for all; free power by place says nothing where power is
-        measured."""
-        return None if term is None and self.measured else self.places
+    def cells(self, term: Term | None) -> Cells:
+        """Return the cells of a field: the same for all."""
+        assert self.places is not None
+        return replace(self.places, odd=term is not None and term.odd)
+
+    @property
+    def by_place(self) -> bool:
+        """Whether there are places; where power is measured, free power by place says nothing."""
+        return self.places is not None and not self.measured
 
     def terms(self) -> list[Term]:
         """Return the terms that change the energy of this channel; without places none that has a field."""

@@ -2,6 +2,7 @@
 curve."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,14 +56,13 @@ class About(SourceColumns):
 
     def _field(self, source: FieldSource) -> Floats:
         term, motion = source.physics, self.block.motion
-        cells, odd = self.channel.cells(term), term is not None and term.odd
-        assert cells is not None
+        cells = self.channel.cells(term)
         slope = UNIT["moving"] * (motion.speed > 0.0) if term is None else self._slope(term)
         slope = slope * source.scope.share(self.block.vehicle, motion.time)
-        total = np.zeros((self.cut.count, cells.size(odd)))
-        for number, weight in cells.parts(motion, odd):
-            total += self.cut.energies(self.block, number, cells.size(odd), slope * weight)
-        return np.asarray(total @ cells.root(odd))
+        total = np.zeros((self.cut.count, cells.size))
+        for number, weight in cells.parts(motion):
+            total += self.cut.energies(self.block, number, cells.size, slope * weight)
+        return np.asarray(total @ cells.root)
 
     def _slope(self, term: Term) -> Floats:
         """(n,) derivative of the channel's power with respect to a field's coordinate, where it is now."""
@@ -82,30 +82,24 @@ class About(SourceColumns):
             total += np.bincount(self.cut.of_row * curve.width + column, weight * share, len(total))
         return total.reshape(self.cut.count, curve.width)
 
-    @property
+    @cached_property
     def _state(self) -> dict[str, Floats]:
-        if not hasattr(self, "_states"):
-            self._states = self.channel.state((self.block, self.cut))
-        return self._states
+        return self.channel.state((self.block, self.cut))
 
-    @property
+    @cached_property
     def _weights(self) -> dict[str, Floats]:
         """(rows,) kJ that a coefficient of one adds, by the mode of a curve."""
-        if not hasattr(self, "_by_mode"):
-            e, m = self.e, self.block.motion
-            moving = (m.speed > 0.0).astype(float)
-            power = {
-                "force": UNIT["force"] * GRAVITY * e.mass * e.gain,
-                "drive": UNIT["drive"] * np.maximum(e.force * e.gain, 0.0),
-                "power": np.full(len(m), UNIT["power"]),
-                "moving": UNIT["moving"] * moving,
-                "still": UNIT["still"] * (1.0 - moving),
-            }
-            row, rows = self.block.row, len(self.block)
-            self._by_mode = {
-                k: np.asarray(np.bincount(row, p * m.dt, rows) * 1e-3, float) for k, p in power.items()
-            }
-        return self._by_mode
+        e, m = self.e, self.block.motion
+        moving = (m.speed > 0.0).astype(float)
+        power = {
+            "force": UNIT["force"] * GRAVITY * e.mass * e.gain,
+            "drive": UNIT["drive"] * np.maximum(e.force * e.gain, 0.0),
+            "power": np.full(len(m), UNIT["power"]),
+            "moving": UNIT["moving"] * moving,
+            "still": UNIT["still"] * (1.0 - moving),
+        }
+        row, rows = self.block.row, len(self.block)
+        return {k: np.asarray(np.bincount(row, p * m.dt, rows) * 1e-3, float) for k, p in power.items()}
 
     def _error(self, name: str) -> Floats:
         change = {"lag": self._lagging, "ripple": self._rectified, "sampling": self._unseen}[name]()

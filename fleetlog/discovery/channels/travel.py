@@ -120,7 +120,8 @@ class TravelChannel(Channel):
 
     def cells(self, term: Term | None) -> Stretches:
         """Return the cells of a field: of roads, or of each direction of them."""
-        return self.lanes if term is not None and term.one_way else self.roads
+        found = self.lanes if term is not None and term.one_way else self.roads
+        return replace(found, odd=term is not None and term.odd)
 
     def terms(self) -> list[Term]:
         """Return the terms that change travel times."""

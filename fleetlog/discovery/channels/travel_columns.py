@@ -92,14 +92,14 @@ class About(SourceColumns):
         cells = self.channel.cells(term)
         assert isinstance(cells, Stretches)
         if term is None:
-            return self._by_cell(cells, UNIT["time"] * self.seconds) @ cells.root(False)
+            return self._by_cell(cells, UNIT["time"] * self.seconds) @ cells.root
         if term.acts == "wait":
-            return self._by_cell(cells, self.path.share * there) @ cells.root(False)
+            return self._by_cell(cells, self.path.share * there) @ cells.root
         first = term.parameters[0]
         now = np.asarray(self.physics.values.get(term.name, {}).get(first.name, first.neutral), dtype=float)
         # Where a cap binds, time goes with the inverse of the share of it that is driven.
         slope = np.where(self.capped, self.seconds * now, 0.0)
-        return np.asarray(self._by_cell(cells, slope * there) @ cells.root(term.odd))
+        return np.asarray(self._by_cell(cells, slope * there) @ cells.root)
 
     def _by_cell(self, cells: Stretches, values: Floats) -> Floats:
         return self._sorted(cells.at(self.path.motion)[0].astype(np.int64), len(cells), values)

@@ -42,16 +42,6 @@ class FreeCurve:
     """Names of the codes, where each class may have a value of its own that is told."""
 
     @property
-    def name(self) -> str:
-        """As ``power by time``."""
-        return f"{self.mode} by {' and '.join(self.variables) or 'state'}"
-
-    @property
-    def slow(self) -> bool:
-        """Whether it follows something that changes over hours."""
-        return bool(SLOW & set(self.variables))
-
-    @property
     def width(self) -> int:
         """Number of columns."""
         return 2 * self.harmonics or int(np.prod([len(k) for k in self.knots]))

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.curves import SLOW, FreeCurve
-from fleetlog.discovery.hypotheses.scope import FLEET, Scope, of_one
-from fleetlog.discovery.hypotheses.sources import CurveSource, FieldSource, KnobSource, Source
+from fleetlog.discovery.hypotheses.scope import FLEET, Scope
+from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource, Source
 from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Knob
 from fleetlog.physics.power import all_terms
@@ -61,21 +61,6 @@ class Hypothesis:
     """Of a field: the part of the time that it is there."""
 
     @property
-    def name(self) -> str:
-        """For tables and logs."""
-        s = self.scope
-        scope = f" of {s.vehicles}" if s.vehicles else ""
-        scope += f" {'growing' if s.drift else 'from'} {s.begin:.0f} to {s.until:.0f}" if s.timed else ""
-        form = (
-            f" ({', '.join(p.label for p in self.patterns)})"
-            if self.patterns
-            else " (field)"
-            if self.field and self.term
-            else ""
-        )
-        return (self.term or (self.curve.name if self.curve else "power by place")) + scope + form
-
-    @property
     def places(self) -> bool:
         """Whether it is free power by place."""
         return self.field and self.term is None
@@ -99,17 +84,10 @@ class Hypothesis:
     def sources(self) -> tuple[Source, ...]:
         """Where its columns come from."""
         if self.knobs:
-            shapes = tuple((n, 0.0) for n in self.shapes)
-            setting = self.setting if shapes else ()
-            return (*(KnobSource(k.column, setting) for k in self.knobs),)
+            return tuple(KnobSource(k.column, self.setting) for k in self.knobs)
         if self.curve is not None:
-            return (CurveSource(self.curve),)
+            return (self.curve,)
         return (FieldSource(self.term, self.when),)
-
-    @property
-    def shapes(self) -> tuple[str, ...]:
-        """Names of the shape parameters that it sets."""
-        return tuple(n for n, _ in self.setting)
 
     @property
     def depends_on(self) -> tuple[str, ...]:
@@ -152,10 +130,10 @@ def hypotheses(channel: Channel, only: tuple[str, ...] = ()) -> Iterator[Hypothe
             yield from _numbers(term, FLEET)
             if len(channel.vehicles) > 1:
                 for v in range(len(channel.vehicles)):
-                    yield from _numbers(term, of_one(v))
+                    yield from _numbers(term, Scope((v,)))
     for curve in channel.curves():
         yield Hypothesis(curve=curve)
-    if channel.cells(None) is not None:
+    if channel.by_place:
         yield Hypothesis(field=True)
 
 
@@ -174,9 +152,7 @@ def _numbers(term: Term, scope: Scope) -> Iterator[Hypothesis]:
             yield Hypothesis(term.name, (Knob(term.name, p.name, scope),), setting)
 
 
-def planes(term: Term, cells: Cells) -> tuple[Pattern, ...]:
+def planes(cells: Cells) -> tuple[Pattern, ...]:
     """Return the two patterns of an even slope of the whole site: rising to the east and to the north."""
-    if not term.odd:
-        return ()
     east, north = cells.directions()
     return Pattern(east.tobytes(), "whole site, east"), Pattern(north.tobytes(), "whole site, north")

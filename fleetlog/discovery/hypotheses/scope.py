@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from fleetlog.physics.own import share
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, order=True)
@@ -38,11 +37,6 @@ class Scope:
         """The one vehicle that it is, always; its columns are the fleet's, in the rows of the vehicle."""
         return self.vehicles[0] if len(self.vehicles) == 1 and not self.timed else None
 
-    @property
-    def always(self) -> Scope:
-        """The same vehicles at all times."""
-        return replace(self, begin=-np.inf, until=np.inf, drift=False)
-
     def covers(self, vehicle: int) -> bool:
         """Return whether a vehicle belongs to it."""
         return not self.vehicles or vehicle in self.vehicles
@@ -55,8 +49,3 @@ class Scope:
 
 
 FLEET = Scope()
-
-
-def of_one(vehicle: int) -> Scope:
-    """Return the scope of one vehicle."""
-    return Scope((vehicle,))

@@ -36,13 +36,6 @@ class FieldSource:
 
 
 @dataclass(frozen=True)
-class CurveSource:
-    """A free curve, one column a knot."""
-
-    curve: FreeCurve
-
-
-@dataclass(frozen=True)
 class ErrorSource:
     """What sampling hides from any model; ``spread`` is the standard deviation of its coefficient."""
 
@@ -50,7 +43,8 @@ class ErrorSource:
     spread: float
 
 
-Source = KnobSource | FieldSource | CurveSource | ErrorSource
+Source = KnobSource | FieldSource | FreeCurve | ErrorSource
+"""A free curve has one column a knot."""
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ and an even part (floor: the same).  Without a map there are squares instead, se
 :mod:`fleetlog.discovery.hypotheses.squares`.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,44 +28,66 @@ MOST = 300
 """More stretches than this are made longer instead: products of their columns are kept by fold."""
 
 
-class Cells(Protocol):
-    """Pieces of the floor that a field has values on."""
+@dataclass(frozen=True)
+class Cells(ABC):
+    """C pieces of the floor that a field has values on, with the ``middle`` (C, 2) of each [m]."""
+
+    middle: Floats
+    odd: bool = field(default=False, kw_only=True)
+    """Whether the field is odd in the direction of travel."""
+    _roots: dict[bool, tuple[Floats, Floats]] = field(default_factory=dict, kw_only=True, compare=False)
 
     def __len__(self) -> int:
-        """Number of pieces."""
-        ...
+        return len(self.middle)
 
-    def size(self, odd: bool) -> int:
-        """Number of values of a field that is odd, or even, in the direction of travel."""
-        ...
+    @property
+    def size(self) -> int:
+        """Number of values of a field."""
+        return len(self)
 
-    def parts(self, motion: Motion, odd: bool) -> list[Part]:
+    @abstractmethod
+    def at(self, motion: Motion) -> tuple[Index, Floats]:
+        """(N,) cell of each sample, -1 for none, and (N,) +1 or -1: driven as counted or against."""
+
+    def parts(self, motion: Motion) -> list[Part]:
         """Which values act on each sample, and with what weight."""
-        ...
+        cell, sign = self.at(motion)
+        return [(cell, sign if self.odd else np.ones(len(cell)))]
 
-    def root(self, odd: bool) -> Floats:
-        """L with L L' the prior covariance of the values."""
-        ...
+    def along(self, motion: Motion, values: Floats) -> Floats:
+        """(N,) a field looked up along a motion; 0 where it has no value."""
+        total = np.zeros(len(motion))
+        for number, weight in self.parts(motion):
+            total += np.where(number >= 0, values[np.maximum(number, 0)] * weight, 0.0)
+        return total
 
-    def in_basis(self, pattern: Floats, odd: bool) -> Floats:
-        """Return the coefficients in the basis of the root of a field."""
-        ...
+    @property
+    def root(self) -> Floats:
+        """L (values, modes) with L L' the prior covariance of the values."""
+        return self._both[0]
 
+    @property
+    def inverse(self) -> Floats:
+        """(modes, values) takes a field to its coefficients in the basis of the root, as near as may be."""
+        return self._both[1]
+
+    @property
+    def _both(self) -> tuple[Floats, Floats]:
+        if self.odd not in self._roots:
+            root = self._root()
+            self._roots[self.odd] = root, np.asarray(np.linalg.pinv(root), dtype=np.float64)
+        return self._roots[self.odd]
+
+    @abstractmethod
+    def _root(self) -> Floats: ...
+
+    @abstractmethod
     def directions(self) -> tuple[Floats, Floats]:
         """Return the values of an odd field of slope 1 to the east, and to the north."""
-        ...
-
-
-def along(cells: Cells, motion: Motion, values: Floats, odd: bool) -> Floats:
-    """(N,) a field looked up along a motion; 0 where it has no value."""
-    total = np.zeros(len(motion))
-    for number, weight in cells.parts(motion, odd):
-        total += np.where(number >= 0, values[np.maximum(number, 0)] * weight, 0.0)
-    return total
 
 
 @dataclass(frozen=True)
-class Stretches:
+class Stretches(Cells):
     """C stretches: ``road_edge`` (C,) the edge in whose direction they are counted, ``start``/``end``
     offsets along it [m].
 
@@ -82,19 +104,6 @@ class Stretches:
     sign: Floats
     alike: bool = True
     """Whether neighbours resemble each other."""
-    _roots: dict[bool, Floats] = field(default_factory=dict, compare=False)
-
-    def __len__(self) -> int:
-        return len(self.start)
-
-    def size(self, odd: bool) -> int:
-        """Number of values of a field: one a stretch, whatever its parity."""
-        return len(self)
-
-    def parts(self, motion: Motion, odd: bool) -> list[Part]:
-        """Which values of a field act on each sample, and with what weight."""
-        cell, sign = self.at(motion)
-        return [(cell, sign if odd else np.ones(len(cell)))]
 
     def at(self, motion: Motion) -> tuple[Index, Floats]:
         """(N,) stretch of each sample, -1 off the map, and (N,) +1 or -1: driven as counted or against."""
@@ -104,10 +113,6 @@ class Stretches:
         share = np.where(self.sign[edge] < 0, 1.0 - 1e-9 - share, share)
         cell = self.first[edge] + np.floor(share * self.count[edge]).astype(np.int32)
         return np.where(on, cell, -1).astype(np.int32), self.sign[edge]
-
-    def middle(self) -> Floats:
-        """(C, 2) middle of every stretch [m]."""
-        return self.network.position(self.road_edge, (self.start + self.end) / 2.0)[:, :2]
 
     def roads(self) -> list[tuple[int, int]]:
         """Return the first stretch of every road, and the one after its last."""
@@ -124,22 +129,13 @@ class Stretches:
         heading = self.network.heading(self.road_edge, (self.start + self.end) / 2.0)
         return np.cos(heading), np.sin(heading)
 
-    def in_basis(self, pattern: Floats, odd: bool) -> Floats:
-        """Return the coefficients in the basis of the root of a field."""
-        return np.asarray(np.linalg.solve(self.root(odd), pattern))
-
-    def root(self, odd: bool) -> Floats:
-        """Return L (C, C) with L L' the prior covariance: an own part, and one shared with neighbours on
-        the same road."""
-        if odd not in self._roots:
-            same = self.road_edge[:, None] == self.road_edge[None, :]
-            middle = (self.start + self.end) / 2.0
-            near = np.exp(-np.abs(middle[:, None] - middle[None, :]) / REACH)
-            shared = 0.9 * np.where(same, near, 0.0) if self.alike else 0.9 * np.eye(len(self))
-            self._roots[odd] = np.asarray(
-                np.linalg.cholesky(0.1 * np.eye(len(self)) + shared), dtype=np.float64
-            )
-        return self._roots[odd]
+    def _root(self) -> Floats:
+        """An own part, and one shared with neighbours on the same road."""
+        same = self.road_edge[:, None] == self.road_edge[None, :]
+        middle = (self.start + self.end) / 2.0
+        near = np.exp(-np.abs(middle[:, None] - middle[None, :]) / REACH)
+        shared = 0.9 * np.where(same, near, 0.0) if self.alike else 0.9 * np.eye(len(self))
+        return np.asarray(np.linalg.cholesky(0.1 * np.eye(len(self)) + shared), dtype=np.float64)
 
 
 def make_stretches(network: Network, *, apart: bool = False) -> Stretches:
@@ -159,4 +155,6 @@ def make_stretches(network: Network, *, apart: bool = False) -> Stretches:
     number = np.concatenate([np.arange(c) for c in count[own]]).astype(np.float64)
     size = np.repeat(network.length[own] / count[own], count[own])
     sign = np.where(forward, 1.0, -1.0)
-    return Stretches(network, road_edge, number * size, (number + 1.0) * size, first, count, sign, not apart)
+    start, end = number * size, (number + 1.0) * size
+    middle = network.position(road_edge, (start + end) / 2.0)[:, :2]
+    return Stretches(middle, network, road_edge, start, end, first, count, sign, not apart)

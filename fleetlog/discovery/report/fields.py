@@ -1,5 +1,6 @@
 """A field found, as places: which stretches stand out, merged along their roads, with intervals."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -7,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
-from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.hypotheses.squares import Squares
 from fleetlog.discovery.hypotheses.stretches import Cells, Stretches
 from fleetlog.discovery.model import field_values
-from fleetlog.discovery.report.finding import Parameter
-from fleetlog.discovery.search.intervals import NORMAL
+from fleetlog.discovery.report.finding import NORMAL, Parameter, interval
 from fleetlog.physics.field import Field, stretches
 from fleetlog.physics.term import Term
 
@@ -61,16 +60,8 @@ def told(cells: Cells, v: Values, term: Term, h: Hypothesis) -> tuple[dict[str, 
     if not mask.any():
         mask = np.abs(v.deviation) >= LARGE * float(np.abs(v.deviation).max(initial=0.0))
     rows = _merged(cells, v, mask, term) if isinstance(cells, Stretches) else []
-    middle = _middle(cells)
-    xy = middle[mask if len(mask) == len(middle) else mask.reshape(len(middle), -1).any(axis=1)]
-    low, high = xy.min(axis=0), xy.max(axis=0)
-    where = {"edges": rows, "extent": [float(low[0]), float(low[1]), float(high[0]), float(high[1])]}
+    where = {"edges": rows, "extent": extent(cells.middle[mask.reshape(len(cells), -1).any(axis=1)])}
     return (None if even and not rows else where), [_size(v, mask, term)]
-
-
-def _middle(cells: Cells) -> Floats:
-    assert isinstance(cells, Stretches | Squares)
-    return cells.middle() if isinstance(cells, Stretches) else cells.middle
 
 
 def _size(v: Values, mask: NDArray[np.bool_], term: Term) -> Parameter:
@@ -99,55 +90,53 @@ def _size(v: Values, mask: NDArray[np.bool_], term: Term) -> Parameter:
         worst = max(found, key=lambda r: float(v.deviation[r].sum()))
         mean = float(v.deviation[worst].sum())
         error = float((draws @ v.basis[worst].sum(axis=0)).std())
-    at = first.scaled(first.neutral) + mean
-    ends = sorted(first.value_of(at + s * NORMAL * error) for s in (-1.0, 1.0))
-    return Parameter(first.name, first.value_of(at), ends[0], ends[1], first.unit, first.neutral)
+    return interval(first, first.scaled(first.neutral) + mean, error, first.neutral)
 
 
-def extent_of(channel: Channel) -> dict[str, Any] | None:
-    """Return the extent of all cells."""
-    cells = channel.cells(None)
-    if cells is None:
-        return None
-    middle = _middle(cells)
-    low, high = middle.min(axis=0), middle.max(axis=0)
-    return {"edges": [], "extent": [float(low[0]), float(low[1]), float(high[0]), float(high[1])]}
+def extent(middle: Floats) -> list[float]:
+    """Return the least and the largest x and y of some cells, as the contract writes them."""
+    return [*middle.min(axis=0).tolist(), *middle.max(axis=0).tolist()]
+
+
+def row(cells: Stretches, run: NDArray[np.intp], value: float, low: float, high: float) -> dict[str, Any]:
+    """Return what holds on a run of stretches, as the contract writes it."""
+    return {
+        "edge_id": cells.network.edge_ids[cells.road_edge[run[0]]], "from": float(cells.start[run[0]]),
+        "to": float(cells.end[run[-1]]), "value": value, "low": low, "high": high,
+    }  # fmt: skip
 
 
 def _merged(cells: Stretches, v: Values, mask: NDArray[np.bool_], term: Term) -> list[dict[str, Any]]:
     first = term.parameters[0]
     zero = first.scaled(first.neutral)
     out = []
+    for c in runs_by_edge(cells, mask, np.sign(v.deviation), bridged=True):
+        weight = np.maximum(v.samples[c], 1).astype(float)
+        weight = np.ones(len(c)) if term.acts == "wait" else weight / weight.sum()
+        own = weight @ v.basis[c]
+        error = float(np.sqrt(max(own @ v.covariance @ own, 0.0)))
+        n = interval(first, zero + float(weight @ v.deviation[c]), error, first.neutral)
+        out.append(row(cells, c, n.value, n.low, n.high))
+    return sorted(out, key=lambda r: -abs(r["value"] - first.neutral) * (r["to"] - r["from"]))
+
+
+def runs_by_edge(
+    cells: Stretches, mask: NDArray[np.bool_], sign: Floats, *, bridged: bool = False
+) -> Iterator[NDArray[np.intp]]:
+    """Yield runs of kept stretches of one edge and sign; ``bridged`` over a single quiet one between two of
+    one sign."""
     for edge in np.unique(cells.road_edge[mask]):
         on = np.flatnonzero(cells.road_edge == edge)
-        keep, sign = mask[on].copy(), np.sign(v.deviation[on])
-        # A single quiet stretch between two of the same sign is part of the place.
-        keep[1:-1] |= keep[:-2] & keep[2:] & (sign[:-2] == sign[2:])
-        for run in runs(keep, sign):
-            c = on[run]
-            weight = np.maximum(v.samples[c], 1).astype(float)
-            weight = np.ones(len(c)) if term.acts == "wait" else weight / weight.sum()
-            mean = zero + float(weight @ v.deviation[c])
-            own = weight @ v.basis[c]
-            error = float(np.sqrt(max(own @ v.covariance @ own, 0.0)))
-            low, high = sorted(first.value_of(mean + s * NORMAL * error) for s in (-1.0, 1.0))
-            out.append({
-                "edge_id": cells.network.edge_ids[edge], "from": float(cells.start[c[0]]),
-                "to": float(cells.end[c[-1]]),
-                "value": first.value_of(mean), "low": low, "high": high,
-            })  # fmt: skip
-    return sorted(out, key=lambda r: -abs(r["value"] - first.neutral) * (r["to"] - r["from"]))
+        keep, own = mask[on].copy(), sign[on]
+        if bridged:
+            keep[1:-1] |= keep[:-2] & keep[2:] & (own[:-2] == own[2:])
+        yield from (on[run] for run in runs(keep, own))
 
 
 def runs(keep: NDArray[np.bool_], sign: Floats) -> list[NDArray[np.intp]]:
     """Return index runs of kept stretches of one sign."""
-    runs: list[list[int]] = []
-    for i in np.flatnonzero(keep):
-        if runs and i == runs[-1][-1] + 1 and sign[i] == sign[runs[-1][-1]]:
-            runs[-1].append(int(i))
-        else:
-            runs.append([int(i)])
-    return [np.array(r) for r in runs]
+    on = np.flatnonzero(keep)
+    return np.split(on, np.flatnonzero((np.diff(on) > 1) | (np.diff(sign[on]) != 0)) + 1) if len(on) else []
 
 
 def as_field(cells: Cells, v: Values, term: Term, network: Network | None) -> Field:

@@ -4,6 +4,11 @@ from dataclasses import asdict, dataclass, field
 from math import isfinite
 from typing import Any
 
+from fleetlog.physics import term
+
+NORMAL = 1.959964
+"""Standard errors on either side of which 95 % of a normal variable lies."""
+
 
 @dataclass
 class Parameter:
@@ -15,6 +20,37 @@ class Parameter:
     high: float
     unit: str
     nominal: float = 0.0
+
+
+def interval(p: term.Parameter, at: float, error: float, nominal: float) -> Parameter:
+    """Return a number that stands at a coordinate, of this standard error."""
+    low, high = sorted(p.value_of(at + s * NORMAL * error) for s in (-1.0, 1.0))
+    return Parameter(p.name, p.value_of(at), low, high, p.unit, nominal)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """What a finding is judged by: the error on unseen trips without and with it, and how likely chance alone
+    makes the difference."""
+
+    metric: str
+    before: float | None
+    after: float | None
+    p_value: float | None
+
+    @property
+    def gain(self) -> float | None:
+        """How much smaller the error is with it."""
+        return None if self.before is None or self.after is None else self.before - self.after
+
+    @property
+    def fit(self) -> dict[str, Any]:
+        """As the contract writes the errors."""
+        return {"metric": self.metric, "before": self.before, "after": self.after}
+
+    def evidence(self, alternatives: list[dict[str, Any]]) -> dict[str, Any]:
+        """Return the evidence as the contract writes it."""
+        return {"p_value": self.p_value, "held_out_gain": self.gain, "alternatives": alternatives}
 
 
 @dataclass
@@ -35,18 +71,6 @@ class Finding:
     fit: dict[str, Any]
     strength: float = 0.0
     """Share of the energy (or time) that it makes up, for the order; not written."""
-
-
-@dataclass
-class Adjustment:
-    """A small correction within the tolerance of truck file or logger, of one ``vehicle`` or all."""
-
-    name: str
-    vehicle: str | None
-    value: float
-    low: float
-    high: float
-    unit: str
 
 
 @dataclass
@@ -75,7 +99,8 @@ class Verdict:
 
     channels: list[ChannelFit]
     findings: list[Finding]
-    adjustments: list[Adjustment]
+    adjustments: list[dict[str, Any]]
+    """Small corrections within the tolerance of truck file or logger, of one vehicle or all."""
     unexplained: list[str] = field(default_factory=list)
     """Channels whose error stays above the noise floor."""
     notes: list[str] = field(default_factory=list)
@@ -104,7 +129,7 @@ class Verdict:
             "verdict": self.word,
             "channels": [asdict(c) for c in self.channels],
             "findings": [asdict(f, dict_factory=_written) for f in self.findings],
-            "adjustments": [asdict(a) for a in self.adjustments],
+            "adjustments": self.adjustments,
             "notes": self.notes,
         }
 

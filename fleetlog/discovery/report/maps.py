@@ -4,12 +4,11 @@ bad trip."""
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.motion import Motion
 from fleetlog.core.result import EdgeValues, Grid, Series, Shape
 from fleetlog.discovery.channels.energy import EnergyChannel
 from fleetlog.discovery.explain import Explained
 from fleetlog.discovery.hypotheses.squares import Squares
-from fleetlog.discovery.hypotheses.stretches import Cells, Stretches
+from fleetlog.discovery.hypotheses.stretches import Stretches
 from fleetlog.discovery.model import Model
 
 Floats = NDArray[np.float64]
@@ -45,7 +44,7 @@ def _mismatch(channel: EnergyChannel, model: Model, name: str) -> Shape | None:
         block, _ = unit.own
         m = block.motion
         residual = np.nan_to_num((m.power - channel.evaluation(block, model).power) * m.dt)
-        cell, way = _at(cells, m)
+        cell, way = cells.at(m)
         on = (cell >= 0) & (m.speed > 0.0)
         at = ((way[on] < 0).astype(int), cell[on])
         np.add.at(total, at, residual[on])
@@ -55,13 +54,6 @@ def _mismatch(channel: EnergyChannel, model: Model, name: str) -> Shape | None:
         return _edge_values(cells, value, seconds > FEWEST, name, label)
     assert isinstance(cells, Squares)
     return _grid(cells, value[0], name, label)
-
-
-def _at(cells: Cells, m: Motion) -> tuple[NDArray[np.int32], Floats]:
-    if isinstance(cells, Stretches):
-        return cells.at(m)
-    assert isinstance(cells, Squares)
-    return cells.number(m.x, m.y), np.ones(len(m))
 
 
 def _edge_values(

@@ -99,7 +99,6 @@ def beside(
 ) -> Iterator[tuple[Beside, Added]]:
     """Yield a joint model, and each of several sets of further coefficients' columns, by folds of trips or of
     stretches of hours."""
-    assert joint.design is not None and joint.fitted is not None
     known = [
         not slow or (a.vehicle is None and a.columns.max() < sums.layout.core) for a in joint.design.atoms
     ]

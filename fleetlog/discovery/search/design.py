@@ -12,7 +12,7 @@ from scipy import sparse
 
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
-from fleetlog.discovery.hypotheses.scope import of_one
+from fleetlog.discovery.hypotheses.scope import Scope
 from fleetlog.discovery.hypotheses.sources import KnobSource, Layout, Source
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.search.ridge import Normal, Prior
@@ -149,7 +149,7 @@ def make_design(
     if by_vehicle and len(channel.vehicles) > 1:
         for knob in channel.adjustable():
             for v in range(len(channel.vehicles)):
-                own = replace(knob, scope=of_one(v))
+                own = replace(knob, scope=Scope((v,)))
                 if own not in freed:
                     atoms.append(_tolerance(channel, layout, model, own))
     for source in channel.errors():
@@ -191,19 +191,13 @@ def of_hypothesis(
         return [_free(layout, model, h, k, s) for k, s in zip(h.knobs, h.sources, strict=True)]
     columns = np.array(layout.at(h.sources[0]), dtype=np.int64)
     if h.patterns:
-        cells = channel.cells(h.physics)
-        assert cells is not None and h.physics is not None
-        return [
-            Atom(columns, w, 1e-9, owner=h)
-            for w in (cells.in_basis(p.weights, h.physics.odd) for p in h.patterns)
-        ]
+        basis = channel.cells(h.physics).inverse
+        return [Atom(columns, basis @ p.weights, 1e-9, owner=h) for p in h.patterns]
     usual = h.physics.parameters[0].usual if h.physics else 1.0
     precision = 1.0 / (h.variance * usual**2)
     now = np.zeros(len(columns))
-    if fitted and h.physics is not None and h.term in model.fields:
-        cells = channel.cells(h.physics)
-        assert cells is not None
-        now = cells.in_basis(model.fields[h.term], h.physics.odd)
+    if fitted and h.term in model.fields:
+        now = channel.cells(h.physics).inverse @ model.fields[h.term]
     return [
         Atom(columns[i : i + 1], np.ones(1), precision, -float(now[i]), owner=h) for i in range(len(columns))
     ]

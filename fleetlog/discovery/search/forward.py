@@ -1,7 +1,7 @@
 """The search: add what predicts best, try its rivals in its place, drop what is not needed, until nothing
 material is left."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -39,7 +39,6 @@ class Search:
     base: Joint
     joint: Joint
     rivals: dict[Hypothesis, list[Rival]] = field(default_factory=dict)
-    log: list[str] = field(default_factory=list)
     best_untold: Hypothesis | None = None
 
 
@@ -48,7 +47,7 @@ def search(problem: Problem, nominal: Model) -> Search:
     base = refit(problem, nominal, [])
     found = Search(base, base)
     while len(found.joint.chosen) < problem.settings.most_findings:
-        sums = problem.sums(found.joint.model, _all(problem, found.joint.chosen))
+        sums = problem.sums(found.joint.model, list(dict.fromkeys([*problem.rest, *found.joint.chosen])))
         now = tuned(problem, sums, found.joint.model, found.joint.chosen)
         better = _step(problem, sums, now, found)
         if better is None:
@@ -57,10 +56,6 @@ def search(problem: Problem, nominal: Model) -> Search:
             break
         found.joint = better
     return _pruned(problem, found)
-
-
-def _all(problem: Problem, chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
-    return list(dict.fromkeys([*problem.rest, *chosen]))
 
 
 def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | None:
@@ -79,16 +74,12 @@ def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | No
     return _best(problem, now, found, screened, waits) if waits else None
 
 
-def _share(s: Screened) -> float:
-    return NUMBERS if s.hypothesis.knobs else OTHERS
-
-
 def _best(
     problem: Problem, now: Joint, found: Search, screened: list[Screened], worth: list[Screened]
 ) -> Joint | None:
     """Return the model with the best of some hypotheses added, None where none of them counts."""
     best = max((s.gain for s in worth), default=0.0)
-    near = [s for s in worth if s.gain > _share(s) * best]
+    near = [s for s in worth if s.gain > (NUMBERS if s.hypothesis.knobs else OTHERS) * best]
     close = _close(problem, screened, worth)
     rivals = [s.hypothesis for s in close]
     beside = {s.hypothesis: s.beside or now.chosen for s in (*near, *close)}
@@ -96,8 +87,7 @@ def _best(
     slow = {s.hypothesis.kind: s for s in screened if s.hypothesis.slow}
     tried = [_no_better_than(now, j, slow.get(j.chosen[-1].kind)) for j in tried]
     ranked = sorted(tried, key=lambda j: j.score)
-    _note(found, now, screened, ranked)
-    counting = _counting(problem, now, found, [j for j in ranked if j.chosen[-1] not in rivals])
+    counting = _counting(problem, now, [j for j in ranked if j.chosen[-1] not in rivals])
     first = next(counting, None)
     if first is not None and first.chosen[-1].places:
         # What the names say of places goes first: free time by place takes up all of it, and what no name
@@ -110,16 +100,14 @@ def _best(
     return first
 
 
-def _counting(problem: Problem, now: Joint, found: Search, ranked: list[Joint]) -> Iterator[Joint]:
+def _counting(problem: Problem, now: Joint, ranked: list[Joint]) -> Iterator[Joint]:
     """Yield what may be added to the model, in the order in which it may."""
     for joint in _by_simplicity(problem, ranked):
         if now.score - joint.score < problem.settings.evidence or _on_bound(problem, joint):
             continue
         if any(_is_part_of(joint, other) for other in ranked):
             continue
-        size = size_of(problem, now, joint)
-        found.log.append(f"{joint.chosen[-1].name}: share {size.share:.4f} verified {size.verified:.4f}")
-        if _counts(problem, joint.chosen[-1], size):
+        if _counts(problem, joint.chosen[-1], size_of(problem, now, joint)):
             yield joint
 
 
@@ -205,7 +193,6 @@ def _close(problem: Problem, screened: list[Screened], worth: list[Screened]) ->
 
 def _on_edge(problem: Problem, now: Joint) -> list[Hypothesis]:
     """Numbers of the truck file that stand on the edge of their tolerance: they may lie beyond it."""
-    assert now.design is not None and now.fitted is not None
     knobs = {
         a.knob
         for a, b in zip(now.design.atoms, now.fitted.beta, strict=True)
@@ -264,7 +251,6 @@ def simplicity(joint: Joint) -> int:
 def _on_bound(problem: Problem, joint: Joint) -> bool:
     """Whether the last hypothesis needs an implausible number."""
     h = joint.chosen[-1]
-    assert joint.design is not None and joint.fitted is not None
     pairs = zip(joint.design.atoms, joint.fitted.beta, strict=True)
     if any(a.owner == h and not a.low < b < a.high for a, b in pairs):
         return True
@@ -317,12 +303,5 @@ def _pruned(problem: Problem, found: Search) -> Search:
         best = min(shorter, key=lambda j: j.score)
         if best.score - found.joint.score > problem.settings.evidence:
             break
-        found.log.append("dropped " + ", ".join(h.name for h in found.joint.chosen if h not in best.chosen))
         found.joint = best
     return found
-
-
-def _note(found: Search, now: Joint, screened: list[Screened], ranked: list[Joint]) -> None:
-    linear = "; ".join(f"{s.hypothesis.name} {s.gain:.0f}" for s in screened[:8])
-    exact = "; ".join(f"{j.chosen[-1].name} {now.score - j.score:.0f}" for j in ranked)
-    found.log.append(f"screened: {linear} | exact: {exact}")

@@ -40,10 +40,10 @@ class Joint:
     chosen: tuple[Hypothesis, ...]
     losses: Floats
     score: float
-    energy: float = 1.0
+    energy: float
     """Weighted square of the recorded quantity, in the unit of the losses."""
-    design: Design | None = None
-    fitted: Fitted | None = None
+    design: Design
+    fitted: Fitted
 
 
 def verified(worse: Joint, better: Joint) -> float:
@@ -57,8 +57,7 @@ def scored(
 ) -> Joint:
     """Return a set of hypotheses fitted linearly about a model, the truck file taken to be as good as
     fits best."""
-    noise = problem.noise
-    assert noise is not None
+    unit = 2.0 * problem.noise.design
     design = make_design(problem.channel, sums.layout, model, chosen)
     normal = design.normal(sums)
     cost = sum(problem.settings.parameter * h.numbers + h.choices for h in chosen)
@@ -66,11 +65,9 @@ def scored(
     for share in shares:
         own = design.scaled(share)
         fitted = cross_validated(normal, own.prior)
-        losses = fitted.losses / (2.0 * noise.design)
+        losses = fitted.losses / unit
         score = float(losses.sum()) + fitted.penalty + own.occam(normal, share) + cost
-        out.append(
-            Joint(model, tuple(chosen), losses, score, sums.energy / (2.0 * noise.design), own, fitted)
-        )
+        out.append(Joint(model, tuple(chosen), losses, score, sums.energy / unit, own, fitted))
     return min(out, key=lambda j: j.score)
 
 
@@ -97,7 +94,6 @@ def tightened(chosen: tuple[Hypothesis, ...]) -> list[tuple[Hypothesis, ...]]:
 def moved(joint: Joint, problem: Problem) -> tuple[Model, float]:
     """Return the model after the step of a fit, and how far the boldest number went, as a share of its
     range."""
-    assert joint.design is not None and joint.fitted is not None
     steps: dict[Knob, float] = {}
     fields: dict[str, Floats] = {}
     far = 0.0
@@ -126,9 +122,8 @@ def moved(joint: Joint, problem: Problem) -> tuple[Model, float]:
 
 
 def _add_field(problem: Problem, fields: dict[str, Floats], h: Hypothesis, i: int, step: float) -> None:
-    cells = problem.channel.cells(h.physics)
-    assert cells is not None and h.physics is not None and h.term is not None
-    shape = h.patterns[i].weights if h.patterns else cells.root(h.physics.odd)[:, i]
+    assert h.term is not None
+    shape = h.patterns[i].weights if h.patterns else problem.channel.cells(h.physics).root[:, i]
     change = step * shape
     fields[h.term] = fields.get(h.term, np.zeros(len(change))) + change
 

@@ -1,40 +1,28 @@
 """The last judgement: errors on trips that nothing has read, of exactly the model that is written."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from scipy.special import stdtr
 
 from fleetlog.discovery.channels.base import Unit
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.splits import HELD_OUT
-from fleetlog.discovery.search.floor import noise_floor
+from fleetlog.discovery.report.finding import ChannelFit, Errors
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.sizes import predicted
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 FEWEST_CLUSTERS = 3
-
-
-@dataclass(frozen=True)
-class Scores:
-    """Errors on held-out trips: ``before``, ``after``, ``floor``, and of the model without each finding;
-    p-values of these.
-
-    ``beside``: of the model with a free curve beside it.  None where too little was held out to say.
-    """
-
-    before: float | None
-    after: float | None
-    floor: float | None
-    without: dict[Hypothesis, float]
-    p_values: dict[Hypothesis, float]
-    beside: dict[Hypothesis, float]
+NEIGHBOURS = 10
+FEWEST = 50
+"""Windows from which on a noise floor is told."""
 
 
 def judge(
@@ -43,37 +31,35 @@ def judge(
     after: Model,
     without: dict[Hypothesis, Model],
     beside: dict[Hypothesis, Joint],
-) -> Scores:
-    """Return the errors of models, and of fits with a free curve beside the last of them, on what was held
-    out."""
-    units = list(problem.held_out())
+) -> tuple[ChannelFit, dict[Hypothesis, Errors]]:
+    """Return the errors of a model before and after on what was held out, and those of each finding: of the
+    model ``without`` it, or of the fit with a free curve ``beside``."""
+    channel, units = problem.channel, list(problem.held_out())
     energy = _pooled(units, lambda u: u.recorded)
     if not len(energy) or not energy.any():
-        return Scores(None, None, None, {}, {}, {})
+        reason = "too few trips to hold some out; record more"
+        return ChannelFit(channel.name, channel.metric, None, None, None, reason), {}
     size = float(np.sqrt(np.mean(energy**2)))
 
     def left(model: Model) -> Floats:
-        return _pooled(units, lambda u: u.recorded - problem.channel.predict(u, model))
+        return _pooled(units, lambda u: u.recorded - channel.predict(u, model))
 
     def kept_back(joint: Joint) -> Floats:
         return _pooled(units, lambda u: u.recorded - predicted(problem, u, joint))
 
-    old, new = left(before), left(after)
-    others = {h: left(model) for h, model in without.items()}
-    cluster = _clusters(problem, units)
-    free = {h: kept_back(joint) for h, joint in beside.items()}
-    floor = _floor(problem, before)
-
     def error(residual: Floats) -> float:
         return float(np.sqrt(np.mean(residual**2))) / size
 
-    return Scores(
-        error(old), error(new), None if floor is None else floor / size,
-        {h: error(r) for h, r in others.items()},
-        {h: p_value(r, r - new, cluster) for h, r in others.items()}
-        | {h: p_value(new, new - r, cluster) for h, r in free.items()},
-        {h: error(r) for h, r in free.items()},
-    )  # fmt: skip
+    new, cluster = left(after), _clusters(problem, units)
+    pairs = {h: (left(model), new) for h, model in without.items()}
+    pairs |= {h: (new, kept_back(joint)) for h, joint in beside.items()}
+    told = {
+        h: Errors(channel.metric, error(one), error(other), p_value(one, one - other, cluster))
+        for h, (one, other) in pairs.items()
+    }
+    floor = _floor(problem, before)
+    told_floor = None if floor is None else floor / size
+    return ChannelFit(channel.name, channel.metric, error(left(before)), error(new), told_floor), told
 
 
 def strongest(problem: Problem, base: Joint, joint: Joint) -> float | None:
@@ -86,7 +72,7 @@ def strongest(problem: Problem, base: Joint, joint: Joint) -> float | None:
     return p_value(residual, effect, _clusters(problem, units))
 
 
-def p_value(residual: Floats, effect: Floats, cluster: NDArray[np.int64]) -> float:
+def p_value(residual: Floats, effect: Floats, cluster: Ints) -> float:
     """Return how likely trips that nothing has read speak so much for an effect by chance (one-sided,
     trips independent).
 
@@ -107,7 +93,7 @@ def _pooled(units: Sequence[Unit], value: Callable[[Unit], Floats]) -> Floats:
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def _clusters(problem: Problem, units: Sequence[Unit]) -> NDArray[np.int64]:
+def _clusters(problem: Problem, units: Sequence[Unit]) -> Ints:
     return np.concatenate([problem.split.unit(u.windows)[u.whole] for u in units])
 
 
@@ -126,3 +112,27 @@ def _floor(problem: Problem, before: Model) -> float | None:
     # Alike windows repeat what the uncertainty of their motion does to them; that part is known without them.
     stated = np.concatenate([u.noise[u.whole] for u in problem.held_out()])
     return max(repeated, float(np.sqrt(np.mean(stated))))
+
+
+def noise_floor(features: Floats, residual: Floats, trip: Ints, wanted: NDArray[np.bool_]) -> float | None:
+    """Return the noise in the ``wanted`` windows (root mean square); None with too few windows.
+
+    Windows that are alike (place, direction, load, pace) differ by noise alone.  Half the mean square of the
+    difference of their residuals, extrapolated to windows that are alike in everything, is its variance (the
+    gamma test: Stefánsson, Končar and Jones 1997, doi 10.1007/BF01413858).  ``features`` (W, d), ``residual``
+    (W,), ``trip`` (W,): windows of one trip share its noise and are not compared.
+    """
+    if len(residual) < FEWEST or wanted.sum() < NEIGHBOURS:
+        return None
+    distance, near = cKDTree(features).query(features[wanted], k=min(6 * NEIGHBOURS, len(residual)))
+    other = trip[near] != trip[wanted][:, None]
+    half = 0.5 * (residual[near] - residual[wanted][:, None]) ** 2
+    rank = np.cumsum(other, axis=1)
+    use = other & (rank <= NEIGHBOURS)
+    if not use.any():
+        return None
+    count, apart, off = (np.bincount(rank[use], w)[1:] for w in (None, distance[use] ** 2, half[use]))
+    delta, gamma = apart / count, off / count
+    slope, start = np.polyfit(delta, gamma, 1) if len(delta) > 2 and np.ptp(delta) > 0 else (0.0, gamma[0])
+    nearest = float(gamma[0])
+    return float(np.sqrt(np.clip(start if slope > 0 else nearest, 0.25 * nearest, nearest)))

@@ -20,11 +20,7 @@ def pattern_hypotheses(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis
     """Return simple shapes of a field hypothesis: an even slope of the site, one stretch of road, two,
     and so on."""
     cells = problem.channel.cells(h.physics)
-    assert cells is not None and h.physics is not None
-    out = []
-    even = planes(h.physics, cells)
-    if even:
-        out.append(Hypothesis(h.term, patterns=even))
+    out = [Hypothesis(h.term, patterns=planes(cells))] if cells.odd else []
     if isinstance(cells, Stretches):
         found = _stretches(problem, sums, joint, h, cells)
         out += [Hypothesis(h.term, patterns=tuple(found[: i + 1])) for i in range(len(found))]
@@ -32,7 +28,7 @@ def pattern_hypotheses(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis
 
 
 def _stretches(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis, cells: Stretches) -> list[Pattern]:
-    assert problem.noise is not None and h.physics is not None
+    assert h.physics is not None
     moment, product = _by_cell(problem, sums, joint, h)
     evident = 2.0 * problem.noise.design * (problem.settings.parameter + 5.0)
     passes = problem.channel.passes(h.physics)
@@ -59,11 +55,9 @@ def _stretches(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis, cells:
 def _by_cell(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis) -> tuple[Floats, Floats]:
     """(C,) moments and (C, C) products of the cells themselves beside the model: the columns are in the
     basis of the prior."""
-    cells = problem.channel.cells(h.physics)
-    assert cells is not None and h.physics is not None
     own = of_hypothesis(problem.channel, sums.layout, joint.model, h)
     left = next(model.left(columns) for model, columns in beside(joint, sums, [own]))
-    back = np.linalg.inv(cells.root(h.physics.odd))
+    back = problem.channel.cells(h.physics).inverse
     return back.T @ left.moment, back.T @ left.product @ back
 
 

@@ -27,7 +27,8 @@ class Problem:
     split: Split
     settings: Settings
     rest: tuple[Hypothesis, ...]
-    noise: Noise | None = None
+    noise: Noise = field(init=False)
+    """What :meth:`learn` measured."""
     _folds: dict[int, tuple[Ints, Ints]] = field(default_factory=dict)
 
     def folds(self, number: int, unit: Unit) -> tuple[Ints, Ints]:
@@ -36,13 +37,10 @@ class Problem:
             self._folds[number] = self.split.fold(unit.windows), self.split.slow_fold(unit.windows)
         return self._folds[number]
 
-    def base_sources(self) -> list[Source]:
-        """Return the sources of what may be a little off: tolerances and what sampling hides."""
-        return [*(KnobSource(k) for k in self.channel.adjustable()), *self.channel.errors()]
-
     def layout(self, hypotheses: Sequence[Hypothesis]) -> Layout:
         """Return the columns of the base and of hypotheses."""
-        sources = list(dict.fromkeys([*self.base_sources(), *(s for h in hypotheses for s in h.sources)]))
+        base: list[Source] = [*(KnobSource(k) for k in self.channel.adjustable()), *self.channel.errors()]
+        sources = list(dict.fromkeys([*base, *(s for h in hypotheses for s in h.sources)]))
         sources.sort(key=lambda s: isinstance(s, FieldSource) - isinstance(s, KnobSource))
         return lay_out(sources, [self.channel.width(s) for s in sources])
 
@@ -67,7 +65,7 @@ class Problem:
 
     def learn(self, model: Model, hypotheses: Sequence[Hypothesis]) -> None:
         """Measure the noise by what the hypotheses leave, where it is not known."""
-        if self.noise is None:
+        if not hasattr(self, "noise"):
             tables = self._tables(model, self.layout(hypotheses))
             self.noise = learn(tables, self.settings, self.channel.model_error, self.split.unit)
 
@@ -76,7 +74,6 @@ class Problem:
         training windows."""
         self.learn(model, hypotheses)
         layout = self.layout(hypotheses)
-        assert self.noise is not None
         sums = Sums.empty(layout, self.settings.folds, len(self.channel.vehicles))
         for i, unit, modelled, x in self._tables(model, layout):
             w, use = unit.windows, unit.whole

@@ -156,7 +156,6 @@ def _numbers(now: Joint, screened: Sequence[Screened]) -> list[Hypothesis]:
 
 
 def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slotted:
-    assert now.design is not None and now.fitted is not None and problem.noise is not None
     layout = problem.layout([*now.chosen, *numbers])
     design = make_design(problem.channel, layout, now.model, now.chosen)
     added = Design(tuple(of_hypothesis(problem.channel, layout, now.model, h)[0] for h in numbers))

@@ -53,7 +53,6 @@ def _screen(
     problem: Problem, sums: Sums, joint: Joint, tried: Sequence[Hypothesis], slow: bool
 ) -> Iterator[Screened]:
     """Yield every hypothesis, those with a prior of unknown width at several widths."""
-    assert problem.noise is not None
     mine = [(h, of_hypothesis(problem.channel, sums.layout, joint.model, h)) for h in tried if h.slow == slow]
     ends = itertools.accumulate(len(own) for _, own in mine)
     grouped = itertools.groupby(zip(mine, ends, strict=True), lambda pair: pair[1] // TOGETHER)

@@ -37,7 +37,6 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
 
     Of a free curve only what tolerances cannot say as well: the difference that it makes beside them.
     """
-    assert problem.noise is not None
     h = joint.chosen[-1]
     before = now if h.term is None else replace(joint, model=without(joint, h))
     effects, energies, weights, levels, within = [], [], [], [], []
@@ -65,20 +64,9 @@ def without(joint: Joint, h: Hypothesis) -> Model:
 def predicted(problem: Problem, unit: Unit, joint: Joint) -> Floats:
     """Return what a fit says of every window, (W,): its model and, of free curves, what their
     coefficients add."""
-    out = problem.channel.predict(unit, joint.model)
-    return out + _curves(problem, unit, joint)
-
-
-def _curves(problem: Problem, unit: Unit, joint: Joint) -> Floats:
-    free = [h for h in joint.chosen if h.term is None]
-    if not free:
-        return np.zeros(len(unit.windows))
-    sources = [h.sources[0] for h in free]
-    _, x = problem.channel.columns(unit, joint.model, sources)
-    assert joint.design is not None and joint.fitted is not None
-    beta = [
-        b
-        for a, b in zip(joint.design.atoms, joint.fitted.beta, strict=True)
-        if a.owner is not None and a.owner.term is None
-    ]
-    return np.asarray(x @ np.array(beta))
+    sources = [h.sources[0] for h in joint.chosen if h.term is None]
+    if not sources:
+        return problem.channel.predict(unit, joint.model)
+    out, x = problem.channel.columns(unit, joint.model, sources)
+    own = [a.owner is not None and a.owner.term is None for a in joint.design.atoms]
+    return np.asarray(out + x @ joint.fitted.beta[own])

@@ -1,0 +1,81 @@
+"""Findings that need no search: faults of the recording, and time lost to other trucks."""
+
+from typing import Any
+
+import numpy as np
+
+from fleetlog.discovery.channels.base import Channel
+from fleetlog.discovery.channels.lost import Lost
+from fleetlog.discovery.hypotheses.stretches import Stretches
+from fleetlog.discovery.recording.sensors import Fault
+from fleetlog.discovery.report import words
+from fleetlog.discovery.report.fields import LARGE, Values, extent, row, runs_by_edge
+from fleetlog.discovery.report.finding import NORMAL, Errors, Finding, Parameter
+from fleetlog.discovery.settings import Settings
+from fleetlog.physics.power import all_terms
+from fleetlog.physics.term import Term
+
+
+def of_fault(fault: Fault) -> Finding:
+    """Return the finding of a fault; it goes first, as everything else is judged with it put right."""
+    term, half = all_terms()[fault.term], NORMAL * fault.error
+    first = term.parameters[0]
+    number = Parameter(
+        first.name, fault.value, fault.value - half, fault.value + half, first.unit, first.neutral
+    )
+    errors = Errors(fault.metric, fault.before, fault.after, fault.p_value)
+    found = _finding(term, fault.channel, number, errors, None, 1.0 + fault.before)
+    found.when = {"vehicles": {v: float(x) for v, x in fault.by_vehicle.items()}}
+    found.scope["vehicles"] = None if fault.all_vehicles else sorted(fault.by_vehicle)
+    return found
+
+
+def counts(lost: Lost, settings: Settings) -> bool:
+    """Whether time lost is beyond chance, and material where another truck was in the way."""
+    return lost.p_value < float(np.exp(-settings.evidence)) and lost.share >= settings.material * lost.touched
+
+
+def of_lost(lost: Lost, channel: Channel, errors: Errors) -> Finding:
+    """Return the finding of time lost; ``errors`` with the windows in which that happened, and without."""
+    term = next(t for t in all_terms().values() if t.acts == "traffic")
+    lanes = channel.cells(term)
+    assert isinstance(lanes, Stretches)
+    first, half = term.parameters[0], NORMAL * lost.error
+    share = Parameter(first.name, lost.share, max(lost.share - half, 0.0), lost.share + half, first.unit)
+    return _finding(term, channel.name, share, errors, _where(lost, lanes), lost.share)
+
+
+def values(lost: Lost) -> Values:
+    """Return the share of the time lost by stretch of lane, for pictures and files."""
+    time = np.maximum(lost.time, 1e-9)
+    nothing = np.zeros((len(time), 0))
+    return Values(lost.lost / time, lost.spread / time, lost.passages, nothing, np.zeros((0, 0)))
+
+
+def _finding(
+    term: Term, channel: str, number: Parameter, errors: Errors, where: dict[str, Any] | None, strength: float
+) -> Finding:
+    text, everyone = (
+        words.statement(term, [number], where, None),
+        {"vehicles": None, "from": None, "until": None},
+    )
+    return Finding(
+        term.name, channel, text, [], None, list(term.depends_on), where, None, everyone, [number],
+        errors.evidence([]), errors.fit, strength,
+    )  # fmt: skip
+
+
+def _where(lost: Lost, lanes: Stretches) -> dict[str, Any]:
+    """Stretches of lane where most is lost, the worst first; ``value`` is the share of the time spent
+    there."""
+    sure = lost.lost > NORMAL * lost.spread
+    sure = sure if sure.any() else lost.lost >= lost.lost.max()
+    keep = sure & (lost.lost >= LARGE * float(np.quantile(lost.lost[sure], 0.9)))
+    rows = []
+    for run in runs_by_edge(lanes, keep, np.ones(len(lanes))):
+        seconds, time = float(lost.lost[run].sum()), max(float(lost.time[run].sum()), 1e-9)
+        half = NORMAL * float(np.sqrt((lost.spread[run] ** 2).sum()))
+        ends = max(seconds - half, 0.0) / time, (seconds + half) / time
+        rows.append((seconds, row(lanes, run, seconds / time, *ends)))
+    ordered = [r for _, r in sorted(rows, key=lambda r: -r[0])]
+    return {"edges": ordered, "extent": extent(lanes.middle[keep])}
