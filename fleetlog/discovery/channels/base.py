@@ -4,7 +4,7 @@ do alike."""
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,10 @@ from fleetlog.discovery.hypotheses.curves import FreeCurve, knots_of
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, Source
 from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Knob, Model
+from fleetlog.discovery.recording.blocks import picked, stacked
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import Split
-from fleetlog.discovery.recording.windows import Windows, join
+from fleetlog.discovery.recording.windows import Windows
 from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
@@ -49,10 +50,7 @@ class Unit:
 
     def part(self, keep: NDArray[np.bool_], own: Any) -> "Unit":
         """Return some of the windows, (W,), with the channel's ``own`` of these."""
-        own_of: dict[str, Any] = {
-            f.name: getattr(self, f.name)[keep] for f in fields(self) if f.name != "own"
-        }
-        return Unit(**own_of, own=own)
+        return Unit(**picked(self, keep, "own"), own=own)
 
 
 @dataclass
@@ -165,9 +163,8 @@ class Channel(ABC):
 
     def _joined(self, parts: list[Unit]) -> Unit:
         """Several units of one vehicle as one: a few long arrays cost less than many short ones."""
-        names = ("recorded", "whole", "noise", "level", "swing")
-        arrays: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in parts]) for n in names}
-        return Unit(join([p.windows for p in parts]), **arrays, own=self.joined([p.own for p in parts]))
+        windows = Windows(**stacked([p.windows for p in parts]))
+        return Unit(windows, **stacked(parts, "windows", "own"), own=self.joined([p.own for p in parts]))
 
     def adjustable(self) -> list[Knob]:
         """Return every knob with a tolerance: the fleet's that may be a little off."""

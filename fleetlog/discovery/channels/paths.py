@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion, join
 from fleetlog.discovery.hypotheses.stretches import Stretches
-from fleetlog.discovery.recording.blocks import TRIP, narrow
+from fleetlog.discovery.recording.blocks import TRIP, narrow, picked, stacked
 from fleetlog.discovery.recording.conflicts import hindered
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.routes import Route, by_day, on_road, routes
@@ -50,11 +50,8 @@ class Path:
 
     def part(self, nodes: Mask, windows: Mask) -> "Path":
         """Return some nodes, which are all of some windows."""
-        s, inside, share, took, standing = (
-            getattr(self, n)[nodes] for n in ("s", "inside", "share", "took", "standing")
-        )
         of = (np.cumsum(windows) - 1)[self.of[nodes]]
-        return Path(self.motion[nodes], s, inside, of, share, took, standing, self.behind[windows])
+        return Path(**picked(self, nodes, "of", "behind"), of=of, behind=self.behind[windows])
 
     @property
     def last(self) -> Mask:
@@ -66,13 +63,11 @@ def joined(paths: list[Path]) -> Path:
     """Return paths of one vehicle, one after the other."""
     s = np.cumsum([0.0, *(p.s[-1] + 1.0 for p in paths)])
     of = np.cumsum([0, *(len(p.behind) for p in paths)])
-    names = ("inside", "share", "took", "standing", "behind")
-    arrays: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in paths]) for n in names}
     return Path(
         join([p.motion for p in paths]),
         np.concatenate([p.s + b for p, b in zip(paths, s, strict=False)]),
         of=np.concatenate([p.of + b for p, b in zip(paths, of, strict=False)]),
-        **arrays,
+        **stacked(paths, "motion", "s", "of"),
     )
 
 

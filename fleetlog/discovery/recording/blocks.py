@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from typing import Any
@@ -25,6 +25,19 @@ TRIP = 1_000_000
 """Trip codes count on from this much of each vehicle."""
 EXACT = ("time", "x", "y")
 """What of a motion is kept in double precision: it may be far from its origin."""
+WHOLE = ("vehicle", "day", "recipe", "fresh")
+"""What of a block is no array."""
+
+
+def picked(table: Any, index: Any, *but: str) -> dict[str, Any]:
+    """Return some of every array of a dataclass, by name; ``but`` those that are not aligned."""
+    return {f.name: getattr(table, f.name)[index] for f in fields(table) if f.name not in but}
+
+
+def stacked(tables: Sequence[Any], *but: str) -> dict[str, Any]:
+    """Return the arrays of several dataclasses of one kind end to end, by name; ``but`` those told apart."""
+    names = [f.name for f in fields(tables[0]) if f.name not in but]
+    return {n: np.concatenate([getattr(t, n) for t in tables]) for n in names}
 
 
 @dataclass(frozen=True)
@@ -71,8 +84,8 @@ class Block:
     def part(self, rows: NDArray[np.bool_], samples: NDArray[np.bool_]) -> Block:
         """Return some rows, and their samples."""
         number = (np.cumsum(rows) - 1).astype(np.int32)
-        own = {n: getattr(self, n)[rows] for n in ("time", "seconds", "power", "soc", "trip")}
         motion, row = narrow(self.motion[samples]), number[self.row[samples]]
+        own = picked(self, rows, "motion", "row", "likely", *WHOLE)
         return replace(self, motion=motion, row=row, likely=self.likely[samples], fresh=None, **own)
 
     def rows(self, values: Floats) -> Floats:
@@ -104,8 +117,7 @@ class Block:
 def joined(parts: list[Block]) -> Block:
     """Return blocks of one vehicle, one after the other."""
     base = np.cumsum([0, *(len(p) for p in parts)])
-    names = ("likely", "time", "seconds", "power", "soc", "trip")
-    arrays: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in parts]) for n in names}
+    arrays = stacked(parts, "motion", "row", *WHOLE)
     row = np.concatenate([p.row + b for p, b in zip(parts, base, strict=False)]).astype(np.int32)
     return replace(parts[0], motion=narrow(join([p.motion for p in parts])), row=row, **arrays)
 

@@ -97,19 +97,15 @@ def _held(n: _Nodes, begin: Ints, i: Ints, freed: Floats) -> Mask:
 
 
 def _nodes(found: Sequence[Route]) -> _Nodes:
-    def all_of(values: list[Floats]) -> Floats:
-        return np.concatenate(values)
-
     # Ways of different trucks are set far apart too, so that one array serves all.
     base = np.cumsum([0.0, *(r.way[-1] + 1e4 for r in found)])
-    way = all_of([r.way + b for r, b in zip(found, base, strict=False)])
+    way = np.concatenate([r.way + b for r, b in zip(found, base, strict=False)])
     first = np.flatnonzero(np.diff(way, prepend=-np.inf) > 500.0)
+    nodes = {n: np.concatenate([r.nodes(n) for r in found]) for n in ("x", "y", "speed")}
+    nodes |= {n: np.concatenate([getattr(r, n) for r in found]) for n in ("arrive", "leave", "course")}
     return _Nodes(
         np.repeat([r.vehicle for r in found], [len(r.of) for r in found]), way,
-        all_of([r.nodes("x") for r in found]), all_of([r.nodes("y") for r in found]),
-        all_of([r.arrive for r in found]), all_of([r.leave for r in found]),
-        all_of([r.course for r in found]), all_of([r.nodes("speed") for r in found]),
-        first[np.searchsorted(first, np.arange(len(way)), side="right") - 1],
+        first=first[np.searchsorted(first, np.arange(len(way)), side="right") - 1], **nodes,
     )  # fmt: skip
 
 

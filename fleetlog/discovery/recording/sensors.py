@@ -37,8 +37,6 @@ SHORTEST = 12.0
 """Metres of progress that are worth comparing."""
 MISMATCHED = 0.25
 """A ratio of speed to progress that is off by this is a wrong match."""
-SLOT = 0.1
-"""Length of a slot of time in which shifts are compared at first [s]."""
 MANY = 2000
 """Rows that show well enough which shift to look at closely."""
 INTERVALS = np.linspace(0.85, 1.15, 13)
@@ -107,56 +105,72 @@ def _clock(fleet: Fleet, split: Split, terms: dict[str, Term]) -> tuple[Fault, F
     looks: dict[int, list[_Look]] = {}
     for block in fleet.each_block():
         looks.setdefault(block.vehicle, []).extend(_looks(block, fleet, split))
-    middle = {v: float(np.median([k.value for k in ks])) for v, ks in looks.items() if len(ks) >= 2}
-    error = {v: max(_spread([k.value for k in looks[v]]), 0.06 * fleet.step) for v in middle}
+    finest = 0.06 * fleet.step
+    shifts = {v: [k.value for k in ks] for v, ks in looks.items() if len(ks) >= 2}
+    middle = {v: (float(np.median(s)), max(_spread(s), finest)) for v, s in shifts.items()}
     least = (terms["clock"].parameters[0].tolerance if "clock" in terms else 0.3) * max(1.0, 1.5 * fleet.step)
-    late = {v: m for v, m in middle.items() if abs(m) > least and abs(m) > SURE * error[v]}
-    if not late:
+    late = _off(middle, 0.0, least)
+    if late is None:
         return None
-    every = [k for v in late for k in looks[v]]
-    joint = float(np.sqrt(np.mean([error[v] ** 2 for v in late]) / len(late)))
-    worst = max(abs(m) / error[v] for v, m in late.items())
-    whole, p_value = len(late) == len(middle), _tail(worst)
-    metric, before = (
-        "share of the power that the model does not explain",
-        float(np.mean([k.before for k in every])),
-    )
+    every = [k for v in late.by_vehicle for k in looks[v]]
 
-    def fault(kind: str, told: dict[int, float], off: float, after: list[float]) -> Fault:
-        by_name = {fleet.vehicles[v]: x for v, x in told.items()}
-        value = float(np.median(list(told.values())))
-        return Fault(
-            terms[kind].name, "battery_power", metric, value, off, by_name, whole, p_value, before,
-            float(np.mean(after)),
-        )  # fmt: skip
+    def fault(kind: str, told: _Off, after: list[float]) -> Fault:
+        metric, before = "share of the power that the model does not explain", [k.before for k in every]
+        return told.fault(
+            fleet, terms[kind], "battery_power", metric, float(np.mean(before)), float(np.mean(after))
+        )
 
     if "mean" in terms and float(np.median([k.averaged - k.after for k in every])) < 0.0:
         interval = float(np.median([k.interval for k in every]))
-        told = dict.fromkeys(late, interval)
-        off = max(0.06 * fleet.step, _spread([k.interval for k in every]))
-        averaged = fault("mean", told, off, [k.averaged for k in every])
-        return averaged, replace(fleet, lag=dict.fromkeys(late, 0.5 * fleet.step), interval=told)
+        told = dict.fromkeys(late.by_vehicle, interval)
+        error = max(finest, _spread([k.interval for k in every]))
+        averaged = fault("mean", replace(late, by_vehicle=told, error=error), [k.averaged for k in every])
+        return averaged, replace(fleet, lag=dict.fromkeys(told, 0.5 * fleet.step), interval=told)
     if "clock" not in terms:
         return None
-    values = _in_common(late, error, whole)
-    shifted = fault("clock", values, max(joint, 0.06 * fleet.step), [k.after for k in every])
-    return shifted, replace(fleet, lag=values)
+    late = replace(late, error=max(late.error, finest))
+    return fault("clock", late, [k.after for k in every]), replace(fleet, lag=late.by_vehicle)
 
 
-def _in_common(late: dict[int, float], error: dict[int, float], all_of_them: bool) -> dict[int, float]:
-    """One logger for all: the common value is better known than each vehicle's own."""
-    values = np.array(list(late.values()))
-    alike = np.ptp(values) < SURE * max(error.values())
-    return dict.fromkeys(late, float(np.median(values))) if all_of_them and alike else late
+@dataclass(frozen=True)
+class _Off:
+    """What is off in some vehicles: the value of each, the standard error of all together."""
+
+    by_vehicle: dict[int, float]
+    error: float
+    all_vehicles: bool
+    p_value: float
+
+    def fault(
+        self, fleet: Fleet, term: Term, channel: str, metric: str, before: float, after: float
+    ) -> Fault:
+        """Return it as a fault."""
+        by_name = {fleet.vehicles[v]: x for v, x in self.by_vehicle.items()}
+        value = float(np.median(list(by_name.values())))
+        return Fault(
+            term.name, channel, metric, value, self.error, by_name, self.all_vehicles, self.p_value, before,
+            after,
+        )  # fmt: skip
+
+
+def _off(found: dict[int, tuple[float, float]], right: float, least: float) -> _Off | None:
+    """Judge a value and its error, by vehicle; None where none is off."""
+    off = {v: m for v, (m, e) in found.items() if abs(m - right) > max(least, SURE * e)}
+    if not off:
+        return None
+    values, errors = np.array(list(off.values())), np.array([found[v][1] for v in off])
+    whole = len(off) == len(found)
+    if whole and np.ptp(values) < SURE * errors.max():
+        # One logger for all: the common value is better known than each vehicle's own.
+        off = dict.fromkeys(off, float(np.median(values)))
+    worst = float(np.max(np.abs(values - right) / errors))
+    p_value = max(math.erfc(min(worst, 37.0) / math.sqrt(2.0)), 1e-300)
+    return _Off(off, float(np.sqrt(np.mean(errors**2) / len(errors))), whole, p_value)
 
 
 def _spread(values: list[float]) -> float:
     a = np.array(values)
     return float(1.4826 * np.median(np.abs(a - np.median(a))) / np.sqrt(len(a)) + 0.02)
-
-
-def _tail(z: float) -> float:
-    return max(math.erfc(min(z, 37.0) / math.sqrt(2.0)), 1e-300)
 
 
 def _looks(block: Block, fleet: Fleet, split: Split) -> Iterator[_Look]:
@@ -176,22 +190,22 @@ def _best_shift(block: Block, power: Floats, piece: slice, train: Mask, step: fl
     known = np.isfinite(measured) & train[piece]
     if known.sum() < PIECE // 2 or np.ptp(measured[known]) == 0.0:
         return None
-    clock, y = block.time[piece][known], measured[known] - measured[known].mean()
+    clock, power_then = block.time[piece][known], measured[known]
     time = block.motion.time
     energy = np.concatenate([[0.0], np.cumsum(power * block.motion.dt)])
     ends = np.append(time - 0.5 * block.motion.dt, time[-1] + 0.5 * block.motion.dt[-1])
 
-    def alike(begin: Floats, end: Floats) -> float:
+    def alike(begin: Floats, end: Floats, told: Floats) -> float:
         x = (np.interp(end, ends, energy) - np.interp(begin, ends, energy)) / np.maximum(end - begin, 1e-9)
-        x = x - x.mean()
+        x, y = x - x.mean(), told - told.mean()
         return float(x @ y / np.sqrt((x @ x) * (y @ y) + 1e-12))
 
-    def shifted(shift: float) -> float:
-        half = 0.5 * min(step, 1.0)
-        return alike(clock - shift - half, clock - shift + half)
+    def shifted(shift: float, every: int = 1) -> float:
+        at, half = clock[::every] - shift, 0.5 * min(step, 1.0)
+        return alike(at - half, at + half, power_then[::every])
 
     coarse = np.arange(-LONGEST, LONGEST + 0.1, max(step, 0.5))
-    scores = _coarsely(clock, y, ends, energy, coarse, 0.5 * min(step, 1.0))
+    scores = np.array([shifted(s, len(clock) // MANY + 1) for s in coarse])
     good = np.flatnonzero(scores >= scores.max() - ALIKE)
     best = float(coarse[good[np.argmin(np.abs(coarse[good]))]])
     wide = max(step, 0.5)
@@ -204,22 +218,9 @@ def _best_shift(block: Block, power: Floats, piece: slice, train: Mask, step: fl
     shift = best + float(np.clip(-curve[1] / (2.0 * curve[0]), -wide, wide))
     # A mean over an interval lags by half of it.
     intervals = [step, *(2.0 * shift * INTERVALS if shift > 0.5 * step else ())]
-    averaged = [alike(clock - i, clock) for i in intervals]
+    averaged = [alike(clock - i, clock, power_then) for i in intervals]
     left = [float(np.sqrt(max(1.0 - c**2, 0.0))) for c in (shifted(0.0), shifted(shift), max(averaged))]
     return _Look(shift, left[0], left[1], float(intervals[int(np.argmax(averaged))]), left[2])
-
-
-def _coarsely(clock: Floats, y: Floats, ends: Floats, energy: Floats, shifts: Floats, half: float) -> Floats:
-    """The correlation at every shift, to a slot of ``SLOT`` seconds, on ``MANY`` rows at most."""
-    some = slice(None, None, len(clock) // MANY + 1)
-    clock, y = clock[some], y[some] - y[some].mean()
-    slots = np.arange(clock[0] - LONGEST - 2.0, clock[-1] + LONGEST + 2.0, SLOT)
-    paid = np.interp(slots, ends, energy)
-    at = np.rint((clock[None, :] - shifts[:, None] - slots[0]) / SLOT).astype(np.int64)
-    wide = max(round(half / SLOT), 1)
-    x = paid[at + wide] - paid[at - wide]
-    x -= x.mean(axis=1, keepdims=True)
-    return np.asarray(x @ y / np.sqrt((x**2).sum(axis=1) * (y @ y) + 1e-12))
 
 
 def _load_runs_with_power(fleet: Fleet) -> bool:
@@ -239,7 +240,6 @@ def _load_runs_with_power(fleet: Fleet) -> bool:
 
 def _speed_scale(fleet: Fleet, split: Split, term: Term) -> tuple[Fault, dict[int, float]] | None:
     """What the speed channel reads over the true speed; None where no vehicle's is off."""
-    found: dict[int, tuple[float, float]] = {}
     pairs: dict[int, list[tuple[float, float]]] = {}
     for vehicle, trajectory in fleet.days:
         if vehicle in fleet.speed_from_positions | fleet.rarely_placed or not trajectory.has("x"):
@@ -254,25 +254,13 @@ def _speed_scale(fleet: Fleet, split: Split, term: Term) -> tuple[Fault, dict[in
         on_map = fleet.network is not None and trajectory.has("edge_id")
         looked = _edge_pairs(trajectory, fleet) if on_map else _chord_pairs(trajectory)
         pairs.setdefault(vehicle, []).extend((d, g) for row, d, g in looked if fold[row] != HELD_OUT)
-    for vehicle, p in pairs.items():
-        if len(p) >= 20:
-            found[vehicle] = _ratio(np.array(p))
-    least = 1.5 * term.parameters[0].tolerance
-    off = {v: m for v, (m, e) in found.items() if abs(m - 1.0) > least and abs(m - 1.0) > SURE * e}
-    if not off:
+    found = {v: _ratio(np.array(p)) for v, p in pairs.items() if len(p) >= 20}
+    off = _off(found, 1.0, 1.5 * term.parameters[0].tolerance)
+    if off is None:
         return None
-    values = list(off.values())
-    if len(off) == len(found) and np.ptp(values) < SURE * max(e for _, e in found.values()):
-        off = dict.fromkeys(off, float(np.median(values)))
-    worst = max(abs(found[v][0] - 1.0) / found[v][1] for v in off)
-    joint = float(np.sqrt(np.mean([found[v][1] ** 2 for v in off]) / len(off)))
-    middle = float(np.median(values))
-    fault = Fault(
-        term.name, "speed", "deviation of travelled distance", middle, joint, {fleet.vehicles[v]: x for v, x
-        in off.items()},
-        len(off) == len(found), _tail(worst), abs(middle - 1.0), joint,
-    )  # fmt: skip
-    return fault, off
+    before = abs(float(np.median(list(off.by_vehicle.values()))) - 1.0)
+    fault = off.fault(fleet, term, "speed", "deviation of travelled distance", before, off.error)
+    return fault, off.by_vehicle
 
 
 def _ratio(pairs: Floats) -> tuple[float, float]:

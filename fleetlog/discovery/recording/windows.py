@@ -6,14 +6,14 @@ Noise averages out, accelerations telescope, and windows are nearly independent.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.discovery.recording.blocks import Block
+from fleetlog.discovery.recording.blocks import Block, picked
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -72,7 +72,7 @@ class Windows:
 
     def __getitem__(self, index: Any) -> Windows:
         """Return the windows of a mask or index array."""
-        return Windows(*(getattr(self, f.name)[index] for f in fields(self)))
+        return Windows(**picked(self, index))
 
     @property
     def moving(self) -> NDArray[np.bool_]:
@@ -110,10 +110,3 @@ def describe(block: Block, c: Cut) -> Windows:
         distance=np.add.reduceat(m.speed * m.dt, c.begin), x=m.x[sample], y=m.y[sample],
         time=block.time[middle],
     )  # fmt: skip
-
-
-def join(pieces: list[Windows]) -> Windows:
-    """Return the windows of several pieces, one after the other."""
-    names = [f.name for f in fields(Windows)]
-    joined: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in pieces]) for n in names}
-    return Windows(**joined)
