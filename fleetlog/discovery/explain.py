@@ -24,8 +24,7 @@ from fleetlog.discovery.search.sizes import without
 Floats = NDArray[np.float64]
 
 EXCLUDED = 4.0
-"""Natural logarithm of the odds by which a rival must be behind to be excluded: 55 to 1, about two
-standard errors."""
+"""Logarithm of the odds by which an excluded rival must be behind: 55 to 1, about two standard errors."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Explained:
 def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explained:
     """Say what a channel is missing."""
     channel, settings = problem.channel, problem.settings
-    count = sum(int(unit.whole.sum()) for _, unit in problem.training())
+    count = sum(int(unit.whole.sum()) for unit in problem.training())
     if count < settings.fewest:
         reason = f"only {count} windows can be used, {settings.fewest} are needed; record more"
         fit = ChannelFit(channel.name, channel.metric, None, None, None, reason)
@@ -95,8 +94,8 @@ def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explai
 def _with_traffic(problem: Problem, model: Model, fit: ChannelFit, p_value: float) -> Errors:
     """The error on held-out trips with the windows in which other vehicles were in the way, and without."""
     off, size = 0.0, 0.0
-    for number, unit in enumerate(problem.channel.units()):
-        use = (problem.folds(number, unit)[0] == HELD_OUT) & (unit.recorded > 0.0)
+    for unit in problem.channel.units():
+        use = (problem.split.fold(unit.windows) == HELD_OUT) & (unit.recorded > 0.0)
         off += float(((unit.recorded - problem.channel.predict(unit, model))[use] ** 2).sum())
         size += float((unit.recorded[use] ** 2).sum())
     return Errors(fit.metric, float(np.sqrt(off / size)) if size else None, fit.after, p_value)
@@ -125,8 +124,7 @@ def _above_floor(problem: Problem, fit: ChannelFit) -> bool:
 
 
 def _numbers(joint: Joint, error: Floats) -> dict[Knob, Parameter]:
-    """Every number of the model with its interval, by knob; a vehicle's own is told in full, not as a
-    deviation."""
+    """Every number with its interval, by knob; a vehicle's own is told in full, not as a deviation."""
     model = joint.model
     return {
         a.knob: interval(a.knob.definition, model.total(a.knob), e, a.knob.definition.nominal(model.truck))
@@ -218,8 +216,7 @@ def _when(h: Hypothesis) -> dict[str, Any] | None:
 
 
 def _classes(problem: Problem, beside: Joint) -> dict[str, Any] | None:
-    """What each trip has of its own, with its interval: a share of the weight for a force, watts for a
-    power."""
+    """What each trip has of its own, with its interval: a share of the weight (force), or watts (power)."""
     h = beside.chosen[-1]
     if h.curve is None or not h.curve.classes:
         return None

@@ -1,5 +1,4 @@
-"""The model at a stage of the search: coordinates of the terms' numbers, by fleet and by vehicle, and
-fields over the cells."""
+"""The model at a stage of the search: coordinates of numbers by fleet and vehicle, fields over cells."""
 
 from __future__ import annotations
 
@@ -112,8 +111,7 @@ class Model:
         return knob.definition.value_of(self.total(knob))
 
     def values(self, vehicle: int | None = None) -> dict[str, dict[str, float]]:
-        """Return every number that is not nominal at all times, by term and parameter, of a vehicle or the
-        fleet."""
+        """Return all numbers not nominal at all times, by term and parameter, of a vehicle or the fleet."""
         out: dict[str, dict[str, float]] = {}
         for knob in self.at:
             if knob.scope.whole or (

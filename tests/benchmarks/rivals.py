@@ -49,7 +49,7 @@ def table(problem: Problem) -> Table:
     """All whole windows of an energy channel."""
     channel = problem.channel
     parts = []
-    for number, unit in enumerate(channel.units()):
+    for unit in channel.units():
         (block, c), use = unit.own, unit.whole
         m = block.motion
         total = np.maximum(c.energy(block, np.ones(len(m))), 1e-9)
@@ -59,7 +59,7 @@ def table(problem: Problem) -> Table:
         columns = (
             np.stack([c.energy(block, v) / total for v in variables], axis=1),
             1e3 * channel.predict(unit, channel.base) / seconds, 1e3 * unit.recorded / seconds, seconds, unit.windows.trip,
-            problem.folds(number, unit)[0],
+            problem.split.fold(unit.windows),
         )  # fmt: skip
         parts.append([column[use] for column in columns])
     return Table(*(np.concatenate(p) for p in zip(*parts, strict=True)))

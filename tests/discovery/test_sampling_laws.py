@@ -39,7 +39,7 @@ def learnt(exponent: float, seed: int) -> Noise:
     recorded = level + rng.normal(0.0, 1.0, WINDOWS) * swing ** (exponent / 2.0)
     whole = np.ones(WINDOWS, bool)
     unit = Unit(windows, recorded, whole, np.zeros(WINDOWS), level, swing, None)
-    table = (0, unit, level, rng.normal(size=(WINDOWS, 2)).astype(np.float32))
+    table = (unit, level, rng.normal(size=(WINDOWS, 2)).astype(np.float32))
     return learn([table], SETTINGS, 0.0, lambda w: w.trip)
 
 
@@ -50,7 +50,7 @@ def test_the_power_by_which_noise_grows_with_the_scatter_of_rows_is_measured(exp
 
 def test_weights_are_the_inverse_of_the_variance_that_was_put_in() -> None:
     noise = learnt(2.0, 5)
-    one, two = (float(noise.plain(0, unit)[0]) for unit in (_single(1.0), _single(4.0)))
+    one, two = (float(noise.plain(unit)[0]) for unit in (_single(1.0), _single(4.0)))
     assert one / two == pytest.approx(16.0, rel=0.3)
     assert one == pytest.approx(1.0, rel=0.2)
 

@@ -1,5 +1,4 @@
-"""What the search needs of a channel, be it energy over windows or time over stretches of path, and what both
-do alike."""
+"""What the search needs of a channel, energy over windows or time over stretches, and what both do alike."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
@@ -47,6 +46,11 @@ class Unit:
     level: Floats
     swing: Floats
     own: Any
+
+    @property
+    def key(self) -> tuple[int, float]:
+        """Tells it from all others of the channel."""
+        return int(self.windows.vehicle[0]), float(self.windows.time[0])
 
     def part(self, keep: NDArray[np.bool_], own: Any) -> "Unit":
         """Return some of the windows, (W,), with the channel's ``own`` of these."""
@@ -115,8 +119,7 @@ class Channel(ABC):
 
     @abstractmethod
     def features(self, unit: Unit, model: Model) -> Floats:
-        """Return what makes two windows alike, (W, features), for the noise floor; no candidate looks at
-        it."""
+        """Return what makes windows alike, (W, features), for the noise floor; no candidate looks at it."""
 
     @abstractmethod
     def state(self, own: Any) -> dict[str, Floats]:

@@ -16,8 +16,7 @@ from fleetlog.discovery.settings import Settings
 
 CHANNELS = ("battery_power", "soc", "speed")
 QUANTA = 8.0
-"""A window of a stepped state of charge holds this many steps on average: its error is then a twentieth
-of its energy."""
+"""Steps in a window of a stepped state of charge on average: its error is then a twentieth of its energy."""
 WIDEST = 600.0
 """Of a window [s]: a stretch of road is no longer seen in a wider one."""
 ROWS = 3.0

@@ -1,5 +1,4 @@
-"""The energy channels: what battery power, or the state of charge, adds up to over windows of some ten
-seconds."""
+"""The energy channels: what battery power or the state of charge adds up to over some ten seconds."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -105,8 +104,7 @@ class EnergyChannel(Channel):
         return hidden
 
     def _thinned(self, unit: Unit, rare: Block) -> Floats:
-        """(W,) the residual of the nominal model [kJ] that every second row alone leaves, less that of all
-        rows."""
+        """(W,) the residual of the nominal model [kJ] on every second row alone, less that on all rows."""
         block, c = unit.own
         if self.measured:
             rare = self._on_the_clock_of_charge(rare)
@@ -259,8 +257,7 @@ class EnergyChannel(Channel):
         """Return nothing: energy does not tell who was in the way."""
 
     def features(self, unit: Unit, model: Model) -> Floats:
-        """Return place, direction, load, pace, time and the nominal energy of every window: what makes two
-        passes alike."""
+        """Return place, direction, load, pace, time and nominal energy: what makes two windows alike."""
         block, c = unit.own
         m, w = block.motion, unit.windows
         sample = (c.begin + np.append(c.begin[1:], len(m)) - 1) // 2
@@ -281,8 +278,7 @@ class EnergyChannel(Channel):
 
 
 def _recorded(block: Block, c: Cut, channel: str, capacity: float) -> Floats:
-    """(windows,) kJ that the channel shows; NaN where a row is missing or the battery was charged or
-    swapped."""
+    """(windows,) kJ that the channel shows; NaN where rows miss or the battery is charged or swapped."""
     charged = _charged(block, c)
     if channel == "battery_power":
         energy = np.bincount(c.of_row, block.power * block.seconds, c.count) * 1e-3
@@ -295,8 +291,7 @@ def _recorded(block: Block, c: Cut, channel: str, capacity: float) -> Floats:
 
 
 def _charged(block: Block, c: Cut) -> NDArray[np.bool_]:
-    """(windows,) whether the battery took energy that no wheel gave: at a standstill, or by a leap of its
-    charge."""
+    """(windows,) whether the battery took energy that no wheel gave: standing, or by a leap of its charge."""
     m = block.motion
     still = (block.rows(m.speed) <= 0.0) & (np.abs(block.rows(m.lift_speed)) <= 0.0)
     leap = np.diff(block.soc, prepend=block.soc[:1]) > LEAP

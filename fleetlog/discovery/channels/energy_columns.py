@@ -1,5 +1,4 @@
-"""Columns of the energy channels: how the energy of a window changes with each number, field and free
-curve."""
+"""Columns of the energy channels: how a window's energy changes with each number, field and free curve."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,8 +20,7 @@ from fleetlog.physics.term import GRAVITY, Term
 Floats = NDArray[np.float64]
 
 STEP = 0.01
-"""Finite differences, as a share of a parameter's range: large against rounding, small against the switch to
-braking."""
+"""Finite differences, as a share of a range: large against rounding, small against the switch to braking."""
 
 
 @dataclass
@@ -36,8 +34,7 @@ class About(SourceColumns):
     model: Model
 
     def _knob(self, source: KnobSource) -> Floats:
-        """Derivative about where the vehicle's own number stands; of an effect with a shape, about nothing
-        at another shape."""
+        """Derivative where the vehicle's own number stands; of an effect with a shape, where it has none."""
         knob, vehicle = source.knob, self.block.vehicle
         term, parameter = all_terms()[knob.term], knob.definition
         now = self.model.in_force(knob, vehicle)

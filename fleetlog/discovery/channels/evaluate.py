@@ -93,16 +93,14 @@ class Evaluation:
         return np.asarray(sum(by_force, force * conversion * self.motion.speed))
 
     def _seen(self, terminal: Floats) -> Floats:
-        """(n,) what the channel shows of a power at the terminals: for the charge, scaled to the nominal
-        capacity."""
+        """(n,) what the channel shows of terminal power: the charge is scaled to the nominal capacity."""
         if not self.charge:
             return terminal
         nominal = self.physics.truck.battery.capacity_wh
         return cell_power(terminal, self.truck) * (nominal / self.truck.battery.capacity_wh)
 
     def change(self, term: Term, setting: Values) -> Floats:
-        """Return the channel's power with ``term`` set to ``setting`` (its other parameters as they are)
-        minus that without."""
+        """Return the channel's power with ``term`` set so (the rest as it is) minus that without."""
         if self.physics.own:
             return self._mean(lambda e: e.change(term, setting))
         before = self.physics.values.get(term.name, {})

@@ -1,5 +1,4 @@
-"""What other trucks cost: the time on stretches where one was in the way, over what the same stretches take
-otherwise."""
+"""What other trucks cost: time on stretches where one was in the way, over what they take otherwise."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

@@ -1,5 +1,4 @@
-"""The paths of a fleet as the speed channel sees them: nodes in windows, where others were in the way, what
-every piece took."""
+"""The paths of a fleet as the speed channel sees them: nodes in windows, who was in the way, time taken."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -73,8 +72,7 @@ def joined(paths: list[Path]) -> Path:
 
 @dataclass(frozen=True)
 class Drive:
-    """A leg, and of its nodes whether another truck was in the way, (N,), and whether it was beside its
-    road, (N,)."""
+    """A leg, and (N,) of its nodes whether another truck was in the way, and whether it was off its road."""
 
     leg: Leg
     behind: Mask

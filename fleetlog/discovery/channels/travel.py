@@ -1,5 +1,4 @@
-"""The speed channel: the time that stretches of a path took, against the quickest drive that limits, turns
-and truck allow."""
+"""The speed channel: the time that stretches of a path took, against the quickest drive allowed."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -31,12 +30,10 @@ FEW = 3
 """Stops from which on trucks wait at a place."""
 
 GATHERS = 2.0
-"""By how much more the profile's error makes up at some places: 6 % at most on clean recordings of three
-generators."""
+"""The profile's error makes up so much more at some places: 6 % at most on clean recordings."""
 
 ERRORS = (ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), ErrorSource("slowing down", 0.25))
-"""Nobody sets off, stops or takes a slow corner with the sharp bends of a profile of constant accelerations
-[s each]."""
+"""Nobody sets off, stops or takes a slow corner as sharply as constant accelerations would [s each]."""
 
 
 @dataclass
@@ -61,8 +58,7 @@ class TravelChannel(Channel):
         yield from self._kept
 
     def _with_stands(self, made: list[Unit]) -> list[Unit]:
-        """The units, told where trucks stood for no purpose: only there can they have waited, and there
-        times scatter as waits do."""
+        """The units, told where trucks stood for no purpose: only there they waited, and times scatter so."""
         n = len(self.lanes)
         passed, stops, seconds, squares = np.zeros((4, n))
         cells = [self.lanes.at(u.own.motion)[0].astype(np.int64) for u in made]
@@ -176,8 +172,7 @@ class TravelChannel(Channel):
         return lost_time(passed, self.lanes, free, known)
 
     def features(self, unit: Unit, model: Model) -> Floats:
-        """Return place, direction, load and the modelled time of every window: what makes two passes
-        alike."""
+        """Return place, direction, load and modelled time of every window: what makes two passes alike."""
         path, w = unit.own, unit.windows
         middle = np.searchsorted(path.of, np.arange(len(w))) + np.bincount(path.of) // 2
         m = path.motion

@@ -31,8 +31,7 @@ KNOTS = 6
 
 @dataclass(frozen=True)
 class FreeCurve:
-    """``mode`` says on what it acts; ``knots`` of each of its variables; classes for codes such as the
-    vehicle."""
+    """``mode`` says on what it acts; ``knots`` of each of its variables; codes (the vehicle) have classes."""
 
     mode: Mode
     variables: tuple[str, ...]
@@ -47,8 +46,7 @@ class FreeCurve:
         return 2 * self.harmonics or int(np.prod([len(k) for k in self.knots]))
 
     def hats(self, state: Mapping[str, Floats]) -> Iterator[tuple[Ints, Floats]]:
-        """Yield (rows,) column and weight: where each row stands between the knots; unknown values weigh
-        nothing."""
+        """Yield (rows,) column and weight: where rows stand between knots; unknown values weigh nothing."""
         if self.harmonics:
             heading = state[self.variables[0]]
             for k in range(self.harmonics):

@@ -28,8 +28,7 @@ TIME = 4.0
 
 @dataclass(frozen=True)
 class Pattern:
-    """A field that is one number times a fixed map: ``weights`` by cell (as bytes of float64, so that it
-    can be hashed)."""
+    """A field that is one number times a map: ``weights`` by cell (bytes of float64, to be hashed)."""
 
     data: bytes
     label: str
@@ -138,8 +137,7 @@ def hypotheses(channel: Channel, only: tuple[str, ...] = ()) -> Iterator[Hypothe
 
 
 def _numbers(term: Term, scope: Scope) -> Iterator[Hypothesis]:
-    """The numbers of a term: a vector's together, every amplitude with every setting of the shapes beside
-    it."""
+    """The numbers of a term: a vector's together, each amplitude with every setting of the shapes."""
     amplitudes = [p for p in term.parameters if not p.shape]
     if term.vector:
         yield Hypothesis(term.name, tuple(Knob(term.name, p.name, scope) for p in amplitudes))

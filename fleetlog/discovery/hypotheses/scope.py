@@ -14,8 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, order=True)
 class Scope:
-    """``vehicles``: codes, none for all; from ``begin`` to ``until`` [s since 1970], or growing from the one
-    to the other."""
+    """``vehicles``: codes, none for all; from ``begin`` to ``until`` [s since 1970], or growing over that."""
 
     vehicles: tuple[int, ...] = ()
     begin: float = -np.inf

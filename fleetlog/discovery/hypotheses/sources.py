@@ -14,8 +14,7 @@ from fleetlog.physics.term import Term
 
 @dataclass(frozen=True)
 class KnobSource:
-    """The derivative with respect to a knob's coordinate, the term's shape parameters being as in
-    ``setting``."""
+    """The derivative with respect to a knob's coordinate, the term's shape parameters as in ``setting``."""
 
     knob: Knob
     setting: tuple[tuple[str, float], ...] = ()

@@ -102,8 +102,7 @@ class Fleet:
 
     @cached_property
     def own_trips(self) -> tuple[int, ...]:
-        """Codes of trips that may each have something of their own; none where places or many trips say
-        more."""
+        """Codes of trips that may have something of their own; none where places or many trips say more."""
         return tuple(v * TRIP + k for v, k in trips_apart(self.days))
 
     @property
@@ -220,8 +219,7 @@ APART = (
 
 
 def absences(fleet: Fleet, once: bool = False) -> list[str]:
-    """What the recording lacks, and what that costs; ``once`` where there is one pass of each place to learn
-    from."""
+    """What the recording lacks, and what that costs; ``once`` where each place is passed once."""
     out = [text for column, text in ABSENCES.items() if not any(fleet.has(c) for c in column.split(" and "))]
     if once:
         out.append(APART if fleet.own_trips else ONCE)

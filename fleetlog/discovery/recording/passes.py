@@ -1,5 +1,4 @@
-"""Whether a recording sees a place, or a trip's own floor, more than once; what is seen once needs pieces
-held out."""
+"""Whether a place, or a trip's own floor, is seen more than once; of what is not, pieces are held out."""
 
 from collections.abc import Sequence
 
@@ -42,8 +41,7 @@ def _moving(vehicle: int, t: Trajectory) -> Floats:
 
 
 def trips_apart(days: Days) -> tuple[tuple[int, int], ...]:
-    """Return (vehicle, trip) of trips that may each have a floor of their own: few, long, and nothing says
-    where they went."""
+    """Return (vehicle, trip) of trips with own floors: few, long, and nothing says where they went."""
     if any(t.has("x") or t.has("edge_id") for _, t in days):
         return ()
     trips = tuple(sorted({(v, int(k)) for v, t in days for k in np.unique(t.trip_ids())}))

@@ -1,5 +1,4 @@
-"""What every vehicle drove, stop by stop, as nodes in place and time: what trucks do to one another is read
-from these."""
+"""What every vehicle drove, stop by stop, as nodes in place and time, to see what trucks do to others."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -25,8 +24,7 @@ LOAD, LIFT = 25.0, 0.08
 APART = 1000.0
 """Between the ways of two errands, so that nothing reaches from one into the other [m]."""
 BESIDE = 6.0
-"""So far a truck may be off its road, in a bay or in a turn, and still be told by the road before or behind
-[m]."""
+"""So far off its road, in a bay or a turn, a truck is told by the road before or behind [m]."""
 
 
 @dataclass(frozen=True)

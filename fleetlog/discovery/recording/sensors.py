@@ -47,8 +47,7 @@ PIECE = 200
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of one kind: ``value`` and ``error`` over all vehicles, ``by_vehicle`` each one's own
-    value, by name."""
+    """A fault of one kind: ``value`` and ``error`` over all vehicles, ``by_vehicle`` each one's, by name."""
 
     term: str
     channel: str
@@ -64,8 +63,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class _Look:
-    """What a piece of one vehicle's log says: a value, and the share of the channel unexplained without
-    and with it."""
+    """What a piece of a vehicle's log says: a value, and the share unexplained without and with it."""
 
     value: float
     before: float

@@ -75,8 +75,7 @@ class Split:
         return np.asarray((_mixed(self.unit(w)) % 1000 < 1000.0 * share) & (self.fold(w) != HELD_OUT))
 
     def _dealt(self, codes: Ints, count: int, salt: int) -> Ints:
-        """Return the share of each code: of ``count`` in a row every one has another, so that neighbours
-        remain."""
+        """Return the share of each code: of ``count`` in a row each has another: neighbours remain."""
         out = np.zeros(len(codes), np.int64)
         for r in np.unique(codes // count):
             mine = codes // count == r

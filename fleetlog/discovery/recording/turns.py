@@ -30,8 +30,7 @@ CLEAR = 14.0
 BEND, BACK = 0.6, 2.6
 """A smaller turn is none; a larger one is a turn on the spot [rad]."""
 DRIVEN = 0.7
-"""Quantile of the speeds of undisturbed passages that is the one intended: some dawdle, or meet what nobody
-recorded."""
+"""Quantile of undisturbed speeds that is the one intended: some dawdle, or meet what nobody recorded."""
 SHORTEST = 1.0
 """Shortest bend [m]; and a quarter of one where a truck goes straight on."""
 BLUR = 1.0 / 3.0
@@ -39,8 +38,7 @@ BLUR = 1.0 / 3.0
 EXPLAINED = 0.25
 """Share of the square by which free speed misses that of turns, that corners of the map explain at least."""
 ALIKE = 0.65
-"""Share of the nominal lateral acceleration above which a map without curves cannot tell it from that of the
-truck file."""
+"""Share of the nominal lateral acceleration above which a map without curves cannot tell it from that."""
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,7 @@ Codes = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Cut:
-    """The windows of one block: ``of_row`` (rows,) and ``of_sample`` (n,) number its windows 0..count-1,
-    in order."""
+    """The windows of a block, 0..count-1 in order: ``of_row`` (rows,) and ``of_sample`` (n,) number them."""
 
     of_row: Codes
     of_sample: Codes
@@ -39,8 +38,7 @@ class Cut:
         return np.asarray(np.add.reduceat(power * block.motion.dt, self.begin) * 1e-3, dtype=np.float64)
 
     def energies(self, block: Block, cell: NDArray[np.int32], cells: int, power: Floats) -> Floats:
-        """Return the energy by the cell of each sample, (count, cells) [kJ]; cells below zero count
-        nowhere."""
+        """Return the energy by the cell of each sample, (count, cells) [kJ]; negative ones count nowhere."""
         on = cell >= 0
         flat = self.of_sample[on] * cells + cell[on]
         weight = (power * block.motion.dt)[on]

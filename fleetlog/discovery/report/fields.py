@@ -65,8 +65,7 @@ def told(cells: Cells, v: Values, term: Term, h: Hypothesis) -> tuple[dict[str, 
 
 
 def _size(v: Values, mask: NDArray[np.bool_], term: Term) -> Parameter:
-    """The largest value of an odd field, its interval from fields that the trips leave possible; the mean of
-    any other."""
+    """The largest value of an odd field, its interval from fields that trips allow; the mean of others."""
     first = term.parameters[0]
     draws = np.random.default_rng(0).multivariate_normal(
         np.zeros(len(v.covariance)), v.covariance, DRAWS, method="eigh"
@@ -123,8 +122,7 @@ def _merged(cells: Stretches, v: Values, mask: NDArray[np.bool_], term: Term) ->
 def runs_by_edge(
     cells: Stretches, mask: NDArray[np.bool_], sign: Floats, *, bridged: bool = False
 ) -> Iterator[NDArray[np.intp]]:
-    """Yield runs of kept stretches of one edge and sign; ``bridged`` over a single quiet one between two of
-    one sign."""
+    """Yield runs of kept stretches of an edge and a sign; ``bridged`` over a single quiet one between."""
     for edge in np.unique(cells.road_edge[mask]):
         on = np.flatnonzero(cells.road_edge == edge)
         keep, own = mask[on].copy(), sign[on]
@@ -140,8 +138,7 @@ def runs(keep: NDArray[np.bool_], sign: Floats) -> list[NDArray[np.intp]]:
 
 
 def as_field(cells: Cells, v: Values, term: Term, network: Network | None) -> Field:
-    """The whole field for ``fields/TERM.parquet``: every stretch that was driven, in both directions of its
-    road."""
+    """The whole field for ``fields/TERM.parquet``: every stretch driven, in both directions of its road."""
     neutral = term.parameters[0].neutral
     if isinstance(cells, Stretches):
         known = np.flatnonzero(v.samples > 0)

@@ -75,8 +75,7 @@ class Finding:
 
 @dataclass
 class ChannelFit:
-    """How well a channel is reproduced on held-out trips; None where it cannot be judged, and ``reason``
-    says why."""
+    """How well a channel is reproduced on held-out trips; None where that is unknown: ``reason`` says why."""
 
     name: str
     metric: str

@@ -1,5 +1,4 @@
-"""Shapes for the eye: the mismatch over the roads before and after, and recorded and modelled power on a
-bad trip."""
+"""Shapes for the eye: the mismatch over the roads before and after, and power on a bad trip."""
 
 import numpy as np
 from numpy.typing import NDArray

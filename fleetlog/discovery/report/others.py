@@ -66,8 +66,7 @@ def _finding(
 
 
 def _where(lost: Lost, lanes: Stretches) -> dict[str, Any]:
-    """Stretches of lane where most is lost, the worst first; ``value`` is the share of the time spent
-    there."""
+    """Stretches of lane where most is lost, the worst first; ``value`` is the share of the time there."""
     sure = lost.lost > NORMAL * lost.spread
     sure = sure if sure.any() else lost.lost >= lost.lost.max()
     keep = sure & (lost.lost >= LARGE * float(np.quantile(lost.lost[sure], 0.9)))

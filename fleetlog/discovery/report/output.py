@@ -26,8 +26,7 @@ def write_diagnosis(d: Diagnosis, folder: Path) -> None:
 
 
 def physics(d: Diagnosis) -> Physics:
-    """Return the model found: numbers of the fleet and of single trucks, fields by stretch, with
-    intervals."""
+    """Return the model found: numbers of the fleet and single trucks, fields by stretch, intervals."""
     found: dict[str, Field] = {}
     intervals: dict[str, dict[str, tuple[float, float]]] = {}
     timed: list[Own] = []

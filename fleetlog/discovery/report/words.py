@@ -46,8 +46,7 @@ def _moment(time: float) -> str | None:
 
 
 def _whom(scope: dict[str, Any]) -> str:
-    """Return the scope in front of a sentence: ``Truck T3, since 14 March 2026, 09:00 UTC: ``; empty for
-    all, always."""
+    """Return the scope as ``Truck T3, since 14 March 2026, 09:00 UTC: ``; empty for all, always."""
     trucks, begin, until = scope["vehicles"], scope["from"], scope["until"]
     who = f"truck{'s' if len(trucks) > 1 else ''} {', '.join(trucks)}" if trucks else ""
     word = "growing from" if scope.get("drift") else "from" if until else "since"

@@ -1,2 +1,1 @@
-"""Which hypotheses predict best: statistics that add up, one joint fit, and a comparison by
-cross-validation."""
+"""Which hypotheses predict best: sums that add up, one joint fit, and cross-validation."""

@@ -21,8 +21,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Added:
-    """J columns by fold: products ``cross`` (F, K, J) with a model's, ``along`` (F, J) with its residual,
-    ``own`` (F, J, J)."""
+    """J columns: products ``cross`` (F, K, J) with others, ``along`` (F, J) a residual, ``own`` (F, J, J)."""
 
     cross: Floats
     along: Floats
@@ -97,8 +96,7 @@ def _but(products: Floats, fold: int | None) -> Floats:
 def beside(
     joint: Joint, sums: Sums, several: Iterable[Sequence[Atom]], slow: bool = False
 ) -> Iterator[tuple[Beside, Added]]:
-    """Yield a joint model, and each of several sets of further coefficients' columns, by folds of trips or of
-    stretches of hours."""
+    """Yield a joint model, and products of each of several sets of further coefficients' columns."""
     known = [
         not slow or (a.vehicle is None and a.columns.max() < sums.layout.core) for a in joint.design.atoms
     ]

@@ -1,5 +1,4 @@
-"""Coefficients of a joint model: every number a little off within its tolerance, and those of the
-hypotheses in it."""
+"""Coefficients of a joint model: numbers a little off in their tolerance, and those of hypotheses."""
 
 from __future__ import annotations
 
@@ -29,8 +28,7 @@ ALIKE = 0.5
 
 @dataclass(frozen=True)
 class Atom:
-    """One coefficient: weighted ``columns``, of one ``vehicle`` or all; its prior and bounds; and whose
-    it is."""
+    """One coefficient: weighted ``columns``, of one ``vehicle`` or all; its prior, bounds and owner."""
 
     columns: NDArray[np.int64]
     weights: Floats
@@ -70,8 +68,7 @@ class Design:
         ))  # fmt: skip
 
     def occam(self, normal: Normal, share: float) -> float:
-        """Return what the share costs: the logarithm of the prior's width, for every number that the data
-        determine."""
+        """Return what the share costs: the log of the prior's width, by each number that the data tell."""
         which = np.array([a.of_truck_file for a in self.atoms])
         if not which.any():
             return 0.0
@@ -81,8 +78,7 @@ class Design:
         return float(known[which].sum() * np.log(share))
 
     def normal(self, sums: Sums, slow: bool = False) -> Normal:
-        """Return the products of the coefficients' columns, fold by fold (of stretches of hours where
-        ``slow``)."""
+        """Return the products of the coefficients' columns by fold (of stretches of hours where ``slow``)."""
         p = sums.layout.core if slow else sums.layout.width
         grams = sums.slow if slow else sums.fold
         fleet = [i for i, a in enumerate(self.atoms) if a.vehicle is None]
@@ -103,8 +99,7 @@ class Design:
         return Normal(gram, moment, square)
 
     def columns(self, x: NDArray[np.float32], vehicle: NDArray[np.int64]) -> Floats:
-        """Return the columns of the coefficients, (W, k), from those of the layout, (W, P), and the windows'
-        vehicles."""
+        """Return the coefficients' columns, (W, k), from the layout's, (W, P), and the windows' vehicles."""
         out = np.empty((len(x), len(self.atoms)))
         for j, atom in enumerate(self.atoms):
             own = x[:, atom.columns] @ atom.weights

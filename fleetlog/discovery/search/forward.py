@@ -1,5 +1,4 @@
-"""The search: add what predicts best, try its rivals in its place, drop what is not needed, until nothing
-material is left."""
+"""The search: add what predicts best, try its rivals, drop what is not needed, until nothing is left."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -22,8 +21,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Rival:
-    """A hypothesis that was considered in place of a finding: by how much less speaks for it, in natural
-    logarithms."""
+    """What was considered in place of a finding: by how much less speaks for it, in natural logarithms."""
 
     hypothesis: Hypothesis
     behind: float
@@ -33,8 +31,7 @@ class Rival:
 
 @dataclass
 class Search:
-    """What the search came to: the ``joint`` model, the ``base`` without findings, and the rivals of each
-    finding."""
+    """What the search came to: the ``joint`` model, the ``base`` without findings, and rivals of each."""
 
     base: Joint
     joint: Joint
@@ -146,8 +143,7 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
 MOST = 0.7
 """Share of what speaks for free time by place that a name must reach to go before it."""
 NUMBERS, OTHERS = 0.1, 0.3
-"""Hypotheses with this share of the best gain are fitted exactly: a number's linear gain may be far too
-small."""
+"""Hypotheses of this share of the best gain are fitted exactly: a number's linear gain may be too small."""
 
 
 def _no_better_than(now: Joint, joint: Joint, slow: Screened | None) -> Joint:
@@ -184,8 +180,7 @@ def _significant(problem: Problem, now: Joint, s: Screened) -> bool:
 
 
 def _close(problem: Problem, screened: list[Screened], worth: list[Screened]) -> list[Screened]:
-    """What is not evident by itself, but so near to the best that evidence does not tell them apart: rivals,
-    and no more."""
+    """What is not evident, but so near to the best that evidence does not part them: rivals, and no more."""
     best = max((s.gain for s in worth), default=np.inf)
     told = {s.hypothesis for s in worth}
     return [s for s in screened if s.gain > best - problem.settings.evidence and s.hypothesis not in told]

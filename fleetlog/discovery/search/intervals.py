@@ -1,5 +1,4 @@
-"""How well the numbers of a model are known: the covariance of a joint fit, trips being its independent
-samples."""
+"""How well numbers are known: the covariance of a joint fit, trips being its independent samples."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,10 +40,10 @@ def _products(problem: Problem, joint: Joint) -> tuple[Floats, Floats, Floats]:
     layout = problem.layout(joint.chosen)
     k = len(joint.design.atoms)
     gram, total, clusters, shift = np.zeros((k, k)), np.zeros((k, k)), 0, np.zeros(k)
-    for i, unit in problem.training():
+    for unit in problem.training():
         modelled, x = problem.channel.columns(unit, joint.model, layout.sources)
         own = joint.design.columns(x, unit.windows.vehicle)
-        weighted = own * (problem.noise.weight(i, unit) * unit.whole)[:, None]
+        weighted = own * (problem.noise.weight(unit) * unit.whole)[:, None]
         gram += weighted.T @ own
         shift += weighted.T @ (problem.channel.model_error * np.abs(modelled))
         _, which = np.unique(problem.split.unit(unit.windows), return_inverse=True)

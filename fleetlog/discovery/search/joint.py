@@ -1,5 +1,4 @@
-"""The joint fit: all numbers of a set of hypotheses together, by Gauss and Newton, on sums about the
-model of the moment."""
+"""The joint fit: all numbers of some hypotheses together, by Gauss and Newton, on sums about the model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,8 +22,7 @@ SETTLED = 0.02
 SHARES = (1.0, 0.25)
 """A truck file that is right leaves its tolerances unused; one share for all its numbers is fitted."""
 VARIANCES = (0.03, 0.3, 3.0, 30.0)
-"""Prior variances that are tried for fields and free curves, in units of what is usual; ten times apart
-is fine enough."""
+"""Prior variances tried for fields and free curves, in units of what is usual; ten times apart will do."""
 
 
 @dataclass(frozen=True)
@@ -47,16 +45,14 @@ class Joint:
 
 
 def verified(worse: Joint, better: Joint) -> float:
-    """Return by how much one model is better than another on unseen trips: root mean square over that of
-    the energy."""
+    """Return by how much a model is better on unseen trips: root mean square over that of the energy."""
     return float(np.sqrt(max(float((worse.losses - better.losses).sum()), 0.0) / max(better.energy, 1e-12)))
 
 
 def scored(
     problem: Problem, sums: Sums, model: Model, chosen: Sequence[Hypothesis], shares: Sequence[float] = SHARES
 ) -> Joint:
-    """Return a set of hypotheses fitted linearly about a model, the truck file taken to be as good as
-    fits best."""
+    """Return hypotheses fitted linearly about a model, the truck file taken to be as good as fits best."""
     unit = 2.0 * problem.noise.design
     design = make_design(problem.channel, sums.layout, model, chosen)
     normal = design.normal(sums)
@@ -92,8 +88,7 @@ def tightened(chosen: tuple[Hypothesis, ...]) -> list[tuple[Hypothesis, ...]]:
 
 
 def moved(joint: Joint, problem: Problem) -> tuple[Model, float]:
-    """Return the model after the step of a fit, and how far the boldest number went, as a share of its
-    range."""
+    """Return the model after a fit's step, and how far the boldest number went, as a share of its range."""
     steps: dict[Knob, float] = {}
     fields: dict[str, Floats] = {}
     far = 0.0

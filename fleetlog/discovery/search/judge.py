@@ -99,12 +99,12 @@ def _clusters(problem: Problem, units: Sequence[Unit]) -> Ints:
 
 def _floor(problem: Problem, before: Model) -> float | None:
     features, residual, trip, wanted = [], [], [], []
-    for number, unit in enumerate(problem.channel.units()):
+    for unit in problem.channel.units():
         use = unit.whole
         features.append(problem.channel.features(unit, before)[use])
         residual.append((unit.recorded - problem.channel.predict(unit, before))[use])
         trip.append(problem.split.unit(unit.windows)[use])
-        wanted.append((problem.folds(number, unit)[0] == HELD_OUT)[use])
+        wanted.append((problem.split.fold(unit.windows) == HELD_OUT)[use])
     parts = [np.concatenate(p) for p in (features, residual, trip, wanted)]
     repeated = noise_floor(*parts)
     if repeated is None:

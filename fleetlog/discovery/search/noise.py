@@ -21,16 +21,14 @@ Floats = NDArray[np.float64]
 
 CLASSES = 12
 FREE = 0.02
-"""Ridge of the freest model, as a share of each column's own square: columns for which little speaks stay
-small."""
+"""Ridge of the freest model, as a share of each column's own square: idle columns stay small."""
 HUBER = 4.0
 """Standard deviations beyond which a window counts less (Huber 1964, doi 10.1214/aoms/1177703732)."""
 MEDIAN = 2.198
 """The mean square of a normal variable over the median of its square."""
 FEWEST = 5
 EXPONENTS = np.linspace(0.0, 2.0, 9)
-"""Of the scatter of rows in the variance of windows: 0 where rows telescope, 2 where they err each by
-itself."""
+"""Of the scatter of rows in windows' variance: 0 where rows telescope, 2 where each errs by itself."""
 
 
 @dataclass
@@ -49,65 +47,58 @@ class Noise:
     usual: Floats = field(default_factory=lambda: np.array([1.0]))
     """Usual scatter of rows in each class of power."""
     exponent: float = 0.0
-    robust: dict[int, NDArray[np.float32]] = field(default_factory=dict)
-    levels: dict[int, NDArray[np.float32]] = field(default_factory=dict)
+    robust: dict[tuple[int, float], NDArray[np.float32]] = field(default_factory=dict)
+    levels: dict[tuple[int, float], NDArray[np.float32]] = field(default_factory=dict)
     """What the freest model says of the windows seen; noise grows with it."""
 
-    def weight(self, number: int, unit: Unit) -> Floats:
+    def weight(self, unit: Unit) -> Floats:
         """Return the inverse variance of every window, (W,)."""
-        plain = self.plain(number, unit)
-        return plain * self.robust[number] if number in self.robust else plain
+        return self.plain(unit) * self.robust.get(unit.key, np.float32(1.0))
 
-    def plain(self, number: int, unit: Unit) -> Floats:
+    def plain(self, unit: Unit) -> Floats:
         """Return it without regard to outliers."""
         seconds = np.maximum(unit.windows.duration, 1e-6)
-        level = np.abs(self.levels.get(number, unit.level))
+        level = np.abs(self.levels.get(unit.key, unit.level))
         power = level / seconds
         excess = unit.swing / np.interp(power, self.power, self.usual)
         rate = np.interp(power, self.power, self.variance) * excess**self.exponent
         return np.asarray(1.0 / (rate * seconds + (self.model_error * level) ** 2 + unit.noise))
 
 
+Table = tuple[Unit, Floats, Columns]
+"""A unit, its modelled quantity (W,), and columns (W, P)."""
+
+
 def learn(
-    tables: Iterable[tuple[int, Unit, Floats, Columns]], settings: Settings, model_error: float,
+    tables: Iterable[Table], settings: Settings, model_error: float,
     together: Callable[[Windows], NDArray[np.int64]],
 ) -> Noise:  # fmt: skip
-    """Measure the noise on tables of units: number, unit, modelled quantity and columns.
+    """Measure the noise on the units of tables.
 
     ``together`` says which windows are held out together, (W,): these are the independent samples.
     """
-    kept = _sample(tables, settings.sample)
-    crude = Noise(np.array([0.0]), np.array([1.0]), 0.0)
-    noise = crude
+    kept: list[Table] = []
+    for table in tables:
+        kept.append(table)
+        if sum(len(unit.windows) for unit, _, _ in kept) >= settings.sample:
+            break
+    noise = Noise(np.array([0.0]), np.array([1.0]), 0.0)
     for _ in range(3):
         residual, levels = _left(kept, noise)
         noise = _classes(kept, residual, levels, model_error)
-        for (number, unit, _, _), r in zip(kept, residual, strict=True):
-            z = np.abs(r) * np.sqrt(noise.plain(number, unit))
-            noise.robust[number] = np.minimum(1.0, HUBER / np.maximum(z, 1e-9)).astype(np.float32)
+        for (unit, _, _), r in zip(kept, residual, strict=True):
+            z = np.abs(r) * np.sqrt(noise.plain(unit))
+            noise.robust[unit.key] = np.minimum(1.0, HUBER / np.maximum(z, 1e-9)).astype(np.float32)
         noise.design = _design(kept, residual, noise, together)
     return noise
 
 
-def _sample(
-    tables: Iterable[tuple[int, Unit, Floats, Columns]], most: int
-) -> list[tuple[int, Unit, Floats, Columns]]:
-    kept, total = [], 0
-    for table in tables:
-        kept.append(table)
-        total += len(table[1].windows)
-        if total >= most:
-            break
-    return kept
-
-
-def _left(kept: list[tuple[int, Unit, Floats, Columns]], noise: Noise) -> tuple[list[Floats], list[Floats]]:
-    """What a ridge fit of every column leaves of each window, as if the window had not been fitted, and what
-    it says."""
-    width = kept[0][3].shape[1]
+def _left(kept: list[Table], noise: Noise) -> tuple[list[Floats], list[Floats]]:
+    """What a ridge fit of every column leaves of a window as if it had not seen it, and what it says."""
+    width = kept[0][2].shape[1]
     gram, moment = np.zeros((width, width)), np.zeros(width)
-    for number, unit, modelled, x in kept:
-        root = np.sqrt(noise.weight(number, unit) * unit.whole)
+    for unit, modelled, x in kept:
+        root = np.sqrt(noise.weight(unit) * unit.whole)
         z = x * root[:, None].astype(np.float32)
         gram += z.T @ z
         moment += z.T @ ((unit.recorded - modelled) * root).astype(np.float32)
@@ -116,32 +107,28 @@ def _left(kept: list[tuple[int, Unit, Floats, Columns]], noise: Noise) -> tuple[
     beta = (inverse @ moment).astype(np.float32)
     small = inverse.astype(np.float32)
     left, said = [], []
-    for number, unit, modelled, x in kept:
-        weight = noise.weight(number, unit) * unit.whole
+    for unit, modelled, x in kept:
+        weight = noise.weight(unit) * unit.whole
         lever = np.einsum("ij,ij->i", x @ small, x) * weight
         said.append(np.abs(unit.level + x @ beta))
         left.append((unit.recorded - modelled - x @ beta) / np.maximum(1.0 - lever, 0.2))
     return left, said
 
 
-def _classes(
-    kept: list[tuple[int, Unit, Floats, Columns]],
-    residual: list[Floats],
-    levels: list[Floats],
-    model_error: float,
-) -> Noise:
-    use = np.concatenate([u.whole for _, u, _, _ in kept])
-    seconds = np.maximum(np.concatenate([u.windows.duration for _, u, _, _ in kept]), 1e-6)[use]
+def _classes(kept: list[Table], residual: list[Floats], levels: list[Floats], model_error: float) -> Noise:
+    units = [unit for unit, _, _ in kept]
+    use = np.concatenate([u.whole for u in units])
+    seconds = np.maximum(np.concatenate([u.windows.duration for u in units]), 1e-6)[use]
     power = np.concatenate(levels)[use] / seconds
     rate = np.concatenate(residual)[use] ** 2 / seconds
     edges = np.quantile(power, np.linspace(0.0, 1.0, CLASSES + 1))
     which = np.clip(np.searchsorted(edges, power) - 1, 0, CLASSES - 1)
     known = [k for k in range(CLASSES) if (which == k).sum() >= FEWEST]
-    swing = np.concatenate([u.swing for _, u, _, _ in kept])[use]
+    swing = np.concatenate([u.swing for u in units])[use]
     usual = np.array([np.median(swing[which == k]) for k in known])
     centre = np.array([power[which == k].mean() for k in known])
     excess = swing / np.interp(power, centre, usual)
-    seen = {k[0]: level.astype(np.float32) for k, level in zip(kept, levels, strict=True)}
+    seen = {u.key: level.astype(np.float32) for u, level in zip(units, levels, strict=True)}
     tried = []
     for exponent in EXPONENTS:
         part = rate / excess**exponent
@@ -157,9 +144,8 @@ def _classes(
 
 
 def _design(
-    kept: list[tuple[int, Unit, Floats, Columns]], residual: list[Floats], noise: Noise,
-    together: Callable[[Windows], NDArray[np.int64]],
-) -> float:  # fmt: skip
+    kept: list[Table], residual: list[Floats], noise: Noise, together: Callable[[Windows], NDArray[np.int64]]
+) -> float:
     """Mean square of the sum over what is held out together, over that of independent windows.
 
     For a constant and for a share of the energy.
@@ -167,8 +153,8 @@ def _design(
     found = []
     for constant in (True, False):
         top = bottom = 0.0
-        for (number, unit, _, _), r in zip(kept, residual, strict=True):
-            weight = noise.weight(number, unit) * unit.whole
+        for (unit, _, _), r in zip(kept, residual, strict=True):
+            weight = noise.weight(unit) * unit.whole
             along = (unit.windows.duration if constant else unit.recorded) * weight * r
             _, which = np.unique(together(unit.windows), return_inverse=True)
             top += float((np.bincount(which, along) ** 2).sum())

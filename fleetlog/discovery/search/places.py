@@ -17,8 +17,7 @@ MOST_PATTERNS = 6
 
 
 def pattern_hypotheses(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis) -> list[Hypothesis]:
-    """Return simple shapes of a field hypothesis: an even slope of the site, one stretch of road, two,
-    and so on."""
+    """Return simple shapes of a field: an even slope of the site, one stretch of road, two, and so on."""
     cells = problem.channel.cells(h.physics)
     out = [Hypothesis(h.term, patterns=planes(cells))] if cells.odd else []
     if isinstance(cells, Stretches):
@@ -53,8 +52,7 @@ def _stretches(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis, cells:
 
 
 def _by_cell(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis) -> tuple[Floats, Floats]:
-    """(C,) moments and (C, C) products of the cells themselves beside the model: the columns are in the
-    basis of the prior."""
+    """(C,) moments and (C, C) products of the cells beside the model: columns are in the prior's basis."""
     own = of_hypothesis(problem.channel, sums.layout, joint.model, h)
     left = next(model.left(columns) for model, columns in beside(joint, sums, [own]))
     back = problem.channel.cells(h.physics).inverse
@@ -62,8 +60,7 @@ def _by_cell(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis) -> tuple
 
 
 def _best(moment: Floats, product: Floats, first: int, last: int) -> tuple[float, int, int]:
-    """The run of cells of one road whose common value explains most: twice the gain in likelihood, and
-    the run."""
+    """The run of cells of a road whose common value explains most: twice the gain in likelihood, its ends."""
     n = last - first
     u = np.concatenate([[0.0], np.cumsum(moment[first:last])])
     d = np.zeros((n + 1, n + 1))

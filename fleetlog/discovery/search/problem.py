@@ -3,20 +3,14 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
-from fleetlog.discovery.channels.base import Channel, Columns, Unit
+from fleetlog.discovery.channels.base import Channel, Unit
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource, Layout, Source, lay_out
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
-from fleetlog.discovery.search.noise import Noise, learn
+from fleetlog.discovery.search.noise import Noise, Table, learn
 from fleetlog.discovery.search.sums import Sums
 from fleetlog.discovery.settings import Settings
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass
@@ -29,13 +23,6 @@ class Problem:
     rest: tuple[Hypothesis, ...]
     noise: Noise = field(init=False)
     """What :meth:`learn` measured."""
-    _folds: dict[int, tuple[Ints, Ints]] = field(default_factory=dict)
-
-    def folds(self, number: int, unit: Unit) -> tuple[Ints, Ints]:
-        """Return the fold of every window of a unit, by trips and by stretches of hours, (W,) each."""
-        if number not in self._folds:
-            self._folds[number] = self.split.fold(unit.windows), self.split.slow_fold(unit.windows)
-        return self._folds[number]
 
     def layout(self, hypotheses: Sequence[Hypothesis]) -> Layout:
         """Return the columns of the base and of hypotheses."""
@@ -44,16 +31,15 @@ class Problem:
         sources.sort(key=lambda s: isinstance(s, FieldSource) - isinstance(s, KnobSource))
         return lay_out(sources, [self.channel.width(s) for s in sources])
 
-    def training(self) -> Iterator[tuple[int, Unit]]:
+    def training(self) -> Iterator[Unit]:
         """Yield the units with what is held out marked as not whole."""
-        for i, unit in enumerate(self.channel.units()):
-            use = unit.whole & (self.folds(i, unit)[0] != HELD_OUT)
-            yield i, replace(unit, whole=use)
+        for unit in self.channel.units():
+            yield replace(unit, whole=unit.whole & (self.split.fold(unit.windows) != HELD_OUT))
 
     def held_out(self) -> Iterator[Unit]:
         """Yield the units with all but what is held out marked as not whole."""
-        for i, unit in enumerate(self.channel.units()):
-            use = unit.whole & (self.folds(i, unit)[0] == HELD_OUT)
+        for unit in self.channel.units():
+            use = unit.whole & (self.split.fold(unit.windows) == HELD_OUT)
             if use.any():
                 yield replace(unit, whole=use)
 
@@ -70,24 +56,20 @@ class Problem:
             self.noise = learn(tables, self.settings, self.channel.model_error, self.split.unit)
 
     def sums(self, model: Model, hypotheses: Sequence[Hypothesis]) -> Sums:
-        """Return the products of the columns of the base and of hypotheses about a model, over all
-        training windows."""
+        """Return the products of the columns of base and hypotheses about a model, over training windows."""
         self.learn(model, hypotheses)
         layout = self.layout(hypotheses)
         sums = Sums.empty(layout, self.settings.folds, len(self.channel.vehicles))
-        for i, unit, modelled, x in self._tables(model, layout):
-            w, use = unit.windows, unit.whole
-            fold, slow = self.folds(i, unit)
-            if use.any():
+        for unit, modelled, x in self._tables(model, layout):
+            use, w = unit.whole, unit.windows[unit.whole]
+            if len(w):
                 sums.add(
-                    x[use], (unit.recorded - modelled)[use], unit.recorded[use], self.noise.weight(i,
-                    unit)[use],
-                    fold[use], slow[use], w.vehicle[use],
+                    x[use], (unit.recorded - modelled)[use], unit.recorded[use], self.noise.weight(unit)[use],
+                    self.split.fold(w), self.split.slow_fold(w), w.vehicle,
                 )  # fmt: skip
         sums.flush()
         return sums
 
-    def _tables(self, model: Model, layout: Layout) -> Iterator[tuple[int, Unit, Floats, Columns]]:
-        for i, unit in self.training():
-            modelled, x = self.channel.columns(unit, model, layout.sources)
-            yield i, unit, modelled, x
+    def _tables(self, model: Model, layout: Layout) -> Iterator[Table]:
+        for unit in self.training():
+            yield unit, *self.channel.columns(unit, model, layout.sources)

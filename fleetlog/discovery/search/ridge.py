@@ -1,5 +1,4 @@
-"""The regression: the likeliest step of every coefficient under its prior and within its bounds, from
-sums alone."""
+"""The regression: the likeliest step of each coefficient under prior and bounds, from sums alone."""
 
 from dataclasses import dataclass
 
@@ -14,8 +13,7 @@ ROUNDS = 12
 
 @dataclass(frozen=True)
 class Prior:
-    """(k,) of each coefficient's step: ``precision`` and ``centre`` of its normal prior, ``low`` and
-    ``high`` its bounds."""
+    """(k,) of each coefficient's step: its normal prior's ``precision`` and ``centre``, its bounds."""
 
     precision: Floats
     centre: Floats
@@ -33,8 +31,7 @@ class Prior:
 
 @dataclass(frozen=True)
 class Normal:
-    """(F, k, k) products of the columns, (F, k) with the residual, (F,) the residual's own square, fold
-    by fold."""
+    """(F, k, k) products of the columns, (F, k) with the residual, (F,) of the residual, by fold."""
 
     gram: Floats
     moment: Floats
@@ -80,8 +77,7 @@ def solve(gram: Floats, moment: Floats, prior: Prior) -> Floats:
 
 @dataclass(frozen=True)
 class Fitted:
-    """``beta`` (k,) on all folds; ``losses`` (F,) of each fold by the fit without it; ``penalty`` of the
-    prior."""
+    """``beta`` (k,) on all folds; ``losses`` (F,) of each by the fit without it; the prior's ``penalty``."""
 
     beta: Floats
     losses: Floats

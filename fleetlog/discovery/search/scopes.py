@@ -74,16 +74,14 @@ class Column:
         return float(self.model.left(new).product[0, 0] / max(float(new.own.sum()), 1e-300))
 
     def validated(self, weight: Floats) -> tuple[Floats, float]:
-        """Return what the column with (V, S) weights gains on each unseen fold, (F,), and what it costs the
-        prior."""
+        """Return what the column with (V, S) weights gains on each unseen fold, (F,), and costs the prior."""
         ((gains, paid),) = self.model.gains(self.added(weight), [(slice(0, 1), ANYTHING)])
         return gains / self.unit, paid
 
 
 @dataclass(frozen=True)
 class Slotted:
-    """Products of J columns, see :class:`Column`, and those of the model's K coefficients, which are at
-    ``beta``."""
+    """Products of J columns, see :class:`Column`, and of the model's K coefficients, now at ``beta``."""
 
     edges: Floats
     gram: Floats
@@ -100,8 +98,7 @@ class Slotted:
     _models: dict[bytes, Beside] = field(default_factory=dict, repr=False)
 
     def column(self, j: int, loose: Knob | None = None) -> Column:
-        """Return one column; coefficients of the model on a bound stay there, but those of the ``loose``
-        number."""
+        """Return one column; the model's coefficients on a bound stay, but those of the ``loose`` number."""
         within = (self.beta > self.prior.low) & (self.beta < self.prior.high)
         free = within | [loose is not None and k is not None and k.fleet == loose for k in self.knobs]
         held, cross = np.where(free, 0.0, self.beta), self.cross[..., j, :]
@@ -115,8 +112,7 @@ class Slotted:
 
 
 def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[Screened]:
-    """Return each number at its best for a kind of trucks, a part of the time, and one truck's part of the
-    time."""
+    """Return each number at its best for a kind of trucks, a part of the time, and one truck's part."""
     numbers = _numbers(now, screened)
     if not numbers:
         return []
@@ -134,8 +130,7 @@ def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[S
 
 
 def narrowed(problem: Problem, now: Joint, joint: Joint) -> Hypothesis | None:
-    """Return the field that a joint model adds, in its likeliest part of the time; None where it adds
-    none."""
+    """Return the field that a joint model adds, in its likeliest part of the time; None if there is none."""
     h = joint.chosen[-1]
     if not (h.field or h.patterns) or h.term is None:
         return None
@@ -165,14 +160,14 @@ def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slo
     k, j, groups = len(design.atoms), len(numbers), folds * vehicles * slots
     gram, moment = np.zeros((folds, k, k)), np.zeros((folds, k))
     cross, along, own = np.zeros((groups, j, k)), np.zeros((groups, j)), np.zeros((groups, j))
-    for i, unit in problem.training():
+    for unit in problem.training():
         use, w = unit.whole, unit.windows[unit.whole]
         modelled, x = problem.channel.columns(unit, now.model, layout.sources)
-        root = np.sqrt(problem.noise.weight(i, unit)[use])[:, None]
+        root = np.sqrt(problem.noise.weight(unit)[use])[:, None]
         base, new = (d.columns(x[use], w.vehicle) * root for d in (design, added))
         left = (unit.recorded - modelled)[use] * root[:, 0]
         slot = np.clip(np.searchsorted(edges, w.time, side="right") - 1, 0, slots - 1)
-        code = (problem.folds(i, unit)[1][use] * vehicles + w.vehicle) * slots + slot
+        code = (problem.split.slow_fold(w) * vehicles + w.vehicle) * slots + slot
         for c in np.unique(code):
             rows = code == c
             b, n, r = base[rows], new[rows], left[rows]
@@ -209,8 +204,7 @@ def _likely(s: Slotted, j: int, knob: Knob) -> list[tuple[Column, Scope, Floats]
 
 
 def _kind(column: Column) -> list[tuple[Scope, Floats]]:
-    """The two or more trucks, at most half of them, with the largest or smallest numbers that stand out
-    most."""
+    """The two or more trucks, at most half, with the largest or smallest numbers that stand out most."""
     _, vehicles, slots = column.along.shape
     if vehicles < 3:
         return []
@@ -223,8 +217,7 @@ def _kind(column: Column) -> list[tuple[Scope, Floats]]:
 
 
 def _parts(column: Column, edges: Floats, who: tuple[int, ...]) -> list[tuple[float, Scope, Floats]]:
-    """The likeliest part of the time in some trucks, and a drift: gain less the cost of the choice, scope,
-    weight."""
+    """The likeliest part of the time in some trucks, and a drift: gain less its choice, scope, weight."""
     _, vehicles, slots = column.along.shape
     first, last = np.triu_indices(slots + 1, SHORTEST)
     part = (first > 0) | (last < slots)

@@ -23,8 +23,7 @@ TOGETHER = 100
 
 @dataclass(frozen=True)
 class Screened:
-    """A hypothesis beside a model: what its addition gains, in natural logarithms, all told and (F,) by
-    fold."""
+    """A hypothesis beside a model: what its addition gains, in logarithms, in all and (F,) by fold."""
 
     hypothesis: Hypothesis
     gain: float
@@ -34,8 +33,7 @@ class Screened:
 
 
 def screen(problem: Problem, sums: Sums, joint: Joint, tried: Sequence[Hypothesis]) -> list[Screened]:
-    """Return the gain of every hypothesis, best first; slow ones by stretches of hours, the others by
-    trips."""
+    """Return the gain of every hypothesis, best first; slow ones by stretches of hours, others by trips."""
     best: dict[Hypothesis, Screened] = {}
     for chosen, share in itertools.product(tightened(joint.chosen), SHARES):
         other = scored(problem, sums, joint.model, chosen, [share])

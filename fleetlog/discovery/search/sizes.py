@@ -1,5 +1,4 @@
-"""How large an effect is: what it makes up of the energy where it acts, and how much of that unseen trips
-confirm."""
+"""How large an effect is where it acts, as a share of the energy; how much of it unseen trips confirm."""
 
 from dataclasses import dataclass, replace
 
@@ -39,18 +38,17 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
     """
     h = joint.chosen[-1]
     before = now if h.term is None else replace(joint, model=without(joint, h))
-    effects, energies, weights, levels, within = [], [], [], [], []
-    for i, unit in problem.training():
+
+    def seen(unit: Unit) -> Floats:
         effect = predicted(problem, unit, joint) - predicted(problem, unit, before)
-        effects.append(effect[unit.whole])
-        energies.append(np.abs(unit.recorded[unit.whole]))
-        weights.append(problem.noise.weight(i, unit)[unit.whole])
-        levels.append(np.abs(unit.level[unit.whole]))
-        within.append(h.scope.share(int(unit.windows.vehicle[0]), unit.windows.time)[unit.whole] > 0.0)
-    size, energy, weight = np.abs(np.concatenate(effects)), np.concatenate(energies), np.concatenate(weights)
-    touched = np.concatenate(within)
+        there = h.scope.share(int(unit.windows.vehicle[0]), unit.windows.time)
+        weight = problem.noise.weight(unit)
+        return np.abs(np.stack([effect, unit.recorded, unit.level, weight, there]))[:, unit.whole]
+
+    size, energy, level, weight, there = np.concatenate([seen(u) for u in problem.training()], axis=1)
+    touched = there > 0.0
     if {"x", "y"} & set(h.depends_on):
-        touched &= size > problem.settings.material * np.concatenate(levels)
+        touched &= size > problem.settings.material * level
     gained = 2.0 * problem.noise.design * max(float((now.losses - joint.losses).sum()), 0.0)
     verified = np.sqrt(gained / max(float((weight * energy**2)[touched].sum()), 1e-12))
     return Size(float(size[touched].sum() / max(float(energy[touched].sum()), 1e-12)), float(verified))
@@ -62,8 +60,7 @@ def without(joint: Joint, h: Hypothesis) -> Model:
 
 
 def predicted(problem: Problem, unit: Unit, joint: Joint) -> Floats:
-    """Return what a fit says of every window, (W,): its model and, of free curves, what their
-    coefficients add."""
+    """Return what a fit says of every window, (W,): its model, and what free curves add."""
     sources = [h.sources[0] for h in joint.chosen if h.term is None]
     if not sources:
         return problem.channel.predict(unit, joint.model)

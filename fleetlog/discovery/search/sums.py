@@ -55,8 +55,7 @@ class Sums:
         slow: Ints,
         vehicle: Ints,
     ) -> None:
-        """Add windows: (W, P) columns, residual, recorded quantity, inverse variance, folds and vehicle
-        of each."""
+        """Add windows: (W, P) columns, residual, recorded quantity, inverse variance, folds and vehicle."""
         root = np.sqrt(weight).astype(np.float32)[:, None]
         z = np.concatenate([x, residual.astype(np.float32)[:, None]], axis=1) * root
         self._waiting.append((z, fold, slow, vehicle))
