@@ -15,8 +15,7 @@ from fleetlog.discovery.report import fields, others, words
 from fleetlog.discovery.report.fields import Values
 from fleetlog.discovery.report.finding import NORMAL, ChannelFit, Errors, Finding, Parameter, interval
 from fleetlog.discovery.search.forward import Search, search
-from fleetlog.discovery.search.intervals import covariance, errors
-from fleetlog.discovery.search.joint import Joint, refit
+from fleetlog.discovery.search.joint import Joint, covariance, errors, refit
 from fleetlog.discovery.search.judge import judge, strongest
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.sizes import without

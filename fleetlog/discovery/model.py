@@ -58,10 +58,6 @@ class Model:
         """Return the model with knobs turned by steps of their coordinates."""
         return replace(self, at={**self.at, **{k: self.coordinate(k) + s for k, s in steps.items()}})
 
-    def with_at(self, values: dict[Knob, float]) -> Model:
-        """Return the model with knobs at given coordinates."""
-        return replace(self, at={**self.at, **values})
-
     def with_field(self, term: str, deviation: Floats, when: Scope = FLEET) -> Model:
         """Return the model with one field set."""
         fields = {**self.fields, term: deviation}

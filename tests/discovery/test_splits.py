@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.discovery.recording.passes import passed_once, trips_apart
-from fleetlog.discovery.recording.splits import HELD_OUT, make_split
+from fleetlog.discovery.recording.splits import HELD_OUT, make_split, passed_once, trips_apart
 from fleetlog.discovery.recording.windows import Windows
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.motion import Motion
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.diagnose import Diagnosis
 from fleetlog.discovery.hypotheses.squares import Squares
@@ -99,7 +100,7 @@ def _profile(track: Trajectory, altitude: Floats, cells: Squares, values: Values
     x, y = np.interp(s, on, track.floats("x")), np.interp(s, on, track.floats("y"))
     heading = np.interp(s, on, np.unwrap(track.floats("heading")))
     z = np.interp(s, on[fresh], altitude[fresh])
-    number = cells.number(x, y)
+    number, _ = cells.at(Motion.of(len(x), x=x, y=y))
     way = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     known = number >= 0
     slope = np.where(known, (values.deviation.reshape(-1, 2)[number] * way).sum(axis=1), np.nan)

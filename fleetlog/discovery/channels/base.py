@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -73,7 +74,6 @@ class Channel(ABC):
     """The same share at some places, where it gathers."""
     _kept: list[Unit] = field(default_factory=list, init=False)
     _passes: dict[str, Ints] = field(default_factory=dict, init=False)
-    _knots: dict[str, tuple[float, ...]] | None = field(default=None, init=False)
 
     @property
     @abstractmethod
@@ -178,17 +178,16 @@ class Channel(ABC):
             if p.allowance(self.truck) > 0.0 and not p.shape
         ]
 
+    @cached_property
     def knots(self) -> dict[str, tuple[float, ...]]:
-        """Return the knots of every variable that moves."""
-        if self._knots is None:
-            pooled: dict[str, list[Floats]] = {}
-            for unit in self.units():
-                for name, values in self.state(unit.own).items():
-                    if name not in CODES:
-                        pooled.setdefault(name, []).append(values[::4])
-            found = {n: knots_of(np.concatenate(v), n) for n, v in pooled.items()}
-            self._knots = {n: k for n, k in found.items() if k}
-        return self._knots
+        """Knots of every variable that moves."""
+        pooled: dict[str, list[Floats]] = {}
+        for unit in self.units():
+            for name, values in self.state(unit.own).items():
+                if name not in CODES:
+                    pooled.setdefault(name, []).append(values[::4])
+        found = {n: knots_of(np.concatenate(v), n) for n, v in pooled.items()}
+        return {n: k for n, k in found.items() if k}
 
     def passes(self, term: Term) -> Ints:
         """Return how many windows touch each value of a field, (C,)."""

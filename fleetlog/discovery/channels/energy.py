@@ -210,7 +210,7 @@ class EnergyChannel(Channel):
 
     def curves(self) -> list[FreeCurve]:
         """Return the free curves that the recording can carry."""
-        knots, vehicles = self.knots(), len(self.vehicles)
+        knots, vehicles = self.knots, len(self.vehicles)
         if self.measured:
             return curves.charge_curves(knots, vehicles)
         return curves.energy_curves(knots, vehicles, len(self.fleet.dates), self.fleet.trip_names)

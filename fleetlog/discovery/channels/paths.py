@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import groupby
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,7 @@ from fleetlog.discovery.hypotheses.stretches import Stretches
 from fleetlog.discovery.recording.blocks import TRIP, narrow, picked, stacked
 from fleetlog.discovery.recording.conflicts import hindered
 from fleetlog.discovery.recording.fleet import Fleet
-from fleetlog.discovery.recording.routes import Route, by_day, on_road, routes
+from fleetlog.discovery.recording.routes import Route, on_road, routes
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.recording.turns import measure
 from fleetlog.discovery.recording.windows import Windows
@@ -92,10 +94,9 @@ class Day:
 def days(fleet: Fleet, split: Split) -> Iterator[Day]:
     """Yield what every vehicle drove, its turns as they are driven where nobody is in the way."""
     out: list[Day] = []
-    for group in by_day(routes(fleet)).values():
-        group = [r for r in group if not all((leg.path.edge < 0).all() for leg in r.legs)]
-        if group:
-            out += _group(group, fleet)
+    placed = [r for r in routes(fleet) if not all((leg.path.edge < 0).all() for leg in r.legs)]
+    for _, group in groupby(sorted(placed, key=attrgetter("day")), key=attrgetter("day")):
+        out += _group(list(group), fleet)
     turns = measure(_undisturbed(out, fleet, split), fleet.truck)
     out.reverse()
     while out:  # What is taken away takes no more room.

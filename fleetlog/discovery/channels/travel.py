@@ -129,7 +129,7 @@ class TravelChannel(Channel):
 
     def curves(self) -> list[FreeCurve]:
         """Return the free curves that the recording can carry."""
-        return curves.time_curves(self.knots(), len(self.vehicles))
+        return curves.time_curves(self.knots, len(self.vehicles))
 
     def samples(self, unit: Unit) -> tuple[Motion, Ints]:
         """Return the motion of a unit, and the window of each of its samples."""

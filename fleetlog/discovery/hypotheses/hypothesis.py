@@ -12,7 +12,6 @@ from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.curves import SLOW, FreeCurve
 from fleetlog.discovery.hypotheses.scope import FLEET, Scope
 from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource, Source
-from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Knob
 from fleetlog.physics.power import all_terms
 from fleetlog.physics.term import Term
@@ -148,9 +147,3 @@ def _numbers(term: Term, scope: Scope) -> Iterator[Hypothesis]:
     for p in amplitudes:
         for setting in grid:
             yield Hypothesis(term.name, (Knob(term.name, p.name, scope),), setting)
-
-
-def planes(cells: Cells) -> tuple[Pattern, ...]:
-    """Return the two patterns of an even slope of the whole site: rising to the east and to the north."""
-    east, north = cells.directions()
-    return Pattern(east.tobytes(), "whole site, east"), Pattern(north.tobytes(), "whole site, north")

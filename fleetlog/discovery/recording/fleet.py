@@ -13,7 +13,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.recording.blocks import DAY, TRIP, Block, block
-from fleetlog.discovery.recording.passes import passed_once, trips_apart
+from fleetlog.discovery.recording.splits import passed_once, trips_apart
 from fleetlog.errors import DataError
 from fleetlog.physics.motion import measured_channels
 from fleetlog.physics.motion.rows import updates
@@ -76,15 +76,9 @@ class Fleet:
         """Return one vehicle-day."""
         lag, scale = self.lag.get(vehicle, 0.0), self.scale.get(vehicle, 1.0)
         return block(
-            trajectory,
-            vehicle,
-            self.network,
-            self.truck,
-            lag=lag,
-            scale=scale,
-            load_lags=self.load_with_power,
-            mean_of=self.interval.get(vehicle, 0.0),
-        )
+            trajectory, vehicle, self.network, self.truck, lag=lag, scale=scale,
+            load_lags=self.load_with_power, mean_of=self.interval.get(vehicle, 0.0),
+        )  # fmt: skip
 
     @cached_property
     def dates(self) -> tuple[int, ...]:
@@ -170,16 +164,9 @@ def read_fleet(dataset: Dataset, truck: Truck, site: Site | None = None) -> Flee
         rarely = frozenset(v for v, t in days if t.has("x") and t.has("speed") and seldom(t))
     no_channel = frozenset(v for v, t in days if not t.has("speed"))
     return Fleet(
-        days,
-        vehicles,
-        network,
-        truck,
-        {},
-        {},
-        left_out=left_out,
-        speed_from_positions=no_channel,
+        days, vehicles, network, truck, {}, {}, left_out=left_out, speed_from_positions=no_channel,
         rarely_placed=rarely,
-    )
+    )  # fmt: skip
 
 
 def seldom(t: Trajectory) -> bool:

@@ -1,6 +1,5 @@
 """What every vehicle drove, stop by stop, as nodes in place and time, to see what trucks do to others."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -124,11 +123,3 @@ def on_road(leg: Leg) -> tuple[Leg, Mask]:
     near = on[np.abs(leg.distance[:, None] - leg.distance[on]).argmin(axis=1)]
     path = leg.path.replaced(edge=leg.path.edge[near], edge_offset=leg.path.edge_offset[near])
     return replace(leg, path=path), np.abs(leg.distance - leg.distance[near]) > BESIDE
-
-
-def by_day(found: Iterable[Route]) -> dict[int, list[Route]]:
-    """Return routes by day."""
-    out: dict[int, list[Route]] = {}
-    for r in found:
-        out.setdefault(r.day, []).append(r)
-    return out

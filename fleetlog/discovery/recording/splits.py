@@ -5,15 +5,19 @@ short as windows allow.
 Trips are dealt vehicle-day by vehicle-day, so that a day can be read without the others.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.recording.windows import Windows
 
+Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Days = Sequence[tuple[int, Trajectory]]
 Kind = Literal["trips", "stretches", "vehicles", "days"]
 
 HELD_OUT = -1
@@ -26,6 +30,12 @@ SLOW = 36
 """Stretches of time that are the independent samples of what changes over hours."""
 SHORTEST, LONGEST = 3.0, 86400.0
 """Of a stretch: windows, and seconds."""
+FEW, MANY = 6, 150
+"""Trips that may each have something of their own: fewer say little, more are no longer one column each."""
+LONG = 30.0
+"""Mean seconds of a trip that can be judged by its own parts."""
+RETURN = 10
+"""Windows after which a truck that is at a place again has come back to it."""
 
 
 @dataclass(frozen=True)
@@ -110,12 +120,36 @@ def make_split(
     if holdout in ("vehicles", "days") and len(units) >= 2:
         chosen = np.random.default_rng(seed).permutation(units)[: max(1, round(held_out * len(units)))]
         return Split(holdout, length, slow, folds, held_out, seed, frozenset(int(u) for u in chosen), once)
-    return Split(
-        "trips" if trips >= FEWEST and not once else "stretches",
-        length,
-        slow,
-        folds,
-        held_out,
-        seed,
-        once=once,
-    )
+    kind: Kind = "trips" if trips >= FEWEST and not once else "stretches"
+    return Split(kind, length, slow, folds, held_out, seed, once=once)
+
+
+def passed_once(days: Days, window: float) -> bool:
+    """Return whether most places are passed once only; ``window`` [s]."""
+    parts = [_moving(v, t) for v, t in days if t.has("x") and t.has("speed")]
+    x, y, time, speed, vehicle = np.concatenate([*parts, np.zeros((5, 0))], axis=1)
+    if len(x) == 0:
+        return False
+    side = 2.0 * window * float(np.median(speed))
+    place = (x // side).astype(np.int64) * 1_000_003 + (y // side).astype(np.int64)
+    order = np.lexsort((time, place))
+    place, time, vehicle = place[order], time[order], vehicle[order]
+    again = (np.diff(place) == 0) & ((np.diff(time) > RETURN * window) | (np.diff(vehicle) != 0.0))
+    return bool(np.isin(place, place[1:][again]).mean() < 0.5)
+
+
+def _moving(vehicle: int, t: Trajectory) -> Floats:
+    """(5, n) place, time, speed and vehicle of the rows in motion whose place is known."""
+    table = np.stack([
+        t.floats("x"), t.floats("y"), t.time * 1e-6, t.floats("speed"), np.full(len(t), float(vehicle)),
+    ])  # fmt: skip
+    return np.asarray(table[:, np.isfinite(table).all(axis=0) & (table[3] > 0.0)])
+
+
+def trips_apart(days: Days) -> tuple[tuple[int, int], ...]:
+    """Return (vehicle, trip) of trips with own floors: few, long, and nothing says where they went."""
+    if any(t.has("x") or t.has("edge_id") for _, t in days):
+        return ()
+    trips = tuple(sorted({(v, int(k)) for v, t in days for k in np.unique(t.trip_ids())}))
+    seconds = sum(float(np.diff(t.time)[np.diff(t.trip_ids()) == 0].sum()) * 1e-6 for _, t in days)
+    return trips if FEW <= len(trips) <= MANY and seconds > LONG * len(trips) else ()

@@ -72,11 +72,6 @@ class Windows:
         """Return the windows of a mask or index array."""
         return Windows(**picked(self, index))
 
-    @property
-    def moving(self) -> NDArray[np.bool_]:
-        """(W,) whether the truck drove at least a metre."""
-        return np.asarray(self.distance > 1.0)
-
 
 def cut(block: Block, width: float) -> Cut:
     """Return windows of about ``width`` seconds within the trips of a block and between its silences."""

@@ -72,15 +72,8 @@ def _grid(squares: Squares, value: Floats, name: str, label: str) -> Grid:
     column, row = (np.floor(squares.middle[:, i] / squares.side).astype(int) for i in (0, 1))
     raster = np.full((int(np.ptp(row)) + 1, int(np.ptp(column)) + 1), np.nan)
     raster[row - row.min(), column - column.min()] = value
-    return Grid(
-        name,
-        raster,
-        column.min() * squares.side,
-        row.min() * squares.side,
-        squares.side,
-        label,
-        diverging=True,
-    )
+    west, south = column.min() * squares.side, row.min() * squares.side
+    return Grid(name, raster, west, south, squares.side, label, diverging=True)
 
 
 def _worst_trip(channel: EnergyChannel, before: Model, after: Model) -> Series:
@@ -98,11 +91,5 @@ def _worst_trip(channel: EnergyChannel, before: Model, after: Model) -> Series:
     curves = {"recorded": block.power[rows]}
     for name, model in (("before", before), ("after", after)):
         curves[f"model {name}"] = block.rows(channel.evaluation(block, model).power)[rows]
-    return Series(
-        "worst trip",
-        (block.time[rows] * 1e6).astype(np.int64),
-        curves,
-        "time",
-        "battery power [W]",
-        over_time=True,
-    )
+    time = (block.time[rows] * 1e6).astype(np.int64)
+    return Series("worst trip", time, curves, "time", "battery power [W]", over_time=True)

@@ -79,24 +79,21 @@ class Design:
 
     def normal(self, sums: Sums, slow: bool = False) -> Normal:
         """Return the products of the coefficients' columns by fold (of stretches of hours where ``slow``)."""
-        p = sums.layout.core if slow else sums.layout.width
-        grams = sums.slow if slow else sums.fold
-        fleet = [i for i, a in enumerate(self.atoms) if a.vehicle is None]
-        apart = [i for i, a in enumerate(self.atoms) if a.vehicle is not None]
-        basis = self._basis(fleet, p)
-        wide = sparse.vstack([basis, sparse.csr_matrix((grams.shape[1] - p, len(fleet)))]).T.tocsr()
-        basis_t = basis.T.tocsr()
-        k, last = len(self.atoms), grams.shape[1] - 1
-        gram, moment, square = np.zeros((len(grams), k, k)), np.zeros((len(grams), k)), np.zeros(len(grams))
-        at = np.ix_(fleet, fleet)
+        p, grams = (sums.layout.core, sums.slow) if slow else (sums.layout.width, sums.fold)
+        fleet = np.array([a.vehicle is None for a in self.atoms])
+        shared = [a for a in self.atoms if a.vehicle is None]
+        rows = np.repeat(np.arange(len(shared)), [len(a.columns) for a in shared])
+        data, column = (np.concatenate([getattr(a, n) for a in shared]) for n in ("weights", "columns"))
+        basis = sparse.csr_matrix((data, (rows, column)), shape=(len(shared), p))
+        k, count = len(self.atoms), len(grams)
+        n = Normal(np.zeros((count, k, k)), np.zeros((count, k)), grams[:, -1, -1].copy())
         for f, g in enumerate(grams):
-            half = wide @ g
-            gram[f][at] = basis_t @ np.ascontiguousarray(half[:, :p].T)
-            moment[f, fleet] = half[:, last]
-            square[f] = g[last, last]
-        if apart and not slow:
-            self._vehicles(sums, basis, fleet, apart, gram, moment)
-        return Normal(gram, moment, square)
+            half = basis @ g[:p]
+            n.gram[f][np.ix_(fleet, fleet)] = basis @ np.ascontiguousarray(half[:, :p].T)
+            n.moment[f, fleet] = half[:, -1]
+        if not fleet.all() and not slow:
+            self._vehicles(sums, basis, fleet, n)
+        return n
 
     def columns(self, x: NDArray[np.float32], vehicle: NDArray[np.int64]) -> Floats:
         """Return the coefficients' columns, (W, k), from the layout's, (W, P), and the windows' vehicles."""
@@ -106,58 +103,28 @@ class Design:
             out[:, j] = own if atom.vehicle is None else own * (vehicle == atom.vehicle)
         return out
 
-    def _basis(self, chosen: list[int], p: int) -> sparse.csr_matrix:
-        rows = np.concatenate([self.atoms[i].columns for i in chosen])
-        cols = np.repeat(np.arange(len(chosen)), [len(self.atoms[i].columns) for i in chosen])
-        data = np.concatenate([self.atoms[i].weights for i in chosen])
-        return sparse.csr_matrix((data, (rows, cols)), shape=(p, len(chosen)))
-
-    def _vehicles(
-        self,
-        sums: Sums,
-        basis: sparse.csr_matrix,
-        fleet: list[int],
-        apart: list[int],
-        gram: Floats,
-        moment: Floats,
-    ) -> None:
+    def _vehicles(self, sums: Sums, basis: sparse.csr_matrix, fleet: NDArray[np.bool_], n: Normal) -> None:
         """Fill in the products of the coefficients that belong to one vehicle."""
-        p = sums.layout.width
-        column = np.array([int(self.atoms[i].columns[0]) for i in apart])
-        of = np.array([self.atoms[i].vehicle for i in apart])
-        for f in range(len(gram)):
+        own = [a for a in self.atoms if a.vehicle is not None]
+        column, of = np.array([int(a.columns[0]) for a in own]), np.array([a.vehicle for a in own])
+        for f, gram in enumerate(n.gram):
             rows = sums.own[of, f, column]
-            cross = (basis.T @ rows[:, :p].T).T
-            gram[f][np.ix_(apart, fleet)] = cross
-            gram[f][np.ix_(fleet, apart)] = cross.T
-            inner = rows[:, column] * (of[:, None] == of[None, :])
-            gram[f][np.ix_(apart, apart)] = inner
-            moment[f, apart] = rows[:, p]
+            cross = basis @ rows[:, :-1].T
+            gram[np.ix_(~fleet, fleet)], gram[np.ix_(fleet, ~fleet)] = cross.T, cross
+            gram[np.ix_(~fleet, ~fleet)] = rows[:, column] * (of[:, None] == of[None, :])
+            n.moment[f, ~fleet] = rows[:, -1]
 
 
-def make_design(
-    channel: Channel, layout: Layout, model: Model, chosen: Sequence[Hypothesis], by_vehicle: bool = True
-) -> Design:
+def make_design(channel: Channel, layout: Layout, model: Model, chosen: Sequence[Hypothesis]) -> Design:
     """Return the design of a joint model about ``model``: steps of its coefficients."""
     freed = {k for h in chosen for k in h.knobs}
-    atoms = [_tolerance(channel, layout, model, k) for k in channel.adjustable() if k not in freed]
-    if by_vehicle and len(channel.vehicles) > 1:
-        for knob in channel.adjustable():
-            for v in range(len(channel.vehicles)):
-                own = replace(knob, scope=Scope((v,)))
-                if own not in freed:
-                    atoms.append(_tolerance(channel, layout, model, own))
+    knobs, vehicles = channel.adjustable(), range(len(channel.vehicles))
+    if len(vehicles) > 1:
+        knobs += [replace(k, scope=Scope((v,))) for k in knobs for v in vehicles]
+    atoms = [_tolerance(channel, layout, model, k) for k in knobs if k not in freed]
     for source in channel.errors():
-        for column in layout.at(source):
-            atoms.append(
-                Atom(
-                    np.array([column]),
-                    np.ones(1),
-                    source.spread**-2.0,
-                    low=-CERTAIN * source.spread,
-                    high=CERTAIN * source.spread,
-                )
-            )
+        at, most = np.array(layout.at(source)), CERTAIN * source.spread
+        atoms.append(Atom(at, np.ones(1), source.spread**-2.0, low=-most, high=most))
     for h in chosen:
         alone = sum(other.term == h.term for other in chosen) == 1
         atoms.extend(of_hypothesis(channel, layout, model, h, alone))

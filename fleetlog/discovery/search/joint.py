@@ -12,7 +12,6 @@ from fleetlog.discovery.search.design import Design, make_design
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.search.ridge import Fitted, cross_validated
 from fleetlog.discovery.search.sums import Sums
-from fleetlog.physics.power import all_terms
 
 Floats = NDArray[np.float64]
 
@@ -98,29 +97,22 @@ def moved(joint: Joint, problem: Problem) -> tuple[Model, float]:
             own = atom.knob
             steps[own] = steps.get(own, 0.0) + float(step)
             far = max(far, abs(float(step)) * np.sqrt(atom.precision))
-        elif atom.owner is not None and atom.owner.physics is not None:
-            i = patterns.get(atom.owner, 0)
-            patterns[atom.owner] = i + 1
-            _add_field(problem, fields, atom.owner, i, float(step))
+        elif atom.owner is not None and atom.owner.term is not None:
+            h = atom.owner
+            i = patterns[h] = patterns.get(h, -1) + 1
+            shape = h.patterns[i].weights if h.patterns else problem.channel.cells(h.physics).root[:, i]
+            fields[atom.owner.term] = fields.get(atom.owner.term, 0.0) + float(step) * shape
     model = joint.model.moved(steps)
     for h in joint.chosen:
-        settled = dict(h.setting)
-        for name, value in settled.items():
+        for name, value in h.setting:
             knob = Knob(h.term or "", name)
             if knob not in model.at:
-                model = model.with_at({knob: all_terms()[knob.term].by_name[name].scaled(value)})
+                model = replace(model, at={**model.at, knob: knob.definition.scaled(value)})
     for term, deviation in fields.items():
         before = joint.model.fields.get(term)
         when = next(h.when for h in joint.chosen if h.term == term)
         model = model.with_field(term, deviation if before is None else before + deviation, when)
     return model, far
-
-
-def _add_field(problem: Problem, fields: dict[str, Floats], h: Hypothesis, i: int, step: float) -> None:
-    assert h.term is not None
-    shape = h.patterns[i].weights if h.patterns else problem.channel.cells(h.physics).root[:, i]
-    change = step * shape
-    fields[h.term] = fields.get(h.term, np.zeros(len(change))) + change
 
 
 def refit(problem: Problem, model: Model, chosen: Sequence[Hypothesis], steps: int = MOST_STEPS) -> Joint:
@@ -134,3 +126,48 @@ def refit(problem: Problem, model: Model, chosen: Sequence[Hypothesis], steps: i
             break
     assert joint is not None
     return replace(joint, model=model)
+
+
+def covariance(problem: Problem, joint: Joint) -> Floats:
+    """Return the (k, k) covariance of a fit's coefficients; zero for those on a bound.
+
+    It is a sandwich (Liang and Zeger 1986, doi 10.1093/biomet/73.1.13).
+    The meat is the sum over trips of the squares of their scores; the prior's part scatters as the prior
+    says.
+    """
+    design, prior, beta = joint.design, joint.design.prior, joint.fitted.beta
+    gram, meat, shift = _products(problem, joint)
+    free = (beta > prior.low) & (beta < prior.high)
+    bread = np.zeros_like(gram)
+    inner = gram + np.diag(prior.precision)
+    bread[np.ix_(free, free)] = np.linalg.pinv(inner[np.ix_(free, free)])
+    out = problem.settings.widening**2 * (bread @ (meat + np.diag(prior.precision)) @ bread)
+    # The model's own error differs from place to place, so each place may be off by it alone.
+    placed = np.array([a.owner is not None and bool(a.owner.patterns) for a in design.atoms])
+    out += np.diag(np.where(placed, np.diag(bread) * shift, 0.0) ** 2)
+    return np.asarray(out)
+
+
+def errors(covariance: Floats) -> Floats:
+    """Return the standard error of every coefficient, (k,)."""
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+def _products(problem: Problem, joint: Joint) -> tuple[Floats, Floats, Floats]:
+    """The (k, k) products of the coefficients' columns, the squares of the trips' scores, and the (k,) scores
+    that the model's own error makes."""
+    layout = problem.layout(joint.chosen)
+    k = len(joint.design.atoms)
+    gram, total, clusters, shift = np.zeros((k, k)), np.zeros((k, k)), 0, np.zeros(k)
+    for unit in problem.training():
+        modelled, x = problem.channel.columns(unit, joint.model, layout.sources)
+        own = joint.design.columns(x, unit.windows.vehicle)
+        weighted = own * (problem.noise.weight(unit) * unit.whole)[:, None]
+        gram += weighted.T @ own
+        shift += weighted.T @ (problem.channel.model_error * np.abs(modelled))
+        _, which = np.unique(problem.split.unit(unit.windows), return_inverse=True)
+        sums = np.zeros((int(which.max()) + 1, k))
+        np.add.at(sums, which, weighted * (unit.recorded - modelled)[:, None])
+        total += sums.T @ sums
+        clusters += len(sums)
+    return gram, total * clusters / max(clusters - 1.0, 1.0), shift

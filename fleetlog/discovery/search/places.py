@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, Pattern, planes
+from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, Pattern
 from fleetlog.discovery.hypotheses.stretches import Stretches
 from fleetlog.discovery.search.beside import beside
 from fleetlog.discovery.search.design import of_hypothesis
@@ -19,7 +19,10 @@ MOST_PATTERNS = 6
 def pattern_hypotheses(problem: Problem, sums: Sums, joint: Joint, h: Hypothesis) -> list[Hypothesis]:
     """Return simple shapes of a field: an even slope of the site, one stretch of road, two, and so on."""
     cells = problem.channel.cells(h.physics)
-    out = [Hypothesis(h.term, patterns=planes(cells))] if cells.odd else []
+    out = []
+    if cells.odd:
+        even = tuple(Pattern(d.tobytes(), "whole site") for d in cells.directions())
+        out.append(Hypothesis(h.term, patterns=even))
     if isinstance(cells, Stretches):
         found = _stretches(problem, sums, joint, h, cells)
         out += [Hypothesis(h.term, patterns=tuple(found[: i + 1])) for i in range(len(found))]

@@ -8,6 +8,7 @@ columns, not the rows.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,7 @@ class Sums:
     own: Floats
     energy: float = 0.0
     """Weighted square of the recorded quantity, over all windows."""
-    _waiting: list[tuple[Rows, Ints, Ints, Ints]] = field(default_factory=list)
+    _waiting: list[tuple[NDArray[Any], ...]] = field(default_factory=list)
 
     @classmethod
     def empty(cls, layout: Layout, folds: int, vehicles: int) -> Sums:
@@ -45,20 +46,11 @@ class Sums:
         own = np.zeros((vehicles if vehicles > 1 else 0, folds, layout.numbers, p))
         return cls(layout, np.zeros((folds, p, p)), np.zeros((folds, q, q)), own)
 
-    def add(
-        self,
-        x: Rows,
-        residual: Floats,
-        recorded: Floats,
-        weight: Floats,
-        fold: Ints,
-        slow: Ints,
-        vehicle: Ints,
-    ) -> None:
-        """Add windows: (W, P) columns, residual, recorded quantity, inverse variance, folds and vehicle."""
+    def add(self, x: Rows, residual: Floats, recorded: Floats, weight: Floats, *codes: Ints) -> None:
+        """Add windows: (W, P) columns, residual, recorded quantity, inverse variance; folds and vehicle."""
         root = np.sqrt(weight).astype(np.float32)[:, None]
         z = np.concatenate([x, residual.astype(np.float32)[:, None]], axis=1) * root
-        self._waiting.append((z, fold, slow, vehicle))
+        self._waiting.append((z, *codes))
         self.energy += float(weight @ recorded**2)
         if sum(len(w[0]) for w in self._waiting) >= ENOUGH:
             self.flush()
@@ -67,8 +59,7 @@ class Sums:
         """Multiply what is waiting."""
         if not self._waiting:
             return
-        z = np.concatenate([w[0] for w in self._waiting])
-        fold, slow, vehicle = (np.concatenate([w[i] for w in self._waiting]) for i in (1, 2, 3))
+        z, fold, slow, vehicle = (np.concatenate(column) for column in zip(*self._waiting, strict=True))
         self._waiting.clear()
         for k in np.unique(fold):
             part = z[fold == k]
