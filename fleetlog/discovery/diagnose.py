@@ -100,14 +100,8 @@ def _explained(
 
 def together(base: Model, explained: dict[str, Explained]) -> Model:
     """Return one model of everything found in any channel."""
-    for e in explained.values():
-        new = e.after
-        base = replace(
-            base,
-            at={**base.at, **new.at},
-            fields={**base.fields, **new.fields},
-            when={**base.when, **new.when},
-        )
+    for new in (e.after for e in explained.values()):
+        base = replace(base, at=base.at | new.at, fields=base.fields | new.fields, when=base.when | new.when)
     return base
 
 

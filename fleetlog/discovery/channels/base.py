@@ -1,11 +1,11 @@
 """What the search needs of a channel, energy over windows or time over stretches, and what both do alike."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.channels.lost import Lost
 from fleetlog.discovery.hypotheses.curves import FreeCurve, knots_of
-from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, Source
+from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, Source
 from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.recording.blocks import picked, stacked
@@ -203,29 +203,7 @@ class Channel(ABC):
         return self._passes[term.name]
 
 
-class SourceColumns(ABC):
-    """Columns about a model, by source: each (W, k) for the k coefficients of the source."""
-
-    def columns(self, source: Source) -> Floats:
-        """Return the columns of one source."""
-        match source:
-            case KnobSource():
-                return self._knob(source)
-            case FieldSource():
-                return self._field(source)
-            case FreeCurve():
-                return self._curve(source)
-            case ErrorSource():
-                return self._error(source.name)
-
-    @abstractmethod
-    def _knob(self, source: KnobSource) -> Floats: ...
-
-    @abstractmethod
-    def _field(self, source: FieldSource) -> Floats: ...
-
-    @abstractmethod
-    def _curve(self, curve: FreeCurve) -> Floats: ...
-
-    @abstractmethod
-    def _error(self, name: str) -> Floats: ...
+def side_by_side(sources: Sequence[Source], *makers: Callable[[Any], Floats]) -> Columns:
+    """Return the columns of sources, (W, P); ``makers`` of each kind, in the order of ``Source``."""
+    of = dict(zip(get_args(Source), makers, strict=True))
+    return np.concatenate([of[type(s)](s) for s in sources], axis=1).astype(np.float32)

@@ -74,7 +74,10 @@ class EnergyChannel(Channel):
         # Both ends of a window are rounded to a step: its drop scatters by a sixth of the step's square.
         coarse = (self.charge_step * 3.6 * self.truck.battery.capacity_wh) ** 2 / 6.0
         e = self.evaluation(block, self.base)
-        noise = coarse + (np.zeros(c.count) if self.measured else self._uncertain(block, c, e))
+        noise = np.full(c.count, coarse)
+        if not self.measured:
+            noise += block.known.window_variance(lambda m: battery_power(m, e.physics), c.of_sample) * 1e-6
+            noise += self._unknown_load(block, c, e) ** 2
         swing = np.ones(c.count) if self.name == "soc" else np.maximum(jumps(block, c, e), LEAST_SWING)
         # Measured power errs where it is large by chance: how noisy a window is must not hang on that.
         level = c.energy(block, (replace(e, measured=None) if self.measured else e).power)
@@ -152,11 +155,6 @@ class EnergyChannel(Channel):
             return block
         return replace(block, power=moved, motion=block.motion.replaced(power=moved[block.row]))
 
-    def _uncertain(self, block: Block, c: Cut, e: Evaluation) -> Floats:
-        """(W,) variance that the uncertainty of the motion leaves to the nominal model [kJ2]."""
-        known = block.known.window_variance(lambda m: battery_power(m, e.physics), c.of_sample) * 1e-6
-        return np.asarray(known + self._unknown_load(block, c, e) ** 2)
-
     def _unknown_load(self, block: Block, c: Cut, e: Evaluation) -> Floats:
         """(W,) what a usual load adds [kJ], where trucks carry loads that nobody recorded."""
         chassis = self.truck.chassis
@@ -182,9 +180,7 @@ class EnergyChannel(Channel):
         """Return the modelled energy, (W,), and kJ per unit of every source's coefficients, (W, P)."""
         block, c = unit.own
         e = self.evaluation(block, model)
-        about = About(self, block, c, e, model)
-        parts = [about.columns(s) for s in sources]
-        return c.energy(block, e.power), np.concatenate(parts, axis=1).astype(np.float32)
+        return c.energy(block, e.power), About(self, block, c, e, model).columns(sources)
 
     def cells(self, term: Term | None) -> Cells:
         """Return the cells of a field: the same for all."""

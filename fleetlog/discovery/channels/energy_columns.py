@@ -1,5 +1,6 @@
 """Columns of the energy channels: how a window's energy changes with each number, field and free curve."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from fleetlog.discovery.channels.base import Channel, SourceColumns
+from fleetlog.discovery.channels.base import Channel, Columns, side_by_side
 from fleetlog.discovery.channels.evaluate import Evaluation
 from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
-from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource
+from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, Source
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.blocks import Block
 from fleetlog.discovery.recording.windows import Cut
@@ -24,7 +25,7 @@ STEP = 0.01
 
 
 @dataclass
-class About(SourceColumns):
+class About:
     """Columns of a block about a model."""
 
     channel: Channel
@@ -32,6 +33,10 @@ class About(SourceColumns):
     cut: Cut
     e: Evaluation
     model: Model
+
+    def columns(self, sources: Sequence[Source]) -> Columns:
+        """Return the columns of sources, (W, P)."""
+        return side_by_side(sources, self._knob, self._field, self._curve, self._error)
 
     def _knob(self, source: KnobSource) -> Floats:
         """Derivative where the vehicle's own number stands; of an effect with a shape, where it has none."""
@@ -98,8 +103,8 @@ class About(SourceColumns):
         row, rows = self.block.row, len(self.block)
         return {k: np.asarray(np.bincount(row, p * m.dt, rows) * 1e-3, float) for k, p in power.items()}
 
-    def _error(self, name: str) -> Floats:
-        change = {"lag": self._lagging, "ripple": self._rectified, "sampling": self._unseen}[name]()
+    def _error(self, source: ErrorSource) -> Floats:
+        change = {"lag": self._lagging, "ripple": self._rectified, "sampling": self._unseen}[source.name]()
         return self.cut.energy(self.block, change)[:, None]
 
     def _lagging(self) -> Floats:
@@ -109,8 +114,7 @@ class About(SourceColumns):
         return np.asarray(-np.diff(self.e.power, prepend=self.e.power[:1]) / step)
 
     def _unseen(self) -> Floats:
-        """(n,) W that the likeliest motion lacks of the expected power: what the switch to braking makes of
-        unseen accelerations."""
+        """(n,) W that the likeliest motion lacks of the expected power: braking at unseen accelerations."""
         return Evaluation(self.block.likeliest, self.e.physics, self.e.charge).power - self.e.power
 
     def _rectified(self) -> Floats:

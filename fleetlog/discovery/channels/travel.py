@@ -110,9 +110,8 @@ class TravelChannel(Channel):
         vehicle = int(path.motion.vehicle[0])
         physics = model.physics(vehicle, path.motion, self.cells)
         about = About(self, path, model, physics, vehicle, *drive_times(path, physics))
-        parts = [about.columns(s) for s in sources]
         modelled = summed(path, about.seconds + self._waits(path, model))
-        return modelled, np.concatenate(parts, axis=1).astype(np.float32)
+        return modelled, about.columns(sources)
 
     def cells(self, term: Term | None) -> Stretches:
         """Return the cells of a field: of roads, or of each direction of them."""

@@ -1,14 +1,15 @@
 """Columns of the speed channel: how the time on a path changes with each number, field and free curve."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.discovery.channels.base import Channel, SourceColumns
+from fleetlog.discovery.channels.base import Channel, Columns, side_by_side
 from fleetlog.discovery.channels.paths import Path
 from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
-from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource
+from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, Source
 from fleetlog.discovery.hypotheses.stretches import Stretches
 from fleetlog.discovery.model import Model
 from fleetlog.physics.power import Physics, all_terms, allowed_speed
@@ -55,7 +56,7 @@ def summed(path: Path, values: Floats) -> Floats:
 
 
 @dataclass
-class About(SourceColumns):
+class About:
     """Columns of a path about a model."""
 
     channel: Channel
@@ -65,6 +66,10 @@ class About(SourceColumns):
     vehicle: int
     seconds: Floats
     capped: Mask
+
+    def columns(self, sources: Sequence[Source]) -> Columns:
+        """Return the columns of sources, (W, P)."""
+        return side_by_side(sources, self._knob, self._field, self._curve, self._error)
 
     def _knob(self, source: KnobSource) -> Floats:
         knob = source.knob
@@ -116,7 +121,7 @@ class About(SourceColumns):
         ]
         return np.asarray(np.sum(parts, axis=0))
 
-    def _error(self, name: str) -> Floats:
+    def _error(self, source: ErrorSource) -> Floats:
         step = np.diff(self.path.s, prepend=self.path.s[:1])
         pace = np.where(self.path.inside, self.seconds / np.maximum(step, 1e-9), 0.0)
         dip = (
@@ -129,5 +134,5 @@ class About(SourceColumns):
             "setting off": ~self.path.inside,
             "stopping": self.path.last,
             "slowing down": dip & ~self.path.last,
-        }[name]
+        }[source.name]
         return summed(self.path, which.astype(float))[:, None]

@@ -89,8 +89,7 @@ def knots_of(values: Floats, name: str) -> tuple[float, ...]:
 def energy_curves(
     knots: Mapping[str, tuple[float, ...]], vehicles: int, days: int, trips: tuple[str, ...]
 ) -> list[FreeCurve]:
-    """Return the free curves of an energy channel that the variables can carry; ``trips`` names those with a
-    value of their own."""
+    """Return the free curves of an energy channel; ``trips`` names those with a value of their own."""
     out = [FreeCurve("force", ("heading",), (), 4), FreeCurve("still", (), ())]
     for name, k in knots.items():
         if name not in ("lift_speed", "fork_height"):

@@ -48,10 +48,7 @@ Source = KnobSource | FieldSource | FreeCurve | ErrorSource
 
 @dataclass(frozen=True)
 class Layout:
-    """Columns of several sources, side by side, each from its start to the next: numbers first, cells last.
-
-    The recorded quantity comes after them.
-    """
+    """Columns of several sources, each from its start to the next: numbers first, cells last."""
 
     sources: tuple[Source, ...]
     starts: tuple[int, ...]

@@ -164,10 +164,7 @@ def _merged(block: Block, count: int) -> Block:
 
 
 def narrow(motion: Motion) -> Motion:
-    """Return a motion in single precision, seven digits where three or four are known.
-
-    What is constant takes no room.
-    """
+    """Return a motion in single precision, seven digits for three or four; constants take no room."""
     kept = {f.name: getattr(motion, f.name) for f in fields(Motion) if f.name not in EXACT}
     return motion.replaced(**{name: _light(values) for name, values in kept.items()})
 

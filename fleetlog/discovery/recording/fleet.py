@@ -59,8 +59,7 @@ class Fleet:
         return any(t.has(column) for _, t in self.days)
 
     most_in_memory: int = 1_500_000
-    """Rows whose motion is kept between the passes, 250 bytes each; of more it is made anew, so that memory
-    does not grow with the days."""
+    """Rows whose motion is kept between the passes, 250 bytes each; of more it is made anew."""
     _blocks: dict[tuple[int, int], Block] = field(default_factory=dict, init=False, repr=False)
 
     def each_block(self) -> Iterator[Block]:

@@ -243,12 +243,8 @@ def _speed_scale(fleet: Fleet, split: Split, term: Term) -> tuple[Fault, dict[in
         if vehicle in fleet.speed_from_positions | fleet.rarely_placed or not trajectory.has("x"):
             continue
         day = int(trajectory.time[0] // 86_400_000_000)
-        fold = split.rows(
-            trajectory.trip_ids() + TRIP * vehicle,
-            np.asarray(trajectory.time * 1e-6, dtype=np.float64),
-            vehicle,
-            day,
-        )
+        time = np.asarray(trajectory.time * 1e-6, dtype=np.float64)
+        fold = split.rows(trajectory.trip_ids() + TRIP * vehicle, time, vehicle, day)
         on_map = fleet.network is not None and trajectory.has("edge_id")
         looked = _edge_pairs(trajectory, fleet) if on_map else _chord_pairs(trajectory)
         pairs.setdefault(vehicle, []).extend((d, g) for row, d, g in looked if fold[row] != HELD_OUT)

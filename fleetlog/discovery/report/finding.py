@@ -30,8 +30,7 @@ def interval(p: term.Parameter, at: float, error: float, nominal: float) -> Para
 
 @dataclass(frozen=True)
 class Errors:
-    """What a finding is judged by: the error on unseen trips without and with it, and how likely chance alone
-    makes the difference."""
+    """Of a finding: the error on unseen trips without and with it, and how likely that is chance."""
 
     metric: str
     before: float | None

@@ -41,13 +41,8 @@ def physics(d: Diagnosis) -> Physics:
             if knob.scope.whole:
                 intervals.setdefault(knob.term, {})[knob.parameter] = (n.low, n.high)
     own = [replace(o, vehicles=(v,)) for i, v in enumerate(d.fleet.vehicles) for o in d.found.own(i)]
-    return Physics(
-        d.fleet.truck,
-        dict(d.found.values()),
-        fields=found,
-        intervals=intervals,
-        own=(*_gathered(own, d.fleet.vehicles), *timed),
-    )
+    told = (*_gathered(own, d.fleet.vehicles), *timed)
+    return Physics(d.fleet.truck, dict(d.found.values()), fields=found, intervals=intervals, own=told)
 
 
 def _gathered(own: list[Own], vehicles: tuple[str, ...]) -> tuple[Own, ...]:

@@ -16,7 +16,6 @@ from fleetlog.discovery.hypotheses.sources import KnobSource, Layout, Source
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.search.ridge import Normal, Prior
 from fleetlog.discovery.search.sums import Sums
-from fleetlog.physics.power import all_terms
 
 Floats = NDArray[np.float64]
 
@@ -138,9 +137,9 @@ def _tolerance(channel: Channel, layout: Layout, model: Model, knob: Knob) -> At
     if not knob.scope.whole:
         zero, width = 0.0, ALIKE * width
     now = model.coordinate(knob)
-    column = layout.at(KnobSource(knob.column))[0]
+    at = np.array(layout.at(KnobSource(knob.column)))
     return Atom(
-        np.array([column]), np.ones(1), (CERTAIN / width) ** 2, zero - now,
+        at, np.ones(1), (CERTAIN / width) ** 2, zero - now,
         zero - width - now, zero + width - now, knob.scope.one, knob,
     )  # fmt: skip
 
@@ -167,17 +166,7 @@ def of_hypothesis(
 
 def _free(layout: Layout, model: Model, h: Hypothesis, knob: Knob, source: Source) -> Atom:
     """A number that may be anything plausible."""
-    p = all_terms()[knob.term].by_name[knob.parameter]
+    p = knob.definition
     low, high = sorted((p.scaled(p.low), p.scaled(p.high)))
-    column, now = layout.at(source)[0], model.total(knob)
-    return Atom(
-        np.array([column]),
-        np.ones(1),
-        (high - low) ** -2.0,
-        0.0,
-        low - now,
-        high - now,
-        knob.scope.one,
-        knob,
-        h,
-    )
+    at, now = np.array(layout.at(source)), model.total(knob)
+    return Atom(at, np.ones(1), (high - low) ** -2.0, 0.0, low - now, high - now, knob.scope.one, knob, h)

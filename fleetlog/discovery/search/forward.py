@@ -197,8 +197,7 @@ def _on_edge(problem: Problem, now: Joint) -> list[Hypothesis]:
 
 
 def _exact(problem: Problem, now: Joint, worth: dict[Hypothesis, tuple[Hypothesis, ...]]) -> list[Joint]:
-    """The best few, each beside its model, fitted exactly: every term in its best form; free curves and
-    fields are linear as they are."""
+    """The best few, each beside its model, fitted exactly: of every term the best form."""
     short: list[Joint] = []
     seen: dict[object, int] = {}
     for h, beside in worth.items():

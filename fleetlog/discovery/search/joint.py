@@ -78,8 +78,7 @@ def tuned(problem: Problem, sums: Sums, model: Model, chosen: Sequence[Hypothesi
 
 
 def tightened(chosen: tuple[Hypothesis, ...]) -> list[tuple[Hypothesis, ...]]:
-    """Return a set of hypotheses, and the same with the tightest prior of fields: a wide one takes up what
-    is yet to be told apart."""
+    """Return hypotheses, and the same with tight priors of fields: wide ones take up what is yet to tell."""
     tight = tuple(
         replace(h, variance=VARIANCES[0]) if h.field and h.term and not h.patterns else h for h in chosen
     )
@@ -131,9 +130,8 @@ def refit(problem: Problem, model: Model, chosen: Sequence[Hypothesis], steps: i
 def covariance(problem: Problem, joint: Joint) -> Floats:
     """Return the (k, k) covariance of a fit's coefficients; zero for those on a bound.
 
-    It is a sandwich (Liang and Zeger 1986, doi 10.1093/biomet/73.1.13).
-    The meat is the sum over trips of the squares of their scores; the prior's part scatters as the prior
-    says.
+    A sandwich (Liang and Zeger 1986, doi 10.1093/biomet/73.1.13), whose meat is the sum over trips of the
+    squares of their scores; the prior's part scatters as the prior says.
     """
     design, prior, beta = joint.design, joint.design.prior, joint.fitted.beta
     gram, meat, shift = _products(problem, joint)
@@ -154,8 +152,7 @@ def errors(covariance: Floats) -> Floats:
 
 
 def _products(problem: Problem, joint: Joint) -> tuple[Floats, Floats, Floats]:
-    """The (k, k) products of the coefficients' columns, the squares of the trips' scores, and the (k,) scores
-    that the model's own error makes."""
+    """The (k, k) products of columns and of the trips' scores, and the (k,) scores of the model's error."""
     layout = problem.layout(joint.chosen)
     k = len(joint.design.atoms)
     gram, total, clusters, shift = np.zeros((k, k)), np.zeros((k, k)), 0, np.zeros(k)

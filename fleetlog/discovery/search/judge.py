@@ -26,14 +26,11 @@ FEWEST = 50
 
 
 def judge(
-    problem: Problem,
-    before: Model,
-    after: Model,
-    without: dict[Hypothesis, Model],
-    beside: dict[Hypothesis, Joint],
-) -> tuple[ChannelFit, dict[Hypothesis, Errors]]:
-    """Return the errors of a model before and after on what was held out, and those of each finding: of the
-    model ``without`` it, or of the fit with a free curve ``beside``."""
+    problem: Problem, before: Model, after: Model, without: dict[Hypothesis, Model], beside: dict[Hypothesis,
+    Joint],
+) -> tuple[ChannelFit, dict[Hypothesis, Errors]]:  # fmt: skip
+    """Return the errors of a model before and after on what was held out, and of each finding: of the model
+    ``without`` it, or of the fit with a free curve ``beside``."""
     channel, units = problem.channel, list(problem.held_out())
     energy = _pooled(units, lambda u: u.recorded)
     if not len(energy) or not energy.any():

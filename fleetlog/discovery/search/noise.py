@@ -73,10 +73,7 @@ def learn(
     tables: Iterable[Table], settings: Settings, model_error: float,
     together: Callable[[Windows], NDArray[np.int64]],
 ) -> Noise:  # fmt: skip
-    """Measure the noise on the units of tables.
-
-    ``together`` says which windows are held out together, (W,): these are the independent samples.
-    """
+    """Measure the noise; windows held out ``together``, (W,), are the independent samples."""
     kept: list[Table] = []
     for table in tables:
         kept.append(table)
@@ -146,10 +143,7 @@ def _classes(kept: list[Table], residual: list[Floats], levels: list[Floats], mo
 def _design(
     kept: list[Table], residual: list[Floats], noise: Noise, together: Callable[[Windows], NDArray[np.int64]]
 ) -> float:
-    """Mean square of the sum over what is held out together, over that of independent windows.
-
-    For a constant and for a share of the energy.
-    """
+    """Mean square of sums over what is held out together, of a constant and the energy, over their parts'."""
     found = []
     for constant in (True, False):
         top = bottom = 0.0
