@@ -93,7 +93,7 @@ def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
     if not head.strip():
         raise SiteError("the file is empty", where=path, do="give a map")
     suffix, known = path.suffix.lower(), readers().values()
-    found = [r for r in known if r.sniff(head)] or [r for r in known if suffix in r.suffixes]
+    found = [r for r in known if r.knows(head)] or [r for r in known if suffix in r.suffixes]
     if not found:
         suffixes = ", ".join(sorted({s for r in known for s in r.suffixes}))
         raise SiteError("not a map of a known format", where=path, do=f"known are {suffixes}")

@@ -2,9 +2,10 @@
 
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -69,32 +70,60 @@ class Reader:
     ----------
     name : as it stands in reports.
     suffixes : lower case, with the dot.
-    sniff : whether the first bytes of a file are of this format.
+    opening : regular expression that is found in the first kilobytes of a file of this format.
     read : the file as a :class:`RoadMap`; :class:`SiteError` says the place in it, the caller adds the file.
     """
 
     name: str
     suffixes: tuple[str, ...]
-    sniff: Callable[[bytes], bool]
+    opening: str
     read: Callable[[Path, MapOptions], RoadMap]
+
+    def knows(self, head: bytes) -> bool:
+        """Whether the first bytes of a file, in UTF-8 or UTF-16, are of this format."""
+        text = head.replace(b"\0", b"").decode("latin-1").lstrip("\xff\xfe\xef\xbb\xbf \r\n\t")
+        return re.search(self.opening, text, re.DOTALL | re.MULTILINE) is not None
 
 
 @dataclass
 class Tally:
-    """Counts for a load report while a map is read."""
+    """The edges of a map while it is read, how many of its roads are kept, and why others are not."""
 
-    read: int = 0
+    edges: list[Edge] = field(default_factory=list)
     kept: int = 0
-    dropped: dict[str, int] = field(default_factory=dict)
+    dropped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
 
-    def drop(self, reason: str, count: int = 1) -> None:
-        """Count roads that are left out."""
-        self.dropped[reason] = self.dropped.get(reason, 0) + count
+    @property
+    def read(self) -> int:
+        """Roads that were read."""
+        return self.kept + self.dropped.total()
 
-    def report(self, name: str) -> LoadReport:
-        """The finished report."""
-        return LoadReport(name, self.read, self.kept, dict(sorted(self.dropped.items())), tuple(self.notes))
+    def keep(self, *directions: Edge, shortest: float = 1e-9) -> None:
+        """Take in a road by the directions in which it is driven, or count it as dropped without length.
+
+        Vertices no farther than ``shortest`` from the one before them, in the unit of the points, go.
+        """
+        edges = [replace(e, points=distinct(e.points, shortest)) for e in directions]
+        if any(len(e.points) < 2 for e in edges):
+            self.dropped["without length"] += 1
+            return
+        self.kept += 1
+        self.edges += edges
+
+    def road_map(self, name: str, nothing: str, do: str, **more: Any) -> RoadMap:
+        """What was read; :class:`SiteError` that says so and what to ``do`` where that is no edge."""
+        if not self.edges:
+            raise SiteError(nothing, do=do)
+        dropped = dict(sorted(self.dropped.items()))
+        return RoadMap(self.edges, LoadReport(name, self.read, self.kept, dropped, tuple(self.notes)), **more)
+
+
+class Nodes(dict[str, Floats]):
+    """(3,) positions of a map's nodes by name; :class:`SiteError` for one that is not there."""
+
+    def __missing__(self, name: str) -> Floats:
+        raise SiteError(f"there is no node {name!r}", do="correct the map")
 
 
 HUGE = 1e9
@@ -125,7 +154,7 @@ def at(place: str) -> Iterator[None]:
         raise SiteError(error.what, where=error.where, place=inner, do=error.do) from None
 
 
-def without_repeats(points: Floats, tolerance: float = 1e-9) -> Floats:
+def distinct(points: Floats, tolerance: float = 1e-9) -> Floats:
     """Vertices without those that repeat the one before them ((n, 3), the unit of ``points``)."""
     keep = np.ones(len(points), dtype=bool)
     # Heights may be unknown (NaN); they then tell no two vertices apart.
