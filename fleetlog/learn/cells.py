@@ -13,7 +13,6 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.motion import reconstruct
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 SECTORS = 16
 """Sectors of heading."""
 SIDE = 0.5
@@ -30,7 +29,7 @@ ASIDE = 0.1
 
 @dataclass(frozen=True)
 class Cells:
-    """Driven squares (N,): ``weight`` metres driven, at the mean position [m] and ``heading`` [rad]."""
+    """What was driven (N,): ``weight`` metres, at a mean position [m] and ``heading`` [rad]."""
 
     x: Floats
     y: Floats
@@ -41,19 +40,7 @@ class Cells:
         return len(self.x)
 
 
-@dataclass(frozen=True)
-class Track:
-    """Where one truck moved: (n,) time [s], place [m], heading [rad], metres driven, speed [m/s]."""
-
-    time: Floats
-    x: Floats
-    y: Floats
-    heading: Floats
-    metres: Floats
-    speed: Floats
-
-
-def moving(trajectory: Trajectory) -> tuple[Track, float]:
+def moving(trajectory: Trajectory) -> tuple[Cells, float]:
     """The samples of a trajectory at which the truck moved, and the noise of its positions [m]."""
     found = reconstruct(trajectory)
     m = found.motion
@@ -61,8 +48,7 @@ def moving(trajectory: Trajectory) -> tuple[Track, float]:
     metres *= np.where(_manoeuvres(metres, m.dt, found.standing), ASIDE, 1.0)
     keep = ~found.standing & np.isfinite(m.x) & np.isfinite(m.y) & (metres > 0.0)
     keep &= (np.abs(m.x) < LIMIT) & (np.abs(m.y) < LIMIT)
-    columns = (m.time, m.x, m.y, m.heading, metres, m.speed)
-    return Track(*(c[keep] for c in columns)), float(found.noise.position)
+    return Cells(m.x[keep], m.y[keep], m.heading[keep], metres[keep]), float(found.noise.position)
 
 
 def _manoeuvres(metres: Floats, dt: Floats, standing: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -78,30 +64,16 @@ def _manoeuvres(metres: Floats, dt: Floats, standing: NDArray[np.bool_]) -> NDAr
     return np.asarray(gap <= MANOEUVRE)
 
 
-def gather(tracks: Iterable[Track]) -> Cells:
-    """The cells of all tracks."""
+def gather(tracks: Iterable[Cells]) -> Cells:
+    """The samples of all tracks, added up by square and sector."""
     keys, sums = np.zeros(0, np.int64), np.zeros((0, 5))
-    for track in tracks:
-        keys, sums = _summed(np.append(keys, _keys(track)), np.concatenate([sums, _moments(track)]))
-    weight = sums[:, 0]
-    x, y = sums[:, 1] / weight, sums[:, 2] / weight
-    return Cells(x, y, np.arctan2(sums[:, 4], sums[:, 3]), weight)
-
-
-def _keys(track: Track) -> Ints:
-    """(n,) number of the square and sector of each sample."""
     width = int(2 * LIMIT / SIDE)
-    i, j = (np.floor((v + LIMIT) / SIDE).astype(np.int64) for v in (track.x, track.y))
-    sector = np.floor(track.heading % (2.0 * np.pi) / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
-    return np.asarray((i * width + j) * SECTORS + sector, dtype=np.int64)
-
-
-def _moments(t: Track) -> Floats:
-    w = t.metres
-    return np.column_stack([w, w * t.x, w * t.y, w * np.cos(t.heading), w * np.sin(t.heading)])
-
-
-def _summed(keys: Ints, sums: Floats) -> tuple[Ints, Floats]:
-    """Rows of the same key added."""
-    names, of = np.unique(keys, return_inverse=True)
-    return names, np.column_stack([np.bincount(of, column, len(names)) for column in sums.T])
+    for t in tracks:
+        i, j = (np.floor((v + LIMIT) / SIDE).astype(np.int64) for v in (t.x, t.y))
+        sector = np.floor(t.heading % (2.0 * np.pi) / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
+        keys, of = np.unique(np.append(keys, (i * width + j) * SECTORS + sector), return_inverse=True)
+        own = [t.weight * v for v in (1.0, t.x, t.y, np.cos(t.heading), np.sin(t.heading))]
+        rows = np.concatenate([sums, np.column_stack(own)])
+        sums = np.column_stack([np.bincount(of, column, len(keys)) for column in rows.T])
+    weight, x, y, cos, sin = sums.T
+    return Cells(x / weight, y / weight, np.arctan2(sin, cos), weight)

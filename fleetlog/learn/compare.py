@@ -52,10 +52,9 @@ def proposals(learned: Network, evidence: pd.DataFrame, known: Network) -> list[
     from scipy.spatial import cKDTree
 
     edge, _, place, heading = _stations(known)
-    tree = cKDTree(place)
     found: list[Proposal] = []
     mine, offset, points, facing = _stations(learned)
-    near = tree.query_ball_point(points, NEAR)
+    near = cKDTree(place).query_ball_point(points, NEAR)
     state, other = np.zeros(len(mine), np.int8), np.full(len(mine), -1)
     for i, beside in enumerate(near):
         turn = np.cos(heading[beside] - facing[i]) if beside else np.zeros(0)
@@ -63,9 +62,9 @@ def proposals(learned: Network, evidence: pd.DataFrame, known: Network) -> list[
             against = np.flatnonzero(turn < -ALIKE)
             state[i] = 2 if len(against) else 1
             other[i] = edge[beside[against[0]]] if len(against) else -1
-    for a, b in _stretches(mine, state):
-        length = offset[b - 1] - offset[a] + STEP
-        if length < SHORTEST:
+    change = np.flatnonzero((np.diff(mine) != 0) | (np.diff(state) != 0)) + 1
+    for a, b in pairwise([0, *change.tolist(), len(mine)]):
+        if not state[a] or offset[b - 1] - offset[a] + STEP < SHORTEST:
             continue
         row, middle = evidence.iloc[int(mine[a])], (a + b) // 2
         wrong = state[a] == 2
@@ -85,10 +84,3 @@ def _stations(n: Network) -> tuple[NDArray[np.int32], Floats, Floats, Floats]:
     step = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
     offset = (step + 0.5) * (n.length / count)[edge]
     return edge, offset, n.position(edge, offset)[:, :2], n.heading(edge, offset)
-
-
-def _stretches(edge: NDArray[np.int32], state: NDArray[np.int8]) -> list[tuple[int, int]]:
-    """Runs of stations of one edge and one state other than 0."""
-    change = np.flatnonzero((np.diff(edge) != 0) | (np.diff(state) != 0)) + 1
-    bounds = np.concatenate([[0], change, [len(edge)]])
-    return [(int(a), int(b)) for a, b in pairwise(bounds) if state[a]]

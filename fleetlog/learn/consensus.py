@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from fleetlog.learn.cells import Cells, Floats
-from fleetlog.learn.kernels.consensus import shift
 
 ALIKE = np.cos(np.radians(35.0))
 """Headings closer than this go one way."""
@@ -41,9 +42,60 @@ def _shifted(cells: Cells, across: float, *, either: bool, rounds: int = ROUNDS)
     x, y, heading, weight = (v[order] for v in (cells.x, cells.y, cells.heading, cells.weight))
     first = np.searchsorted(block[order], np.arange(columns * rows + 1))
     left, near = np.empty(len(x)), np.empty(len(x))
-    left[order], near[order] = shift(
+    left[order], near[order] = _shift(
         x, y, np.cos(heading), np.sin(heading), weight, first, columns, rows, float(x0), float(y0), side,
         ALONG, across, ALIKE, either, rounds,
     )  # fmt: skip
     moved = replace(cells, x=cells.x - np.sin(cells.heading) * left, y=cells.y + np.cos(cells.heading) * left)
     return moved, near
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]  # numba has no types
+def _shift(
+    x: Floats, y: Floats, cos: Floats, sin: Floats, weight: Floats, first: NDArray[np.int64], columns: int,
+    rows: int, x0: float, y0: float, side: float, along: float, across: float, alike: float, either: bool,
+    rounds: int,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """(N,) metres to the left to the local mean of cells that head alike, and the weight about there.
+
+    Cells are sorted by block of ``side`` m, column after column; block b owns ``first[b]`` to ``first[b +
+    1]``. ``along``, ``across`` are the standard deviations of the kernel [m], ``alike`` the least cosine
+    between headings that count as one direction.  With ``either`` the opposite one counts too, and the kernel
+    is flat up to ``across``: lines farther apart than that do not pull at one another at all.
+    """
+    out, near = np.zeros(len(x)), np.zeros(len(x))
+    for i in range(len(x)):
+        moved = 0.0
+        for _ in range(rounds):
+            px, py = x[i] - sin[i] * moved, y[i] + cos[i] * moved
+            bi, bj = int((px - x0) / side), int((py - y0) / side)
+            total = value = 0.0
+            for a in range(max(bi - 1, 0), min(bi + 2, columns)):
+                low, high = max(bj - 1, 0), min(bj + 2, rows)
+                if low >= high:
+                    continue
+                for k in range(first[a * rows + low], first[a * rows + high]):
+                    facing = cos[k] * cos[i] + sin[k] * sin[i]
+                    if facing < alike and not (either and facing < -alike):
+                        continue
+                    dx, dy = x[k] - px, y[k] - py
+                    ahead = (dx * cos[i] + dy * sin[i]) / along
+                    left = dy * cos[i] - dx * sin[i]
+                    far = ahead * ahead
+                    if not either:
+                        far += (left / across) ** 2
+                    elif abs(left) > across:
+                        continue
+                    if far < 9.0:
+                        w = weight[k] * np.exp(-0.5 * far)
+                        total += w
+                        value += w * left
+            near[i] = total
+            if total == 0.0:
+                break
+            step = value / total
+            moved += step
+            if abs(step) < 0.01:
+                break
+        out[i] = moved
+    return out, near

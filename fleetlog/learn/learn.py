@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Edge, Network, build_network
-from fleetlog.core.result import EdgeValues, Grid, Marks, Result
+from fleetlog.core.result import EdgeValues, Grid, Marks, Result, Shape
 from fleetlog.core.site import Site
 from fleetlog.errors import DataError
-from fleetlog.learn.cells import SIDE, Cells, Track, gather, moving
+from fleetlog.learn.cells import SIDE, Cells, gather, moving
 from fleetlog.learn.compare import Proposal, proposals
-from fleetlog.learn.evidence import SPEED_STEP
+from fleetlog.learn.evidence import SPEED_STEP, Evidence
 from fleetlog.learn.places import slow_zones, with_places
 from fleetlog.learn.roads import Roads, Settings, learn_roads
 from fleetlog.store.dataset import Dataset
+from fleetlog.store.results import write_result
+from fleetlog.store.site_files import write_site
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,13 +71,25 @@ def learn(
     learned, places = with_places(base, dataset, min_visits)
     table = road_table(network, found)
     proposed = proposals(network, table, site.roads()) if site is not None else []
-    return Learned(learned, table, places, proposed, _result(learned, cells, table, places, proposed, found))
+    result = _result(learned, cells, places, proposed, found.evidence)
+    result.tables["roads"] = table
+    return Learned(learned, table, places, proposed, result)
+
+
+def write_learned(found: Learned, folder: Path) -> None:
+    """Write ``site.toml``, ``roads.geojson`` with every road's evidence, and the tables into ``folder``."""
+    evidence = {
+        str(row.edge_id): {"passes": row.passes, "trucks": row.trucks, "days": row.days}
+        for row in found.roads.itertuples()
+    }
+    write_site(found.site, folder, evidence)
+    write_result(found.result, folder, found.site.frame)
 
 
 def _driven(dataset: Dataset) -> tuple[Cells, float]:
     noises: list[float] = []
 
-    def tracks() -> Iterator[Track]:
+    def tracks() -> Iterator[Cells]:
         for trajectory in dataset.days(COLUMNS):
             if trajectory.has("x") and trajectory.has("y"):
                 track, noise = moving(trajectory)
@@ -132,20 +147,12 @@ def road_table(network: Network, found: Roads) -> pd.DataFrame:
     })  # fmt: skip
 
 
-def _result(
-    site: Site,
-    cells: Cells,
-    table: pd.DataFrame,
-    places: pd.DataFrame,
-    proposed: list[Proposal],
-    found: Roads,
-) -> Result:
+def _result(site: Site, cells: Cells, places: pd.DataFrame, proposed: list[Proposal], e: Evidence) -> Result:
     import pandas as pd
 
-    network, e = site.roads(), found.evidence
+    network, kinds = site.roads(), places.kind.value_counts().to_dict()
     roads, oneway = len(set(network.roads)), int((network.reverse < 0).sum())
     metres, nodes = float(network.length.sum()), len(network.node_ids)
-    kinds = places.kind.value_counts().to_dict()
     rows = [asdict(p) for p in proposed]
     summary = {
         "roads": roads, "oneway": oneway, "length_m": metres, "nodes": nodes, "places": len(places),
@@ -154,32 +161,23 @@ def _result(
     }  # fmt: skip
     told = ": " + ", ".join(f"{n} {k}" for k, n in kinds.items()) if kinds else ""
     lines = [
-        f"{roads} roads, {oneway} of them one-way, {nodes} nodes, {metres:,.0f} m of directed edges",
+        "{roads} roads, {oneway} of them one-way, {nodes} nodes, {length_m:,.0f} m of directed edges".format(
+            **summary
+        ),
         f"{100.0 * e.matched / max(e.rows, 1):.1f} % of {e.rows:,} rows lie on them",
         f"{len(places)} places{told}; {len(site.zones)} slow zones",
         *(p.line() for p in proposed[:8]),
     ]
     if len(proposed) > 8:
         lines.append(f"and {len(proposed) - 8} more proposals in proposals.parquet")
-    tables = {"roads": table} | ({"proposals": pd.DataFrame(rows)} if rows else {})
-    passes = _passes(network, e.mean_passes(network))
-    return Result(
-        "learn", summary, tables, {"places": places}, [_traces(cells), passes, *_marks(proposed)], lines
-    )
-
-
-def _marks(proposed: list[Proposal]) -> list[Marks]:
+    edges, passes = np.arange(len(network), dtype=np.int32), e.mean_passes(network).astype(np.float64)
+    driven = EdgeValues("roads", edges, np.zeros(len(network)), network.length, passes, "passes")
+    shapes: list[Shape] = [_traces(cells), driven]
     if not proposed:
-        return []
-    xy, kinds = np.array([(p.x, p.y) for p in proposed]), tuple(p.kind for p in proposed)
-    return [Marks("proposals", xy, kinds, np.ones(len(proposed)), "critical")]
-
-
-def _passes(network: Network, passes: NDArray[np.int64]) -> EdgeValues:
-    return EdgeValues(
-        "roads", np.arange(len(network), dtype=np.int32), np.zeros(len(network)), network.length,
-        passes.astype(np.float64), "passes",
-    )  # fmt: skip
+        return Result("learn", summary, {}, {"places": places}, shapes, lines)
+    xy, kind = np.array([(p.x, p.y) for p in proposed]), tuple(p.kind for p in proposed)
+    shapes.append(Marks("proposals", xy, kind, np.ones(len(proposed)), "critical"))
+    return Result("learn", summary, {"proposals": pd.DataFrame(rows)}, {"places": places}, shapes, lines)
 
 
 MOST_SQUARES = 4_000_000

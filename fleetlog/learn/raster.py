@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from fleetlog.learn.cells import Cells
-from fleetlog.learn.kernels.thinning import thin
 
 Floats = NDArray[np.float64]
 PIXEL = 0.25
@@ -20,15 +19,18 @@ STRAY = 0.06
 """What is driven less than this share of what the floor nearby is, is scatter about it."""
 NEARBY = 2.0
 """... within this [m]."""
-RIM = 4
-"""Empty pixels about the picture."""
+
+
+ISLET = 4.0
+"""Floor within a road smaller than this is part of it [m2]."""
+AROUND = np.array([[-1, 0], [-1, 1], [0, 1], [1, 1], [1, 0], [1, -1], [0, -1], [-1, -1]])
 
 
 @dataclass(frozen=True)
 class Picture:
     """Road pixels; pixel (row, column) has its middle at (x0 + column * side, y0 + row * side)."""
 
-    road: NDArray[np.uint8]
+    road: NDArray[np.bool_]
     x0: float
     y0: float
     side: float
@@ -47,38 +49,38 @@ def centre_lines(cells: Cells, tube: float, least: float) -> Picture:
     tube : lines closer than this are one road [m].
     least : passes below which a line is none.
     """
-    picture, passes = _passes(cells)
-    near = ndimage.maximum_filter(passes, size=2 * int(NEARBY / picture.side) + 1)
-    line = (picture.road > 0) & (passes >= np.maximum(least * 0.5, STRAY * near))
-    road = ndimage.distance_transform_edt(~line) <= max(0.5 * tube / picture.side, 2.0)
-    picture.road[:] = _without_islets(road, picture.side)
-    thin(picture.road)
-    return picture
-
-
-def _passes(cells: Cells) -> tuple[Picture, Floats]:
-    x0, y0 = float(cells.x.min()), float(cells.y.min())
-    width, height = float(np.ptp(cells.x)), float(np.ptp(cells.y))
     rim = 10.0
-    side = max(PIXEL, np.sqrt((width + 2 * rim) * (height + 2 * rim) / MOST_PIXELS))
-    x0, y0 = x0 - rim, y0 - rim
-    shape = int((height + 2 * rim) / side) + 1, int((width + 2 * rim) / side) + 1
+    x0, y0 = float(cells.x.min()) - rim, float(cells.y.min()) - rim
+    width, height = float(np.ptp(cells.x)) + 2 * rim, float(np.ptp(cells.y)) + 2 * rim
+    side = max(PIXEL, np.sqrt(width * height / MOST_PIXELS))
+    shape = int(height / side) + 1, int(width / side) + 1
     flat = np.round((cells.y - y0) / side).astype(np.int64) * shape[1]
     flat += np.round((cells.x - x0) / side).astype(np.int64)
     metres = np.bincount(flat, cells.weight, shape[0] * shape[1]).reshape(shape).astype(np.float32)
     blur = max(BLUR / side, 0.7)
     # a line that is driven once has one metre a metre: blurred, 1 / (sqrt(2 pi) sigma) a metre across
     passes = ndimage.gaussian_filter(metres, blur) * np.sqrt(2.0 * np.pi) * blur / side
-    return Picture((metres > 0.0).astype(np.uint8), x0, y0, side), passes
-
-
-ISLET = 4.0
-"""Floor within a road smaller than this is part of it [m2]."""
-
-
-def _without_islets(road: NDArray[np.bool_], side: float) -> NDArray[np.bool_]:
+    near = ndimage.maximum_filter(passes, size=2 * int(NEARBY / side) + 1)
+    line = (metres > 0.0) & (passes >= np.maximum(least * 0.5, STRAY * near))
+    road = ndimage.distance_transform_edt(~line) <= max(0.5 * tube / side, 2.0)
     label, count = ndimage.label(~road)
-    area = np.bincount(label.ravel(), minlength=count + 1)
-    small = area * side**2 < ISLET
+    small = np.bincount(label.ravel(), minlength=count + 1) * side**2 < ISLET
     small[0] = False
-    return np.asarray(road | small[label])
+    return Picture(thinned(road | small[label]), x0, y0, side)
+
+
+def thinned(picture: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Lines one pixel wide (Zhang and Suen, 1984, doi:10.1145/357994.358023); the rim is empty."""
+    picture, removed = picture.copy(), 1
+    pixels = np.argwhere(picture)
+    while removed:
+        removed = 0
+        for corners in (((0, 2, 4), (2, 4, 6)), ((0, 2, 6), (0, 4, 6))):
+            near = picture[tuple(np.moveaxis(pixels[:, None] + AROUND, 2, 0))]
+            count, rises = near.sum(axis=1), (~near & np.roll(near, -1, axis=1)).sum(axis=1)
+            going = (count >= 2) & (count <= 6) & (rises == 1)
+            for corner in corners:
+                going &= ~near[:, corner].all(axis=1)
+            picture[tuple(pixels[going].T)] = False
+            pixels, removed = pixels[~going], removed + int(going.sum())
+    return picture

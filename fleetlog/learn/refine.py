@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,28 +55,23 @@ def refined(
     for _ in range(rounds):
         chains = [_resampled(f.chain) for f in fits]
         fits = _meeting(_fitted(chains, driven, cells, reach))
-    fits = _reaching(fits, cells, reach)
-    return [replace(f, chain=replace(f.chain, points=reduced(f.chain.points, FINE))) for f in fits]
+    whole = zip(fits, _reaching(fits, cells, reach), strict=True)
+    return [replace(f, chain=replace(c, points=reduced(c.points, FINE))) for f, c in whole]
 
 
-def _reaching(fits: list[Fit], cells: Cells, reach: float) -> list[Fit]:
+def _reaching(fits: list[Fit], cells: Cells, reach: float) -> Iterator[Chain]:
     """Dead ends as far as trucks drove: thinning takes a little of every end."""
     at = ends([f.chain for f in fits])
-    out = []
-    for f in fits:
-        points = f.chain.points
-        if len(at[f.chain.end]) == 1:
-            points = _extended(points, cells, reach)
-        if len(at[f.chain.start]) == 1:
-            points = _extended(points[::-1], cells, reach)[::-1]
-        out.append(replace(f, chain=replace(f.chain, points=points)))
-    return out
+    for chain in (f.chain for f in fits):
+        points = chain.points
+        for node in (chain.end, chain.start):
+            points = (_extended(points, cells, reach) if len(at[node]) == 1 else points)[::-1]
+        yield replace(chain, points=points)
 
 
 def _extended(points: Floats, cells: Cells, reach: float) -> Floats:
     """A line carried on to where nine tenths of what was driven straight ahead of its end lie behind."""
-    line = _entry(points[::-1])
-    if line is None:
+    if _entry(points[::-1]) is None:
         return points
     back = points[:-1][np.hypot(*(points[:-1] - points[-1]).T) > TANGENT]
     direction = points[-1] - (back[-1] if len(back) else points[0])
@@ -104,57 +99,49 @@ def _tangents(points: Floats) -> Floats:
     return np.asarray(d / np.maximum(np.hypot(*d.T), 1e-9)[:, None])
 
 
-@dataclass(frozen=True)
-class _Stations:
-    """Places a metre apart along chains, end to end; chain k owns ``first[k]`` to ``first[k + 1]``."""
+def _owners(
+    chains: list[Chain], senses: NDArray[np.bool_], cells: Cells, reach: float
+) -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Tangents at the points of all chains, end to end, and the cells that lie on them in their ``senses``.
 
-    points: Floats
-    tangent: Floats
-    first: NDArray[np.int64]
+    Those are (n, 2), forth and back; of a cell its number, the point nearest to it, and 1 if back.
+    """
+    from scipy.spatial import cKDTree
 
-    @classmethod
-    def of(cls, chains: list[Chain]) -> _Stations:
-        points = np.concatenate([c.points for c in chains])
-        tangent = np.concatenate([_tangents(_softened(c.points)) for c in chains])
-        return cls(points, tangent, np.concatenate([[0], np.cumsum([len(c.points) for c in chains])]))
-
-    def owners(
-        self, senses: NDArray[np.bool_], cells: Cells, reach: float
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """The cells that lie on the chains, in one of their ``senses`` (n, 2): cell, station, 1 if back."""
-        from scipy.spatial import cKDTree
-
-        sense = np.repeat(senses, np.diff(self.first), axis=0)
-        station = np.concatenate([np.flatnonzero(sense[:, 0]), np.flatnonzero(sense[:, 1])])
-        sign = np.repeat([1.0, -1.0], sense.sum(axis=0))
-        known = np.column_stack([self.points[station], HEADED * sign[:, None] * self.tangent[station]])
-        facing = HEADED * np.cos(cells.heading), HEADED * np.sin(cells.heading)
-        wanted = np.column_stack([cells.x, cells.y, *facing])
-        far, near = cKDTree(known).query(wanted, distance_upper_bound=float(np.hypot(reach, HEADED * TILT)))
-        use = np.flatnonzero(np.isfinite(far))
-        return use, station[near[use]], (sign[near[use]] < 0.0).astype(np.intp)
+    points = np.concatenate([c.points for c in chains])
+    tangent = np.concatenate([_tangents(_softened(c.points)) for c in chains])
+    sense = np.repeat(senses, [len(c.points) for c in chains], axis=0)
+    station = np.concatenate([np.flatnonzero(sense[:, 0]), np.flatnonzero(sense[:, 1])])
+    sign = np.repeat([1.0, -1.0], sense.sum(axis=0))
+    known = np.column_stack([points[station], HEADED * sign[:, None] * tangent[station]])
+    facing = HEADED * np.cos(cells.heading), HEADED * np.sin(cells.heading)
+    wanted = np.column_stack([cells.x, cells.y, *facing])
+    far, near = cKDTree(known).query(wanted, distance_upper_bound=float(np.hypot(reach, HEADED * TILT)))
+    use = np.flatnonzero(np.isfinite(far))
+    return tangent, use, station[near[use]], (sign[near[use]] < 0.0).astype(np.intp)
 
 
 def passes(chains: list[Chain], cells: Cells, reach: float) -> Floats:
     """(n, 2) how often each metre of a chain was driven forth and back, manoeuvres aside."""
     chains = [_resampled(c) for c in chains]
-    stations = _Stations.of(chains)
-    use, at, back = stations.owners(np.ones((len(chains), 2), bool), cells, reach)
-    owner = np.searchsorted(stations.first, at, side="right") - 1
+    _, use, at, back = _owners(chains, np.ones((len(chains), 2), bool), cells, reach)
+    owner = np.repeat(np.arange(len(chains)), [len(c.points) for c in chains])[at]
     metres = np.bincount(2 * owner + back, cells.weight[use], 2 * len(chains)).reshape(-1, 2)
     return np.asarray(metres / np.array([max(c.length, STEP) for c in chains])[:, None])
 
 
 def _fitted(chains: list[Chain], driven: NDArray[np.bool_], cells: Cells, reach: float) -> list[Fit]:
-    stations = _Stations.of(chains)
-    points, tangent, n = stations.points, stations.tangent, len(stations.points)
-    use, at, back = stations.owners(driven, cells, reach)
-    dx, dy = cells.x[use] - points[at, 0], cells.y[use] - points[at, 1]
+    points = np.concatenate([c.points for c in chains])
+    tangent, use, at, back = _owners(chains, driven, cells, reach)
+    dx, dy, n = cells.x[use] - points[at, 0], cells.y[use] - points[at, 1], len(points)
     left = dy * tangent[at, 0] - dx * tangent[at, 1]
     moments = [np.bincount(back * n + at, cells.weight[use] * left**k, 2 * n).reshape(2, n) for k in range(3)]
-    sums = np.stack(moments, axis=1).astype(np.float64)
-    spans = zip(chains, pairwise(stations.first), strict=True)
-    return [_fit(c, sums[:, :, a:b], tangent[a:b]) for c, (a, b) in spans]
+    sums, bounds = (
+        np.stack(moments, axis=1).astype(np.float64),
+        np.cumsum([len(c.points) for c in chains])[:-1],
+    )
+    parts = zip(chains, np.split(sums, bounds, axis=2), np.split(tangent, bounds), strict=True)
+    return [_fit(*part) for part in parts]
 
 
 def _softened(points: Floats) -> Floats:

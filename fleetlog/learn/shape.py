@@ -168,22 +168,17 @@ def split(chains: list[Chain], turns: Counter[tuple[int, int]]) -> list[Chain]:
 
 def _turning(arms: list[tuple[int, bool]], turns: Counter[tuple[int, int]]) -> list[list[tuple[int, bool]]]:
     """The arms of a junction in groups that trucks change between; lone arms go with the first."""
-    groups = [{2 * k + (not begins)} for k, begins in arms]
-    mine = {end for group in groups for end in group}
-    here = {pair: n for pair, n in turns.items() if mine.issuperset(pair)}
+    mine = [2 * k + (not begins) for k, begins in arms]
+    here = {pair: n for pair, n in turns.items() if set(mine).issuperset(pair)}
     busy = Counter[int]()
     for pair, n in here.items():
         busy.update(dict.fromkeys(pair, n))
-    for (a, b), n in here.items():
-        if n < SPURIOUS * min(busy[a], busy[b]):
-            continue
-        one = next((g for g in groups if a in g), None)
-        two = next((g for g in groups if b in g), None)
-        if one is not None and two is not None and one is not two:
-            one |= two
-            groups.remove(two)
+    links: nx.Graph[int] = nx.Graph()
+    links.add_nodes_from(mine)
+    links.add_edges_from((a, b) for (a, b), n in here.items() if n >= SPURIOUS * min(busy[a], busy[b]))
+    groups = sorted(nx.connected_components(links), key=lambda group: len(group) == 1)
     pairs = [g for g in groups if len(g) > 1]
     if len(pairs) < 2:
         return [arms]
-    pairs[0] |= {end for g in groups if len(g) == 1 for end in g}
+    pairs[0] = pairs[0].union(*groups[len(pairs) :])
     return [[(end // 2, end % 2 == 0) for end in sorted(g)] for g in pairs]

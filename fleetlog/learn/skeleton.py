@@ -45,7 +45,7 @@ def way(points: Floats) -> Floats:
 
 def chains(picture: Picture) -> list[Chain]:
     """The chains of a thinned picture; a closed ring has one node, at any of its pixels."""
-    road = picture.road > 0
+    road = picture.road
     around = ndimage.convolve(road.astype(np.uint8), np.ones((3, 3), np.uint8), mode="constant") - 1
     knots, count = ndimage.label(road & (around != 2), structure=np.ones((3, 3)))
     links, number = ndimage.label(road & (knots == 0), structure=np.ones((3, 3)))

@@ -1,10 +1,10 @@
 """Sites: a site file with its map, or a map alone."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from fleetlog.core.files import open_regular
 from fleetlog.core.frames import map_frames
 from fleetlog.core.network import Edge, LoadReport, Network, build_network
 from fleetlog.core.schema import Keys, anything, load_toml, table, text
-from fleetlog.core.site import Place, Site
+from fleetlog.core.site import Building, Place, Site, Zone
 from fleetlog.errors import REPORT, SiteError, fault
 from fleetlog.registry import parts
 from fleetlog.roads import _tables
@@ -62,7 +62,11 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
         raise SiteError("no such file", where=path, do="give a site file (.toml) or a map")
     try:
         with _about(path):
-            return _load_toml(path) if path.suffix.lower() == ".toml" else _load_map(path)
+            return (
+                _load_toml(path)
+                if path.suffix.lower() == ".toml"
+                else _with_map(Site(path.stem, None), path, MapOptions())
+            )
     except OSError as error:
         raise SiteError(f"not readable: {error.strerror}", where=path) from None
     except SiteError:
@@ -103,52 +107,41 @@ def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
         return reader.read(path, options or MapOptions())
 
 
-def _load_map(path: Path) -> tuple[Site, list[LoadReport]]:
-    road_map = read_map(path)
-    edges, frame, notes = place_map(road_map, None)
-    network = _network(edges, road_map)
-    source = {"network": {"file": path.name, "sha256": sha256(path)}}
-    traffic = road_map.traffic or "right"
-    site = Site(path.stem, frame, network, traffic, road_map.places, source=source)
-    return _checked(site, road_map.report, notes)
-
-
 def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
     data = table(load_toml(path, SiteError), TOP, path, "", error=SiteError)
+    power = table(data.get("power", {}), _tables.POWER, path, "power", error=SiteError)
     site = Site(
         data.get("name", path.parent.resolve().name),
         _tables.frame(data, path),
-        places=_tables.places(data, path),
-        zones=_tables.zones(data, path),
-        buildings=_tables.buildings(data, path),
-        breaks=_tables.breaks(data, path),
-        power_limit=_tables.power_limit(data, path),
+        places=tuple(Place(**row) for row in _tables.rows(data, "place", path)),
+        zones=tuple(Zone(**row) for row in _tables.rows(data, "zone", path)),
+        buildings=tuple(Building(**row) for row in _tables.rows(data, "building", path)),
+        breaks=tuple((row["from"], row["until"]) for row in _tables.rows(data, "break", path)),
+        power_limit=power.get("limit", math.inf),
         map_frames=map_frames(data, path, SiteError),
         source={"site": {"file": path.name, "sha256": sha256(path)}},
     )
     if "network" not in data:
         return site, []
-    return _with_network(site, _tables.network(data, path), path)
-
-
-def _with_network(site: Site, settings: dict[str, Any], path: Path) -> tuple[Site, list[LoadReport]]:
-    file = _map_file(settings["file"], path)
+    settings = table(data["network"], _tables.NETWORK, path, "network", ("file",), SiteError)
     chosen = (frozenset(settings[k]) if k in settings else None for k in ("lane_types", "road_classes"))
-    options = MapOptions(settings.get("traffic"), *chosen)
+    return _with_map(site, _map_file(settings["file"], path), MapOptions(settings.get("traffic"), *chosen))
+
+
+def _with_map(site: Site, file: Path, options: MapOptions) -> tuple[Site, list[LoadReport]]:
     road_map = read_map(file, options)
     edges, frame, notes = place_map(road_map, site.frame)
     with _about(file):
         network = _network(edges, road_map)
     known = {p.id for p in site.places}
-    site = replace(
-        site,
-        frame=frame,
-        network=network,
-        traffic=settings.get("traffic") or road_map.traffic or "right",
-        places=site.places + tuple(p for p in road_map.places if p.id not in known),
-        source={**site.source, "network": {"file": file.name, "sha256": sha256(file)}},
-    )
-    return _checked(site, road_map.report, notes)
+    places = site.places + tuple(p for p in road_map.places if p.id not in known)
+    traffic = options.traffic or road_map.traffic or "right"
+    source = {**site.source, "network": {"file": file.name, "sha256": sha256(file)}}
+    site = replace(site, frame=frame, network=network, traffic=traffic, places=places, source=source)
+    gaps = distance_to_roads(network, np.array([[p.x, p.y] for p in places]).reshape(-1, 2))
+    far = ((p.id, gap) for p, gap in zip(places, gaps, strict=True) if gap > OFF_ROADS)
+    strays = [f"place {name!r} is {gap:.0f} m from the nearest road" for name, gap in far]
+    return site, [replace(road_map.report, notes=(*road_map.report.notes, *notes, *strays))]
 
 
 def _network(edges: list[Edge], road_map: RoadMap) -> Network:
@@ -177,16 +170,3 @@ def _map_file(name: str, path: Path) -> Path:
     if not file.is_file():
         raise SiteError(f"no such file {name!r}", where=path, place="network.file", do="correct the name")
     return file
-
-
-def _checked(site: Site, report: LoadReport, notes: list[str]) -> tuple[Site, list[LoadReport]]:
-    notes = [*report.notes, *notes, *_strays(site.places, site)]
-    return site, [replace(report, notes=tuple(notes))]
-
-
-def _strays(places: tuple[Place, ...], site: Site) -> list[str]:
-    if not places or site.network is None:
-        return []
-    gaps = distance_to_roads(site.network, np.array([[p.x, p.y] for p in places]))
-    far = ((p.id, gap) for p, gap in zip(places, gaps, strict=True) if gap > OFF_ROADS)
-    return [f"place {name!r} is {gap:.0f} m from the nearest road" for name, gap in far]

@@ -48,7 +48,7 @@ def learn(
 
 
 def _write(found: Learned, folder: Path) -> None:
-    from fleetlog.learn.write import write_learned
+    from fleetlog.learn.learn import write_learned
     from fleetlog.view.picture import write_picture
 
     write_learned(found, folder)
