@@ -161,9 +161,7 @@ def _result(site: Site, cells: Cells, places: pd.DataFrame, proposed: list[Propo
     }  # fmt: skip
     told = ": " + ", ".join(f"{n} {k}" for k, n in kinds.items()) if kinds else ""
     lines = [
-        "{roads} roads, {oneway} of them one-way, {nodes} nodes, {length_m:,.0f} m of directed edges".format(
-            **summary
-        ),
+        f"{roads} roads, {oneway} of them one-way, {nodes} nodes, {metres:,.0f} m of directed edges",
         f"{100.0 * e.matched / max(e.rows, 1):.1f} % of {e.rows:,} rows lie on them",
         f"{len(places)} places{told}; {len(site.zones)} slow zones",
         *(p.line() for p in proposed[:8]),
@@ -186,11 +184,9 @@ MOST_SQUARES = 4_000_000
 
 def _traces(cells: Cells) -> Grid:
     """Metres driven in each square of the floor."""
-    x0, y0 = float(cells.x.min()), float(cells.y.min())
-    width, height = float(np.ptp(cells.x)), float(np.ptp(cells.y))
+    (x0, y0), (width, height) = ((float(f(v)) for v in (cells.x, cells.y)) for f in (np.min, np.ptp))
     side = max(SIDE, float(np.sqrt((width + 1.0) * (height + 1.0) / MOST_SQUARES)))
-    shape = int(height / side) + 1, int(width / side) + 1
-    flat = ((cells.y - y0) / side).astype(np.int64) * shape[1] + ((cells.x - x0) / side).astype(np.int64)
-    metres = np.bincount(flat, cells.weight, shape[0] * shape[1]).reshape(shape)
+    edges = [low + side * np.arange(int(long / side) + 2) for low, long in ((y0, height), (x0, width))]
+    metres, _, _ = np.histogram2d(cells.y, cells.x, edges, weights=cells.weight)
     metres[metres <= 0.0] = np.nan
     return Grid("traces", np.log10(metres), x0, y0, side, "log10 of metres driven")

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.learn.cells import Cells
+from fleetlog.learn.lines import Chain, way
 from fleetlog.learn.shape import ends
-from fleetlog.learn.skeleton import Chain, way
 from fleetlog.roads.segments import reduced
 
 Floats = NDArray[np.float64]

@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from fleetlog.core.network import Edge, Network, build_network, reversed_edge
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
-from fleetlog.learn.cells import Cells
-from fleetlog.learn.consensus import gathered
+from fleetlog.learn.cells import Cells, gathered
 from fleetlog.learn.evidence import Evidence, gather_evidence
-from fleetlog.learn.raster import centre_lines
+from fleetlog.learn.lines import Chain, centre_lines, chains
 from fleetlog.learn.refine import Fit, passes, refined
 from fleetlog.learn.shape import apart, ends, joined, pieces, split, tidied
-from fleetlog.learn.skeleton import Chain, chains
 
 Floats = NDArray[np.float64]
 TUBE = 1.8

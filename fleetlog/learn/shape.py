@@ -7,7 +7,7 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.learn.skeleton import Chain
+from fleetlog.learn.lines import Chain
 
 Floats = NDArray[np.float64]
 BACK = 2.5

@@ -1,8 +1,6 @@
 """Sites: a site file with its map, or a map alone."""
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +15,7 @@ from fleetlog.errors import REPORT, SiteError, fault
 from fleetlog.registry import parts
 from fleetlog.roads import _tables
 from fleetlog.roads._placing import distance_to_roads, place_map
-from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap
+from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, at
 from fleetlog.store.documents import digest as sha256
 
 HEAD = 4096
@@ -61,7 +59,7 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
     if not path.exists():
         raise SiteError("no such file", where=path, do="give a site file (.toml) or a map")
     try:
-        with _about(path):
+        with at(where=path):
             return (
                 _load_toml(path)
                 if path.suffix.lower() == ".toml"
@@ -73,16 +71,6 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
         raise
     except Exception as error:
         raise SiteError(fault("the reader of maps", error), where=path, do=REPORT) from error
-
-
-@contextmanager
-def _about(path: Path) -> Iterator[None]:
-    """Say in a :class:`SiteError` that names no file that it is about this one."""
-    try:
-        yield
-    except SiteError as error:
-        where = path if error.where is None else error.where
-        raise SiteError(error.what, where=where, place=error.place, do=error.do) from None
 
 
 def readers() -> dict[str, Reader]:
@@ -103,7 +91,7 @@ def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
         raise SiteError("not a map of a known format", where=path, do=f"known are {suffixes}")
     # Two formats can share an opening; the suffix then decides.
     reader = next((r for r in found if suffix in r.suffixes), found[0])
-    with _about(path):
+    with at(where=path):
         return reader.read(path, options or MapOptions())
 
 
@@ -131,7 +119,7 @@ def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
 def _with_map(site: Site, file: Path, options: MapOptions) -> tuple[Site, list[LoadReport]]:
     road_map = read_map(file, options)
     edges, frame, notes = place_map(road_map, site.frame)
-    with _about(file):
+    with at(where=file):
         network = _network(edges, road_map)
     known = {p.id for p in site.places}
     places = site.places + tuple(p for p in road_map.places if p.id not in known)

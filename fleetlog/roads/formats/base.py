@@ -134,24 +134,22 @@ def number(text: Any, place: str | None = None) -> float:
     """A finite number of a map's text; :class:`SiteError` with the place otherwise."""
     try:
         value = float(text)
-    except OverflowError:
-        value = math.inf
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise SiteError(f"{shown(text)} is not a number", place=place, do="correct the map") from None
-    if abs(value) <= HUGE:
-        return value
-    what = "larger than any number of a map" if math.isfinite(value) else "not a finite number"
-    raise SiteError(f"{shown(text)} is {what}", place=place, do="correct the map")
+    if not abs(value) <= HUGE:
+        what = f"{shown(text)} is not a finite number of a map, at most {HUGE:g}"
+        raise SiteError(what, place=place, do="correct the map")
+    return value
 
 
 @contextmanager
-def at(place: str) -> Iterator[None]:
-    """Say in every :class:`SiteError` of this block which place it is about, outer places first."""
+def at(place: str | None = None, where: Path | None = None) -> Iterator[None]:
+    """Say in a :class:`SiteError` of this block which place it is about, outer places first, and the file."""
     try:
         yield
     except SiteError as error:
-        inner = place if error.place is None else f"{place}, {error.place}"
-        raise SiteError(error.what, where=error.where, place=inner, do=error.do) from None
+        places = ", ".join(p for p in (place, error.place) if p)
+        raise SiteError(error.what, where=error.where or where, place=places or None, do=error.do) from None
 
 
 def distinct(points: Floats, tolerance: float = 1e-9) -> Floats:

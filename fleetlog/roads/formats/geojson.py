@@ -10,18 +10,21 @@ import difflib
 import math
 from collections import Counter
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.core.network import Edge, Floats, reversed_edge
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import read_json
-from fleetlog.roads.formats._joints import join_lines
 from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, at, distinct, number
 
 KNOWN = ("id", "from", "to", "oneway", "speed_limit", "width")
+TOLERANCE = 0.1
+"""Vertices nearer than this [m] are one place; well under half the width of any road."""
 TRUTH = {None: False, False: False, True: True, "no": False, "yes": True, "false": False, "true": True}
 
 
@@ -32,8 +35,15 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     lines, oneway = _roads(raw, tally)
     why = ", ".join(f"{count} {reason}" for reason, count in tally.dropped.items())
     nothing = f"no road in it: {len(raw)} features" + (f" ({why})" if why else "")
-    heights = _has_heights(lines, tally.notes)
-    for line in _with_nodes(lines, tally.notes):
+    flat = sum(not np.isfinite(road.points[:, 2]).all() for road in lines)
+    nameless = sum(not (road.start and road.end) for road in lines)
+    if 0 < flat < len(lines):
+        tally.notes.append(f"{flat} of {len(lines)} roads have no heights, so no height is used")
+    if 0 < nameless < len(lines):
+        what = "name no nodes; theirs are found by coinciding ends"
+        tally.notes.append(f"{nameless} of {len(lines)} roads {what}")
+    heights = not flat
+    for line in _join_lines(lines, nameless == len(lines), tally.notes) if nameless else lines:
         if not heights:
             line.points[:, 2] = 0.0
         edge = replace(line, road=line.id)
@@ -140,18 +150,57 @@ def _truth(value: Any) -> bool:
     return TRUTH[key]
 
 
-def _has_heights(roads: list[Edge], notes: list[str]) -> bool:
-    missing = sum(not np.isfinite(road.points[:, 2]).all() for road in roads)
-    if 0 < missing < len(roads):
-        notes.append(f"{missing} of {len(roads)} roads have no heights, so no height is used")
-    return not missing
+def _join_lines(lines: list[Edge], split: bool, notes: list[str]) -> list[Edge]:
+    """Lines in degrees with the nodes "" named; ``road`` stays.
+
+    Inner vertices that lie on a vertex of another road split theirs where ``split``.
+    """
+    first = np.concatenate([[0], np.cumsum([len(line.points) for line in lines])])
+    owner = np.repeat(np.arange(len(lines)), np.diff(first))
+    place = _places(np.concatenate([line.points for line in lines]), owner, first)
+    names = {int(place[first[k]]): line.start for k, line in enumerate(lines) if line.start}
+    names |= {int(place[first[k + 1] - 1]): line.end for k, line in enumerate(lines) if line.end}
+    # A place is shared where vertices of two roads fall together.
+    low, high = np.full(place.max() + 1, len(lines)), np.full(place.max() + 1, -1)
+    np.minimum.at(low, place, owner)
+    np.maximum.at(high, place, owner)
+    shared = (low != high) & split
+    out: list[Edge] = []
+    divided = 0
+    for k, line in enumerate(lines):
+        own = place[first[k] : first[k + 1]]
+        cut = shared[own] & (own != own[0]) & (own != own[-1])
+        cut[1:] &= own[1:] != own[:-1]
+        bounds = [0, *np.flatnonzero(cut).tolist(), len(own) - 1]
+        divided += len(bounds) > 2
+        nodes = [names.get(p, f"@{p}") for p in own[bounds].tolist()]
+        nodes[0], nodes[-1] = line.start or nodes[0], line.end or nodes[-1]
+        for n, ((a, b), (start, end)) in enumerate(zip(pairwise(bounds), pairwise(nodes), strict=True)):
+            name = f"{line.id}:{n}" if len(bounds) > 2 else line.id
+            out.append(replace(line, id=name, points=line.points[a : b + 1], start=start, end=end))
+    if divided:
+        where = "where a vertex of another road lies on one of theirs"
+        notes.append(f"{divided} roads are split, as ID:0, ID:1 ..., {where}")
+    return out
 
 
-def _with_nodes(roads: list[Edge], notes: list[str]) -> list[Edge]:
-    missing = sum(not (road.start and road.end) for road in roads)
-    if 0 < missing < len(roads):
-        notes.append(f"{missing} of {len(roads)} roads name no nodes; theirs are found by coinciding ends")
-    return join_lines(roads, missing == len(roads), notes) if missing else roads
+def _places(points: Floats, owner: NDArray[np.intp], first: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(P,) place of each vertex: groups within the tolerance, of several roads or of road ends."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    # Rough metres about the first vertex; good to a per mille, enough to see which vertices coincide.
+    degree = 111_200.0
+    scale = np.array([degree * np.cos(np.radians(points[0, 1])), degree, 1.0])
+    metres = np.nan_to_num((points - points[0]) * scale)
+    end = np.zeros(len(points), dtype=bool)
+    end[first[:-1]] = end[first[1:] - 1] = True
+    a, b = cKDTree(metres).query_pairs(TOLERANCE, output_type="ndarray").T
+    # A densely drawn road must not shrink into one place: its own vertices join only at its two ends.
+    keep = (owner[a] != owner[b]) | (end[a] & end[b])
+    graph = coo_matrix((np.ones(keep.sum()), (a[keep], b[keep])), shape=(len(points),) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 READER = Reader("GeoJSON", (".geojson",), r'\A\{.*"Feature', read)

@@ -18,7 +18,7 @@ from fleetlog.core.network import Edge
 from fleetlog.core.site import Place, PlaceKind
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import read_json
-from fleetlog.roads.formats._nurbs import nurbs
+from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats.base import Floats, MapOptions, Nodes, Reader, RoadMap, Tally, at, number
 
 Item = dict[str, Any]
@@ -28,6 +28,8 @@ KINDS: tuple[tuple[str, PlaceKind], ...] = (
 )  # fmt: skip
 CHORD = 0.01
 """Largest distance [m] of a trajectory from its polyline."""
+LEAST, APART = 1e-6, 1e-9
+"""Smallest weight of a control point, and distance of two different knots, as a share of all."""
 
 
 def read(path: Path, options: MapOptions) -> RoadMap:
@@ -73,7 +75,7 @@ def _edge(raw: Item, spots: Nodes) -> Edge:
     name, start, end = (str(raw.get(key)) for key in ("edgeId", "startNodeId", "endNodeId"))
     kinds, points = _per_type(raw, "Edge"), np.array([spots[start], spots[end]])
     if line := next((k["trajectory"] for k in kinds if k.get("trajectory")), None):
-        inner = nurbs(line, CHORD)[1:-1]
+        inner = _nurbs(line)[1:-1]
         points = np.insert(points, 1, np.column_stack([inner, np.zeros(len(inner))]), axis=0)
     # Version 2 spells the word out.
     given = (k.get(word) for k in kinds for word in ("maxSpeed", "maximumSpeed"))
@@ -81,6 +83,45 @@ def _edge(raw: Item, spots: Nodes) -> Edge:
     # A log does not tell the type of its vehicle, so the highest of several limits bounds them all.
     limit = max((v for v in speeds if v > 0.0), default=math.nan)
     return Edge(name, start, end, points, "|".join(sorted((start, end))), limit)
+
+
+def _nurbs(raw: Any) -> Floats:
+    """(n, 2) vertices [m] of {degree, knotVector, controlPoints}; chords within ``CHORD``.
+
+    Without a degree it is 1; a control point without a weight weighs 1.  Piegl and Tiller, The NURBS Book.
+    """
+    from scipy.interpolate import BSpline
+
+    again, given = "export it again", raw if isinstance(raw, dict) else {}
+    points, vector = given.get("controlPoints"), given.get("knotVector") or []
+    if not isinstance(points, list) or not all(isinstance(p, dict) for p in points):
+        raise SiteError("its trajectory has no controlPoints", do=again)
+    if not isinstance(vector, list):
+        raise SiteError("its knotVector is no list", do=again)
+    degree = int(number(given.get("degree", 1), "degree"))
+    knots = np.array([number(k, "knotVector") for k in vector])
+    named = ({"weight": 1.0, **p} for p in points)
+    rows = [[number(p.get(key), "controlPoints") for key in ("x", "y", "weight")] for p in named]
+    x, y, weight = np.array(rows).reshape(-1, 3).T
+    gaps = np.diff(knots)
+    short = not 1 <= degree < len(x)
+    if short or len(knots) != len(x) + degree + 1 or bool((gaps < 0).any()):
+        raise SiteError(
+            f"its trajectory of degree {degree} has {len(knots)} knots for {len(x)} control points",
+            do="there must be points + degree + 1 knots in rising order",
+        )
+    close = bool(((gaps > 0.0) & (gaps < APART * np.ptp(knots))).any())
+    if close or knots[degree] == knots[len(x)] or bool((weight < LEAST).any()):
+        raise SiteError(
+            f"its knots nearly coincide or leave no curve, or a weight is below {LEAST:g}", do=again
+        )
+    spline = BSpline(knots, np.column_stack([x * weight, y * weight, weight]), degree)
+
+    def at(u: Floats) -> Floats:
+        p = spline(u)
+        return np.column_stack([p[:, :2] / p[:, 2:], np.zeros(len(u))])
+
+    return at(sample(at, np.unique(knots[degree : len(knots) - degree]), CHORD))[:, :2]
 
 
 def _about_turns(edges: list[Edge]) -> frozenset[tuple[str, str]]:

@@ -12,13 +12,13 @@ import numpy as np
 from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
 from fleetlog.roads.kernels.costs import BY_JUMP, CHAIN_END, JUMP, LEAVE, LEFT, RARE, reach_of, step_costs
 from fleetlog.roads.kernels.distances import ensure
-from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Floats, Roads, Steps, Store, Wide
+from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Floats, Groups, Roads, Store, Wide
 
 
 @fast_outer
-def ensure_all(store: Store, roads: Roads, near: Candidates, groups: Steps, beta: float, begin: int) -> Any:
+def ensure_all(store: Store, roads: Roads, near: Candidates, groups: Groups, beta: float, begin: int) -> Any:
     """Store what the steps from group ``begin`` on need; the first group for which there is no room."""
-    chain, moved, _ = groups
+    chain, moved = groups.chain, groups.moved
     for g in range(begin, len(chain) - 1):
         if chain[g + 1] != chain[g]:
             continue
@@ -66,7 +66,7 @@ def scratch(near: Candidates, costs: Costs, edges: int) -> Scratch:
 
 @fast_outer
 def decode(
-    store: Store, roads: Roads, near: Candidates, emission: Floats, groups: Steps, costs: Costs, out: Choice,
+    store: Store, roads: Roads, near: Candidates, emission: Floats, groups: Groups, costs: Costs, out: Choice,
     room: Scratch,
 ) -> None:  # fmt: skip
     """Likeliest state of every group, and every state's posterior, into ``out``.
@@ -74,7 +74,7 @@ def decode(
     Works through blocks of groups and looks ahead beyond each, so memory does not grow with the track.
     """
     ptr = near.ptr
-    chain, moved, still = groups
+    chain, moved, still = groups.chain, groups.moved, groups.still
     chosen, posterior, off_posterior, linked = out
     _, at, states, delta, alpha, gamma, own, came, cost, alpha0, _, _, slot = room
     off = costs.off

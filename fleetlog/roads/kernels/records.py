@@ -91,12 +91,31 @@ class Costs(NamedTuple):
     ahead: int
 
 
-class Steps(NamedTuple):
-    """(G,) of every group its chain, the distance travelled to the next [m], and whether it stands."""
+class Track(NamedTuple):
+    """Rows with a position: s, m, speed [m/s] and heading [rad] of the log (NaN unknown), chain (gaps)."""
 
+    t: Floats
+    x: Floats
+    y: Floats
+    speed: Floats
+    heading: Floats
     chain: Wide
+
+
+class Groups(NamedTuple):
+    """G groups: first row of each (G + 1,), mean time, place, travelled distance to the next, heading's axis.
+
+    ``axis`` (2, G) is the strength-weighted unit vector of the double angle; 0 where the log has no heading.
+    """
+
+    first: Wide
+    t: Floats
+    x: Floats
+    y: Floats
     moved: Floats
+    axis: Floats
     still: Flags
+    chain: Wide
 
 
 class Choice(NamedTuple):
@@ -125,15 +144,6 @@ class Routes(NamedTuple):
     of: Wide
     piece: Wide
     place: Floats
-
-
-class Rows(NamedTuple):
-    """(N,) seconds, metres and speed [m/s] (NaN unknown) of the log."""
-
-    t: Floats
-    x: Floats
-    y: Floats
-    speed: Floats
 
 
 class Noise(NamedTuple):
