@@ -11,10 +11,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.core.network import Floats
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.motion import reconstruct
 
-Floats = NDArray[np.float64]
 SECTORS = 16
 """Sectors of heading."""
 SIDE = 0.5

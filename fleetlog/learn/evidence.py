@@ -8,12 +8,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Network
+from fleetlog.core.network import Floats, Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads.matching import Match, match
 from fleetlog.roads.routing import Router
 
-Floats = NDArray[np.float64]
 WHOLE = 0.6
 """A visit that drives this share of an edge is a pass."""
 LONGEST, SLACK = 3.0, 20.0

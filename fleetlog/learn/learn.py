@@ -1,21 +1,21 @@
 """``fleetlog learn``: a site from a recording alone, every element with its evidence."""
 
-from __future__ import annotations
-
+import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Edge, Network, build_network
+from fleetlog.core.network import Network, build_network
 from fleetlog.core.result import EdgeValues, Grid, Marks, Result, Shape
 from fleetlog.core.site import Site
 from fleetlog.errors import DataError
 from fleetlog.learn.cells import SIDE, Cells, gather, moving
-from fleetlog.learn.compare import Proposal, proposals
+from fleetlog.learn.compare import proposals, sentence
 from fleetlog.learn.evidence import SPEED_STEP, Evidence
 from fleetlog.learn.places import slow_zones, with_places
 from fleetlog.learn.roads import Roads, Settings, learn_roads
@@ -23,10 +23,6 @@ from fleetlog.store.dataset import Dataset
 from fleetlog.store.results import write_result
 from fleetlog.store.site_files import write_site
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-Floats = NDArray[np.float64]
 COLUMNS = ("x", "y", "speed", "heading")
 FREE = 0.95
 """Share of the rows on a road that are no faster than its speed limit as driven."""
@@ -34,21 +30,10 @@ FEW = 5
 """With fewer rows no speed is told."""
 
 
-@dataclass(frozen=True)
-class Learned:
-    """A learned site; ``roads``, ``places`` are tables of evidence, ``proposed`` what an older map lacks."""
-
-    site: Site
-    roads: pd.DataFrame
-    places: pd.DataFrame
-    proposed: list[Proposal]
-    result: Result
-
-
 def learn(
     dataset: Dataset, *, site: Site | None = None, settings: Settings | None = None, min_visits: int = 3
-) -> Learned:
-    """The site of a recording.
+) -> tuple[Site, Result]:
+    """The site of a recording, and its evidence.
 
     Parameters
     ----------
@@ -66,24 +51,22 @@ def learn(
     cells, noise = _driven(dataset)
     found = learn_roads(cells, noise, lambda: dataset.days(COLUMNS), settings)
     network = described(found, noise)
-    base = Site(f"{dataset.path.name}, learned", dataset.site.frame, network, dataset.site.traffic)
-    base = replace(base, zones=slow_zones(network))
+    name, zones = f"{dataset.path.name}, learned", slow_zones(network)
+    base = Site(name, dataset.site.frame, network, dataset.site.traffic, zones=zones)
     learned, places = with_places(base, dataset, min_visits)
     table = road_table(network, found)
-    proposed = proposals(network, table, site.roads()) if site is not None else []
-    result = _result(learned, cells, places, proposed, found.evidence)
-    result.tables["roads"] = table
-    return Learned(learned, table, places, proposed, result)
+    lacking = proposals(network, table, site.roads()) if site is not None else []
+    return learned, _result(learned, cells, table, places, lacking, found.evidence)
 
 
-def write_learned(found: Learned, folder: Path) -> None:
+def write_learned(site: Site, result: Result, folder: Path) -> None:
     """Write ``site.toml``, ``roads.geojson`` with every road's evidence, and the tables into ``folder``."""
     evidence = {
         str(row.edge_id): {"passes": row.passes, "trucks": row.trucks, "days": row.days}
-        for row in found.roads.itertuples()
+        for row in result.tables["roads"].itertuples()
     }
-    write_site(found.site, folder, evidence)
-    write_result(found.result, folder, found.site.frame)
+    write_site(site, folder, evidence)
+    write_result(result, folder, site.frame)
 
 
 def _driven(dataset: Dataset) -> tuple[Cells, float]:
@@ -108,21 +91,18 @@ def described(found: Roads, noise: float) -> Network:
     n = found.network
     both = n.reverse >= 0
     names = [n.edge_ids[i] if both[i] else n.roads[i] for i in range(len(n))]
-    edges = []
-    for i, name in enumerate(names):
-        start, end = (n.node_ids[v[i]] for v in (n.start, n.end))
-        limit, width = _speed(found.evidence.speeds[i]), _width(found, i, bool(both[i]), noise)
-        edges.append(Edge(name, start, end, n.polyline(i), n.roads[i], limit, width))
+    limits = [_speed(histogram) for histogram in found.evidence.speeds]
+    widths = [_width(found, i, bool(both[i]), noise) for i in range(len(n))]
+    told = zip(n.edges(), names, limits, widths, strict=True)
+    edges = [replace(e, id=name, speed_limit=limit, width=width) for e, name, limit, width in told]
     turns = [(names[i], names[int(j)]) for i in range(len(n)) for j in n.successors(i)]
     return build_network(edges, turns, has_elevation=False)
 
 
 def _speed(histogram: NDArray[np.int64]) -> float:
     """Speed that all but a few of the rows stay below [m/s]."""
-    count = int(histogram.sum())
-    if count < FEW:
-        return float("nan")
-    return float((np.searchsorted(np.cumsum(histogram), FREE * count) + 1) * SPEED_STEP)
+    below = np.cumsum(histogram)
+    return math.nan if below[-1] < FEW else float((np.searchsorted(below, FREE * below[-1]) + 1) * SPEED_STEP)
 
 
 def _width(found: Roads, edge: int, both: bool, noise: float) -> float:
@@ -136,8 +116,6 @@ def _width(found: Roads, edge: int, both: bool, noise: float) -> float:
 
 def road_table(network: Network, found: Roads) -> pd.DataFrame:
     """One row a directed edge: its length and speed, and its evidence: passes, trucks, days."""
-    import pandas as pd
-
     e = found.evidence
     return pd.DataFrame({
         "edge_id": list(network.edge_ids), "length_m": network.length, "width_m": network.width,
@@ -147,35 +125,36 @@ def road_table(network: Network, found: Roads) -> pd.DataFrame:
     })  # fmt: skip
 
 
-def _result(site: Site, cells: Cells, places: pd.DataFrame, proposed: list[Proposal], e: Evidence) -> Result:
-    import pandas as pd
-
+def _result(
+    site: Site, cells: Cells, table: pd.DataFrame, places: pd.DataFrame, lacking: list[dict[str, Any]],
+    e: Evidence,
+) -> Result:  # fmt: skip
     network, kinds = site.roads(), places.kind.value_counts().to_dict()
     roads, oneway = len(set(network.roads)), int((network.reverse < 0).sum())
     metres, nodes = float(network.length.sum()), len(network.node_ids)
-    rows = [asdict(p) for p in proposed]
     summary = {
         "roads": roads, "oneway": oneway, "length_m": metres, "nodes": nodes, "places": len(places),
         "kinds": kinds, "zones": len(site.zones), "rows": e.rows, "rows_on_roads": e.matched,
-        "proposals": rows,
+        "proposals": lacking,
     }  # fmt: skip
     told = ": " + ", ".join(f"{n} {k}" for k, n in kinds.items()) if kinds else ""
     lines = [
         f"{roads} roads, {oneway} of them one-way, {nodes} nodes, {metres:,.0f} m of directed edges",
         f"{100.0 * e.matched / max(e.rows, 1):.1f} % of {e.rows:,} rows lie on them",
         f"{len(places)} places{told}; {len(site.zones)} slow zones",
-        *(p.line() for p in proposed[:8]),
+        *map(sentence, lacking[:8]),
     ]
-    if len(proposed) > 8:
-        lines.append(f"and {len(proposed) - 8} more proposals in proposals.parquet")
+    if len(lacking) > 8:
+        lines.append(f"and {len(lacking) - 8} more proposals in proposals.parquet")
     edges, passes = np.arange(len(network), dtype=np.int32), e.mean_passes(network).astype(np.float64)
     driven = EdgeValues("roads", edges, np.zeros(len(network)), network.length, passes, "passes")
+    tables: dict[str, pd.DataFrame] = {"roads": table}
     shapes: list[Shape] = [_traces(cells), driven]
-    if not proposed:
-        return Result("learn", summary, {}, {"places": places}, shapes, lines)
-    xy, kind = np.array([(p.x, p.y) for p in proposed]), tuple(p.kind for p in proposed)
-    shapes.append(Marks("proposals", xy, kind, np.ones(len(proposed)), "critical"))
-    return Result("learn", summary, {"proposals": pd.DataFrame(rows)}, {"places": places}, shapes, lines)
+    if lacking:
+        tables["proposals"] = pd.DataFrame(lacking)
+        xy, kind = np.array([(p["x"], p["y"]) for p in lacking]), tuple(p["kind"] for p in lacking)
+        shapes.append(Marks("proposals", xy, kind, np.ones(len(lacking)), "critical"))
+    return Result("learn", summary, tables, {"places": places}, shapes, lines)
 
 
 MOST_SQUARES = 4_000_000

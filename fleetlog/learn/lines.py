@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from fleetlog.core.network import Floats
 from fleetlog.learn.cells import Cells
 
-Floats = NDArray[np.float64]
 PIXEL = 0.25
 """Side of a pixel [m]."""
 MOST_PIXELS = 30_000_000
@@ -21,8 +21,6 @@ STRAY = 0.06
 """What is driven less than this share of what the floor nearby is, is scatter about it."""
 NEARBY = 2.0
 """... within this [m]."""
-
-
 ISLET = 4.0
 """Floor within a road smaller than this is part of it [m2]."""
 AROUND = np.array([[-1, 0], [-1, 1], [0, 1], [1, 1], [1, 0], [1, -1], [0, -1], [-1, -1]])
@@ -99,14 +97,9 @@ class Chain:
     points: Floats
 
     @property
-    def way(self) -> Floats:
-        """(n,) metres from the start to each point."""
-        return way(self.points)
-
-    @property
     def length(self) -> float:
         """Metres."""
-        return float(self.way[-1])
+        return float(way(self.points)[-1])
 
     def reversed(self) -> Chain:
         """The same road from its other end."""
@@ -123,14 +116,13 @@ def chains(picture: Picture) -> list[Chain]:
     road = picture.road
     around = ndimage.convolve(road.astype(np.uint8), np.ones((3, 3), np.uint8), mode="constant") - 1
     knots, count = ndimage.label(road & (around != 2), structure=np.ones((3, 3)))
-    links, number = ndimage.label(road & (knots == 0), structure=np.ones((3, 3)))
+    links, _ = ndimage.label(road & (knots == 0), structure=np.ones((3, 3)))
     middles = ndimage.center_of_mass(knots > 0, knots, np.arange(1, count + 1)) if count else []
     node = picture.middle(np.array(middles).reshape(-1, 2)) if count else np.zeros((0, 2))
-    out, places = [], ndimage.find_objects(links)
-    for k in range(number):
-        rows, columns = places[k]
-        pixels = np.argwhere(links[places[k]] == k + 1) + np.array([rows.start, columns.start])
-        ordered = _ordered(pixels)
+    pixels = np.argwhere(links)
+    number = links[tuple(pixels.T)]
+    out, bounds = [], np.cumsum(np.bincount(number)[1:])[:-1]
+    for ordered in map(_ordered, np.split(pixels[np.argsort(number, kind="stable")], bounds)):
         ends = [_knots(knots, p)[0] for p in (ordered[0], ordered[-1])]
         if len(ordered) == 1:
             ends = _knots(knots, ordered[0])

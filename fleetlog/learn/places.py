@@ -1,22 +1,19 @@
 """Places and slow zones of a recording."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull
 
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site, Zone
 from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table, with_room
 from fleetlog.store.dataset import Dataset
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-Floats = NDArray[np.float64]
 SLOW = 0.7
 """Roads driven at less than this share of the usual speed are a zone."""
 SHORTEST = 8.0
@@ -45,9 +42,6 @@ def slow_zones(network: Network) -> tuple[Zone, ...]:
 
     An outline that a faster road enters would slow that one down: it is left out.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     known = np.isfinite(network.speed_limit)
     if not known.any():
         return ()
@@ -62,8 +56,6 @@ def slow_zones(network: Network) -> tuple[Zone, ...]:
 
 
 def _zone(network: Network, mine: NDArray[np.bool_]) -> Zone | None:
-    from scipy.spatial import ConvexHull
-
     if network.length[mine].sum() < SHORTEST:
         return None
     owner = np.repeat(mine, np.diff(network.first))

@@ -1,19 +1,19 @@
 """Centre lines fitted to the traces: the middle across the way at every metre, straight into junctions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial import cKDTree
 
+from fleetlog.core.network import Floats
 from fleetlog.learn.cells import Cells
 from fleetlog.learn.lines import Chain, way
 from fleetlog.learn.shape import ends
 from fleetlog.roads.segments import reduced
 
-Floats = NDArray[np.float64]
 STEP = 1.0
 """Distance of the stations of a centre line [m]."""
 SMOOTH = 2.0
@@ -89,7 +89,7 @@ def _extended(points: Floats, cells: Cells, reach: float) -> Floats:
 
 
 def _resampled(c: Chain) -> Chain:
-    s = c.way
+    s = way(c.points)
     at = np.linspace(0.0, s[-1], max(round(s[-1] / STEP), 1) + 1)
     return replace(c, points=np.column_stack([np.interp(at, s, v) for v in c.points.T]))
 
@@ -106,8 +106,6 @@ def _owners(
 
     Those are (n, 2), forth and back; of a cell its number, the point nearest to it, and 1 if back.
     """
-    from scipy.spatial import cKDTree
-
     points = np.concatenate([c.points for c in chains])
     tangent = np.concatenate([_tangents(_softened(c.points)) for c in chains])
     sense = np.repeat(senses, [len(c.points) for c in chains], axis=0)
@@ -136,30 +134,24 @@ def _fitted(chains: list[Chain], driven: NDArray[np.bool_], cells: Cells, reach:
     dx, dy, n = cells.x[use] - points[at, 0], cells.y[use] - points[at, 1], len(points)
     left = dy * tangent[at, 0] - dx * tangent[at, 1]
     moments = [np.bincount(back * n + at, cells.weight[use] * left**k, 2 * n).reshape(2, n) for k in range(3)]
-    sums, bounds = (
-        np.stack(moments, axis=1).astype(np.float64),
-        np.cumsum([len(c.points) for c in chains])[:-1],
-    )
+    sums = np.stack(moments, axis=1).astype(np.float64)
+    bounds = np.cumsum([len(c.points) for c in chains])[:-1]
     parts = zip(chains, np.split(sums, bounds, axis=2), np.split(tangent, bounds), strict=True)
     return [_fit(*part) for part in parts]
 
 
 def _softened(points: Floats) -> Floats:
     """Points smoothed along their line, the ends where they are."""
-    from scipy.ndimage import gaussian_filter1d
-
     if len(points) < 4:
         return points
     # reflected through the end points, so that the ends stay
     n = len(points) - 1
-    padded = np.concatenate([2 * points[0] - points[n:0:-1], points, 2 * points[-1] - points[-2::-1]])
+    padded = np.pad(points, ((n, n), (0, 0)), "reflect", reflect_type="odd")
     return np.asarray(gaussian_filter1d(padded, SMOOTH / STEP, axis=0)[n : 2 * n + 1])
 
 
 def _fit(c: Chain, sums: Floats, tangent: Floats) -> Fit:
     """One chain from the sums of weight, distance and square of its stations."""
-    from scipy.ndimage import gaussian_filter1d
-
     total = sums[:, 0].sum(axis=1)
     weight = total / max(c.length, STEP)
     run = gaussian_filter1d(sums, SMOOTH / STEP, axis=2, mode="nearest") if len(c.points) > 3 else sums
@@ -231,7 +223,7 @@ def _entry(arm: Floats) -> tuple[Floats, Floats] | None:
 
 def _tied(c: Chain, where: dict[int, Floats], onward: set[int]) -> Chain:
     """The chain from node to node: what lies within a junction's reach gives way to a straight line."""
-    s = c.way
+    s = way(c.points)
     clear = min(CLEAR, 0.3 * s[-1])
     first, last = (0.0 if n in onward else clear for n in (c.start, c.end))
     inner = c.points[(s > first) & (s < s[-1] - last)]

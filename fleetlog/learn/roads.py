@@ -17,7 +17,6 @@ from fleetlog.learn.lines import Chain, centre_lines, chains
 from fleetlog.learn.refine import Fit, passes, refined
 from fleetlog.learn.shape import apart, ends, joined, pieces, split, tidied
 
-Floats = NDArray[np.float64]
 TUBE = 1.8
 """Lines that both directions share and that are closer than this are one [m]."""
 HALF_PASS = 0.5

@@ -6,10 +6,11 @@ from itertools import pairwise
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from fleetlog.learn.lines import Chain
+from fleetlog.core.network import Floats
+from fleetlog.learn.lines import Chain, way
 
-Floats = NDArray[np.float64]
 BACK = 2.5
 """A road this many times longer than the straight line between two of its places has turned round."""
 SPURIOUS = 0.1
@@ -137,17 +138,15 @@ def apart(chains: list[Chain], near: float) -> list[Chain]:
 
 def _turning_point(c: Chain, near: float) -> int | None:
     """The vertex half way between the first two parts of a chain beside one another; None without."""
-    from scipy.spatial import cKDTree
-
-    way = c.way
+    passed = way(c.points)
     i, j = cKDTree(c.points).query_pairs(near, output_type="ndarray").reshape(-1, 2).T
-    driven = np.abs(way[j] - way[i])
+    driven = np.abs(passed[j] - passed[i])
     beside = np.flatnonzero(driven > BACK * near)
     if not len(beside):
         return None
     k = beside[np.argmin(driven[beside])]
-    at = int(np.searchsorted(way, 0.5 * (way[i[k]] + way[j[k]])))
-    return at if 0 < at < len(way) - 1 else None
+    at = int(np.searchsorted(passed, 0.5 * (passed[i[k]] + passed[j[k]])))
+    return at if 0 < at < len(passed) - 1 else None
 
 
 def split(chains: list[Chain], turns: Counter[tuple[int, int]]) -> list[Chain]:

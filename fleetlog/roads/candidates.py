@@ -4,12 +4,9 @@ import weakref
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fleetlog.core.network import Network
+from fleetlog.core.network import Floats, Network
 from fleetlog.roads.kernels.records import Candidates, Grid, Groups, Roads, Store
-
-Floats = NDArray[np.float64]
 
 MOST_CANDIDATES = 24
 """Candidates kept for one position, nearest first: more never changed a decision on aisle grids."""

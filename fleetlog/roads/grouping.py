@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.network import Floats
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads.kernels.records import Groups, Track
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 STANDING_SPEED = 0.1

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Network
+from fleetlog.core.network import Floats, Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads.candidates import Prepared, prepare
 from fleetlog.roads.grouping import (
@@ -30,8 +30,6 @@ from fleetlog.roads.grouping import (
     with_gap,
 )
 from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Groups, Noise, Placed, Track
-
-Floats = NDArray[np.float64]
 
 REASONS: tuple[str, ...] = (
     "", "no road within reach", "no connected path", "against a one-way road", "standing off the road",

@@ -7,10 +7,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Network
+from fleetlog.core.network import Floats, Network
 from fleetlog.errors import DataError
 
-Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
 BOUNDS = 256
 """Targets whose lower bounds are kept."""
