@@ -15,24 +15,16 @@ from fleetlog.core.network import Floats
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.motion import reconstruct
 
-SECTORS = 16
-"""Sectors of heading."""
-SIDE = 0.5
-"""Side of a square [m]."""
-LIMIT = 2.0e6
-"""No coordinate of a site is larger [m]."""
-DWELL = 8.0
-"""Who stands longer than this manoeuvres before and after [s]."""
-MANOEUVRE = 8.0
-"""... for this many metres."""
-ASIDE = 0.1
-"""Weight of a metre of manoeuvre: it counts only where nothing else was driven."""
+SECTORS = 16  # sectors of heading
+SIDE = 0.5  # side of a square [m]
+LIMIT = 2.0e6  # no coordinate of a site is larger [m]
+DWELL = 8.0  # who stands longer than this manoeuvres before and after [s]
+MANOEUVRE = 8.0  # ... for this many metres
+ASIDE = 0.1  # weight of a metre of manoeuvre: it counts only where nothing else was driven
 
 
-ALIKE = np.cos(np.radians(35.0))
-"""Headings closer than this go one way."""
-ALONG = 1.0
-"""Standard deviation along the way of what is averaged [m]."""
+ALIKE = np.cos(np.radians(35.0))  # headings closer than this go one way
+ALONG = 1.0  # standard deviation along the way of what is averaged [m]
 ROUNDS = 12
 SCATTER = 0.1
 """Directions with a smaller share of what is driven about there pull by that share, the others alike."""

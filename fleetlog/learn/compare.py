@@ -10,12 +10,10 @@ from scipy.spatial import cKDTree
 
 from fleetlog.core.network import Floats, Network
 
-NEAR = 3.0
-"""A learned road within this of one of the map is that one [m]."""
+NEAR = 3.0  # a learned road within this of one of the map is that one [m]
 ALIKE = np.cos(np.radians(45.0))
 STEP = 1.0
-SHORTEST = 5.0
-"""A shorter stretch is no proposal [m]."""
+SHORTEST = 5.0  # a shorter stretch is no proposal [m]
 
 
 def proposals(learned: Network, evidence: pd.DataFrame, known: Network) -> list[dict[str, Any]]:

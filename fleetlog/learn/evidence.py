@@ -13,12 +13,10 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads.matching import Match, match
 from fleetlog.roads.routing import Router
 
-WHOLE = 0.6
-"""A visit that drives this share of an edge is a pass."""
+WHOLE = 0.6  # a visit that drives this share of an edge is a pass
 LONGEST, SLACK = 3.0, 20.0
 """No way is filled in between rows that is longer than this many times the straight line, plus this [m]."""
-STEADY = 0.3
-"""A truck slower than this stands or manoeuvres [m/s]."""
+STEADY = 0.3  # a truck slower than this stands or manoeuvres [m/s]
 
 
 @dataclass

@@ -24,10 +24,8 @@ from fleetlog.store.results import write_result
 from fleetlog.store.site_files import write_site
 
 COLUMNS = ("x", "y", "speed", "heading")
-FREE = 0.95
-"""Share of the rows on a road that are no faster than its speed limit as driven."""
-FEW = 5
-"""With fewer rows no speed is told."""
+FREE = 0.95  # share of the rows on a road that are no faster than its speed limit as driven
+FEW = 5  # with fewer rows no speed is told
 
 
 def learn(
@@ -157,13 +155,13 @@ def _result(
     return Result("learn", summary, tables, {"places": places}, shapes, lines)
 
 
-MOST_SQUARES = 4_000_000
-"""Squares of the picture of the traces."""
+MOST_SQUARES = 4_000_000  # squares of the picture of the traces
 
 
 def _traces(cells: Cells) -> Grid:
     """Metres driven in each square of the floor."""
-    (x0, y0), (width, height) = ((float(f(v)) for v in (cells.x, cells.y)) for f in (np.min, np.ptp))
+    x0, y0 = float(cells.x.min()), float(cells.y.min())
+    width, height = float(np.ptp(cells.x)), float(np.ptp(cells.y))
     side = max(SIDE, float(np.sqrt((width + 1.0) * (height + 1.0) / MOST_SQUARES)))
     edges = [low + side * np.arange(int(long / side) + 2) for low, long in ((y0, height), (x0, width))]
     metres, _, _ = np.histogram2d(cells.y, cells.x, edges, weights=cells.weight)

@@ -11,18 +11,12 @@ from scipy import ndimage
 from fleetlog.core.network import Floats
 from fleetlog.learn.cells import Cells
 
-PIXEL = 0.25
-"""Side of a pixel [m]."""
-MOST_PIXELS = 30_000_000
-"""Pixels of a picture; of a larger site they are coarser."""
-BLUR = 0.6
-"""Standard deviation of the blur that turns cells into passes [m]."""
-STRAY = 0.06
-"""What is driven less than this share of what the floor nearby is, is scatter about it."""
-NEARBY = 2.0
-"""... within this [m]."""
-ISLET = 4.0
-"""Floor within a road smaller than this is part of it [m2]."""
+PIXEL = 0.25  # side of a pixel [m]
+MOST_PIXELS = 30_000_000  # pixels of a picture; of a larger site they are coarser
+BLUR = 0.6  # standard deviation of the blur that turns cells into passes [m]
+STRAY = 0.06  # what is driven less than this share of what the floor nearby is, is scatter about it
+NEARBY = 2.0  # ... within this [m]
+ISLET = 4.0  # floor within a road smaller than this is part of it [m2]
 AROUND = np.array([[-1, 0], [-1, 1], [0, 1], [1, 1], [1, 0], [1, -1], [0, -1], [-1, -1]])
 STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 """Steps to the pixels beside one, straight ones first."""

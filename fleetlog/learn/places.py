@@ -14,14 +14,10 @@ from fleetlog.core.site import Site, Zone
 from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table, with_room
 from fleetlog.store.dataset import Dataset
 
-SLOW = 0.7
-"""Roads driven at less than this share of the usual speed are a zone."""
-SHORTEST = 8.0
-"""A zone has this many metres of road at least."""
-RIM = 2.0
-"""A zone reaches this far about its roads [m]."""
-OPEN = 4.0
-"""An outline this many times as large as its roads says little."""
+SLOW = 0.7  # roads driven at less than this share of the usual speed are a zone
+SHORTEST = 8.0  # a zone has this many metres of road at least
+RIM = 2.0  # a zone reaches this far about its roads [m]
+OPEN = 4.0  # an outline this many times as large as its roads says little
 
 
 def with_places(site: Site, dataset: Dataset, min_visits: int) -> tuple[Site, pd.DataFrame]:

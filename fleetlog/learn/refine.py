@@ -14,24 +14,17 @@ from fleetlog.learn.lines import Chain, way
 from fleetlog.learn.shape import ends
 from fleetlog.roads.segments import reduced
 
-STEP = 1.0
-"""Distance of the stations of a centre line [m]."""
-SMOOTH = 2.0
-"""Standard deviation of the smoothing along a line [m]."""
-CLEAR = 3.5
-"""Turning trucks cut corners up to this far from a junction [m]."""
-TANGENT = 5.0
-"""Metres of line beyond that which say where it enters a junction."""
+STEP = 1.0  # distance of the stations of a centre line [m]
+SMOOTH = 2.0  # standard deviation of the smoothing along a line [m]
+CLEAR = 3.5  # turning trucks cut corners up to this far from a junction [m]
+TANGENT = 5.0  # metres of line beyond that which say where it enters a junction
 HEADED, TILT = 4.0, 0.5
 """A turn by one radian counts as this distance [m]; a cell's heading is this near to its road's [rad]."""
 PULL = 0.3
 """Weight of where a junction was against a line through it, so that roads that meet flatly do not slide."""
-FINE = 0.1
-"""Vertices that are not needed to stay within this of a line are left out [m]."""
-FARTHEST_END = 6.0
-"""A dead end is carried on by this at most [m]."""
-FARTHEST = 2.5
-"""A junction moves no farther than this [m]."""
+FINE = 0.1  # vertices that are not needed to stay within this of a line are left out [m]
+FARTHEST_END = 6.0  # a dead end is carried on by this at most [m]
+FARTHEST = 2.5  # a junction moves no farther than this [m]
 
 
 @dataclass(frozen=True)

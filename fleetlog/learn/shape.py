@@ -11,12 +11,9 @@ from scipy.spatial import cKDTree
 from fleetlog.core.network import Floats
 from fleetlog.learn.lines import Chain, way
 
-BACK = 2.5
-"""A road this many times longer than the straight line between two of its places has turned round."""
-SPURIOUS = 0.1
-"""Turns made by a smaller share of the trucks at both roads' ends are none."""
-UNLIKE = 4.0
-"""A road that this many times fewer trucks go on is another one from there."""
+BACK = 2.5  # a road this many times longer than the straight line between two of its places has turned round
+SPURIOUS = 0.1  # turns made by a smaller share of the trucks at both roads' ends are none
+UNLIKE = 4.0  # a road that this many times fewer trucks go on is another one from there
 
 
 def tidied(chains: list[Chain], spur: float, junction: float) -> list[Chain]:

@@ -11,10 +11,8 @@ from fleetlog.errors import SiteError
 from fleetlog.roads.formats.base import Floats, Inverse, RoadMap
 from fleetlog.roads.segments import distance_to_segment
 
-SAME = 0.01
-"""Local metres of a map stay untouched where its frame reproduces them within this [m]."""
-FAR = 50_000.0
-"""Roads farther than this [m] from the frame's origin are in another frame than the site says."""
+SAME = 0.01  # local metres of a map stay untouched where its frame reproduces them within this [m]
+FAR = 50_000.0  # roads farther than this [m] from the frame's origin are in another frame than the site says
 
 
 def place_map(road_map: RoadMap, frame: Frame | None) -> tuple[list[Edge], Frame | None, list[str]]:

@@ -14,10 +14,7 @@ from fleetlog.core.schema import Keys, Wrong, flag, list_of, one_of, real, table
 from fleetlog.core.site import Frame
 from fleetlog.errors import SiteError
 
-FARTHEST = 1e7
-"""No corner or place lies farther from the origin [m]."""
-
-
+FARTHEST = 1e7  # no corner or place lies farther from the origin [m]
 metres = real(-FARTHEST, FARTHEST)
 
 
@@ -45,11 +42,9 @@ ORIGIN: Keys = {"latitude": real(-90, 90), "longitude": real(-180, 180)}
 PROJECTED: Keys = {"crs": crs, "easting": metres, "northing": metres}
 AXES: Keys = {"rotation": real(-2 * math.pi, 2 * math.pi), "timezone": time_zone}
 NETWORK: Keys = {
-    "file": text,
-    "traffic": one_of("right", "left"),
-    "lane_types": list_of(text, 1),
+    "file": text, "traffic": one_of("right", "left"), "lane_types": list_of(text, 1),
     "road_classes": list_of(text, 1),
-}
+}  # fmt: skip
 POWER: Keys = {"limit": real(1.0, 1e9, "W")}
 PLACE: Keys = {
     "id": text, "kind": one_of("pick", "drop", "park", "charge"), "x": metres, "y": metres, "plugs": whole(),

@@ -9,14 +9,10 @@ from fleetlog.roads.kernels.records import Groups, Track
 
 Ints = NDArray[np.int64]
 
-STANDING_SPEED = 0.1
-"""A log speed below this is a standstill [m/s]."""
-MOST_ACCELERATION = 15.0
-"""No vehicle on wheels exceeds it [m/s2]."""
-LONGEST_SPAN = 2.0
-"""Longest motion that one group may hold [s]."""
-LONGEST_STEP = 3.0
-"""And the farthest [m]: longer ones would cut the corners of aisles."""
+STANDING_SPEED = 0.1  # a log speed below this is a standstill [m/s]
+MOST_ACCELERATION = 15.0  # no vehicle on wheels exceeds it [m/s2]
+LONGEST_SPAN = 2.0  # longest motion that one group may hold [s]
+LONGEST_STEP = 3.0  # and the farthest [m]: longer ones would cut the corners of aisles
 SHORTEST_STEP = 1.0
 """Dense rows of clean positions are grouped to this much motion [m]: more rows tell the model nothing new."""
 

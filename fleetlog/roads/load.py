@@ -18,18 +18,12 @@ from fleetlog.roads._placing import distance_to_roads, place_map
 from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, at
 from fleetlog.store.documents import digest as sha256
 
-HEAD = 4096
-"""Bytes that a format is recognised by."""
+HEAD = 4096  # bytes that a format is recognised by
 MOST_EDGES, MOST_VERTICES, LONGEST = 2_000_000, 20_000_000, 200_000.0
 """A map with more edges, more vertices, or an edge longer than this [m] is not that of a site."""
-OFF_ROADS = 10.0
-"""A place farther than this [m] from every road gets a warning."""
-TOP: Keys = {
-    "name": text,
-    **dict.fromkeys(
-        ("frame", "network", "place", "zone", "building", "map_frame", "break", "power"), anything
-    ),
-}
+OFF_ROADS = 10.0  # a place farther than this [m] from every road gets a warning
+TABLES = ("frame", "network", "place", "zone", "building", "map_frame", "break", "power")
+TOP: Keys = {"name": text, **dict.fromkeys(TABLES, anything)}
 
 
 def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:

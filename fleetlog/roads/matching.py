@@ -12,6 +12,7 @@ fixed-interval smoother on the route places the rows:
 5. the chosen candidates become routes, and the rows of each are smoothed along it.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,16 +20,8 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Floats, Network
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.roads import grouping
 from fleetlog.roads.candidates import Prepared, prepare
-from fleetlog.roads.grouping import (
-    direction_of,
-    group_track,
-    sample,
-    track_of,
-    usual_gap,
-    white_noise,
-    with_gap,
-)
 from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Groups, Noise, Placed, Track
 
 REASONS: tuple[str, ...] = (
@@ -42,8 +35,6 @@ CHANCE_PERSISTENCE = 0.12
 """Correlation of successive groups that independent noise shows too, as the match bends towards it."""
 LEAST_WEIGHT = 0.35
 """Of the evidence of a group, however persistent the errors are: at a junction it is new all the same."""
-BLOCK, AHEAD = 1000, 60
-"""Groups that are decided together, and how far beyond them the model looks."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +49,12 @@ class MatchParameters:
     ``speed_noise`` [m/s] the spread of the log's speed.
     """
 
-    sigma: float = float("nan")
-    noise: float = float("nan")
-    beta: float = float("nan")
-    persistence: float = float("nan")
-    reach: float = float("nan")
-    gap: float = float("nan")
+    sigma: float = math.nan
+    noise: float = math.nan
+    beta: float = math.nan
+    persistence: float = math.nan
+    reach: float = math.nan
+    gap: float = math.nan
     turn: float = 7.0
     acceleration: float = 0.3
     speed_noise: float = 0.3
@@ -103,13 +94,13 @@ def match(trajectory: Trajectory, network: Network, parameters: MatchParameters 
     Parameters that are not given are estimated from the trajectory.  Every row gets an edge or a reason.
     """
     prepared = prepare(network)
-    track, rows, outliers = track_of(trajectory)
+    track, rows, outliers = grouping.track_of(trajectory)
     wanted = parameters or MatchParameters()
     if not len(rows):
         return _nothing(len(trajectory), wanted)
     used = _estimated(track, prepared, wanted)
-    track = with_gap(track, used.gap)
-    groups = group_track(track, used.noise, used.sigma)
+    track = grouping.with_gap(track, used.gap)
+    groups = grouping.group_track(track, used.noise, used.sigma)
     found = _spread(_match_groups(track, groups, prepared, used), rows, len(trajectory))
     found.reason[outliers] = OUT_OF_LINE
     return found
@@ -119,28 +110,25 @@ def estimate_parameters(
     trajectory: Trajectory, network: Network, parameters: MatchParameters | None = None
 ) -> MatchParameters:
     """``parameters`` with everything that is NaN estimated from the trajectory, by match and residual."""
-    track, _, _ = track_of(trajectory)
+    track, _, _ = grouping.track_of(trajectory)
     wanted = parameters or MatchParameters()
     return _estimated(track, prepare(network), wanted) if len(track.t) else wanted
 
 
-SAMPLE_GROUPS = 2000
-"""Groups from which parameters are estimated, in up to eight runs spread over the track."""
+SAMPLE_GROUPS = 2000  # groups from which parameters are estimated, in up to eight runs spread over the track
 
 
 def _estimated(track: Track, prepared: Prepared, wanted: MatchParameters) -> MatchParameters:
     fixed = {k: v for k, v in vars(wanted).items() if not np.isnan(v)}
-    gap = fixed.get("gap", usual_gap(track))
-    noise = fixed.get("noise", white_noise(with_gap(track, gap)))
+    gap = fixed.get("gap", grouping.usual_gap(track))
+    noise = fixed.get("noise", grouping.white_noise(grouping.with_gap(track, gap)))
     guess = replace(wanted, gap=gap, noise=noise)
-    some = sample(with_gap(track, gap), SAMPLE_GROUPS, noise)
+    some = grouping.sample(grouping.with_gap(track, gap), SAMPLE_GROUPS, noise)
     sigma = fixed.get("sigma", _first_sigma(some, prepared, noise))
     guess = replace(guess, **{"sigma": sigma, "beta": sigma + 0.2, "persistence": 0.0, **fixed})
-    if {"sigma", "noise", "beta", "persistence"} <= fixed.keys():
-        return _with_reach(guess, wanted)
-    for _ in range(3):
+    for _ in range(0 if {"sigma", "noise", "beta", "persistence"} <= fixed.keys() else 3):
         guess = _with_reach(guess, wanted)
-        groups = group_track(some, guess.noise, guess.sigma)
+        groups = grouping.group_track(some, guess.noise, guess.sigma)
         before = guess.sigma
         guess = replace(guess, **{**_residual_estimates(some, groups, prepared, guess), **fixed})
         if abs(guess.sigma - before) < 0.05 * before:
@@ -154,7 +142,7 @@ def _with_reach(p: MatchParameters, wanted: MatchParameters) -> MatchParameters:
 
 def _first_sigma(track: Track, prepared: Prepared, noise: float) -> float:
     """From the distance to the nearest road [m], too small among dense roads: the iteration mends it."""
-    groups = group_track(track, noise, max(noise, 1.0))
+    groups = grouping.group_track(track, noise, max(noise, 1.0))
     ptr, _, value = prepared.candidates(groups.x, groups.y, 60.0, 0.0)
     some = np.diff(ptr) > 0
     if not some.any():
@@ -198,21 +186,23 @@ def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> tuple[Can
     weight = max((1.0 - p.persistence) / (1.0 + p.persistence), LEAST_WEIGHT)
     spread = float(np.hypot(p.sigma, 0.1))
     emission, roads = np.empty(len(near.edge)), prepared.roads
-    emission_costs(near, *direction_of(groups, p.sigma), groups.axis, roads.reverse, spread, weight, emission)
+    emission_costs(
+        near, *grouping.direction_of(groups, p.sigma), groups.axis, roads.reverse, spread, weight, emission
+    )
     # off the roads costs as much as a road at the edge of what is believable, and never less than 5 sigma
     off = 3.0 * max(5.0, min(p.reach, 4.0) / spread) - 4.5
-    costs = Costs(p.beta, 3.0 * p.sigma + 0.3, p.turn, off, BLOCK, AHEAD)
+    costs = Costs(p.beta, 3.0 * p.sigma + 0.3, p.turn, off)
     count = len(groups.t)
     choice = Choice(np.full(count, -1), np.zeros(len(near.edge)), np.zeros(count), np.zeros(count, np.bool_))
     prepared.reach(near, groups, costs.beta)
-    room = scratch(near, costs, len(roads.length))
+    room = scratch(near, len(roads.length))
     decode(prepared.store, roads, near, emission, groups, costs, choice, room)
     return near, choice, costs.back
 
 
 def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchParameters) -> Match:
-    from fleetlog.roads.kernels.placing import place_points, route_posterior
-    from fleetlog.roads.kernels.routes import build_routes
+    from fleetlog.roads.kernels.placing import place_points
+    from fleetlog.roads.kernels.routes import build_routes, route_posterior
 
     (near, choice, back), size = _decode(groups, prepared, p), np.diff(groups.first)
     routes = build_routes(prepared.store, prepared.roads, near, choice, groups.moved, back)
@@ -242,7 +232,7 @@ def _reasons(
 ) -> NDArray[np.uint8]:
     """(G,) why a group is off the roads, 0 where it is on one."""
     reason = np.zeros(len(groups.t), np.uint8)
-    direction, sharpness = direction_of(groups, p.sigma)
+    direction, sharpness = grouping.direction_of(groups, p.sigma)
     for g in np.flatnonzero(choice.chosen < 0):
         rows = slice(near.ptr[g], near.ptr[g + 1])
         close = np.abs(near.value[1, rows]) < max(3.0 * p.sigma, 1.0)

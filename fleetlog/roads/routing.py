@@ -11,8 +11,7 @@ from fleetlog.core.network import Floats, Network
 from fleetlog.errors import DataError
 
 Index = NDArray[np.int32]
-BOUNDS = 256
-"""Targets whose lower bounds are kept."""
+BOUNDS = 256  # targets whose lower bounds are kept
 
 
 @dataclass(frozen=True)
@@ -53,8 +52,12 @@ class Router:
         self.speed = np.where(np.isfinite(limit) & (limit > 0.0), limit, default_speed)
         self.time = network.length / self.speed
         self._starts = network.points[network.first[:-1]]
-        self._jump = _widest_gap(network)
-        self._turn = _turn_costs(network, turn_time)
+        before = np.repeat(np.arange(len(network), dtype=np.int32), np.diff(network.next_first))
+        after = network.next_edges
+        gaps = network.points[network.first[1:] - 1][before] - self._starts[after]
+        self._jump = float(np.linalg.norm(gaps, axis=1).max(initial=0.0))
+        turn = network.heading(after, np.zeros(len(after))) - network.heading(before, network.length[before])
+        self._turn = turn_time * np.abs((turn + np.pi) % (2.0 * np.pi) - np.pi) / np.pi
         self._open = np.zeros(len(network), dtype=bool)
         self._bound = lru_cache(maxsize=BOUNDS)(self._bound_of)
 
@@ -87,26 +90,3 @@ class Router:
         straight = np.linalg.norm(self._starts - self._starts[target], axis=1)
         # A little less than the straight line: rounding must not make the bound inconsistent.
         return np.asarray(straight * (1.0 - 1e-9) / self.speed.max(), dtype=np.float64)
-
-
-def _steps(network: Network) -> tuple[Index, Index]:
-    """The edge before and after each of the turns."""
-    return np.repeat(np.arange(len(network), dtype=np.int32), np.diff(network.next_first)), network.next_edges
-
-
-def _widest_gap(network: Network) -> float:
-    """Largest distance between an edge's end and the start of one that follows [m]."""
-    before, after = _steps(network)
-    ends, starts = network.points[network.first[1:] - 1], network.points[network.first[:-1]]
-    return float(np.linalg.norm(ends[before] - starts[after], axis=1).max(initial=0.0))
-
-
-def _turn_costs(network: Network, turn_time: float) -> Floats:
-    """(len(next_edges),) time charged for each turn [s]."""
-    before, after = _steps(network)
-    leave, enter = (
-        network.heading(before, network.length[before]),
-        network.heading(after, np.zeros(len(after))),
-    )
-    turn = np.abs((enter - leave + np.pi) % (2.0 * np.pi) - np.pi)
-    return np.asarray(turn_time * turn / np.pi, dtype=np.float64)

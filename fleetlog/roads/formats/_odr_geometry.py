@@ -18,8 +18,7 @@ Curve = Callable[[Floats], tuple[Floats, Floats, Floats]]
 
 _NODES, _WEIGHTS = leggauss(12)
 _TABLE = 513
-MOST = 200_000
-"""Vertices of one line."""
+MOST = 200_000  # vertices of one line
 
 
 def line(ds: Floats) -> tuple[Floats, Floats, Floats]:

@@ -17,12 +17,9 @@ DRIVEN = frozenset({
     "mwyEntry", "mwyExit",
 })  # fmt: skip
 """Lane types that are driven unless the user says otherwise."""
-CHORD = 0.005
-"""Largest distance [m] of a lane's centre line from its polyline."""
-MICRO = 1e-3
-"""A lane section shorter than this [m] is no edge; its links are carried through."""
-THIN = 0.05
-"""A lane that is nowhere wider than this [m] is not there."""
+CHORD = 0.005  # largest distance [m] of a lane's centre line from its polyline
+MICRO = 1e-3  # a lane section shorter than this [m] is no edge; its links are carried through
+THIN = 0.05  # a lane that is nowhere wider than this [m] is not there
 BEFORE_END = 1e-7
 """Records that start at the end of a section speak of the next one: it is read this far before it [m]."""
 ENDS: tuple[End, End] = ("start", "end")

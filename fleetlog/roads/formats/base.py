@@ -126,8 +126,7 @@ class Nodes(dict[str, Floats]):
         raise SiteError(f"there is no node {name!r}", do="correct the map")
 
 
-HUGE = 1e9
-"""No coordinate, coefficient or count of a map is larger."""
+HUGE = 1e9  # no coordinate, coefficient or count of a map is larger
 
 
 def number(text: Any, place: str | None = None) -> float:
@@ -158,6 +157,12 @@ def distinct(points: Floats, tolerance: float = 1e-9) -> Floats:
     # Heights may be unknown (NaN); they then tell no two vertices apart.
     keep[1:] = np.abs(np.nan_to_num(np.diff(points, axis=0))).max(axis=1) > tolerance
     return points[keep]
+
+
+def osm_width(text: str) -> float:
+    """Width [m] of an OSM ``width`` text, NaN where unknown or no road's."""
+    found = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*m?\s*", text)
+    return float(found[1]) if found and 0.0 < float(found[1]) < 100.0 else math.nan
 
 
 _SPEED = re.compile(r"^\s*(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph|knots)?\s*$")

@@ -23,8 +23,7 @@ from fleetlog.roads.formats._documents import read_json
 from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, at, distinct, number
 
 KNOWN = ("id", "from", "to", "oneway", "speed_limit", "width")
-TOLERANCE = 0.1
-"""Vertices nearer than this [m] are one place; well under half the width of any road."""
+TOLERANCE = 0.1  # vertices nearer than this [m] are one place; well under half the width of any road
 TRUTH = {None: False, False: False, True: True, "no": False, "yes": True, "false": False, "true": True}
 
 

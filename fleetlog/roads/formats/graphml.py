@@ -16,7 +16,18 @@ from fleetlog.core.frames import geographic
 from fleetlog.core.network import Edge, Floats, reverse_id
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats.base import MapOptions, Nodes, Reader, RoadMap, Tally, at, number, osm_speed
+from fleetlog.roads.formats.base import (
+    KMH,
+    MapOptions,
+    Nodes,
+    Reader,
+    RoadMap,
+    Tally,
+    at,
+    number,
+    osm_speed,
+    osm_width,
+)
 
 Attributes = dict[str, str]
 
@@ -42,7 +53,10 @@ def read(path: Path, options: MapOptions) -> RoadMap:
         name, a = f"{u}_{v}_{element.get('id', n)}", _attributes(element, names)
         with at(f"edge {u} to {v}"):
             line = _line(a.get("geometry", ""), nodes[u], nodes[v])
-            tally.keep(Edge(name, u, v, line, name, _limit(a), _width(a.get("width", ""))))
+            limit = osm_speed(a.get("maxspeed", ""))
+            if math.isnan(limit) and a.get("speed_kph"):
+                limit = number(a["speed_kph"]) * KMH
+            tally.keep(Edge(name, u, v, line, name, limit, osm_width(a.get("width", ""))))
         against |= {name} if a.get("reversed") == "True" else set()
     tally.edges = _paired(tally.edges, against)
     crs = _attributes(graph, names).get("crs", "epsg:4326")
@@ -65,19 +79,6 @@ def _spot(node: Element, names: dict[str, str]) -> Floats:
     place, a = f"node {node.get('id')}", _attributes(node, names)
     height = number(a["elevation"], place) if a.get("elevation") else math.nan
     return np.array([number(a.get("x"), place), number(a.get("y"), place), height])
-
-
-def _limit(a: Attributes) -> float:
-    limit = osm_speed(a.get("maxspeed", ""))
-    return number(a["speed_kph"]) / 3.6 if math.isnan(limit) and a.get("speed_kph") else limit
-
-
-def _width(text: str) -> float:
-    try:
-        width = float(text)
-    except ValueError:
-        return math.nan
-    return width if 0.0 < width < 100.0 else math.nan
 
 
 def _line(text: str, start: Floats, end: Floats) -> Floats:

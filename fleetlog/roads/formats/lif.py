@@ -26,8 +26,7 @@ Item = dict[str, Any]
 KINDS: tuple[tuple[str, PlaceKind], ...] = (
     ("startCharging", "charge"), ("pick", "pick"), ("drop", "drop"), ("park", "park"),
 )  # fmt: skip
-CHORD = 0.01
-"""Largest distance [m] of a trajectory from its polyline."""
+CHORD = 0.01  # largest distance [m] of a trajectory from its polyline
 LEAST, APART = 1e-6, 1e-9
 """Smallest weight of a control point, and distance of two different knots, as a share of all."""
 

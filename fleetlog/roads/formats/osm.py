@@ -4,7 +4,6 @@ A way ``123`` that meets no other in its middle is the road ``123``, else its pa
 ...  Source of the tags: wiki.openstreetmap.org, Key:highway, Key:oneway, Relation:restriction.
 """
 
-import math
 from collections import Counter, defaultdict
 from itertools import groupby, pairwise
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.roads.formats import _lanelets
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, number, osm_speed
+from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, number, osm_speed, osm_width
 
 Tags = dict[str, str]
 
@@ -96,15 +95,14 @@ def _edges(
 ) -> list[Edge]:
     """The parts of a way between the nodes that it shares, in the directions in which they are driven."""
     implied = "yes" if tags.get("junction") == "roundabout" or tags["highway"] == "motorway" else "no"
-    oneway, limit = tags.get("oneway", implied), osm_speed(tags.get("maxspeed", ""))
-    width = tags.get("width", "").removesuffix("m").strip()
-    wide = float(width) if width.replace(".", "", 1).isdigit() else 0.0
+    oneway = tags.get("oneway", implied)
+    limit, width = osm_speed(tags.get("maxspeed", "")), osm_width(tags.get("width", ""))
     inner = [k for k in range(1, len(chain) - 1) if uses[chain[k]] > 1]
     out = []
     for k, (a, b) in enumerate(pairwise([0, *inner, len(chain) - 1])):
         points = np.array([(*spots[n], 0.0) for n in chain[a : b + 1]])
         name = f"{way}:{k}" if inner else way
-        edge = Edge(name, chain[a], chain[b], points, name, limit, wide or math.nan)
+        edge = Edge(name, chain[a], chain[b], points, name, limit, width)
         out += [] if oneway in ("-1", "reverse") else [edge]
         out += [] if oneway in ("yes", "true", "1") else [reversed_edge(edge)]
     return out

@@ -14,6 +14,8 @@ from fleetlog.roads.kernels.costs import BY_JUMP, CHAIN_END, JUMP, LEAVE, LEFT, 
 from fleetlog.roads.kernels.distances import ensure
 from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Floats, Groups, Roads, Store, Wide
 
+BLOCK, AHEAD = 1000, 60  # groups that are decided together, and how far beyond them the model looks
+
 
 @fast_outer
 def ensure_all(store: Store, roads: Roads, near: Candidates, groups: Groups, beta: float, begin: int) -> Any:
@@ -51,10 +53,10 @@ class Scratch(NamedTuple):
     slot: Wide
 
 
-def scratch(near: Candidates, costs: Costs, edges: int) -> Scratch:
+def scratch(near: Candidates, edges: int) -> Scratch:
     """Room for decoding."""
     widest = int(np.diff(near.ptr).max()) + 1
-    groups = min(len(near.ptr), costs.block + costs.ahead + 1)
+    groups = min(len(near.ptr), BLOCK + AHEAD + 1)
     delta, alpha, gamma, own = np.empty((4, groups * widest))
     alpha0, beta, later = np.empty((3, widest))
     return Scratch(
@@ -84,10 +86,10 @@ def decode(
     while start < count:
         begin = start - 1 if fixed >= 0 else start
         end = begin + 1
-        while end < count and chain[end] == chain[begin] and end - start < costs.block + costs.ahead:
+        while end < count and chain[end] == chain[begin] and end - start < BLOCK + AHEAD:
             end += 1
         whole = end == count or chain[end] != chain[begin]
-        commit = end if whole else start + costs.block
+        commit = end if whole else start + BLOCK
         at[0] = states[0] = 0
         for g in range(begin, end):
             states[g - begin + 1] = states[g - begin] + ptr[g + 1] - ptr[g] + 1

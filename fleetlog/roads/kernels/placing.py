@@ -4,18 +4,7 @@ import math
 from typing import Any
 
 from fleetlog.roads.kernels.compiling import inner, outer
-from fleetlog.roads.kernels.records import (
-    Candidates,
-    Choice,
-    Floats,
-    Groups,
-    Noise,
-    Placed,
-    Roads,
-    Routes,
-    Track,
-    Wide,
-)
+from fleetlog.roads.kernels.records import Floats, Groups, Noise, Placed, Roads, Routes, Track, Wide
 
 
 @inner
@@ -202,21 +191,3 @@ def _interpolate(
             continue
         slope = (place_of[g + 1] - place_of[g]) / max(group_time[g + 1] - group_time[g], 1e-9)
         where[i - a] = place_of[g] + slope * (t[i] - group_time[g])
-
-
-@outer
-def route_posterior(choice: Choice, near: Candidates, routes: Routes, out: Floats) -> None:
-    """Posterior (G,) of the candidates on the previous, same and following piece of the route."""
-    chosen, posterior, firsts = choice.chosen, choice.posterior, routes.firsts
-    for g in range(len(chosen)):
-        if chosen[g] < 0:
-            continue
-        p, s = routes.piece[g], routes.of[g]
-        lo, hi = max(p - 1, firsts[s]), min(p + 2, firsts[s + 1])
-        total = 0.0
-        for c in range(near.ptr[g], near.ptr[g + 1]):
-            for q in range(lo, hi):
-                if routes.edge[q] == near.edge[c]:
-                    total += posterior[c]
-                    break
-        out[g] = min(total, 1.0)

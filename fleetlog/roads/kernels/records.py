@@ -79,16 +79,13 @@ class Store(NamedTuple):
 class Costs(NamedTuple):
     """The model: spread of steps ``beta`` and how far noise moves a truck ``back`` against its edge [m].
 
-    ``turn`` is the cost of a turn in mid edge, ``off`` that of a group off the roads; ``block`` groups are
-    decided together, looking ``ahead`` beyond them.
+    ``turn`` is the cost of a turn in mid edge, ``off`` that of a group off the roads.
     """
 
     beta: float
     back: float
     turn: float
     off: float
-    block: int
-    ahead: int
 
 
 class Track(NamedTuple):
