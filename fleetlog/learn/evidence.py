@@ -21,15 +21,11 @@ STEADY = 0.3  # a truck slower than this stands or manoeuvres [m/s]
 
 @dataclass
 class Evidence:
-    """What a recording says of the E edges of a network.
+    """What a recording says of the E edges of a network."""
 
-    ``passes`` visits of a whole edge; ``metres`` driven on it in all; ``speeds`` on it, a histogram of 0.1
-    m/s; ``turns`` from edge to edge; ``vehicles`` and ``days`` by edge; ``rows`` in all and ``matched``.
-    """
-
-    passes: NDArray[np.int64]
-    metres: Floats
-    speeds: NDArray[np.int64]
+    passes: NDArray[np.int64]  # (E,) visits of a whole edge
+    metres: Floats  # (E,) driven on it in all
+    speeds: NDArray[np.int64]  # (E, bins) on it, a histogram of 0.1 m/s
     turns: Counter[tuple[int, int]] = field(default_factory=Counter)
     vehicles: dict[int, set[str]] = field(default_factory=dict)
     days: dict[int, set[int]] = field(default_factory=dict)

@@ -59,11 +59,8 @@ def learn(
 
 def write_learned(site: Site, result: Result, folder: Path) -> None:
     """Write ``site.toml``, ``roads.geojson`` with every road's evidence, and the tables into ``folder``."""
-    evidence = {
-        str(row.edge_id): {"passes": row.passes, "trucks": row.trucks, "days": row.days}
-        for row in result.tables["roads"].itertuples()
-    }
-    write_site(site, folder, evidence)
+    rows, names = result.tables["roads"].to_dict("records"), ("passes", "trucks", "days")
+    write_site(site, folder, {row["edge_id"]: {name: row[name] for name in names} for row in rows})
     write_result(result, folder, site.frame)
 
 

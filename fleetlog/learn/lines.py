@@ -37,13 +37,9 @@ class Picture:
 
 
 def centre_lines(cells: Cells, tube: float, least: float) -> Picture:
-    """The middle lines of what is driven, one pixel wide.
+    """The middle lines, one pixel wide, of what is driven (cells gathered on their lines).
 
-    Parameters
-    ----------
-    cells : gathered on their lines.
-    tube : lines closer than this are one road [m].
-    least : passes below which a line is none.
+    Lines closer than ``tube`` [m] are one road; one with fewer passes than ``least`` is none.
     """
     rim = 10.0
     x0, y0 = float(cells.x.min()) - rim, float(cells.y.min()) - rim

@@ -47,8 +47,8 @@ def slow_zones(network: Network) -> tuple[Zone, ...]:
     _, group = connected_components(meet, directed=False)
     names = np.unique(group[network.start[slow]])
     found = (_zone(network, slow & (group[network.start] == name)) for name in names)
-    outlines = [zone for zone in found if zone is not None]
-    return tuple(replace(zone, id=f"slow-{k + 1}") for k, zone in enumerate(outlines))
+    zones = (zone for zone in found if zone is not None)
+    return tuple(replace(zone, id=f"slow-{k}") for k, zone in enumerate(zones, 1))
 
 
 def _zone(network: Network, mine: NDArray[np.bool_]) -> Zone | None:

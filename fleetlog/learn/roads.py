@@ -30,15 +30,11 @@ Reread = Callable[[], Iterable[Trajectory]]
 
 @dataclass(frozen=True)
 class Settings:
-    """What the roads of a site are like.
+    """What the roads of a site are like."""
 
-    ``lane`` [m]: opposite directions closer than this are one road; ``spur`` [m]: a shorter dead end is the
-    way into a bay; ``passes``: roads driven less often are left out.
-    """
-
-    lane: float = 2.3
-    spur: float = 7.0
-    passes: int = 1
+    lane: float = 2.3  # opposite directions closer than this are one road [m]
+    spur: float = 7.0  # a shorter dead end is the way into a bay [m]
+    passes: int = 1  # roads driven less often are left out
 
 
 @dataclass(frozen=True)
@@ -104,12 +100,10 @@ def _final(graph: list[Chain], cells: Cells, reread: Reread) -> Roads:
         raise DataError("shows no road that was driven from end to end", do="record for longer")
     fits = refined(graph, senses, cells, REACH)
     edges = two_way_edges([f.chain for f in fits])
-    kept = np.flatnonzero(senses.ravel())
-    while True:
+    kept, used = np.flatnonzero(senses.ravel()), np.zeros(1, bool)
+    while not used.all():
         network = build_network([edges[i] for i in kept])
         evidence = gather_evidence(network, reread())
         used = evidence.mean_passes(network) > 0
-        if used.all():
-            break
         kept = kept[used]
     return Roads(network, evidence, [fits[i // 2] for i in kept], kept % 2 == 0)

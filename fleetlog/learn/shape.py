@@ -124,26 +124,25 @@ def apart(chains: list[Chain], near: float) -> list[Chain]:
     out, waiting, fresh = [], list(chains), _fresh(chains)
     while waiting:
         c = waiting.pop()
-        at = _turning_point(c, near)
-        if at is None:
+        if at := _turning_point(c, near):
+            waiting += [Chain(c.start, fresh, c.points[: at + 1]), Chain(fresh, c.end, c.points[at:])]
+            fresh += 1
+        else:
             out.append(c)
-            continue
-        waiting += [Chain(c.start, fresh, c.points[: at + 1]), Chain(fresh, c.end, c.points[at:])]
-        fresh += 1
     return out
 
 
-def _turning_point(c: Chain, near: float) -> int | None:
-    """The vertex half way between the first two parts of a chain beside one another; None without."""
+def _turning_point(c: Chain, near: float) -> int:
+    """The vertex half way between the first two parts of a chain beside one another; 0 without."""
     passed = way(c.points)
     i, j = cKDTree(c.points).query_pairs(near, output_type="ndarray").reshape(-1, 2).T
     driven = np.abs(passed[j] - passed[i])
     beside = np.flatnonzero(driven > BACK * near)
     if not len(beside):
-        return None
+        return 0
     k = beside[np.argmin(driven[beside])]
     at = int(np.searchsorted(passed, 0.5 * (passed[i[k]] + passed[j[k]])))
-    return at if 0 < at < len(passed) - 1 else None
+    return at if at < len(passed) - 1 else 0
 
 
 def split(chains: list[Chain], turns: Counter[tuple[int, int]]) -> list[Chain]:

@@ -39,50 +39,31 @@ LEAST_WEIGHT = 0.35
 
 @dataclass(frozen=True)
 class MatchParameters:
-    """Parameters of the model; NaN is estimated from the data.
+    """Parameters of the model; NaN is estimated from the data."""
 
-    ``sigma`` [m] is the spread of a group's lateral distance, ``noise`` [m] that of a single position,
-    ``beta`` [m] the mean of |network distance - travelled distance| of a step, ``persistence`` the
-    correlation of the lateral distances of successive groups (tempers the evidence).  ``reach`` [m]: roads
-    farther away are not considered.  ``gap`` [s]: a longer silence breaks the chain.  ``turn`` is the cost of
-    a turn in mid edge, ``acceleration`` [m2/s3] the density of the white acceleration along the route,
-    ``speed_noise`` [m/s] the spread of the log's speed.
-    """
-
-    sigma: float = math.nan
-    noise: float = math.nan
-    beta: float = math.nan
-    persistence: float = math.nan
-    reach: float = math.nan
-    gap: float = math.nan
-    turn: float = 7.0
-    acceleration: float = 0.3
-    speed_noise: float = 0.3
+    sigma: float = math.nan  # spread of a group's lateral distance [m]
+    noise: float = math.nan  # that of a single position [m]
+    beta: float = math.nan  # mean of |network distance - travelled distance| of a step [m]
+    persistence: float = math.nan  # correlation of successive lateral distances; tempers the evidence
+    reach: float = math.nan  # roads farther away are not considered [m]
+    gap: float = math.nan  # a longer silence breaks the chain [s]
+    turn: float = 7.0  # cost of a turn in mid edge
+    acceleration: float = 0.3  # density of the white acceleration along the route [m2/s3]
+    speed_noise: float = 0.3  # spread of the log's speed [m/s]
 
 
 @dataclass(frozen=True)
 class Match:
-    """Rows on the roads; all arrays are (N,).
+    """Rows on the roads; all arrays are (N,)."""
 
-    Attributes
-    ----------
-    edge : int32 index of the directed edge, -1 off the roads.
-    offset : m along the edge;  lateral : m left (+) or right (-) of it; NaN off the roads.
-    confidence : probability that the edge is right; off the roads, that no road is.
-    reason : uint8 index into ``REASONS`` of why a row has no edge; 0 where it has one.
-    restart : uint8, where a chain starts anew at a row: ``REASONS`` of why (gap, no connected path), else 0.
-    standing : bool, rows of a standstill; they share one place.
-    parameters : as used.
-    """
-
-    edge: NDArray[np.int32]
-    offset: Floats
-    lateral: Floats
-    confidence: Floats
-    reason: NDArray[np.uint8]
-    restart: NDArray[np.uint8]
-    standing: NDArray[np.bool_]
-    parameters: MatchParameters
+    edge: NDArray[np.int32]  # index of the directed edge, -1 off the roads
+    offset: Floats  # along the edge [m], NaN off the roads
+    lateral: Floats  # left (+) or right (-) of it [m], NaN off the roads
+    confidence: Floats  # probability that the edge is right; off the roads, that no road is
+    reason: NDArray[np.uint8]  # index into REASONS of why a row has no edge; 0 where it has one
+    restart: NDArray[np.uint8]  # of why a chain starts anew at a row (gap, no connected path), else 0
+    standing: NDArray[np.bool_]  # rows of a standstill; they share one place
+    parameters: MatchParameters  # as used
 
     def __len__(self) -> int:
         return len(self.edge)

@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -20,8 +19,7 @@ LONGEST, TIGHTEST = 1e6, 100.0
 AGAIN = "correct the map"
 
 
-@dataclass(frozen=True)
-class Lane:
+class Lane(NamedTuple):
     """One lane of one section; ``links`` are the lane ids at its start and end in the direction of s."""
 
     id: int
@@ -33,8 +31,7 @@ class Lane:
     speeds: tuple[tuple[float, float], ...]
 
 
-@dataclass(frozen=True)
-class Section:
+class Section(NamedTuple):
     """Lanes from s ``start`` to ``end`` [m], by id."""
 
     start: float
@@ -42,8 +39,7 @@ class Section:
     lanes: dict[int, Lane]
 
 
-@dataclass(frozen=True)
-class RoadLink:
+class RoadLink(NamedTuple):
     """What a road meets at one end: ``kind`` road or junction."""
 
     kind: str
@@ -51,8 +47,7 @@ class RoadLink:
     contact: End | None
 
 
-@dataclass(frozen=True)
-class Road:
+class Road(NamedTuple):
     """One road; ``speeds`` are (s, limit [m/s] or NaN), ``rule`` RHT, LHT or None."""
 
     id: str
@@ -75,7 +70,7 @@ def parse_road(element: Element) -> Road | None:
         return None
     if bool((np.diff(plan.starts) < 0).any()):
         raise SiteError("the geometry records run backwards in s", do=AGAIN)
-    length = min(number(element.get("length"), "length"), plan.end)
+    length = min(number(element.get("length"), "length"), plan.pieces[-1].s + plan.pieces[-1].length)
     if not 0.0 < length <= LONGEST:
         raise SiteError(f"length is {length:g} m", do=AGAIN)
     rule = element.get("rule")

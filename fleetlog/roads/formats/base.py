@@ -26,57 +26,39 @@ SPEED_UNITS: dict[str, float] = {"m/s": 1.0, "km/h": KMH, "kmh": KMH, "kph": KMH
 
 @dataclass(frozen=True)
 class MapOptions:
-    """What the user chose about reading a map; None takes the format's documented default.
-
-    Driven are the ``lane_types`` of OpenDRIVE and the ``road_classes`` (tag ``highway``) of OSM.
-    """
+    """What the user chose about reading a map; None takes the format's documented default."""
 
     traffic: Literal["right", "left"] | None = None
-    lane_types: frozenset[str] | None = None
-    road_classes: frozenset[str] | None = None
+    lane_types: frozenset[str] | None = None  # driven ones of OpenDRIVE
+    road_classes: frozenset[str] | None = None  # driven ones (tag highway) of OSM
 
 
 @dataclass(frozen=True)
 class RoadMap:
-    """The roads of one file, before they are placed in a site's frame.
+    """The roads of one file, before they are placed in a site's frame."""
 
-    Attributes
-    ----------
-    edges : directed; points are longitude, latitude [degrees], height [m] where ``geographic``, else [m].
-    report : what came in and what is kept.
-    geographic_of : for local metres of a known place on earth.
-    turns : the allowed (edge id, next edge id); None: all that the nodes allow except ``forbidden``.
-    has_elevation : whether the heights mean anything; None: where they differ.
-    places : places that the map itself names, local metres.
-    traffic : the side of the road, where the map says it.
-    """
-
-    edges: list[Edge]
+    edges: list[Edge]  # points are longitude, latitude [degrees], height [m] where geographic, else [m]
     report: LoadReport
     geographic: bool = False
-    geographic_of: Inverse | None = None
-    turns: list[tuple[str, str]] | None = None
+    geographic_of: Inverse | None = None  # for local metres of a known place on earth
+    turns: list[tuple[str, str]] | None = None  # (edge id, next edge id); None: all but the forbidden ones
     forbidden: frozenset[tuple[str, str]] = frozenset()
-    has_elevation: bool | None = None
-    places: tuple[Place, ...] = ()
-    traffic: Literal["right", "left"] | None = None
+    has_elevation: bool | None = None  # whether the heights mean anything; None: where they differ
+    places: tuple[Place, ...] = ()  # that the map itself names, local metres
+    traffic: Literal["right", "left"] | None = None  # the side of the road, where the map says it
 
 
 @dataclass(frozen=True)
 class Reader:
     """A map format.
 
-    Attributes
-    ----------
-    name : as it stands in reports.
-    suffixes : lower case, with the dot.
-    opening : regular expression that is found in the first kilobytes of a file of this format.
-    read : the file as a :class:`RoadMap`; :class:`SiteError` says the place in it, the caller adds the file.
+    ``read`` gives a file as a :class:`RoadMap`; its :class:`SiteError` says the place in it, the caller adds
+    the file.
     """
 
     name: str
-    suffixes: tuple[str, ...]
-    opening: str
+    suffixes: tuple[str, ...]  # lower case, with the dot
+    opening: str  # regular expression that is found in the first kilobytes of a file of this format
     read: Callable[[Path, MapOptions], RoadMap]
 
     def knows(self, head: bytes) -> bool:

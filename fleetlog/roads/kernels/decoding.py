@@ -33,24 +33,21 @@ def ensure_all(store: Store, roads: Roads, near: Candidates, groups: Groups, bet
 
 
 class Scratch(NamedTuple):
-    """For blocks of at most B groups with W states: (B W W,) probabilities of ``steps``, where those of a
-    group begin ``at``, where its ``states`` begin; (B W,) values of states; ``cost`` (W, W) of one step; (W,)
-    ``alpha0`` of the group before a block, ``beta`` and ``later``; (E,) ``slot`` of edges, -1.
-    """
+    """For blocks of at most B groups with at most W states."""
 
-    steps: Floats
-    at: Wide
-    states: Wide
+    steps: Floats  # (B W W,) probabilities of steps
+    at: Wide  # where those of a group begin
+    states: Wide  # where its states begin in the (B W,) values of states
     delta: Floats
     alpha: Floats
     gamma: Floats
     own: Floats
     came: Wide
-    cost: Floats
-    alpha0: Floats
+    cost: Floats  # (W, W) of one step
+    alpha0: Floats  # (W,) of the group before a block
     beta: Floats
     later: Floats
-    slot: Wide
+    slot: Wide  # (E,) state of an edge, -1
 
 
 def scratch(near: Candidates, edges: int) -> Scratch:

@@ -101,12 +101,11 @@ def place_points(
     track: Track, groups: Groups, group: Wide, routes: Routes, roads: Roads, near: Floats, noise: Noise,
     out: Placed, room: Floats, cursor: Wide,
 ) -> None:  # fmt: skip
-    """Edge, offset, lateral offset and confidence of every row that a stretch covers, into ``out``.
+    """Place every row that a stretch covers, into ``out``; ``group`` (N,) is that of each row.
 
     Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is
-    projected onto the tangent of the route.  ``group`` (N,) is that of each row, ``near`` (G,) the
-    posterior of the route about it; ``room`` (13, n) is for the rows of one stretch, ``cursor`` (2,)
-    for the search along it.
+    projected onto the tangent of the route.  ``near`` (G,) is the posterior of the route about a group;
+    ``room`` (13, n) is for the rows of one stretch, ``cursor`` (2,) for the search along it.
     """
     t, x, y, speed = track.t, track.x, track.y, track.speed
     first_row, still = groups.first, groups.still
