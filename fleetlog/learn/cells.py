@@ -21,8 +21,6 @@ LIMIT = 2.0e6  # no coordinate of a site is larger [m]
 DWELL = 8.0  # who stands longer than this manoeuvres before and after [s]
 MANOEUVRE = 8.0  # ... for this many metres
 ASIDE = 0.1  # weight of a metre of manoeuvre: it counts only where nothing else was driven
-
-
 ALIKE = np.cos(np.radians(35.0))  # headings closer than this go one way
 ALONG = 1.0  # standard deviation along the way of what is averaged [m]
 ROUNDS = 12

@@ -14,8 +14,7 @@ from fleetlog.roads.matching import Match, match
 from fleetlog.roads.routing import Router
 
 WHOLE = 0.6  # a visit that drives this share of an edge is a pass
-LONGEST, SLACK = 3.0, 20.0
-"""No way is filled in between rows that is longer than this many times the straight line, plus this [m]."""
+LONGEST, SLACK = 3.0, 20.0  # a way between rows is no longer than 3 times the straight line, plus 20 m
 STEADY = 0.3  # a truck slower than this stands or manoeuvres [m/s]
 
 

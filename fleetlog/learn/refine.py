@@ -18,10 +18,9 @@ STEP = 1.0  # distance of the stations of a centre line [m]
 SMOOTH = 2.0  # standard deviation of the smoothing along a line [m]
 CLEAR = 3.5  # turning trucks cut corners up to this far from a junction [m]
 TANGENT = 5.0  # metres of line beyond that which say where it enters a junction
-HEADED, TILT = 4.0, 0.5
-"""A turn by one radian counts as this distance [m]; a cell's heading is this near to its road's [rad]."""
-PULL = 0.3
-"""Weight of where a junction was against a line through it, so that roads that meet flatly do not slide."""
+HEADED = 4.0  # a turn by one radian counts as this distance [m]
+TILT = 0.5  # a cell's heading is this near to its road's [rad]
+PULL = 0.3  # weight of where a junction was against a line through it: roads that meet flatly do not slide
 FINE = 0.1  # vertices that are not needed to stay within this of a line are left out [m]
 FARTHEST_END = 6.0  # a dead end is carried on by this at most [m]
 FARTHEST = 2.5  # a junction moves no farther than this [m]

@@ -21,8 +21,8 @@ TUBE = 1.8  # lines that both directions share and that are closer than this are
 HALF_PASS = 0.5  # a line with fewer passes is none; less than one, as the passes of a line scatter about it
 REACH = 2.5  # traces farther than this from a road are another road's [m]
 PIECE = 8.0  # length of the pieces of road that were driven or not [m]
-RARE, BRIEF = 0.1, 10.0
-"""A link shorter than this [m] with a smaller share of the passes of the roads at its ends is a manoeuvre."""
+BRIEF = 10.0  # a link shorter than this [m] is a manoeuvre ...
+RARE = 0.1  # ... with a smaller share than this of the passes of the roads at its ends
 SELDOM = 0.06  # a direction with a smaller share of the other one's passes is not one in which trucks drive
 
 Reread = Callable[[], Iterable[Trajectory]]

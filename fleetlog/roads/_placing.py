@@ -16,7 +16,7 @@ FAR = 50_000.0  # roads farther than this [m] from the frame's origin are in ano
 
 
 def place_map(road_map: RoadMap, frame: Frame | None) -> tuple[list[Edge], Frame | None, list[str]]:
-    """Edges in the site frame (None: the map's, or one about its centre), that frame, and what to say of it."""
+    """Edges in the site frame (None: the map's, or one about its centre), that frame, and notes."""
     edges, earth = road_map.edges, road_map.geographic_of
     points = np.concatenate([e.points for e in edges])
     if road_map.geographic:

@@ -27,25 +27,12 @@ TOP: Keys = {"name": text, **dict.fromkeys(TABLES, anything)}
 
 
 def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
-    """Read a site file (TOML) with the map that it names, or a map of any format directly.
+    """The site of a file (TOML, or its folder) with the map that it names, or of a map of any format.
 
-    Parameters
-    ----------
-    path : a site file, its folder, or a map.
-
-    Returns
-    -------
-    The site, and a report for every map that was read (none for a site without roads).
-
-    Raises
-    ------
-    SiteError
-        One line that says which file, where in it, what is wrong and what to do.
-
-    Notes
-    -----
-    A map in degrees without a site file gets a frame about its centre, rotation 0.  Local metres stay as they
-    are, with the frame of the map's geoReference; without one the site has no frame.
+    With it comes a report for every map that was read.  A map in degrees without a site file gets a frame
+    about its centre, rotation 0.  Local metres stay as they are, with the frame of the map's geoReference;
+    without one the site has no frame.  :class:`SiteError` says in one line which file, where in it, what is
+    wrong and what to do.
     """
     path = Path(path)
     if path.is_dir():
@@ -54,11 +41,9 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
         raise SiteError("no such file", where=path, do="give a site file (.toml) or a map")
     try:
         with at(where=path):
-            return (
-                _load_toml(path)
-                if path.suffix.lower() == ".toml"
-                else _with_map(Site(path.stem, None), path, MapOptions())
-            )
+            if path.suffix.lower() != ".toml":
+                return _with_map(Site(path.stem), path, MapOptions())
+            return _load_toml(path)
     except OSError as error:
         raise SiteError(f"not readable: {error.strerror}", where=path) from None
     except SiteError:

@@ -75,8 +75,8 @@ def _ways(
         else:
             out.append((str(element.get("id")), chain, tags))
     if cut:
-        what = "ways name nodes that are not in the file; they are drawn through those that are"
-        tally.notes.append(f"{cut} {what}")
+        what = "that are not in the file; they are drawn through those that are"
+        tally.notes.append(f"{cut} ways name nodes {what}")
     return out
 
 

@@ -53,31 +53,24 @@ def search(
     ``best`` (E,) is infinite on entry; :func:`forget` makes it so again.  ``before`` holds the previous
     edge of the path.  Returns how many were found.
     """
-    size = 0
-    count = 0
-    for q in range(next_first[source], next_first[source + 1]):
-        f = next_edges[q]
-        if best[f] > 0.0:
-            best[f] = 0.0
-            before[f] = source
-            size = _push(heap_d, heap_e, size, 0.0, f)
-    while size > 0:
-        d, e = heap_d[0], heap_e[0]
+    size = count = 0
+    e, through = source, 0.0
+    while True:
+        if through <= bound:
+            for q in range(next_first[e], next_first[e + 1]):
+                f = next_edges[q]
+                if through < best[f]:
+                    best[f], before[f] = through, e
+                    size = _push(heap_d, heap_e, size, through, f)
+        while size > 0 and heap_d[0] > best[heap_e[0]]:
+            size = _pop(heap_d, heap_e, size)
+        if size == 0:
+            return count
+        e = heap_e[0]
+        through = heap_d[0] + length[e]
         size = _pop(heap_d, heap_e, size)
-        if d > best[e]:
-            continue
         found[count] = e
         count += 1
-        through = d + length[e]
-        if through > bound:
-            continue
-        for q in range(next_first[e], next_first[e + 1]):
-            f = next_edges[q]
-            if through < best[f]:
-                best[f] = through
-                before[f] = e
-                size = _push(heap_d, heap_e, size, through, f)
-    return count
 
 
 @inner
