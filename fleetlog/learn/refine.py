@@ -161,17 +161,13 @@ def _fit(c: Chain, sums: Floats, tangent: Floats) -> Fit:
 
 def _middle(mean: Floats, seen: NDArray[np.bool_]) -> Floats:
     """(n,) the middle of the directions that are seen; between stations where none is, interpolated."""
-    both = seen.all(axis=0)
-    place = np.arange(mean.shape[1])
-    if both.any():
-        # where only one is seen its distance from the middle is that of where both are
-        half = np.interp(place, place[both], 0.5 * (mean[0] - mean[1])[both])
-        value = np.where(both, 0.5 * (mean[0] + mean[1]), np.where(seen[0], mean[0] - half, mean[1] + half))
-    else:
-        value = np.where(seen[0], mean[0], mean[1])
-    known = seen.any(axis=0)
+    both, known = seen.all(axis=0), seen.any(axis=0)
     if not known.any():
         return np.zeros(mean.shape[1])
+    place, half = np.arange(mean.shape[1]), 0.5 * (mean[0] - mean[1])
+    # where only one is seen its distance from the middle is that of where both are
+    aside = np.interp(place, place[both], half[both]) if both.any() else np.zeros(len(place))
+    value = np.where(both, 0.5 * (mean[0] + mean[1]), np.where(seen[0], mean[0] - aside, mean[1] + aside))
     return np.asarray(np.interp(place, place[known], value[known]))
 
 

@@ -44,13 +44,10 @@ def _pruned(chains: list[Chain], spur: float) -> list[Chain]:
     while True:
         at = ends(chains)
         shortest: dict[int, int] = {}
-        for k, c in enumerate(chains):
+        for k, c in sorted(enumerate(chains), key=lambda one: one[1].length):
             loose = len(at[c.start]) == 1 or len(at[c.end]) == 1 or c.start == c.end
-            if not loose or c.length >= spur:
-                continue
-            inner = c.start if len(at[c.start]) > 1 else c.end
-            if inner not in shortest or c.length < chains[shortest[inner]].length:
-                shortest[inner] = k
+            if loose and c.length < spur:
+                shortest.setdefault(c.start if len(at[c.start]) > 1 else c.end, k)
         if not shortest:
             return chains
         gone = set(shortest.values())

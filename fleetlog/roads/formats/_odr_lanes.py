@@ -46,12 +46,16 @@ def lane_edges(
         for lane in section.lanes.values():
             if lane.id == 0:
                 continue
+            inner, outer = _sides(
+                road, section, lane, np.linspace(section.start, section.end - BEFORE_END, 9)
+            )
+            widths = np.abs(outer - inner)
             if lane.type not in driven:
                 tally.dropped[f"lane type {lane.type}"] += 1
                 skipped[lane.type] = skipped.get(lane.type, 0.0) + length
             elif length < MICRO:
                 tally.dropped["shorter than 1 mm"] += 1
-            elif (widths := _widths(road, section, lane)).max() < THIN:
+            elif widths.max() < THIN:
                 tally.dropped["without width"] += 1
             else:
                 tally.kept += 1
@@ -124,12 +128,6 @@ def _sides(road: Road, section: Section, lane: Lane, s: Floats) -> tuple[Floats,
         else:
             outer = offset + inward.borders.at(s)
     return inner, outer
-
-
-def _widths(road: Road, section: Section, lane: Lane) -> Floats:
-    """Width [m] at nine places along a lane section."""
-    inner, outer = _sides(road, section, lane, np.linspace(section.start, section.end - BEFORE_END, 9))
-    return np.asarray(np.abs(outer - inner), dtype=np.float64)
 
 
 def _lasting(records: tuple[tuple[float, float], ...], section: Section) -> float:

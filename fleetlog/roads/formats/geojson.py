@@ -90,7 +90,10 @@ def _roads(raw: list[Any], tally: Tally) -> tuple[list[Edge], set[str]]:
                 if road in out:
                     raise SiteError(f"the id {road!r} occurs twice", do="give every road its own")
                 tally.kept += 1
-                out[road] = _road(road, points, properties, whole=len(parts) == 1)
+                named = properties if len(parts) == 1 else {}
+                start, end = (str(named.get(k)) if named.get(k) is not None else "" for k in ("from", "to"))
+                limit, width = (_positive(properties.get(k), k) for k in ("speed_limit", "width"))
+                out[road] = Edge(road, start, end, points, road, limit, width)
                 if _truth(properties.get("oneway")):
                     oneway.add(road)
     if unnamed:
@@ -126,12 +129,6 @@ def _points(raw: Any) -> Floats:
             do="export the roads in degrees (RFC 7946); local metres belong into an OpenDRIVE or LIF file",
         )
     return points
-
-
-def _road(name: str, points: Floats, p: dict[str, Any], whole: bool) -> Edge:
-    start, end = (str(p[k]) if whole and p.get(k) is not None else "" for k in ("from", "to"))
-    limit, width = (_positive(p.get(k), k) for k in ("speed_limit", "width"))
-    return Edge(name, start, end, points, name, limit, width)
 
 
 def _positive(value: Any, key: str) -> float:
