@@ -126,14 +126,12 @@ def _network(edges: list[Edge], road_map: RoadMap) -> Network:
 
 def _map_file(name: str, path: Path) -> Path:
     """The map that a site file names, by an absolute name or one that stays in the site's folder."""
-    folder, file = path.parent.resolve(), Path(name)
-    if not file.is_absolute():
-        file = path.parent / file
-        if not file.resolve().is_relative_to(folder):
-            raise SiteError(
-                f"{name!r} leads out of the site's folder", where=path, place="network.file",
-                do="put the map beside the site file or write its absolute path",
-            )  # fmt: skip
+    file = path.parent / name
+    if not Path(name).is_absolute() and not file.resolve().is_relative_to(path.parent.resolve()):
+        raise SiteError(
+            f"{name!r} leads out of the site's folder", where=path, place="network.file",
+            do="put the map beside the site file or write its absolute path",
+        )  # fmt: skip
     if not file.is_file():
         raise SiteError(f"no such file {name!r}", where=path, place="network.file", do="correct the name")
     return file
