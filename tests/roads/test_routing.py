@@ -1,4 +1,4 @@
-"""Routes and bounded distances against networkx on random networks with one-way roads and forbidden turns."""
+"""Routes against networkx on random networks with one-way roads and forbidden turns."""
 
 import networkx as nx
 import numpy as np

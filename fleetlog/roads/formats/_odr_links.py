@@ -32,9 +32,10 @@ def connect(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> l
     """
     lanes = tally.edges
     touching = _touching(roads, junctions, tally)
-    touching.add_nodes_from(spot for lane in lanes for spot in (lane.start, lane.end))
+    spots = [spot for lane in lanes for spot in (lane.start, lane.end)]
+    touching.add_nodes_from(spots)
     nodes: dict[str, str] = {}
-    for spot in (spot for lane in lanes for spot in (lane.start, lane.end)):
+    for spot in spots:
         if spot not in nodes:
             nodes |= dict.fromkeys(nx.node_connected_component(touching, spot), spot)
     tally.edges = [replace(lane, start=nodes[lane.start], end=nodes[lane.end]) for lane in lanes]

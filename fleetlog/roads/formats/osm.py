@@ -120,15 +120,14 @@ def _forbidden(root: Element, parts: dict[str, list[Edge]], tally: Tally) -> fro
         rule = tags.get("restriction", "")
         if tags.get("type") != "restriction" or not rule.startswith(("no_", "only_")):
             continue
-        members = {m.get("role"): m for m in relation.iterfind("member")}
-        node, *ways = (
-            "" if (m := members.get(r)) is None else str(m.get("ref")) for r in ("via", "from", "to")
-        )
-        if "via" not in members or members["via"].get("type") != "node":
+        members = {str(m.get("role")): m for m in relation.iterfind("member")}
+        refs = {role: str(member.get("ref")) for role, member in members.items()}
+        node = refs.get("via")
+        if node is None or members["via"].get("type") != "node":
             unread += 1
             continue
-        incoming = [e.id for e in parts.get(ways[0], ()) if e.end == node]
-        onward = {e.id for e in parts.get(ways[1], ()) if e.start == node}
+        incoming = [e.id for e in parts.get(refs.get("from", ""), ()) if e.end == node]
+        onward = {e.id for e in parts.get(refs.get("to", ""), ()) if e.start == node}
         if rule.startswith("only_"):
             # Without the way that it leads to (beyond the extract) the rule would close the road.
             onward = leaving[node] - onward if onward else set()
