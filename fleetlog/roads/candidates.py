@@ -97,15 +97,19 @@ def _grid(roads: Roads) -> Grid:
     a, b = (np.column_stack([roads.px[n], roads.py[n]]) for n in (k, k + 1))
     first, last = (((v - low) / cell).astype(np.int64) for v in (np.minimum(a, b), np.maximum(a, b)))
     wide, tall = (last - first + 1).T
-    count = wide * tall
-    which = np.repeat(np.arange(len(k)), count)
-    nth = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-    at = first[which] + np.column_stack([nth // tall[which], nth % tall[which]])
-    to_cell, along = low + (at + 0.5) * cell - a[which], (b - a)[which]
-    # the cell's half diagonal is 0.707
-    aside = np.abs(to_cell[:, 0] * along[:, 1] - to_cell[:, 1] * along[:, 0])
-    crossed = aside <= 0.75 * cell * np.hypot(*along.T)
-    of = at[crossed] @ [ny, 1]
+    found = []
+    # by millions of cells, so that a map of long lines takes time and not memory
+    for some in np.split(np.arange(len(k)), np.flatnonzero(np.diff(np.cumsum(wide * tall) // 4_000_000)) + 1):
+        count = (wide * tall)[some]
+        which = np.repeat(some, count)
+        nth = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+        at = first[which] + np.column_stack([nth // tall[which], nth % tall[which]])
+        to_cell, along = low + (at + 0.5) * cell - a[which], (b - a)[which]
+        # the cell's half diagonal is 0.707
+        aside = np.abs(to_cell[:, 0] * along[:, 1] - to_cell[:, 1] * along[:, 0])
+        crossed = aside <= 0.75 * cell * np.hypot(*along.T)
+        found.append((at[crossed] @ [ny, 1], which[crossed]))
+    of, which = (np.concatenate(f) for f in zip(*found, strict=True))
     order = np.argsort(of, kind="stable")
     starts = np.searchsorted(of[order], np.arange(nx * ny + 1))
-    return Grid(float(low[0]), float(low[1]), cell, int(nx), int(ny), starts, k[which[crossed][order]])
+    return Grid(float(low[0]), float(low[1]), cell, int(nx), int(ny), starts, k[which[order]])
