@@ -99,7 +99,7 @@ def _grid(roads: Roads) -> Grid:
     wide, tall = (last - first + 1).T
     found = []
     # by millions of cells, so that a map of long lines takes time and not memory
-    for some in np.split(np.arange(len(k)), np.flatnonzero(np.diff(np.cumsum(wide * tall) // 4_000_000)) + 1):
+    for some in np.split(np.arange(len(k)), np.flatnonzero(np.diff(np.cumsum(wide * tall) // 1_000_000)) + 1):
         count = (wide * tall)[some]
         which = np.repeat(some, count)
         nth = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
