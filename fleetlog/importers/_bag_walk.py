@@ -7,8 +7,8 @@ import struct
 from collections.abc import Iterator
 from typing import Any
 
-from fleetlog.importers._bounded import LIMIT, Damaged, unpack
 from fleetlog.importers._messages import Topic
+from fleetlog.importers._open import LIMIT, Damaged, unpack
 from fleetlog.importers._walk import FAULTS, Message, Record, Summary, Walk
 
 MAGIC = b"#ROSBAG V2.0\n"

@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 from fleetlog.core.files import open_regular
 from fleetlog.core.words import count
 from fleetlog.errors import FormatError
-from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._messages import KINDS, POSITIONS, Topic, normal_name
-from fleetlog.importers._open import plain_stem
+from fleetlog.importers._open import plain_stem, refuse_packed
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import BATCH, Rows, Sample, unplaced
 from fleetlog.importers._transforms import ODOMETRY, Transforms, decoder

@@ -17,8 +17,8 @@ import numpy as np
 
 from fleetlog.core.trajectory import Values
 from fleetlog.errors import FormatError
-from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._fields import Fields, fields_of
+from fleetlog.importers._open import refuse_packed
 from fleetlog.importers._profile import Source
 from fleetlog.importers._times import NONE, from_counts, microseconds
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject, holding

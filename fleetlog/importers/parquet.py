@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import FormatError
-from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._csv_cells import Mask, degrees, numbers
 from fleetlog.importers._csv_clock import Clock
 from fleetlog.importers._csv_layout import unique
 from fleetlog.importers._fields import fields_of
 from fleetlog.importers._names import EPOCH_UNITS
-from fleetlog.importers._open import plain_stem
+from fleetlog.importers._open import plain_stem, refuse_packed
 from fleetlog.importers._profile import Profile, Source
 from fleetlog.importers._times import NONE, from_counts
 from fleetlog.importers._units import KINDS

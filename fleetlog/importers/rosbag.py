@@ -11,12 +11,11 @@ from fleetlog.core.files import SETTINGS, open_regular, read_whole
 from fleetlog.core.words import count
 from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers._bag_walk import MAGIC, BagWalk
-from fleetlog.importers._bounded import refuse_packed
-from fleetlog.importers._mcap_walk import McapWalk
 from fleetlog.importers._messages import Topic
-from fleetlog.importers._open import plain_stem, plain_suffix
+from fleetlog.importers._open import plain_stem, plain_suffix, refuse_packed
 from fleetlog.importers._topics import Decoder, plan, read_recording
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
+from fleetlog.importers.mcap import McapWalk
 
 _SQLITE = b"SQLite format 3\x00"
 _PACKING = re.compile(r"^\s*compression_mode:\s*[\"']?(file|message)", re.MULTILINE | re.IGNORECASE)
