@@ -18,10 +18,11 @@ from fleetlog.importers._csv_layout import (
     fit_header,
     lay_out,
 )
-from fleetlog.importers._csv_rows import RowReader
+from fleetlog.importers._csv_table import TableReader
 from fleetlog.importers._open import head_of
 from fleetlog.importers._profile import Profile
 from fleetlog.importers._report import ReadReport
+from fleetlog.importers._table_rows import TableRows
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 SAMPLE = 100
@@ -44,16 +45,27 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """Rows of a delimited file; the number of a row is that of its line."""
     profile, report = options.profile or Profile(), options.report
     encoding = _encoding(path, profile, report)
-    rows: RowReader | None = None
+    rows: TableRows | None = None
     for block in blocks(path, encoding, report):
         if rows is None:
             layout, block = _begin(block, path, profile, report)
-            rows = RowReader(layout, path, profile, report)
+            reader = TableReader(layout, report)
+            reader.decide(block)
+            rows = TableRows(layout.fields, _vehicle(layout, options), reader.angles, layout.decimal)
         if block.text:
-            yield rows.batch(block)
+            table, lines, rejects = reader.read(block)
+            yield rows.batch(table, lines, block.texts, rejects, block.progress)
     if rows is None:
         raise FormatError("the file is empty", where=path, do="give a log with rows")
-    rows.close()
+    rows.clock.close()
+
+
+def _vehicle(layout: Layout, options: ReadOptions) -> str:
+    """The id of every row where no column has it."""
+    if layout.fields.vehicle is None and options.vehicle is None:
+        named = f"every row is of vehicle {options.name!r}, after the file's name"
+        options.report.note(f"no column of vehicle ids: {named}")
+    return options.name
 
 
 def _encoding(path: Path, profile: Profile, report: ReadReport) -> str:
