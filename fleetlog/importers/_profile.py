@@ -24,6 +24,7 @@ from fleetlog.core.schema import (
     real,
     table,
     text,
+    time_zone,
     whole,
 )
 from fleetlog.core.site import MapFrame
@@ -125,14 +126,6 @@ def _encoding(value: Any) -> str:
     raise Wrong("is no encoding; write it as utf-8 or latin-1")
 
 
-def _zone(value: Any) -> str:
-    try:
-        ZoneInfo(text(value))
-    except (KeyError, ValueError, OSError):
-        raise Wrong("is no time zone; write it as Europe/Berlin") from None
-    return str(value)
-
-
 def has_date(style: str) -> bool:
     """Whether a time format says year, month and day."""
     parts = set(re.findall("%(.)", style))
@@ -190,7 +183,7 @@ _FILE: Keys = {
     "comment": text, "names": _NAMES, "sentinels": _SENTINELS, "vehicle": _vehicle, "keep": flag, "crs": crs,
 }  # fmt: skip
 _TIME: Keys = {
-    "column": either(text, list_of(text, 1, 2)), "format": _style, "zone": _zone, "origin": _origin,
+    "column": either(text, list_of(text, 1, 2)), "format": _style, "zone": time_zone, "origin": _origin,
 }  # fmt: skip
 _COLUMN: Keys = {"column": text, "unit": text, "sentinels": _SENTINELS, "scale": real(-1e12, 1e12)}
 

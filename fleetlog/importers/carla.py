@@ -15,7 +15,7 @@ from pathlib import Path
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import Rows, gather, unplaced
+from fleetlog.importers._rows import Rows, gather
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 MAGIC = b"CARLA_RECORDER"
@@ -107,11 +107,10 @@ class _Log:
             if name is None:
                 continue
             values = {"x": x * CENTIMETRE, "y": -y * CENTIMETRE, "z": z * CENTIMETRE}
-            if unplaced(values):
-                self.rows.reject(number, "position is not a number", values)
-            else:
-                heading = math.remainder(-math.radians(yaw), math.tau)
-                self.rows.add(name, self._time, number, values | {"heading": heading})
+            values["heading"] = (
+                math.remainder(-math.radians(yaw), math.tau) if math.isfinite(yaw) else math.nan
+            )
+            self.rows.add(name, self._time, number, values)
 
 
 def _added(data: bytes) -> Iterator[tuple[int, str]]:

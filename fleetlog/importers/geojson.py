@@ -22,7 +22,7 @@ from fleetlog.importers._fields import Fields, fields_of
 from fleetlog.importers._open import open_bytes
 from fleetlog.importers._profile import Source
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import Rows, finite, gather, unplaced
+from fleetlog.importers._rows import Rows, finite, gather
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions
 
 TIMES = ("coordTimes", "times", "timestamps")
@@ -139,10 +139,7 @@ class _Reader:
         self.points += 1
         known = self._known(properties)
         rows = self._local if properties.get("frame") == "local metres" else self._geographic
-        values = self._place(coordinates, rows is self._local)
-        if values is None:
-            rows.reject(number, "the point has no coordinates", coordinates)
-            return
+        values = _place(coordinates, LOCAL if rows is self._local else GEOGRAPHIC)
         try:
             time = known.instant(properties.get(known.time[0]) if known.time else None)
         except ValueError:
@@ -151,13 +148,7 @@ class _Reader:
         for name, field in known.columns.items():
             values.setdefault(name, _value(field, properties))
         values |= {name: _own(properties[name]) for name in known.kept}
-        rows.add(self._vehicle(known, properties), time, number, values)
-
-    def _place(self, coordinates: Any, local: bool) -> dict[str, Any] | None:
-        names = (*(LOCAL if local else GEOGRAPHIC[::-1]), "z")
-        given = coordinates if isinstance(coordinates, list) else []
-        place = dict(zip(names, map(finite, given), strict=False))
-        return None if unplaced(place) else place
+        rows.add(self._vehicle(known, properties), time, number, values, coordinates)
 
     def _lines(self, lines: list[Any], properties: dict[str, Any], number: int) -> None:
         times = _line_times(properties)
@@ -174,15 +165,12 @@ class _Reader:
                 self._vertex(vertex, stamp, vehicle, number, known)
 
     def _vertex(self, vertex: Any, stamp: Any, vehicle: str, number: int, known: Fields) -> None:
-        values = self._place(vertex, local=False)
         try:
             time = known.instant(stamp, None)
         except ValueError:
-            time = None
-        if values is None or time is None:
-            self._geographic.reject(number, "vertex without coordinates or time", f"{vertex} {stamp}")
+            self._geographic.reject(number, "vertex without a time", f"{vertex} {stamp}")
         else:
-            self._geographic.add(vehicle, time, number, values)
+            self._geographic.add(vehicle, time, number, _place(vertex, GEOGRAPHIC), vertex)
 
     def nothing(self) -> str:
         """What the file holds instead of motion."""
@@ -191,6 +179,13 @@ class _Reader:
         found += [f"{vertices:,} vertices of lines without times"] if vertices > 0 else []
         found += [f"{n} {kind}" for kind, n in self.left_out.items()]
         return "no position with a time in it" + (f", only {' and '.join(found)}" if found else "")
+
+
+def _place(coordinates: Any, pair: tuple[str, str]) -> dict[str, Any]:
+    """A place in degrees stands with the longitude first."""
+    given = coordinates if isinstance(coordinates, list) else []
+    names = pair if pair == LOCAL else pair[::-1]
+    return dict(zip((*names, "z"), map(finite, given), strict=False))
 
 
 def _line_times(properties: dict[str, Any]) -> list[Any]:

@@ -13,7 +13,7 @@ from typing import Any
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.words import count
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import Rows, finite, gather, heading_of_course, unplaced
+from fleetlog.importers._rows import Rows, finite, gather, heading_of_course
 from fleetlog.importers._xml import Elements, local
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, holding
 
@@ -42,8 +42,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 
 
 def _add_point(rows: Rows, element: Any, vehicle: str, record: int) -> None:
-    latitude, longitude = finite(element.get("lat")), finite(element.get("lon"))
-    values: dict[str, Any] = {"latitude": latitude, "longitude": longitude}
+    values: dict[str, Any] = {"latitude": finite(element.get("lat")), "longitude": finite(element.get("lon"))}
     time = None
     for leaf in element.iter():
         if len(leaf) or not isinstance(leaf.tag, str):
@@ -59,12 +58,7 @@ def _add_point(rows: Rows, element: Any, vehicle: str, record: int) -> None:
             values[_KEPT[name]] = finite(leaf.text)
         elif local(leaf.getparent()) != "trkpt":
             _keep_extension(values, name, leaf.text)
-    if unplaced(values):
-        rows.reject(record, "latitude or longitude is not a number", dict(element.attrib))
-    elif not time:
-        rows.reject(record, "point without a time", f"{latitude} {longitude}")
-    else:
-        rows.add_iso(vehicle, time, record, values)
+    rows.add_iso(vehicle, time, record, values, element.attrib)
 
 
 def _keep_extension(values: dict[str, Any], name: str, text: str | None) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import head_of, open_bytes, plain_suffix
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import Rows, Sample, gather, unplaced
+from fleetlog.importers._rows import Rows, Sample, gather
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 LIMIT = 1 << 26
@@ -50,10 +50,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             rows.reject(number, f"no {schema} message", error)
             return
         for sample in found:
-            if unplaced(sample.values):
-                rows.reject(number, "position is not a number", sample.values)
-            else:
-                rows.add(sample.vehicle, options.origin + sample.stamp, number, sample.values)
+            rows.add(sample.vehicle, options.origin + sample.stamp, number, sample.values)
 
     with stream:
         yield from gather(_messages(stream, options.report), take, rows)
