@@ -61,20 +61,16 @@ class LocalClock:
                 out[row] = second[row]
             self.last[vehicle[row]] = int(out[row])
             self.twice += 1
-        self._remember(out, vehicle)
+        self.last |= dict(zip(vehicle.tolist(), out.tolist(), strict=True))  # the last one stays
         return out
 
     def _before(self, row: int, out: Ints, vehicle: Strings) -> int:
         """Latest time of the same vehicle before ``row``."""
-        earlier = np.flatnonzero(vehicle[max(0, row - 1000) : row] == vehicle[row])
+        first = max(0, row - 1000)
+        earlier = np.flatnonzero(vehicle[first:row] == vehicle[row])
         if len(earlier):
-            return int(out[max(0, row - 1000) + earlier[-1]])
+            return int(out[first + earlier[-1]])
         return self.last.get(vehicle[row], NONE)
-
-    def _remember(self, out: Ints, vehicle: Strings) -> None:
-        names, reverse = np.unique(vehicle[::-1].astype(str), return_index=True)
-        for name, at in zip(names.tolist(), reverse.tolist(), strict=True):
-            self.last[name] = int(out[len(out) - 1 - at])
 
 
 def _epoch(stamps: Any) -> Ints:

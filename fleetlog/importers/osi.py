@@ -10,6 +10,7 @@ import math
 import re
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
@@ -111,14 +112,11 @@ def _schema(path: Path) -> str:
             return _KINDS[word]
     head = head_of(path, LIMIT)
     first = head[4 : 4 + _LENGTH.unpack_from(head)[0]]
-    return next((s for s in SCHEMAS if _finds(s, first)), "osi3.GroundTruth")
-
-
-def _finds(schema: str, data: bytes) -> bool:
-    try:
-        return bool(vehicles(schema, data))
-    except ValueError:
-        return False
+    for schema in SCHEMAS:
+        with suppress(ValueError):
+            if vehicles(schema, first):
+                return schema
+    return "osi3.GroundTruth"
 
 
 IMPORTER = Importer("osi", (".osi",), sniff, read)
