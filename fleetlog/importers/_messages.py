@@ -105,9 +105,8 @@ def _said_pose(m: Any) -> Sample:
 
 
 def _said_battery(m: Any) -> Sample:
-    return Sample(
-        stamp_of(m), _battery_values(*numbers(m, "voltage", "current", "temperature", "percentage"))
-    )
+    figures = numbers(m, "voltage", "current", "temperature", "percentage")
+    return Sample(stamp_of(m), _battery_values(*figures))
 
 
 def _in_percent(m: Any) -> Sample:

@@ -4,7 +4,6 @@ The file is read in blocks of whole lines.  A block goes through the fast reader
 typed; a block with a cell that does not fit its type is read again as text and every cell judged by itself.
 """
 
-import io
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from fleetlog.importers._csv_table import TableReader
 from fleetlog.importers._open import head_of
 from fleetlog.importers._profile import Profile
 from fleetlog.importers._report import ReadReport
+from fleetlog.importers._rows import finite
 from fleetlog.importers._table_rows import TableRows
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
@@ -32,12 +32,13 @@ _OTHERS = ("{", "[", "<", "$", "!", "%PDF", "\\")
 
 def sniff(path: Path, head: bytes) -> bool:
     """Text whose first lines have a separator."""
-    text = _text(head, guess_encoding(head))
+    text = head.decode(guess_encoding(head), "replace")
     if not text.strip() or "\x00" in text or text.lstrip().startswith(_OTHERS):
         return False
     if sum(c < " " and c not in "\t\r\n" for c in text[:4096]) > 0.01 * min(len(text), 4096):
         return False
-    lines = _sample(text)
+    rows = (s for s in text.splitlines()[:60] if s.strip() and not s.startswith(("#", "sep=")))
+    lines = [line for line in rows if any(d in line for d in DELIMITERS)][:20]
     return bool(lines) and len(cells_of(lines[0], find_delimiter(lines))) > 1
 
 
@@ -106,27 +107,10 @@ def _check_header(names: list[str], path: Path, line: int) -> None:
     if len(names) < 2:
         what, do = f"one column only ({names[0][:60]!r})", "state the delimiter in a profile"
         raise FormatError(what, where=path, place=f"line {line}", do=do)
-    if sum(map(_is_number, names)) > len(names) // 3:
+    if sum(finite(name) == finite(name) for name in names) > len(names) // 3:
         do = 'name the columns in a profile: names = ["vehicle_id", ...]'
         what = "no header line, the first line holds figures"
         raise FormatError(what, where=path, place=f"line {line}", do=do)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _text(head: bytes, encoding: str) -> str:
-    return io.TextIOWrapper(io.BytesIO(head), encoding=encoding, errors="replace", newline="").read()
-
-
-def _sample(text: str) -> list[str]:
-    lines = (s for s in text.splitlines()[:60] if s.strip() and not s.startswith(("#", "sep=")))
-    return [line for line in lines if any(d in line for d in DELIMITERS)][:20]
 
 
 IMPORTER = Importer("csv", (".csv", ".tsv", ".txt", ".tab"), sniff, read, rank=9)

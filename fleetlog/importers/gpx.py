@@ -31,8 +31,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     def take(point: Any, number: int) -> None:
         track = _track_name(point)
         names.update([track] if track else [])
-        ours = options.vehicle is None and track and _ours(point)
-        _add_point(rows, point, str(track) if ours else options.name, number)
+        creator = point.getroottree().getroot().get("creator") or ""
+        ours = track if creator.startswith("fleetlog") and options.vehicle is None else None
+        _add_point(rows, point, ours or options.name, number)
 
     yield from gather(elements, take, rows)
     if not rows.total:
@@ -74,10 +75,6 @@ def _track_name(point: Any) -> str | None:
     track = segment.getparent() if segment is not None else None
     name = track.find("{*}name") if track is not None else None
     return name.text.strip() if name is not None and name.text else None
-
-
-def _ours(point: Any) -> bool:
-    return str(point.getroottree().getroot().get("creator", "")).startswith("fleetlog")
 
 
 def _what_is_there(seen: Counter[str], rows: Rows) -> str:
