@@ -102,7 +102,9 @@ class Clock:
 
     def decide_count(self, figures: NDArray[np.float64]) -> str:
         """The unit of a count from 1970, or from the profile's origin: a start is never made up."""
-        middle, origin, name = _times.median(figures), self.profile.time_origin, self.names[0]
+        known = np.sort(figures[np.isfinite(figures)])
+        middle = float(known[len(known) // 2]) if len(known) else np.nan
+        origin, name = self.profile.time_origin, self.names[0]
         likely = _times.epoch_unit(middle)
         if self.unit is not None and (origin is not None or likely == self.unit):
             self.report.recognised[name] = f"timestamp, counted in {self.unit} from {origin or 1970}"

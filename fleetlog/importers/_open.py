@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +26,8 @@ LARGEST = 1 << 38
 """Unpacked bytes of one file."""
 PIECE = 1 << 12
 """Bytes that are unpacked at a time; one by one before a break, where a piece with an error is lost."""
+PACKET_LIMIT = 1 << 26
+"""Bytes of one packet that are believed."""
 LIMIT = 1 << 28
 """Bytes of one packed piece of a file, before or after unpacking, that are believed."""
 _MAGIC = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bz2"}
@@ -131,6 +135,19 @@ def head_of(path: Path, size: int = HEAD) -> bytes:
     stream, _ = open_bytes(path)
     with stream:
         return stream.read(size)
+
+
+def packets(stream: io.BufferedReader, head: struct.Struct, report: ReadReport) -> Iterator[tuple[Any, ...]]:
+    """The data behind every ``head``, whose last field is their length, after its other fields."""
+    done = 0
+    while start := stream.read(head.size):
+        *said, length = head.unpack(start) if len(start) == head.size else (PACKET_LIMIT + 1,)
+        data = stream.read(length) if length <= PACKET_LIMIT else b""
+        if len(data) < length:
+            report.damaged(f"the file breaks off or is wrong after {count(done, 'record')}")
+            return
+        done += 1
+        yield *said, data
 
 
 def refuse_packed(path: Path) -> None:

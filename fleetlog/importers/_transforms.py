@@ -40,15 +40,10 @@ Decode = Callable[[Any], list[Link]]
 def decoder(schema: str, encoding: str) -> Decode | None:
     """What reads the messages of a topic of transforms; None for any other."""
     known = normal_name(schema) in ("tf2_msgs/TFMessage", "tf/tfMessage")
-    return {"cdr": _cdr, "ros1": _ros1, "json": _json}.get(encoding) if known else None
-
-
-def _cdr(data: Any) -> list[Link]:
-    return _links(Wire(data))
-
-
-def _ros1(data: Any) -> list[Link]:
-    return _links(Wire(data, ros1=True))
+    by_encoding: dict[str, Decode] = {
+        "cdr": lambda d: _links(Wire(d)), "ros1": lambda d: _links(Wire(d, ros1=True)), "json": _json,
+    }  # fmt: skip
+    return by_encoding.get(encoding) if known else None
 
 
 def _links(w: Wire) -> list[Link]:

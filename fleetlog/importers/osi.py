@@ -12,18 +12,14 @@ import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib import import_module
-from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._open import head_of, open_bytes, plain_suffix
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._open import PACKET_LIMIT, head_of, open_bytes, packets, plain_suffix
 from fleetlog.importers._rows import Rows, Sample, gather
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
-LIMIT = 1 << 26
-"""Bytes of one message that are believed."""
 _LENGTH = struct.Struct("<I")
 _VERSION = 0x0A
 """Every message begins with its version: field 1, a message."""
@@ -36,7 +32,7 @@ _KINDS = {"sv": "osi3.SensorView", "gt": "osi3.GroundTruth", "tu": "osi3.Traffic
 def sniff(path: Path, head: bytes) -> bool:
     """A length and the version of a message, in a file with the right suffix."""
     first = _LENGTH.unpack_from(head)[0] if len(head) > 4 else 0
-    return plain_suffix(path) == ".osi" and 0 < first <= LIMIT and head[4] == _VERSION
+    return plain_suffix(path) == ".osi" and 0 < first <= PACKET_LIMIT and head[4] == _VERSION
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -44,9 +40,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     stream, raw = open_bytes(path, options.report)
     rows, schema = Rows("x", "y", share=lambda: raw.share), _schema(path)
 
-    def take(data: bytes, number: int) -> None:
+    def take(packet: tuple[bytes], number: int) -> None:
         try:
-            found = vehicles(schema, data)
+            found = vehicles(schema, packet[0])
         except ValueError as error:
             rows.reject(number, f"no {schema} message", error)
             return
@@ -54,23 +50,11 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             rows.add(sample.vehicle, options.origin + sample.stamp, number, sample.values)
 
     with stream:
-        yield from gather(_messages(stream, options.report), take, rows)
+        yield from gather(packets(stream, _LENGTH, options.report), take, rows)
     if not rows.total:
         raise options.report.nothing(f"no vehicle in its {schema} messages", "record ground truth")
     options.report.recognised[schema] = "position, heading and speed of every vehicle, from m, rad and m/s"
     yield from rows.drain()
-
-
-def _messages(stream: BufferedReader, report: ReadReport) -> Iterator[bytes]:
-    done = 0
-    while head := stream.read(4):
-        length = _LENGTH.unpack(head)[0] if len(head) == 4 else LIMIT + 1
-        data = stream.read(length) if length <= LIMIT else b""
-        if len(data) < length:
-            report.damaged(f"the trace breaks off or is wrong after {done} messages")
-            return
-        done += 1
-        yield data
 
 
 def _class(schema: str) -> Any:
@@ -110,7 +94,7 @@ def _schema(path: Path) -> str:
     for word in re.split(r"[_.]", path.name.lower()):
         if word in _KINDS:
             return _KINDS[word]
-    head = head_of(path, LIMIT)
+    head = head_of(path, PACKET_LIMIT)
     first = head[4 : 4 + _LENGTH.unpack_from(head)[0]]
     for schema in SCHEMAS:
         with suppress(ValueError):

@@ -38,7 +38,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """All rows, batch by batch."""
     refuse_packed(path)
     try:
-        file = pq.ParquetFile(path, memory_map=False, read_dictionary=_text_columns(path))
+        # Text is read as dictionaries: one that comes again takes no memory again.
+        texts = [f.name for f in pq.read_schema(path) if f.type in (pa.string(), pa.large_string())]
+        file = pq.ParquetFile(path, memory_map=False, read_dictionary=texts)
     except (OSError, ValueError, pa.ArrowException) as error:
         what = "is cut off or damaged: the description at its end cannot be read"
         raise FormatError(what, where=path, do=f"write it again ({str(error)[:80]})") from None
@@ -54,12 +56,6 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
                 options.report.damaged(f"row group {group} ({rows} rows) cannot be read: {str(error)[:120]}")
         if options.report.damage and not reader.done:
             raise options.report.nothing("no row can be read", "write it again")
-
-
-def _text_columns(path: Path) -> list[str]:
-    """Columns of text, which are read as dictionaries: a text that comes again takes no memory again."""
-    schema = pq.read_schema(path)
-    return [f.name for f in schema if pa.types.is_string(f.type) or pa.types.is_large_string(f.type)]
 
 
 def _check_size(about: Any, path: Path) -> None:
