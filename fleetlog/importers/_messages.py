@@ -75,41 +75,45 @@ def _battery_values(voltage: float, current: float, temperature: float, soc: flo
     return {name: value for name, value in values.items() if value == value}
 
 
-def numbers(part: Any, *names: str) -> list[float]:
+def numbers(part: dict[str, Any], *names: str) -> list[float]:
     """The fields of a message called ``names``; NaN for those that it has not."""
-    return [finite(getattr(part, name, None)) for name in names]
+    return [finite(part.get(name)) for name in names]
 
 
-def stamp_of(message: Any) -> int:
+def stamp_of(message: dict[str, Any]) -> int:
     """The stamp [us] of a message or of its header; 0 where it has none."""
-    stamp = getattr(message, "timestamp", getattr(getattr(message, "header", None), "stamp", None))
+    header = message.get("header")
+    stamp = message.get("timestamp", header.get("stamp") if isinstance(header, dict) else None)
     if isinstance(stamp, str):
         return iso_time(stamp)
-    seconds = getattr(stamp, "sec", getattr(stamp, "secs", 0))
-    nanoseconds = getattr(stamp, "nsec", getattr(stamp, "nanosec", getattr(stamp, "nsecs", 0)))
+    if not isinstance(stamp, dict):
+        return 0
+    seconds = stamp.get("sec", stamp.get("secs", 0))
+    nanoseconds = stamp.get("nsec", stamp.get("nanosec", stamp.get("nsecs", 0)))
     return int(finite(seconds)) * 1_000_000 + (int(finite(nanoseconds)) + 500) // 1000
 
 
-def _said_fix(m: Any) -> Sample:
-    blind = finite(getattr(getattr(m, "status", None), "status", 0)) < 0
+def _said_fix(m: dict[str, Any]) -> Sample:
+    status = m.get("status")
+    blind = isinstance(status, dict) and finite(status.get("status")) < 0
     return Sample(stamp_of(m), _fix_values(*numbers(m, "latitude", "longitude", "altitude")), not blind)
 
 
-def _said_pose(m: Any) -> Sample:
+def _said_pose(m: dict[str, Any]) -> Sample:
     """With covariance, pose and twist lie one level deeper."""
-    pose = getattr(m.pose, "pose", m.pose)
-    values = _pose_values(*numbers(pose.position, *"xyz"), *numbers(pose.orientation, *"xyzw"))
-    if hasattr(m, "twist"):
-        values["speed"] = math.hypot(*numbers(m.twist.twist.linear, "x", "y"))
+    pose = m["pose"].get("pose", m["pose"])
+    values = _pose_values(*numbers(pose["position"], *"xyz"), *numbers(pose["orientation"], *"xyzw"))
+    if isinstance(m.get("twist"), dict):
+        values["speed"] = math.hypot(*numbers(m["twist"]["twist"]["linear"], "x", "y"))
     return Sample(stamp_of(m), values)
 
 
-def _said_battery(m: Any) -> Sample:
+def _said_battery(m: dict[str, Any]) -> Sample:
     figures = numbers(m, "voltage", "current", "temperature", "percentage")
     return Sample(stamp_of(m), _battery_values(*figures))
 
 
-def _in_percent(m: Any) -> Sample:
+def _in_percent(m: dict[str, Any]) -> Sample:
     sample = _said_battery(m)
     sample.values["soc"] = sample.values.get("soc", math.nan) * 0.01
     return sample
@@ -120,15 +124,15 @@ def _osi(schema: str) -> dict[str, Decode]:
     return {"protobuf": lambda d: [s._replace(stamp=max(s.stamp, 1)) for s in vehicles(schema, d)]}
 
 
-def _json(said: Callable[[Any], Sample]) -> dict[str, Decode]:
+def _json(said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
     return {"json": lambda d: said(from_json(d))}
 
 
-def _foxglove(name: str, said: Callable[[Any], Sample]) -> dict[str, Decode]:
+def _foxglove(name: str, said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
     return {**_json(said), "protobuf": lambda d: said(from_protobuf(name, d))}
 
 
-def _ros(decode: Callable[[Wire], Sample], said: Callable[[Any], Sample]) -> dict[str, Decode]:
+def _ros(decode: Callable[[Wire], Sample], said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
     return {**_json(said), "cdr": lambda d: decode(Wire(d)), "ros1": lambda d: decode(Wire(d, ros1=True))}
 
 

@@ -50,9 +50,9 @@ class TableRows:
         reason = self._reasons(table, time, vehicle, bad)
         for name in bad.keys() - {*_MUST}:
             rejects += _refused(record, bad[name] & (reason == ""), f"{name} is not a number", texts, False)
-        for why in set(reason.tolist()) - {""}:
-            rejects += _refused(record, reason == why, why, texts)
         keep = reason == ""
+        for why in set(reason[~keep].tolist()):
+            rejects += _refused(record, reason == why, why, texts)
         if not keep.all():
             columns = {n: v[keep] for n, v in columns.items()}
             vehicle, time, record = vehicle[keep], time[keep], record[keep]
@@ -80,7 +80,7 @@ class TableRows:
 
     def _figures(self, chunk: pa.ChunkedArray, name: str, target: str, bad: Masks) -> Floats:
         values, wrong = self._read(chunk, name)
-        wrong = wrong | np.isinf(values)
+        wrong |= np.isinf(values)
         if wrong.any():
             bad[target] = wrong
             values = np.where(wrong, np.nan, values)
@@ -89,8 +89,8 @@ class TableRows:
     def _read(self, chunk: pa.ChunkedArray, name: str) -> tuple[Floats, Mask]:
         """Figures of a column, NaN for unknown, and which cells are none."""
         if pa.types.is_null(chunk.type) or pa.types.is_floating(chunk.type):
-            values = np.array(chunk.cast(pa.float64()).fill_null(np.nan), dtype=np.float64)
-            return values, np.zeros(len(values), bool)
+            known = chunk.cast(pa.float64()).fill_null(np.nan) if chunk.null_count else chunk
+            return np.array(known, dtype=np.float64), np.zeros(len(chunk), bool)
         text = labels(chunk)
         read = degrees if name in self.angles else numbers
         values, wrong = read(pa.array(text.names, pa.string()), self.decimal)

@@ -53,9 +53,10 @@ def _links(w: Wire) -> list[Link]:
 
 def _json(data: Any) -> list[Link]:
     links = []
-    for said in from_json(data).transforms:
-        place = numbers(said.transform.translation, *"xyz") + numbers(said.transform.rotation, *"xyzw")
-        links.append(_link(stamp_of(said), str(said.header.frame_id), str(said.child_frame_id), place))
+    for said in from_json(data)["transforms"]:
+        pose, parent = said["transform"], said["header"]["frame_id"]
+        place = numbers(pose["translation"], *"xyz") + numbers(pose["rotation"], *"xyzw")
+        links.append(_link(stamp_of(said), str(parent), str(said["child_frame_id"]), place))
     return links
 
 

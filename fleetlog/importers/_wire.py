@@ -8,7 +8,6 @@ import json
 import struct
 from collections.abc import Iterator
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 _SIZES = {"b": 1, "B": 1, "h": 2, "H": 2, "i": 4, "I": 4, "f": 4, "d": 8}
@@ -68,27 +67,27 @@ class Wire:
         return int(seconds) * 1_000_000 + (int(nanoseconds) + 500) // 1000, self.text()
 
 
-def from_json(data: Any) -> SimpleNamespace:
-    """The object that a message is, its fields as attributes."""
-    message = json.loads(bytes(data), object_hook=lambda fields: SimpleNamespace(**fields))
-    if not isinstance(message, SimpleNamespace):
+def from_json(data: Any) -> dict[str, Any]:
+    """The object that a message is."""
+    message = json.loads(bytes(data))
+    if not isinstance(message, dict):
         raise ValueError("the message is no JSON object")
     return message
 
 
-def from_protobuf(name: str, data: Any) -> SimpleNamespace:
-    """One of Foxglove's messages, its fields as attributes; broken bytes raise."""
+def from_protobuf(name: str, data: Any) -> dict[str, Any]:
+    """One of Foxglove's messages, as it would be in JSON; broken bytes raise."""
     return _named(_LAYOUTS[name], bytes(data))
 
 
-def _named(layout: dict[int, Any], data: bytes) -> SimpleNamespace:
-    """A protobuf message by the names of its fields; a zero is not written."""
-    given, out = dict(_fields(data)), SimpleNamespace()
+def _named(layout: dict[int, Any], data: bytes) -> dict[str, Any]:
+    """A message by the names of its fields; a zero is not written."""
+    given, out = dict(_fields(data)), {}
     for number, name in layout.items():
         if isinstance(name, str):
-            setattr(out, name, given.get(number, 0.0))
+            out[name] = given.get(number, 0.0)
         else:
-            setattr(out, name[0], _named(name[1], given.get(number, b"")))
+            out[name[0]] = _named(name[1], given.get(number, b""))
     return out
 
 
