@@ -33,10 +33,7 @@ class Fields:
     @property
     def used(self) -> set[str]:
         """Names in the log that are taken for something."""
-        return {s.column for s in self.columns.values()} | {
-            *self.time,
-            *([self.vehicle] if self.vehicle else []),
-        }
+        return {*(s.column for s in self.columns.values()), *self.time, self.vehicle or ""}
 
     def take_profile(self) -> None:
         """What the profile says of names that are there."""
@@ -58,11 +55,8 @@ class Fields:
     def take(self, name: str, meaning: Meaning) -> None:
         """Give a recognised field its place, unless that is taken."""
         target = meaning.column
-        if (
-            target in self.columns
-            or (target == "timestamp" and self.time)
-            or (target == "vehicle_id" and self.vehicle)
-        ):
+        taken = {"timestamp": self.time, "vehicle_id": self.vehicle}.get(target, target in self.columns)
+        if taken:
             if name not in self.used:
                 self.report.note(f"{name!r} could be the {target} too; kept under its own name")
             return

@@ -10,22 +10,10 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
+from fleetlog.core import schema
 from fleetlog.core.columns import NAMES
 from fleetlog.core.frames import crs, map_frames
-from fleetlog.core.schema import (
-    Keys,
-    Wrong,
-    anything,
-    either,
-    flag,
-    list_of,
-    load_toml,
-    one_of,
-    real,
-    table,
-    text,
-    whole,
-)
+from fleetlog.core.schema import Keys, Wrong, either, flag, list_of, one_of, real, table, text
 from fleetlog.core.site import MapFrame
 from fleetlog.core.trajectory import Floats
 from fleetlog.errors import InputError
@@ -125,14 +113,6 @@ def _encoding(value: Any) -> str:
     raise Wrong("is no encoding; write it as utf-8 or latin-1")
 
 
-def _zone(value: Any) -> str:
-    try:
-        ZoneInfo(text(value))
-    except (KeyError, ValueError, OSError):
-        raise Wrong("is no time zone; write it as Europe/Berlin") from None
-    return str(value)
-
-
 def has_date(style: str) -> bool:
     """Whether a time format says year, month and day."""
     parts = set(re.findall("%(.)", style))
@@ -186,28 +166,35 @@ def _vehicle(value: Any) -> str:
 _SENTINELS = list_of(either(real(), text))
 _NAMES = list_of(text, 1)
 _FILE: Keys = {
-    "delimiter": _delimiter, "decimal": one_of(",", "."), "encoding": _encoding, "skip_lines": whole(0),
-    "comment": text, "names": _NAMES, "sentinels": _SENTINELS, "vehicle": _vehicle, "keep": flag, "crs": crs,
+    "delimiter": _delimiter, "decimal": one_of(",", "."), "encoding": _encoding, "comment": text,
+    "skip_lines": schema.whole(0), "names": _NAMES, "sentinels": _SENTINELS, "vehicle": _vehicle,
+    "keep": flag, "crs": crs,
 }  # fmt: skip
 _TIME: Keys = {
-    "column": either(text, list_of(text, 1, 2)), "format": _style, "zone": _zone, "origin": _origin,
+    "column": either(text, list_of(text, 1, 2)), "format": _style, "zone": schema.time_zone,
+    "origin": _origin,
 }  # fmt: skip
 _COLUMN: Keys = {"column": text, "unit": text, "sentinels": _SENTINELS, "scale": real(-1e12, 1e12)}
 
 
 def load_profile(path: str | Path) -> Profile:
     """Read a profile; :class:`InputError` names the key at fault and the nearest known one."""
-    return profile_from_dict(load_toml(Path(path), do="give a profile with --profile"), str(path))
+    return profile_from_dict(schema.load_toml(Path(path), do="give a profile with --profile"), str(path))
 
 
 def profile_from_dict(data: dict[str, Any], where: str = "profile") -> Profile:
     """A profile of nested sections, checked."""
-    given = table(data, {**_FILE, "time": anything, "columns": anything, "map_frame": anything}, where, "")
+    given = table(
+        data,
+        {**_FILE, "time": schema.anything, "columns": schema.anything, "map_frame": schema.anything},
+        where,
+        "",
+    )
     frames = map_frames(given, where)
     given.pop("map_frame", None)
     stamp, columns = given.pop("time", {}), given.pop("columns", {})
     stamp = table({"column": stamp} if isinstance(stamp, str | list) else stamp, _TIME, where, "time")
-    columns = table(columns, dict.fromkeys((*TARGETS, "timestamp"), anything), where, "columns")
+    columns = table(columns, dict.fromkeys((*TARGETS, "timestamp"), schema.anything), where, "columns")
     if "timestamp" in columns:
         do = "write [time] column = ..."
         raise InputError("the time has a section of its own", where=where, place="columns.timestamp", do=do)

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, ClassVar, NamedTuple
 
 from fleetlog.core.words import count
-from fleetlog.importers._bounded import Damaged
 from fleetlog.importers._messages import Topic
+from fleetlog.importers._open import Damaged
 from fleetlog.importers._report import ReadReport
 
 DAMAGE_LINES = 10
