@@ -133,8 +133,8 @@ def _aligned(slips: Mapping[str, Sequence[Slip]], site: Site, summary: ImportSum
         rows = sort_rows(rows)
         tracks.append((rows.floats("x"), rows.floats("y")))
     found = align(tracks, site.roads())
-    summary.alignment = found.to_dict()
-    summary.notes.append(found.line())
+    summary.alignment = found.summary
+    summary.notes.append(found.line)
     return found.frame
 
 
