@@ -29,7 +29,7 @@ from fleetlog.ingest.rejects import NAME, gather
 from fleetlog.ingest.spill import Slip, windows
 from fleetlog.ingest.stretch import Plan, import_vehicle, probe
 from fleetlog.ingest.summary import ImportSummary, Outcome, added_up, complete
-from fleetlog.store.provenance import provenance
+from fleetlog.store.documents import provenance
 
 if TYPE_CHECKING:
     from fleetlog.store.writer import DatasetWriter
@@ -72,10 +72,10 @@ def import_logs(
     if profile is not None and profile.path:
         inputs.append(Path(profile.path))
     writer.provenance, writer.summary = provenance(inputs), summary.to_dict()
-    if (before := writer.before).provenance:
-        added = [*before.provenance.get("appended", ()), writer.provenance]
-        writer.provenance = {**before.provenance, "appended": added}
-        writer.summary = added_up(before.summary, writer.summary)
+    if writer.old is not None:
+        first = writer.old.meta["provenance"]
+        writer.provenance = {**first, "appended": [*first.get("appended", ()), writer.provenance]}
+        writer.summary = added_up(writer.old.meta.get("summary", {}), writer.summary)
     return summary
 
 
@@ -162,7 +162,8 @@ def _write(
     complete(summary, outcomes, writer.written)
     check_matched(summary.matched, summary.rows, plan.site)
     every_reject = [*(r.rejects for r in reads), *(o.rejects for o in outcomes)]
-    rejects = gather(every_reject, writer.path, older=writer.before.rejected)
+    older = None if writer.old is None else writer.old.path / NAME
+    rejects = gather(every_reject, writer.path, older)
     summary.rejected, summary.rejected_values = dict(rejects.rows), dict(rejects.values)
     summary.rejected_file = NAME if rejects.file else None
     if not summary.rows:

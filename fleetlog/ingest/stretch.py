@@ -24,7 +24,7 @@ from fleetlog.ingest.spill import WINDOW_ROWS, Slip, windows
 from fleetlog.ingest.summary import MOST_PACES, Outcome
 from fleetlog.store.trips import trip_ids
 from fleetlog.store.writer import DatasetWriter
-from fleetlog.store.written import Before
+from fleetlog.store.written import Written
 
 if TYPE_CHECKING:
     from fleetlog.roads.matching import MatchParameters
@@ -50,7 +50,7 @@ class Plan:
     names: list[str]
     own: dict[str, bool] = field(default_factory=dict)
     positioned: set[str] = field(default_factory=set)
-    before: Before = field(default_factory=Before)
+    before: Written = field(default_factory=Written)
     """What the dataset holds that is added to."""
     every: MapFrame | None = None
     """The frame of all rows."""
@@ -63,7 +63,7 @@ def import_vehicle(plan: Plan, job: tuple[int, str, list[Slip]]) -> Outcome:
     """Clean, place, match and write the rows of one vehicle."""
     number, vehicle, slips = job
     rejects = Rejects(plan.scratch / f"vehicle-{number}-{NAME}", plan.names)
-    work = VehicleImport(plan, rejects, plan.before.next_trip(vehicle))
+    work = VehicleImport(plan, rejects, plan.before.next_trip.get(vehicle, 0))
     for rows, last in windows(slips):
         if vehicle in plan.positioned:
             work.take(rows, last=last)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, update_wrapper
 from typing import Any, TypeVar
 
 from fleetlog import engines
@@ -61,32 +61,23 @@ def each_part(
     engine = engines.current()
     if not engine.pays(cost * dataset.rows * len(missing) / max(len(parts), 1)):
         engine = engines.Serial()
-    job, new = _Question(dataset, work, arguments, kept), {p.name for p in missing}
+    job = update_wrapper(partial(_answer, dataset, work, arguments, kept), work)
+    new = {p.name for p in missing}
     with closing(engine.run(job, missing, partial(_called, str(dataset.path)))) as made:
         for part in parts:
-            out = next(made) if kept is None or part.name in new else kept.find(part.name)
+            out = next(made) if part.name in new else kept.find(part.name) if kept else None
             yield job(part) if out is None else out
 
 
-@dataclass(frozen=True)
-class _Question:
-    """What is done with every part."""
-
-    dataset: Dataset
-    work: Callable[..., Any]
-    arguments: tuple[Any, ...]
-    kept: Partials | None
-
-    @property
-    def __name__(self) -> str:
-        return self.work.__name__
-
-    def __call__(self, part: Part) -> Any:
-        dataset = self.dataset.here()
-        out = self.work(dataset, *part.key, *self.arguments)
-        if self.kept is not None:
-            self.kept.keep(part.name, dataset.source(part.reads), out)
-        return out
+def _answer(
+    dataset: Dataset, work: Callable[..., P], arguments: tuple[Any, ...], kept: Partials | None, part: Part
+) -> P:
+    """What the question makes of a part, which is kept."""
+    dataset = dataset.here()
+    out = work(dataset, *part.key, *arguments)
+    if kept is not None:
+        kept.keep(part.name, dataset.source(part.reads), out)
+    return out
 
 
 def _called(path: str, part: Part) -> str:

@@ -1,9 +1,10 @@
 """Dataclasses of arrays, numbers and texts as bytes and back, without running anything found in them."""
 
 import dataclasses
+import io
 import json
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -34,10 +35,9 @@ def whole(data: bytes) -> bool:
 def unpack(data: bytes, kinds: Iterable[type] = ()) -> Any:
     """What was packed; dataclasses of ``kinds`` alone.  ValueError where it is something else."""
     try:
-        plain = zlib.decompress(data[4:])
-        size = int.from_bytes(plain[:8], "little")
-        tree = json.loads(plain[8 : 8 + size])
-        return _Reader(plain, 8 + size, {k.__name__: k for k in kinds}).value(tree)
+        plain = io.BytesIO(zlib.decompress(data[4:]))
+        tree = json.loads(plain.read(int.from_bytes(plain.read(8), "little")))
+        return _value(tree, plain, {k.__name__: k for k in kinds})
     except (zlib.error, LookupError, TypeError, StopIteration) as error:
         raise ValueError(f"not plain data: {error}") from None
 
@@ -64,29 +64,19 @@ def _tree(value: Any, arrays: list[NDArray[Any]]) -> Any:
     raise TypeError(f"{type(value).__name__} is not plain data")
 
 
-@dataclasses.dataclass
-class _Reader:
-    data: bytes
-    at: int
-    kinds: dict[str, type]
-
-    def value(self, tree: Any) -> Any:
-        """The value of a tree; arrays are taken in order."""
-        if not isinstance(tree, dict):
-            return tree
-        if "array" in tree:
-            return self._array(np.dtype(tree["array"]), tuple(tree["shape"]))
-        if "kind" in tree:
-            return self.kinds[tree["kind"]](**{n: self.value(v) for n, v in tree["fields"].items()})
-        if "dict" in tree:
-            return {self.value(k): self.value(v) for k, v in tree["dict"]}
-        name, items = next(iter(tree.items()))
-        return {"list": list, "tuple": tuple, "set": frozenset}[name](self.value(v) for v in items)
-
-    def _array(self, dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+def _value(tree: Any, data: io.BytesIO, kinds: Mapping[str, type]) -> Any:
+    """The value of a tree; arrays are taken from ``data`` in order."""
+    if not isinstance(tree, dict):
+        return tree
+    if "array" in tree:
+        dtype = np.dtype(tree["array"])
         if dtype.hasobject:
             raise ValueError("an array of objects is not plain data")
-        count = int(np.prod(shape, dtype=np.int64))
-        out = np.frombuffer(self.data, dtype, count, self.at).reshape(shape)
-        self.at += out.nbytes
-        return out
+        size = int(np.prod(tree["shape"], dtype=np.int64)) * dtype.itemsize
+        return np.frombuffer(data.read(size), dtype).reshape(tree["shape"])
+    if "kind" in tree:
+        return kinds[tree["kind"]](**{n: _value(v, data, kinds) for n, v in tree["fields"].items()})
+    if "dict" in tree:
+        return {_value(k, data, kinds): _value(v, data, kinds) for k, v in tree["dict"]}
+    name, items = next(iter(tree.items()))
+    return {"list": list, "tuple": tuple, "set": frozenset}[name](_value(v, data, kinds) for v in items)

@@ -54,14 +54,14 @@ class Partials:
 
     def keep(self, name: str, source: bytes, value: Any) -> None:
         """Keep a result; a dataset that cannot be written goes without."""
-        file = self.folder / name
-        new = file.with_name(f"{file.name}.{os.getpid()}.new")
+        file, data = self.folder / name, source + pack(value)
         with suppress(OSError):
             if is_url(file):  # an object appears whole
-                file.write_bytes(source + pack(value))
+                file.write_bytes(data)
                 return
             file.parent.mkdir(parents=True, exist_ok=True)
-            new.write_bytes(source + pack(value))
+            new = file.with_name(f"{file.name}.{os.getpid()}.new")
+            new.write_bytes(data)
             new.replace(file)
 
 
@@ -69,27 +69,20 @@ def partials_of(
     dataset: Dataset, work: Callable[..., Any], arguments: tuple[Any, ...], kinds: tuple[type, ...]
 ) -> Partials | None:
     """Where the results of a question are kept; None for a small dataset or one that cannot be written."""
-    root = dataset.path / PARTIALS
-    remote = is_url(dataset.path)
+    root, remote = dataset.path / PARTIALS, is_url(dataset.path)
     if dataset.rows < FROM_ROWS or not (remote or os.access(dataset.path, os.W_OK)):
         return None
-    name = f"{work.__module__}.{work.__qualname__}"
-    asked = encode([name, code_digest(), dataset.site_digest, arguments])
-    folder = root / hashlib.sha256(asked).hexdigest()[:32]
+    asked = [f"{work.__module__}.{work.__qualname__}", code_digest(), dataset.site_text, arguments]
+    folder = root / hashlib.sha256(encode(asked)).hexdigest()[:32]
     if not remote:
         with suppress(OSError):
-            _make_room(root, folder)
+            others = [p for p in root.glob("*") if p.is_dir() and p != folder]
+            others.sort(key=lambda p: -p.stat().st_mtime_ns)
+            for old in others[QUESTIONS - 1 :]:
+                shutil.rmtree(old, ignore_errors=True)
             folder.mkdir(parents=True, exist_ok=True)
             os.utime(folder)
     return Partials(folder, kinds)
-
-
-def _make_room(root: Path, folder: Path) -> None:
-    if folder.is_dir() or not root.is_dir():
-        return
-    oldest = sorted((p for p in root.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime_ns)
-    for old in oldest[: max(0, len(oldest) - QUESTIONS + 1)]:
-        shutil.rmtree(old, ignore_errors=True)
 
 
 @cache

@@ -75,7 +75,7 @@ def table_of(trips: list[dict[str, NDArray[Any]]]) -> pd.DataFrame:
 
     trips = [t for t in trips if t]
     if not trips:
-        return pd.DataFrame()
+        return pd.DataFrame({"vehicle_id": [], "trip_id": []})
     out = pd.DataFrame({name: np.concatenate([t[name] for t in trips]) for name in trips[0]})
     for name in ("start", "end"):
         out[name] = pd.to_datetime(out[name], unit="us", utc=True)
