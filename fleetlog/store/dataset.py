@@ -117,7 +117,7 @@ class Dataset:
 
     @cached_property
     def trips(self) -> pd.DataFrame:
-        """One row a trip; see :func:`fleetlog.store.trips.trip_table`."""
+        """One row a trip; see :func:`fleetlog.store.trips.trip_columns`."""
         import pandas as pd
 
         file = self.path / "trips.parquet"

@@ -25,13 +25,9 @@ class Part:
 
 
 def each_day(
-    dataset: Dataset,
-    work: Callable[..., P],
-    *arguments: Any,
-    kinds: Sequence[type] = (),
-    vehicles: Sequence[str] = (),
-    cost: float = ROW_COST,
-) -> Iterator[P]:
+    dataset: Dataset, work: Callable[..., P], *arguments: Any, kinds: Sequence[type] = (),
+    vehicles: Sequence[str] = (), cost: float = ROW_COST,
+) -> Iterator[P]:  # fmt: skip
     """Yield ``work(dataset, vehicle, date, *arguments)`` for every vehicle-day, by vehicle and then by date.
 
     Parameters
@@ -48,13 +44,9 @@ def each_day(
 
 
 def each_part(
-    dataset: Dataset,
-    parts: Sequence[Part],
-    work: Callable[..., P],
-    *arguments: Any,
-    kinds: Sequence[type],
+    dataset: Dataset, parts: Sequence[Part], work: Callable[..., P], *arguments: Any, kinds: Sequence[type],
     cost: float,
-) -> Iterator[P]:
+) -> Iterator[P]:  # fmt: skip
     """Yield ``work(dataset, *part.key, *arguments)`` for every part, in their order; see :func:`each_day`."""
     kept = partials_of(dataset, work, arguments, tuple(kinds)) if kinds else None
     missing = [p for p in parts if kept is None or not kept.has(p.name, dataset.source(p.reads))]

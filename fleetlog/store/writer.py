@@ -57,19 +57,15 @@ class DatasetWriter:
         self.provenance: dict[str, Any] = {}
         self.summary: dict[str, Any] = {}
         self.tables = Tables(path)
-        self.written = Written(parts=dict(self.before.parts))
+        self.written = Written()
+        self._parts: dict[tuple[str, str], int] = {}
 
     @classmethod
     @contextmanager
     def create(
-        cls,
-        target: str | Path,
-        kind: Kind,
-        site: Site,
-        *,
-        overwrite: bool = False,
+        cls, target: str | Path, kind: Kind, site: Site, *, overwrite: bool = False,
         inputs: Iterable[Path] = (),
-    ) -> Iterator[DatasetWriter]:
+    ) -> Iterator[DatasetWriter]:  # fmt: skip
         """A writer whose dataset appears as ``target`` when the block ends well; ``inputs`` are read."""
         if is_url(target):
             place = uploaded(located(target), overwrite=overwrite)
@@ -144,8 +140,8 @@ class DatasetWriter:
     def _write_part(self, vehicle: str, day: int, table: pa.Table) -> None:
         date = str(np.datetime64(day, "D"))
         folder = self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(vehicle, safe='')}"
-        number = self.written.parts.get((vehicle, date), 0)
-        self.written.parts[vehicle, date] = number + 1
+        number = self._parts.get((vehicle, date), self.before.parts.get((vehicle, date), 0))
+        self._parts[vehicle, date] = number + 1
         folder.mkdir(parents=True, exist_ok=True)
         with pa.OSFile(str(folder / f"part-{number:05d}.parquet"), "wb") as file:
             pq.write_table(
