@@ -106,7 +106,10 @@ def align(tracks: list[tuple[Floats, Floats]], network: Network, name: str = "lo
     fits = [_fitted(log, roads, *start) for start in _starts(place, heading, roads)]
     fits.sort(key=lambda f: -f.on_roads)
     best = fits[0]
-    runner_up = next((f.on_roads for f in fits[1:] if _differs(f, best)), 0.0)
+    others = (
+        f for f in fits[1:] if _apart(best.pose[:2] - f.pose[:2], best.pose[2] - f.pose[2], APART, TURNED)
+    )
+    runner_up = next((f.on_roads for f in others), 0.0)
     shift_sd, rotation_sd, times = _deviations(log, roads, best)
     _check(best, runner_up, times * shift_sd, times * rotation_sd)
     x, y = (best.pose[:2] - _turned(log.centre[None], best.pose[2])[0]).tolist()
@@ -193,8 +196,8 @@ def _distinct(found: list[tuple[float, float, Floats]], place: Floats) -> list[t
     middle = place.mean(axis=0)
     for _, rotation, shift in found:
         at = _turned(middle[None], rotation)[0] + shift
-        gaps = ((rotation - r, _turned(middle[None], r)[0] + s - at) for r, s in kept)
-        if not any(abs(_wrapped(turn)) < 3.0 * TURN and np.hypot(*gap) < 4.0 for turn, gap in gaps):
+        gaps = ((at - _turned(middle[None], r)[0] - s, rotation - r) for r, s in kept)
+        if all(_apart(gap, turn, 4.0, 3.0 * TURN) for gap, turn in gaps):
             kept.append((rotation, shift))
         if len(kept) == TRIED:
             break
@@ -289,10 +292,9 @@ def _deviations(log: _Log, roads: _Roads, fit: _Fit) -> tuple[float, float, floa
     return float(np.sqrt(square.max())), float(np.sqrt(c[2, 2])), float(t.ppf(0.995, count - 4.0))
 
 
-def _differs(a: _Fit, b: _Fit) -> bool:
-    """Whether two fits put the middle of the log, or its direction, elsewhere."""
-    far = np.hypot(*(a.pose - b.pose)[:2]) > APART
-    return bool(far or abs(_wrapped(a.pose[2] - b.pose[2])) > TURNED)
+def _apart(gap: Floats, turn: float, most: float, most_turn: float) -> bool:
+    """Whether a shift or a rotation is more than so much."""
+    return bool(np.hypot(*gap) > most or abs(_wrapped(turn)) > most_turn)
 
 
 def _wrapped(angle: float) -> float:

@@ -145,15 +145,15 @@ def _write(
     summary = ImportSummary(files=[f for read in reads for f in read.files])
     summary.rows_read = sum(f.rows for f in summary.files)
     slips: dict[str, list[Slip]] = defaultdict(list)
+    own: dict[str, bool] = {}
     for read in reads:
         for slip in read.slips:
             slips[slip.vehicle].append(slip)
         for name, text in read.own.items():
-            plan.own[name] = plan.own.get(name, False) or text
-        plan.positioned.update(read.positioned)
-    if align:
-        plan = replace(plan, every=_aligned(slips, plan.site, summary))
-    plan = probe(plan, slips)
+            own[name] = own.get(name, False) or text
+    every = _aligned(slips, plan.site, summary) if align else plan.every
+    positioned = frozenset(vehicle for read in reads for vehicle in read.positioned)
+    plan = probe(replace(plan, own=own, positioned=positioned, every=every), slips)
     writer.site = plan.site
     summary.notes += plan.notes
     outcomes = list(_vehicles(plan, slips, progress))

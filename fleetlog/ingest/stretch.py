@@ -49,7 +49,7 @@ class Plan:
     site: Site
     names: list[str]
     own: dict[str, bool] = field(default_factory=dict)
-    positioned: set[str] = field(default_factory=set)
+    positioned: frozenset[str] = frozenset()
     before: Written = field(default_factory=Written)
     """What the dataset holds that is added to."""
     every: MapFrame | None = None
@@ -69,7 +69,7 @@ def import_vehicle(plan: Plan, job: tuple[int, str, list[Slip]]) -> Outcome:
             work.take(rows, last=last)
         else:
             rejects.refuse(rows, np.ones(len(rows), bool), "no log has a position of this vehicle")
-    work.out.summary.trips = len(work.trips)
+    work.out.counts["trips"] = len(work.trips)
     rejects.close()
     return work.out
 
@@ -135,7 +135,7 @@ class VehicleImport:
         if check and len(rows):
             check_place(rows, site, sample)
         joined = join_channels(rows)
-        self.out.summary.rows_joined += len(rows) - len(joined)
+        self.out.counts["joined"] += len(rows) - len(joined)
         return joined
 
     def _in_order(self, rows: Trajectory) -> Trajectory:
@@ -148,9 +148,8 @@ class VehicleImport:
         full = derive_power(derive_motion(rows))
         made = [n for n in ("speed", "heading", "battery_power") if full.has(n) and not rows.has(n)]
         if made:
-            own = self.out.summary.derived_by_vehicle.setdefault(rows.vehicle_id, [])
-            own += [n for n in made if n not in own]
-            self.out.summary.derived = sorted(own)
+            known = self.out.derived.setdefault(rows.vehicle_id, [])
+            known += [n for n in made if n not in known]
         return full
 
     def _trip_ids(self, rows: Trajectory) -> Ints:
@@ -166,14 +165,11 @@ class VehicleImport:
             rows = self._match(rows, self.plan.site.network)
         self.writer.write(with_own_columns(without(rows, *INTERNAL), self.plan.own))
         self.trips.update(np.unique(rows.trip_ids()).tolist())
-        summary, counts, paces = self.out.summary, self.out.counts, self.out.paces
-        summary.rows += len(rows)
-        summary.vehicles = {rows.vehicle_id: summary.rows}
-        counts["stuck"] += int(np.nansum(rows.floats(STUCK)))
-        counts["held"] += int(np.nansum(rows.floats(HELD)))
-        measured = "speed" not in summary.derived and len(paces) < MOST_PACES
-        if measured and (pace := pace_ratio(rows)) is not None:
-            paces.append(pace)
+        self.out.counts["stuck"] += int(np.nansum(rows.floats(STUCK)))
+        self.out.counts["held"] += int(np.nansum(rows.floats(HELD)))
+        derived = "speed" in self.out.derived.get(rows.vehicle_id, ())
+        if not derived and len(self.out.paces) < MOST_PACES and (pace := pace_ratio(rows)) is not None:
+            self.out.paces.append(pace)
 
     def _match(self, rows: Trajectory, network: Network) -> Trajectory:
         """The rows on the roads, and how many are and why others are not."""

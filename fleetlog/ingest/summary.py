@@ -136,27 +136,26 @@ class Outcome:
 
     rejects: Rejects
     written: Written
-    summary: ImportSummary = field(default_factory=ImportSummary)
     counts: Counter[str] = field(default_factory=Counter)
-    """Rows ``matched``, those ``on_road``, with edges of the log's own (``kept``), of a ``stuck`` sensor, and
-    with a repeated position (``held``).
+    """Trips; rows ``joined``, ``matched``, ``on_road``, ``kept`` with edges of the log's own, of a ``stuck``
+    sensor, ``held`` at a repeated position.
     """
     off_map: Counter[str] = field(default_factory=Counter)
     """Rows without a road, by reason."""
+    derived: dict[str, list[str]] = field(default_factory=dict)
+    """Columns made from others, by vehicle."""
     paces: list[float] = field(default_factory=list)
     """Speeds of the log over those of its positions."""
 
 
 def complete(summary: ImportSummary, outcomes: Sequence[Outcome], written: Written) -> None:
     """Add what the vehicles came to, in their order, to the summary of what was read."""
-    for one in (outcome.summary for outcome in outcomes):
-        summary.rows, summary.trips = summary.rows + one.rows, summary.trips + one.trips
-        summary.rows_joined += one.rows_joined
-        summary.vehicles |= one.vehicles
-        summary.derived_by_vehicle |= one.derived_by_vehicle
-        summary.derived = sorted({*summary.derived, *one.derived})
-    counts: Counter[str] = sum((o.counts for o in outcomes), Counter())
+    counts = sum((o.counts for o in outcomes), Counter[str]())
+    summary.vehicles, summary.rows = dict(written.rows), sum(written.rows.values())
+    summary.trips, summary.rows_joined = counts["trips"], counts["joined"]
     summary.off_map = dict(sum((o.off_map for o in outcomes), Counter[str]()))
+    summary.derived_by_vehicle = {vehicle: made for o in outcomes for vehicle, made in o.derived.items()}
+    summary.derived = sorted({name for made in summary.derived_by_vehicle.values() for name in made})
     paces = [] if "speed" in summary.derived else [p for o in outcomes for p in o.paces]
     summary.notes += _notes(counts, paces[:MOST_PACES])
     if written.rows:
