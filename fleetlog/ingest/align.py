@@ -179,7 +179,7 @@ def _starts(place: Floats, heading: Floats, roads: _Roads) -> list[tuple[float, 
     for rotation in np.arange(0.0, 2.0 * np.pi, TURN):
         turned = _turned(place - middle, rotation)
         driven = _spectra(turned % (side * cell), heading + rotation, cell, side, 0.0)
-        score = irfft2(sum(r * np.conj(d) for r, d in zip(there, driven, strict=True)), (side, side))
+        score = irfft2((there * driven.conj()).sum(axis=0), (side, side))
         for _ in range(3):
             peak = np.unravel_index(int(np.argmax(score)), score.shape)
             shift = np.array([peak[1], peak[0]], float) * cell + origin
@@ -209,24 +209,19 @@ def _turned(points: Floats, rotation: float) -> Floats:
     return np.asarray(points @ np.array([[c, s], [-s, c]]))
 
 
-def _spectra(place: Floats, heading: Floats, cell: float, side: int, blur: float) -> list[Complexes]:
+def _spectra(place: Floats, heading: Floats, cell: float, side: int, blur: float) -> Complexes:
     """Fourier transforms of where is road (or driven), by direction; every square counts once."""
     from scipy.fft import rfft2
     from scipy.ndimage import gaussian_filter
 
-    index = (place / cell).astype(np.int64) % side
+    x, y = ((place / cell).astype(np.int64) % side).T
     sector = np.round(heading / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
-    out = []
-    for k in range(SECTORS):
-        picture = np.zeros((side, side), np.float32)
-        mine = sector == k
-        picture[index[mine, 1], index[mine, 0]] = 1.0
-        if blur:
-            beside = (sector == (k + 1) % SECTORS) | (sector == (k - 1) % SECTORS)
-            picture[index[beside, 1], index[beside, 0]] = 1.0
-            picture = np.minimum(gaussian_filter(picture, blur, mode="wrap") * 3.0, 1.0)
-        out.append(rfft2(picture))
-    return out
+    picture = np.zeros((SECTORS, side, side), np.float32)
+    picture[sector, y, x] = 1.0
+    if blur:
+        picture = np.maximum.reduce([np.roll(picture, beside, axis=0) for beside in (-1, 0, 1)])
+        picture = np.minimum(gaussian_filter(picture, (0.0, blur, blur), mode="wrap") * 3.0, 1.0)
+    return np.asarray(rfft2(picture))
 
 
 def _fitted(log: _Log, roads: _Roads, rotation: float, shift: Floats) -> _Fit:

@@ -23,8 +23,7 @@ from fleetlog.ingest.rows import HELD, INTERNAL, STUCK, join, with_own_columns, 
 from fleetlog.ingest.spill import WINDOW_ROWS, Slip, windows
 from fleetlog.ingest.summary import MOST_PACES, Outcome
 from fleetlog.store.trips import trip_ids
-from fleetlog.store.writer import DatasetWriter
-from fleetlog.store.written import Written
+from fleetlog.store.writer import DatasetWriter, Written
 
 if TYPE_CHECKING:
     from fleetlog.roads.matching import MatchParameters

@@ -15,7 +15,7 @@ from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
 from fleetlog.importers._report import ReadReport
 from fleetlog.ingest.derive import suspect_unit
 from fleetlog.ingest.rejects import Rejects
-from fleetlog.store.written import Written
+from fleetlog.store.writer import Written
 
 MOST_PACES = 50
 

@@ -22,20 +22,14 @@ def encode(value: Any) -> bytes:
 
 
 def pack(value: Any) -> bytes:
-    """Encoded and compressed, after a checksum of four bytes."""
-    data = zlib.compress(encode(value), LEVEL)
-    return zlib.crc32(data).to_bytes(4, "little") + data
-
-
-def whole(data: bytes) -> bool:
-    """Return whether packed bytes are as they were written."""
-    return data[:4] == zlib.crc32(data[4:]).to_bytes(4, "little")
+    """Encoded and compressed, with zlib's checksum."""
+    return zlib.compress(encode(value), LEVEL)
 
 
 def unpack(data: bytes, kinds: Iterable[type] = ()) -> Any:
-    """What was packed; dataclasses of ``kinds`` alone.  ValueError where it is something else."""
+    """What was packed; dataclasses of ``kinds`` alone.  ValueError where it is damaged or something else."""
     try:
-        plain = io.BytesIO(zlib.decompress(data[4:]))
+        plain = io.BytesIO(zlib.decompress(data))
         tree = json.loads(plain.read(int.from_bytes(plain.read(8), "little")))
         return _value(tree, plain, {k.__name__: k for k in kinds})
     except (zlib.error, LookupError, TypeError, StopIteration) as error:

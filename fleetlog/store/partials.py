@@ -17,7 +17,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fleetlog.store.encoding import encode, pack, unpack, whole
+from fleetlog.store.encoding import encode, pack, unpack
 from fleetlog.store.output import PARTIALS
 from fleetlog.store.places import is_url
 
@@ -38,15 +38,15 @@ class Partials:
     kinds: tuple[type, ...]
 
     def has(self, name: str, source: bytes) -> bool:
-        """Return whether a result is kept, whole, and made from this source."""
+        """Return whether a result is kept that was made from this source."""
         try:
             with (self.folder / name).open("rb") as stream:
-                return stream.read(len(source)) == source and whole(stream.read())
+                return stream.read(len(source)) == source
         except OSError:
             return False
 
     def find(self, name: str) -> Any:
-        """A result that is kept; None where it has gone or is something else."""
+        """A result that is kept; None where it has gone, is damaged or something else."""
         try:
             return unpack((self.folder / name).read_bytes()[32:], self.kinds)
         except (OSError, ValueError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,6 +14,7 @@ from urllib.parse import quote
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from fleetlog.core.columns import HIVE_NULL
 from fleetlog.core.site import Site, site_to_dict
@@ -25,7 +26,6 @@ from fleetlog.store.events import Tables
 from fleetlog.store.output import PARTIALS, atomic_output, share
 from fleetlog.store.places import is_url, located, uploaded
 from fleetlog.store.trips import merge_split_trips, table_of, trip_columns
-from fleetlog.store.written import Written, before_of
 from fleetlog.version import FORMAT_VERSION
 
 if TYPE_CHECKING:
@@ -38,6 +38,32 @@ REPEATED = {"payload", "fork_height", "ambient_temperature"}
 """Numbers that stay the same for many rows."""
 SELECTED = ["timestamp", "x", "y", "edge_id", "trip_id"]
 """Columns by which rows are selected: statistics of all columns would cost a fifth of writing."""
+
+
+@dataclass
+class Written:
+    """What is known of some rows, by vehicle; times [us]."""
+
+    rows: dict[str, int] = field(default_factory=dict)
+    first: dict[str, int] = field(default_factory=dict)
+    last: dict[str, int] = field(default_factory=dict)
+    columns: dict[str, str] = field(default_factory=dict)
+    """The unit of every column."""
+    trips: list[dict[str, NDArray[Any]]] = field(default_factory=list)
+    """Of rows that were just written; those of a dataset are in its table."""
+    next_trip: dict[str, int] = field(default_factory=dict)
+    """The first trip id that a vehicle of a dataset has not had."""
+    parts: dict[tuple[str, str], int] = field(default_factory=dict)
+    """Files by vehicle and date."""
+
+    def add(self, other: Written) -> None:
+        """Take in what another writer has written, of other vehicles or later."""
+        for vehicle, rows in other.rows.items():
+            self.rows[vehicle] = self.rows.get(vehicle, 0) + rows
+        self.first = {**other.first, **self.first}
+        self.last |= other.last
+        self.columns |= {name: unit for name, unit in other.columns.items() if name not in self.columns}
+        self.trips += other.trips
 
 
 class DatasetWriter:
@@ -95,7 +121,7 @@ class DatasetWriter:
             if not is_url(target):
                 for name in ("trajectories", PARTIALS):
                     share(old.path / name, scratch / name)
-            writer = cls(scratch, "recorded", old.site, before_of(old))
+            writer = cls(scratch, "recorded", old.site, _before(old))
             writer.old = old
             yield writer
             writer.finish()
@@ -113,8 +139,8 @@ class DatasetWriter:
         for vehicle, piece in zip(vehicles, pieces, strict=True):
             self._check(replace(rows, vehicle_id=vehicle)[piece])
         table = to_arrow(rows, part=True)
-        for field in table.schema:
-            self.written.columns.setdefault(field.name, (field.metadata or {}).get(b"unit", b"").decode())
+        for one in table.schema:
+            self.written.columns.setdefault(one.name, (one.metadata or {}).get(b"unit", b"").decode())
         for vehicle, piece in zip(vehicles, pieces, strict=True):
             time = rows.time[piece]
             cuts = [0, *(np.flatnonzero(np.diff(time // DAY)) + 1).tolist(), each]
@@ -183,6 +209,21 @@ class DatasetWriter:
             return new
         trips = pd.concat([self.old.trips, new]) if len(new) else self.old.trips
         return trips.sort_values(["vehicle_id", "trip_id"], ignore_index=True)
+
+
+def _before(dataset: Dataset) -> Written:
+    """What is known of a dataset before rows are added to it."""
+    rows, start = dict(dataset.meta["vehicles"]), dataset.meta["start"]
+    out = Written(rows, columns=dataset.meta["columns"])
+    out.parts = {day: len(dataset.parts(*day)) for day in dataset.vehicle_days}
+    if start is not None:
+        out.first = dict.fromkeys(rows, int(np.datetime64(start[:-1], "us").astype(np.int64)))
+    if len(dataset.trips):
+        by_vehicle = dataset.trips.groupby("vehicle_id")
+        end = by_vehicle.end.max().dt.tz_localize(None).astype("datetime64[us]").astype(np.int64)
+        out.last = dict(zip(end.index, end.tolist(), strict=True))
+        out.next_trip = dict(zip(end.index, (by_vehicle.trip_id.max() + 1).tolist(), strict=True))
+    return out
 
 
 @lru_cache(maxsize=64)
