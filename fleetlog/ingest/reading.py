@@ -4,6 +4,7 @@ import itertools
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Set
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -68,8 +69,10 @@ def read_group(
         before = spill.rows + out.rejects.rows.total()
         try:
             report, batches = log.read(profile)
-            told = (_told(_geographic(batch, profile), log, tell) for batch in batches)
-            for good, bad in _sifted(told, number, report, out.rejects):
+            placed = (_geographic(batch, profile) for batch in batches)
+            for good, bad in _sifted(
+                placed, number, report, out.rejects, partial(tell, log) if tell else None
+            ):
                 out.rejects.refuse(bad, np.ones(len(bad), bool), BACKWARDS)
                 if len(good):
                     spill.add(good)
@@ -85,21 +88,18 @@ def read_group(
     return out
 
 
-def _told(batch: RawBatch, log: Log, tell: Callable[[Log, float], None] | None) -> RawBatch:
-    if tell is not None:
-        tell(log, batch.progress)
-    return batch
-
-
 def _sifted(
-    batches: Iterator[RawBatch], number: int, report: ReadReport, rejects: Rejects
-) -> Iterator[tuple[Trajectory, Trajectory]]:
+    batches: Iterator[RawBatch], number: int, report: ReadReport, rejects: Rejects,
+    tell: Callable[[float], None] | None,
+) -> Iterator[tuple[Trajectory, Trajectory]]:  # fmt: skip
     """Rows to keep and rows to refuse of one log, in the order of time as far as the log has one."""
     orders: dict[tuple[str, bool], Order] = defaultdict(Order)
     for batch in batches:
         rejects.add(number, batch.rejects)
         for rows in split(batch, number, report):
             yield orders[rows.vehicle_id, CHANNEL in rows].sift(rows)
+        if tell is not None:
+            tell(batch.progress)
     for order in orders.values():
         yield from order.flush()
 

@@ -46,12 +46,12 @@ class Spill:
         self._bytes = 0
 
     def add(self, rows: Trajectory) -> None:
-        """Set rows of one vehicle aside."""
+        """Set rows of one vehicle, at least one, aside."""
         for name, values in rows.columns.items():
             if name not in BY_NAME and name not in INTERNAL:
                 self.own[name] = self.own.get(name, False) or isinstance(values, Labels)
         day = rows.time // DAY
-        days = np.unique(day).tolist()
+        days = [int(day[0])] if day.min() == day.max() else np.unique(day).tolist()
         for one in days:
             self._waiting[rows.vehicle_id, one].append(rows if len(days) == 1 else rows[day == one])
         self.rows += len(rows)

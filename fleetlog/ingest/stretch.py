@@ -118,7 +118,9 @@ class VehicleImport:
         if not len(rows):
             return
         full = self._derive(rows)
-        trips = self._trip_ids(full)
+        trips = full.trip_ids()  # the log's own, where they count up
+        if not full.has("trip_id") or (trips < self._first_trip).any() or (np.diff(trips) < 0).any():
+            trips = trip_ids(full, self._trip)
         cut = len(rows) if last else _cut(trips)
         self._write(full[:cut].with_columns(trip_id=trips[:cut]))
         if not last:
@@ -150,12 +152,6 @@ class VehicleImport:
             known = self.out.derived.setdefault(rows.vehicle_id, [])
             known += [n for n in made if n not in known]
         return full
-
-    def _trip_ids(self, rows: Trajectory) -> Ints:
-        own = rows.trip_ids()
-        if rows.has("trip_id") and bool((own >= self._first_trip).all() and (np.diff(own) >= 0).all()):
-            return own
-        return trip_ids(rows, self._trip)
 
     def _write(self, rows: Trajectory) -> None:
         if not len(rows):
