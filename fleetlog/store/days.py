@@ -33,7 +33,7 @@ def each_day(
     Parameters
     ----------
     work : a function of a module, of which the result depends on nothing but its arguments; it returns
-        plain data (see :mod:`fleetlog.store.encoding`).
+        plain data (see :mod:`fleetlog.store.partials`).
     kinds : dataclasses that its result is made of; with any, results are kept in the dataset's folder.
     vehicles : only these; all by default.
     cost : of a row [s], about.

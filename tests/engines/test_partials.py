@@ -12,8 +12,8 @@ from hypothesis.extra import numpy as some
 from fleetlog.analysis.density import density
 from fleetlog.analysis.energy import energy
 from fleetlog.store import Dataset, partials
-from fleetlog.store.encoding import encode, pack, unpack
 from fleetlog.store.output import share
+from fleetlog.store.partials import encode, pack, unpack
 
 
 @dataclass(frozen=True)
