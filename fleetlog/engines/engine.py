@@ -51,7 +51,7 @@ def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | FleetlogError:
 
 
 def _called(work: Callable[..., Any]) -> str:
-    inner = getattr(work, "func", work)
+    inner = getattr(work, "__wrapped__", getattr(work, "func", work))
     return str(getattr(inner, "__name__", type(inner).__name__)).strip("_").replace("_", " ")
 
 

@@ -152,7 +152,7 @@ def _experiment(asked: Asked, inputs: list[Path]) -> Answer:
 
 def _simulated(asked: Asked, inputs: list[Path], digested: list[Path], like: str | None) -> Answer:
     from fleetlog.store import DatasetWriter
-    from fleetlog.store.provenance import provenance
+    from fleetlog.store.documents import provenance
 
     target = temporary() / "dataset" if asked.output is None else as_path(asked.output)
     create = partial(DatasetWriter.create, overwrite=asked.overwrite, inputs=inputs)
