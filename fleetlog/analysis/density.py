@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.clusters import areas as of
-from fleetlog.analysis.clusters.areas import BIN, PLACES, Samples, Watched
+from fleetlog.analysis.clusters.areas import BIN, PLACES, Watched
 from fleetlog.analysis.clusters.crowds import Crowds, Rule, as_figures, find_crowds, together
-from fleetlog.analysis.clusters.tracking import Episode, Followed, episodes, follow
+from fleetlog.analysis.clusters.tracking import Episode, episodes
 from fleetlog.core.arguments import Between
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
@@ -30,7 +30,6 @@ from fleetlog.store.trips import STANDING_SPEED
 HOUR = 3_600_000_000
 HOURS = 2
 """Of a day that one job looks at."""
-KINDS = (Crowds, Followed)
 ROW_COST = 2e-6
 OF_TRIP = ("vehicle_id", "trip_id", "start", "end", "x_start", "y_start", "x_end", "y_end")
 SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
@@ -64,16 +63,14 @@ def density(
     rule = Rule(threshold, speed, round(step * 1e6), include_standing)
     watched = Watched(tuple(dataset.vehicles), *_span(dataset, rule.step), rule.step)
     parts = list(_hours(dataset, watched))
-    pieces = list(each_part(dataset, parts, _crowds, rule, kinds=KINDS, cost=ROW_COST))
-    clusters = together([c for c, _ in pieces], watched.vehicles)
+    pieces = list(each_part(dataset, parts, find_crowds, rule, kinds=(Crowds,), cost=ROW_COST))
+    clusters = together(pieces, watched.vehicles)
     if not clusters.seen:
         what = "no row of the dataset is matched to a road"
         raise DataError(what, do="check that log and map belong together")
-    begins = np.cumsum([0, *(len(c) for c, _ in pieces)]).tolist()
-    followed = list(zip(begins[:-1], (f for _, f in pieces), strict=True))
     least = max(1, round(min_duration / watched.seconds))
-    found = episodes(clusters, followed, speed, rule.step, least)
-    rows = of.samples(clusters, found, free_speeds(dataset, network), watched.seconds)
+    found = episodes(clusters, speed, rule.step, least)
+    rows = of.samples(clusters, found, network, free_speeds(dataset, network), watched.seconds)
     areas = of.critical_areas(network, rows, watched)
     table = _episode_table(clusters, watched, network, found, rows)
     table["area"] = of.area_of(table, areas)
@@ -86,8 +83,12 @@ def density(
         "episodes": len(found), "delay_s": float(rows.delay.sum()),
         "areas": areas.head(20).to_dict("records"),
     }  # fmt: skip
-    delayed = _task_table(dataset, watched, rows)
-    tables = {"episodes": table, "tasks": delayed, "clusters": _step_table(clusters, speed)}
+    steps = pd.DataFrame({
+        "timestamp": pd.to_datetime(clusters.time, unit="us", utc=True), "cluster": clusters.label,
+        "size": clusters.size, "mean_speed": clusters.mean_speed, "slow_share": clusters.slow_share,
+        "critical": clusters.mean_speed < speed,
+    })  # fmt: skip
+    tables = {"episodes": table, "tasks": _task_table(dataset, watched, rows), "clusters": steps}
     places = {"areas": areas} if len(areas) else {}
     shapes = _shapes(network, watched, clusters, areas, rows, over_time)
     return Result("density", summary, tables, places, shapes, _lines(summary, areas))
@@ -111,11 +112,6 @@ def _hours(dataset: Dataset, watched: Watched) -> Iterator[Part]:
             stop = min(b, watched.stop)
             if start < stop:
                 yield Part(f"date={date}/hour={hour:02d}", (date, start, stop), reads)
-
-
-def _crowds(dataset: Dataset, date: str, start: int, stop: int, rule: Rule) -> tuple[Crowds, Followed]:
-    found = find_crowds(dataset, date, start, stop, rule)
-    return found, follow(found, rule.limit, rule.step)
 
 
 def free_speeds(dataset: Dataset, network: Network) -> Floats:
@@ -176,22 +172,20 @@ def _percentiles(driven: Driven, edges: int, share: float, least: int = 1) -> Fl
 
 
 def _episode_table(
-    c: Crowds, watched: Watched, network: Network, found: list[Episode], s: Samples
+    c: Crowds, watched: Watched, network: Network, found: list[Episode], s: pd.DataFrame
 ) -> pd.DataFrame:
     rows = []
-    for i, e in enumerate(found):
-        mine = slice(*np.searchsorted(s.episode, [i, i + 1]))
-        edges, counts = np.unique(s.edge[mine], return_counts=True)
-        where = network.position(s.edge[mine], s.offset[mine])[:, :2].mean(axis=0)
+    for number, (e, (_, own)) in enumerate(zip(found, s.groupby("episode"), strict=True), start=1):
+        trucks, edge, delay = np.unique(own["truck"]), own["edge"].to_numpy(), own["delay"].to_numpy()
+        x, y = network.position(edge, own["offset"].to_numpy())[:, :2].mean(axis=0)
         rows.append({
-            "episode": i + 1, "start": c.time[e.clusters[0]],
+            "episode": number, "start": c.time[e.clusters[0]],
             "end": c.time[e.clusters[-1]] + watched.step, "duration": len(e.clusters) * watched.seconds,
             "max_size": int(c.size[e.clusters].max()),
-            "min_mean_speed": float(c.mean_speed[e.clusters].min()),
-            "vehicles": len(np.unique(s.truck[mine])),
-            "members": ", ".join(watched.vehicles[v] for v in np.unique(s.truck[mine])),
-            "vehicle_seconds": len(s.delay[mine]) * watched.seconds, "delay": float(s.delay[mine].sum()),
-            "edge_id": network.edge_ids[int(edges[counts.argmax()])], "x": where[0], "y": where[1],
+            "min_mean_speed": float(c.mean_speed[e.clusters].min()), "vehicles": len(trucks),
+            "members": ", ".join(watched.vehicles[v] for v in trucks),
+            "vehicle_seconds": len(own) * watched.seconds, "delay": float(delay.sum()),
+            "edge_id": network.edge_ids[np.bincount(edge).argmax()], "x": x, "y": y,
             "born": e.born, "died": e.died,
         })  # fmt: skip
     table = pd.DataFrame(rows)
@@ -199,36 +193,34 @@ def _episode_table(
     return table.assign(**{c: pd.to_datetime(table[c], unit="us", utc=True) for c in ends})
 
 
-def _task_table(dataset: Dataset, watched: Watched, s: Samples) -> pd.DataFrame:
+def _task_table(dataset: Dataset, watched: Watched, s: pd.DataFrame) -> pd.DataFrame:
     """Trips by the delay that they suffered in critical clusters."""
     trips = dataset.trips
-    if not len(s.delay) or not len(trips):
+    if not len(s) or not len(trips):
         return pd.DataFrame()
     out = []
-    for v in np.unique(s.truck):
-        mine = s.truck == v
+    for v in np.unique(s["truck"]):
+        mine = s[s["truck"] == v]
         own = trips[trips.vehicle_id == watched.vehicles[v]].sort_values("start")
         starts = own.start.astype("datetime64[us, UTC]").astype("int64").to_numpy()
-        k = np.searchsorted(starts, s.time[mine], side="right") - 1
-        delay = np.bincount(np.clip(k, 0, None), weights=s.delay[mine], minlength=len(own))
+        k = np.searchsorted(starts, mine["time"], side="right") - 1
+        delay = np.bincount(np.clip(k, 0, None), weights=mine["delay"], minlength=len(own))
         out.append(own[list(OF_TRIP)].assign(delay=delay))
     table = pd.concat(out, ignore_index=True)
     late: pd.DataFrame = table[table.delay > 0]
     return late.sort_values("delay", ascending=False, ignore_index=True)
 
 
-def _step_table(c: Crowds, limit: float) -> pd.DataFrame:
-    return pd.DataFrame({
-        "timestamp": pd.to_datetime(c.time, unit="us", utc=True), "cluster": c.label, "size": c.size,
-        "mean_speed": c.mean_speed, "slow_share": c.slow_share, "critical": c.mean_speed < limit,
-    })  # fmt: skip
-
-
 def _shapes(
-    network: Network, watched: Watched, c: Crowds, areas: pd.DataFrame, rows: Samples, episode_time: Series
+    network: Network, watched: Watched, c: Crowds, areas: pd.DataFrame, rows: pd.DataFrame, over_time: Series
 ) -> list[Shape]:
-    shapes: list[Shape] = [_delay_layer(network, rows)] if len(rows.delay) else []
-    shapes += [_arc_lines(c, watched), episode_time]
+    shapes: list[Shape] = []
+    if len(rows):
+        codes, delay = of.delay_by_place(rows)
+        edge, start = (codes // PLACES).astype(np.int32), np.asarray(codes % PLACES * BIN, np.float64)
+        end = np.minimum(start + BIN, network.length[edge])
+        shapes.append(EdgeValues("delay", edge, start, end, delay, "delay in critical clusters [s]"))
+    shapes += [_arc_lines(c, watched), over_time]
     if len(areas):
         top = areas.head(10)
         labels = tuple(f"{a}: {d:.0f} s" for a, d in zip(top.area, top.delay, strict=True))
@@ -236,15 +228,6 @@ def _shapes(
         shapes.append(Marks("critical_areas", at, labels, top.radius.to_numpy(), "critical"))
         shapes.append(Bars("delay_by_area", tuple(f"area {a}" for a in top.area), delay, "delay [s]"))
     return shapes
-
-
-def _delay_layer(network: Network, rows: Samples) -> EdgeValues:
-    """Delay per place of road; both directions of a road share a place."""
-    codes, delay = of.delay_by_place(network, rows)
-    edge = (codes // PLACES).astype(np.int32)
-    start = np.asarray((codes % PLACES) * BIN, dtype=np.float64)
-    end = np.minimum(start + BIN, network.length[edge])
-    return EdgeValues("delay", edge, start, end, delay, "delay in critical clusters [s]")
 
 
 def _arc_lines(c: Crowds, watched: Watched) -> MovingLines:
