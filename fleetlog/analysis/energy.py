@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.energybook import tables as of
-from fleetlog.analysis.energybook.book import BIN, Book, Cells, keep_book
+from fleetlog.analysis.energybook.book import BIN, Book, gathered, keep_book
 from fleetlog.analysis.energybook.doubt import parameter_variance
 from fleetlog.core.arguments import ShiftHours
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
@@ -52,12 +52,20 @@ def energy(
         raise DataError(f"{dataset.path} has no rows")
     physics = Physics(truck) if physics is None else physics
     battery = battery_of(physics.actual_truck(), chemistry)
-    days = each_day(
-        dataset, _vehicle_day, physics, battery, _sources(physics), kinds=(Book, Cells), cost=ROW_COST
-    )
+    asked = physics, battery, _sources(physics)
+    days = each_day(dataset, _vehicle_day, *asked, kinds=(Book,), cost=ROW_COST)
     books = [book for day in days for book in day]
-    terms = _term_order(books)
-    segments = of.with_soc(of.segment_table(books, terms), truck)
+    if not books:
+        raise DataError("no vehicle has two rows on one day")
+    segments, stretches, zones, bins = (
+        gathered(books, what) for what in ("segments", "stretches", "zones", "bins")
+    )
+    # The dearest term first.
+    total = segments.filter(like="J_").sum().abs().sort_values(ascending=False, kind="stable")
+    terms = [name.removeprefix("J_") for name in total.index]
+    segments = of.with_soc(
+        segments[[*segments.columns.difference(total.index, sort=False), *total.index]], truck
+    )
     segments["shift"] = of.shift_names(segments["hour"], sorted(shifts))
     doubt = parameter_variance(physics)
     hours = segments.assign(hour=pd.to_datetime(segments["hour"], unit="us", utc=True))
@@ -65,8 +73,8 @@ def energy(
         "trips": of.summed(segments, ["vehicle_id", "trip_id"], doubt),
         "vehicles": of.summed(segments, ["vehicle_id"], doubt),
         "shifts": of.summed(segments, ["shift"], doubt), "hours": of.summed(hours, ["hour"], doubt),
-        "edges": of.stretch_table(books, dataset.site.network),
-        "zones": of.zone_table(books, terms, dataset.site),
+        "edges": of.stretch_table(stretches, dataset.site.network),
+        "zones": of.zone_table(zones, terms, dataset.site),
     }  # fmt: skip
     whole = of.summed(segments.assign(all="all"), ["all"], doubt).iloc[0]
     trips = segments.drop_duplicates(["vehicle_id", "trip_id"])["source"].value_counts().sort_index()
@@ -74,8 +82,8 @@ def energy(
     summary = _summary(whole, terms, sources, tables)
     kept = {f"energy_{name}": table for name, table in tables.items() if len(table)}
     places = {name: kept.pop(name) for name in ("energy_edges",) if name in kept}
-    shapes, lines = _shapes(books, terms, whole, tables["edges"]), _lines(whole, terms, sources, tables)
-    return Result("energy", summary, kept, places, shapes, lines)
+    shapes = _shapes(bins, terms, whole, tables["edges"])
+    return Result("energy", summary, kept, places, shapes, _lines(whole, terms, sources, tables))
 
 
 def _vehicle_day(
@@ -98,17 +106,6 @@ def _sources(physics: Physics) -> list[str]:
     """The code of the terms: a user may change his own between two runs."""
     modules = {t.function.__module__ for t in physics.active() if t.function is not None}
     return [inspect.getsource(sys.modules[name]) for name in sorted(modules) if name in sys.modules]
-
-
-def _term_order(books: Sequence[Book]) -> list[str]:
-    """All terms of the ledger, the dearest first."""
-    total: dict[str, float] = {}
-    for book in books:
-        for name, joules in zip(book.terms, book.energy.sum(axis=0), strict=True):
-            total[name] = total.get(name, 0.0) + float(joules)
-    if not total:
-        raise DataError("no vehicle has two rows on one day")
-    return sorted(total, key=lambda name: -abs(total[name]))
 
 
 def _summary(
@@ -170,38 +167,34 @@ def _lines(
     return out
 
 
-def _shapes(
-    books: Sequence[Book], terms: Sequence[str], whole: pd.Series, edges: pd.DataFrame
-) -> list[Shape]:
+def _shapes(bins: pd.DataFrame, terms: Sequence[str], whole: pd.Series, edges: pd.DataFrame) -> list[Shape]:
     shapes: list[Shape] = []
     if len(edges):
         edge, (start, end, value) = edges["edge"].to_numpy(np.int32), edges[OF_STRETCH].to_numpy(float).T
         shapes.append(EdgeValues("energy_per_metre", edge, start, end, value, "energy [J/m]"))
     kwh = np.array([whole[f"{t}_kwh"] for t in terms])
     shapes.append(Bars("energy by cause", tuple(t.replace("_", " ") for t in terms), kwh, "energy [kWh]"))
-    return shapes + _curves(books, terms)
+    return shapes + _curves(bins, terms)
 
 
-def _curves(books: Sequence[Book], terms: Sequence[str]) -> list[Shape]:
+def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> list[Shape]:
     """Fleet power by term over time, stacked, and measured beside modelled."""
-    time = np.concatenate([b.bins for b in books])
-    width = (len(np.unique(time // BIN)) // MOST_POINTS + 1) * BIN
-    keys, inverse = np.unique(time // width, return_inverse=True)
+    width = (len(np.unique(bins["time"] // BIN)) // MOST_POINTS + 1) * BIN
+    keys, inverse = np.unique(bins["time"] // width, return_inverse=True)
 
-    def mean(values: list[Floats]) -> Floats:
+    def mean(name: str) -> Floats:
         """Mean power over each step [kW]."""
-        return np.bincount(inverse, np.concatenate(values), len(keys)) / (width * 1e-6) / 1000.0
+        return np.bincount(inverse, bins[name], len(keys)) / (width * 1e-6) / 1000.0
 
-    rows = {t: mean([b.over_time(t) for b in books]) for t in terms}
-    middle = keys * width + width // 2
-    stacked = Series("power by cause", middle, rows, "time", "power [kW]", over_time=True, stacked=True)
-    out: list[Shape] = [stacked]
-    measured, beside, known = (mean([b.bin_measured[:, k] for b in books]) for k in range(3))
+    middle, axes = keys * width + width // 2, ("time", "power [kW]")
+    rows = {t: mean(f"J_{t}") for t in terms}
+    out: list[Shape] = [Series("power by cause", middle, rows, *axes, over_time=True, stacked=True)]
+    known = mean("known") > 0.0
     if known.any():
         # The model of the trucks and times that were measured, and of no others.
-        pair = {"measured": measured, "model": beside}
-        both = {name: np.where(known > 0.0, v, np.nan) for name, v in pair.items()}
-        out.append(Series("power", middle, both, "time", "power [kW]", over_time=True))
+        pair = {"measured": mean("measured"), "model": mean("beside_measured")}
+        both = {name: np.where(known, v, np.nan) for name, v in pair.items()}
+        out.append(Series("power", middle, both, *axes, over_time=True))
     return out
 
 

@@ -6,31 +6,21 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis.energybook.book import HOUR, STRETCH, SUMS, Book
+from fleetlog.analysis.energybook.book import HOUR, STRETCH
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 
 KWH = 3.6e6
+SUMS = (
+    "seconds", "metres", "kilogram_metres", "returned", "traction", "braking", "loss", "measured",
+    "beside_measured", "raising", "motion_variance", "collapsed", "empty",
+)  # fmt: skip
 ENDS = {
     "peak": "max", "lowest": "min", "start": "min", "end": "max", "soc_start": "first", "soc_end": "last",
     "soc_end_model": "last",
 }  # fmt: skip
 """Of several segments: which value is theirs."""
-
-
-def segment_table(books: Sequence[Book], terms: Sequence[str]) -> pd.DataFrame:
-    """One row a segment: keys, joules by term, sums, peak, battery, first and last time."""
-    pieces = []
-    for b in books:
-        known = {f"J_{t}": b.energy[:, b.terms.index(t)] if t in b.terms else 0.0 for t in terms}
-        pieces.append(pd.DataFrame({
-            "vehicle_id": b.vehicle, "trip_id": b.trip, "hour": b.hour, **known,
-            **{s: b.sums[s] for s in SUMS}, "peak": b.peak, "soc_start": b.soc[:, 0], "soc_end": b.soc[:, 1],
-            "soc_end_model": b.cells.soc_end, "lowest": b.cells.lowest, "collapsed": b.cells.collapsed,
-            "empty": b.cells.empty, "start": b.span[:, 0], "end": b.span[:, 1], "source": b.source,
-        }))  # fmt: skip
-    return pd.concat(pieces, ignore_index=True)
 
 
 def with_soc(segments: pd.DataFrame, truck: Truck) -> pd.DataFrame:
@@ -55,7 +45,7 @@ def with_soc(segments: pd.DataFrame, truck: Truck) -> pd.DataFrame:
 
 def summed(segments: pd.DataFrame, by: list[str], variance: Any) -> pd.DataFrame:
     """Segments grouped ``by`` columns, in kWh, km and h; ``variance`` is that of the truck's numbers."""
-    add = [c for c in segments.columns if c.startswith("J_") or c in (*SUMS, "collapsed", "empty")]
+    add = [c for c in segments.columns if c.startswith("J_") or c in SUMS]
     grouped = segments.groupby(by, sort=True, dropna=False)
     return figures(grouped[add].sum().join(grouped.agg(ENDS)), variance).reset_index()
 
@@ -94,16 +84,11 @@ def shift_names(hour: pd.Series, starts: Sequence[int]) -> pd.Series:
     return pd.Series([names[k] for k in number], index=hour.index)
 
 
-def stretch_table(books: Sequence[Book], network: Network | None) -> pd.DataFrame:
+def stretch_table(stretches: pd.DataFrame, network: Network | None) -> pd.DataFrame:
     """Joules, metres and energy per metre of every stretch of directed edge that was driven."""
     if network is None:
         return pd.DataFrame()
-    keys = np.concatenate([b.stretch for b in books])
-    sums = np.concatenate([b.stretch_sums for b in books])
-    table = pd.DataFrame(keys, columns=["edge", "number"]).join(
-        pd.DataFrame(sums, columns=["joules", "metres"])
-    )
-    table = table.groupby(["edge", "number"], as_index=False).sum()
+    table = stretches.groupby(["edge", "number"], as_index=False).sum()
     table["from"] = table["number"] * STRETCH
     table["to"] = np.minimum(table["from"] + STRETCH, network.length[table["edge"]])
     table["joules_per_metre"] = table["joules"] / table["metres"]
@@ -113,16 +98,13 @@ def stretch_table(books: Sequence[Book], network: Network | None) -> pd.DataFram
     return table[table["to"] > table["from"]].drop(columns="number").reset_index(drop=True)
 
 
-def zone_table(books: Sequence[Book], terms: Sequence[str], site: Site) -> pd.DataFrame:
+def zone_table(zones: pd.DataFrame, terms: Sequence[str], site: Site) -> pd.DataFrame:
     """Energy by zone of the site, with the ledger."""
     if not site.zones:
         return pd.DataFrame()
-    out = np.zeros((len(site.zones), len(terms) + 2))
-    for book in books:
-        column = [terms.index(t) for t in book.terms]
-        out[:, column] += book.zones[:, : len(column)]
-        out[:, len(terms) :] += book.zones[:, len(column) :]
-    energy, km = out[:, : len(terms)].sum(axis=1) / KWH, out[:, -2] / 1000.0
-    table = {"zone": [z.id for z in site.zones], "duration_h": out[:, -1] / 3600.0, "distance_km": km}
+    names = [f"J_{t}" for t in terms]
+    total = {n: np.bincount(zones["zone"], zones[n], len(site.zones)) for n in (*names, "metres", "seconds")}
+    energy, km = np.stack([total[n] for n in names], axis=1).sum(axis=1) / KWH, total["metres"] / 1000.0
+    table = {"zone": [z.id for z in site.zones], "duration_h": total["seconds"] / 3600.0, "distance_km": km}
     table |= {"energy_kwh": energy, "kwh_per_km": energy / np.where(km > 0.01, km, np.nan)}
-    return pd.DataFrame(table | {f"{t}_kwh": out[:, k] / KWH for k, t in enumerate(terms)})
+    return pd.DataFrame(table | {f"{t}_kwh": total[f"J_{t}"] / KWH for t in terms})
