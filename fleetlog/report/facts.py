@@ -52,11 +52,18 @@ class Facts:
     ledger: Ledger = field(default_factory=pd.DataFrame)
     energy_from: dict[str, str] = field(default_factory=dict)
     """By truck: where its energy comes from."""
+    left_out: list[str] | None = None
+    """What the diagnosis says of it, where there was one."""
 
     @property
     def site(self) -> Site:
         """The dataset's site."""
         return self.dataset.site
+
+    @property
+    def currency(self) -> str:
+        """That of the tariff."""
+        return self.tariff.currency if self.tariff is not None and self.tariff.currency else "currency"
 
     def local(self, times: pd.Series) -> pd.Series:
         """Times as the clock on the site's wall shows them."""
@@ -66,14 +73,13 @@ class Facts:
 
 def gather(facts: Facts) -> Facts:
     """Run every analysis that the dataset can carry, and sum up the ledger."""
-    d = facts.dataset
+    d, truck = facts.dataset, facts.truck
     questions: dict[str, Callable[[], Result]] = {
         "utilisation": lambda: utilisation(d), "trips": lambda: trips(d, min_distance=SHORTEST_TRIP),
         "stops": lambda: stops(d), "heatmap": lambda: heatmap(d, quantity="passages", cell=_cell(d)),
         "density": lambda: density(d), "speeding": lambda: speeding(d), "near_misses": lambda: near_misses(d),
     }  # fmt: skip
-    if facts.truck is not None:
-        truck = facts.truck
+    if truck is not None:
         questions["energy"] = lambda: energy(d, truck)
     for number, (name, question) in enumerate(questions.items()):
         progress(f"{facts.name}: {name.replace('_', ' ')}", number / len(questions))
