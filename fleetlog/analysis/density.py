@@ -3,12 +3,9 @@
 The rule of the clusters is stated in :mod:`fleetlog.analysis.clusters.steps`.
 """
 
-from __future__ import annotations
-
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -32,7 +29,6 @@ HOURS = 2
 """Of a day that one job looks at."""
 ROW_COST = 2e-6
 OF_TRIP = ("vehicle_id", "trip_id", "start", "end", "x_start", "y_start", "x_end", "y_end")
-SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
 BIN_SPEED, SPEEDS = 0.005, 1 << 16
 """Speeds are counted in steps of this [m/s]; how many steps there are."""
 
@@ -61,7 +57,9 @@ def density(
         what = "the dataset has no roads, and density needs driving distances"
         raise DataError(what, do="import it with --site")
     rule = Rule(threshold, speed, round(step * 1e6), include_standing)
-    watched = Watched(tuple(dataset.vehicles), *_span(dataset, rule.step), rule.step)
+    first, last = (us(str(dataset.meta[k]).rstrip("Z")) for k in ("start", "end"))
+    # The time grid counts from 1970: no added day shifts it.
+    watched = Watched(tuple(dataset.vehicles), first // rule.step * rule.step, last + 1, rule.step)
     parts = list(_hours(dataset, watched))
     pieces = list(each_part(dataset, parts, find_crowds, rule, kinds=(Crowds,), cost=ROW_COST))
     clusters = together(pieces, watched.vehicles)
@@ -94,22 +92,20 @@ def density(
     return Result("density", summary, tables, places, shapes, _lines(summary, areas))
 
 
-def _span(dataset: Dataset, step: int) -> tuple[int, int]:
-    """The first and the end of the time grid [us], which counts from 1970: no added day shifts it."""
-    ends = [np.datetime64(str(dataset.meta[k]).rstrip("Z"), "us").astype(np.int64) for k in ("start", "end")]
-    return int(ends[0] // step * step), int(ends[1]) + 1
+def us(time: str) -> int:
+    """A time in UTC as microseconds since 1970."""
+    return int(np.datetime64(time, "us").astype(np.int64))
 
 
 def _hours(dataset: Dataset, watched: Watched) -> Iterator[Part]:
     """The time grid in jobs of ``HOURS`` hours of one day; each reads also the days beside it."""
     for date in dataset.dates:
-        day = int(np.datetime64(date, "us").astype(np.int64))
         near = [str(np.datetime64(date, "D") + k) for k in (-1, 0, 1)]
         reads = tuple((v, d) for v, d in dataset.vehicle_days if d in near)
         for hour in range(0, 24, HOURS):
-            a, b = day + hour * HOUR, day + (hour + HOURS) * HOUR
-            start = max(-(-a // watched.step) * watched.step, watched.start)
-            stop = min(b, watched.stop)
+            begin = us(date) + hour * HOUR
+            start = max(-(-begin // watched.step) * watched.step, watched.start)
+            stop = min(begin + HOURS * HOUR, watched.stop)
             if start < stop:
                 yield Part(f"date={date}/hour={hour:02d}", (date, start, stop), reads)
 
@@ -120,14 +116,18 @@ def free_speeds(dataset: Dataset, network: Network) -> Floats:
     The 85th percentile of the speeds driven on the edge, but never far below what the fleet usually makes of
     a limit: a road that is always jammed must not pass for a slow road.
     """
-    driven = Driven(np.zeros(0, np.int64), np.zeros(0))
+    rows = pd.Series(dtype=float)
     for day in each_day(dataset, _driven, kinds=(Driven,), cost=0.3e-6):
-        driven = driven + day
-    p85 = _percentiles(driven, len(network), 0.85, least=20)
-    limit = network.speed_limit
+        rows = rows.add(pd.Series(day.count, day.key, dtype=float), fill_value=0.0)
+    key = rows.index.to_numpy(np.int64)
+    driven = pd.DataFrame({"edge": key // SPEEDS, "speed": key % SPEEDS, "count": rows.to_numpy()})
+    p85, limit = np.full(len(network), np.nan), network.speed_limit
+    known = _percentiles(driven, least=20)
+    p85[known.index] = known
     both = np.isfinite(limit) & np.isfinite(p85)
-    whole = Driven(driven.key % SPEEDS, driven.count)
-    usual = float(np.nanmedian(p85)) if np.isfinite(p85).any() else float(_percentiles(whole, 1, 0.85)[0])
+    usual = float(known.median())
+    if not len(known):
+        usual = float(_percentiles(driven.assign(edge=0).sort_values("speed"), least=1).iloc[0])
     ratio = float(np.median(p85[both] / limit[both])) if both.any() else 1.0
     expected = np.where(np.isfinite(limit), limit * ratio, usual)
     return np.asarray(np.fmax(p85, 0.8 * expected), dtype=np.float64)
@@ -138,12 +138,7 @@ class Driven:
     """How many rows have which speed on which edge; ``key`` is edge * SPEEDS + speed / ``BIN_SPEED``."""
 
     key: Ints
-    count: Floats
-
-    def __add__(self, other: Driven) -> Driven:
-        key, inverse = np.unique(np.concatenate([self.key, other.key]), return_inverse=True)
-        count = np.bincount(inverse, np.concatenate([self.count, other.count]), len(key))
-        return Driven(key, np.asarray(count, np.float64))
+    count: Ints
 
 
 def _driven(dataset: Dataset, vehicle: str, date: str) -> Driven:
@@ -152,23 +147,16 @@ def _driven(dataset: Dataset, vehicle: str, date: str) -> Driven:
     e, v = t.labels("edge_id").recode(dataset.site.roads().index), t.floats("speed")
     use = (e >= 0) & (v > STANDING_SPEED)
     key = e[use].astype(np.int64) * SPEEDS + np.minimum(v[use] / BIN_SPEED, SPEEDS - 1).astype(np.int64)
-    keys, count = np.unique(key, return_counts=True)
-    return Driven(keys, count.astype(np.float64))
+    return Driven(*np.unique(key, return_counts=True))
 
 
-def _percentiles(driven: Driven, edges: int, share: float, least: int = 1) -> Floats:
-    """(E,) speed that this share of the rows on an edge is not above; NaN where there are few."""
-    out = np.full(edges, np.nan)
-    order = np.argsort(driven.key, kind="stable")
-    key, count = driven.key[order], driven.count[order]
-    begins = np.flatnonzero(np.diff(key // SPEEDS, prepend=-1))
-    for a, b in itertools.pairwise([*begins.tolist(), len(key)]):
-        total = np.cumsum(count[a:b])
-        if total[-1] >= least:
-            k = int(np.searchsorted(total, share * total[-1]))
-            inside = 1.0 - (total[k] - share * total[-1]) / count[a + k]
-            out[key[a] // SPEEDS] = (key[a + k] % SPEEDS + inside) * BIN_SPEED
-    return out
+def _percentiles(driven: pd.DataFrame, least: int) -> pd.Series:
+    """By edge: the 85th percentile of its speeds [m/s], where it has as many as ``least``."""
+    counts = driven.groupby("edge")["count"]
+    total, wanted = counts.cumsum(), 0.85 * counts.transform("sum")
+    first = (total >= wanted) & (counts.transform("sum") >= least) & ~(total - driven["count"] >= wanted)
+    inside = 1.0 - (total - wanted) / driven["count"]
+    return ((driven["speed"] + inside) * BIN_SPEED)[first].set_axis(driven.loc[first, "edge"])
 
 
 def _episode_table(
@@ -235,8 +223,8 @@ def _arc_lines(c: Crowds, watched: Watched) -> MovingLines:
     time = np.unique(c.arc_time)
     after = time + watched.step
     shown = np.union1d(time, after[after < watched.stop])
-    cuts = (np.searchsorted(c.arc_time, shown, side).tolist() for side in SIDES)
-    ranges = [slice(a, b) for a, b in zip(*cuts, strict=True)]
+    begins, ends = np.searchsorted(c.arc_time, shown), np.searchsorted(c.arc_time, shown, "right")
+    ranges = [slice(a, b) for a, b in zip(begins.tolist(), ends.tolist(), strict=True)]
     lines = tuple(c.arc_ends[r] for r in ranges)
     return MovingLines("clusters", shown, lines, tuple(c.arc_critical[r] for r in ranges))
 

@@ -122,23 +122,23 @@ def _counts(c: Crowds, limit: float) -> dict[str, float]:
     return dict(zip(COUNTS, map(float, values), strict=True))
 
 
+JOINED = (
+    "time", "label", "mean_speed", "slow_share", "edge", "offset", "speed", "arc_time", "arc_ends",
+    "arc_critical",
+)  # fmt: skip
+
+
 def together(pieces: Sequence[Crowds], vehicles: Sequence[str]) -> Crowds:
     """Pieces, in order of time, as one; trucks are numbered as in ``vehicles``."""
     number = {v: k for k, v in enumerate(vehicles)}
-    codes = [np.array([number[v] for v in p.vehicles], np.int64)[p.truck] for p in pieces]
+    truck = np.concatenate([np.array([number[v] for v in p.vehicles], np.int64)[p.truck] for p in pieces])
     first = np.concatenate([[0], np.cumsum(np.concatenate([p.size for p in pieces]))])
-    joined = {
-        name: np.concatenate([getattr(p, name) for p in pieces])
-        for name in (
-            "time", "label", "mean_speed", "slow_share", "edge", "offset", "speed",
-            "arc_time", "arc_ends", "arc_critical",
-        )
-    }  # fmt: skip
+    joined = {name: np.concatenate([getattr(p, name) for p in pieces]) for name in JOINED}
     counts = {
         way: {n: (max if n == "largest" else sum)(p.counts[way][n] for p in pieces) for n in COUNTS}
         for way in pieces[0].counts
     }
-    truck, seen = np.concatenate(codes), sum(p.seen for p in pieces)
+    seen = sum(p.seen for p in pieces)
     return Crowds(vehicles=tuple(vehicles), first=first, truck=truck, counts=counts, seen=seen, **joined)
 
 
