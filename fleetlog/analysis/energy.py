@@ -10,7 +10,6 @@ import pandas as pd
 
 from fleetlog.analysis.energybook import tables as of
 from fleetlog.analysis.energybook.book import BIN, Book, gathered, keep_book
-from fleetlog.analysis.energybook.doubt import parameter_variance
 from fleetlog.core.arguments import ShiftHours
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
 from fleetlog.core.trajectory import Floats
@@ -67,16 +66,15 @@ def energy(
         segments[[*segments.columns.difference(total.index, sort=False), *total.index]], truck
     )
     segments["shift"] = of.shift_names(segments["hour"], sorted(shifts))
-    doubt = parameter_variance(physics)
     hours = segments.assign(hour=pd.to_datetime(segments["hour"], unit="us", utc=True))
     tables = {
-        "trips": of.summed(segments, ["vehicle_id", "trip_id"], doubt),
-        "vehicles": of.summed(segments, ["vehicle_id"], doubt),
-        "shifts": of.summed(segments, ["shift"], doubt), "hours": of.summed(hours, ["hour"], doubt),
+        "trips": of.summed(segments, ["vehicle_id", "trip_id"], physics),
+        "vehicles": of.summed(segments, ["vehicle_id"], physics),
+        "shifts": of.summed(segments, ["shift"], physics), "hours": of.summed(hours, ["hour"], physics),
         "edges": of.stretch_table(stretches, dataset.site.network),
         "zones": of.zone_table(zones, terms, dataset.site),
     }  # fmt: skip
-    whole = of.summed(segments.assign(all="all"), ["all"], doubt).iloc[0]
+    whole = of.summed(segments.assign(all="all"), ["all"], physics).iloc[0]
     trips = segments.drop_duplicates(["vehicle_id", "trip_id"])["source"].value_counts().sort_index()
     sources = {str(s): int(n) for s, n in trips.items()}
     summary = _summary(whole, terms, sources, tables)
@@ -130,22 +128,20 @@ SAID = {
 def _lines(
     whole: pd.Series, terms: Sequence[str], sources: dict[str, int], tables: dict[str, pd.DataFrame]
 ) -> list[str]:
-    total = whole["energy_kwh"]
     per_km = f", {whole['kwh_per_km']:.3f} kWh/km" if np.isfinite(whole["kwh_per_km"]) else ""
-    trips = count(len(tables["trips"]), "trip")
-    out = [
-        f"{trips} of {count(len(tables['vehicles']), 'truck')} took {total:.2f} kWh"
-        f" (95 % interval ± {1.96 * whole['deviation_kwh']:.2f}): {whole['distance_km']:.1f} km"
-        f" in {whole['duration_h']:.1f} h{per_km}."
-    ]
+    trips, trucks = count(len(tables["trips"]), "trip"), count(len(tables["vehicles"]), "truck")
     causes = {t.replace("_", " "): whole[f"{t}_kwh"] for t in terms}
     shares = ", ".join(f"{cause} {kwh:.2f}" for cause, kwh in causes.items() if abs(kwh) >= 0.005)
-    out.append(f"Breakdown in kWh: {shares}.")
     auxiliary = whole["auxiliary_share"]
-    out.append(
+    loads = f"; auxiliary loads take {percent(auxiliary)}" if np.isfinite(auxiliary) else ""
+    out = [
+        f"{trips} of {trucks} took {whole['energy_kwh']:.2f} kWh"
+        f" (95 % interval ± {1.96 * whole['deviation_kwh']:.2f}): {whole['distance_km']:.1f} km"
+        f" in {whole['duration_h']:.1f} h{per_km}.",
+        f"Breakdown in kWh: {shares}.",
         f"Recovered: {whole['regenerated_kwh'] + 0.0:.2f} kWh; highest power {whole['peak_power_kw']:.1f} kW"
-        + (f"; auxiliary loads take {percent(auxiliary)}." if np.isfinite(auxiliary) else ".")
-    )
+        f"{loads}.",
+    ]
     if np.isfinite(whole["measured_kwh"]) and whole["measured_kwh"]:
         share = whole["difference_kwh"] / whole["measured_kwh"]
         out.append(
@@ -157,14 +153,12 @@ def _lines(
             f"The voltage collapses (to {whole['lowest_voltage_v']:.1f} V) for {whole['collapsed_s']:.0f} s: "
             "the model asks for more power than the battery can give."
         )
-    known = [f"{SAID[s]} ({count(n, 'trip')})" for s, n in sources.items() if s != "nothing"]
-    without = sources.get("nothing", 0)
-    if known:
-        rest = f"; {count(without, 'trip')} had none" if without else ""
-        out.append(f"Measured energy comes from {', '.join(known)}{rest}.")
-    else:
-        out.append("The log has no electrical channel: nothing was measured, the figures are the model's.")
-    return out
+    known = ", ".join(f"{SAID[s]} ({count(n, 'trip')})" for s, n in sources.items() if s != "nothing")
+    if not known:
+        unknown = "The log has no electrical channel: nothing was measured, the figures are the model's."
+        return [*out, unknown]
+    rest = f"; {count(sources['nothing'], 'trip')} had none" if "nothing" in sources else ""
+    return [*out, f"Measured energy comes from {known}{rest}."]
 
 
 def _shapes(bins: pd.DataFrame, terms: Sequence[str], whole: pd.Series, edges: pd.DataFrame) -> list[Shape]:

@@ -54,10 +54,12 @@ def truck_days(f: Facts) -> pd.DataFrame:
 
 def page_table(rows: list[Row], names: list[str]) -> Table:
     """All figures, with differences where there are two datasets."""
-    two = len(names) == 2
-    cells = [[r.figure.label, r.unit, *map(r.figure.shown, r.values), *_told(r)[: 2 * two]] for r in rows]
-    head = ["Figure", "", *names, *["difference (95 % interval)", ""][: 2 * two]]
-    return Table(head, cells, [False, False, True, True, True, False][: len(head)])
+    head, right = ["Figure", "", *names], [False, False, *(True for _ in names)]
+    cells = [[r.figure.label, r.unit, *map(r.figure.shown, r.values)] for r in rows]
+    if len(names) == 2:
+        head, right = [*head, "difference (95 % interval)", ""], [*right, True, False]
+        cells = [[*row, *_told(r)] for row, r in zip(cells, rows, strict=True)]
+    return Table(head, cells, right)
 
 
 def _told(row: Row) -> list[str]:
@@ -80,9 +82,10 @@ def changes(rows: list[Row], names: list[str]) -> list[str]:
             unit = "" if row.unit.startswith("1/") else row.unit
             a, b = (f"{row.figure.shown(v)} {unit}".rstrip() for v in row.values)
             first, second = row.values
+            how = "rose" if second > first else "fell"
             by = f" by {percent(abs(second / first - 1.0))}" if first else ""
-            how = f"{'rose' if second > first else 'fell'}{by} from {a} in {names[0]} to {b} in {names[1]}"
-            out.append(f"{row.figure.label} {how} (p {_p(row.difference.p_value)}).")
+            way = f"{how}{by} from {a} in {names[0]} to {b} in {names[1]}"
+            out.append(f"{row.figure.label} {way} (p {_p(row.difference.p_value)}).")
     judged = sum(row.difference is not None for row in rows)
     if not judged:
         return ["There are too few truck days to tell differences from chance: each dataset needs four."]

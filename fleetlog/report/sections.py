@@ -1,6 +1,6 @@
 """The sections of a fleet report, each a function of the facts of one dataset."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -65,14 +65,15 @@ def utilisation_part(f: Facts) -> Part:
     known = by_truck.drop(columns="no_data")
     total = known.sum(axis=1)
     share = known.div(total.clip(lower=1e-9), axis=0).assign(hours=total).reset_index()
-    seen = [f"{s.replace('_', ' ')}={s} %" for s in STATES if s in known and (known[s] > 0.0).any()]
+    seen = [f"{s.replace('_', ' ')}={s} %" for s in map(str, known) if (known[s] > 0.0).any()]
     columns = "; ".join(["truck=vehicle_id", "hours=hours .2f", *seen])
-    unknown = share.loc[share["driving"] > 0.0, "vehicle_id"]
-    lines = [
-        f"No load is recorded for {listed(unknown.tolist())}: driving empty cannot be told from driving "
-        "laden there, nor waiting from handling."
-    ] if len(unknown) else []  # fmt: skip
-    return Part(lines, [*blocks, table(share, columns, "Share of the time by truck")])
+    part = Part([], [*blocks, table(share, columns, "Share of the time by truck")])
+    if unknown := share.loc[share["driving"] > 0.0, "vehicle_id"].tolist():
+        part.lines.append(
+            f"No load is recorded for {listed(unknown)}: driving empty cannot be told from driving laden "
+            "there, nor waiting from handling."
+        )
+    return part
 
 
 def work(f: Facts) -> Part:
@@ -114,12 +115,12 @@ def energy_part(f: Facts) -> Part:
             "channel. With --truck it is that of the truck's model."
         )
     if "energy" in f.results:
-        result = f.results["energy"]
-        part.lines += _model_lines(f, result)
-        for bars in shapes(f, "energy", Bars):
-            part.blocks.append(picture(f, bars, "Energy of the model by cause, all trucks"))
-        for roads in shapes(f, "energy", EdgeValues):
-            part.blocks.append(picture(f, roads, "Energy per metre of road, by direction"))
+        part.lines += _model_lines(f, f.results["energy"])
+        pictures: dict[str, Sequence[Bars | EdgeValues]] = {
+            "Energy of the model by cause, all trucks": shapes(f, "energy", Bars),
+            "Energy per metre of road, by direction": shapes(f, "energy", EdgeValues),
+        }
+        part.blocks += [picture(f, drawn, what) for what, found in pictures.items() for drawn in found]
     return part
 
 

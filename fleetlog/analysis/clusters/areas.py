@@ -140,15 +140,14 @@ def _connected(xy: Floats) -> Ints:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _resampled(area: Ints, unit: Ints, units: int, delay: Floats, seed: int) -> tuple[Floats, Floats, Floats]:
+def _resampled(area: Ints, unit: Ints, units: int, delay: Floats, seed: int) -> tuple[Floats, ...]:
     """90 % interval of every area's delay and its share of first ranks, over 500 resamples of all units."""
     table = np.zeros((units, int(area.max()) + 1))
     np.add.at(table, (unit, area), delay)
     rng = np.random.default_rng(seed)
-    draws = rng.multinomial(len(table), np.full(len(table), 1 / len(table)), size=500) @ table
+    draws = rng.multinomial(units, np.full(units, 1 / units), size=500) @ table
     first = np.bincount(draws.argmax(axis=1), minlength=table.shape[1]) / len(draws)
-    low, high = np.quantile(draws, [0.05, 0.95], axis=0)
-    return low, high, first
+    return (*np.quantile(draws, [0.05, 0.95], axis=0), first)
 
 
 def area_of(table: pd.DataFrame, areas: pd.DataFrame) -> Ints:
@@ -171,10 +170,10 @@ def timeline(c: Crowds, watched: Watched, found: list[Episode], area: Ints, date
     width = watched.step * max(1, -(-steps // MOST_POINTS))
     time = np.arange(watched.start, watched.stop, width, dtype=np.int64)
     seen = np.isin(time // DAY, np.array(dates, "datetime64[D]").astype(np.int64))
-    shown = np.where((area > 0) & (area <= SHOWN), area, 0)
+    shown = np.where((area > 0) & (area <= SHOWN), area, 0).tolist()
     curves: dict[str, Floats] = {}
-    for number in [*sorted({*shown.tolist()} - {0}), 0]:
-        of = [k for e, a in zip(found, shown.tolist(), strict=True) if a == number for k in e.clusters]
+    for number in [*sorted({*shown} - {0}), 0]:
+        of = [k for e, a in zip(found, shown, strict=True) if a == number for k in e.clusters]
         at, inverse = np.unique(c.time[of], return_inverse=True)
         curve = np.zeros(len(time))
         np.maximum.at(curve, (at - watched.start) // width, np.bincount(inverse, c.size[of], len(at)))

@@ -1,15 +1,16 @@
-"""The books as tables: by trip, vehicle, shift, hour, stretch of road and zone."""
+"""The books as tables: by trip, vehicle, shift, hour, stretch of road and zone; how sure their energy is."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.energybook.book import HOUR, STRETCH
+from fleetlog.calibrate.parameters import UNKNOWNS
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
+from fleetlog.physics.power import Physics, all_terms
 
 KWH = 3.6e6
 SUMS = (
@@ -43,15 +44,11 @@ def with_soc(segments: pd.DataFrame, truck: Truck) -> pd.DataFrame:
     return segments
 
 
-def summed(segments: pd.DataFrame, by: list[str], variance: Any) -> pd.DataFrame:
-    """Segments grouped ``by`` columns, in kWh, km and h; ``variance`` is that of the truck's numbers."""
+def summed(segments: pd.DataFrame, by: list[str], physics: Physics) -> pd.DataFrame:
+    """Segments grouped ``by`` columns, in kWh, km and h."""
     add = [c for c in segments.columns if c.startswith("J_") or c in SUMS]
     grouped = segments.groupby(by, sort=True, dropna=False)
-    return figures(grouped[add].sum().join(grouped.agg(ENDS)), variance).reset_index()
-
-
-def figures(total: pd.DataFrame, variance: Any) -> pd.DataFrame:
-    """What a reader asks for, from sums in SI."""
+    total = grouped[add].sum().join(grouped.agg(ENDS))
     terms = [c for c in total.columns if c.startswith("J_")]
     energy = total[terms].sum(axis=1)
     km, tkm = total["metres"] / 1000.0, total["kilogram_metres"] / 1e6
@@ -63,7 +60,7 @@ def figures(total: pd.DataFrame, variance: Any) -> pd.DataFrame:
         "start": start, "end": end, "duration_h": total["seconds"] / 3600.0, "distance_km": km,
         "energy_kwh": energy / KWH,
         "kwh_per_km": energy / KWH / km.where(km > 0.01), "kwh_per_tkm": energy / KWH / tkm.where(tkm > 1e-4),
-        "deviation_kwh": np.sqrt(variance(total) + total["motion_variance"]) / KWH,
+        "deviation_kwh": np.sqrt(_variance(total, physics) + total["motion_variance"]) / KWH,
         "measured_kwh": measured / KWH,
         "model_beside_measured_kwh": (total["beside_measured"] / KWH).where(known),
         "difference_kwh": (total["beside_measured"] - measured) / KWH,
@@ -72,8 +69,44 @@ def figures(total: pd.DataFrame, variance: Any) -> pd.DataFrame:
         "soc_start": total["soc_start"], "soc_end": total["soc_end"], "soc_end_model": total["soc_end_model"],
         "lowest_voltage_v": total["lowest"], "collapsed_s": total["collapsed"], "empty_s": total["empty"],
     })  # fmt: skip
-    ledger = total[terms] / KWH
-    return out.join(ledger.rename(columns=lambda c: f"{c.removeprefix('J_')}_kwh"))
+    ledger = (total[terms] / KWH).rename(columns=lambda c: f"{c.removeprefix('J_')}_kwh")
+    return out.join(ledger).reset_index()
+
+
+def _variance(total: pd.DataFrame, physics: Physics) -> pd.Series:
+    """Variance of each row's energy [J2] by the truck's numbers: first-order propagation of their spreads.
+
+    Every sensitivity is a sum that the books hold already.  At the switch from traction to braking the drive
+    power is zero, so its move adds nothing to first order, and with E the energy of a group
+
+        dE/d ln(efficiency) = -E_traction    dE/d ln(regeneration) = E_braking    dE/d ln(rolling) = E_rolling
+    """
+    truck = physics.actual_truck()
+    spread = relative_spreads(truck, physics)
+    none, raising = pd.Series(0.0, index=total.index), total["raising"]
+    load = total["kilogram_metres"] / total["metres"].where(total["metres"] > 0.0)
+    carriage = truck.lift.carriage_mass
+    slopes = {
+        "drive.efficiency": -total["traction"], "drive.regeneration": total["braking"],
+        "resistance.rolling": total.get("J_rolling_resistance", none),
+        "resistance.drag_area": total.get("J_aerodynamic_drag", none), "lift.efficiency": -raising,
+        "lift.recuperation": total.get("J_lift_efficiency", none) - raising,
+        "auxiliary.power": total.get("J_auxiliary_load", none),
+        "lift.carriage_mass": raising * (carriage / (carriage + load.fillna(0.0) + 1e-9)),
+    }  # fmt: skip
+    parts = [np.square(slope * spread.get(key, 0.0)) for key, slope in slopes.items()]
+    return pd.Series(np.sum(parts, axis=0), index=total.index)
+
+
+def relative_spreads(truck: Truck, physics: Physics) -> dict[str, float]:
+    """Relative standard deviation of each number: from the physics' own interval, else from the prior."""
+    spreads = {u.key: u.deviation(truck) / truck.value(u.key) for u in UNKNOWNS if truck.value(u.key) > 0.0}
+    for name, parameters in physics.intervals.items():
+        for parameter, (low, high) in parameters.items():
+            key = all_terms()[name].by_name[parameter].truck_key
+            if key is not None and truck.value(key) > 0.0:
+                spreads[key] = (high - low) / (2.0 * 1.96) / truck.value(key)
+    return spreads
 
 
 def shift_names(hour: pd.Series, starts: Sequence[int]) -> pd.Series:
