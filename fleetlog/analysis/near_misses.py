@@ -96,7 +96,7 @@ def _fleets(dataset: Dataset) -> Iterator[pd.DataFrame]:
         days = [dataset.read(v, date, COLUMNS) for v in dataset.vehicles]
         placed = [t[np.logical_and.reduce([np.isfinite(t.floats(c)) for c in PLACE])] for t in days]
         rows = [_gridded(t).assign(vehicle=k) for k, t in enumerate(placed) if len(t) > 1]
-        if rows:
+        if any(map(len, rows)):
             yield pd.concat(rows, ignore_index=True)
 
 
