@@ -48,7 +48,7 @@ def density() -> None:
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components, dijkstra
 
-    from fleetlog.analysis.clusters.kernels import cluster_speeds, cluster_steps
+    from fleetlog.analysis.clusters.kernels import cluster_steps
     from fleetlog.analysis.clusters.steps import distance_lists
 
     limit = 15.0
@@ -66,11 +66,9 @@ def density() -> None:
             steps = 400
             edge = rng.integers(0, len(n), (steps, trucks)).astype(np.int32)
             offset = rng.random((steps, trucks)) * n.length[edge]
-            speed = rng.random((steps, trucks)) * 3
 
             def ours():
-                labels, _, _ = cluster_steps(edge, offset, n.length, *near, limit)
-                cluster_speeds(labels, speed, 1.39)
+                cluster_steps(edge, offset, n.length, *near, limit)
 
             def theirs_nx(t=0):
                 arcs = nx.Graph()

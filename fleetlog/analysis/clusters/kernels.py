@@ -175,27 +175,6 @@ def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
 
 
 @njit(cache=True)
-def cluster_speeds(labels: Index, speed: Floats, slow: float) -> tuple[Index, Floats, Floats]:
-    """(T, V) each, at the label of a cluster: its size, mean speed [m/s] and share slower than ``slow``."""
-    steps, trucks = labels.shape
-    size = np.zeros((steps, trucks), np.int32)
-    mean = np.zeros((steps, trucks))
-    share = np.zeros((steps, trucks))
-    for t in range(steps):
-        for v in range(trucks):
-            c = labels[t, v]
-            if c >= 0:
-                size[t, c] += 1
-                mean[t, c] += speed[t, v]
-                share[t, c] += speed[t, v] < slow
-        for c in range(trucks):
-            if size[t, c]:
-                mean[t, c] /= size[t, c]
-                share[t, c] /= size[t, c]
-    return size, mean, share
-
-
-@njit(cache=True)
 def resample_along(
     time: Ints, edge: Index, offset: Floats, speed: Floats, masked: NDArray[np.bool_],
     grid: Ints, max_gap: int, length: Floats, next_first: Index, next_edges: Index,
