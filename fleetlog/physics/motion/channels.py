@@ -12,18 +12,12 @@ LONGEST_HOLD = 60.0
 """A load is held through a silence of its channel up to this [s]."""
 
 
-def held(t: Floats, value: Floats, longest: float = LONGEST_HOLD) -> Floats:
-    """The last known value where it is unknown, for at most ``longest`` seconds; NaN beyond."""
-    from fleetlog.physics.motion.kernels.rows import hold
-
-    return np.asarray(hold(t, value, longest))
-
-
 def payload(t: Floats, trajectory: Trajectory) -> Floats:
     """(N,) kg; held through short silences, 0 where nothing is known."""
-    if not trajectory.has("payload"):
-        return np.zeros(len(t))
-    return np.maximum(np.nan_to_num(held(t, trajectory.floats("payload"))), 0.0)
+    value = trajectory.floats("payload")
+    last = np.maximum.accumulate(np.where(np.isnan(value), 0, np.arange(len(t))))
+    held = np.where(t - t[last] <= LONGEST_HOLD, value[last], 0.0)
+    return np.maximum(np.nan_to_num(held), 0.0)
 
 
 @dataclass(frozen=True)

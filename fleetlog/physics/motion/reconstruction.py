@@ -18,7 +18,7 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
-from fleetlog.physics.motion.assemble import assembled, placed
+from fleetlog.physics.motion.assemble import assembled
 from fleetlog.physics.motion.channels import forks
 from fleetlog.physics.motion.grid import quiet_rows, row_spans, sample_grid
 from fleetlog.physics.motion.noise import (
@@ -102,30 +102,25 @@ class Reconstruction:
         """
         from fleetlog.physics.motion.kernels.filter import energy_variance
 
-        by_speed = self._secant(power, "speed", self.speed_sd)
-        by_acceleration = self._secant(power, "acceleration", self.acceleration_sd)
-        nodes = len(self.states.cov)
-        slopes = np.zeros((2, nodes))
-        slopes[0, self.node], slopes[1, self.node] = (
-            by_speed * self.motion.dt,
-            by_acceleration * self.motion.dt,
+        nodes, count = len(self.states.cov), int(window.max(initial=-1)) + 1
+        by_speed, by_acceleration = np.zeros((2, nodes))
+        by_speed[self.node] = self._secant(power, "speed", self.speed_sd) * self.motion.dt
+        by_acceleration[self.node] = (
+            self._secant(power, "acceleration", self.acceleration_sd) * self.motion.dt
         )
         near = np.minimum(np.searchsorted(self.node, np.arange(nodes)), len(self.node) - 1)
-        count = int(window.max(initial=-1)) + 1
-        moved = energy_variance(self.states.cov, self.states.gain, slopes[0], slopes[1], window[near], count)
+        moved = energy_variance(
+            self.states.cov, self.states.gain, by_speed, by_acceleration, window[near], count
+        )
         return np.asarray(moved + self._lift_variance(power, window, count))
 
     def _lift_variance(self, power: Callable[[Motion], Floats], window: Numbers, count: int) -> Floats:
-        """(W,) that of lifts between the last row of a window and the first of the next.
-
-        Either may have them.
-        """
+        """(W,) that of lifts between the last row of a window and the first of the next, either's."""
         if not self.lift_doubt.any():
             return np.zeros(count)
         lifting = power(self.motion) - power(self.motion.replaced(lift_speed=np.zeros(len(self.motion))))
-        joules = (
-            np.bincount(self.interval, lifting * self.motion.dt, len(self.dt_row) + 1)[1:-1] * self.lift_doubt
-        )
+        joules = np.bincount(self.interval, lifting * self.motion.dt, len(self.dt_row) + 1)[1:-1]
+        joules *= self.lift_doubt
         of_row = np.full(len(self.dt_row), -1)
         of_row[self.row] = window
         before, after = of_row[:-1], of_row[1:]
@@ -138,9 +133,7 @@ class Reconstruction:
     def _secant(self, power: Callable[[Motion], Floats], name: str, size: Floats) -> Floats:
         size = np.where(self.standing, 0.0, np.maximum(size, 1e-4))
         value = self.states.mean[self.node, 1 if name == "speed" else 2]
-        high, low = value + size, value - size
-        if name == "speed":
-            low = np.maximum(low, 1e-3)
+        high, low = value + size, np.maximum(value - size, 1e-3 if name == "speed" else -np.inf)
         change = power(self.motion.replaced(**{name: high})) - power(self.motion.replaced(**{name: low}))
         return np.where(self.standing, 0.0, change / np.maximum(high - low, 1e-6))
 
@@ -196,8 +189,10 @@ def reconstruct(
     way, speed, acceleration = states.mean[node].T
     speed = np.where(standing, 0.0, speed)
     acceleration = np.where(standing, 0.0, acceleration + _spread(acceleration_sd))
-    places = placed(trajectory, network, rows, path, plane, grid, way * longer, speed)
-    motion = assembled(trajectory, rows, grid, mast, places, speed, acceleration, load_lags=load_lags)
+    motion = assembled(
+        trajectory, network, rows, path, plane, mast, grid, way * longer, speed, acceleration,
+        load_lags=load_lags,
+    )  # fmt: skip
     before, after = row_spans(rows.t, breaks)
     interval = grid.row + (grid.time > rows.t[grid.row])
     return Reconstruction(

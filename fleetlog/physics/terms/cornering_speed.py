@@ -12,7 +12,7 @@ def speed(motion: Motion, truck: Truck, values: Values) -> Floats:
     a_lat of 1 to 1.5 m/s2 is usual for laden trucks (estimate).
     """
     bend = np.abs(motion.curvature)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         return np.sqrt(truck.drive.max_lateral_acceleration / bend)
 
 

@@ -1,4 +1,4 @@
-"""Compiled loops over rows: places on edges, held and banded channels; imported only where they run."""
+"""Compiled loops over rows: places on edges, banded channels; imported only where they run."""
 
 import math
 
@@ -40,19 +40,6 @@ def on_edges(
             along[i] = (
                 (x[i] - points[k, 0] - share * dx) * dx + (y[i] - points[k, 1] - share * dy) * dy
             ) / flat
-
-
-@njit(cache=True)
-def hold(t: Floats, value: Floats, longest: float) -> Floats:
-    """The last known value where it is unknown, for at most ``longest`` seconds; NaN beyond."""
-    out = value.copy()
-    known, since = math.nan, -math.inf
-    for i in range(len(value)):
-        if not math.isnan(value[i]):
-            known, since = value[i], t[i]
-        elif t[i] - since <= longest:
-            out[i] = known
-    return out
 
 
 @njit(cache=True)
