@@ -19,7 +19,7 @@ def assembled(
     trajectory: Trajectory, network: Network | None, rows: Rows, path: Path, plane: Plane | None, mast: Forks,
     grid: Grid, way: Floats, speed: Floats, acceleration: Floats, *, load_lags: bool,
 ) -> Motion:  # fmt: skip
-    """The motion of n samples, from the (n,) ways driven, speeds and what the channels of the log say then."""
+    """The motion of n samples, from the (n,) ways driven, speeds and what the log says then."""
     t, row, moment = rows.t, grid.row, grid.moment
     edge, offset = path.on_map(way)
     half, off = np.maximum(0.5 * speed * grid.dt, STEERING), edge < 0

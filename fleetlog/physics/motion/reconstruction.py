@@ -87,8 +87,7 @@ class Reconstruction:
     def likeliest(self) -> Motion:
         """The motion without the spread of its accelerations.
 
-        What power costs less on it is what sampling hides, and as sure as its own size: no noise that
-        averages out.
+        What power costs less on it is what sampling hides: no noise that averages out.
         """
         mean = np.where(self.standing, 0.0, self.states.mean[self.node, 2])
         return self.motion.replaced(acceleration=mean)
@@ -119,8 +118,9 @@ class Reconstruction:
         if not self.lift_doubt.any():
             return np.zeros(count)
         lifting = power(self.motion) - power(self.motion.replaced(lift_speed=np.zeros(len(self.motion))))
-        joules = np.bincount(self.interval, lifting * self.motion.dt, len(self.dt_row) + 1)[1:-1]
-        joules *= self.lift_doubt
+        joules = (
+            self.lift_doubt * np.bincount(self.interval, lifting * self.motion.dt, len(self.dt_row) + 1)[1:-1]
+        )
         of_row = np.full(len(self.dt_row), -1)
         of_row[self.row] = window
         before, after = of_row[:-1], of_row[1:]
@@ -172,11 +172,10 @@ def reconstruct(
     link[lost & (link == 0)] = 1
     seen = by_second(rows.t, np.where(rows.fresh, path.seen / longer, np.nan), link)
     observed = Observed(rows.t, seen, rows.speed, rows.rest, link)
-    is_mean = speed_is_mean(rows, path.seen)
-    observed = with_mean_speed(observed) if is_mean else observed
-    noise = noise or estimate_noise(
-        observed, Noise(), BENDS * float(np.median(np.diff(rows.t))) if is_mean else 0.0
-    )
+    if is_mean := speed_is_mean(rows, path.seen):
+        observed = with_mean_speed(observed)
+    least = BENDS * float(np.median(np.diff(rows.t))) if is_mean else 0.0
+    noise = noise or estimate_noise(observed, Noise(), least)
     mast = forks(rows.t, trajectory)
     grid = sample_grid(rows.t, breaks, quiet_rows(rows.rest, breaks, mast.at(rows.t)), lag)
     nodes, node = observed.at(grid.moment)
