@@ -13,18 +13,20 @@ held one can stand in for it, is *tied*: the runs carry a combination of the two
 *fitted*.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.calibrate.observe import Observations
+from fleetlog.calibrate.observe import Observations, observations, together
 from fleetlog.calibrate.parameters import UNKNOWNS, Unknown
+from fleetlog.core.motion import Floats
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics
 
-Floats = NDArray[np.float64]
 Status = Literal["fitted", "tied", "held"]
 LEAST_INFORMATION = 1.0
 """Of a free number, given those more telling: with less the prior says more than the runs."""
@@ -95,36 +97,42 @@ class Fit:
     """By how much the residuals exceed the stated deviations; the intervals are widened by it."""
 
 
+def calibrate(measurements: Sequence[str | Path], truck: Truck, physics: Physics | None = None) -> Fit:
+    """Fit a truck to datasets and CSV tables (:class:`fleetlog.calibrate.runs.Run`), ``physics`` given."""
+    base = Physics(truck) if physics is None else Physics(truck, physics.values, physics.off, physics.fields)
+    return fit(together([observations(Path(m), base) for m in measurements]), base)
+
+
 def fit(observed: Observations, physics: Physics, unknowns: tuple[Unknown, ...] = UNKNOWNS) -> Fit:
     """Fit the truck of ``physics`` to the observations; its added terms stay as they are."""
     problem = _Problem(observed, physics, unknowns)
-    z = problem.solve(np.ones(len(unknowns), dtype=bool))
-    jacobian = problem.jacobian(z)
-    free = _telling(jacobian)
-    z_final = problem.solve(free)
-    factor = problem.spread_factor(z_final, int(free.sum()))
-    jacobian = problem.jacobian(z_final) / factor
+    free = _telling(problem.jacobian(problem.solve(np.ones(len(unknowns), dtype=bool))))
+    z = problem.solve(free)
+    misfit, spare = problem.misfit(z), len(observed) - int(free.sum())
+    # Root of chi-squared a degree of freedom, at least 1; 1 where too few figures are left to tell.
+    factor = max(1.0, float(np.sqrt(misfit @ misfit / spare))) if spare >= 3 else 1.0
+    jacobian = problem.jacobian(z) / factor
     doubt = None if observed.doubt is None else observed.doubt / (observed.sigma[:, None] * factor)
     covariance = _posterior(jacobian, doubt)
     alone = np.ones(len(unknowns))
     alone[free] = np.sqrt(np.diag(_posterior(jacobian[:, free], doubt)))
-    estimates = problem.estimates(z_final, np.diag(covariance), alone**2, free)
-    blind = tuple(_blind(jacobian, free, unknowns))
-    blind += tuple(_weak(estimates, blind))
+    estimates = problem.estimates(z, np.diag(covariance), alone**2, free)
+    blind = _blind(jacobian, free, unknowns)
+    named = {u.key for b in blind for u, _ in b.companions}
+    tied = [e.unknown for e in estimates if e.status == "tied"]
+    blind += [Blind(u, (), weak=True) for u in tied if u.key not in named]
     scale = np.sqrt(np.diag(covariance))
     return Fit(
-        problem.truck(z_final), estimates, blind, tuple(_combinations(estimates, blind, alone, problem)),
+        problem.truck(z), estimates, tuple(blind), tuple(_combinations(estimates, blind, alone, problem)),
         covariance / np.outer(scale, scale), observed.labels, observed.measured, observed.predict(physics),
-        problem.predict(z_final), observed.sigma, factor,
+        problem.predict(z), observed.sigma, factor,
     )  # fmt: skip
 
 
 def _posterior(jacobian: Floats, doubt: Floats | None) -> Floats:
     """Covariance of z given the runs and the prior, and what each pattern of doubt would shift the fit by."""
     noise = np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]))
-    if doubt is None:
-        return np.asarray(noise, dtype=np.float64)
-    shift = noise @ jacobian.T @ doubt
+    shift = np.zeros((len(noise), 1)) if doubt is None else noise @ jacobian.T @ doubt
     return np.asarray(noise + shift @ shift.T, dtype=np.float64)
 
 
@@ -185,12 +193,6 @@ class _Problem:
             columns.append((self.misfit(up) - self.misfit(down)) / (up[k] - down[k]))
         return np.stack(columns, axis=1)
 
-    def spread_factor(self, z: Floats, free: int) -> float:
-        """Root of chi-squared a degree of freedom, at least 1; 1 where too few figures are left to tell."""
-        spare = len(self.observed) - free
-        misfit = self.misfit(z)
-        return max(1.0, float(np.sqrt(misfit @ misfit / spare))) if spare >= 3 else 1.0
-
     def estimates(
         self, z: Floats, remaining: Floats, alone: Floats, free: NDArray[np.bool_]
     ) -> tuple[Estimate, ...]:
@@ -231,15 +233,8 @@ def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, .
     return out
 
 
-def _weak(estimates: tuple[Estimate, ...], blind: tuple[Blind, ...]) -> list[Blind]:
-    """Tied numbers that no held one explains."""
-    named = {u.key for b in blind for u, _ in b.companions}
-    tied = [e.unknown for e in estimates if e.status == "tied"]
-    return [Blind(u, (), weak=True) for u in tied if u.key not in named]
-
-
 def _combinations(
-    estimates: tuple[Estimate, ...], blind: tuple[Blind, ...], alone: Floats, problem: _Problem
+    estimates: tuple[Estimate, ...], blind: list[Blind], alone: Floats, problem: _Problem
 ) -> list[Combination]:
     """For each tied number p the product p * held^-e that the runs carry, e its elasticity by the held."""
     value = {e.unknown.key: e.value for e in estimates}

@@ -11,11 +11,6 @@ STRONG = 0.5
 """Correlations from this on are worth a word."""
 
 
-def number(value: float) -> str:
-    """Four figures."""
-    return f"{value:.4g}"
-
-
 def blind_line(blind: Blind) -> str:
     """What the runs cannot tell, and which run would."""
     held, need = blind.held.words, f"add {blind.held.run}"
@@ -34,26 +29,14 @@ def combination_words(combination: Combination) -> str:
     return out
 
 
-def combination_line(combination: Combination) -> str:
-    """What the runs do carry of a tied number."""
-    share = 100.0 * 1.96 * combination.deviation
-    words = combination_words(combination)
-    return f"what they do carry is {words} = {number(combination.value)} (+-{share:.1f} %)"
-
-
 def estimate_line(e: Estimate) -> str:
     """One number of the truck, printed as fitted only where the runs carry it."""
-    if e.status == "fitted":
-        return (
-            f"{e.unknown.words}: {_quantity(e.value, e)} ({number(e.low)} to {number(e.high)});"
-            f" was {number(e.prior)}"
-        )
+    fitted, unit = e.status == "fitted", "" if e.unknown.unit == "1" else f" {e.unknown.unit}"
+    said = f"{e.value if fitted else e.prior:.4g}{unit}"
+    if fitted:
+        return f"{e.unknown.words}: {said} ({e.low:.4g} to {e.high:.4g}); was {e.prior:.4g}"
     kept = "kept at" if e.status == "held" else "not measured by itself; was"
-    return f"{e.unknown.words}: {kept} {_quantity(e.prior, e)}"
-
-
-def _quantity(value: float, e: Estimate) -> str:
-    return number(value) + ("" if e.unknown.unit == "1" else f" {e.unknown.unit}")
+    return f"{e.unknown.words}: {kept} {said}"
 
 
 def lines(fit: Fit) -> list[str]:
@@ -68,11 +51,13 @@ def lines(fit: Fit) -> list[str]:
     out += [f"  {estimate_line(e)}" for e in fitted] or ["  nothing: these runs carry no single number"]
     out += [f"  {estimate_line(e)}" for e in fit.estimates if e.status != "fitted"]
     out += [blind_line(b) for b in fit.blind]
-    out += [combination_line(c) for c in fit.combinations]
     out += [
-        f"{a} and {b} are correlated ({r:+.2f})"
-        for a, b, r in correlations(fit, {e.unknown.key for e in fitted})
+        f"what they do carry is {combination_words(c)} = {c.value:.4g} (+-{100.0 * 1.96 * c.deviation:.1f} %)"
+        for c in fit.combinations
     ]
+    mine = [(k, e.unknown.words) for k, e in enumerate(fit.estimates) if e.status == "fitted"]
+    pairs = [(b, a, float(fit.correlation[i, j])) for i, a in mine for j, b in mine if j < i]
+    out += [f"{a} and {b} are correlated ({r:+.2f})" for a, b, r in pairs if abs(r) >= STRONG]
     if fit.spread_factor > 1.5:
         out.append(
             f"the runs disagree with the model by {fit.spread_factor:.1f} times their stated deviation; "
@@ -81,21 +66,20 @@ def lines(fit: Fit) -> list[str]:
     return out
 
 
-def correlations(fit: Fit, keys: set[str]) -> list[tuple[str, str, float]]:
-    """Pairs of numbers among ``keys`` whose posterior correlation is strong, in words."""
-    mine = [(k, e.unknown) for k, e in enumerate(fit.estimates) if e.unknown.key in keys]
-    pairs = [(a, b, float(fit.correlation[i, j])) for i, a in mine for j, b in mine if j < i]
-    return [(b.words, a.words, r) for a, b, r in pairs if abs(r) >= STRONG]
-
-
 def summary(fit: Fit) -> dict[str, Any]:
     """JSON-ready; ``value`` and its interval are null for a number that the runs do not carry."""
     keys = [e.unknown.key for e in fit.estimates]
     columns = ("run", "measured", "sigma", "before", "after")
     rows = zip(fit.labels, fit.measured, fit.sigma, fit.before, fit.after, strict=True)
     runs = [dict(zip(columns, row, strict=True)) for row in rows]
+    carried = ("value", "low", "high")
     return {
-        "format_version": 1, "confidence": CONFIDENCE, "parameters": [_parameter(e) for e in fit.estimates],
+        "format_version": 1, "confidence": CONFIDENCE,
+        "parameters": [{
+            "key": e.unknown.key, "unit": e.unknown.unit, "status": e.status, "prior": e.prior,
+            **{name: getattr(e, name) if e.status == "fitted" else None for name in carried},
+            "in_truck_file": e.value, "share_of_prior_variance": e.remaining,
+        } for e in fit.estimates],
         "correlation": {"keys": keys, "matrix": fit.correlation},
         "not_identified": [{
             "parameter": b.held.key, "stands_in": [u.key for u, _ in b.companions], "needs": b.held.run,
@@ -107,14 +91,6 @@ def summary(fit: Fit) -> dict[str, Any]:
         } for c in fit.combinations],
         "runs": runs if len(runs) <= 500 else len(runs),
         "spread_factor": fit.spread_factor,
-    }  # fmt: skip
-
-
-def _parameter(e: Estimate) -> dict[str, Any]:
-    carried = {name: getattr(e, name) if e.status == "fitted" else None for name in ("value", "low", "high")}
-    return {
-        "key": e.unknown.key, "unit": e.unknown.unit, "status": e.status, "prior": e.prior, **carried,
-        "in_truck_file": e.value, "share_of_prior_variance": e.remaining,
     }  # fmt: skip
 
 
@@ -133,7 +109,7 @@ def truck_toml(fit: Fit) -> str:
 
 def _note(e: Estimate, fit: Fit) -> str:
     if e.status == "fitted":
-        return f"fitted: {number(e.low)} to {number(e.high)}"
+        return f"fitted: {e.low:.4g} to {e.high:.4g}"
     if e.status == "held":
         return "not carried by these runs: as in the truck file before"
     words = next((combination_words(c) for c in fit.combinations if c.powers[0][0] == e.unknown), None)

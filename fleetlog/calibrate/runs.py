@@ -80,15 +80,12 @@ def _drive(r: Run, truck: Truck) -> list[Piece]:
     return run(r.length, r.speed, up, down)
 
 
-def _steady(r: Run, truck: Truck) -> list[Piece]:
-    return [Piece(r.length / r.speed, r.speed)]
-
-
 _PIECES: dict[str, Callable[[Run, Truck], list[Piece]]] = {
     "idle": lambda r, t: [Piece(r.duration)],
     "lift": lambda r, t: [Piece(r.height / t.lift.raise_speed, lift_speed=t.lift.raise_speed)],
     "lower": lambda r, t: [Piece(r.height / t.lift.lower_speed, lift_speed=-t.lift.lower_speed)],
-    "drive": _drive, "stop_and_go": _drive, "steady": _steady, "ramp": _steady,
+    "drive": _drive, "stop_and_go": _drive,
+    **dict.fromkeys(("steady", "ramp"), lambda r, t: [Piece(r.length / r.speed, r.speed)]),
 }  # fmt: skip
 NEEDS: dict[str, tuple[str, ...]] = {
     "idle": ("energy", "duration"),
@@ -131,36 +128,34 @@ def read_runs(path: Path) -> list[Run]:
 
 
 def _run(row: dict[str, str | None], path: Path, number: int) -> Run:
-    place = f"row {number}"
+    def fault(what: str, column: str = "", do: str | None = None) -> InputError:
+        return InputError(what, where=path, place=f"row {number}{column and ', '}{column}", do=do)
+
     given = {k.strip(): (v or "").strip() for k, v in row.items() if k is not None}
     kind = given.pop("kind", "")
     if kind not in KINDS:
-        raise InputError(f"unknown kind of run {kind!r}", where=path, place=place, do=nearest(kind, KINDS))
+        raise fault(f"unknown kind of run {kind!r}", do=nearest(kind, KINDS))
     name = given.pop("run", "") or f"{kind} {number}"
-    numbers: dict[str, float] = {}
     for column, text in given.items():
-        try:
-            numbers |= {column: float(text)} if text else {}
-        except ValueError:
-            raise InputError(f"{text!r} is not a number", where=path, place=f"{place}, {column}") from None
+        if wrong := _wrong(column, text):
+            raise fault(wrong, column)
+    numbers = {column: float(text) for column, text in given.items() if text}
     for column in NEEDS[kind]:
         if column not in numbers:
-            raise InputError(f"a run of kind {kind} needs {column!r}", where=path, place=place)
-    _check(numbers, path, place)
+            raise fault(f"a run of kind {kind} needs {column!r}")
+    if numbers.get("end_speed", 0.0) >= numbers.get("speed", np.inf):
+        raise fault("the end speed is not below the speed", "end_speed")
     return Run(name, kind, **numbers)
 
 
-def _check(numbers: dict[str, float], path: Path, place: str) -> None:
-    """Raise :class:`InputError` at the first number that no run can have."""
-    for column, value in numbers.items():
-        wrong = ""
-        if not np.isfinite(value):
-            wrong = f"{value} is not a number"
-        elif column in POSITIVE and value <= 0.0:
-            wrong = f"{value:g} must be more than 0"
-        elif column in ("payload", "end_speed") and value < 0.0:
-            wrong = f"{value:g} must not be negative"
-        if wrong:
-            raise InputError(wrong, where=path, place=f"{place}, {column}")
-    if numbers.get("end_speed", 0.0) >= numbers.get("speed", np.inf):
-        raise InputError("the end speed is not below the speed", where=path, place=f"{place}, end_speed")
+def _wrong(column: str, text: str) -> str:
+    """Why no run can have this number; empty where one can."""
+    try:
+        value = float(text or 1.0)
+    except ValueError:
+        return f"{text!r} is not a number"
+    if not np.isfinite(value):
+        return f"{value} is not a number"
+    if column in POSITIVE and value <= 0.0:
+        return f"{value:g} must be more than 0"
+    return f"{value:g} must not be negative" if column in ("payload", "end_speed") and value < 0.0 else ""

@@ -19,10 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.motion import Floats
 from fleetlog.core.truck import Truck
 from fleetlog.errors import TruckError, nearest
 
-Floats = NDArray[np.float64]
 REFERENCE_TEMPERATURE = 20.0
 """At which capacity and resistance are stated [degC]."""
 CHARGING = -300.0

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.motion import Motion
+from fleetlog.core.motion import Floats, Motion
 from fleetlog.core.network import Network
 from fleetlog.errors import InputError, nearest
-from fleetlog.physics.term import Floats
 
 if TYPE_CHECKING:
     import pandas as pd

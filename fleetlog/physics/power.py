@@ -111,14 +111,12 @@ class Physics:
 
     @cached_property
     def _actual_truck(self) -> Truck:
-        sections: dict[str, dict[str, float]] = {}
+        truck = self.truck
         for term in self.active():
             for name, value in self.values.get(term.name, {}).items():
                 if key := term.by_name[name].truck_key:
-                    section, entry = key.split(".")
-                    sections.setdefault(section, {})[entry] = float(value)
-        changed = {name: replace(getattr(self.truck, name), **new) for name, new in sections.items()}
-        return replace(self.truck, **changed)
+                    truck = truck.with_value(key, float(value))
+        return truck
 
     def actual_motion(self, motion: Motion) -> Motion:
         """The motion with the load that acts, where a term replaces it."""

@@ -6,15 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from fleetlog.core.motion import Motion
+from fleetlog.core.motion import Floats, Motion
 from fleetlog.core.truck import Truck
 
 __all__ = ["AIR_DENSITY", "GRAVITY", "Floats", "Motion", "Parameter", "Term", "Truck", "Values", "total_mass"]
 
-Floats = NDArray[np.float64]
 Values = Mapping[str, float | Floats]
 """A parameter's value by name: a number, or (N,) where a field was looked up along the motion."""
 

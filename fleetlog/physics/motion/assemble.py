@@ -1,18 +1,15 @@
 """The samples of a motion from the smoothed states and the other channels."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.physics.motion.channels import Forks, measured_power, payload, slope_from_height
 from fleetlog.physics.motion.grid import Grid
 from fleetlog.physics.motion.path import STEERING, Path, edge_shape
 from fleetlog.physics.motion.plane import Plane
 from fleetlog.physics.motion.rows import Rows
-
-Floats = NDArray[np.float64]
 
 
 def assembled(

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Trajectory
 
-Floats = NDArray[np.float64]
 LONGEST_HOLD = 60.0
 """A load is held through a silence of its channel up to this [s]."""
 
@@ -47,7 +46,7 @@ def forks(t: Floats, trajectory: Trajectory) -> Forks:
     Between two rows they move at their usual speed. A lift that begins or ends between two rows takes its
     share of the time: it joins the lift in the interval before or after it, or else lies in the middle.
     """
-    from fleetlog.physics.motion.kernels.rows import dead_band
+    from fleetlog.physics.motion.kernels.way import dead_band
 
     height = trajectory.floats("fork_height")
     known = np.isfinite(height)

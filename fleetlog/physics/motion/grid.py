@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from fleetlog.core.trajectory import Floats, Ints
+
 Flags = NDArray[np.bool_]
 
 FINEST = 0.25

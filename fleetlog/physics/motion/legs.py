@@ -7,11 +7,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.physics.motion.reconstruction import Reconstruction
 from fleetlog.physics.power import Physics, allowed_speed
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 STEP = 0.5
 """Between the nodes of a leg, at most [m]."""
 BRIEFEST = 0.5

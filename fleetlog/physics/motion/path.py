@@ -10,13 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Network
+from fleetlog.core.network import Floats, Index, Network
 from fleetlog.physics.motion.plane import Plane
 from fleetlog.physics.motion.rows import Rows
 
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
-Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 RADIUS = 2.5
@@ -199,7 +196,7 @@ def edge_shape(
 
     0 off the map.
     """
-    from fleetlog.physics.motion.kernels.rows import on_edges
+    from fleetlog.physics.motion.kernels.way import on_edges
 
     ahead, heading, slope = np.zeros((3, len(edge)))
     on_edges(edge, offset, x, y, network.points, network.first, network.distance, ahead, heading, slope)

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.motion import Floats
 from fleetlog.physics.motion.noise import Noise, Observed, estimate_noise, smooth
 from fleetlog.physics.motion.rows import Rows
 
-Floats = NDArray[np.float64]
 TRACK = 2.5
 """Half the length of track whose turning is taken together [m]: noise of the positions is divided by it."""
 HELD = 0.2

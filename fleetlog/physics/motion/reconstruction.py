@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion.assemble import assembled
 from fleetlog.physics.motion.channels import forks
@@ -42,9 +42,7 @@ from fleetlog.physics.motion.rows import (
     speed_is_mean,
 )
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Numbers = NDArray[np.int32] | NDArray[np.int64]
+Numbers = NDArray[np.int32] | Ints
 Flags = NDArray[np.bool_]
 
 
@@ -180,7 +178,7 @@ def reconstruct(
     grid = sample_grid(rows.t, breaks, quiet_rows(rows.rest, breaks, mast.at(rows.t)), lag)
     nodes, node = observed.at(grid.moment)
     jerk = jerk_strength(observed, noise)[np.searchsorted(observed.t, nodes.t)]
-    states = smooth(nodes, noise, jerk, gains=True)
+    states = smooth(nodes, noise, jerk)
     standing = nodes.rest[node] | (states.mean[node, 1] < STANDING)
     speed_sd, acceleration_sd = (
         np.where(standing, 0.0, np.sqrt(np.maximum(states.cov[node, k], 0.0))) for k in (3, 5)

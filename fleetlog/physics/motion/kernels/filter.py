@@ -135,15 +135,12 @@ def smooth_backward(
 ) -> None:
     """Rauch, Tung and Striebel's backward pass.
 
-    Filtered means and covariances become smoothed ones, in place.  ``gain`` (N, 9) takes the smoother's
-    gains; with (0, 9) they are not kept.
+    Filtered means and covariances become smoothed ones, in place.  ``gain`` (N, 9) takes the gains.
     """
-    keep = len(gain) == len(t)
     last = lastq = -1.0
     for i in range(len(t) - 2, -1, -1):
         if link[i + 1] == BREAK:
-            if keep:
-                gain[i] = 0.0
+            gain[i] = 0.0
             continue
         h, q = t[i + 1] - t[i], jerk[i + 1]
         if h != last or q != lastq:
@@ -177,8 +174,7 @@ def smooth_backward(
         mean[i, 0] += g00 * r0 + g01 * r1 + g02 * r2
         mean[i, 1] += g10 * r0 + g11 * r1 + g12 * r2
         mean[i, 2] += g20 * r0 + g21 * r1 + g22 * r2
-        if keep:
-            gain[i] = (g00, g01, g02, g10, g11, g12, g20, g21, g22)
+        gain[i] = (g00, g01, g02, g10, g11, g12, g20, g21, g22)
         n = cov[i + 1]
         change = (n[0] - p00, n[1] - p01, n[2] - p02, n[3] - p11, n[4] - p12, n[5] - p22)
         e00, e01, e02 = times((g00, g01, g02), change)
