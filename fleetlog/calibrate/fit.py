@@ -44,8 +44,7 @@ COMPANION = 0.2
 
 @dataclass(frozen=True)
 class Estimate:
-    """One number after the fit; ``low`` to ``high`` hold at once for all numbers with probability
-    ``CONFIDENCE``.
+    """One number after the fit; ``low`` to ``high`` hold at once for all with probability ``CONFIDENCE``.
 
     ``value`` goes into the truck file: fitted, or tied to the held ones at their prior, or the prior.
     ``remaining`` is the posterior's share of the prior variance.
@@ -103,10 +102,10 @@ def calibrate(measurements: Sequence[str | Path], truck: Truck, physics: Physics
     return fit(together([observations(Path(m), base) for m in measurements]), base)
 
 
-def fit(observed: Observations, physics: Physics, unknowns: tuple[Unknown, ...] = UNKNOWNS) -> Fit:
+def fit(observed: Observations, physics: Physics) -> Fit:
     """Fit the truck of ``physics`` to the observations; its added terms stay as they are."""
-    problem = _Problem(observed, physics, unknowns)
-    free = _telling(problem.jacobian(problem.solve(np.ones(len(unknowns), dtype=bool))))
+    problem = _Problem(observed, physics)
+    free = _telling(problem.jacobian(problem.solve(np.ones(len(UNKNOWNS), dtype=bool))))
     z = problem.solve(free)
     misfit, spare = problem.misfit(z), len(observed) - int(free.sum())
     # Root of chi-squared a degree of freedom, at least 1; 1 where too few figures are left to tell.
@@ -114,10 +113,10 @@ def fit(observed: Observations, physics: Physics, unknowns: tuple[Unknown, ...] 
     jacobian = problem.jacobian(z) / factor
     doubt = None if observed.doubt is None else observed.doubt / (observed.sigma[:, None] * factor)
     covariance = _posterior(jacobian, doubt)
-    alone = np.ones(len(unknowns))
+    alone = np.ones(len(UNKNOWNS))
     alone[free] = np.sqrt(np.diag(_posterior(jacobian[:, free], doubt)))
     estimates = problem.estimates(z, np.diag(covariance), alone**2, free)
-    blind = _blind(jacobian, free, unknowns)
+    blind = _blind(jacobian, free)
     named = {u.key for b in blind for u, _ in b.companions}
     tied = [e.unknown for e in estimates if e.status == "tied"]
     blind += [Blind(u, (), weak=True) for u in tied if u.key not in named]
@@ -139,16 +138,16 @@ def _posterior(jacobian: Floats, doubt: Floats | None) -> Floats:
 class _Problem:
     """Observations, model and prior in units of the prior."""
 
-    def __init__(self, observed: Observations, physics: Physics, unknowns: tuple[Unknown, ...]) -> None:
-        self.observed, self.physics, self.unknowns = observed, physics, unknowns
-        self.prior = np.array([physics.truck.value(u.key) for u in unknowns])
-        self.spread = np.array([u.deviation(physics.truck) for u in unknowns])
-        bounds = np.array([u.bounds() for u in unknowns])
+    def __init__(self, observed: Observations, physics: Physics) -> None:
+        self.observed, self.physics = observed, physics
+        self.prior = np.array([physics.truck.value(u.key) for u in UNKNOWNS])
+        self.spread = np.array([u.deviation(physics.truck) for u in UNKNOWNS])
+        bounds = np.array([u.bounds() for u in UNKNOWNS])
         self.low, self.high = (bounds.T - self.prior) / self.spread
 
     def truck(self, z: Floats) -> Truck:
         truck = self.physics.truck
-        for u, value in zip(self.unknowns, self.prior + z * self.spread, strict=True):
+        for u, value in zip(UNKNOWNS, self.prior + z * self.spread, strict=True):
             truck = truck.with_value(u.key, float(value))
         return truck
 
@@ -163,11 +162,11 @@ class _Problem:
         from scipy.optimize import least_squares
 
         if not free.any():
-            return np.zeros(len(self.unknowns))
+            return np.zeros(len(UNKNOWNS))
         low, high = self.low[free], self.high[free]
 
         def full(part: Floats) -> Floats:
-            out = np.zeros(len(self.unknowns))
+            out = np.zeros(len(UNKNOWNS))
             out[free] = part
             return out
 
@@ -186,11 +185,10 @@ class _Problem:
     def jacobian(self, z: Floats, free: NDArray[np.bool_] | None = None) -> Floats:
         """(M, K) derivative of prediction / sigma by z (the free columns), central where the bounds allow."""
         columns = []
-        for k in range(len(z)) if free is None else np.flatnonzero(free):
-            up, down = z.copy(), z.copy()
-            up[k] = min(z[k] + STEP, self.high[k])
-            down[k] = max(z[k] - STEP, self.low[k])
-            columns.append((self.misfit(up) - self.misfit(down)) / (up[k] - down[k]))
+        for axis in np.eye(len(z), dtype=bool)[slice(None) if free is None else free]:
+            up = np.where(axis, np.minimum(z + STEP, self.high), z)
+            down = np.where(axis, np.maximum(z - STEP, self.low), z)
+            columns.append((self.misfit(up) - self.misfit(down)) / (up - down)[axis])
         return np.stack(columns, axis=1)
 
     def estimates(
@@ -199,11 +197,11 @@ class _Problem:
         """The numbers; ``remaining``, ``alone``: posterior variances with the held ones unknown and known."""
         from scipy.stats import norm
 
-        tails = (1.0 - CONFIDENCE) / len(self.unknowns)
+        tails = (1.0 - CONFIDENCE) / len(UNKNOWNS)
         reach = float(norm.ppf(1.0 - tails / 2.0)) * np.sqrt(remaining) * self.spread
         value = self.prior + z * self.spread
         out = []
-        for k, u in enumerate(self.unknowns):
+        for k, u in enumerate(UNKNOWNS):
             low, high = u.bounds()
             own = remaining[k] <= CARRIED and alone[k] >= (1.0 - BORROWED) * remaining[k]
             status: Status = "held" if not free[k] else "fitted" if own else "tied"
@@ -221,7 +219,7 @@ def _telling(jacobian: Floats) -> NDArray[np.bool_]:
     return np.isin(np.arange(len(order)), order[: len(diagonal)][diagonal >= LEAST_INFORMATION])
 
 
-def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, ...]) -> list[Blind]:
+def _blind(jacobian: Floats, free: NDArray[np.bool_]) -> list[Blind]:
     """For each held number the free ones that hide its effect: the least-squares x of J_free x = -J_held."""
     basis, out = np.flatnonzero(free), []
     for k in np.flatnonzero(~free):
@@ -229,7 +227,7 @@ def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, .
         if np.linalg.norm(jacobian[:, k]) >= LEAST_INFORMATION and len(basis):
             weight = -np.asarray(np.linalg.lstsq(jacobian[:, basis], jacobian[:, k], rcond=None)[0], float)
         strong = [j for j in np.argsort(-np.abs(weight)) if abs(weight[j]) >= COMPANION]
-        out.append(Blind(unknowns[k], tuple((unknowns[basis[j]], float(weight[j])) for j in strong)))
+        out.append(Blind(UNKNOWNS[k], tuple((UNKNOWNS[basis[j]], float(weight[j])) for j in strong)))
     return out
 
 
@@ -241,15 +239,13 @@ def _combinations(
     spread = dict(zip(value, problem.spread, strict=True))
     out = []
     for e, deviation in zip(estimates, alone * problem.spread, strict=True):
-        key = e.unknown.key
         if e.status != "tied" or e.value <= 0.0:
             continue
         powers = []
-        for b in blind:
-            moved = {u.key: w for u, w in b.companions}.get(key)
-            if moved is not None and value[b.held.key] > 0.0:
-                slope = moved * spread[key] / spread[b.held.key]
-                powers.append((b.held, -slope * value[b.held.key] / e.value))
+        for held, moved in ((b.held, w) for b in blind for u, w in b.companions if u == e.unknown):
+            if value[held.key] > 0.0:
+                slope = moved * spread[e.unknown.key] / spread[held.key]
+                powers.append((held, -slope * value[held.key] / e.value))
         if powers:
             product = e.value * float(np.prod([value[u.key] ** w for u, w in powers]))
             out.append(Combination(((e.unknown, 1.0), *powers), product, float(deviation) / e.value))

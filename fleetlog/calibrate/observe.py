@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.calibrate.runs import Run, coast_time, read_runs
 from fleetlog.core.motion import Floats, Motion, join
@@ -40,19 +39,14 @@ class Observations:
 
 def of_runs(runs: list[Run], truck: Truck) -> Observations:
     """One figure a run; ``truck`` says how fast it drives and lifts where a run does not."""
-    driven = [i for i, r in enumerate(runs) if r.kind != "coast_down"]
-    motions = [runs[i].motion(truck) for i in driven]
-    whole = join(motions) if motions else Motion.of(0)
-    owner = np.repeat(driven, [len(m) for m in motions]).astype(np.int64)
+    motions = [r.motion(truck) for r in runs]
+    whole, owner = join(motions), np.repeat(np.arange(len(runs)), [len(m) for m in motions])
     repeats = np.array([r.repeats for r in runs])
 
     def predict(physics: Physics) -> Floats:
         joules = np.bincount(owner, battery_power(whole, physics) * whole.dt, len(runs))
-        out = np.asarray(joules * repeats / 3600.0, dtype=np.float64)
-        for i, r in enumerate(runs):
-            if r.kind == "coast_down":
-                out[i] = coast_time(r, physics)
-        return out
+        figures = zip(runs, joules * repeats / 3600.0, strict=True)
+        return np.array([coast_time(r, physics) if r.kind == "coast_down" else wh for r, wh in figures])
 
     measured, sigma = np.array([r.measured for r in runs]), np.array([r.deviation for r in runs])
     return Observations(measured, sigma, tuple(r.run for r in runs), predict)
@@ -70,7 +64,9 @@ def of_motion(motion: Motion, physics: Physics) -> Observations:
         do = "calibrate needs one of them"
         raise DataError("the recording has neither power nor voltage and current", do=do)
     motion = motion[known]
-    window = _windows(motion)
+    # A window never crosses from one trip or vehicle to the next.
+    key = np.stack([motion.vehicle, motion.trip, np.floor(motion.time / WINDOW).astype(np.int64)])
+    window = np.cumsum(np.any(np.diff(key, axis=1, prepend=key[:, :1]) != 0, axis=0))
     count = int(window[-1]) + 1
 
     def summed(power: Floats) -> Floats:
@@ -99,12 +95,6 @@ def _doubts(motion: Motion, physics: Physics) -> list[Floats]:
     usual = float(np.sqrt(np.mean(moving**2))) if len(moving) else 1.0
     rows.append(MODEL_DOUBT * np.maximum(work, 0.0) / drive.efficiency * (motion.speed / usual - 1.0))
     return rows
-
-
-def _windows(motion: Motion) -> NDArray[np.int64]:
-    """(N,) window of each sample; a window never crosses from one trip or vehicle to the next."""
-    key = np.stack([motion.vehicle, motion.trip, np.floor(motion.time / WINDOW).astype(np.int64)])
-    return np.cumsum(np.any(np.diff(key, axis=1, prepend=key[:, :1]) != 0, axis=0))
 
 
 def _deviation(residual: Floats) -> float:

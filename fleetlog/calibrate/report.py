@@ -41,7 +41,7 @@ def estimate_line(e: Estimate) -> str:
 
 def lines(fit: Fit) -> list[str]:
     """The answer for the terminal."""
-    rms = [float(np.sqrt(np.mean(((p - fit.measured) / fit.sigma) ** 2))) for p in (fit.before, fit.after)]
+    rms = [np.sqrt(np.mean(((p - fit.measured) / fit.sigma) ** 2)) for p in (fit.before, fit.after)]
     out = [
         f"measured figures: {len(fit.measured)}; misfit {rms[0]:.2f} standard deviations before, "
         f"{rms[1]:.2f} after",
@@ -50,7 +50,7 @@ def lines(fit: Fit) -> list[str]:
     fitted = [e for e in fit.estimates if e.status == "fitted"]
     out += [f"  {estimate_line(e)}" for e in fitted] or ["  nothing: these runs carry no single number"]
     out += [f"  {estimate_line(e)}" for e in fit.estimates if e.status != "fitted"]
-    out += [blind_line(b) for b in fit.blind]
+    out += [*map(blind_line, fit.blind)]
     out += [
         f"what they do carry is {combination_words(c)} = {c.value:.4g} (+-{100.0 * 1.96 * c.deviation:.1f} %)"
         for c in fit.combinations
@@ -68,11 +68,9 @@ def lines(fit: Fit) -> list[str]:
 
 def summary(fit: Fit) -> dict[str, Any]:
     """JSON-ready; ``value`` and its interval are null for a number that the runs do not carry."""
-    keys = [e.unknown.key for e in fit.estimates]
-    columns = ("run", "measured", "sigma", "before", "after")
-    rows = zip(fit.labels, fit.measured, fit.sigma, fit.before, fit.after, strict=True)
-    runs = [dict(zip(columns, row, strict=True)) for row in rows]
-    carried = ("value", "low", "high")
+    columns = {"run": fit.labels, **{k: getattr(fit, k) for k in ("measured", "sigma", "before", "after")}}
+    runs = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    keys, carried = [e.unknown.key for e in fit.estimates], ("value", "low", "high")
     return {
         "format_version": 1, "confidence": CONFIDENCE,
         "parameters": [{
@@ -96,14 +94,12 @@ def summary(fit: Fit) -> dict[str, Any]:
 
 def truck_toml(fit: Fit) -> str:
     """The truck file; beside every number that calibration looked at, what became of it."""
-    notes = {e.unknown.key: _note(e, fit) for e in fit.estimates}
     data = truck_to_dict(fit.truck)
     out = [f'name = "{data.pop("name")}"']
+    notes = {e.unknown.key: f"  # {_note(e, fit)}" for e in fit.estimates}
     for section, values in data.items():
-        out.append(f"[{section}]")
-        for key, value in values.items():
-            note = notes.get(f"{section}.{key}")
-            out.append(f"{key} = {float(value):.6g}" + (f"  # {note}" if note else ""))
+        numbers = (f"{k} = {float(v):.6g}{notes.get(f'{section}.{k}', '')}" for k, v in values.items())
+        out += [f"[{section}]", *numbers]
     return "\n".join(out) + "\n"
 
 
@@ -112,5 +108,7 @@ def _note(e: Estimate, fit: Fit) -> str:
         return f"fitted: {e.low:.4g} to {e.high:.4g}"
     if e.status == "held":
         return "not carried by these runs: as in the truck file before"
-    words = next((combination_words(c) for c in fit.combinations if c.powers[0][0] == e.unknown), None)
-    return "goes with the held numbers" + (f"; measured is only {words}" if words else "")
+    words = [
+        f"; measured is only {combination_words(c)}" for c in fit.combinations if c.powers[0][0] == e.unknown
+    ]
+    return "".join(["goes with the held numbers", *words])

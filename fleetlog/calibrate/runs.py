@@ -67,7 +67,9 @@ class Run:
         return max(abs(DEFAULT_SIGMA * self.measured), least)
 
     def motion(self, truck: Truck) -> Motion:
-        """One repeat, as it was driven."""
+        """One repeat, as it was driven; nothing of a coast-down, whose time is measured."""
+        if self.kind == "coast_down":
+            return Motion.of(0)
         if self.kind == "vdi2198":
             return vdi2198(truck, load=self.payload, speed=VDI_SPEED if np.isnan(self.speed) else self.speed)
         return legs(_PIECES[self.kind](self, truck), self.payload, self.grade)
