@@ -16,18 +16,15 @@ from fleetlog.core.trajectory import Floats, Ints
 SAMPLE = 12_000
 """Rows on which the noise is measured, in up to six runs."""
 PERSISTENCE = 3.0
-"""An acceleration lasts for about as long as a truck takes to gather speed [s]; so the jerk is the same
-at every rate."""
+"""An acceleration lasts as long as a truck takes to gather speed [s]: the jerk is the same at every rate."""
 COARSE = 0.5
 """Of a denser log so much is enough to see how strong the jerk is [s]."""
 ROUNDS = 3
-"""Of expectation and maximisation for the strength of the jerk: a fourth changes no energy by a
-thousandth."""
+"""Of expectation and maximisation for the jerk's strength: a fourth changes no energy by a thousandth."""
 ENCODER = 0.03
 """Noise of a usual speed channel, 1 % of a truck's speed [m/s]."""
 PATH = 1.0
-"""The way through a corner is known to about this, whatever the positions [m]: a speed channel knows
-better ..."""
+"""The way through a corner is known to about this [m], whatever the positions: speed knows better ..."""
 SELDOM = 2.0
 """... where its rows are closer than this [s]."""
 NORMAL_QUARTER = 0.3186
@@ -48,7 +45,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Observed:
-    """What the filter sees: seconds, path coordinate [m], speed [m/s] (NaN unknown), rest, how rows follow."""
+    """What the filter sees: time [s], way [m] and speed [m/s] (NaN unknown), rest, how rows follow."""
 
     t: Floats
     seen: Floats
@@ -141,15 +138,13 @@ def _line(
 
 
 def _likelihood(o: Observed, noise: Noise) -> float:
-    return _forward(o, noise, None, np.empty((0, 3)), np.empty((0, 6)))
+    return _filtered(o, noise, np.full(len(o.t), noise.jerk), np.empty((0, 3)), np.empty((0, 6)))
 
 
-def _forward(o: Observed, noise: Noise, jerk: Floats | None, mean: Floats, cov: Floats) -> float:
-    """Run the filter, keep its states where there is room for them, and return the logarithm of the
-    likelihood."""
+def _filtered(o: Observed, noise: Noise, jerk: Floats, mean: Floats, cov: Floats) -> float:
+    """The logarithm of the likelihood; the filter's states where there is room for them."""
     from fleetlog.physics.motion.kernels.filter import filter_forward
 
-    jerk = np.full(len(o.t), noise.jerk) if jerk is None else jerk
     return float(filter_forward(
         o.t, o.seen, noise.position**2, o.speed, noise.speed**2, o.rest, o.link, jerk, 1.0 / PERSISTENCE,
         mean, cov,
@@ -181,7 +176,7 @@ def smooth(o: Observed, noise: Noise, jerk: Floats | None = None) -> Smoothed:
     n = len(o.t)
     jerk = np.full(n, noise.jerk) if jerk is None else jerk
     mean, cov, gain = np.empty((n, 3)), np.empty((n, 6)), np.zeros((n, 9), np.float32)
-    _forward(o, noise, jerk, mean, cov)
+    _filtered(o, noise, jerk, mean, cov)
     smooth_backward(o.t, o.link, jerk, 1.0 / PERSISTENCE, mean, cov, gain)
     return Smoothed(mean, cov, gain)
 

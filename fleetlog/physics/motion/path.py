@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.network import Floats, Index, Network
-from fleetlog.physics.motion.plane import Plane
+from fleetlog.physics.motion.plane import Plane, mean_curvature
 from fleetlog.physics.motion.rows import Rows
 
 Flags = NDArray[np.bool_]
@@ -60,8 +60,7 @@ class Bends:
 
     def curvature(self, way: Floats, half: Floats) -> Floats:
         """Mean curvature of the way from ``half`` m before to ``half`` m after [1/m], left positive."""
-        low, high = (np.interp(way + side * half, self.driven, self.turned) for side in (-1.0, 1.0))
-        return np.asarray((high - low) / (2.0 * half))
+        return mean_curvature(way, half, self.driven, self.turned)
 
 
 STRAIGHT = Bends(np.zeros(1), np.zeros(1), np.zeros(1))
@@ -192,10 +191,7 @@ def by_second(t: Floats, seen: Floats, link: NDArray[np.uint8]) -> Floats:
 def edge_shape(
     network: Network, edge: Index, offset: Floats, x: Floats, y: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Heading and slope of the edge [rad] at places on it, and how far ahead of them (x, y) lies [m].
-
-    0 off the map.
-    """
+    """Heading and slope of the edge [rad] at places on it, how far ahead (x, y) lies [m]; 0 off the map."""
     from fleetlog.physics.motion.kernels.way import on_edges
 
     ahead, heading, slope = np.zeros((3, len(edge)))

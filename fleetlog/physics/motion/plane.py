@@ -30,9 +30,13 @@ class Plane:
     def curvature(self, way: Floats, half: Floats) -> Floats:
         """Mean curvature from ``half`` m before, or ``TRACK``, to as much after [1/m], left positive."""
         half = np.maximum(half, TRACK)
-        growing = self.way + 1e-6 * np.arange(len(self.way))
-        low, high = (np.interp(way + side * half, growing, self.turned) for side in (-1.0, 1.0))
-        return np.asarray((high - low) / (2.0 * half))
+        return mean_curvature(way, half, self.way + 1e-6 * np.arange(len(self.way)), self.turned)
+
+
+def mean_curvature(way: Floats, half: Floats, driven: Floats, turned: Floats) -> Floats:
+    """Angle turned from ``half`` m before to ``half`` m after a way, over that length [1/m]."""
+    low, high = (np.interp(way + side * half, driven, turned) for side in (-1.0, 1.0))
+    return np.asarray((high - low) / (2.0 * half))
 
 
 def plane_track(rows: Rows) -> Plane:

@@ -33,14 +33,7 @@ from fleetlog.physics.motion.noise import (
 )
 from fleetlog.physics.motion.path import RADIUS, by_second, follow
 from fleetlog.physics.motion.plane import plane_track
-from fleetlog.physics.motion.rows import (
-    STANDING,
-    lost_ways,
-    metres_per_metre,
-    position_noise,
-    read_rows,
-    speed_is_mean,
-)
+from fleetlog.physics.motion.rows import STANDING, against_odometer, read_rows, speed_is_mean
 
 Numbers = NDArray[np.int32] | Ints
 Flags = NDArray[np.bool_]
@@ -102,13 +95,11 @@ class Reconstruction:
         nodes, count = len(self.states.cov), int(window.max(initial=-1)) + 1
         by_speed, by_acceleration = np.zeros((2, nodes))
         by_speed[self.node] = self._secant(power, "speed", self.speed_sd) * self.motion.dt
-        by_acceleration[self.node] = (
-            self._secant(power, "acceleration", self.acceleration_sd) * self.motion.dt
-        )
-        near = np.minimum(np.searchsorted(self.node, np.arange(nodes)), len(self.node) - 1)
-        moved = energy_variance(
-            self.states.cov, self.states.gain, by_speed, by_acceleration, window[near], count
-        )
+        by_change = self._secant(power, "acceleration", self.acceleration_sd)
+        by_acceleration[self.node] = by_change * self.motion.dt
+        near = window[np.minimum(np.searchsorted(self.node, np.arange(nodes)), len(self.node) - 1)]
+        cov, gain = self.states.cov, self.states.gain
+        moved = energy_variance(cov, gain, by_speed, by_acceleration, near, count)
         return np.asarray(moved + self._lift_variance(power, window, count))
 
     def _lift_variance(self, power: Callable[[Motion], Floats], window: Numbers, count: int) -> Floats:
@@ -116,16 +107,14 @@ class Reconstruction:
         if not self.lift_doubt.any():
             return np.zeros(count)
         lifting = power(self.motion) - power(self.motion.replaced(lift_speed=np.zeros(len(self.motion))))
-        joules = (
-            self.lift_doubt * np.bincount(self.interval, lifting * self.motion.dt, len(self.dt_row) + 1)[1:-1]
-        )
+        lifted = np.bincount(self.interval, lifting * self.motion.dt, len(self.dt_row) + 1)[1:-1]
         of_row = np.full(len(self.dt_row), -1)
         of_row[self.row] = window
         before, after = of_row[:-1], of_row[1:]
         cut = before != after
         out = np.zeros(count + 1)
         for side in (before, after):
-            np.add.at(out, side[cut], joules[cut] ** 2)
+            np.add.at(out, side[cut], (lifted * self.lift_doubt)[cut] ** 2)
         return out[:count]
 
     def _secant(self, power: Callable[[Motion], Floats], name: str, size: Floats) -> Floats:
@@ -161,12 +150,9 @@ def reconstruct(
         return _nothing(noise or Noise())
     rows = read_rows(trajectory, network, scale)
     breaks, link = rows.link == 2, rows.link.copy()
-    plane = None
-    if trajectory.has("x") and (rows.edge < 0).any():
-        plane = plane_track(rows)
+    plane = plane_track(rows) if trajectory.has("x") and (rows.edge < 0).any() else None
     path = follow(network, rows, plane, link, RADIUS if truck is None else truck.chassis.turn_radius)
-    longer = metres_per_metre(rows, path.seen, link != 0)
-    lost = lost_ways(rows, path.seen / longer, position_noise(rows.x, rows.y))
+    longer, lost = against_odometer(rows, path.seen, link != 0)
     link[lost & (link == 0)] = 1
     seen = by_second(rows.t, np.where(rows.fresh, path.seen / longer, np.nan), link)
     observed = Observed(rows.t, seen, rows.speed, rows.rest, link)

@@ -26,11 +26,9 @@ CHANGES = 0.2
 LONG = 50.0
 """A way over which an odometer and the map are compared [m]."""
 LOST = 2.0
-"""So much and four times their noise may positions be off the way that the speed channel says from row
-to row [m]."""
+"""So much and four times their noise may positions be off the way by the speed from row to row [m]."""
 MOVED = 0.5
-"""Metres that a vehicle has driven by its speed while its position stayed the same: then that was not an
-update."""
+"""A position that stayed the same while the speed channel drove so far was not measured again [m]."""
 
 
 @dataclass(frozen=True)
@@ -176,38 +174,24 @@ def speed_is_mean(rows: Rows, way: Floats) -> bool:
     return share > 0.5 and share > 5.0 * error
 
 
-def driven_way(rows: Rows) -> Floats:
-    """(N,) metres driven by the speed channel; NaN all where the log has none."""
-    if not np.isfinite(rows.speed).any():
-        return np.full(len(rows.t), np.nan)
-    v = np.nan_to_num(rows.speed)
-    return np.append(0.0, np.cumsum(0.5 * np.diff(rows.t) * (v[1:] + v[:-1])))
-
-
-def metres_per_metre(rows: Rows, way: Floats, jumps: Flags) -> float:
-    """Metres of ``way`` (N,) that the positions show for a metre by the speed channel; 1 where unknown.
+def against_odometer(rows: Rows, way: Floats, jumps: Flags) -> tuple[float, Flags]:
+    """Metres of ``way`` (N,) that positions show for a metre by the speed channel, 1 where unknown; and the
+    (N,) rows whose way since the last known row is not what it says then: a wrong match, or a bay.
 
     An odometer and a map differ by a per cent or two; the smoother is to know of that of the speed channel.
     """
-    driven = driven_way(rows)
-    known = np.flatnonzero(np.isfinite(way) & rows.fresh & np.isfinite(driven))
-    if not len(known):
-        return 1.0
+    lost, v = np.zeros(len(way), bool), np.nan_to_num(rows.speed)
+    known = np.flatnonzero(np.isfinite(way) & rows.fresh)
+    if not len(known) or not np.isfinite(rows.speed).any():
+        return 1.0, lost
+    way, driven = way[known], np.append(0.0, np.cumsum(0.5 * np.diff(rows.t) * (v[1:] + v[:-1])))[known]
     piece = np.cumsum(jumps | ~np.isfinite(rows.speed))[known]
-    part = np.floor(driven[known] / LONG) + piece * 1e6
-    first = np.flatnonzero(np.diff(part, prepend=-1.0))
+    first = np.flatnonzero(np.diff(np.floor(driven / LONG) + piece * 1e6, prepend=-1.0))
     last = np.append(first[1:], len(known)) - 1
-    seen, said = (x[known[last]] - x[known[first]] for x in (way, driven))
+    seen, said = way[last] - way[first], driven[last] - driven[first]
     good = said > 0.5 * LONG
-    ratio = float(np.median(seen[good] / said[good])) if good.sum() >= 5 else 1.0
-    return ratio if 0.8 < ratio < 1.25 else 1.0
-
-
-def lost_ways(rows: Rows, way: Floats, noise: float) -> Flags:
-    """(N,) rows whose ``way`` since the last known row is not what the speed says: a wrong match, a bay."""
-    driven = driven_way(rows)
-    known = np.flatnonzero(np.isfinite(way) & rows.fresh & np.isfinite(driven))
-    out = np.zeros(len(way), bool)
-    apart = np.abs(np.diff(way[known]) - np.diff(driven[known]))
-    out[known[1:][apart > LOST + 4.0 * noise]] = True
-    return out
+    longer = float(np.median(seen[good] / said[good])) if good.sum() >= 5 else 1.0
+    longer = longer if 0.8 < longer < 1.25 else 1.0
+    apart = np.abs(np.diff(way / longer) - np.diff(driven))
+    lost[known[1:][apart > LOST + 4.0 * position_noise(rows.x, rows.y)]] = True
+    return longer, lost
