@@ -27,7 +27,6 @@ from fleetlog.core.motion import Floats
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics
 
-Status = Literal["fitted", "tied", "held"]
 LEAST_INFORMATION = 1.0
 """Of a free number, given those more telling: with less the prior says more than the runs."""
 CARRIED = 0.25
@@ -51,7 +50,7 @@ class Estimate:
     """
 
     unknown: Unknown
-    status: Status
+    status: Literal["fitted", "tied", "held"]
     prior: float
     value: float
     low: float
@@ -87,11 +86,9 @@ class Fit:
     combinations: tuple[Combination, ...]
     correlation: Floats
     """(K, K) of the posterior, in the order of the estimates."""
-    labels: tuple[str, ...]
-    measured: Floats
+    observed: Observations
     before: Floats
     after: Floats
-    sigma: Floats
     spread_factor: float
     """By how much the residuals exceed the stated deviations; the intervals are widened by it."""
 
@@ -123,8 +120,7 @@ def fit(observed: Observations, physics: Physics) -> Fit:
     scale = np.sqrt(np.diag(covariance))
     return Fit(
         problem.truck(z), estimates, tuple(blind), tuple(_combinations(estimates, blind, alone, problem)),
-        covariance / np.outer(scale, scale), observed.labels, observed.measured, observed.predict(physics),
-        problem.predict(z), observed.sigma, factor,
+        covariance / np.outer(scale, scale), observed, observed.predict(physics), problem.predict(z), factor,
     )  # fmt: skip
 
 
@@ -142,8 +138,8 @@ class _Problem:
         self.observed, self.physics = observed, physics
         self.prior = np.array([physics.truck.value(u.key) for u in UNKNOWNS])
         self.spread = np.array([u.deviation(physics.truck) for u in UNKNOWNS])
-        bounds = np.array([u.bounds() for u in UNKNOWNS])
-        self.low, self.high = (bounds.T - self.prior) / self.spread
+        self.bounds = np.array([u.bounds() for u in UNKNOWNS]).T
+        self.low, self.high = (self.bounds - self.prior) / self.spread
 
     def truck(self, z: Floats) -> Truck:
         truck = self.physics.truck
@@ -197,17 +193,13 @@ class _Problem:
         """The numbers; ``remaining``, ``alone``: posterior variances with the held ones unknown and known."""
         from scipy.stats import norm
 
-        tails = (1.0 - CONFIDENCE) / len(UNKNOWNS)
+        value, tails = self.prior + z * self.spread, (1.0 - CONFIDENCE) / len(UNKNOWNS)
         reach = float(norm.ppf(1.0 - tails / 2.0)) * np.sqrt(remaining) * self.spread
-        value = self.prior + z * self.spread
-        out = []
-        for k, u in enumerate(UNKNOWNS):
-            low, high = u.bounds()
-            own = remaining[k] <= CARRIED and alone[k] >= (1.0 - BORROWED) * remaining[k]
-            status: Status = "held" if not free[k] else "fitted" if own else "tied"
-            bottom, top = max(value[k] - reach[k], low), min(value[k] + reach[k], high)
-            out.append(Estimate(u, status, self.prior[k], float(value[k]), bottom, top, float(remaining[k])))
-        return tuple(out)
+        low, high = np.maximum(value - reach, self.bounds[0]), np.minimum(value + reach, self.bounds[1])
+        own = (remaining <= CARRIED) & (alone >= (1.0 - BORROWED) * remaining)
+        status = np.where(free, np.where(own, "fitted", "tied"), "held")
+        columns = (c.tolist() for c in (status, self.prior, value, low, high, remaining))
+        return tuple(map(Estimate, UNKNOWNS, *columns))
 
 
 def _telling(jacobian: Floats) -> NDArray[np.bool_]:

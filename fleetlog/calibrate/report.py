@@ -31,9 +31,9 @@ def combination_words(combination: Combination) -> str:
 
 def estimate_line(e: Estimate) -> str:
     """One number of the truck, printed as fitted only where the runs carry it."""
-    fitted, unit = e.status == "fitted", "" if e.unknown.unit == "1" else f" {e.unknown.unit}"
-    said = f"{e.value if fitted else e.prior:.4g}{unit}"
-    if fitted:
+    unit = e.unknown.in_file["unit"]
+    said = f"{e.value if e.status == 'fitted' else e.prior:.4g}{'' if unit == '1' else f' {unit}'}"
+    if e.status == "fitted":
         return f"{e.unknown.words}: {said} ({e.low:.4g} to {e.high:.4g}); was {e.prior:.4g}"
     kept = "kept at" if e.status == "held" else "not measured by itself; was"
     return f"{e.unknown.words}: {kept} {said}"
@@ -41,10 +41,10 @@ def estimate_line(e: Estimate) -> str:
 
 def lines(fit: Fit) -> list[str]:
     """The answer for the terminal."""
-    rms = [np.sqrt(np.mean(((p - fit.measured) / fit.sigma) ** 2)) for p in (fit.before, fit.after)]
+    seen = fit.observed
+    rms = [np.sqrt(np.mean(((p - seen.measured) / seen.sigma) ** 2)) for p in (fit.before, fit.after)]
     out = [
-        f"measured figures: {len(fit.measured)}; misfit {rms[0]:.2f} standard deviations before, "
-        f"{rms[1]:.2f} after",
+        f"measured figures: {len(seen)}; misfit {rms[0]:.2f} standard deviations before, {rms[1]:.2f} after",
         f"fitted, with intervals that hold all at once with {CONFIDENCE:.0%}:",
     ]
     fitted = [e for e in fit.estimates if e.status == "fitted"]
@@ -68,13 +68,17 @@ def lines(fit: Fit) -> list[str]:
 
 def summary(fit: Fit) -> dict[str, Any]:
     """JSON-ready; ``value`` and its interval are null for a number that the runs do not carry."""
-    columns = {"run": fit.labels, **{k: getattr(fit, k) for k in ("measured", "sigma", "before", "after")}}
+    seen = fit.observed
+    columns = {
+        "run": seen.labels, "measured": seen.measured, "sigma": seen.sigma,
+        "before": fit.before, "after": fit.after,
+    }  # fmt: skip
     runs = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     keys, carried = [e.unknown.key for e in fit.estimates], ("value", "low", "high")
     return {
         "format_version": 1, "confidence": CONFIDENCE,
         "parameters": [{
-            "key": e.unknown.key, "unit": e.unknown.unit, "status": e.status, "prior": e.prior,
+            "key": e.unknown.key, "unit": e.unknown.in_file["unit"], "status": e.status, "prior": e.prior,
             **{name: getattr(e, name) if e.status == "fitted" else None for name in carried},
             "in_truck_file": e.value, "share_of_prior_variance": e.remaining,
         } for e in fit.estimates],

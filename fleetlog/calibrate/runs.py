@@ -12,7 +12,7 @@ from fleetlog.core.files import open_regular
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
-from fleetlog.physics.cycles import VDI_SPEED, Piece, legs, run, vdi2198
+from fleetlog.physics.cycles import VDI_SPEED, Piece, legs, lift, run, vdi_pieces
 from fleetlog.physics.power import Physics, term_forces
 
 DEFAULT_SIGMA = 0.02
@@ -68,11 +68,7 @@ class Run:
 
     def motion(self, truck: Truck) -> Motion:
         """One repeat, as it was driven; nothing of a coast-down, whose time is measured."""
-        if self.kind == "coast_down":
-            return Motion.of(0)
-        if self.kind == "vdi2198":
-            return vdi2198(truck, load=self.payload, speed=VDI_SPEED if np.isnan(self.speed) else self.speed)
-        return legs(_PIECES[self.kind](self, truck), self.payload, self.grade)
+        return legs(KINDS[self.kind][1](self, truck), self.payload, self.grade)
 
 
 def _drive(r: Run, truck: Truck) -> list[Piece]:
@@ -82,21 +78,21 @@ def _drive(r: Run, truck: Truck) -> list[Piece]:
     return run(r.length, r.speed, up, down)
 
 
-_PIECES: dict[str, Callable[[Run, Truck], list[Piece]]] = {
-    "idle": lambda r, t: [Piece(r.duration)],
-    "lift": lambda r, t: [Piece(r.height / t.lift.raise_speed, lift_speed=t.lift.raise_speed)],
-    "lower": lambda r, t: [Piece(r.height / t.lift.lower_speed, lift_speed=-t.lift.lower_speed)],
-    "drive": _drive, "stop_and_go": _drive,
-    **dict.fromkeys(("steady", "ramp"), lambda r, t: [Piece(r.length / r.speed, r.speed)]),
-}  # fmt: skip
-NEEDS: dict[str, tuple[str, ...]] = {
-    "idle": ("energy", "duration"),
-    **dict.fromkeys(("lift", "lower"), ("energy", "height")),
-    **dict.fromkeys(("drive", "stop_and_go", "steady", "ramp"), ("energy", "length", "speed")),
-    "coast_down": ("speed", "duration"),
-    "vdi2198": ("energy",),
+def _level(r: Run, truck: Truck) -> list[Piece]:
+    """At one speed."""
+    return [Piece(r.length / r.speed, r.speed)]
+
+
+KINDS: dict[str, tuple[tuple[str, ...], Callable[[Run, Truck], list[Piece]]]] = {
+    "idle": (("energy", "duration"), lambda r, t: [Piece(r.duration)]),
+    "lift": (("energy", "height"), lambda r, t: lift(r.height, t)[:1]),
+    "lower": (("energy", "height"), lambda r, t: lift(r.height, t)[1:]),
+    **dict.fromkeys(("drive", "stop_and_go"), (("energy", "length", "speed"), _drive)),
+    **dict.fromkeys(("steady", "ramp"), (("energy", "length", "speed"), _level)),
+    "coast_down": (("speed", "duration"), lambda r, t: []),
+    "vdi2198": (("energy",), lambda r, t: vdi_pieces(t, VDI_SPEED if np.isnan(r.speed) else r.speed)),
 }
-KINDS = tuple(NEEDS)
+"""What a row of each kind must have, and how one repeat is driven."""
 POSITIVE = ("sigma", "repeats", "length", "height", "speed", "acceleration", "deceleration", "duration")
 
 
@@ -142,7 +138,7 @@ def _run(row: dict[str, str | None], path: Path, number: int) -> Run:
         if wrong := _wrong(column, text):
             raise fault(wrong, column)
     numbers = {column: float(text) for column, text in given.items() if text}
-    for column in NEEDS[kind]:
+    for column in KINDS[kind][0]:
         if column not in numbers:
             raise fault(f"a run of kind {kind} needs {column!r}")
     if numbers.get("end_speed", 0.0) >= numbers.get("speed", np.inf):

@@ -37,6 +37,8 @@ class Piece:
 def legs(pieces: list[Piece], payload: float = 0.0, grade: float = 0.0, dt: float = 0.1) -> Motion:
     """The pieces as one motion with ``payload`` [kg] on a road of slope ``grade`` (tan theta)."""
     pieces = [p for p in pieces if p.duration > 0.0]
+    if not pieces:
+        return Motion.of(0)
     duration, speed, acceleration, lift_speed = np.array([astuple(p) for p in pieces]).T
     count = np.maximum(np.ceil(duration / dt), 1.0).astype(int)
     piece = np.repeat(np.arange(len(pieces)), count)
@@ -66,17 +68,19 @@ def lift(height: float, truck: Truck) -> list[Piece]:
     return [Piece(height / up, lift_speed=up), Piece(height / down, lift_speed=-down)]
 
 
-def vdi2198(truck: Truck, cycles: int = 1, load: float | None = None, speed: float = VDI_SPEED) -> Motion:
-    """``cycles`` of the VDI 2198 cycle with the rated load:
-    two lifts, four legs, the rest of the minute standing.
-    """
+def vdi_pieces(truck: Truck, speed: float = VDI_SPEED) -> list[Piece]:
+    """The VDI 2198 cycle: two lifts, four legs, the rest of the minute standing."""
     up, down = truck.drive.max_acceleration, truck.drive.max_deceleration
     pieces: list[Piece] = []
     for i, length in enumerate(VDI_LEGS):
         pieces += lift(VDI_LIFT, truck) if i % 2 == 0 else []
         pieces += run(length, speed, up, down)
-    pieces.append(Piece(VDI_PERIOD - sum(p.duration for p in pieces)))
-    return legs(pieces * cycles, truck.chassis.rated_load if load is None else load)
+    return [*pieces, Piece(VDI_PERIOD - sum(p.duration for p in pieces))]
+
+
+def vdi2198(truck: Truck) -> Motion:
+    """One VDI 2198 cycle with the rated load."""
+    return legs(vdi_pieces(truck), truck.chassis.rated_load)
 
 
 CYCLES: dict[str, Callable[[Truck], Motion]] = {"vdi2198": vdi2198}

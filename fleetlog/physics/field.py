@@ -99,23 +99,20 @@ class Field:
 
 def stretches(
     network: Network, edge: NDArray[np.int32], start: Floats, end: Floats, value: Floats,
-    low: Floats | None = None, high: Floats | None = None, samples: NDArray[np.int64] | None = None,
+    low: Floats | float = np.nan, high: Floats | float = np.nan, samples: NDArray[np.int64] | int = 0,
 ) -> Field:  # fmt: skip
     """A field of (N,) stretches ``start`` to ``end`` [m] of a network's directed edges."""
-    edge, middle = np.asarray(edge, np.int32), 0.5 * (np.asarray(start, float) + end)
-    place = network.position(edge, middle)
-    nan, none = np.full(len(edge), np.nan), np.zeros(len(edge), np.int64)
+    edge, start, end = np.asarray(edge, np.int32), np.asarray(start, float), np.asarray(end, float)
+    n, middle = len(edge), 0.5 * (start + end)
+    x, y, _ = network.position(edge, middle).T
     return Field(
-        edge, np.asarray(start, float), np.asarray(end, float), place[:, 0], place[:, 1],
-        network.heading(edge, middle), np.asarray(value, float),
-        nan if low is None else low, nan if high is None else high, none if samples is None else samples,
+        edge, start, end, x, y, network.heading(edge, middle), np.asarray(value, float),
+        np.full(n, low), np.full(n, high), np.full(n, samples, np.int64),
     )  # fmt: skip
 
 
 def mirrored(field: Field, network: Network, odd: bool) -> Field:
-    """The field with the other direction of every road that it has in one direction only; ``odd``:
-    of opposite sign.
-    """
+    """The field with the other direction of every road that it has in one only, ``odd``: of opposite sign."""
     known = np.zeros(len(network) + 1, dtype=bool)
     known[field.edge] = True
     back = np.where(field.edge >= 0, network.reverse[field.edge], -1).astype(np.int32)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.truck import SECTIONS, Chassis, Truck, load_truck
-from fleetlog.physics.cycles import vdi2198
+from fleetlog.physics.cycles import legs, vdi_pieces
 from fleetlog.physics.field import Field, stretches
 from fleetlog.physics.own import Own
 from fleetlog.physics.power import Physics, all_terms, battery_power, ledger, soc_change, term_forces
@@ -288,8 +288,8 @@ def test_state_of_charge_follows_the_contract() -> None:
 SHEET = load_truck("three-wheel-2t").with_value("resistance.drag_area", 0.0)
 
 
-def kwh_per_hour(truck: Truck, **how: float) -> float:
-    cycle = vdi2198(truck, **how)
+def kwh_per_hour(truck: Truck, load: float | None = None, **how: float) -> float:
+    cycle = legs(vdi_pieces(truck, **how), truck.chassis.rated_load if load is None else load)
     assert cycle.dt.sum() == pytest.approx(60.0)
     assert cycle.speed @ cycle.dt == pytest.approx(60.0, rel=1e-6)
     return energy(cycle, Physics(truck, {"rotational_inertia": {"factor": 1.1}})) / 3.6e6 * 60.0

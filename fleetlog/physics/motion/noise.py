@@ -78,13 +78,21 @@ class Observed:
         before = np.searchsorted(own, np.arange(len(t)), side="right") - 1
         return Observed(t, seen, speed, self.rest[after] & self.rest[before], link), inverse[len(self.t) :]
 
+    def with_mean_speed(self) -> Observed:
+        """Of rows whose speed is the mean since the row before: it is that of the middle of the step."""
+        joined = np.flatnonzero(self.link[1:] != 2) + 1
+        kept = replace(self, speed=np.where(self.link == 2, self.speed, np.nan))
+        out, middle = kept.at(0.5 * (self.t[joined] + self.t[joined - 1]))
+        out.speed[middle] = self.speed[joined]
+        return out
+
     def taken(self, rows: NDArray[np.intp]) -> Observed:
         """Some of the rows."""
         return Observed(self.t[rows], self.seen[rows], self.speed[rows], self.rest[rows], self.link[rows])
 
 
-def estimate_noise(observed: Observed, start: Noise, least: float = 0.0) -> Noise:
-    """The likeliest noise, from ``start``, which stays where nothing is seen; of speed at least ``least``."""
+def estimate_noise(observed: Observed, start: Noise, mean_over: float = 0.0) -> Noise:
+    """The likeliest noise, from ``start``, which stays where nothing is seen; ``mean_over`` of speeds [s]."""
     sample = observed.sample(SAMPLE)
     names = ["jerk"]
     if np.isfinite(sample.seen).sum() > 20:
@@ -94,7 +102,7 @@ def estimate_noise(observed: Observed, start: Noise, least: float = 0.0) -> Nois
     # Trucks gather and shed speed at nearly constant rates, with sharp bends between; a Gaussian jerk
     # cannot follow these and the likelihood would put them down to the speed channel, whose noise shows in
     # its third differences.
-    noise, bounds = replace(start, speed=max(speed_noise(sample), least)), BOUNDS
+    noise, bounds = replace(start, speed=max(speed_noise(sample), BENDS * mean_over)), BOUNDS
     if np.isfinite(sample.speed).mean() > 0.9 and np.median(np.diff(sample.t)) < SELDOM:
         noise, bounds = replace(noise, position=PATH), {**BOUNDS, "position": (PATH, BOUNDS["position"][1])}
     best = _likelihood(sample, noise)
@@ -149,15 +157,6 @@ def _filtered(o: Observed, noise: Noise, jerk: Floats, mean: Floats, cov: Floats
         o.t, o.seen, noise.position**2, o.speed, noise.speed**2, o.rest, o.link, jerk, 1.0 / PERSISTENCE,
         mean, cov,
     ))  # fmt: skip
-
-
-def with_mean_speed(o: Observed) -> Observed:
-    """Rows whose speed is the mean since the row before: it is that of the middle of the step."""
-    joined = np.flatnonzero(o.link[1:] != 2) + 1
-    kept = replace(o, speed=np.where(o.link == 2, o.speed, np.nan))
-    out, middle = kept.at(0.5 * (o.t[joined] + o.t[joined - 1]))
-    out.speed[middle] = o.speed[joined]
-    return out
 
 
 @dataclass(frozen=True)

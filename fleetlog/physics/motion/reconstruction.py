@@ -21,16 +21,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.physics.motion.assemble import assembled
 from fleetlog.physics.motion.channels import forks
 from fleetlog.physics.motion.grid import quiet_rows, row_spans, sample_grid
-from fleetlog.physics.motion.noise import (
-    BENDS,
-    Noise,
-    Observed,
-    Smoothed,
-    estimate_noise,
-    jerk_strength,
-    smooth,
-    with_mean_speed,
-)
+from fleetlog.physics.motion.noise import Noise, Observed, Smoothed, estimate_noise, jerk_strength, smooth
 from fleetlog.physics.motion.path import RADIUS, by_second, follow
 from fleetlog.physics.motion.plane import plane_track
 from fleetlog.physics.motion.rows import STANDING, against_odometer, read_rows, speed_is_mean
@@ -156,10 +147,10 @@ def reconstruct(
     link[lost & (link == 0)] = 1
     seen = by_second(rows.t, np.where(rows.fresh, path.seen / longer, np.nan), link)
     observed = Observed(rows.t, seen, rows.speed, rows.rest, link)
-    if is_mean := speed_is_mean(rows, path.seen):
-        observed = with_mean_speed(observed)
-    least = BENDS * float(np.median(np.diff(rows.t))) if is_mean else 0.0
-    noise = noise or estimate_noise(observed, Noise(), least)
+    mean_over = 0.0
+    if speed_is_mean(rows, path.seen):
+        observed, mean_over = observed.with_mean_speed(), float(np.median(np.diff(rows.t)))
+    noise = noise or estimate_noise(observed, Noise(), mean_over)
     mast = forks(rows.t, trajectory)
     grid = sample_grid(rows.t, breaks, quiet_rows(rows.rest, breaks, mast.at(rows.t)), lag)
     nodes, node = observed.at(grid.moment)
