@@ -108,7 +108,7 @@ def fit(observed: Observations, physics: Physics) -> Fit:
     # Root of chi-squared a degree of freedom, at least 1; 1 where too few figures are left to tell.
     factor = max(1.0, float(np.sqrt(misfit @ misfit / spare))) if spare >= 3 else 1.0
     jacobian = problem.jacobian(z) / factor
-    doubt = None if observed.doubt is None else observed.doubt / (observed.sigma[:, None] * factor)
+    doubt = observed.doubt / (observed.sigma[:, None] * factor)
     covariance = _posterior(jacobian, doubt)
     alone = np.ones(len(UNKNOWNS))
     alone[free] = np.sqrt(np.diag(_posterior(jacobian[:, free], doubt)))
@@ -124,10 +124,10 @@ def fit(observed: Observations, physics: Physics) -> Fit:
     )  # fmt: skip
 
 
-def _posterior(jacobian: Floats, doubt: Floats | None) -> Floats:
+def _posterior(jacobian: Floats, doubt: Floats) -> Floats:
     """Covariance of z given the runs and the prior, and what each pattern of doubt would shift the fit by."""
     noise = np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]))
-    shift = np.zeros((len(noise), 1)) if doubt is None else noise @ jacobian.T @ doubt
+    shift = noise @ jacobian.T @ doubt
     return np.asarray(noise + shift @ shift.T, dtype=np.float64)
 
 

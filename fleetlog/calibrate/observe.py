@@ -25,13 +25,13 @@ BLOCK = 15
 
 @dataclass(frozen=True)
 class Observations:
-    """M figures, deviations and the model of them; ``doubt`` (M, D) patterns by which all may be off."""
+    """M figures, deviations and the model of them; ``doubt`` (M, D): D patterns by which all may be off."""
 
     measured: Floats
     sigma: Floats
     labels: tuple[str, ...]
     predict: Callable[[Physics], Floats]
-    doubt: Floats | None = None
+    doubt: Floats
 
     def __len__(self) -> int:
         return len(self.measured)
@@ -49,7 +49,7 @@ def of_runs(runs: list[Run], truck: Truck) -> Observations:
         return np.array([coast_time(r, physics) if r.kind == "coast_down" else wh for r, wh in figures])
 
     measured, sigma = np.array([r.measured for r in runs]), np.array([r.deviation for r in runs])
-    return Observations(measured, sigma, tuple(r.run for r in runs), predict)
+    return Observations(measured, sigma, tuple(r.run for r in runs), predict, np.zeros((len(runs), 0)))
 
 
 def of_motion(motion: Motion, physics: Physics) -> Observations:
@@ -110,11 +110,11 @@ def together(parts: list[Observations]) -> Observations:
     """All figures of several measurements as one; the patterns of doubt of one say nothing of another."""
     from scipy.linalg import block_diag
 
-    doubt = block_diag(*(np.zeros((len(p), 0)) if p.doubt is None else p.doubt for p in parts))
     return Observations(
         np.concatenate([p.measured for p in parts]), np.concatenate([p.sigma for p in parts]),
         tuple(label for p in parts for label in p.labels),
-        lambda physics: np.concatenate([p.predict(physics) for p in parts]), doubt if doubt.size else None,
+        lambda physics: np.concatenate([p.predict(physics) for p in parts]),
+        block_diag(*(p.doubt for p in parts)),
     )  # fmt: skip
 
 

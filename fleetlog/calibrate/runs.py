@@ -129,17 +129,17 @@ def _run(row: dict[str, str | None], path: Path, number: int) -> Run:
     def fault(what: str, column: str = "", do: str | None = None) -> InputError:
         return InputError(what, where=path, place=f"row {number}{column and ', '}{column}", do=do)
 
-    given = {k.strip(): (v or "").strip() for k, v in row.items() if k is not None}
+    given = {k.strip(): v.strip() for k, v in row.items() if k is not None and v and v.strip()}
     kind = given.pop("kind", "")
     if kind not in KINDS:
         raise fault(f"unknown kind of run {kind!r}", do=nearest(kind, KINDS))
-    name = given.pop("run", "") or f"{kind} {number}"
+    name = given.pop("run", f"{kind} {number}")
     for column, text in given.items():
         if wrong := _wrong(column, text):
             raise fault(wrong, column)
-    numbers = {column: float(text) for column, text in given.items() if text}
+    numbers = {column: float(text) for column, text in given.items()}
     for column in KINDS[kind][0]:
-        if column not in numbers:
+        if column not in given:
             raise fault(f"a run of kind {kind} needs {column!r}")
     if numbers.get("end_speed", 0.0) >= numbers.get("speed", np.inf):
         raise fault("the end speed is not below the speed", "end_speed")
@@ -149,7 +149,7 @@ def _run(row: dict[str, str | None], path: Path, number: int) -> Run:
 def _wrong(column: str, text: str) -> str:
     """Why no run can have this number; empty where one can."""
     try:
-        value = float(text or 1.0)
+        value = float(text)
     except ValueError:
         return f"{text!r} is not a number"
     if not np.isfinite(value):
