@@ -32,12 +32,13 @@ def assembled(
     late = 0.0 if load_lags else grid.time - moment
     # Whose load it is: of the row that power is of, or of the one nearest to the moment.
     own = row if load_lags else np.searchsorted(0.5 * (t[1:] + t[:-1]), moment)
-    return Motion.of(
-        len(way), time=grid.time, dt=grid.dt, speed=speed, acceleration=acceleration, slope=slope,
+    return Motion(
+        time=grid.time, dt=grid.dt, speed=speed, acceleration=acceleration, slope=slope,
         curvature=curvature, heading=heading, payload=payload(t, trajectory)[own],
         lift_speed=mast.speed(grid.begin - late, grid.dt), fork_height=mast.at(grid.time - late),
         x=np.interp(moment, t, rows.x), y=np.interp(moment, t, rows.y),
         edge=edge, edge_offset=np.where(off, 0.0, offset),
         ambient_temperature=trajectory.floats("ambient_temperature")[row], soc=trajectory.floats("soc")[row],
-        trip=trajectory.trip_ids()[row], power=measured_power(trajectory)[row],
+        vehicle=np.zeros(len(way), np.int64), trip=trajectory.trip_ids()[row],
+        power=measured_power(trajectory)[row],
     )  # fmt: skip
