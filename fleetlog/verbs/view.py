@@ -50,8 +50,6 @@ def view(
         if beside is None:
             drawn = source.is_file() and source.suffix.lower() != ".rrd"
             rrd = _drawn(source) if drawn else viewer.recording_of(source, rate_hz=rate, day=day, say=notice)
-            if screenshot is not None and when is None:
-                when = viewer.middle_of_driving(source, day)
         else:
             rrd = _comparison(source, existing(beside), kept, rate, day)
         if picture is not None:
