@@ -13,7 +13,8 @@ from fleetlog.core.arguments import Between
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from fleetlog.learn.learn import Learned
+    from fleetlog.core.result import Result
+    from fleetlog.core.site import Site
 
 Passes = Annotated[int, Between(1, 1_000_000, whole=True)]
 
@@ -41,15 +42,15 @@ def learn(
     settings = Settings(lane, spur, min_passes)
     with destination(output, "site", overwrite, files_of(dataset, site)) as keep:
         known = None if site is None else as_site(site)
-        found = learned(as_dataset(dataset), site=known, settings=settings, min_visits=min_visits)
-        answer = Answer.of(found.result, found.site, kind="site", value=found.site)
-        answer.write = lambda folder: _write(found, folder)
+        found, result = learned(as_dataset(dataset), site=known, settings=settings, min_visits=min_visits)
+        answer = Answer.of(result, found, kind="site", value=found)
+        answer.write = lambda folder: _write(found, result, folder)
         return keep(answer)
 
 
-def _write(found: Learned, folder: Path) -> None:
-    from fleetlog.learn.write import write_learned
+def _write(found: Site, result: Result, folder: Path) -> None:
+    from fleetlog.learn.learn import write_learned
     from fleetlog.view.picture import write_picture
 
-    write_learned(found, folder)
-    write_picture(found.result, found.site, folder / "learn.png")
+    write_learned(found, result, folder)
+    write_picture(result, found, folder / "learn.png")
