@@ -1,17 +1,16 @@
-"""What a physics term is: a function of motion, truck and its own parameters, the same signature for all."""
+"""What a physics term is: a function of motion, truck and its own parameters, the same signature for all;
+and all that the file of a term imports."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from fleetlog.core.motion import Motion
+from fleetlog.core.motion import Floats, Motion
 from fleetlog.core.truck import Truck
 
-Floats = NDArray[np.float64]
+__all__ = ["AIR_DENSITY", "GRAVITY", "Floats", "Motion", "Parameter", "Term", "Truck", "Values", "total_mass"]
+
 Values = Mapping[str, float | Floats]
 """A parameter's value by name: a number, or (N,) where a field was looked up along the motion."""
 
@@ -99,14 +98,12 @@ class Term:
     drive      the same, by the sum of all forces at the wheel: the values have it as ``force``, (N,) newtons
     load       the payload that acts, kg (replaces the recorded one)
     truck      nothing of its own: it only changes values of the truck (``truck_key`` of its parameters)
-    loss       an internal loss that only the state of charge sees, W; ``motion.power`` is that at the
-               terminals; no function where it only changes values of the truck
+    loss       nothing of its own: the same, for a loss inside the battery that only the state of charge sees
     speed      the highest speed that this effect allows, m/s (inf: any), ``motion.speed`` being
                what road and truck allow; no function where it only changes values of the truck
     wait       nothing of its own: its first parameter is the time that every passage stands still, s
     traffic    nothing of its own: time lost while other vehicles were in the way, as their positions show
-    sensor     what the log shows of the channel in place of the truth; a fault of the recording, not of the
-               vehicle
+    sensor     nothing of its own: a fault of the recording, not of the vehicle
     =========  ==========================================================================================
 
     ``nominal`` terms belong to the nominal model.  A ``field`` term's first parameter may vary over the road

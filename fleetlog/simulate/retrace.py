@@ -12,8 +12,7 @@ from fleetlog.errors import DataError
 from fleetlog.physics.battery import CHARGING
 from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.motion.channels import forks
-from fleetlog.physics.motion.legs import Leg, free_flow, joined, legs, speed_limits
-from fleetlog.physics.motion.profile import SpeedProfile
+from fleetlog.physics.motion.legs import Leg, SpeedProfile, free_flow, joined, legs, speed_limits
 from fleetlog.physics.power import Physics, battery_power, cell_power
 from fleetlog.simulate.arrays import Flags, Floats
 from fleetlog.simulate.record import rounded

@@ -13,8 +13,7 @@ import numpy as np
 import pandas as pd
 
 from fleetlog.core.truck import Truck
-from fleetlog.physics.motion.legs import Leg
-from fleetlog.physics.motion.profile import SpeedProfile
+from fleetlog.physics.motion.legs import Leg, SpeedProfile
 from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.junctions import half_box
 from fleetlog.simulate.retrace import Trip, VehicleReplay

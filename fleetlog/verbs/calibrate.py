@@ -25,7 +25,7 @@ def calibrate(
     physics : model with terms known beforehand (model.toml).
     output : truck file to write.
     """
-    from fleetlog.calibrate.calibrate import calibrate as fitted
+    from fleetlog.calibrate.fit import calibrate as fitted
     from fleetlog.calibrate.report import lines, summary, truck_toml
 
     nominal = as_truck(truck)

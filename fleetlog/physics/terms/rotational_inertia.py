@@ -1,8 +1,6 @@
 """Wheels, gears and rotors that are spun up with the truck."""
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import Floats, Parameter, Term, Values, total_mass
+from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values, total_mass
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
@@ -13,15 +11,10 @@ def force(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 TERM = Term(
-    "rotational_inertia",
-    "force",
-    "more mass is accelerated than was weighed, as of rotating parts",
-    (Parameter("factor", "1", 1.0, 2.0, neutral=1.0, tolerance=0.05),),
-    force,
-    depends_on=("acceleration",),
+    "rotational_inertia", "force", "more mass is accelerated than was weighed, as of rotating parts",
+    (Parameter("factor", "1", 1.0, 2.0, neutral=1.0, tolerance=0.05),), force, depends_on=("acceleration",),
     sentence="Accelerating takes the force of {factor.value:.2f} times the weighed mass ({factor.low:.2f} to "
-    "{factor.high:.2f}), "
-    "as rotating parts cause",
+    "{factor.high:.2f}), as rotating parts cause",
     needs="record strong and gentle starts at one load",
     advice="Enter the factor in the model; nothing is wrong with the truck",
-)
+)  # fmt: skip
