@@ -1,8 +1,10 @@
 """Who makes no progress, and for whom it waits: rings of trucks that wait for one another are deadlocks."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
-from fleetlog.simulate.arrays import Floats
+from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.state import Fleet, Mode, Roads
 
 NEAR = 8.0
@@ -31,7 +33,8 @@ class Watch:
 
     def blockers(self, trucks: list[int]) -> dict[int, int]:
         """For each of the trucks the one that has to move first, -1 where none is found."""
-        holders = self._holders()
+        truck, way = holdings(self.roads, self.fleet)
+        holders = dict(zip(way.tolist(), truck.tolist(), strict=True))
         return {v: self._blocker(v, holders) for v in trucks}
 
     def _blocker(self, v: int, holders: dict[int, int]) -> int:
@@ -40,9 +43,12 @@ class Watch:
             if f.ahead[v] >= 0:
                 return int(f.ahead[v])
             if f.why[v] == 2:
-                return self._first_on(self.next_lane(v))
+                lane = self.next_lane(v)
+                first = self._between(lane, -np.inf, np.inf, -1)
+                return first if first >= 0 else int(f.asks[lane])
             if f.why[v] == 1:
-                return self._holder(self._passage(v, int(f.at[v]), self._end(v)), v, holders)
+                _, wanted = passages(r, f, np.array([v]), f.at[[v]], np.array([self._end(v)]))
+                return self._holder(wanted, v, holders)
             return self._in_front(v)
         door = int(f.door[v])
         found = self._holder([len(r.length) + 2 * len(r.clear) + door], v, holders)
@@ -65,27 +71,7 @@ class Watch:
                     return u
         return -1
 
-    def _holders(self) -> dict[int, int]:
-        """The truck that holds each reserved resource."""
-        f, spurs = self.fleet, len(self.roads.length) + 2 * len(self.roads.clear)
-        out = {
-            way: int(v)
-            for v in np.flatnonzero(f.held_to >= f.held_from)
-            for way in self._passage(int(v), int(f.held_from[v]), int(f.held_to[v]))
-        }
-        on_spur = np.isin(f.mode, (Mode.LEAVING, Mode.ENTERING)) | f.entry
-        return out | {spurs + int(f.door[v]): int(v) for v in np.flatnonzero(on_spur)}
-
-    def _passage(self, v: int, low: int, high: int) -> list[int]:
-        """Resources of route positions ``low`` to ``high``; see ``kernels.reserve.resource``."""
-        pieces, lanes = len(self.roads.length), len(self.roads.clear)
-        out: list[int] = self.fleet.route[v, low : high + 1].tolist()
-        for k, part in ((0, pieces), (-1, pieces + lanes)):
-            out[k] = int(self.fleet.route[v, (low, high)[k]])
-            out[k] += part if self._safe(out[k]) else 0
-        return out
-
-    def _holder(self, wanted: list[int], v: int, holders: dict[int, int]) -> int:
+    def _holder(self, wanted: Iterable[int], v: int, holders: dict[int, int]) -> int:
         r = self.roads
         for what in wanted:
             for other in r.conflicts[r.conflict_first[what] : r.conflict_first[what + 1]]:
@@ -93,41 +79,49 @@ class Watch:
                     return holders[int(other)]
         return -1
 
-    def _first_on(self, lane: int) -> int:
-        first = self._between(lane, -np.inf, np.inf, -1)
-        return first if first >= 0 else int(self.fleet.asks[lane])
-
     def _between(self, lane: int, low: float, high: float, v: int) -> int:
         f = self.fleet
         on = np.flatnonzero((f.piece == lane) & (f.s >= low) & (f.s <= high) & (np.arange(len(f.s)) != v))
         return int(on[np.argmax(f.s[on])]) if len(on) else -1
 
-    def _safe(self, piece: int) -> bool:
-        return bool(piece < len(self.roads.clear) and self.roads.capacity[piece] > 0)
-
     def _end(self, v: int) -> int:
         f = self.fleet
-        k = int(f.at[v]) + 1
-        while k < f.last[v] and not self._safe(int(f.route[v, k])):
-            k += 1
-        return min(k, int(f.last[v]))
+        ahead = np.arange(f.at[v] + 1, f.last[v])
+        safe = ahead[is_safe_lane(self.roads, f.route[v, ahead])]
+        return int(safe[0] if len(safe) else f.last[v])
 
     def next_lane(self, v: int) -> int:
         """The lane that truck ``v`` needs room on before it may go on."""
         return int(self.fleet.route[v, self._end(v)])
 
 
+def is_safe_lane(r: Roads, piece: Index) -> Flags:
+    """Whether trucks may wait on pieces."""
+    lanes = len(r.clear)
+    return np.asarray((piece < lanes) & (r.capacity[np.minimum(piece, lanes - 1)] > 0))
+
+
+def passages(r: Roads, f: Fleet, trucks: Ints, low: Index, high: Index) -> tuple[Ints, Ints]:
+    """Trucks and resources of positions ``low`` to ``high`` of routes: see ``kernels.reserve.resource``."""
+    count = np.maximum(high - low + 1, 0)
+    of = np.repeat(np.arange(len(trucks)), count)
+    k = np.arange(len(of)) - (np.cumsum(count) - count - low)[of]
+    way = f.route[trucks[of], k].astype(np.int64)
+    pieces, lanes = len(r.length), len(r.clear)
+    part = np.where(k == high[of], pieces + lanes, np.where(k == low[of], pieces, 0))
+    return trucks[of], way + np.where(is_safe_lane(r, way), part, 0)
+
+
+def holdings(r: Roads, f: Fleet) -> tuple[Ints, Ints]:
+    """Trucks and the resources that they have reserved, spurs included."""
+    truck, way = passages(r, f, np.arange(len(f.mode)), f.held_from, f.held_to)
+    on_spur = np.flatnonzero(np.isin(f.mode, (Mode.LEAVING, Mode.ENTERING)) | f.entry)
+    spurs = len(r.length) + 2 * len(r.clear) + f.door[on_spur]
+    return np.concatenate([truck, on_spur]), np.concatenate([way, spurs])
+
+
 def rings(blocker: dict[int, int]) -> list[list[int]]:
     """Trucks that wait for one another in a ring; each ring once."""
-    out: list[list[int]] = []
-    done: set[int] = set()
-    for start in blocker:
-        seen: list[int] = []
-        v = start
-        while v in blocker and v not in seen and v not in done:
-            seen.append(v)
-            v = blocker[v]
-        if v in seen:
-            out.append(seen[seen.index(v) :])
-        done |= set(seen)
-    return out
+    import networkx as nx
+
+    return list(nx.simple_cycles(nx.DiGraph(blocker.items())))
