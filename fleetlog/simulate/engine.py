@@ -223,7 +223,7 @@ class Run:
         self.charged -= float(np.minimum(charging, 0.0).sum()) * dt / 3600.0
         slow = (log.v < STANDS) & IN_TRAFFIC[log.mode]
         self.waiting += float(slow.sum()) * dt
-        self.recorder.add(which.start, log, place, energy)
+        self.recorder.add(which, log, place, energy)
 
     def _stop_empty(self) -> None:
         f = self.fleet
@@ -243,7 +243,7 @@ class Run:
             notes.append("the site has no charger: nobody charges")
         open_tasks = d.count.tasks_given - d.count.tasks_done
         return Summary(
-            len(self.names), total * self.settings.step, self.recorder.written, total * len(self.names),
+            len(self.names), total * self.settings.step, total // self.recorder.every * len(self.names), total * len(self.names),
             d.count, float(self.fleet.moved.sum()), self.used, self.charged, self.meter.soc.tolist(),
             self.soc_lowest, self.soc_sum / total,
             self.tally.limits(self.waiting), d.watch.longest, open_tasks, notes,
