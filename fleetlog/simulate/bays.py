@@ -147,7 +147,7 @@ class Ground:
     """What trucks stand on and drive over, in cells."""
 
     def __init__(self, track: Track, safe: Flags, half: tuple[float, float]) -> None:
-        from fleetlog.simulate.kernels.ground import new_cells, put
+        from fleetlog.simulate.kernels.geometry import new_cells, put
 
         self.half, cell = half, 2.0 * float(np.hypot(*half))
         boxes = np.column_stack([track.x, track.y, track.heading])
@@ -160,14 +160,14 @@ class Ground:
 
     def is_free(self, path: Floats, lane: int, reverse: int) -> bool:
         """See ``spur_is_free``."""
-        from fleetlog.simulate.kernels.ground import spur_is_free
+        from fleetlog.simulate.kernels.geometry import spur_is_free
 
         cells = (self.every, self.safe, self.parked, self.swept)
         return bool(spur_is_free(path, *cells, *self.half, lane, reverse))
 
     def take(self, path: Floats) -> None:
         """A truck may stand at the end of ``path`` (n, 4) and drive over all of it."""
-        from fleetlog.simulate.kernels.ground import grown, put
+        from fleetlog.simulate.kernels.geometry import grown, put
 
         self.parked, self.swept = grown(self.parked, 1), grown(self.swept, len(path))
         put(self.parked, path[-1:], np.zeros(1, np.int32))

@@ -242,8 +242,9 @@ class Run:
         if not (d.kind == "charge").any():
             notes.append("the site has no charger: nobody charges")
         open_tasks = d.count.tasks_given - d.count.tasks_done
+        rows = total // self.recorder.every * len(self.names)
         return Summary(
-            len(self.names), total * self.settings.step, total // self.recorder.every * len(self.names), total * len(self.names),
+            len(self.names), total * self.settings.step, rows, total * len(self.names),
             d.count, float(self.fleet.moved.sum()), self.used, self.charged, self.meter.soc.tolist(),
             self.soc_lowest, self.soc_sum / total,
             self.tally.limits(self.waiting), d.watch.longest, open_tasks, notes,
