@@ -8,10 +8,9 @@ import numpy as np
 from fleetlog.core.site import Place
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Flags, Floats
+from fleetlog.simulate.doors import SHARES, Bay, Door, Stand, door_beside, opposite_spur, span
 from fleetlog.simulate.junctions import Junctions, half_box
 from fleetlog.simulate.paths import arc, even, moved
-from fleetlog.simulate.roadside import Stand, door_beside
-from fleetlog.simulate.spurs import SHARES, Bay, Door, opposite_spur, span
 from fleetlog.simulate.track import SPACING, Track
 
 OFF_ROADS = 15.0

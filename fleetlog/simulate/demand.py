@@ -7,11 +7,11 @@ import numpy as np
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Floats, Ints
+from fleetlog.simulate.doors import recorded_stands
 from fleetlog.simulate.itinerary import visits_of
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
-from fleetlog.simulate.reach import recorded_turns, with_turns
-from fleetlog.simulate.roadside import recorded_stands
 from fleetlog.simulate.tasks import Demand, Task
+from fleetlog.simulate.ways import recorded_turns, with_turns
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.trips import MIN_LOAD_CHANGE
 

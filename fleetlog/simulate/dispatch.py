@@ -8,8 +8,7 @@ from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.itinerary import Itineraries, Visit
 from fleetlog.simulate.occupancy import Occupancy, Policy
 from fleetlog.simulate.state import DROP_PLACE, PICK_PLACE, Fleet, Mode, creep_speed
-from fleetlog.simulate.taskbook import TaskBook
-from fleetlog.simulate.tasks import ENGAGE, Demand, Task, TaskStream
+from fleetlog.simulate.tasks import ENGAGE, Demand, Task, TaskBook, TaskStream
 from fleetlog.simulate.world import World
 
 YIELD = 5.0

@@ -44,7 +44,7 @@ class Batch(NamedTuple):
 
 def locate(ground: Track, log: Log) -> Batch:
     """Where on the map every logged state is."""
-    from fleetlog.simulate.kernels.profile import expand
+    from fleetlog.simulate.kernels.geometry import expand
 
     t, shape = ground, log.piece.shape
     out, edge = expand(

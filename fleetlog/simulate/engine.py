@@ -17,11 +17,10 @@ from fleetlog.simulate.energy import Meter, locate
 from fleetlog.simulate.events import EventLog
 from fleetlog.simulate.itinerary import at_places
 from fleetlog.simulate.junctions import GAP
-from fleetlog.simulate.limits import Tally
+from fleetlog.simulate.limits import Summary, Tally
 from fleetlog.simulate.mixed import Trucks
 from fleetlog.simulate.record import Recorder, columns_of
 from fleetlog.simulate.state import STANDS, Mode, limits_of, log_of, new_fleet, new_log
-from fleetlog.simulate.summary import Summary
 from fleetlog.simulate.tasks import Demand, check_vehicles
 from fleetlog.simulate.world import World, build_world
 from fleetlog.store.writer import DatasetWriter

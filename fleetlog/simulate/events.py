@@ -6,7 +6,7 @@ from fleetlog.core.trajectory import Labels
 from fleetlog.simulate.arrays import Flags, Ints
 from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.state import CHARGER, STANDS, Mode
-from fleetlog.simulate.taskbook import LATER, LEFT_OUT
+from fleetlog.simulate.tasks import LATER, LEFT_OUT
 from fleetlog.simulate.watch import holdings
 from fleetlog.simulate.world import World
 from fleetlog.store.events import ACTIVITIES, WAYS, Columns, Lines

@@ -12,7 +12,7 @@ from fleetlog.errors import InputError, nearest
 from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.state import CHARGER, Fleet, Mode
 from fleetlog.simulate.tasks import Drawn, Task
-from fleetlog.simulate.untangle import Untangler
+from fleetlog.simulate.watch import Untangler
 from fleetlog.simulate.world import World
 
 

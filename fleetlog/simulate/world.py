@@ -15,16 +15,13 @@ from fleetlog.roads.routing import Router
 from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.bays import BayMaker
 from fleetlog.simulate.crossings import stops_before
-from fleetlog.simulate.doors import all_doors
+from fleetlog.simulate.doors import Bay, Door, Stand, all_doors
 from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box, unique_pairs
 from fleetlog.simulate.mixed import Trucks
-from fleetlog.simulate.reach import with_loops
-from fleetlog.simulate.roadside import Stand
 from fleetlog.simulate.spots import lay_out
-from fleetlog.simulate.spurs import Bay, Door
 from fleetlog.simulate.state import PLAN, Roads, creep_speed
 from fleetlog.simulate.track import Track, assemble, build_track
-from fleetlog.simulate.ways import Ways
+from fleetlog.simulate.ways import Ways, with_loops
 
 TURN_TIME = 3.0
 """What a half turn costs in choosing a route [s]."""
@@ -125,7 +122,7 @@ def caps(site: Site, track: Track, physics: Physics, swings: Flags) -> Floats:
 
     On pieces that swing round a truck creeps, as into a bay.
     """
-    from fleetlog.simulate.kernels.profile import brake_ahead
+    from fleetlog.simulate.kernels.geometry import brake_ahead
 
     truck = physics.actual_truck()
     allowed = np.minimum(speed_limits(site, track) * truck.drive.speed_factor, truck.drive.max_speed)

@@ -12,7 +12,7 @@ from fleetlog.simulate.demand import like
 from fleetlog.simulate.drivers import recorded_drivers
 from fleetlog.simulate.engine import Settings, simulate
 from fleetlog.simulate.itinerary import Itineraries, Visit, at_places
-from fleetlog.simulate.reach import recorded_turns, with_turns
+from fleetlog.simulate.ways import recorded_turns, with_turns
 from fleetlog.store import Dataset, DatasetWriter
 
 

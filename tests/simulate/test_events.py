@@ -11,8 +11,7 @@ from fleetlog.simulate import engine
 from fleetlog.simulate.dispatch import Policy
 from fleetlog.simulate.engine import DEFAULT_START, Settings, simulate
 from fleetlog.simulate.state import Mode
-from fleetlog.simulate.taskbook import LEFT_OUT, TaskBook
-from fleetlog.simulate.tasks import Demand, Task
+from fleetlog.simulate.tasks import LEFT_OUT, Demand, Task, TaskBook
 from fleetlog.simulate.world import build_world
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.store.events import ACTIVITIES, TABLES, WAYS, read_table

@@ -4,10 +4,8 @@ import numpy as np
 from numba import njit
 
 from fleetlog.simulate.kernels.arrivals import REST, arrive, cross, end_spur, let_go, roll_in
-from fleetlog.simulate.kernels.gates import may_ask, past_door
-from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.kernels.lanes import cap_at, is_safe_lane, safe
-from fleetlog.simulate.kernels.rounds import reservations
+from fleetlog.simulate.kernels.gates import may_ask, past_door, reservations
+from fleetlog.simulate.kernels.lanes import cap_at, inner, is_safe_lane, safe
 from fleetlog.simulate.state import Fleet, Limits, Log, Mode, Roads
 
 GRAVITY = 9.81
