@@ -113,23 +113,15 @@ def like(
         notes.append(f"trucks turn round at the end of {len(turns)} lanes, as recorded")
     visits = visits_of(stands, cluster, names, [p.id for p in site.places if p.kind == "charge"])
     if same and any(v.next >= 0 for v in visits):
-        return (
-            site,
-            Demand(visits=visits, stands=recorded_stands(stands, cluster, names), endless=False),
-            [*notes, f"trucks go on as after {len(visits)} recorded visits"],
-        )
+        notes.append(f"trucks go on as after {len(visits)} recorded visits")
+        along = recorded_stands(stands, cluster, names)
+        return site, Demand(visits=visits, stands=along, endless=False), notes
     known = carried(stands, cluster, names)
     if not known:
-        return (
-            site,
-            Demand(),
-            [*notes, "the recording shows no load carried between two places: tasks are random"],
-        )
+        notes.append("the recording shows no load carried between two places: tasks are random")
+        return site, Demand(), notes
     day = float(start % 86_400_000_000) * 1e-6
     share = vehicles / max(len(dataset.vehicles), 1)
     tasks = demand_like(known, recorded_hours(dataset), day, duration, share, truck, seed)
-    return (
-        site,
-        Demand(tasks, endless=False),
-        [*notes, f"{len(tasks)} tasks drawn like the {len(known)} recorded ones"],
-    )
+    notes.append(f"{len(tasks)} tasks drawn like the {len(known)} recorded ones")
+    return site, Demand(tasks, endless=False), notes

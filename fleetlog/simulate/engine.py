@@ -12,13 +12,14 @@ from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.arrays import Index
 from fleetlog.simulate.crossings import Crossings
-from fleetlog.simulate.dispatch import Dispatcher, Policy
+from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.energy import Meter, locate
 from fleetlog.simulate.events import EventLog
 from fleetlog.simulate.itinerary import at_places
 from fleetlog.simulate.junctions import GAP
 from fleetlog.simulate.limits import Summary, Tally
 from fleetlog.simulate.mixed import Trucks
+from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.record import Recorder, columns_of
 from fleetlog.simulate.state import STANDS, Mode, limits_of, log_of, new_fleet, new_log
 from fleetlog.simulate.tasks import Demand, check_vehicles
@@ -64,7 +65,6 @@ def simulate(
     demand: Demand | None = None,
     physics: Physics | None = None,
     progress: Progress | None = None,
-    names: list[str] | None = None,
     mined: frozenset[str] = frozenset(),
 ) -> Summary:
     """Simulate a fleet on a site and write its trajectories.
@@ -75,7 +75,6 @@ def simulate(
     demand : tasks; by default endless ones between random places.
     physics : terms beyond the nominal model; each can be switched off in it.
     progress : called with seconds done and in all.
-    names : vehicle ids; by default T1, T2, ...
     mined : places that may be left out where there is no room beside the road.
 
     Raises
@@ -84,7 +83,7 @@ def simulate(
         For an unreachable place, one off the roads, more trucks than the site can hold.
     """
     settings, demand = settings or Settings(), demand or Demand()
-    names = names or vehicle_names(settings.vehicles)
+    names = vehicle_names(settings.vehicles)
     _check(settings)
     # Half the time of a large run is writing, and half of that is packing.
     writer.compression = "snappy"
@@ -226,28 +225,21 @@ class Run:
 
     def _stop_empty(self) -> None:
         f = self.fleet
-        for v in np.flatnonzero((self.meter.soc <= 0.0) & (f.mode != Mode.EMPTY)):
-            if (
-                f.mode[v] in (Mode.PARKED, Mode.HANDLING, Mode.DRIVING, Mode.AT_BAY, Mode.WANTS_OUT)
-                and not f.entry[v]
-            ):
-                f.mode[v] = Mode.EMPTY
-                f.asks[f.asks == v] = -1
-                self.dispatcher.count.empty.append(self.names[v])
+        may = np.isin(f.mode, (Mode.PARKED, Mode.HANDLING, Mode.DRIVING, Mode.AT_BAY, Mode.WANTS_OUT))
+        for v in np.flatnonzero(may & (self.meter.soc <= 0.0) & ~f.entry):
+            f.mode[v] = Mode.EMPTY
+            f.asks[f.asks == v] = -1
+            self.dispatcher.count.empty.append(self.names[v])
 
     def _summary(self, total: int) -> Summary:
         d = self.dispatcher
         notes = list(self.world.notes)
         if not (d.kind == "charge").any():
             notes.append("the site has no charger: nobody charges")
-        open_tasks = d.count.tasks_given - d.count.tasks_done
         rows = total // self.recorder.every * len(self.names)
         return Summary(
             len(self.names), total * self.settings.step, rows, total * len(self.names),
             d.count, float(self.fleet.moved.sum()), self.used, self.charged, self.meter.soc.tolist(),
             self.soc_lowest, self.soc_sum / total,
-            self.tally.limits(self.waiting), d.watch.longest, open_tasks, notes,
+            self.tally.limits(self.waiting), d.watch.longest, notes,
         )  # fmt: skip
-
-
-__all__ = ["Settings", "SiteError", "Summary", "simulate"]

@@ -56,8 +56,9 @@ class EventLog:
         self._end_stretches(self.since < ms, ms)
         self._end_reservations(self.held[1] < ms, ms)
         self._write()
-        book.never(d.pending[d.given :], LATER)
-        book.never(d.demand.left_out, LEFT_OUT)
+        for status, tasks in ((LATER, d.pending[d.given :]), (LEFT_OUT, d.demand.left_out)):
+            for task in tasks:
+                book.give(task, status)
         self.tables.add("tasks", book.columns(self.start))
         self.tables.add("ways", way_table(d.world, np.flatnonzero(self.used)))
         self.tables.add("bays", bay_table(d.world))

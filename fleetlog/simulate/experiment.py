@@ -13,8 +13,8 @@ import numpy as np
 
 from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.errors import DataError, nearest
-from fleetlog.simulate.dispatch import Policy
 from fleetlog.simulate.limits import Summary
+from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.scenario import Scenario, run_all, with_plugs
 
 if TYPE_CHECKING:

@@ -38,20 +38,12 @@ class Resource:
 class Limits:
     """How busy everything was; ``bottleneck`` is None where nothing but the demand limits the fleet."""
 
-    resources: tuple[Resource, ...]
     bottleneck: Resource | None
+    resources: tuple[Resource, ...]
     waiting_s: dict[str, float]
     """Truck seconds by cause: traffic, pick places, drop places, chargers."""
     task_wait_s: dict[str, float]
     """Mean, p95 and longest time from when a task may be done until a truck takes it, or the end [s]."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return {
-            "bottleneck": None if self.bottleneck is None else _rounded(asdict(self.bottleneck)),
-            "resources": [_rounded(asdict(r)) for r in self.resources],
-            "waiting_s": _rounded(self.waiting_s), "task_wait_s": _rounded(self.task_wait_s),
-        }  # fmt: skip
 
     def lines(self) -> list[str]:
         """For the terminal."""
@@ -108,17 +100,14 @@ class Tally:
         """What the run came to; ``traffic`` truck seconds of waiting on the road and before bays."""
         d = self.dispatcher
         waiting = {"traffic": traffic, **{k: float(self.lacking[code]) for k, code in PLACES.items()}}
-        tasks = self._task_waits()
+        earliest, assigned = d.book.numbers("earliest"), d.book.numbers("assigned")
+        tasks = np.where(assigned < 0.0, float(self.seconds), assigned) - earliest
         found = [self._places(kind) for kind in PLACES if (d.kind == KIND_OF[kind]).any()]
         found += [self._junctions(traffic), self._trucks(tasks)]
         some = tasks if len(tasks) else np.zeros(1)
-        waits = {"mean": some.mean(), "p95": np.quantile(some, 0.95), "longest": some.max()}
-        summary = {name: float(seconds) for name, seconds in waits.items()}
-        return Limits(tuple(found), self._bottleneck(found), waiting, summary)
-
-    def _task_waits(self) -> Floats:
-        earliest, assigned = self.dispatcher.book.taken()
-        return np.where(assigned < 0.0, float(self.seconds), assigned) - earliest
+        waits = (some.mean(), np.quantile(some, 0.95), some.max())
+        summary = dict(zip(("mean", "p95", "longest"), map(float, waits), strict=True))
+        return Limits(self._bottleneck(found), tuple(found), waiting, summary)
 
     def _places(self, kind: str) -> Resource:
         d = self.dispatcher
@@ -149,8 +138,12 @@ class Tally:
         return trucks if trucks.utilisation > BUSY else None
 
 
-def _rounded(values: dict[str, Any]) -> dict[str, Any]:
-    return {k: round(v, 4) if isinstance(v, float) else v for k, v in values.items()}
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _rounded(v) for k, v in value.items()}
+    if isinstance(value, tuple):
+        return [_rounded(v) for v in value]
+    return round(value, 4) if isinstance(value, float) else value
 
 
 @dataclass
@@ -171,10 +164,14 @@ class Summary:
     limits: Limits
     longest_wait_s: float
     """Longest time that a truck which wanted to move stood on end."""
-    unfinished: int
     notes: list[str]
     one_more: dict[str, Any] = field(default_factory=dict)
     """What one more of what limits brings; empty where that was not simulated."""
+
+    @property
+    def unfinished(self) -> int:
+        """Tasks that were given and are not done at the end."""
+        return self.count.tasks_given - self.count.tasks_done
 
     @property
     def waiting_s(self) -> float:
@@ -194,7 +191,7 @@ class Summary:
             "longest_wait_s": round(self.longest_wait_s, 1),
             "charges": c.charges, "deadlocks": c.deadlocks, "deadlocks_released": c.deadlocks_released,
             "detours": c.detours, "made_room": c.made_room, "empty": c.empty,
-            "limits": {**self.limits.to_dict(), "one_more": self.one_more}, "notes": self.notes,
+            "limits": {**_rounded(asdict(self.limits)), "one_more": self.one_more}, "notes": self.notes,
         }  # fmt: skip
 
     def lines(self) -> list[str]:

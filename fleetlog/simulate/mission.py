@@ -19,6 +19,7 @@ from fleetlog.physics.motion.profile import SpeedProfile
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.junctions import half_box
+from fleetlog.simulate.places import touching
 from fleetlog.simulate.retrace import Trip, VehicleReplay
 from fleetlog.simulate.track import lane_shift
 from fleetlog.store.dataset import Dataset
@@ -196,16 +197,9 @@ def _met(n: Nodes, half: tuple[float, float]) -> Ints:
 
 def _meetings(n: Nodes, pairs: Ints) -> Ints:
     """(P,) the meeting of two trips that each pair of touching nodes belongs to."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
     # Nodes of different trips are never neighbours.
     cells, of = np.unique((pairs + 3 * CLOSE * n.trip[pairs]) // CLOSE, axis=0, return_inverse=True)
-    near = cKDTree(cells).query_pairs(1.5, output_type="ndarray") if len(cells) else np.zeros((0, 2), int)
-    graph = coo_matrix((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(cells), len(cells)))
-    _, label = connected_components(graph, directed=False)
-    return np.asarray(label[of.ravel()], dtype=np.int64)
+    return np.asarray(touching(cells)[of.ravel()])
 
 
 def _own_stops(leg: Leg, n: Nodes, gates: pd.DataFrame, first: int) -> dict[int, float]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
 from fleetlog.core.truck import Truck
-from fleetlog.simulate.arrays import Floats, Index, Ints
+from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.paths import even, joined, rounded, shifted, simplified
 
 SPACING = 0.5
@@ -18,6 +18,8 @@ DEFAULT_WIDTH = 4.0
 """Of a two-way road whose width the map does not give [m]."""
 CLEARANCE = 0.5
 """Two trucks pass on a road that is this much wider than each of them [m]."""
+SWING = 1.8
+"""After a turn by more than this a truck may be beside the lane that it came from [rad]."""
 WIDEST_SHIFT = 1.5
 """A lane is never farther than this from the centre line [m]."""
 
@@ -59,6 +61,12 @@ class Track:
         return np.repeat(np.arange(len(self), dtype=np.int32), np.diff(self.first))
 
     @cached_property
+    def swings(self) -> Flags:
+        """(P,) connectors that turn by more than ``SWING``: their two lanes lie side by side."""
+        turn = self.heading[self.first[1:] - 1] - self.heading[self.first[:-1]]
+        return np.asarray((np.abs(np.angle(np.exp(1j * turn))) > SWING) & (self.source >= 0))
+
+    @cached_property
     def _by_turn(self) -> dict[tuple[int, int], int]:
         turns = zip(self.source.tolist(), self.target.tolist(), strict=True)
         return {turn: p for p, turn in enumerate(turns) if turn[0] >= 0}
@@ -86,13 +94,15 @@ def lane_shift(network: Network, truck: Truck, traffic: str) -> Floats:
 def build_track(network: Network, truck: Truck, traffic: str = "right") -> Track:
     """Lanes, cut before junctions for the turns, and connectors that turn with the turn radius."""
     shift = lane_shift(network, truck, traffic)
-    before, after = _trims(network, truck.chassis.turn_radius, np.abs(shift))
     radius = truck.chassis.turn_radius
-    lanes = [_lane(network, e, shift[e], before[e], after[e], radius) for e in range(len(network))]
-    shapes = list(lanes)
+    before, after = _trims(network, radius, np.abs(shift))
+    shapes = []
+    for e in range(len(network)):
+        points = simplified(cut(network.polyline(e)[:, :2], before[e], after[e]))
+        shapes.append(even(rounded(shifted(points, shift[e]), radius), SPACING))
     owner = np.repeat(np.arange(len(network)), np.diff(network.next_first)).astype(np.int32)
     for a, b in zip(owner, network.next_edges, strict=True):
-        start, end = lanes[a][0][-1], lanes[b][0][0]
+        start, end = shapes[a][0][-1], shapes[b][0][0]
         shapes.append(even(joined(start[:2], start[2], end[:2], end[2]), SPACING))
     none = np.full(len(network), -1, np.int32)
     source, target = np.concatenate([none, owner]), np.concatenate([none, network.next_edges])
@@ -103,6 +113,8 @@ def assemble(
     network: Network, shapes: list[tuple[Floats, float]], source: Index, target: Index, lanes: Index
 ) -> Track:
     """The track of given shapes, each sample laid on its lane, of connectors on the nearer one."""
+    from fleetlog.simulate.kernels.geometry import project_points
+
     count = np.array([len(s) for s, _ in shapes])
     first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     length = np.array([size for _, size in shapes])
@@ -110,21 +122,13 @@ def assemble(
     piece = np.repeat(np.arange(len(count)), count)
     late = np.arange(len(x)) - first[piece] >= count[piece] / 2
     edge = np.where(source[piece] < 0, lanes[piece], np.where(late, target[piece], source[piece]))
-    offset, lateral = project(network, edge, x, y)
+    plane = np.ascontiguousarray(network.points[:, :2])
+    offset, lateral = project_points(plane, network.first, network.distance, edge, x, y)
     return Track(
         network, first, length / (count - 1), length, source.astype(np.int32), target.astype(np.int32), x, y,
         network.position(edge, offset)[:, 2], np.angle(np.exp(1j * heading)), curvature,
         network.slope(edge, offset), edge, offset, lateral,
     )  # fmt: skip
-
-
-def project(network: Network, edge: Index, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """(N,) offset along and distance left of given edges, for (N,) points."""
-    from fleetlog.simulate.kernels.geometry import project_points
-
-    plane = np.ascontiguousarray(network.points[:, :2])
-    out = project_points(plane, network.first, network.distance, edge, x, y)
-    return out[0], out[1]
 
 
 def _trims(network: Network, radius: float, shift: Floats) -> tuple[Floats, Floats]:
@@ -144,13 +148,6 @@ def _trims(network: Network, radius: float, shift: Floats) -> tuple[Floats, Floa
     np.maximum.at(before, network.next_edges, need)
     share = np.minimum(1.0, 0.9 * network.length / (before + after))
     return before * share, after * share
-
-
-def _lane(
-    network: Network, e: int, shift: float, before: float, after: float, radius: float
-) -> tuple[Floats, float]:
-    points = cut(network.polyline(e)[:, :2], before, after)
-    return even(rounded(shifted(simplified(points), shift), radius), SPACING)
 
 
 def cut(points: Floats, before: float, after: float) -> Floats:

@@ -12,11 +12,11 @@ from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
-from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
+from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.bays import BayMaker
 from fleetlog.simulate.crossings import stops_before
 from fleetlog.simulate.doors import Bay, Door, Stand, all_doors
-from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box, unique_pairs
+from fleetlog.simulate.junctions import Junctions, conflict_lists, find_junctions, half_box, unique_pairs
 from fleetlog.simulate.mixed import Trucks
 from fleetlog.simulate.spots import lay_out
 from fleetlog.simulate.state import PLAN, Roads, creep_speed
@@ -117,7 +117,7 @@ def speed_limits(site: Site, track: Track) -> Floats:
     return limit
 
 
-def caps(site: Site, track: Track, physics: Physics, swings: Flags) -> Floats:
+def caps(site: Site, track: Track, physics: Physics) -> Floats:
     """(2, S) highest speed [m/s] without and with a load, by limits, truck, turns and the terms on speed.
 
     On pieces that swing round a truck creeps, as into a bay.
@@ -126,7 +126,7 @@ def caps(site: Site, track: Track, physics: Physics, swings: Flags) -> Floats:
 
     truck = physics.actual_truck()
     allowed = np.minimum(speed_limits(site, track) * truck.drive.speed_factor, truck.drive.max_speed)
-    creep = np.where(swings[track.owner], creep_speed(truck), np.inf)
+    creep = np.where(track.swings[track.owner], creep_speed(truck), np.inf)
     out = np.empty((2, len(track.x)))
     for laden, payload in enumerate((0.0, 0.5 * truck.chassis.rated_load)):
         motion = Motion.of(
@@ -163,18 +163,15 @@ def _roads(
         np.concatenate([old, pairs[:, 0]]), np.concatenate([j.conflicts, pairs[:, 1]]), count
     )
 
-    cap = np.concatenate([caps(site, track, p, j.swings) for p in physics])
-
-    def ints(name: str) -> Index:
-        return np.array([getattr(d, name) for d in doors], dtype=np.int32)
-
-    def floats(name: str) -> Floats:
-        return np.array([getattr(d, name) for d in doors], dtype=np.float64)
-
+    cap = np.concatenate([caps(site, track, p) for p in physics])
+    kinds = {"lane": np.int32, "crosses": np.int32}
+    by_door: dict[str, Any] = {
+        f"door_{name}": np.array([getattr(d, name) for d in doors], kinds.get(name, np.float64))
+        for name in ("lane", "at", "length", "ahead", "crosses", "low", "high")
+    }
     return Roads(
         track.first, track.spacing, track.length, track.slope, cap, walks.min(axis=0, initial=np.inf),
-        run_in(cap, track, physics), j.clear, j.stop, j.capacity, j.swings, first, conflicts, ints("lane"),
-        floats("at"), floats("length"), floats("ahead"), ints("crosses"), floats("low"), floats("high"),
+        run_in(cap, track, physics), j.clear, j.stop, j.capacity, track.swings, first, conflicts, **by_door,
     )  # fmt: skip
 
 
@@ -198,6 +195,3 @@ def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], ground: Track
     target = np.where(other < pieces, track.target[np.minimum(other, pieces - 1)], -1)
     follows = (other == lane) | (other == pieces + lanes + lane) | (target == lane)
     return np.asarray(found[~follows])
-
-
-__all__ = ["GAP", "World", "build_world", "caps", "speed_limits", "with_spurs"]
