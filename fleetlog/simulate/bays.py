@@ -10,8 +10,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Flags, Floats
 from fleetlog.simulate.doors import SHARES, Bay, Door, Stand, door_beside, opposite_spur, span
 from fleetlog.simulate.junctions import Junctions, half_box
-from fleetlog.simulate.paths import arc, even, moved
-from fleetlog.simulate.track import SPACING, Track
+from fleetlog.simulate.track import SPACING, Track, arc, even, moved
 
 OFF_ROADS = 15.0
 """A place farther than this from every road is not on the site [m]."""

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from fleetlog.simulate.arrays import Floats
-from fleetlog.simulate.itinerary import Itineraries, Visit
+from fleetlog.simulate.demand import Itineraries
 from fleetlog.simulate.occupancy import Occupancy, Policy
 from fleetlog.simulate.state import DROP_PLACE, PICK_PLACE, Fleet, Mode, creep_speed
-from fleetlog.simulate.tasks import ENGAGE, Demand, Task, TaskBook, TaskStream
+from fleetlog.simulate.tasks import ENGAGE, Demand, Task, TaskBook, TaskStream, Visit
 from fleetlog.simulate.world import World
 
 YIELD = 5.0

@@ -16,9 +16,8 @@ from fleetlog.core.site import Place
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.junctions import START, Junctions, half_box
-from fleetlog.simulate.paths import even, joined, moved
 from fleetlog.simulate.places import Stands
-from fleetlog.simulate.track import SPACING, Track
+from fleetlog.simulate.track import SPACING, Track, even, joined, moved
 
 SHARES = (1.0, 0.7, 0.5)
 """Of the turn radius that the way into a bay is tried with, in this order; a truck creeps in there."""

@@ -11,8 +11,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.simulate.arrays import Flags, Floats
-from fleetlog.simulate.mixed import DRIVER
-from fleetlog.simulate.state import PLAN
+from fleetlog.simulate.state import DRIVER, PLAN
 from fleetlog.simulate.track import SWING, Track, build_track
 from fleetlog.store.dataset import Dataset
 

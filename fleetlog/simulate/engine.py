@@ -12,16 +12,14 @@ from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.arrays import Index
 from fleetlog.simulate.crossings import Crossings
+from fleetlog.simulate.demand import at_places
 from fleetlog.simulate.dispatch import Dispatcher
-from fleetlog.simulate.energy import Meter, locate
 from fleetlog.simulate.events import EventLog
-from fleetlog.simulate.itinerary import at_places
 from fleetlog.simulate.junctions import GAP
 from fleetlog.simulate.limits import Summary, Tally
-from fleetlog.simulate.mixed import Trucks
 from fleetlog.simulate.occupancy import Policy
-from fleetlog.simulate.record import Recorder, columns_of
-from fleetlog.simulate.state import STANDS, Mode, limits_of, log_of, new_fleet, new_log
+from fleetlog.simulate.record import Meter, Recorder, columns_of, locate
+from fleetlog.simulate.state import STANDS, Mode, Trucks, limits_of, log_of, new_fleet, new_log
 from fleetlog.simulate.tasks import Demand, check_vehicles
 from fleetlog.simulate.world import World, build_world
 from fleetlog.store.writer import DatasetWriter

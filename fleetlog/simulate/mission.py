@@ -26,6 +26,14 @@ from fleetlog.store.dataset import Dataset
 from fleetlog.store.writer import DatasetWriter
 
 Progress = Callable[[float, float], None]
+WINDOW = 60.0
+"""Who would be at a place so much later than another does not meet it there [s]."""
+CLOSE = 6
+"""Touching nodes of two trucks so many nodes apart are one meeting."""
+AFTER = 6.0
+"""A truck that set off at most so long after the way ahead became free had stood for that [s]."""
+REACH = 12.0
+"""How far ahead of a standing truck that is looked for [m]."""
 
 
 @dataclass
@@ -60,7 +68,7 @@ def replay(
     lost, past = None, None
     if together:
         replays = iter(found := list(replays))
-        lost, past = _together(found, truck)
+        lost, past = meet_again(found, truck)
     total, rows, trips, own = np.zeros(6), 0, 0, 0
     for i, one in enumerate(replays):
         one.run()
@@ -76,32 +84,13 @@ def replay(
     return MissionSummary(len(dataset.vehicles), trips, rows, distance, duration, energy, own, lost, past)
 
 
-def _replays(
-    dataset: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics
-) -> Iterator[VehicleReplay]:
-    site = dataset.site
-    for vehicle in dataset.vehicles:
-        recorded = dataset.read(vehicle)
+def _replays(data: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics) -> Iterator[VehicleReplay]:
+    for vehicle in data.vehicles:
+        recorded = data.read(vehicle)
         if len(recorded) > 1:
-            found = reconstruct(measured_channels(recorded, dataset.meta), site.network, truck)
-            yield VehicleReplay(recorded, found, site, physics.of(vehicle, recorded.time[0] * 1e-6), writer)
-
-
-def _together(replays: list[VehicleReplay], truck: Truck) -> tuple[float, int]:
-    for one in replays:
-        if one.site.network is not None:
-            one.keep_to_lanes(lane_shift(one.site.network, truck, one.site.traffic))
-    return meet_again(replays, truck)
-
-
-WINDOW = 60.0
-"""Who would be at a place so much later than another does not meet it there [s]."""
-CLOSE = 6
-"""Touching nodes of two trucks so many nodes apart are one meeting."""
-AFTER = 6.0
-"""A truck that set off at most so long after the way ahead became free had stood for that [s]."""
-REACH = 12.0
-"""How far ahead of a standing truck that is looked for [m]."""
+            found = reconstruct(measured_channels(recorded, data.meta), data.site.network, truck)
+            own = physics.of(vehicle, recorded.time[0] * 1e-6)
+            yield VehicleReplay(recorded, found, data.site, own, writer)
 
 
 class Nodes(NamedTuple):
@@ -118,6 +107,9 @@ class Nodes(NamedTuple):
 
 def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, int]:
     """Let trucks wait for one another: the share of travel time that they lose; how many were let past."""
+    for one in replays:
+        if one.site.network is not None:
+            one.keep_to_lanes(lane_shift(one.site.network, truck, one.site.traffic))
     trips = [(u, trip) for u, r in enumerate(replays) for trip in r.trips if trip.leg is not None]
     if not trips:
         return 0.0, 0

@@ -18,7 +18,6 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
 from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.doors import Stand
-from fleetlog.simulate.itinerary import Visit
 from fleetlog.store.events import Columns
 
 COLUMNS = ("vehicle", "from", "to", "payload", "earliest")
@@ -45,6 +44,28 @@ class Task:
     dwell: tuple[float, float] = (20.0, 20.0)
     height: tuple[float, float] = (1.2, 1.2)
     on_road: bool = False
+
+
+@dataclass(frozen=True)
+class Visit:
+    """A recorded truck stood at a place.
+
+    ``begin`` time of day [s], ``dwell`` [s], ``height`` of the forks [m]; ``taken`` is the load that it took
+    up there [kg], negative where it set one down; ``next`` is the number of the visit that the same truck
+    made after it, -1: none.
+    """
+
+    place: str
+    begin: float
+    dwell: float
+    height: float
+    taken: float
+    next: int = -1
+
+    @property
+    def loads(self) -> bool:
+        """Whether the truck leaves with a load."""
+        return self.taken > 0.0
 
 
 @dataclass
@@ -234,9 +255,7 @@ class TaskBook:
         """The table of tasks; ``start`` of the simulation [us]."""
 
         def text(name: str) -> Labels:
-            known = {"": -1}
-            codes = [known.setdefault(line.get(name, ""), len(known) - 1) for line in self.lines]
-            return Labels(np.array(codes, dtype=np.int32), tuple(known)[1:])
+            return Labels.of([line.get(name) or None for line in self.lines])
 
         def time(name: str) -> Ints:
             seconds = self.numbers(name)

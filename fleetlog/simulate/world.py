@@ -17,9 +17,8 @@ from fleetlog.simulate.bays import BayMaker
 from fleetlog.simulate.crossings import stops_before
 from fleetlog.simulate.doors import Bay, Door, Stand, all_doors
 from fleetlog.simulate.junctions import Junctions, conflict_lists, find_junctions, half_box, unique_pairs
-from fleetlog.simulate.mixed import Trucks
 from fleetlog.simulate.spots import lay_out
-from fleetlog.simulate.state import PLAN, Roads, creep_speed
+from fleetlog.simulate.state import PLAN, Roads, Trucks, creep_speed
 from fleetlog.simulate.track import Track, assemble, build_track
 from fleetlog.simulate.ways import Ways, with_loops
 
