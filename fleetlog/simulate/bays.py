@@ -100,7 +100,10 @@ class BayMaker:
         return None if best is None else best[1]
 
     def _try(self, place: Place, lane: int, at: float, shift: float, both: bool) -> Door | None:
-        sides = (self.side,) if self._two_lanes(lane) else (self.side, -self.side)
+        # Lanes of one road lie beside its centre line all along, by the same distance.
+        middle = (self.track.first[lane] + self.track.first[lane + 1]) // 2
+        two_lanes = abs(float(self.track.lateral[middle])) > 0.3
+        sides = (self.side,) if two_lanes else (self.side, -self.side)
         for radius in self.radii:
             for centre in (at - shift, at + shift) if shift else (at,):
                 if both and not self.from_both(lane, centre, self.radii[-1]):
@@ -110,11 +113,6 @@ class BayMaker:
                     if door is not None and self._free(door) and (not both or self._opposite_free(door)):
                         return door
         return None
-
-    def _two_lanes(self, lane: int) -> bool:
-        # Lanes of one road lie beside its centre line all along, by the same distance.
-        middle = (self.track.first[lane] + self.track.first[lane + 1]) // 2
-        return abs(float(self.track.lateral[middle])) > 0.3
 
     def _shape(self, place: Place, lane: int, at: float, radius: float, side: float) -> Door | None:
         t, (low, high) = self.track, span(self.track, self.junctions, lane)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fleetlog.core.site import Site
+from fleetlog.core.site import Site, Zone
 from fleetlog.simulate.arrays import Flags, Floats
 from fleetlog.simulate.track import Track
 
@@ -14,9 +14,10 @@ def stops_before(site: Site, track: Track, length: float) -> Floats:
     """(Z, E) where trucks of a length stop on each lane before each zone that closes [m]; inf: nowhere."""
     lanes = len(track.network)
     samples = slice(0, track.first[lanes])
-    out = np.full((len(closing(site)), lanes), np.inf)
-    for row, zone in zip(out, closing(site), strict=True):
-        inside = np.flatnonzero(site.zones[zone].contains(track.x[samples], track.y[samples]))
+    zones = closing(site)
+    out = np.full((len(zones), lanes), np.inf)
+    for row, zone in zip(out, zones, strict=True):
+        inside = np.flatnonzero(zone.contains(track.x[samples], track.y[samples]))
         lane = track.owner[inside]
         np.minimum.at(row, lane, (inside - track.first[lane]) * track.spacing[lane])
         row -= 0.5 * length + SHORT
@@ -25,28 +26,24 @@ def stops_before(site: Site, track: Track, length: float) -> Floats:
     return out
 
 
-def closing(site: Site) -> list[int]:
+def closing(site: Site) -> list[Zone]:
     """Zones that close at times."""
-    return [i for i, zone in enumerate(site.zones) if zone.closed_every > 0.0]
+    return [zone for zone in site.zones if zone.closed_every > 0.0]
 
 
 class Crossings:
     """When people cross: after exponential times of a mean, each for as long; a function of the seed."""
 
     def __init__(self, site: Site, stops: Floats, seed: int) -> None:
-        zones = [site.zones[i] for i in closing(site)]
-        self._rng = [np.random.Generator(np.random.PCG64([seed, 11, k])) for k in range(len(zones))]
-        self._every = [(z.closed_every, z.closed_for) for z in zones]
-        self._lanes = np.isfinite(stops)
-        self._begin = np.array([r.exponential(e) for r, (e, _) in zip(self._rng, self._every, strict=True)])
+        self._zones, self._lanes = closing(site), np.isfinite(stops)
+        self._rng = [np.random.Generator(np.random.PCG64([seed, 11, k])) for k in range(len(self._zones))]
+        self._begin = [r.exponential(z.closed_every) for r, z in zip(self._rng, self._zones, strict=True)]
 
     def tick(self, now: float, closed: Flags) -> None:
         """Mark the lanes that are ``closed`` (E,) at ``now`` [s]."""
-        if not len(self._begin):
-            return
         closed[:] = False
-        for k, (every, lasts) in enumerate(self._every):
-            while self._begin[k] + lasts <= now:
-                self._begin[k] += lasts + self._rng[k].exponential(every)
+        for k, zone in enumerate(self._zones):
+            while self._begin[k] + zone.closed_for <= now:
+                self._begin[k] += zone.closed_for + self._rng[k].exponential(zone.closed_every)
             if self._begin[k] <= now:
                 closed |= self._lanes[k]

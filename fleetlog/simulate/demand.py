@@ -86,10 +86,9 @@ def recorded_hours(dataset: Dataset) -> Floats:
     start, end = (np.datetime64(str(dataset.meta[k]).removesuffix("Z"), "us") for k in ("start", "end"))
     at, last = (float(t.astype(np.int64)) * 1e-6 for t in (start, end))
     out = np.zeros(24)
-    while at < last:
-        until = min((at // 3600.0 + 1.0) * 3600.0, last)
-        out[int(at // 3600.0) % 24] += (until - at) / 3600.0
-        at = until
+    hour = np.arange(at // 3600.0, -(-last // 3600.0))
+    hours = (np.minimum((hour + 1.0) * 3600.0, last) - np.maximum(hour * 3600.0, at)) / 3600.0
+    np.add.at(out, hour.astype(int) % 24, hours)
     return out
 
 

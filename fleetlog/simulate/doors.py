@@ -73,12 +73,8 @@ def opposite_spur(track: Track, j: Junctions, bay: Door, radius: float, half_wid
         return None
     rows = slice(track.first[lane], track.first[lane + 1])
     x, y, heading, _ = bay.path[-1]
-    dx, dy, c, s = (
-        x - track.x[rows],
-        y - track.y[rows],
-        np.cos(track.heading[rows]),
-        np.sin(track.heading[rows]),
-    )
+    dx, dy = x - track.x[rows], y - track.y[rows]
+    c, s = np.cos(track.heading[rows]), np.sin(track.heading[rows])
     along, aside = dx * c + dy * s, dy * c - dx * s
     fits = (along >= radius) & (np.abs(aside) < DEEPEST)
     if not fits.any():

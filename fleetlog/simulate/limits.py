@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.state import CHARGER, DROP_PLACE, PICK_PLACE, STANDS, Mode
 from fleetlog.simulate.watch import Count
@@ -103,11 +102,17 @@ class Tally:
         earliest, assigned = d.book.numbers("earliest"), d.book.numbers("assigned")
         tasks = np.where(assigned < 0.0, float(self.seconds), assigned) - earliest
         found = [self._places(kind) for kind in PLACES if (d.kind == KIND_OF[kind]).any()]
-        found += [self._junctions(traffic), self._trucks(tasks)]
+        busy = 1.0 - self.idle / (len(d.names) * self.seconds)
+        trucks = Resource("trucks", len(d.names), None, busy, float(tasks.sum()) / self.seconds)
+        found += [self._junctions(traffic), trucks]
+        worst = max(found[:-1], key=lambda r: r.queue)
+        bottleneck = trucks if busy > BUSY else None
+        if worst.queue > MATERIAL * trucks.count:
+            bottleneck = worst
         some = tasks if len(tasks) else np.zeros(1)
         waits = (some.mean(), np.quantile(some, 0.95), some.max())
         summary = dict(zip(("mean", "p95", "longest"), map(float, waits), strict=True))
-        return Limits(self._bottleneck(found), tuple(found), waiting, summary)
+        return Limits(bottleneck, tuple(found), waiting, summary)
 
     def _places(self, kind: str) -> Resource:
         d = self.dispatcher
@@ -124,26 +129,6 @@ class Tally:
         taken = min(self.crossed[most] / self.seconds, 1.0)
         count = int((self.crossed > 0.0).sum())
         return Resource("junctions", count, name, float(taken), traffic / self.seconds)
-
-    def _trucks(self, tasks: Floats) -> Resource:
-        trucks = len(self.dispatcher.names)
-        busy = 1.0 - self.idle / (trucks * self.seconds)
-        return Resource("trucks", trucks, None, busy, float(tasks.sum()) / self.seconds)
-
-    def _bottleneck(self, found: list[Resource]) -> Resource | None:
-        *others, trucks = found
-        worst = max(others, key=lambda r: r.queue)
-        if worst.queue > MATERIAL * trucks.count:
-            return worst
-        return trucks if trucks.utilisation > BUSY else None
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _rounded(v) for k, v in value.items()}
-    if isinstance(value, tuple):
-        return [_rounded(v) for v in value]
-    return round(value, 4) if isinstance(value, float) else value
 
 
 @dataclass
@@ -214,3 +199,11 @@ class Summary:
         if c.empty:
             out.append(f"battery empty: {', '.join(c.empty)}")
         return out
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _rounded(v) for k, v in value.items()}
+    if isinstance(value, tuple):
+        return [_rounded(v) for v in value]
+    return round(value, 4) if isinstance(value, float) else value

@@ -89,16 +89,11 @@ def random_load(rng: np.random.Generator, truck: Truck) -> float:
     return round(float(rng.triangular(0.1, 0.5, 1.0)) * truck.chassis.rated_load, 1)
 
 
-def random_dwell(rng: np.random.Generator) -> float:
-    """Seconds at a pick or drop place: log-normal with a median of 22 s; 15 to 60 s are usual."""
-    return float(np.clip(rng.lognormal(np.log(22.0), 0.35), 12.0, 90.0))
-
-
 def random_visits(rng: np.random.Generator) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Dwell [s] and height of the shelf [m], each where a load is picked and where it is dropped."""
-    dwell = (random_dwell(rng), random_dwell(rng))
+    """Dwell [s], log-normal, and height of the shelf [m], where a load is picked and where it is dropped."""
+    stay, leave = (float(np.clip(rng.lognormal(np.log(22.0), 0.35), 12.0, 90.0)) for _ in range(2))
     pick, drop = (HEIGHTS[int(rng.integers(len(HEIGHTS)))] for _ in range(2))
-    return dwell, (pick, drop)
+    return (stay, leave), (pick, drop)
 
 
 @dataclass(frozen=True)

@@ -186,12 +186,12 @@ class Track:
         """The connector from one edge to another, -1: none."""
         return self._by_turn.get((a, b), -1)
 
-    def pieces(self, edges: NDArray[np.integer]) -> list[int]:
+    def pieces(self, edges: NDArray[np.integer]) -> Index:
         """Lanes and connectors along a chain of edges."""
         out = [int(edges[0])]
         for a, b in itertools.pairwise(edges):
             out += [self._by_turn[int(a), int(b)], int(b)]
-        return out
+        return np.array(out, dtype=np.int32)
 
 
 def lane_shift(network: Network, truck: Truck, traffic: str) -> Floats:

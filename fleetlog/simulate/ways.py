@@ -179,12 +179,9 @@ class Ways:
             return np.array([a], dtype=np.int32), float(time[a])
         if a != b:
             route = self.router.route(a, b, shut)
-            return None if route is None else (self._pieces(route.edges), route.cost)
+            return None if route is None else (self.track.pieces(route.edges), route.cost)
         options = [self.router.route(int(s), b, shut) for s in self.track.network.successors(a)]
         best = min((r for r in options if r is not None), key=lambda r: r.cost, default=None)
         if best is None:
             return None
-        return self._pieces(np.concatenate([[a], best.edges])), float(time[a]) + best.cost
-
-    def _pieces(self, edges: NDArray[np.integer]) -> Index:
-        return np.array(self.track.pieces(edges), dtype=np.int32)
+        return self.track.pieces(np.concatenate([[a], best.edges])), float(time[a]) + best.cost

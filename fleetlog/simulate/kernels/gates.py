@@ -110,8 +110,7 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
         u = f.ahead[u]
     out = f.last_out[lane]
     if out >= 0 and f.left[out] == lane and f.left_by[out] < x.length + f.left_hold[out] and f.s[v] > 0.0:
-        if r.length[lane] - 0.5 * x.length + f.left_by[out] < at + r.door_ahead[d] + 0.3:
-            return False
+        return r.length[lane] - 0.5 * x.length + f.left_by[out] >= at + r.door_ahead[d] + 0.3
     return True
 
 
@@ -202,13 +201,8 @@ def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
     n = 0
     for v in range(len(f.mode)):
         m = f.mode[v]
-        rolls = m == Mode.DRIVING and wants_entry(r, f, v, x)
-        if (
-            m == Mode.WANTS_OUT
-            or m == Mode.AT_BAY
-            or rolls
-            or (m == Mode.DRIVING and wants_passage(r, f, v, x))
-        ):
+        comes = m == Mode.DRIVING and (wants_entry(r, f, v, x) or wants_passage(r, f, v, x))
+        if comes or m == Mode.WANTS_OUT or m == Mode.AT_BAY:
             if f.waits[v] == np.inf:
                 f.waits[v] = now
             # Into the line behind all who have waited as long.

@@ -98,9 +98,8 @@ def put(c: Cells, boxes: Floats, group: Index) -> None:
     for i in range(len(boxes)):
         k = c.size[0]
         c.size[0] += 1
-        where = _at(boxes[i, 1], c.shape[1], c.shape[2], rows) * columns + _at(
-            boxes[i, 0], c.shape[0], c.shape[2], columns
-        )
+        column = _at(boxes[i, 0], c.shape[0], c.shape[2], columns)
+        where = _at(boxes[i, 1], c.shape[1], c.shape[2], rows) * columns + column
         c.box[k, 0], c.box[k, 1], c.box[k, 2] = boxes[i, 0], boxes[i, 1], boxes[i, 2]
         c.group[k], c.after[k], c.head[where] = group[i], c.head[where], k
 
@@ -174,10 +173,9 @@ def spur_is_free(
     """
     last = len(path) - 1
     x, y, h = path[last, 0], path[last, 1], path[last, 2]
-    if meets_group(every, x, y, h, half_l, half_w, -1, -1) or meets_group(
-        swept, x, y, h, half_l, half_w, -1, -1
-    ):
-        return False
+    for taken in (every, swept):
+        if meets_group(taken, x, y, h, half_l, half_w, -1, -1):
+            return False
     for i in range(last, -1, -1):
         x, y, h = path[i, 0], path[i, 1], path[i, 2]
         if meets_group(parked, x, y, h, half_l, half_w, -1, -1):

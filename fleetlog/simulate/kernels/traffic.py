@@ -106,11 +106,9 @@ def forks(f: Fleet, x: Limits, v: int, since: float) -> float:
     up, hold, down = f.hand_times[v, 0], f.hand_times[v, 1], f.hand_times[v, 2]
     if since < up:
         return max(since, 0.0) * x.raises[v]
-    return (
-        max(f.hand_height[v] - max(since - up - hold, 0.0) * x.lowers[v], 0.0)
-        if since < up + hold + down
-        else 0.0
-    )
+    if since >= up + hold + down:
+        return 0.0
+    return max(f.hand_height[v] - max(since - up - hold, 0.0) * x.lowers[v], 0.0)
 
 
 @inner
