@@ -18,6 +18,9 @@ from fleetlog.store.trips import MIN_LOAD_CHANGE
 
 JITTER = 120.0
 """A drawn task comes this much earlier or later than the recorded one at most [s]."""
+DAY = 86_400.0
+NEARBY = 3600.0
+"""What was done within this time of day is drawn first [s]."""
 
 
 def carried(stands: Stands, cluster: Ints, names: list[str]) -> list[Task]:
@@ -125,11 +128,6 @@ def like(
     tasks = demand_like(known, recorded_hours(dataset), day, duration, share, truck, seed)
     notes.append(f"{len(tasks)} tasks drawn like the {len(known)} recorded ones")
     return site, Demand(tasks, endless=False), notes
-
-
-DAY = 86_400.0
-NEARBY = 3600.0
-"""What was done within this time of day is drawn first [s]."""
 
 
 def visits_of(stands: Stands, cluster: Ints, names: Sequence[str], apart: Iterable[str]) -> tuple[Visit, ...]:

@@ -25,6 +25,12 @@ EDGE = 0.25
 """Kept to the ends of a lane without a safe part [m]."""
 DEEPEST = 25.0
 """A bay farther than this from the opposite lane has no way from there [m]."""
+ALONG = 0.7
+"""A truck that stops within this of the direction of the road stands along it [rad]."""
+BESIDE = 6.0
+"""A spot along the road is at most this far from a lane [m]."""
+LENGTH = 0.01
+"""Of a spur to where a truck stands on the road [m]."""
 
 
 @dataclass(frozen=True)
@@ -96,14 +102,6 @@ def opposite_spur(track: Track, j: Junctions, bay: Door, radius: float, half_wid
 def _bow(ahead: float, left: float, turn: float) -> tuple[Floats, float]:
     """The way from the origin along x to ``ahead``, ``left`` [m], turned by ``turn`` [rad]."""
     return even(joined(np.zeros(2), 0.0, np.array([ahead, left]), turn), 0.5 * SPACING)
-
-
-ALONG = 0.7
-"""A truck that stops within this of the direction of the road stands along it [rad]."""
-BESIDE = 6.0
-"""A spot along the road is at most this far from a lane [m]."""
-LENGTH = 0.01
-"""Of a spur to where a truck stands on the road [m]."""
 
 
 class Stand(NamedTuple):

@@ -11,7 +11,6 @@ from fleetlog.errors import DataError, SiteError
 from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.arrays import Index
-from fleetlog.simulate.crossings import Crossings
 from fleetlog.simulate.demand import at_places
 from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.events import EventLog
@@ -21,7 +20,7 @@ from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.record import Meter, Recorder, columns_of, locate
 from fleetlog.simulate.state import STANDS, Mode, Trucks, limits_of, log_of, new_fleet, new_log
 from fleetlog.simulate.tasks import Demand, check_vehicles
-from fleetlog.simulate.world import World, build_world
+from fleetlog.simulate.world import Crossings, World, build_world
 from fleetlog.store.writer import DatasetWriter
 
 DEFAULT_START = 1_767_592_800_000_000
@@ -56,15 +55,10 @@ class Settings:
 
 
 def simulate(
-    site: Site,
-    truck: Truck | Sequence[Truck],
-    writer: DatasetWriter,
-    settings: Settings | None = None,
-    demand: Demand | None = None,
-    physics: Physics | None = None,
-    progress: Progress | None = None,
+    site: Site, truck: Truck | Sequence[Truck], writer: DatasetWriter, settings: Settings | None = None,
+    demand: Demand | None = None, physics: Physics | None = None, progress: Progress | None = None,
     mined: frozenset[str] = frozenset(),
-) -> Summary:
+) -> Summary:  # fmt: skip
     """Simulate a fleet on a site and write its trajectories.
 
     Parameters

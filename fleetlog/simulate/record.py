@@ -21,6 +21,20 @@ CHARGE_RATE = 0.25
 """Power of a charger that the site does not state, in battery capacities an hour."""
 TAPER_FROM = 0.8
 """State of charge from which charging power falls, to a tenth when full: then voltage is constant."""
+ROWS = 8_000_000
+"""Rows that are kept at most before they are written; some 60 bytes each."""
+DIGITS = {
+    "x": 3, "y": 3, "z": 3, "heading": 5, "speed": 4, "edge_offset": 3, "lateral_offset": 3, "payload": 1,
+    "fork_height": 3, "battery_power": 2, "battery_voltage": 3, "battery_current": 3, "soc": 8,
+}  # fmt: skip
+"""Decimals that are written, so that files are small; rows wait as whole numbers of them."""
+MEANS = ("battery_power", "battery_voltage", "battery_current")
+"""Columns of which a row has the mean over the time around it."""
+NULL = int(np.iinfo(np.int32).min)
+TOGETHER = 16
+"""Trucks that are written at once, where there are as many."""
+BEHIND = 8
+"""Such groups that may wait to be written; the fleet waits when there are more."""
 
 
 class Energy(NamedTuple):
@@ -134,22 +148,6 @@ class Meter:
             soc[v, 0], soc[v, 1:] = charge[v], d.soc[:-1]
             volts[v], amps[v], charge[v] = d.voltage, d.current, d.soc[-1]
         return Energy(power, soc, volts, amps)
-
-
-ROWS = 8_000_000
-"""Rows that are kept at most before they are written; some 60 bytes each."""
-DIGITS = {
-    "x": 3, "y": 3, "z": 3, "heading": 5, "speed": 4, "edge_offset": 3, "lateral_offset": 3, "payload": 1,
-    "fork_height": 3, "battery_power": 2, "battery_voltage": 3, "battery_current": 3, "soc": 8,
-}  # fmt: skip
-"""Decimals that are written, so that files are small; rows wait as whole numbers of them."""
-MEANS = ("battery_power", "battery_voltage", "battery_current")
-"""Columns of which a row has the mean over the time around it."""
-NULL = int(np.iinfo(np.int32).min)
-TOGETHER = 16
-"""Trucks that are written at once, where there are as many."""
-BEHIND = 8
-"""Such groups that may wait to be written; the fleet waits when there are more."""
 
 
 class Recorder:

@@ -178,14 +178,10 @@ NOT_ZERO: dict[str, float] = {
 def new_fleet(trucks: int, lanes: int, pieces: int, resources: int, longest: int) -> Fleet:
     """Trucks that are nowhere yet, on empty roads; routes have at most ``longest`` pieces."""
     shape: dict[str, int | tuple[int, int]] = {
-        "route": (trucks, longest),
-        "hand_times": (trucks, 3),
-        "tail": pieces,
-        "held": resources,
-        "claimed": resources,
-        "round": 1,
+        "route": (trucks, longest), "hand_times": (trucks, 3), "tail": pieces, "held": resources,
+        "claimed": resources, "round": 1,
         **dict.fromkeys(("on", "inbound", "last_out", "asks", "ask_at", "crossed", "walked"), lanes),
-    }
+    }  # fmt: skip
     hints = get_type_hints(Fleet)
 
     def array(name: str) -> NDArray[Any]:

@@ -25,6 +25,9 @@ HEIGHTS = (0.3, 1.2, 2.4, 3.6)
 """Of shelves that loads are taken from and set down on [m]."""
 ENGAGE = 6.0
 """To drive the forks under a load or out of it [s]."""
+NONE = -1.0
+"""A time that has not come [s after the start]."""
+LATER, LEFT_OUT = "later", "left out"
 
 
 @dataclass(frozen=True)
@@ -197,11 +200,6 @@ def check_vehicles(tasks: Sequence[Task], names: Sequence[str]) -> None:
                 f"a task is for vehicle {task.vehicle!r}, which is not simulated",
                 do=nearest(task.vehicle, names),
             )
-
-
-NONE = -1.0
-"""A time that has not come [s after the start]."""
-LATER, LEFT_OUT = "later", "left out"
 
 
 class TaskBook:

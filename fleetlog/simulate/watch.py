@@ -15,6 +15,14 @@ from fleetlog.simulate.world import World
 
 NEAR = 8.0
 """A truck this close on a lane can be in the way of one that comes out onto it [m]."""
+STUCK = 30.0
+"""Trucks that want to move and have not for so long are looked at: do they wait for one another? [s]"""
+PASS = 20.0
+"""After this wait a truck that cannot turn into its bay drives on to another door [s]."""
+CHANGE = 40.0
+"""After this wait a truck that cannot back out of its bay tries the other door [s]."""
+DETOUR = 45.0
+"""After this wait a truck tries another way [s]."""
 
 
 class Watch:
@@ -108,7 +116,7 @@ def is_safe_lane(r: Roads, piece: Index) -> Flags:
 
 
 def passages(r: Roads, f: Fleet, trucks: Ints, low: Index, high: Index) -> tuple[Ints, Ints]:
-    """Trucks and resources of positions ``low`` to ``high`` of routes: see ``kernels.reserve.resource``."""
+    """Trucks and resources of positions ``low`` to ``high`` of routes: see ``kernels.lanes.resource``."""
     count = np.maximum(high - low + 1, 0)
     of = np.repeat(np.arange(len(trucks)), count)
     k = np.arange(len(of)) - (np.cumsum(count) - count - low)[of]
@@ -131,16 +139,6 @@ def rings(blocker: dict[int, int]) -> list[list[int]]:
     import networkx as nx
 
     return list(nx.simple_cycles(nx.DiGraph(blocker.items())))
-
-
-STUCK = 30.0
-"""Trucks that want to move and have not for so long are looked at: do they wait for one another? [s]"""
-PASS = 20.0
-"""After this wait a truck that cannot turn into its bay drives on to another door [s]."""
-CHANGE = 40.0
-"""After this wait a truck that cannot back out of its bay tries the other door [s]."""
-DETOUR = 45.0
-"""After this wait a truck tries another way [s]."""
 
 
 @dataclass
