@@ -13,9 +13,9 @@ import numpy as np
 
 from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.errors import DataError, nearest
-from fleetlog.simulate.dispatch import Policy
+from fleetlog.simulate.limits import Summary
+from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.scenario import Scenario, run_all, with_plugs
-from fleetlog.simulate.summary import Summary
 
 if TYPE_CHECKING:
     import pandas as pd

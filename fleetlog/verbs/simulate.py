@@ -186,9 +186,9 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
     """What the arguments ask for, with one seed; and notes on it."""
     from fleetlog.physics.battery import battery_of
     from fleetlog.simulate.demand import like as take_over
-    from fleetlog.simulate.dispatch import Policy
     from fleetlog.simulate.drivers import recorded_drivers
     from fleetlog.simulate.engine import Settings
+    from fleetlog.simulate.occupancy import Policy
     from fleetlog.simulate.scenario import Scenario
     from fleetlog.simulate.tasks import Demand, read_tasks
 

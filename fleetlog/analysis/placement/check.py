@@ -9,8 +9,8 @@ import pandas as pd
 from fleetlog.core.site import Place, Site
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.engine import DEFAULT_START, Settings
+from fleetlog.simulate.limits import Summary
 from fleetlog.simulate.scenario import Scenario
-from fleetlog.simulate.summary import Summary
 from fleetlog.store import Dataset
 
 

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.kernels.lanes import drop, is_safe_lane, push
-from fleetlog.simulate.kernels.reserve import release
+from fleetlog.simulate.kernels.lanes import drop, inner, is_safe_lane, push, release
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 NEAR = 0.02

@@ -6,8 +6,7 @@ import numpy as np
 from numba import njit
 
 from fleetlog.simulate.arrays import Flags, Floats, Ints
-from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.kernels.lanes import safe
+from fleetlog.simulate.kernels.lanes import inner, safe
 
 STEP = 0.1
 """[s]"""

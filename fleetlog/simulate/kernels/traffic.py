@@ -4,10 +4,8 @@ import numpy as np
 from numba import njit
 
 from fleetlog.simulate.kernels.arrivals import REST, arrive, cross, end_spur, let_go, roll_in
-from fleetlog.simulate.kernels.gates import may_ask, past_door
-from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.kernels.lanes import cap_at, is_safe_lane, safe
-from fleetlog.simulate.kernels.rounds import reservations
+from fleetlog.simulate.kernels.gates import may_ask, past_door, reservations
+from fleetlog.simulate.kernels.lanes import cap_at, inner, is_safe_lane, safe
 from fleetlog.simulate.state import Fleet, Limits, Log, Mode, Roads
 
 GRAVITY = 9.81
@@ -108,11 +106,9 @@ def forks(f: Fleet, x: Limits, v: int, since: float) -> float:
     up, hold, down = f.hand_times[v, 0], f.hand_times[v, 1], f.hand_times[v, 2]
     if since < up:
         return max(since, 0.0) * x.raises[v]
-    return (
-        max(f.hand_height[v] - max(since - up - hold, 0.0) * x.lowers[v], 0.0)
-        if since < up + hold + down
-        else 0.0
-    )
+    if since >= up + hold + down:
+        return 0.0
+    return max(f.hand_height[v] - max(since - up - hold, 0.0) * x.lowers[v], 0.0)
 
 
 @inner
