@@ -39,14 +39,12 @@ class Cluster(Engine):
         return successes(self._run(work, jobs, name))
 
     def _run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
-        ahead, sent = AHEAD * self.workers, 0
         futures: list[Any] = []
         try:
-            for k in range(len(jobs)):
-                while sent < min(k + ahead, len(jobs)):
-                    futures.append(self.client.submit(attempt, work, jobs[sent], name, pure=False))
-                    sent += 1
-                yield self._outcome(futures[0], name(jobs[k]))
+            for turn, job in enumerate(jobs):
+                for later in jobs[turn + len(futures) : turn + AHEAD * self.workers]:
+                    futures.append(self.client.submit(attempt, work, later, name, pure=False))
+                yield self._outcome(futures[0], name(job))
                 del futures[0]
         finally:
             self.client.cancel(futures)
