@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -31,13 +32,19 @@ def temporary() -> Path:
 
 def as_dataset(value: DatasetLike) -> Dataset:
     """Open a dataset; a DataFrame is imported first, into a temporary folder."""
-    from fleetlog.store import Dataset
+    from fleetlog.store import Dataset, DatasetWriter
 
     if isinstance(value, Dataset):
         return value
-    if _is_frame(value):
-        return _imported(value)
-    return cast("Dataset", value.dataset) if hasattr(value, "dataset") else Dataset(as_path(value))
+    if not _is_frame(value):
+        return cast("Dataset", value.dataset) if hasattr(value, "dataset") else Dataset(as_path(value))
+    from fleetlog.core.site import Site
+    from fleetlog.ingest.pipeline import import_logs
+
+    folder = temporary() / "dataset"
+    with DatasetWriter.create(folder, "recorded", Site()) as writer:
+        import_logs([as_path(value)], None, writer)
+    return Dataset(folder)
 
 
 def as_truck(value: TruckLike) -> Truck:
@@ -87,22 +94,17 @@ def as_path(value: Any) -> Path:
     if hasattr(value, "dataset"):
         value = value.dataset
     where = value if "://" in str(value) else getattr(value, "path", value)
-    if "://" not in str(where):
-        return _local(where)
-    from fleetlog.store.places import located
+    if "://" in str(where):
+        from fleetlog.store.places import located
 
-    return located(where)
-
-
-def _local(where: str | os.PathLike[str]) -> Path:
-    """The path of a file of this machine; :class:`InputError` for what no file can be called."""
+        return located(where)
+    path = Path(where)
     try:
-        good = b"\0" not in os.fsencode(where)
-    except UnicodeEncodeError:
-        good = False
-    if not good:
-        raise InputError("is no name of a file", where=repr(str(where)), do="correct it")
-    return Path(where)
+        with suppress(OSError):
+            path.stat()
+    except ValueError:  # of what no file can be called
+        raise InputError("is no name of a file", where=repr(str(where)), do="correct it") from None
+    return path
 
 
 def as_csv(value: TableLike) -> Path:
@@ -136,14 +138,3 @@ def _is_frame(value: Any) -> bool:
 def _plain(frame: Any) -> pd.DataFrame:
     """The frame with a named index (of time, say) as a column."""
     return cast("pd.DataFrame", frame.reset_index() if any(frame.index.names) else frame)
-
-
-def _imported(frame: Any) -> Dataset:
-    from fleetlog.core.site import Site
-    from fleetlog.ingest.pipeline import import_logs
-    from fleetlog.store import Dataset, DatasetWriter
-
-    folder = temporary() / "dataset"
-    with DatasetWriter.create(folder, "recorded", Site()) as writer:
-        import_logs([as_path(frame)], None, writer)
-    return Dataset(folder)

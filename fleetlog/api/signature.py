@@ -5,6 +5,7 @@ functions share and that a docstring leaves out is described in :data:`SHARED`.
 """
 
 import inspect
+import re
 import types
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -29,6 +30,8 @@ SHARED = {
 """Options that several functions have, described once; a docstring of one's own goes first."""
 LOADED = {"Dataset": "DATASET", "Truck": "TRUCK", "Site": "FILE", "Physics": "PATH"}
 """Types that an analysis takes, and that the library loads for it from a path."""
+TITLE = r"\n[^\n]+\n-+\n"
+"""Of a section of a docstring."""
 Function = Callable[..., Any]
 REQUIRED = inspect.Parameter.empty
 
@@ -56,9 +59,9 @@ class Option:
         return f"-{word}" if len(word) == 1 else f"--no-{word}" if self.default is True else f"--{word}"
 
     @property
-    def is_input(self) -> bool:
-        """Whether it is (also) the path of something that is read."""
-        return bool(getattr(self.check, "path", False)) and self.name != "output"
+    def is_path(self) -> bool:
+        """Whether it is (also) the name of a file or folder."""
+        return bool(getattr(self.check, "path", False))
 
     @property
     def metavar(self) -> str:
@@ -96,12 +99,14 @@ def options_of(function: Function) -> tuple[Option, ...]:
 
 def _option(parameter: inspect.Parameter, hint: Any, text: str, first: bool) -> Option:
     kind, check = _peeled(hint)
-    many = get_origin(kind) is tuple and (check is None or isinstance(check, Named))
+    many = getattr(check, "many", get_origin(kind) is tuple and check is None)
     if get_origin(kind) is tuple:
         kind, inner = _peeled(get_args(kind)[0])
         check = check or inner
-    if check is None:
-        check = _usual(kind)
+    loaded = LOADED.get(getattr(kind, "__name__", ""))
+    if loaded is not None:
+        check = check or Named(loaded, path=True)
+    check = check or (Between(whole=kind is int) if kind in (int, float) else Named())
     choices = tuple(get_args(kind)) if get_origin(kind) is Literal else ()
     if isinstance(check, PartOf):
         text = f"{text[:-1]}: {', '.join(check.names())}."
@@ -110,64 +115,33 @@ def _option(parameter: inspect.Parameter, hint: Any, text: str, first: bool) -> 
     return Option(parameter.name, parameter.default, text, *more)
 
 
-def _usual(kind: Any) -> Callable[[Any], Any]:
-    """The check of a type whose annotation carries none."""
-    loaded = LOADED.get(getattr(kind, "__name__", ""))
-    if loaded is not None:
-        return Named(loaded, path=True)
-    return Between(whole=kind is int) if kind in (int, float) else Named()
-
-
 def _peeled(hint: Any) -> tuple[Any, Any]:
     """Return a type without ``Annotated`` and ``| None``, and the check that its annotation carries."""
-    check = None
-    while True:
-        if get_origin(hint) is Annotated:
-            hint, *more = get_args(hint)
-            check = check or next((m for m in more if callable(m)), None)
-        elif get_origin(hint) in (Union, types.UnionType):
-            some = [a for a in get_args(hint) if a is not type(None)]
-            if len(some) != 1:
-                return hint, check
-            hint = some[0]
-        else:
-            return hint, check
+    if get_origin(hint) is Annotated:
+        inner, *more = get_args(hint)
+        kind, check = _peeled(inner)
+        return kind, next((m for m in more if callable(m)), check)
+    some = [a for a in get_args(hint) if a is not type(None)]
+    optional = get_origin(hint) in (Union, types.UnionType) and len(some) == 1
+    return _peeled(some[0]) if optional else (hint, None)
 
 
 def parameter_texts(docstring: str | None) -> dict[str, str]:
     """Return the description of every parameter by name, each in one line."""
+    section = inspect.cleandoc(docstring or "").partition("\nParameters\n----------\n")[2]
     found: dict[str, str] = {}
-    names: list[str] = []
-    for line in _section(docstring, "Parameters"):
-        head, colon, text = line.partition(" : ")
-        if colon and not line.startswith(" "):
-            names = [n.strip(" *") for n in head.split(",")]
-            found |= dict.fromkeys(names, text.strip())
-        else:
-            found |= {n: f"{found[n]} {line.strip()}".strip() for n in names}
-    return {name: _sentence(text) for name, text in found.items()}
+    for names, text in re.findall(r"^(\S.*?) : (.*(?:\n +.*)*)", re.split(TITLE, section)[0], re.MULTILINE):
+        line = _sentence(" ".join(map(str.strip, text.splitlines())))
+        found |= {name.strip(" *"): line for name in names.split(",")}
+    return found
 
 
 def _sentence(text: str) -> str:
     plain = text.replace("``", "").replace(":mod:", "").replace(":func:", "").strip("`")
-    first = plain.split(" ")[0]
-    # A file's name stays as it is.
-    start = plain[:1] if "." in first.rstrip(".:,") else plain[:1].upper()
-    return f"{start}{plain[1:].rstrip('.')}." if plain else ""
-
-
-def _section(docstring: str | None, title: str) -> list[str]:
-    lines = inspect.cleandoc(docstring or "").splitlines()
-    rules = [i for i, line in enumerate(lines) if line and not line.strip("-")]
-    starts = [i for i in rules if lines[i - 1] == title]
-    if not starts:
-        return []
-    end = next((i - 1 for i in rules if i > starts[0]), len(lines))
-    return [line for line in lines[starts[0] + 1 : end] if line.strip()]
+    named = "." in plain.split(" ")[0].rstrip(".:,")  # a file's name stays as it is
+    return f"{plain[:1] if named else plain[:1].upper()}{plain[1:].rstrip('.')}." if plain else ""
 
 
 def description(docstring: str | None) -> str:
     """Return a docstring without its sections: what a command's help says first."""
-    lines = inspect.cleandoc(docstring or "").splitlines()
-    rule = next((i - 1 for i, line in enumerate(lines) if line and not line.strip("-")), len(lines))
-    return "\n".join(lines[:rule]).replace("``", "").strip()
+    return re.split(TITLE, inspect.cleandoc(docstring or ""))[0].replace("``", "").strip()

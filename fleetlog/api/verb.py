@@ -4,7 +4,6 @@ import functools
 import inspect
 import sys
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from typing import Any, TypeVar
 
 from fleetlog import engines
@@ -21,19 +20,11 @@ JOBS = (
 """Where jobs run."""
 
 
-class MissingArgument(TypeError):
-    """An argument without a default was not given; ``name`` is its."""
-
-    def __init__(self, verb: str, name: str) -> None:
-        self.name = name
-        super().__init__(f"{verb}() is missing the argument {name!r}")
-
-
 class Verb:
     """A callable with checked arguments.
 
     ``fill`` adds arguments to those that were given (a file's, say).  ``added`` are options that the function
-    does not take itself; :meth:`run` takes them away and does with them what they are for.
+    does not take itself.
     """
 
     def __init__(
@@ -53,13 +44,17 @@ class Verb:
         return (*options_of(self.function), *self.added)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
-        """Check and convert the arguments, then run the function."""
-        return self.run(self.converted(*args, **options))
+        """Check and convert the arguments, then run the function, its jobs where it was said."""
+        given = self.converted(*args, **options)
+        workers, scheduler = given.pop("workers", None), given.pop("scheduler", None)
+        if workers is not None and scheduler is not None:
+            raise ArgumentError("--workers and --scheduler do not go together")
+        with engines.using(workers, scheduler):
+            return self.run(given)
 
     def run(self, given: dict[str, Any]) -> Any:
-        """Call the function with checked arguments; its jobs run where ``workers`` and ``scheduler`` say."""
-        with on_engine(given):
-            return self.function(**given)
+        """Call the function with checked arguments."""
+        return self.function(**given)
 
     def converted(self, *args: Any, **options: Any) -> dict[str, Any]:
         """Return the given arguments by name, as the function takes them."""
@@ -71,7 +66,7 @@ class Verb:
             given = self.fill(given)
         for option in known.values():
             if option.default is REQUIRED and option.name not in given:
-                raise MissingArgument(self.name, option.name)
+                raise ArgumentError("is missing", option=option.spelling)
         return {name: known[name].convert(value) for name, value in given.items()}
 
     def __getattr__(self, name: str) -> Any:
@@ -85,24 +80,9 @@ class Verb:
         return f"<fleetlog.{self.name}{self.__signature__}>"
 
 
-def on_engine(given: dict[str, Any]) -> AbstractContextManager[Any]:
-    """Take ``workers`` and ``scheduler`` out of the arguments; jobs of the block run where they say."""
-    workers, scheduler = given.pop("workers", None), given.pop("scheduler", None)
-    if workers is not None and scheduler is not None:
-        raise ArgumentError("--workers and --scheduler do not go together")
-    return engines.using(workers, scheduler)
+def verb(jobs: bool = False, fill: Fill | None = None) -> Callable[[F], F]:
+    """Check the arguments of a function of the library; its type stays.
 
-
-def verb(function: F) -> F:
-    """Check the arguments of a function of the library; its type stays."""
-    return Verb(function)  # type: ignore[return-value]
-
-
-def verb_with_jobs(function: F) -> F:
-    """Check the arguments as :func:`verb` does; jobs run where ``workers`` and ``scheduler`` say."""
-    return Verb(function, added=JOBS)  # type: ignore[return-value]
-
-
-def filled(fill: Fill) -> Callable[[F], F]:
-    """As :func:`verb_with_jobs`, after ``fill`` has added arguments that were not given."""
-    return lambda function: Verb(function, fill, added=JOBS)  # type: ignore[return-value]
+    With ``jobs`` it takes ``workers`` and ``scheduler``, which say where its jobs run.
+    """
+    return lambda function: Verb(function, fill, added=JOBS if jobs else ())  # type: ignore[return-value]

@@ -9,11 +9,9 @@ def find_place() -> str | None:
 
     Its name cannot be foreseen: numba loads what lies in it.
     """
-    if "NUMBA_CACHE_DIR" in os.environ or _writable(Path(__file__).parent):
-        return None
     # Path.expanduser raises where there is no home.
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111
-    if _writable(Path(home)):
+    if "NUMBA_CACHE_DIR" in os.environ or _writable(Path(__file__).parent) or _writable(Path(home)):
         return None
     import atexit
     import shutil
@@ -29,9 +27,6 @@ def _writable(folder: Path) -> bool:
     """Whether ``folder``, or the nearest one above it that exists, can be written."""
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
-    return os.access(folder, os.W_OK | os.X_OK) and not _is_proc(folder)
-
-
-def _is_proc(folder: Path) -> bool:
-    """Kernel file systems let the superuser pass the question and then refuse."""
-    return folder.parts[:2] in (("/", "proc"), ("/", "sys"))
+    # Kernel file systems let the superuser pass the question and then refuse.
+    kernel = folder.parts[:2] in (("/", "proc"), ("/", "sys"))
+    return os.access(folder, os.W_OK | os.X_OK) and not kernel

@@ -21,10 +21,14 @@ LONGEST = 366 * 86400.0
 
 @dataclass(frozen=True)
 class Named:
-    """Any value, called ``metavar`` in help; ``path`` where it is (also) the name of a file or folder."""
+    """Any value, called ``metavar`` in help; ``path`` where it is (also) the name of a file or folder.
+
+    With ``many`` it is a sequence of such values.
+    """
 
     metavar: str = "TEXT"
     path: bool = False
+    many: bool = False
 
     def __call__(self, value: Any) -> Any:
         """Return the value."""

@@ -9,7 +9,7 @@ from fleetlog.api.kinds import DatasetLike, MeasurementsLike, PathLike, PhysicsL
 from fleetlog.api.verb import verb
 
 
-@verb
+@verb()
 def calibrate(
     measurements: MeasurementsLike, *, truck: TruckLike, physics: PhysicsLike | None = None,
     output: PathLike | None = None, overwrite: bool = False,

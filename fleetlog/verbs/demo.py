@@ -32,7 +32,7 @@ def sample_folder() -> Path:
     return inside if inside.is_dir() else package.parent / "sample_data"
 
 
-@verb
+@verb()
 def demo(
     *, data: PathLike | None = None, output: PathLike = "fleetlog-demo", overwrite: bool = False
 ) -> Answer:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from fleetlog.api.answer import Answer, destination
 from fleetlog.api.inputs import as_dataset, as_site, as_truck, files_of
 from fleetlog.api.kinds import DatasetLike, PathLike, SiteLike, TruckLike
-from fleetlog.api.verb import verb_with_jobs
+from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Names, Seed
 from fleetlog.errors import EXIT_DONE, EXIT_INPUT, ArgumentError, nearest
 from fleetlog.listening import notice, progress
@@ -24,7 +24,7 @@ List = Annotated[tuple[str, ...], Names()]
 CHANNELS = ("battery_power", "soc", "speed")
 
 
-@verb_with_jobs
+@verb(jobs=True)
 def diagnose(
     dataset: DatasetLike, *, truck: TruckLike, site: SiteLike | None = None,
     against: DatasetLike | None = None, channels: List = (), terms: List = (),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 from fleetlog.api.answer import Answer, dataset_answer
 from fleetlog.api.inputs import as_path, as_site, existing, files_of, temporary
 from fleetlog.api.kinds import LogsLike, PathLike, SiteLike
-from fleetlog.api.verb import verb_with_jobs
+from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between, PartOf
 from fleetlog.errors import ArgumentError
 from fleetlog.listening import progress
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fleetlog.store import DatasetWriter
 
 
-@verb_with_jobs
+@verb(jobs=True)
 def import_(
     logs: LogsLike, *, site: SiteLike | None = None,
     format: Annotated[str, PartOf("fleetlog.importers", "IMPORTER")] | None = None,

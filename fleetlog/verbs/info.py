@@ -7,7 +7,7 @@ from fleetlog.api.verb import verb
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
 
 
-@verb
+@verb()
 def info(path: DatasetLike) -> Answer:
     """Describe PATH: a dataset, log, map, site, truck or recording, or a folder that fleetlog wrote.
 

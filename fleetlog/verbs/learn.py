@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Passes = Annotated[int, Between(1, 1_000_000, whole=True)]
 
 
-@verb
+@verb()
 def learn(
     dataset: DatasetLike, *, site: SiteLike | None = None, lane: Annotated[float, Between(0.5, 20.0)] = 2.3,
     spur: Annotated[float, Between(0.0, 200.0)] = 7.0, min_passes: Passes = 1, min_visits: Passes = 3,

@@ -20,7 +20,7 @@ from fleetlog.api.inputs import (
     temporary,
 )
 from fleetlog.api.kinds import DatasetLike, PathLike, PhysicsLike, SiteLike, TableLike, TruckLike
-from fleetlog.api.verb import filled
+from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between, Counts, Duration, Seed, Share
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.listening import notice, progress
@@ -38,7 +38,7 @@ Asked = SimpleNamespace
 """The arguments of :func:`simulate`, converted."""
 
 
-@filled(settings_file)
+@verb(jobs=True, fill=settings_file)
 def simulate(
     *, site: SiteLike | None = None, truck: TruckLike, vehicles: Annotated[int | str | None, Counts()] = None,
     duration: Annotated[float | str, Duration()] = "1h", like: DatasetLike | None = None,

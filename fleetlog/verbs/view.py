@@ -13,7 +13,7 @@ from fleetlog.errors import ArgumentError, InputError
 from fleetlog.listening import notice
 
 
-@verb
+@verb()
 def view(
     path: DatasetLike, *, beside: DatasetLike | None = None, save: PathLike | None = None,
     screenshot: PathLike | None = None, at: str | None = None,
