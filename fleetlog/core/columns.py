@@ -7,8 +7,7 @@ import pyarrow as pa
 
 HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
 """The name of a partition that Hive, and every reader of its layout, takes for null."""
-
-_PI = 3.1415927
+PI = 3.1415927
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +32,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("x", "double", "m", "cleaned position, east, in the site frame"),
     Column("y", "double", "m", "cleaned position, north, in the site frame"),
     Column("z", "double", "m", "cleaned position, up, in the site frame"),
-    Column("heading", "double", "rad", "direction of motion, counter-clockwise from east", -_PI, _PI),
+    Column("heading", "double", "rad", "direction of motion, counter-clockwise from east", -PI, PI),
     Column("speed", "double", "m/s", "along the path", 0.0, 60.0),
     Column("edge_id", "label", "", "directed road edge; null where no road fits"),
     Column("edge_offset", "double", "m", "along the directed edge from its start", 0.0),
@@ -49,7 +48,6 @@ COLUMNS: tuple[Column, ...] = (
 )
 BY_NAME: dict[str, Column] = {c.name: c for c in COLUMNS}
 NAMES: tuple[str, ...] = tuple(BY_NAME)
-FLOATS: tuple[str, ...] = tuple(c.name for c in COLUMNS if c.kind == "double")
 ARROW: dict[str, pa.DataType] = {
     "string": pa.string(),
     "label": pa.dictionary(pa.int32(), pa.string()),

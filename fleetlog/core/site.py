@@ -1,6 +1,6 @@
 """A site: its frame on the earth, roads, places, zones and buildings."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from functools import cached_property
 from typing import Any, Literal
@@ -42,10 +42,6 @@ class Frame:
         east, north = self._projection.transform(np.asarray(longitude, float), np.asarray(latitude, float))
         c, s = np.cos(self.rotation), np.sin(self.rotation)
         return c * east + s * north, -s * east + c * north
-
-    def to_dict(self) -> dict[str, Any]:
-        """What it was made with, by name."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def to_geographic(self, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
         """Latitude, longitude [degrees] of local coordinates [m]."""
@@ -166,17 +162,19 @@ def site_to_dict(site: Site) -> dict[str, Any]:
     if np.isfinite(site.power_limit):
         out["power"] = {"limit": site.power_limit}
     if site.frame:
-        out["frame"] = site.frame.to_dict()
-    parts = {
-        "place": site.places,
-        "zone": site.zones,
-        "building": site.buildings,
-        "map_frame": site.map_frames,
-    }
-    for name, items in parts.items():
-        out[name] = [{k: _json(v) for k, v in vars(item).items()} for item in items]
-    if site.network is not None:
-        out["network"] = _network_to_dict(site.network)
+        out["frame"] = asdict(site.frame)
+    for name in ("place", "zone", "building", "map_frame"):
+        out[name] = [{k: _json(v) for k, v in vars(item).items()} for item in getattr(site, f"{name}s")]
+    if (n := site.network) is not None:
+        edges = [
+            {
+                "id": e.id, "road": e.road, "from": e.start, "to": e.end, "speed_limit": _json(e.speed_limit),
+                "width": _json(e.width), "next": [n.edge_ids[j] for j in n.successors(i)],
+                "points": e.points.tolist(),
+            }
+            for i, e in enumerate(n.edges())
+        ]  # fmt: skip
+        out["network"] = {"has_elevation": n.has_elevation, "edges": edges}
     return out
 
 
@@ -184,16 +182,6 @@ def _json(value: Any) -> Any:
     if isinstance(value, np.ndarray | tuple):
         return np.asarray(value).tolist()
     return None if isinstance(value, float) and np.isnan(value) else value
-
-
-def _network_to_dict(n: Network) -> dict[str, Any]:
-    edges = []
-    for i, e in enumerate(n.edges()):
-        ends = {"id": e.id, "road": e.road, "from": e.start, "to": e.end}
-        sizes = {"speed_limit": _json(e.speed_limit), "width": _json(e.width)}
-        follow = [n.edge_ids[j] for j in n.successors(i)]
-        edges.append({**ends, **sizes, "next": follow, "points": e.points.tolist()})
-    return {"has_elevation": n.has_elevation, "edges": edges}
 
 
 def site_from_dict(data: dict[str, Any]) -> Site:

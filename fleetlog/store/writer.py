@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal
@@ -161,7 +161,7 @@ class DatasetWriter:
         first = [*written.first.values(), *([] if before.first is None else [before.first])]
         last = [*written.last.values(), *before.last.values()]
         start, end = (_iso(min(first)), _iso(max(last))) if rows else (None, None)
-        frame = None if self.site.frame is None else self.site.frame.to_dict()
+        frame = None if self.site.frame is None else asdict(self.site.frame)
         edges = 0 if self.site.network is None else len(self.site.network)
         description = {
             "format_version": FORMAT_VERSION, "kind": self.kind,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 from fleetlog.api.answer import Answer, destination
 from fleetlog.api.inputs import as_dataset, as_site, as_truck, files_of
@@ -20,14 +20,13 @@ if TYPE_CHECKING:
     from fleetlog.discovery.diagnose import Diagnosis
     from fleetlog.discovery.report.finding import Verdict
 
-List = Annotated[tuple[str, ...], Names()]
 CHANNELS = ("battery_power", "soc", "speed")
 
 
 @verb(jobs=True)
 def diagnose(
     dataset: DatasetLike, *, truck: TruckLike, site: SiteLike | None = None,
-    against: DatasetLike | None = None, channels: List = (), terms: List = (),
+    against: DatasetLike | None = None, channels: Names = (), terms: Names = (),
     holdout: Literal["trips", "vehicles", "days"] = "trips", gate: bool = False, seed: Seed = 0,
     output: PathLike | None = None, overwrite: bool = False,
 ) -> Answer:  # fmt: skip

@@ -21,7 +21,7 @@ from fleetlog.api.inputs import (
 )
 from fleetlog.api.kinds import DatasetLike, PathLike, PhysicsLike, SiteLike, TableLike, TruckLike
 from fleetlog.api.verb import verb
-from fleetlog.core.arguments import Between, Counts, Duration, Seed, Share
+from fleetlog.core.arguments import Between, Counts, Duration, Seed, Share, seconds
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.listening import notice, progress
 from fleetlog.verbs._experiment import is_experiment, run_experiment, settings_file
@@ -40,8 +40,8 @@ Asked = SimpleNamespace
 
 @verb(jobs=True, fill=settings_file)
 def simulate(
-    *, site: SiteLike | None = None, truck: TruckLike, vehicles: Annotated[int | str | None, Counts()] = None,
-    duration: Annotated[float | str, Duration()] = "1h", like: DatasetLike | None = None,
+    *, site: SiteLike | None = None, truck: TruckLike, vehicles: Counts | None = None,
+    duration: Duration = "1h", like: DatasetLike | None = None,
     same_mission: bool = False, together: bool = False, tasks: TableLike | None = None,
     cycle: Literal["vdi2198"] | None = None,
     close: tuple[str, ...] = (), physics: PhysicsLike | None = None, without: tuple[str, ...] = (),
@@ -94,7 +94,7 @@ def simulate(
     (900, ['T1', 'T2', 'T3'])
     """
     asked = Asked(**locals())
-    asked.duration, asked.truck = Duration()(duration), as_truck(truck)
+    asked.duration, asked.truck = seconds(duration), as_truck(truck)
     asked.like = None if like is None else as_dataset(like)
     _check(asked)
     asked.site = _site(asked)

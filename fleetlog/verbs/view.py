@@ -77,8 +77,8 @@ def _written(
 def _drawn(path: Path) -> Path:
     """The recording of a map, a site or a log."""
     from fleetlog.core.result import Result
-    from fleetlog.verbs._describe import describe
     from fleetlog.verbs.import_ import import_
+    from fleetlog.verbs.info import describe
     from fleetlog.view.results import write_result_recording
 
     summary, lines = describe(path)
