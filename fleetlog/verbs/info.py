@@ -167,7 +167,7 @@ def _log(path: Path) -> Described:
         if batch.has_position:
             codes, counts = np.unique(batch.vehicle.codes, return_counts=True)
             rows.update({batch.vehicle.names[c]: int(n) for c, n in zip(codes, counts, strict=True)})
-        positions = {name: batch.columns.get(name, ()) for name in (*GEOGRAPHIC, *LOCAL)}
+        positions: dict[str, Any] = {name: batch.columns.get(name, ()) for name in (*GEOGRAPHIC, *LOCAL)}
         for name, values in {"time": batch.time, **positions}.items():
             known = np.asarray(values)[np.isfinite(values)]
             if len(known):

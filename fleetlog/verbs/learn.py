@@ -1,19 +1,13 @@
 """Learn roads, places and zones from traces alone."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import Annotated
 
 from fleetlog.api.answer import Answer, destination
 from fleetlog.api.inputs import as_dataset, as_site, files_of
 from fleetlog.api.kinds import DatasetLike, PathLike, SiteLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from fleetlog.learn.learn import Learned
 
 Passes = Annotated[int, Between(1, 1_000_000, whole=True)]
 
@@ -37,19 +31,15 @@ def learn(
     """
     from fleetlog.learn.learn import learn as learned
     from fleetlog.learn.roads import Settings
+    from fleetlog.learn.write import write_learned
+    from fleetlog.view.picture import write_picture
+
+    def write(folder: Path) -> None:
+        write_learned(found, folder)
+        write_picture(found.result, found.site, folder / "learn.png")
 
     settings = Settings(lane, spur, min_passes)
     with destination(output, "site", overwrite, files_of(dataset, site)) as keep:
         known = None if site is None else as_site(site)
         found = learned(as_dataset(dataset), site=known, settings=settings, min_visits=min_visits)
-        answer = Answer.of(found.result, found.site, kind="site", value=found.site)
-        answer.write = lambda folder: _write(found, folder)
-        return keep(answer)
-
-
-def _write(found: Learned, folder: Path) -> None:
-    from fleetlog.learn.write import write_learned
-    from fleetlog.view.picture import write_picture
-
-    write_learned(found, folder)
-    write_picture(found.result, found.site, folder / "learn.png")
+        return keep(Answer.of(found.result, found.site, kind="site", value=found.site, write=write))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from types import SimpleNamespace
@@ -93,6 +92,9 @@ def simulate(
     >>> fleet.summary["rows"], fleet.dataset.vehicles
     (900, ['T1', 'T2', 'T3'])
     """
+    from fleetlog.store import DatasetWriter
+    from fleetlog.store.provenance import provenance
+
     asked = Asked(**locals())
     asked.duration, asked.truck = seconds(duration), as_truck(truck)
     asked.like = None if like is None else as_dataset(like)
@@ -103,7 +105,15 @@ def simulate(
     if is_experiment(asked):
         return _experiment(asked, inputs)
     digested = [p for p in files_of(site, truck, tasks, physics) if p.is_file()]
-    return _simulated(asked, inputs, digested, None if like is None else str(as_path(like)))
+    target = temporary() / "dataset" if output is None else as_path(output)
+    create = partial(DatasetWriter.create, overwrite=overwrite, inputs=inputs)
+    with create(target, "simulated", asked.site) as writer:
+        writer.provenance = provenance(digested, seed, like=None if like is None else str(as_path(like)))
+        run = _cycle if cycle else _mission if same_mission else _fleet
+        writer.summary, lines = run(asked, writer)
+        if recording:
+            _replay(writer, asked.like)
+    return dataset_answer("simulate", target, target if output else None, writer.summary, lines)
 
 
 def _check(asked: Asked) -> None:
@@ -150,27 +160,11 @@ def _experiment(asked: Asked, inputs: list[Path]) -> Answer:
         return keep(Answer.of(result, asked.site))
 
 
-def _simulated(asked: Asked, inputs: list[Path], digested: list[Path], like: str | None) -> Answer:
-    from fleetlog.store import DatasetWriter
-    from fleetlog.store.provenance import provenance
-
-    target = temporary() / "dataset" if asked.output is None else as_path(asked.output)
-    create = partial(DatasetWriter.create, overwrite=asked.overwrite, inputs=inputs)
-    with create(target, "simulated", asked.site) as writer:
-        writer.provenance = provenance(digested, asked.seed, like=like)
-        run = _cycle if asked.cycle else _mission if asked.same_mission else _fleet
-        summary, lines = run(asked, writer)
-        writer.summary = summary
-        if asked.recording:
-            _replay(writer, asked.like)
-    return dataset_answer("simulate", target, None if asked.output is None else target, summary, lines)
-
-
 def _fleet(asked: Asked, writer: DatasetWriter) -> tuple[dict[str, Any], list[str]]:
     from fleetlog.simulate.scenario import one_more
 
     scenario, notes = _scenario(asked, asked.seed)
-    summary = scenario.write(writer, _share("simulating"))
+    summary = scenario.write(writer, _told)
     if asked.shadow:
         summary.one_more = one_more(scenario, summary)
     for note in (*notes, *summary.notes):
@@ -178,8 +172,8 @@ def _fleet(asked: Asked, writer: DatasetWriter) -> tuple[dict[str, Any], list[st
     return {**summary.to_dict(), "notes": [*notes, *summary.notes]}, summary.lines()
 
 
-def _share(text: str) -> Callable[[float, float], None]:
-    return lambda done, total: progress(text, done / total)
+def _told(done: float, total: float) -> None:
+    progress("simulating", done / total)
 
 
 def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
@@ -194,23 +188,21 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
 
     site, truck, like = asked.site, asked.truck, asked.like
     # Where the size of the fleet varies, the tasks are those of the recorded fleet.
-    fleet = asked.vehicles if isinstance(asked.vehicles, int) else None
-    vehicles = fleet if fleet is not None else (len(like.vehicles) if like else 8)
-    start, demand, notes = _start(asked.start, like), Demand(), list[str]()
-    driven = truck
+    recorded = len(like.vehicles) if like else 8
+    vehicles = asked.vehicles if isinstance(asked.vehicles, int) else recorded
+    start, demand, notes, driven = _start(asked.start, like), Demand(), list[str](), truck
     own = {p.id for p in site.places}
     if like is not None:
         # Another fleet than the recorded one shares the tasks in its own way.
-        same = vehicles == len(like.vehicles) and not is_experiment(asked)
+        same = vehicles == recorded and not is_experiment(asked)
         driven = recorded_drivers(like, truck) if same else truck
         site, demand, notes = take_over(like, site, truck, vehicles, start, asked.duration, seed, same)
     if asked.tasks is not None:
         demand = Demand(read_tasks(as_csv(asked.tasks), site, truck, seed), endless=False)
     battery = None if asked.chemistry == "constant" else battery_of(truck, asked.chemistry)
-    rate = asked.rate if asked.rate > 0.0 else 1e-9
     settings = Settings(
-        vehicles, asked.duration, asked.step, 1.0 / rate, start, seed, asked.soc, asked.temperature,
-        Policy.named(asked.policy, asked.charge_below), battery,
+        vehicles, asked.duration, asked.step, 1.0 / (asked.rate or 1e-9), start, seed, asked.soc,
+        asked.temperature, Policy.named(asked.policy, asked.charge_below), battery,
     )  # fmt: skip
     mined = frozenset(p.id for p in site.places) - own
     return Scenario(site, driven, settings, demand, asked.physics, mined), notes
@@ -220,7 +212,7 @@ def _mission(asked: Asked, writer: DatasetWriter) -> tuple[dict[str, Any], list[
     from fleetlog.simulate.mission import replay
 
     writer.site = asked.like.site
-    summary = replay(asked.like, asked.truck, writer, asked.physics, _share("simulating"), asked.together)
+    summary = replay(asked.like, asked.truck, writer, asked.physics, _told, asked.together)
     lines = [
         f"{summary.trips} trips of {summary.vehicles} trucks driven again, {summary.rows} rows",
         f"simulated / recorded: distance {summary.distance_ratio:.3f}, driving {summary.duration_ratio:.3f}, "
@@ -266,7 +258,7 @@ def _replay(writer: DatasetWriter, recorded: Dataset | None) -> None:
 
     writer.finish()
     target = writer.path / "recording.rrd"
-    if recorded is not None:
-        write_comparison(recorded.path, writer.path, target)
-    else:
+    if recorded is None:
         write_recording(writer.path, target)
+    else:
+        write_comparison(recorded.path, writer.path, target)

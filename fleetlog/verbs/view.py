@@ -35,43 +35,34 @@ def view(
     rate : samples per second when the replay is made again.
     day : show this day of a dataset only (UTC, YYYY-MM-DD).
     """
-    if save is not None and beside is None:
-        raise ArgumentError("--save goes with --beside")
+    from fleetlog.store.output import atomic_output
     from fleetlog.view import headless, viewer
 
+    def written(target: PathLike | None, kind: str) -> AbstractContextManager[Path | None]:
+        if target is None:
+            return nullcontext()
+        return atomic_output(as_path(target), kind, overwrite=overwrite, folder=False, inputs=inputs)
+
+    if save is not None and beside is None:
+        raise ArgumentError("--save goes with --beside")
     when = None if at is None else viewer.nanoseconds_of(at)
     source, inputs = existing(path), files_of(path, beside)
     if day is not None and not (source / "dataset.json").is_file():
         raise ArgumentError(f"goes with a dataset, and {source} is none", option="--day")
-    with (
-        _written(screenshot, "picture", overwrite, inputs) as picture,
-        _written(save, "recording", overwrite, inputs) as kept,
-    ):
-        if beside is None:
+    with written(screenshot, "picture") as picture, written(save, "recording") as kept:
+        if beside is not None:
+            rrd = _comparison(source, existing(beside), kept, rate, day)
+        else:
             drawn = source.is_file() and source.suffix.lower() != ".rrd"
             rrd = _drawn(source) if drawn else viewer.recording_of(source, rate_hz=rate, day=day, say=notice)
             if screenshot is not None and when is None:
                 when = viewer.middle_of_driving(source, day)
-        else:
-            rrd = _comparison(source, existing(beside), kept, rate, day)
         if picture is not None:
             headless.screenshot(rrd, picture, at=when)
         elif kept is None:
             viewer.show(rrd)
     wrote = [str(as_path(p)) for p in (screenshot, save) if p is not None]
-    lines = [f"wrote {name}" for name in wrote]
-    return Answer("view", {"path": str(source), "wrote": wrote}, lines=lines)
-
-
-def _written(
-    target: PathLike | None, kind: str, overwrite: bool, inputs: list[Path]
-) -> AbstractContextManager[Path | None]:
-    """The scratch file of an output that was asked for."""
-    from fleetlog.store.output import atomic_output
-
-    if target is None:
-        return nullcontext()
-    return atomic_output(as_path(target), kind, overwrite=overwrite, folder=False, inputs=inputs)
+    return Answer("view", {"path": str(source), "wrote": wrote}, lines=[f"wrote {name}" for name in wrote])
 
 
 def _drawn(path: Path) -> Path:
