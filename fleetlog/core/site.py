@@ -186,10 +186,17 @@ def _json(value: Any) -> Any:
 
 def site_from_dict(data: dict[str, Any]) -> Site:
     """The site of a dictionary made by :func:`site_to_dict`."""
+    network = None
+    if drawn := data.get("network"):
+        edges, turns = [], []
+        for item in map(_known, drawn["edges"]):
+            turns += [(item["id"], follow) for follow in item.pop("next")]
+            edges.append(Edge(start=item.pop("from"), end=item.pop("to"), **item))
+        network = build_network(edges, turns=turns, has_elevation=drawn["has_elevation"])
     return Site(
         data["name"],
         Frame(**data["frame"]) if data.get("frame") else None,
-        _network_from_dict(data["network"]) if data.get("network") else None,
+        network,
         data.get("traffic", "right"),
         tuple(Place(**_known(p)) for p in data.get("place", ())),
         tuple(Zone(**_known(z)) for z in data.get("zone", ())),
@@ -205,11 +212,3 @@ def _known(item: dict[str, Any]) -> dict[str, Any]:
     """The known values of a place, zone, building or edge; points as an array."""
     known = {k: v for k, v in item.items() if v is not None}
     return known | {k: np.asarray(known[k], float) for k in ("polygon", "points") if k in known}
-
-
-def _network_from_dict(data: dict[str, Any]) -> Network:
-    edges, turns = [], []
-    for item in map(_known, data["edges"]):
-        turns += [(item["id"], follow) for follow in item.pop("next")]
-        edges.append(Edge(start=item.pop("from"), end=item.pop("to"), **item))
-    return build_network(edges, turns=turns, has_elevation=data["has_elevation"])

@@ -95,10 +95,8 @@ class Trajectory:
         values = self.columns.get(name)
         if values is None:
             return False
-        if isinstance(values, Labels):
-            return bool((values.codes >= 0).any())
-        if name == "trip_id":
-            return bool((values >= 0).any())
+        if isinstance(values, Labels) or name == "trip_id":
+            return bool((getattr(values, "codes", values) >= 0).any())
         return values.dtype.kind not in "f" or bool(np.isfinite(values).any())
 
     def labels(self, name: str) -> Labels:
@@ -207,8 +205,6 @@ def _numpy_values(chunk: pa.ChunkedArray, name: str) -> Values:
         chunk = chunk.dictionary_encode()
     if pa.types.is_dictionary(chunk.type):
         array = chunk.unify_dictionaries().combine_chunks()
-        if isinstance(array, pa.ChunkedArray):
-            array = array.chunk(0) if array.num_chunks else pa.array([], chunk.type)
         codes = array.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int32)
         return Labels(codes, tuple(array.dictionary.to_pylist()))
     if name == "trip_id":
