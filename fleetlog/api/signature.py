@@ -63,11 +63,6 @@ class Option:
         """Whether it is (also) the name of a file or folder."""
         return bool(getattr(self.check, "path", False))
 
-    @property
-    def metavar(self) -> str:
-        """The kind of value."""
-        return str(getattr(self.check, "metavar", "TEXT"))
-
     def convert(self, value: Any) -> Any:
         """Return what the function takes; :class:`ArgumentError` says what is wrong with the value."""
         if value is None and self.default is None:

@@ -47,14 +47,12 @@ class Listed(click.Group):
         return list(self.lines())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command, or None."""
-        return self.load(cmd_name) if cmd_name in self.lines() else None
-
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
-        """The command that the first word names; the nearest one is suggested for another word."""
-        if args and args[0] not in self.lines() and not args[0].startswith("-"):
-            raise click.UsageError(f"No such command {args[0]!r}; {nearest(args[0], self.lines())}", ctx)
-        return super().resolve_command(ctx, args)
+        """The command; the nearest one is suggested for another word."""
+        if cmd_name in self.lines():
+            return self.load(cmd_name)
+        if cmd_name.startswith("-") or ctx.resilient_parsing:
+            return None
+        raise click.UsageError(f"No such command {cmd_name!r}; {nearest(cmd_name, self.lines())}", ctx)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The list of commands without importing any."""
@@ -81,12 +79,9 @@ def load_verb(name: str) -> click.Command:
 
 def command_of(verb: Verb) -> click.Command:
     """The command of a function."""
-    params = [_parameter(o, verb) for o in verb.options]
+    params = [*(_parameter(o, verb) for o in verb.options), *TELLING]
     text = description(verb.function.__doc__)
-    return click.Command(
-        verb.name, params=[*params, *TELLING], help=text, short_help=text.split("\n\n")[0],
-        callback=functools.partial(_run, verb),
-    )  # fmt: skip
+    return click.Command(verb.name, params=params, help=text, callback=functools.partial(_run, verb))
 
 
 def _parameter(option: Option, verb: Verb) -> click.Parameter:
@@ -103,7 +98,7 @@ def _parameter(option: Option, verb: Verb) -> click.Parameter:
     if option.flag:
         text = f"Do not {text[:1].lower()}{text[1:]}" if option.default is True else text
         return click.Option(names, is_flag=True, help=text)
-    more["metavar"] = None if option.choices else option.metavar.upper()
+    more["metavar"] = None if option.choices else getattr(option.check, "metavar", "TEXT").upper()
     if not required:  # None, given as a default, is a value to some releases of click
         listed = isinstance(option.default, tuple)
         default = (",".join(map(str, option.default)) or None) if listed else option.default

@@ -1,7 +1,6 @@
 """Every column of a trajectory, of which schema, checks and documentation are made."""
 
 from dataclasses import dataclass
-from functools import cache
 
 import pyarrow as pa
 
@@ -58,21 +57,14 @@ ARROW: dict[str, pa.DataType] = {
 }
 
 
-@cache
-def arrow_field(column: Column) -> pa.Field:
+def _arrow_field(column: Column) -> pa.Field:
     """The Arrow field of ``column``, with ``unit`` and ``meaning`` as metadata."""
     metadata = {"unit": column.unit, "meaning": column.meaning}
     known = column.name in ("vehicle_id", "timestamp")
     return pa.field(column.name, ARROW[column.kind], nullable=not known, metadata=metadata)
 
 
-@cache
-def arrow_schema() -> pa.Schema:
-    """The Arrow schema of the columns that every dataset has, in the order of the contract."""
-    return pa.schema([arrow_field(c) for c in COLUMNS])
-
-
-@cache
-def part_schema() -> pa.Schema:
-    """The same of a Parquet part, whose folder names the vehicle."""
-    return arrow_schema().remove(0)
+SCHEMA: pa.Schema = pa.schema([_arrow_field(c) for c in COLUMNS])
+"""Of the columns that every dataset has, in the order of the contract."""
+PART_SCHEMA: pa.Schema = SCHEMA.remove(0)
+"""The same of a Parquet part, whose folder names the vehicle."""

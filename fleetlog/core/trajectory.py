@@ -95,8 +95,10 @@ class Trajectory:
         values = self.columns.get(name)
         if values is None:
             return False
-        if isinstance(values, Labels) or name == "trip_id":
-            return bool((getattr(values, "codes", values) >= 0).any())
+        if isinstance(values, Labels):
+            return bool((values.codes >= 0).any())
+        if name == "trip_id":
+            return bool((values >= 0).any())
         return values.dtype.kind not in "f" or bool(np.isfinite(values).any())
 
     def labels(self, name: str) -> Labels:
@@ -151,7 +153,7 @@ class Trajectory:
 
 def to_arrow(trajectory: Trajectory, *, part: bool = False) -> pa.Table:
     """The trajectory as an Arrow table; a ``part`` of a dataset leaves the column ``vehicle_id`` out."""
-    schema = cols.part_schema() if part else cols.arrow_schema()
+    schema = cols.PART_SCHEMA if part else cols.SCHEMA
     arrays = [_arrow_array(trajectory, cols.BY_NAME[f.name], f.type) for f in schema]
     for name in sorted(set(trajectory.columns) - set(cols.NAMES)):
         arrays.append(_own_array(trajectory.columns[name]))

@@ -5,14 +5,14 @@ from collections.abc import Iterator
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from fleetlog.core.columns import arrow_schema
+from fleetlog.core.columns import SCHEMA
 from fleetlog.core.trajectory import to_arrow
 from fleetlog.exporters.base import Selection
 
 
 def union_schema(selection: Selection) -> pa.Schema:
     """The contract's columns, then every further one of any part, from the files' descriptions only."""
-    fields = {f.name: _plain(f) for f in arrow_schema()}
+    fields = {f.name: _plain(f) for f in SCHEMA}
     for vehicle in selection.vehicles:
         for part in selection.dataset.parts(vehicle):
             for f in pq.read_schema(part):

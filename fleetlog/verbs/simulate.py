@@ -7,17 +7,8 @@ from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from fleetlog.api import inputs
 from fleetlog.api.answer import Answer, dataset_answer, destination
-from fleetlog.api.inputs import (
-    as_csv,
-    as_dataset,
-    as_path,
-    as_physics,
-    as_site,
-    as_truck,
-    files_of,
-    temporary,
-)
 from fleetlog.api.kinds import DatasetLike, PathLike, PhysicsLike, SiteLike, TableLike, TruckLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between, Counts, Duration, Seed, Share, seconds
@@ -96,19 +87,21 @@ def simulate(
     from fleetlog.store.provenance import provenance
 
     asked = Asked(**locals())
-    asked.duration, asked.truck = seconds(duration), as_truck(truck)
-    asked.like = None if like is None else as_dataset(like)
+    asked.duration, asked.truck = seconds(duration), inputs.as_truck(truck)
+    asked.like = None if like is None else inputs.as_dataset(like)
     _check(asked)
     asked.site = _site(asked)
     asked.physics = _physics(asked)
-    inputs = files_of(site, truck, like, tasks, physics, experiment)
+    read = inputs.files_of(site, truck, like, tasks, physics, experiment)
     if is_experiment(asked):
-        return _experiment(asked, inputs)
-    digested = [p for p in files_of(site, truck, tasks, physics) if p.is_file()]
-    target = temporary() / "dataset" if output is None else as_path(output)
-    create = partial(DatasetWriter.create, overwrite=overwrite, inputs=inputs)
+        return _experiment(asked, read)
+    digested = [p for p in inputs.files_of(site, truck, tasks, physics) if p.is_file()]
+    target = inputs.temporary() / "dataset" if output is None else inputs.as_path(output)
+    create = partial(DatasetWriter.create, overwrite=overwrite, inputs=read)
     with create(target, "simulated", asked.site) as writer:
-        writer.provenance = provenance(digested, seed, like=None if like is None else str(as_path(like)))
+        writer.provenance = provenance(
+            digested, seed, like=None if like is None else str(inputs.as_path(like))
+        )
         run = _cycle if cycle else _mission if same_mission else _fleet
         writer.summary, lines = run(asked, writer)
         if recording:
@@ -135,7 +128,7 @@ def _site(asked: Asked) -> Site:
         return strip()
     if asked.site is None and asked.like is None:
         raise ArgumentError("a simulation needs a site", do="name one with --site, or a dataset with --like")
-    site: Site = asked.like.site if asked.site is None else as_site(asked.site)
+    site: Site = asked.like.site if asked.site is None else inputs.as_site(asked.site)
     return replace(site, network=site.roads().without(asked.close)) if asked.close else site
 
 
@@ -144,15 +137,15 @@ def _physics(asked: Asked) -> Physics:
 
     physics = Physics(asked.truck)
     if asked.physics is not None:
-        physics = as_physics(asked.physics, asked.truck, asked.site.network)
+        physics = inputs.as_physics(asked.physics, asked.truck, asked.site.network)
     for name in asked.without:
         if name not in all_terms():
             raise ArgumentError(f"unknown term {name!r}", option="--without", do=nearest(name, all_terms()))
     return replace(physics, off=physics.off | frozenset(asked.without))
 
 
-def _experiment(asked: Asked, inputs: list[Path]) -> Answer:
-    with destination(asked.output, "analysis", asked.overwrite, inputs) as keep:
+def _experiment(asked: Asked, read: list[Path]) -> Answer:
+    with destination(asked.output, "analysis", asked.overwrite, read) as keep:
         made = [_scenario(asked, seed) for seed in range(asked.seed, asked.seed + asked.runs)]
         for note in made[0][1]:
             notice(note)
@@ -198,7 +191,7 @@ def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
         driven = recorded_drivers(like, truck) if same else truck
         site, demand, notes = take_over(like, site, truck, vehicles, start, asked.duration, seed, same)
     if asked.tasks is not None:
-        demand = Demand(read_tasks(as_csv(asked.tasks), site, truck, seed), endless=False)
+        demand = Demand(read_tasks(inputs.as_csv(asked.tasks), site, truck, seed), endless=False)
     battery = None if asked.chemistry == "constant" else battery_of(truck, asked.chemistry)
     settings = Settings(
         vehicles, asked.duration, asked.step, 1.0 / (asked.rate or 1e-9), start, seed, asked.soc,

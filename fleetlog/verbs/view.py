@@ -37,6 +37,8 @@ def view(
     """
     from fleetlog.store.output import atomic_output
     from fleetlog.view import headless, viewer
+    from fleetlog.view.comparison import write_comparison
+    from fleetlog.view.recording import RATE
 
     def written(target: PathLike | None, kind: str) -> AbstractContextManager[Path | None]:
         if target is None:
@@ -51,7 +53,9 @@ def view(
         raise ArgumentError(f"goes with a dataset, and {source} is none", option="--day")
     with written(screenshot, "picture") as picture, written(save, "recording") as kept:
         if beside is not None:
-            rrd = _comparison(source, existing(beside), kept, rate, day)
+            notice("making the comparison")
+            rrd = kept or temporary() / "comparison.rrd"
+            write_comparison(source, existing(beside), rrd, rate_hz=rate or RATE, day=day)
         else:
             drawn = source.is_file() and source.suffix.lower() != ".rrd"
             rrd = _drawn(source) if drawn else viewer.recording_of(source, rate_hz=rate, day=day, say=notice)
@@ -81,14 +85,3 @@ def _drawn(path: Path) -> Path:
     site = as_site(path)
     target = temporary() / "site.rrd"
     return write_result_recording(Result(site.name, {}, lines=[line.strip() for line in lines]), site, target)
-
-
-def _comparison(path: Path, beside: Path, kept: Path | None, rate: float | None, day: str | None) -> Path:
-    """Make the recording of two datasets."""
-    from fleetlog.view.comparison import write_comparison
-    from fleetlog.view.recording import RATE
-
-    notice("making the comparison")
-    both = kept or temporary() / "comparison.rrd"
-    write_comparison(path, beside, both, rate_hz=rate or RATE, day=day)
-    return both
