@@ -1,9 +1,9 @@
 """Jobs on a running Dask cluster, reached by the address of its scheduler."""
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt, successes
+from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt
 from fleetlog.errors import DataError, FleetlogError, InputError
 
 TIMEOUT = 20
@@ -34,11 +34,8 @@ class Cluster(Engine):
         """Always: who names a cluster wants it used."""
         return True
 
-    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str) -> Generator[R, None, None]:
-        """Yield the results; the scheduler gives the jobs of a lost worker to others."""
-        return successes(self._run(work, jobs, name))
-
-    def _run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
+    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
+        """The scheduler gives the jobs of a lost worker to others."""
         futures: list[Any] = []
         try:
             for turn, job in enumerate(jobs):

@@ -33,7 +33,17 @@ class Engine:
         A job that fails leaves the rest: the first failure is raised in its turn, after the others were done.
         ``name`` says what a job reads, for the error of an unforeseen fault.
         """
-        return successes(attempt(work, job, name) for job in jobs)
+        outcomes = self._done(work, jobs, name)
+        for outcome in outcomes:
+            if isinstance(outcome, FleetlogError):
+                if more := sum(isinstance(o, FleetlogError) for o in outcomes):
+                    outcome.do = f"{outcome.do or 'repair it'} ({more} more failed)"
+                raise outcome
+            yield outcome
+
+    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
+        """Results and errors, in the order of the jobs."""
+        return (attempt(work, job, name) for job in jobs)
 
     def close(self) -> None:
         """Leave everything as it was."""
@@ -51,16 +61,6 @@ def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | FleetlogError:
         inner = getattr(work, "func", work)
         called = str(getattr(inner, "__name__", type(inner).__name__)).strip("_").replace("_", " ")
         return DataError(fault(called, error), where=name(job), do="please report it")
-
-
-def successes(outcomes: Iterator[R | FleetlogError]) -> Generator[R, None, None]:
-    """Yield results up to the first failure, which is raised when the rest has been done."""
-    for outcome in outcomes:
-        if isinstance(outcome, FleetlogError):
-            if more := sum(isinstance(o, FleetlogError) for o in outcomes):
-                outcome.do = f"{outcome.do or 'repair it'} ({more} more failed)"
-            raise outcome
-        yield outcome
 
 
 _current: ContextVar[Engine] = ContextVar("engine", default=Engine())  # noqa: B039 - it holds no state

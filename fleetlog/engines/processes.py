@@ -7,14 +7,14 @@ import signal
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
 from fleetlog import interrupt
-from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt, successes
+from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt
 from fleetlog.errors import DataError, FleetlogError
 
 START = 0.5
@@ -39,16 +39,15 @@ class Processes(Engine):
         """Return whether the work is more than starting processes."""
         return self.workers > 1 and (self.always or cost > START)
 
-    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str) -> Generator[R, None, None]:
-        """Yield the results; see :class:`~fleetlog.engines.engine.Engine`."""
+    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
+        """As the engine here gives them; at most ``AHEAD`` jobs per worker wait for their turn."""
         count = min(self.workers, len(jobs))
         if count < 2 or multiprocessing.current_process().daemon:
-            return super().run(work, jobs, name)
-        return successes(_run(work, jobs, name, count))
+            return super()._done(work, jobs, name)
+        return _run(work, jobs, name, count)
 
 
 def _run(work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int) -> Iterator[R | FleetlogError]:
-    """Outcomes in the order of the jobs; at most ``AHEAD`` jobs per worker wait for their turn."""
     crew = dict(_start(work, name) for _ in range(count))
     busy: dict[Connection, int] = {}
     waiting, turn = list(range(len(jobs)))[::-1], 0

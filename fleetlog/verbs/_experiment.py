@@ -8,7 +8,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from fleetlog.api.signature import REQUIRED
 from fleetlog.core.schema import load_toml
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.listening import progress
@@ -45,11 +44,7 @@ def settings_file(given: dict[str, Any]) -> dict[str, Any]:
     if vary:
         several = {k: v if isinstance(v, list) else [v] for k, v in vary.items()}
         table["vary"] = tuple(f"{k}={','.join(map(str, v))}" for k, v in several.items())
-    merged = {**table, **given}
-    for name in (n for n, o in known.items() if o.default is REQUIRED and n not in merged):
-        do = f"add {name} = ... or give --{name}"
-        raise ArgumentError(f"{path}: {name} is missing", option="--experiment", do=do)
-    return merged
+    return {**table, **given}
 
 
 def _as_typed(value: Any) -> Any:

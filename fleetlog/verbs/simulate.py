@@ -238,9 +238,10 @@ def _start(text: str | None, like: Dataset | None) -> int:
     try:
         start = np.datetime64(str(given).removesuffix("Z"), "us")
     except ValueError:
-        raise ArgumentError(f"{given!r} is not a time; write 2026-01-05T06:00", option="--start") from None
+        start = np.datetime64("NaT")
     if not np.datetime64("1970-01-01") <= start < np.datetime64("2200-01-01"):  # NaT is not either
-        raise ArgumentError(f"{given!r} is not between the years 1970 and 2200", option="--start")
+        what = f"{given!r} is no time between the years 1970 and 2200; write 2026-01-05T06:00"
+        raise ArgumentError(what, option="--start")
     return int(start.astype(np.int64))
 
 
