@@ -10,15 +10,13 @@ from fleetlog.api.inputs import as_dataset, as_site, as_truck, files_of
 from fleetlog.api.kinds import DatasetLike, PathLike, SiteLike, TruckLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Names, Seed
-from fleetlog.errors import EXIT_DONE, EXIT_INPUT, ArgumentError, nearest
+from fleetlog.errors import EXIT_DONE, EXIT_INPUT
 from fleetlog.listening import notice, progress
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from fleetlog.discovery.report.finding import Verdict
-
-CHANNELS = ("battery_power", "soc", "speed")
 
 
 @verb(jobs=True)
@@ -47,13 +45,8 @@ def diagnose(
     """
     from fleetlog.discovery.diagnose import diagnose as diagnosed
     from fleetlog.discovery.report.output import as_result, write_diagnosis
-    from fleetlog.physics.power import all_terms
     from fleetlog.report.diagnosis import diagnosis_page
     from fleetlog.view.results import write_result_recording
-
-    for option, names, known in (("channels", channels, CHANNELS), ("terms", terms, all_terms())):
-        for name in (n for n in names if n not in known):
-            raise ArgumentError(f"unknown {name!r}", option=f"--{option}", do=nearest(name, known))
 
     def write(folder: Path) -> None:
         write_diagnosis(found, folder)
@@ -69,11 +62,9 @@ def diagnose(
             holdout=holdout, seed=seed, progress=lambda step: progress(step, 0.0),
         )  # fmt: skip
         place = given or recording.site
-        missing = unjudged(found.verdict, channels) if gate else []
-        if missing:
+        if missing := unjudged(found.verdict, channels) if gate else []:
             notice(f"the gate stays shut: {', '.join(missing)} could not be judged")
-        shut = gate and (missing or not found.verdict.passes)
-        status = EXIT_INPUT if shut else EXIT_DONE
+        status = EXIT_INPUT if gate and (missing or not found.verdict.passes) else EXIT_DONE
         return keep(Answer.of(as_result(found), place, value=found, write=write, status=status))
 
 
