@@ -59,9 +59,8 @@ class Answer(Result):
     def of(cls, result: Result, site: Site | None = None, **more: Any) -> Answer:
         """Return the answer of an analysis: its folder has JSON, tables, a picture and a recording."""
         own = {f.name: getattr(result, f.name) for f in fields(Result)}
-        answer = cls(**own, site=site, **more)
-        answer.write = answer.write or (lambda folder: write_folder(result, site or Site(), folder))
-        return answer
+        more.setdefault("write", partial(write_folder, result, site or Site()))
+        return cls(**own, site=site, **more)
 
     @property
     def dataset(self) -> Dataset:

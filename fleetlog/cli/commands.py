@@ -14,8 +14,7 @@ from click.shell_completion import CompletionItem
 
 import fleetlog
 from fleetlog import VERBS
-from fleetlog.api.signature import REQUIRED, Option, description
-from fleetlog.api.verb import Verb
+from fleetlog.api.verb import REQUIRED, Option, Verb, description
 from fleetlog.cli.tell import tell
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.registry import part_lines

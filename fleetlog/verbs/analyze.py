@@ -6,8 +6,7 @@ from typing import Any
 
 from fleetlog.api.answer import Answer, destination
 from fleetlog.api.inputs import as_dataset, as_physics, as_truck, files_of
-from fleetlog.api.signature import SHARED, Option
-from fleetlog.api.verb import JOBS, Verb
+from fleetlog.api.verb import JOBS, SHARED, Option, Verb
 from fleetlog.core.arguments import Named
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.registry import part, part_lines
