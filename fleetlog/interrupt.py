@@ -21,7 +21,7 @@ def install() -> None:
 
 
 def ignore() -> None:
-    """Let no signal change the status of a run that is over, when the interpreter has taken handlers away."""
+    """Let no signal change the status of a run that is over, or of a worker, whose parent decides."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 

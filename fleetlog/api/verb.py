@@ -199,7 +199,7 @@ class Verb:
             given = self.fill(given)
         for option in known.values():
             if option.default is REQUIRED and option.name not in given:
-                raise ArgumentError("is missing", option=option.spelling)
+                raise ArgumentError(f"{option.spelling} is missing")
         return {name: known[name].convert(value) for name, value in given.items()}
 
     def __getattr__(self, name: str) -> Any:

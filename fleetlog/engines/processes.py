@@ -103,8 +103,7 @@ def _end(crew: dict[Connection, BaseProcess]) -> None:
 
 def _serve(work: Callable[[Any], Any], name: Callable[[Any], str], pipe: Connection, parent: int) -> None:
     """Do jobs until the parent ends."""
-    for number in interrupt.SIGNALS:  # a terminal sends them to all; the parent decides
-        signal.signal(number, signal.SIG_IGN)
+    interrupt.ignore()  # a terminal sends signals to all; the parent decides
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     if sys.platform == "linux":  # siblings hold the other end of the pipe, so it would not close
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
