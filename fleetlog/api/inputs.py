@@ -13,8 +13,6 @@ from fleetlog.errors import InputError
 from fleetlog.listening import notice
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from fleetlog.core.network import Network
     from fleetlog.core.site import Site
     from fleetlog.core.truck import Truck
@@ -88,9 +86,7 @@ def as_physics(value: PhysicsLike, truck: Truck, network: Network | None = None)
 def as_path(value: Any) -> Path:
     """Return a path; a DataFrame is written to a temporary file first, a dataset is its folder."""
     if _is_frame(value):
-        file = temporary() / "table.parquet"
-        _plain(value).to_parquet(file, index=False)
-        return file
+        return _written(value, "table.parquet")
     if hasattr(value, "dataset"):
         value = value.dataset
     where = value if "://" in str(value) else getattr(value, "path", value)
@@ -109,11 +105,7 @@ def as_path(value: Any) -> Path:
 
 def as_csv(value: TableLike) -> Path:
     """Return the path of a CSV file; a DataFrame is written to a temporary one first."""
-    if not _is_frame(value):
-        return existing(value)
-    file = temporary() / "table.csv"
-    _plain(value).to_csv(file, index=False)
-    return file
+    return _written(value, "table.csv") if _is_frame(value) else existing(value)
 
 
 def existing(value: Any) -> Path:
@@ -135,6 +127,10 @@ def _is_frame(value: Any) -> bool:
     return hasattr(value, "to_parquet") and hasattr(value, "columns")
 
 
-def _plain(frame: Any) -> pd.DataFrame:
-    """The frame with a named index (of time, say) as a column."""
-    return cast("pd.DataFrame", frame.reset_index() if any(frame.index.names) else frame)
+def _written(frame: Any, name: str) -> Path:
+    """A temporary file of a table; a named index (of time, say) is a column."""
+    file = temporary() / name
+    plain = frame.reset_index() if any(frame.index.names) else frame
+    write = plain.to_csv if name.endswith(".csv") else plain.to_parquet
+    write(file, index=False)
+    return file

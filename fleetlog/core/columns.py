@@ -55,16 +55,13 @@ ARROW: dict[str, pa.DataType] = {
     "int64": pa.int64(),
     "line": pa.list_(pa.float64()),
 }
-
-
-def _arrow_field(column: Column) -> pa.Field:
-    """The Arrow field of ``column``, with ``unit`` and ``meaning`` as metadata."""
-    metadata = {"unit": column.unit, "meaning": column.meaning}
-    known = column.name in ("vehicle_id", "timestamp")
-    return pa.field(column.name, ARROW[column.kind], nullable=not known, metadata=metadata)
-
-
-SCHEMA: pa.Schema = pa.schema([_arrow_field(c) for c in COLUMNS])
+SCHEMA: pa.Schema = pa.schema(
+    pa.field(
+        c.name, ARROW[c.kind], nullable=c.name not in ("vehicle_id", "timestamp"),
+        metadata={"unit": c.unit, "meaning": c.meaning},
+    )
+    for c in COLUMNS
+)  # fmt: skip
 """Of the columns that every dataset has, in the order of the contract."""
 PART_SCHEMA: pa.Schema = SCHEMA.remove(0)
 """The same of a Parquet part, whose folder names the vehicle."""
