@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from fleetlog.api.kinds import DatasetLike, PhysicsLike, SiteLike, TableLike, TruckLike
+from fleetlog.api.kinds import DatasetLike, PhysicsLike, SiteLike, TruckLike
 from fleetlog.errors import InputError
 from fleetlog.listening import notice
 
@@ -103,8 +103,8 @@ def as_path(value: Any) -> Path:
     return path
 
 
-def as_csv(value: TableLike) -> Path:
-    """Return the path of a CSV file; a DataFrame is written to a temporary one first."""
+def as_csv(value: Any) -> Path:
+    """Return the path of a CSV file; a DataFrame is written to a temporary one, a dataset is its folder."""
     return _written(value, "table.csv") if _is_frame(value) else existing(value)
 
 

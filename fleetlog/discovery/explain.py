@@ -53,7 +53,9 @@ def explain(problem: Problem, base: Model, only: tuple[str, ...] = ()) -> Explai
         reason = f"only {count} windows can be used, {settings.fewest} are needed; record more"
         return _unjudged(problem, base, reason)
     problem.rest = tuple(hypotheses(channel, only))
-    found = search(problem, base)
+    # Hypotheses are compared on an even sample of trips; what is found is fitted to all.
+    found = search(problem.sampled(settings.sample / count), base)
+    problem.learn(found.joint.model, found.joint.chosen)
     kept = [h for h in found.joint.chosen if h.term is not None]
     # What is written holds no free curve; the corrections beside it are fitted without one, too.
     final = refit(problem, found.joint.model, kept)

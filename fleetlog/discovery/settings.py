@@ -62,7 +62,7 @@ class Settings:
     at_floor: float = 1.5
     widening: float = 2.0
     fewest: int = 60
-    sample: int = 40_000
+    sample: int = 20_000
 
 
 SETTINGS = Settings()

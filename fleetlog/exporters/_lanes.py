@@ -1,5 +1,6 @@
 """A site's roads as points and straight lanes, for fleet managers whose graphs know nothing else."""
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -43,7 +44,7 @@ def lanes_of(site: Site) -> Lanes:
     n, out = site.roads(), Lanes()
     feet = _feet(site.places, n)
     for i, edge in enumerate(n.edge_ids):
-        marks = feet.get(n.roads[i], [])
+        marks = feet[n.roads[i]]
         names = [_corner(n, i, xyz, out) for xyz in _through(n.polyline(i), [foot for _, foot in marks])]
         pieces = [(a, b) for a, b in pairwise(names) if a != b]
         for k, (a, b) in enumerate(pieces, 1):
@@ -57,16 +58,14 @@ def lanes_of(site: Site) -> Lanes:
 
 def _feet(places: tuple[Place, ...], n: Network) -> dict[str, list[tuple[Place, Floats]]]:
     """By road: its places and the points (3,) on it from which they are reached."""
-    found: dict[str, list[tuple[Place, Floats]]] = {}
-    if not places:
-        return found
+    found: dict[str, list[tuple[Place, Floats]]] = defaultdict(list)
     count = np.maximum(np.ceil(n.length / STEP).astype(int), 1)
     edge = np.repeat(np.arange(len(n), dtype=np.int32), count + 1)
-    step = np.arange(len(edge)) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
-    at = n.position(edge, step * (n.length / count)[edge])
+    share = np.concatenate([np.linspace(0.0, 1.0, c + 1) for c in count])
+    at = n.position(edge, share * n.length[edge])
     for place in places:
         k = int(np.argmin(np.hypot(at[:, 0] - place.x, at[:, 1] - place.y)))
-        found.setdefault(n.roads[edge[k]], []).append((place, at[k]))
+        found[n.roads[edge[k]]].append((place, at[k]))
     return found
 
 
@@ -74,27 +73,21 @@ def _through(line: Floats, marks: list[Floats]) -> list[Floats]:
     """The vertices of a line and the marks on it, in order."""
     points = list(line)
     for mark in marks:
-        gaps = [_detour(a, mark, b) for a, b in pairwise(points)]
-        points.insert(int(np.argmin(gaps)) + 1, mark)
+        to, step = np.linalg.norm(points - mark, axis=1), np.linalg.norm(np.diff(points, axis=0), axis=1)
+        points.insert(int(np.argmin(to[:-1] + to[1:] - step)) + 1, mark)
     return points
-
-
-def _detour(a: Floats, via: Floats, b: Floats) -> float:
-    return float(np.linalg.norm(via - a) + np.linalg.norm(b - via) - np.linalg.norm(b - a))
 
 
 def _corner(n: Network, edge: int, xyz: Floats, out: Lanes) -> str:
     """The name of the point at a place of an edge: its node's at the ends, else the road's with a number."""
-    line = n.polyline(edge)
+    line, front = n.polyline(edge), f"{n.roads[edge]}/"
     for vertex, node in ((0, n.start[edge]), (-1, n.end[edge])):
         if np.linalg.norm(xyz - line[vertex]) < 1e-3:
             name = str(n.node_ids[node])
             out.points.setdefault(name, n.node_points[node])
             return name
-    front = f"{n.roads[edge]}/"
     known = [name for name in out.points if name.startswith(front)]
-    for name in known:
-        if np.linalg.norm(out.points[name] - xyz) < 1e-3:
-            return name
-    out.points[f"{front}{len(known) + 1}"] = xyz
-    return f"{front}{len(known) + 1}"
+    near = (name for name in known if np.linalg.norm(out.points[name] - xyz) < 1e-3)
+    name = next(near, f"{front}{len(known) + 1}")
+    out.points.setdefault(name, xyz)
+    return name

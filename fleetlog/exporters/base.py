@@ -6,6 +6,7 @@ file that appears under the wanted name when it is whole.
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -13,35 +14,32 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from fleetlog.core.site import Frame
-from fleetlog.core.trajectory import Labels, Trajectory
+from fleetlog.core.columns import SCHEMA
+from fleetlog.core.trajectory import Floats, Trajectory, from_arrow, to_arrow
 from fleetlog.errors import DataError, InputError, nearest
 from fleetlog.registry import parts
 from fleetlog.store import Dataset
 from fleetlog.store.output import atomic_output
 
+WINDOW, DAY = 600_000_000, 86_400_000_000
+"""Stretch of time of which the rows of all vehicles are held at once, and a day [us]."""
+
 
 @dataclass(frozen=True)
 class Exporter:
-    """An export format.
-
-    Attributes
-    ----------
-    name : as ``--to`` takes it.
-    suffix : the usual one of its files.
-    meaning : what it is, for the list of formats.
-    write : writes the selection to a path; gives what the summary should say beside the rows (``rows`` itself
-        included).
-    network : whether it writes the road network, not the motion.
-    """
+    """An export format: its name as ``--to`` takes it, the usual suffix of its files, and what it is."""
 
     name: str
     suffix: str
     meaning: str
     write: Callable[[Selection, Path], dict[str, Any]]
+    """Writes the selection to a path; gives what the summary should say, ``rows`` included."""
     network: bool = False
+    """Whether it writes the road network, not the motion."""
 
 
 @dataclass
@@ -55,11 +53,23 @@ class Selection:
 
     def days(self, columns: Sequence[str] | None = None) -> Iterator[Trajectory]:
         """One trajectory per vehicle and day, vehicle by vehicle."""
-        for vehicle in self.vehicles:
-            for date in self.dataset.dates:
-                trajectory = self.dataset.read(vehicle, date, columns)
-                if len(trajectory):
-                    yield trajectory
+        for vehicle, date in itertools.product(self.vehicles, self.dataset.dates):
+            trajectory = self.dataset.read(vehicle, date, columns)
+            if len(trajectory):
+                yield trajectory
+
+    def windows(self, columns: Sequence[str]) -> Iterator[list[Trajectory]]:
+        """All vehicles' rows side by side, in stretches of time that follow one another."""
+        ends = (str(self.dataset.meta[key]).rstrip("Z") for key in ("start", "end"))
+        first, last = (int(np.datetime64(moment, "us").astype(np.int64)) for moment in ends)
+        days = {date: int(np.datetime64(date, "us").astype(np.int64)) for date in self.dataset.dates}
+        for date, begin in ((d, day + t) for d, day in days.items() for t in range(0, DAY, WINDOW)):
+            if begin > last or begin + WINDOW <= first:
+                continue
+            parts = ((v, part) for v in self.vehicles for part in self.dataset.parts(v, date))
+            found = (_rows_from(begin, part, v, columns) for v, part in parts)
+            if pieces := [piece for piece in found if len(piece)]:
+                yield pieces
 
     def placed(self, trajectory: Trajectory) -> Trajectory:
         """The rows that have a position; they and the others are counted."""
@@ -68,18 +78,29 @@ class Selection:
         self.counts["rows_without_position"] += int((~known).sum())
         return trajectory[known]
 
-    @property
-    def frame(self) -> Frame | None:
-        """Where on earth the site lies, if known."""
-        return self.dataset.site.frame
+    def schema(self) -> pa.Schema:
+        """The contract's columns, then every further one of any part, from the files' descriptions only."""
+        fields = {f.name: _plain(f) for f in SCHEMA}
+        for part in (p for v in self.vehicles for p in self.dataset.parts(v)):
+            for f in pq.read_schema(part):
+                if f.name not in fields or pa.types.is_null(fields[f.name].type):
+                    fields[f.name] = _plain(f)
+        return pa.schema([f for f in fields.values() if f.name != "date"])
 
-    def need_frame(self, name: str) -> Frame:
-        """The frame, or an error that says why the format needs it."""
-        if self.frame is None:
-            what = f"{name} holds latitudes and longitudes, and this dataset's site has no [frame]"
-            do = "import it again with a site that has one, or export to csv, parquet, tum or sumo-fcd"
-            raise DataError(what, where=self.dataset.path, do=do)
-        return self.frame
+    def tables(self, schema: pa.Schema) -> Iterator[pa.Table]:
+        """One table per vehicle and day, all of ``schema``."""
+        for table in map(to_arrow, self.days()):
+            for missing in (f for f in schema if f.name not in table.column_names):
+                table = table.append_column(missing, pa.nulls(len(table), missing.type))
+            yield table.select(schema.names).cast(schema, safe=False)
+
+    def places(self, t: Trajectory) -> list[Floats]:
+        """x, y, z as maps have them: longitude, latitude [degrees, to 0.1 mm] and metres, or local metres."""
+        x, y, z = (t.floats(c) for c in "xyz")
+        if (frame := self.dataset.site.frame) is None:
+            return [x, y, z]
+        latitude, longitude = frame.to_geographic(x, y)
+        return [np.round(longitude, 9), np.round(latitude, 9), np.round(z, 4)]
 
     def need_one_vehicle(self, name: str) -> str:
         """The only vehicle, or an error that says to choose one."""
@@ -88,6 +109,21 @@ class Selection:
             do = f"choose one with --vehicle {self.vehicles[0] if self.vehicles else 'ID'}"
             raise DataError(what, where=self.dataset.path, do=do)
         return self.vehicles[0]
+
+
+def _rows_from(begin: int, part: Path, vehicle: str, columns: Sequence[str]) -> Trajectory:
+    """The rows of a file from ``begin`` on for ``WINDOW``; row groups outside are not read."""
+    first, last = (
+        pa.scalar(t, pa.int64()).cast(pa.timestamp("us", tz="UTC")) for t in (begin, begin + WINDOW)
+    )
+    inside = [("timestamp", ">=", first), ("timestamp", "<", last)]
+    want = [name for name in pq.read_schema(part).names if name in ("timestamp", *columns)]
+    return from_arrow(pq.read_table(part, columns=want, filters=inside, partitioning=None), vehicle)
+
+
+def _plain(field: pa.Field) -> pa.Field:
+    """Labels as plain strings: dictionaries differ from part to part."""
+    return field.with_type(pa.string()) if pa.types.is_dictionary(field.type) else field
 
 
 def exporters() -> dict[str, Exporter]:
@@ -104,17 +140,15 @@ def export_dataset(
     ``vehicles`` are those to export (all by default); ``overwrite`` says whether an older file may be
     replaced.  Returns a summary: format, file, vehicles, rows, bytes and what the format adds.
     """
-    known = exporters()
-    if to not in known:
+    if to not in (known := exporters()):
         raise InputError(f"no export format {to!r}", do=nearest(to, known))
-    output = Path(output)
-    source = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+    output, source = Path(output), dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     for vehicle in vehicles:
         if vehicle not in source.vehicles:
             raise DataError(f"no vehicle {vehicle!r} in {source.path}", do=nearest(vehicle, source.vehicles))
     chosen = tuple(vehicles) or tuple(source.vehicles)
-    kind = f"{to} export"
-    with atomic_output(output, kind, overwrite=overwrite, folder=False, inputs=[source.path]) as scratch:
+    options: dict[str, Any] = {"overwrite": overwrite, "folder": False, "inputs": [source.path]}
+    with atomic_output(output, f"{to} export", **options) as scratch:
         more = known[to].write(Selection(source, chosen, output), scratch)
         size = scratch.stat().st_size
     return {"format": to, "file": str(output), "vehicles": len(chosen), "bytes": size, **more}
@@ -125,7 +159,7 @@ def write_features(path: Path, head: dict[str, Any], features: Iterable[dict[str
     with path.open("w", encoding="utf-8") as out:
         out.write(json.dumps({"type": "FeatureCollection", **head})[:-1] + ', "features": [')
         for number, feature in enumerate(features):
-            out.write((",\n" if number else "\n") + json.dumps(feature, allow_nan=False))
+            out.write((",\n" if number else "\n") + json.dumps(feature, allow_nan=False, default=str))
         out.write("\n]}\n")
 
 
@@ -138,14 +172,5 @@ def iso_times(time: NDArray[np.int64]) -> list[str]:
 
 def cells(trajectory: Trajectory, names: Sequence[str]) -> list[list[Any]]:
     """The columns called ``names`` as Python lists, None for null."""
-    return [_cells(trajectory.columns[n], n) for n in names]
-
-
-def _cells(values: Any, name: str) -> list[Any]:
-    if isinstance(values, Labels):
-        return list(values.strings())
-    if name == "trip_id":
-        return [None if v < 0 else int(v) for v in values]
-    if values.dtype.kind == "f":
-        return [None if v != v else v for v in values.tolist()]
-    return [v if isinstance(v, int | float | str | bool) else str(v) for v in values.tolist()]
+    table = to_arrow(trajectory)
+    return [table.column(name).to_pylist() for name in names]

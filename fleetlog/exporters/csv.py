@@ -2,7 +2,6 @@
 
 import csv
 import io
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pcsv
 
-from fleetlog.exporters._tables import tables, union_schema
 from fleetlog.exporters.base import Exporter, Selection
 
 FORMULA = r"^([=@\t\r]|[+-][\pL\pN_.:-]*[^\pL\pN_.:-])"
@@ -19,28 +17,21 @@ _PACKING = {".gz": "gzip", ".zst": "zstd"}
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """Times in ISO 8601 UTC, empty cells for null, every digit of a double."""
-    schema = union_schema(selection)
+    schema = selection.schema()
     text = pa.schema([f.with_type(pa.string()) if f.name == "timestamp" else f for f in schema])
     rows = 0
     packing = _PACKING.get(selection.target.suffix.lower())
-    with ExitStack() as stack:
-        sink = stack.enter_context(pa.OSFile(str(path), "wb"))
-        if packing:
-            sink = stack.enter_context(pa.CompressedOutputStream(sink, packing))
-        sink.write(_header(schema.names))
-        options = pcsv.WriteOptions(quoting_style="needed", include_header=False)
-        writer = stack.enter_context(pcsv.CSVWriter(sink, text, write_options=options))
-        for table in tables(selection, schema):
-            writer.write_table(_with_iso_time(table, text))
-            rows += len(table)
+    options = pcsv.WriteOptions(quoting_style="needed", include_header=False)
+    # Quoted only where a name needs it; Arrow would quote every one.
+    header = io.StringIO()
+    csv.writer(header, lineterminator="\n").writerow(schema.names)
+    with pa.output_stream(str(path), compression=packing) as sink:
+        sink.write(header.getvalue().encode())
+        with pcsv.CSVWriter(sink, text, write_options=options) as writer:
+            for table in selection.tables(schema):
+                writer.write_table(_with_iso_time(table, text))
+                rows += len(table)
     return {"rows": rows}
-
-
-def _header(names: list[str]) -> bytes:
-    """Quoted only where a name needs it; Arrow would quote every one."""
-    line = io.StringIO()
-    csv.writer(line, lineterminator="\n").writerow(names)
-    return line.getvalue().encode()
 
 
 def _with_iso_time(table: pa.Table, schema: pa.Schema) -> pa.Table:

@@ -4,37 +4,28 @@ Where the site has no place on earth the points are local metres, which the prop
 """
 
 from collections.abc import Iterator
-from itertools import repeat
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fleetlog.core.site import Frame
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.exporters.base import Exporter, Selection, cells, iso_times, write_features
-
-_PLACED = ("x", "y", "z")
 
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """Positions to 1e-9 degrees (0.1 mm)."""
+    local = {"frame": "local metres"} if selection.dataset.site.frame is None else {}
     days = map(selection.placed, selection.days())
-    write_features(path, {}, (f for t in days for f in _features(t, selection.frame)))
+    write_features(path, {}, (f for t in days for f in _features(t, selection.places(t), local)))
     return selection.counts
 
 
-def _features(t: Trajectory, frame: Frame | None) -> Iterator[dict[str, Any]]:
-    x, y, z = (t.floats(c) for c in _PLACED)
-    if frame is not None:
-        latitude, longitude = frame.to_geographic(x, y)
-        x, y, z = np.round(longitude, 9), np.round(latitude, 9), np.round(z, 4)
-    places = np.column_stack([x, y, z]).tolist()
-    names = [n for n in t.columns if n not in _PLACED]
-    fixed = {} if frame is not None else {"frame": "local metres"}
-    rows = zip(*cells(t, names), strict=True) if names else repeat(())
-    for place, time, row in zip(places, iso_times(t.time), rows, strict=False):
-        values = {n: v for n, v in zip(names, row, strict=True) if v is not None}
+def _features(t: Trajectory, xyz: list[Floats], fixed: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    places = np.column_stack(xyz).tolist()
+    columns = [n for n in t.columns if n not in ("x", "y", "z")]
+    for place, time, *row in zip(places, iso_times(t.time), *cells(t, columns), strict=True):
+        values = {n: v for n, v in zip(columns, row, strict=True) if v is not None}
         yield {
             "type": "Feature",
             "geometry": {"type": "Point", "coordinates": place if place[2] == place[2] else place[:2]},

@@ -3,6 +3,9 @@ earth, ``/ID/pose`` (foxglove.PoseInFrame), and ``/ID/battery`` where the datase
 """
 
 import json
+from collections.abc import Iterator
+from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +22,17 @@ _XYZ = {"type": "object", "properties": dict.fromkeys("xyz", _NUMBER)}
 _XYZW = {"type": "object", "properties": dict.fromkeys("xyzw", _NUMBER)}
 _POSE = {"type": "object", "properties": {"position": _XYZ, "orientation": _XYZW}}
 SCHEMAS: dict[str, dict[str, Any]] = {
-    "foxglove.LocationFix": {"timestamp": _TIME, "frame_id": {"type": "string"}, "latitude": _NUMBER,
-                             "longitude": _NUMBER, "altitude": _NUMBER},
-    "foxglove.PoseInFrame": {"timestamp": _TIME, "frame_id": {"type": "string"}, "pose": _POSE},
-    "foxglove.Battery": {"timestamp": _TIME, "percentage": _NUMBER, "voltage": _NUMBER, "current": _NUMBER},
+    "LocationFix": {"timestamp": _TIME, "frame_id": {"type": "string"}, "latitude": _NUMBER,
+                    "longitude": _NUMBER, "altitude": _NUMBER},
+    "PoseInFrame": {"timestamp": _TIME, "frame_id": {"type": "string"}, "pose": _POSE},
+    "Battery": {"timestamp": _TIME, "percentage": _NUMBER, "voltage": _NUMBER, "current": _NUMBER},
 }  # fmt: skip
-
+TOPICS = {"LocationFix": "fix", "PoseInFrame": "pose", "Battery": "battery"}
 _BATTERY = (
     ("percentage", "soc", 100.0), ("voltage", "battery_voltage", 1.0), ("current", "battery_current", -1.0),
 )  # fmt: skip
+Message = tuple[str, int, dict[str, Any]]
+"""Schema, time [us] and content."""
 
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
@@ -37,66 +42,53 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
     with path.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         writer.start(profile="", library=f"fleetlog {__version__}")
-        channels = _Channels(writer)
+
+        @cache
+        def schema(kind: str) -> int:
+            title = f"foxglove.{kind}"
+            text = json.dumps({"title": title, "type": "object", "properties": SCHEMAS[kind]})
+            return int(writer.register_schema(title, "jsonschema", text.encode()))
+
+        @cache
+        def channel(vehicle: str, kind: str) -> int:
+            topic = f"/{vehicle.strip('/').replace('/', '_')}/{TOPICS[kind]}"
+            return int(writer.register_channel(topic, "json", schema(kind)))
+
         for t in selection.days():
-            placed = selection.placed(t)
-            if selection.frame is not None:
-                _fixes(channels, placed, selection.frame)
-            else:
-                _poses(channels, placed)
-            _batteries(channels, t)
+            for kind, time, content in chain(
+                _places(selection.placed(t), selection.dataset.site.frame), _batteries(t)
+            ):
+                stamp = {"sec": time // 1_000_000, "nsec": time % 1_000_000 * 1000}
+                data = json.dumps({"timestamp": stamp, **content}, allow_nan=False).encode()
+                writer.add_message(channel(t.vehicle_id, kind), time * 1000, data, time * 1000)
         writer.finish()
     return selection.counts
 
 
-class _Channels:
-    """Channels made when first written to."""
-
-    def __init__(self, writer: Any) -> None:
-        self._writer = writer
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
-
-    def send(self, topic: str, schema: str, time: int, message: dict[str, Any]) -> None:
-        if schema not in self._schemas:
-            text = json.dumps({"title": schema, "type": "object", "properties": SCHEMAS[schema]})
-            self._schemas[schema] = self._writer.register_schema(schema, "jsonschema", text.encode())
-        if topic not in self._channels:
-            self._channels[topic] = self._writer.register_channel(topic, "json", self._schemas[schema])
-        stamp = {"sec": time // 1_000_000, "nsec": time % 1_000_000 * 1000}
-        data = json.dumps({"timestamp": stamp, **message}, allow_nan=False).encode()
-        self._writer.add_message(self._channels[topic], time * 1000, data, time * 1000)
-
-
-def _topic(vehicle: str, what: str) -> str:
-    return f"/{vehicle.strip('/').replace('/', '_')}/{what}"
-
-
-def _fixes(channels: _Channels, t: Trajectory, frame: Frame) -> None:
-    topic, z = _topic(t.vehicle_id, "fix"), t.floats("z")
-    columns = (t.time, *frame.to_geographic(t.floats("x"), t.floats("y")), z)
-    for time, latitude, longitude, up in zip(*(v.tolist() for v in columns), strict=True):
-        place = {"frame_id": "site", "latitude": latitude, "longitude": longitude}
-        height = {"altitude": up} if up == up else {}
-        channels.send(topic, "foxglove.LocationFix", time, {**place, **height})
-
-
-def _poses(channels: _Channels, t: Trajectory) -> None:
-    topic, z, half = _topic(t.vehicle_id, "pose"), t.floats("z"), np.nan_to_num(t.floats("heading")) / 2
-    columns = (t.time, t.floats("x"), t.floats("y"), np.nan_to_num(z), np.sin(half), np.cos(half))
-    for time, x, y, up, s, c in zip(*(v.tolist() for v in columns), strict=True):
+def _places(t: Trajectory, frame: Frame | None) -> Iterator[Message]:
+    """Fixes, or without a place on earth poses."""
+    x, y, z, half = (t.floats(c) for c in ("x", "y", "z", "heading"))
+    if frame is not None:
+        columns = [t.time, *frame.to_geographic(x, y), z]
+        for time, latitude, longitude, up in zip(*(c.tolist() for c in columns), strict=True):
+            height = {"altitude": up} if up == up else {}
+            fix = {"frame_id": "site", "latitude": latitude, "longitude": longitude, **height}
+            yield "LocationFix", time, fix
+        return
+    half = np.nan_to_num(half) / 2
+    columns = [t.time, x, y, np.nan_to_num(z), np.sin(half), np.cos(half)]
+    for time, east, north, up, s, c in zip(*(v.tolist() for v in columns), strict=True):
         turn = {"x": 0.0, "y": 0.0, "z": s, "w": c}
-        pose = {"position": {"x": x, "y": y, "z": up}, "orientation": turn}
-        channels.send(topic, "foxglove.PoseInFrame", time, {"frame_id": "site", "pose": pose})
+        pose = {"position": {"x": east, "y": north, "z": up}, "orientation": turn}
+        yield "PoseInFrame", time, {"frame_id": "site", "pose": pose}
 
 
-def _batteries(channels: _Channels, t: Trajectory) -> None:
+def _batteries(t: Trajectory) -> Iterator[Message]:
     """Current by the convention of ROS: negative while discharging."""
     columns = {n: (t.floats(c) * factor).tolist() for n, c, factor in _BATTERY if t.has(c)}
-    for i, time in enumerate(t.time.tolist() if columns else []):
-        message = {name: values[i] for name, values in columns.items() if values[i] == values[i]}
-        if message:
-            channels.send(_topic(t.vehicle_id, "battery"), "foxglove.Battery", time, message)
+    for time, *row in zip(t.time.tolist(), *columns.values(), strict=True):
+        if known := {name: value for name, value in zip(columns, row, strict=True) if value == value}:
+            yield "Battery", time, known
 
 
 EXPORTER = Exporter("mcap", ".mcap", "MCAP for Foxglove: LocationFix (or poses) and battery as JSON", write)

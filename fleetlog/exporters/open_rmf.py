@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fleetlog.core.site import Place
-from fleetlog.exporters._lanes import Lane, lanes_of
+from fleetlog.exporters._lanes import lanes_of
 from fleetlog.exporters.base import Exporter, Selection
 
 LEVEL = "L1"
@@ -26,7 +26,10 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
         [round(float(xyz[0]), 4), round(float(xyz[1]), 4), _said(lanes.stops.get(name))]
         for name, xyz in lanes.points.items()
     ]
-    rows = [[number[lane.start], number[lane.end], _limits(lane)] for lane in lanes.lanes]
+    rows = [
+        [number[a.start], number[a.end], {} if math.isnan(a.limit) else {"speed_limit": a.limit}]
+        for a in lanes.lanes
+    ]
     graph = {"building_name": site.name, "levels": {LEVEL: {"lanes": rows, "vertices": vertices}}}
     with path.open("w", encoding="utf-8") as out:
         YAML(typ="safe", pure=True).dump(graph, out)
@@ -42,10 +45,6 @@ def _said(place: Place | None) -> dict[str, Any]:
         "pick": {"pickup_dispenser": place.id}, "drop": {"dropoff_ingestor": place.id},
     }  # fmt: skip
     return {"name": place.id, **marks[place.kind]}
-
-
-def _limits(lane: Lane) -> dict[str, float]:
-    return {} if math.isnan(lane.limit) else {"speed_limit": lane.limit}
 
 
 EXPORTER = Exporter("open-rmf", ".yaml", "the site as an Open-RMF navigation graph", write, network=True)

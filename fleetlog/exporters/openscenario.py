@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError, InputError
 from fleetlog.exporters.base import Exporter, Selection
 
@@ -29,47 +29,42 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
         what = "OpenSCENARIO needs the package scenariogeneration"
         raise InputError(what, do="install it with: pip install 'fleetlog[scenario]'") from None
     motions = _motions(selection)
-    begin = min(int(t.time[0]) for days in motions.values() for t in days)
-    end = max(int(t.time[-1]) for days in motions.values() for t in days)
+    begin, end = min(rows[0, 0] for rows in motions.values()), max(rows[-1, 0] for rows in motions.values())
+    road_file = str(selection.dataset.site.source.get("network", {}).get("file", ""))
+    roads = xosc.RoadNetwork(road_file if road_file.endswith(".xodr") else None)
     entities, init = xosc.Entities(), xosc.Init()
+    box = xosc.BoundingBox(WIDTH, LENGTH, HEIGHT, 0.0, 0.0, 0.5 * HEIGHT)
+    axles = (xosc.Axle(1.5, 0.5, 1.0, along, 0.25) for along in (0.9, -0.9))
+    truck = xosc.Vehicle("truck", xosc.VehicleCategory.truck, box, *axles, 10.0, 5.0, 10.0)
     story = xosc.StoryBoard(init, _when(xosc, "stop", 1e-6 * (end - begin) + 1.0))
-    for vehicle, days in motions.items():
-        entities.add_scenario_object(vehicle, _truck(xosc))
-        init.add_init_action(vehicle, xosc.TeleportAction(_positions(xosc, days[0][:1])[0]))
-        story.add_maneuver_group(_drive(xosc, vehicle, days, begin), _when(xosc, "start", 0.0, "start"))
+    for vehicle, rows in motions.items():
+        time, positions = 1e-6 * (rows[:, 0] - begin), [xosc.WorldPosition(*p) for p in rows[:, 1:].tolist()]
+        entities.add_scenario_object(vehicle, truck)
+        init.add_init_action(vehicle, xosc.TeleportAction(positions[0]))
+        drive = _drive(xosc, vehicle, xosc.Polyline(time.tolist(), positions))
+        story.add_maneuver(drive, vehicle, _when(xosc, "start", 0.0, "start"))
     scenario = xosc.Scenario(
         selection.dataset.site.name, "fleetlog", xosc.ParameterDeclarations(), entities, story,
-        xosc.RoadNetwork(_map(selection)), xosc.Catalog(), osc_minor_version=2,
+        roads, xosc.Catalog(), osc_minor_version=2,
         creation_date=datetime.fromtimestamp(1e-6 * begin, UTC).replace(tzinfo=None),
     )  # fmt: skip
     scenario.write_xml(str(path))
     return selection.counts
 
 
-def _motions(selection: Selection) -> dict[str, list[Trajectory]]:
-    """The placed rows of every vehicle that has any, day by day."""
-    out: dict[str, list[Trajectory]] = {}
-    for day in map(selection.placed, selection.days(COLUMNS)):
-        if len(day):
-            out.setdefault(day.vehicle_id, []).append(day)
+def _motions(selection: Selection) -> dict[str, NDArray[np.float64]]:
+    """Time [us], x, y, z and heading of the placed rows of every vehicle that has any."""
+    out: dict[str, NDArray[np.float64]] = {}
+    for t in map(selection.placed, selection.days(COLUMNS)):
+        rows = np.column_stack([t.time, *(np.nan_to_num(t.floats(n)) for n in COLUMNS)])
+        if len(t):
+            out[t.vehicle_id] = np.concatenate([out.get(t.vehicle_id, rows[:0]), rows])
         if selection.counts["rows"] > MOST:
             what = f"more than {MOST:,} rows are too many for one scenario"
             raise DataError(what, where=selection.dataset.path, do="choose vehicles with --vehicle")
-    if not any(len(day) > 1 for days in out.values() for day in days):
+    if not any(len(rows) > 1 for rows in out.values()):
         raise DataError("no vehicle moves", where=selection.dataset.path, do="export rows with positions")
     return out
-
-
-def _map(selection: Selection) -> str | None:
-    """The OpenDRIVE file of the site."""
-    name = str(selection.dataset.site.source.get("network", {}).get("file", ""))
-    return name if name.endswith(".xodr") else None
-
-
-def _truck(xosc: Any) -> Any:
-    box = xosc.BoundingBox(WIDTH, LENGTH, HEIGHT, 0.0, 0.0, 0.5 * HEIGHT)
-    front, rear = (xosc.Axle(1.5, 0.5, 1.0, along, 0.25) for along in (0.9, -0.9))
-    return xosc.Vehicle("truck", xosc.VehicleCategory.truck, box, front, rear, 10.0, 5.0, 10.0)
 
 
 def _when(xosc: Any, name: str, seconds: float, point: str = "stop") -> Any:
@@ -77,29 +72,17 @@ def _when(xosc: Any, name: str, seconds: float, point: str = "stop") -> Any:
     return xosc.ValueTrigger(name, 0.0, xosc.ConditionEdge.none, condition, point)
 
 
-def _positions(xosc: Any, t: Trajectory) -> list[Any]:
-    columns = (np.nan_to_num(t.floats(n)) if t.has(n) else np.zeros(len(t)) for n in COLUMNS)
-    return [xosc.WorldPosition(*place) for place in zip(*(c.tolist() for c in columns), strict=True)]
-
-
-def _drive(xosc: Any, vehicle: str, days: list[Trajectory], begin: int) -> Any:
-    """The manoeuvre group of a vehicle that follows its trajectory by the clock of the scenario."""
-    time = np.concatenate([t.time for t in days])
-    positions = [p for t in days for p in _positions(xosc, t)]
+def _drive(xosc: Any, vehicle: str, way: Any) -> Any:
+    """The manoeuvre of a vehicle that follows its trajectory by the clock of the scenario."""
     trajectory = xosc.Trajectory(f"{vehicle} motion", False)
-    trajectory.add_shape(xosc.Polyline((1e-6 * (time - begin)).tolist(), positions))
-    follow = xosc.FollowTrajectoryAction(
-        trajectory, xosc.FollowingMode.position, xosc.ReferenceContext.absolute, 1.0, 0.0
-    )
+    trajectory.add_shape(way)
+    how = xosc.FollowingMode.position, xosc.ReferenceContext.absolute, 1.0, 0.0
     event = xosc.Event(f"{vehicle} event", xosc.Priority.override)
-    event.add_action(f"{vehicle} follows", follow)
+    event.add_action(f"{vehicle} follows", xosc.FollowTrajectoryAction(trajectory, *how))
     event.add_trigger(_when(xosc, f"{vehicle} sets off", 0.0, "start"))
     manoeuvre = xosc.Maneuver(f"{vehicle} manoeuvre")
     manoeuvre.add_event(event)
-    group = xosc.ManeuverGroup(f"{vehicle} group")
-    group.add_actor(vehicle)
-    group.add_maneuver(manoeuvre)
-    return group
+    return manoeuvre
 
 
 EXPORTER = Exporter("openscenario", ".xosc", "OpenSCENARIO XML: every vehicle follows its trajectory", write)

@@ -12,7 +12,6 @@ import numpy as np
 
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
-from fleetlog.exporters._windows import windows
 from fleetlog.exporters.base import Exporter, Selection
 from fleetlog.version import __version__
 
@@ -30,7 +29,7 @@ def write(selection: Selection, path: Path) -> dict[str, Any]:
         raise DataError("writing OSI needs osi-python", do=do) from None
     number = {vehicle: k for k, vehicle in enumerate(selection.vehicles, 1)}
     with path.open("wb") as out:
-        for pieces in windows(selection, COLUMNS):
+        for pieces in selection.windows(COLUMNS):
             moments: dict[int, Any] = {}
             for t in map(selection.placed, pieces):
                 _add(moments, t, number[t.vehicle_id], GroundTruth)
@@ -44,9 +43,12 @@ def _add(moments: dict[int, Any], t: Trajectory, number: int, kind: Any) -> None
     """The rows of a vehicle, each in the message of its moment."""
     columns = (t.time, *(t.floats(c) for c in COLUMNS))
     for time, x, y, z, heading, speed in zip(*(v.tolist() for v in columns), strict=True):
-        if time not in moments:
-            moments[time] = _moment(kind, time)
-        o = moments[time].moving_object.add()
+        if (said := moments.get(time)) is None:
+            said = moments[time] = kind(model_reference=f"fleetlog {__version__}")
+            v = said.version
+            v.version_major, v.version_minor, v.version_patch = VERSION
+            said.timestamp.seconds, said.timestamp.nanos = time // 1_000_000, time % 1_000_000 * 1000
+        o = said.moving_object.add()
         o.id.value, o.type = number, o.TYPE_VEHICLE
         o.base.position.x, o.base.position.y = x, y
         if z == z:
@@ -55,14 +57,6 @@ def _add(moments: dict[int, Any], t: Trajectory, number: int, kind: Any) -> None
             o.base.orientation.yaw = heading
         if heading == heading and speed == speed:
             o.base.velocity.x, o.base.velocity.y = speed * np.cos(heading), speed * np.sin(heading)
-
-
-def _moment(kind: Any, time: int) -> Any:
-    said = kind()
-    said.version.version_major, said.version.version_minor, said.version.version_patch = VERSION
-    said.timestamp.seconds, said.timestamp.nanos = time // 1_000_000, time % 1_000_000 * 1000
-    said.model_reference = f"fleetlog {__version__}"
-    return said
 
 
 EXPORTER = Exporter("osi", ".osi", "ASAM OSI ground truth, all vehicles of a moment in a message", write)

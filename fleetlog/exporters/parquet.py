@@ -9,30 +9,25 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fleetlog.core.site import Frame
-from fleetlog.exporters._tables import tables, union_schema
 from fleetlog.exporters.base import Exporter, Selection
 
 _GEO = {
-    "version": "1.1.0",
-    "primary_column": "geometry",
+    "version": "1.1.0", "primary_column": "geometry",
     "columns": {"geometry": {"encoding": "WKB", "geometry_types": ["Point"], "edges": "spherical"}},
-}
+}  # fmt: skip
 _WKB_POINT = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f8")])
 
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """The columns of the contract, vehicle by vehicle, and ``geometry``."""
-    schema = union_schema(selection)
-    frame = selection.frame
+    schema = selection.schema()
+    whole, frame, rows = schema, selection.dataset.site.frame, 0
     if frame is not None:
-        schema_out = schema.append(pa.field("geometry", pa.binary())).with_metadata({"geo": json.dumps(_GEO)})
-    else:
-        schema_out = schema
-    rows = 0
-    with pq.ParquetWriter(path, schema_out, compression="zstd") as writer:
-        for table in tables(selection, schema):
+        whole = schema.append(pa.field("geometry", pa.binary())).with_metadata({"geo": json.dumps(_GEO)})
+    with pq.ParquetWriter(path, whole, compression="zstd") as writer:
+        for table in selection.tables(schema):
             if frame is not None:
-                table = table.append_column("geometry", _points(table, frame)).cast(schema_out)
+                table = table.append_column("geometry", _points(table, frame)).cast(whole)
             writer.write_table(table)
             rows += len(table)
     return {"rows": rows, "geometry": frame is not None}

@@ -6,65 +6,49 @@ comment so that an import gets the true times back.
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.exporters._windows import windows
 from fleetlog.exporters.base import Exporter, Selection, iso_times
 from fleetlog.exporters.sumo_net import sumo_name
 
-_COLUMNS = ("x", "y", "z", "heading", "speed", "edge_id", "edge_offset")
+_COLUMNS = ("x", "y", "z", "heading", "speed", "edge_offset")
 
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:
     """Times to the microsecond, positions to the millimetre."""
-    rows = left_out = 0
     origin: int | None = None
     with path.open("w", encoding="utf-8") as out:
         out.write('<?xml version="1.0" encoding="UTF-8"?>\n')
-        for pieces in windows(selection, _COLUMNS):
+        for pieces in selection.windows((*_COLUMNS, "edge_id")):
             if origin is None:
                 origin = min(int(p.time[0]) for p in pieces)
                 out.write(f"<!-- fleetlog-epoch {iso_times(np.array([origin]))[0]} -->\n<fcd-export>\n")
-            written = _steps(out, pieces, origin)
-            rows += written
-            left_out += sum(len(p) for p in pieces) - written
+            steps: dict[int, list[str]] = defaultdict(list)
+            for time, line in chain.from_iterable(map(_lines, map(selection.placed, pieces))):
+                steps[time].append(line)
+            for time, lines in sorted(steps.items()):
+                seconds, rest = divmod(time - origin, 1_000_000)
+                stamp = f"{seconds}.{f'{rest:06d}'.rstrip('0') or '00'}"
+                out.write(f'  <timestep time="{stamp}">\n{"".join(lines)}  </timestep>\n')
         out.write("<fcd-export>\n" if origin is None else "")
         out.write("</fcd-export>\n")
-    return {"rows": rows, "rows_without_position": left_out}
-
-
-def _steps(out: TextIO, pieces: list[Trajectory], origin: int) -> int:
-    """The rows of a stretch, step by step; how many were written."""
-    lines: dict[int, list[str]] = {}
-    written = 0
-    for t in pieces:
-        for time, line in _lines(t):
-            lines.setdefault(time, []).append(line)
-            written += 1
-    for time in sorted(lines):
-        seconds, rest = divmod(time - origin, 1_000_000)
-        stamp = f"{seconds}.{rest:06d}".rstrip("0")
-        stamp += "00" if stamp.endswith(".") else ""
-        out.write(f'  <timestep time="{stamp}">\n{"".join(lines[time])}  </timestep>\n')
-    return written
+    return selection.counts
 
 
 def _lines(t: Trajectory) -> Iterator[tuple[int, str]]:
-    edges = t.labels("edge_id")
+    edges, who = t.labels("edge_id"), quoteattr(sumo_name(t.vehicle_id))
     names = [quoteattr(sumo_name(n) + "_0") for n in edges.names]
-    who = quoteattr(sumo_name(t.vehicle_id))
-    columns = (t.floats(c).tolist() for c in ("x", "y", "z", "heading", "speed", "edge_offset"))
-    for time, edge, x, y, z, heading, speed, offset in zip(
-        t.time.tolist(), edges.codes.tolist(), *columns, strict=True
-    ):
-        if not (x == x and y == y):
-            continue
+    columns = (t.floats(c).tolist() for c in _COLUMNS)
+    rows = zip(t.time.tolist(), edges.codes.tolist(), *columns, strict=True)
+    for time, edge, x, y, z, heading, speed, offset in rows:
         text = f'    <vehicle id={who} x="{x:.3f}" y="{y:.3f}"'
         text += f' z="{z:.3f}"' if z == z else ""
         text += f' angle="{math.degrees(math.pi / 2 - heading) % 360.0:.4f}"' if heading == heading else ""

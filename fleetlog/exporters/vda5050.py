@@ -63,18 +63,11 @@ def _state(row: dict[str, float], map_id: str) -> dict[str, Any]:
     if "payload" in known:
         out["loads"] = [{"weight": known["payload"]}] if known["payload"] > 0.0 else []
     if "soc" in known:
-        out["powerSupply"] = _supply(known)
+        current, voltage = known.get("battery_current"), known.get("battery_voltage")
+        supply = {"stateOfCharge": 100.0 * known["soc"], "charging": (current or 0.0) < 0.0}
+        supply |= {} if voltage is None else {"batteryVoltage": voltage}
+        out["powerSupply"] = supply | ({} if current is None else {"batteryCurrent": abs(current)})
     return out
-
-
-def _supply(known: dict[str, float]) -> dict[str, Any]:
-    current = known.get("battery_current", 0.0)
-    supply: dict[str, Any] = {"stateOfCharge": 100.0 * known["soc"], "charging": current < 0.0}
-    if "battery_voltage" in known:
-        supply["batteryVoltage"] = known["battery_voltage"]
-    if "battery_current" in known:
-        supply["batteryCurrent"] = abs(current)
-    return supply
 
 
 EXPORTER = Exporter("vda5050", ".jsonl", "VDA 5050 state messages, one a line", write)

@@ -236,7 +236,7 @@ def _start(text: str | None, like: Dataset | None) -> int:
     if given is None:
         return DEFAULT_START
     try:
-        start = np.datetime64(str(given).removesuffix("Z"), "us")
+        start: Any = np.datetime64(str(given).removesuffix("Z"), "us")
     except ValueError:
         start = np.datetime64("NaT")
     if not np.datetime64("1970-01-01") <= start < np.datetime64("2200-01-01"):  # NaT is not either

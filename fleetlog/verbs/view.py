@@ -59,8 +59,6 @@ def view(
         else:
             drawn = source.is_file() and source.suffix.lower() != ".rrd"
             rrd = _drawn(source) if drawn else viewer.recording_of(source, rate_hz=rate, day=day, say=notice)
-            if screenshot is not None and when is None:
-                when = viewer.middle_of_driving(source, day)
         if picture is not None:
             headless.screenshot(rrd, picture, at=when)
         elif kept is None:

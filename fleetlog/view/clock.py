@@ -1,17 +1,52 @@
-"""A timeline without the silences of a log, beside that of the clock: weeks play as their shifts."""
+"""The time that a recording shows: all of a dataset's, one day of it, or without the silences of a log."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from fleetlog.core.trajectory import Ints
+from fleetlog.errors import InputError
 from fleetlog.store import Dataset
 
 SKIPPED = "gaps skipped"
-"""Name of the timeline."""
-MINUTE, QUIET = 60_000_000, 30
-"""A silence of the whole fleet longer than so many minutes is skipped; a minute [us]."""
-MOST_LINES = 20
+"""Name of the timeline without silences: weeks play as their shifts."""
+MINUTE, QUIET, DAY = 60_000_000, 30, 86_400_000_000
+"""A silence of the whole fleet longer than so many minutes is skipped; a minute and a day [us]."""
+MOST_LINES, MOST_DAYS = 20, 7
+"""Periods that the summary names, and days that an error names."""
+
+
+class OneDay(Dataset):
+    """A dataset as if it held the rows of one day (UTC, YYYY-MM-DD) alone."""
+
+    def __init__(self, path: str | Path, date: str) -> None:
+        super().__init__(path)
+        if date not in self.dates:
+            more = f" and {len(self.dates) - MOST_DAYS} more" if self.dates[MOST_DAYS:] else ""
+            do = f"choose from {', '.join(self.dates[:MOST_DAYS])}{more}"
+            raise InputError(f"no rows on {date} (UTC)", where=path, do=do)
+        self.dates = [date]
+        self.vehicle_days = [day for day in self.vehicle_days if day[1] == date]
+        times = {t.vehicle_id: t.time for t in self.days(())}
+        start, end = int(min(t[0] for t in times.values())), int(max(t[-1] for t in times.values()))
+        self.meta |= {
+            "start": f"{np.datetime64(start, 'us')}Z", "end": f"{np.datetime64(end, 'us')}Z",
+            "rows": sum(map(len, times.values())),
+            "vehicles": {name: about for name, about in self.meta["vehicles"].items() if name in times},
+        }  # fmt: skip
+
+
+def opened(path: str | Path, day: str | None) -> Dataset:
+    """The dataset, or one ``day`` of it."""
+    return Dataset(path) if day is None else OneDay(path, day)
+
+
+def span_of(dataset: Dataset) -> tuple[int, int] | None:
+    """First and last time [us]; None for a dataset without rows."""
+    ends = [dataset.meta.get(key) for key in ("start", "end")]
+    start, end = (int(np.datetime64(e.removesuffix("Z"), "us").astype(np.int64)) if e else None for e in ends)
+    return None if start is None or end is None else (start, end)
 
 
 @dataclass(frozen=True)

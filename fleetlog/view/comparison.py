@@ -15,12 +15,12 @@ from fleetlog.core.trajectory import Floats, Ints, Trajectory, concatenate
 from fleetlog.store import Dataset
 from fleetlog.store.trips import STANDING_SPEED
 from fleetlog.view import blueprint, palette, thin
-from fleetlog.view.day import opened
+from fleetlog.view.clock import opened, span_of
 from fleetlog.view.extent import dataset_outline
-from fleetlog.view.fleet import curve_style, log_curve
-from fleetlog.view.recording import MANY, RATE, Fleet, summary_markdown
+from fleetlog.view.fleet import Fleet, curve_style, log_curve
+from fleetlog.view.recording import MANY, RATE, log_fleet, summary_markdown
 from fleetlog.view.scene import log_site
-from fleetlog.view.stream import Stream, entity, microseconds, open_stream
+from fleetlog.view.stream import Stream, entity, open_stream
 
 DIFFERENCES = {
     "apart": "Distance apart [m]",
@@ -56,45 +56,28 @@ def write_comparison(
     a = Fleet(recorded, rate_hz, "recorded", palette.RECORDED, "recorded")
     b = Fleet(simulated, rate_hz, "simulated", palette.SIMULATED, "simulated", shift)
     screen = blueprint.Screen(dataset_outline(recorded), ("/recorded", "/simulated"))
-    screen.on_earth = recorded.site.frame is not None
-    screen.start, screen.duration = _span(recorded, simulated, shift)
+    times = [*(span_of(recorded) or ()), *(t + shift for t in span_of(simulated) or ())]
+    if times:
+        screen.start, screen.duration = min(times), (max(times) - min(times)) * 1e-6
+    text = "Recorded in orange, simulated in blue.\n"
+    text += f"\nThe simulated clock is moved by {shift * 1e-6:,.0f} s.\n" if shift else ""
+    text = "\n".join([text, *(summary_markdown(d, figures=False) for d in (recorded, simulated))])
     with open_stream(Path(out_rrd), f"{recorded.site.name} (recorded and simulated)", screen.start) as stream:
         log_site(stream, recorded.site)
-        a.log(stream, screen)
-        b.log(stream, screen)
-        found = _log_differences(stream, a, b) if same_mission(simulated) else _log_totals(stream, a, b)
-        text = rr.TextDocument(_text(recorded, simulated, shift), media_type=rr.MediaType.MARKDOWN)
-        stream.static("/summary", text)
+        log_fleet(stream, screen, a)
+        log_fleet(stream, screen, b)
+        # A simulation with this figure drove the trips of a recording again.
+        again = "distance_ratio" in (simulated.meta.get("summary") or {})
+        found = _log_differences(stream, a, b) if again else _log_totals(stream, a, b)
+        stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         blueprint.send(stream, _screen(screen, found))
     return Path(out_rrd)
 
 
-def same_mission(simulated: Dataset) -> bool:
-    """Whether a simulation drove the trips of a recording again."""
-    return "distance_ratio" in (simulated.meta.get("summary") or {})
-
-
-def _ends(dataset: Dataset) -> tuple[int, int] | None:
-    """First and last time [us]; None for a dataset without rows."""
-    start, end = (microseconds(dataset.meta.get(k)) for k in ("start", "end"))
-    return None if start is None or end is None else (start, end)
-
-
 def clock_shift(recorded: Dataset, simulated: Dataset) -> int:
     """Microseconds to add to the simulated times: 0 where the two overlap."""
-    a, b = _ends(recorded), _ends(simulated)
+    a, b = span_of(recorded), span_of(simulated)
     return 0 if a is None or b is None or (a[0] <= b[1] and b[0] <= a[1]) else a[0] - b[0]
-
-
-def _span(recorded: Dataset, simulated: Dataset, shift: int) -> tuple[int | None, float]:
-    times = [*(_ends(recorded) or ()), *(t + shift for t in _ends(simulated) or ())]
-    return (min(times), (max(times) - min(times)) * 1e-6) if times else (None, 0.0)
-
-
-def _text(recorded: Dataset, simulated: Dataset, shift: int) -> str:
-    moved = f"\n\nThe simulated clock is moved by {shift * 1e-6:,.0f} s.\n" if shift else "\n"
-    summaries = "\n".join(summary_markdown(d, figures=False) for d in (recorded, simulated))
-    return f"Recorded in orange, simulated in blue.{moved}\n{summaries}"
 
 
 def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:
@@ -102,19 +85,15 @@ def _log_differences(stream: Stream, a: Fleet, b: Fleet) -> set[str]:
     found: set[str] = set()
     common = sorted(set(a.dataset.vehicles) & set(b.dataset.vehicles))[:MANY]
     for number, vehicle in enumerate(common):
-        ours, theirs = list(a.days(vehicle)), list(b.days(vehicle))
-        if not ours or not theirs:
-            continue
-        other, spent = concatenate(theirs), 0.0
-        for day in ours:
+        spent, style = 0.0, curve_style(vehicle, palette.vehicle_colour(number))
+        theirs = list(b.days(vehicle))
+        other = concatenate(theirs) if theirs else Trajectory(vehicle, np.zeros(0, np.int64))
+        for day in a.days(vehicle):
             for kind, values in differences(day, other).items():
                 if kind == "energy":
                     values, spent = values + spent, spent + values[-1]
-                path = entity("difference", kind, vehicle)
-                if kind not in found or day is ours[0]:
-                    stream.static(path, curve_style(vehicle, palette.vehicle_colour(number)))
+                log_curve(stream, entity("difference", kind, vehicle), day.time, values, style)
                 found.add(kind)
-                log_curve(stream, path, day.time, values)
     return found
 
 
@@ -124,10 +103,9 @@ def _log_totals(stream: Stream, *fleets: Fleet) -> set[str]:
     for fleet in fleets:
         time, curves = totals([day for v in fleet.dataset.vehicles for day in fleet.days(v)])
         for kind, values in curves.items():
-            path = entity("difference", kind, fleet.name)
-            stream.static(path, curve_style(fleet.name, fleet.colour or palette.RECORDED))
-            log_curve(stream, path, time, values)
-            found.add(kind)
+            style = curve_style(fleet.name, fleet.colour or palette.RECORDED)
+            log_curve(stream, entity("difference", kind, fleet.name), time, values, style)
+        found |= set(curves)
     return found
 
 
@@ -161,20 +139,14 @@ def at_times(other: Trajectory, name: str, time: Any) -> Floats:
     return np.asarray(out, dtype=np.float64)
 
 
-def running_energy(time: Any, power: Floats) -> Floats:
-    """(N,) energy [kWh] of a power [W] from the first row on; nothing where it is unknown or over a gap."""
-    if not np.isfinite(power).any():
-        return np.full(len(power), np.nan)
-    step = np.where(np.diff(time) > thin.gap_limit(time), 0.0, np.diff(time) * 1e-6)
-    part = 0.5 * np.nan_to_num(power[1:] + power[:-1]) * step
-    return np.asarray(np.concatenate([[0.0], np.cumsum(part)]) / 3.6e6, dtype=np.float64)
-
-
 def differences(recorded: Trajectory, simulated: Trajectory) -> dict[str, Floats]:
     """By kind with data (N,), simulated minus recorded, in the units of ``DIFFERENCES``."""
     time, columns = recorded.time, ("x", "y", "battery_power", "soc")
     dx, dy, power, soc = (at_times(simulated, c, time) - recorded.floats(c) for c in columns)
-    energy = running_energy(time, power)
+    # Nothing is spent while the power is unknown, and over a gap.
+    step = np.where(np.diff(time) > thin.gap_limit(time), 0.0, np.diff(time) * 1e-6)
+    spent = np.append(0.0, np.cumsum(0.5 * np.nan_to_num(power[1:] + power[:-1]) * step)) / 3.6e6
+    energy = np.where(np.isfinite(power).any(), spent, np.nan)
     every = {"apart": np.hypot(dx, dy), "power": power * 1e-3, "energy": energy, "soc": soc * 100.0}
     return {kind: values for kind, values in every.items() if np.isfinite(values).any()}
 
@@ -183,13 +155,12 @@ def _screen(screen: blueprint.Screen, found: set[str]) -> rrb.Blueprint:
     # From above, arcs would hide where the two fleets part.
     flat = [*blueprint.FLAT, *(f"- {p}/tasks/**" for p in screen.prefixes)]
     left = [
-        blueprint.floor_view(screen, "Site", blueprint.oblique(screen.outline, 1.5)),
-        blueprint.floor_view(screen, "Plan", blueprint.top_down(screen.outline, 1.5), flat),
+        blueprint.floor_view(screen, "Site", aspect=1.5),
+        blueprint.floor_view(screen, "Plan", flat, plan=True, aspect=1.5),
     ]
-    both: list[Any] = [blueprint.curve_view(screen, s) for s in blueprint.CURVE_NAMES if s in screen.signals]
     summary = rrb.TextDocumentView(origin="/summary", name="Summary")
     doing = blueprint.activity_views(screen, roomy=True)
-    both.append(rrb.Tabs(summary, *doing) if doing else summary)
+    both = [*blueprint.curve_views(screen), rrb.Tabs(summary, *doing) if doing else summary]
     apart: list[Any] = [
         blueprint.plot(
             title, [f"/difference/{kind}/**"], legend=kind in TOTALS,

@@ -13,22 +13,34 @@ Large fleets have no arcs, which would hide the floor, one entity for all reserv
 states.
 """
 
+from __future__ import annotations
+
+import itertools
+import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from fleetlog.core.site import Place, PlaceKind
 from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.roads.segments import reduced
-from fleetlog.store.events import ACTIVITIES
-from fleetlog.view import marks, palette
-from fleetlog.view.fleet import curve_style, log_curve
-from fleetlog.view.happenings import NEVER, Happenings, Tasks, counts, open_tasks, rows_while
+from fleetlog.store import Dataset
+from fleetlog.store.events import ACTIVITIES, TABLES, read_table
+from fleetlog.view import palette, ribbons
+from fleetlog.view.clock import OneDay, span_of
+from fleetlog.view.fleet import Lane, curve_style, log_curve
 from fleetlog.view.palette import Colour
 from fleetlog.view.scene import log_places
 from fleetlog.view.stream import Stream, entity, ui_points
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+NEVER = np.iinfo(np.int64).max
+"""A time that has not come [us]."""
 TRUE, CORNERS = 0.08, 4
 """How true ways are drawn for a small fleet [m], and points of each for a large one."""
 STATES = 20
@@ -43,23 +55,95 @@ CURVE_POINTS = 120
 """Of a curve, each a mean over the time to the next: trucks of a long shift would else make a band of it."""
 FLOOR, UP = np.array([0.0, 0.0, 0.14]), np.array([0.0, 0.0, 0.6])
 """Reservations lie, and arcs end, so much over the ground [m]."""
-Strips = list[Floats]
+MOMENTS = ("earliest", "assigned", "picked", "dropped")
 
 
-def log_events(
-    stream: Stream, h: Happenings, vehicles: Sequence[str], colours: Sequence[Colour], prefix: str, name: str
-) -> set[str]:
+@dataclass(frozen=True)
+class Happenings:
+    """What a simulated dataset says beside its rows.
+
+    The tables ``tasks``, ``activities`` and ``reservations`` with times [us, int64], ``NEVER`` where not
+    reached; ``spots`` x, y, z [m] by place; ``lines`` (n, 3) m by way; ``drawn`` places that the simulation
+    drew along the roads.
+    """
+
+    tasks: pd.DataFrame
+    activities: pd.DataFrame
+    reservations: pd.DataFrame
+    spots: pd.DataFrame
+    lines: dict[int, Floats]
+    drawn: tuple[Place, ...]
+
+    def where(self, places: pd.Series[Any]) -> Floats:
+        """(N, 3) m, NaN where no place is named."""
+        return self.spots.reindex(places.astype(object)).to_numpy(np.float64)
+
+
+def happenings_of(dataset: Dataset, shift: int) -> Happenings | None:
+    """None for a dataset without them; times are moved by ``shift`` [us]."""
+    tasks, doing, held, ways, bays = (read_table(dataset, name, compact=True) for name in TABLES)
+    if tasks is None or doing is None or held is None or ways is None or bays is None:
+        return None
+    first, last = (isinstance(dataset, OneDay) and span_of(dataset)) or (-NEVER, NEVER)
+
+    def clocked(table: pd.DataFrame) -> pd.DataFrame:
+        """What lies outside the time that is shown is moved to its ends."""
+        columns = table.select_dtypes("datetimetz")
+        times = {str(c): columns[c].dt.tz_localize(None).to_numpy("datetime64[us]") for c in columns}
+        moved = {c: np.clip(t.astype(np.int64), first, last) + shift for c, t in times.items()}
+        return table.assign(**{c: np.where(np.isnat(times[c]), NEVER, t) for c, t in moved.items()})
+
+    doing, held = (t[t["end"] > t["start"]] for t in map(clocked, (doing, held)))
+    spots = bays.groupby("place", observed=True)[["x", "y", "z"]].mean()
+    shapes = zip(*(ways[c] for c in "xyz"), strict=True)
+    lines = {int(way): np.column_stack(shape) for way, shape in zip(ways["way"], shapes, strict=True)}
+    known = {p.id for p in dataset.site.places}
+    rows = zip(bays["place"].astype(str), bays["kind"].astype(str), bays["x"], bays["y"], strict=True)
+    drawn = tuple(Place(name, cast(PlaceKind, kind), *xy) for name, kind, *xy in rows if name not in known)
+    given = clocked(tasks[tasks["status"] != "left out"])
+    return Happenings(given, doing, held, spots.set_axis(spots.index.astype(str)), lines, drawn)
+
+
+def rows_while(times: Ints, start: Ints, end: Ints) -> tuple[Ints, Ints]:
+    """Row and stretch wherever one of the sorted ``times`` lies from ``start`` to before ``end``, by row."""
+    first, last = np.searchsorted(times, start), np.searchsorted(times, end)
+    count = np.maximum(last - first, 0)
+    stretch = np.repeat(np.arange(len(start)), count)
+    row = np.arange(len(stretch)) + np.repeat(first - (np.cumsum(count) - count), count)
+    order = np.argsort(row, kind="stable")
+    return row[order], stretch[order]
+
+
+def mean_number(edges: Ints, start: Ints, end: Ints) -> Floats:
+    """(T - 1,) how many stretches there are on average between each two of the (T,) ``edges``."""
+    return np.asarray(np.diff(_behind(edges, start) - _behind(edges, end)) / np.diff(edges))
+
+
+def _behind(edges: Ints, moments: Ints) -> Ints:
+    """(T,) sum of the time from each of the ``moments`` to each of the ``edges`` that is later [us]."""
+    moments = np.sort(np.clip(moments, edges[0], edges[-1])) - edges[0]
+    passed = np.searchsorted(moments, edges - edges[0])
+    sums = np.concatenate([[0], np.cumsum(moments)])
+    return np.asarray(passed * (edges - edges[0]) - sums[passed], dtype=np.int64)
+
+
+def log_events(stream: Stream, h: Happenings, lanes: list[Lane]) -> set[str]:
     """Those of a small fleet; the kinds that were drawn."""
-    log_places(stream, h.spots, "drawn", labels=False)
-    _log_waiting(stream, h.tasks, entity(prefix, "tasks", "waiting"))
+    log_places(stream, h.drawn, "drawn", labels=False)
+    prefix = lanes[0].fleet.prefix
+    _log_tasks(stream, h, lanes, entity(prefix, "tasks", "waiting"))
     lines = {way: reduced(line, TRUE) + FLOOR for way, line in h.lines.items()}
-    for vehicle, colour in zip(vehicles, colours, strict=True):
-        _log_tasks(stream, h.tasks, vehicle, colour, entity(prefix, "tasks", vehicle))
-        _log_reserved(stream, h, lines, vehicle, colour, entity(prefix, "reserved", vehicle))
+    for lane in lanes:
+        mine = h.reservations[h.reservations["vehicle_id"] == lane.vehicle]
+        path, dim = lane.path("reserved"), palette.faded(lane.colour, 0.55, palette.ROAD)
+        stream.static(path, rr.LineStrips3D.from_fields(radii=0.95, colors=[dim]))
+        _log_stretches(stream, path, mine["start"], mine["end"], [[lines[w]] for w in mine["way"]])
     found = {"tasks", "reserved"} | _log_charging(stream, h, entity(prefix, "charging"))
-    few = len(vehicles) <= STATES
-    for vehicle in vehicles if few else ():
-        _log_state(stream, h, vehicle, entity(prefix, "state", vehicle))
+    few = len(lanes) <= STATES
+    for lane in lanes if few else ():
+        mine = h.activities[h.activities["vehicle_id"] == lane.vehicle]
+        _log_state(stream, mine.sort_values("start"), lane.path("state"))
+    name = lanes[0].fleet.name
     return found | ({"state"} if few else set()) | _log_curves(stream, h, prefix, name, activity=not few)
 
 
@@ -67,44 +151,32 @@ def log_many(stream: Stream, h: Happenings, prefix: str, name: str) -> set[str]:
     """Those of a large fleet."""
     found = _log_charging(stream, h, entity(prefix, "charging"))
     found |= _log_curves(stream, h, prefix, name, activity=True)
-    path = entity(prefix, "reserved", "fleet")
+    path, held = entity(prefix, "reserved", "fleet"), h.reservations
     stream.static(path, rr.LineStrips3D.from_fields(radii=0.7, colors=[palette.RESERVED]))
-    if not len(h.way):
+    if not len(held):
         return found
     corners = (line[np.linspace(0, len(line) - 1, CORNERS).astype(int)] for line in h.lines.values())
-    lines = np.array([c + FLOOR for c in corners])
-    way = np.searchsorted(np.array(list(h.lines)), h.way)
-    times = np.arange(h.held_from.min(), h.held_to.max() + STEP, STEP)
-    row, held = rows_while(times, h.held_from, h.held_to)
+    lines = np.array([c + FLOOR for c in corners], np.float32)
+    way = np.searchsorted(np.array(list(h.lines)), held["way"])
+    times = np.arange(held["start"].min(), held["end"].max() + STEP, STEP)
+    row, which = rows_while(times, held["start"].to_numpy(), held["end"].to_numpy())
     lengths = np.bincount(row, minlength=len(times))
-    ends = np.cumsum(lengths)
-    for first, last in _blocks(ends):
-        begin = int(ends[first - 1]) if first else 0
-        strips = lines[way[held[begin : int(ends[last - 1])]]].astype(np.float32)
-        stream.parts(path, times[first:last], lengths[first:last], rr.LineStrips3D, strips=strips)
+    for rows in np.array_split(np.arange(len(times)), min(len(row) // BLOCK + 1, len(times))):
+        shown = slice(*np.searchsorted(row, [rows[0], rows[-1] + 1]))
+        stream.parts(path, times[rows], lengths[rows], rr.LineStrips3D, strips=lines[way[which[shown]]])
     return found | {"reserved"}
 
 
-def _blocks(ends: Ints) -> list[tuple[int, int]]:
-    """Runs of rows with no more than ``BLOCK`` lines each, unless one row has more."""
-    out, first = [], 0
-    while first < len(ends):
-        done = int(ends[first - 1]) if first else 0
-        last = max(int(np.searchsorted(ends, done + BLOCK, side="right")), first + 1)
-        out.append((first, last))
-        first = last
-    return out
-
-
 def _log_stretches(
-    stream: Stream, path: str, start: Ints, end: Ints, lines: Sequence[Strips], most: int,
-    colours: Sequence[Colour] = (),
+    stream: Stream, path: str, start: Any, end: Any, lines: Sequence[Sequence[Floats]],
+    colours: Sequence[Colour] = (), most: int = sys.maxsize,
 ) -> None:  # fmt: skip
     """At every change the ``lines`` of the stretches of time then open; of these the ``most`` oldest.
 
     ``colours`` are those of the lines of each stretch, where they differ.
     """
-    times = np.unique(np.concatenate([start, end[end != NEVER]]))
+    start, end = np.asarray(start), np.asarray(end)
+    times = np.setdiff1d(np.concatenate([start, end]), [NEVER])
     row, which = rows_while(times, start, end)
     shown = np.arange(len(row)) - np.searchsorted(row, row) < most
     row, which = row[shown], which[shown]
@@ -115,80 +187,61 @@ def _log_stretches(
     stream.parts(path, times, lengths, rr.LineStrips3D, strips=strips, **more)
 
 
-def _log_tasks(stream: Stream, t: Tasks, vehicle: str, colour: Colour, path: str) -> None:
-    """Nothing, dashes or the whole arc from each change on."""
-    stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(1.1), colors=[colour]))
-    known = np.isfinite(t.target).all(axis=1) & np.isfinite(t.source).all(axis=1)
-    changes: list[tuple[int, Strips]] = []
-    for k in np.flatnonzero((t.vehicle == vehicle) & known):
-        ends = t.source[k] + UP, t.target[k] + UP
-        line = marks.arc(*ends)
-        tip = marks.head(line)
-        changes.append((int(t.assigned[k]), [*marks.broken(*ends), tip]))
-        changes.append((int(t.picked[k]), [line, tip]))
-        changes.append((int(t.dropped[k]), []))
-    changes = sorted((c for c in changes if c[0] != NEVER), key=lambda c: c[0])
-    time = np.array([when for when, _ in changes], np.int64)
-    lengths = np.array([len(strips) for _, strips in changes], np.int64)
-    lines = [s.astype(np.float32) for _, strips in changes for s in strips]
-    stream.parts(path, time, lengths, rr.LineStrips3D, strips=lines)
-
-
-def _log_waiting(stream: Stream, t: Tasks, path: str) -> None:
-    """Arcs; of more than can be told apart, of the tasks that have waited longest."""
-    late = (t.assigned > t.earliest) & (t.earliest != NEVER)
-    waits = np.flatnonzero(late & np.isfinite(t.target).all(axis=1))
+def _log_tasks(stream: Stream, h: Happenings, lanes: list[Lane], path: str) -> None:
+    """Arcs: dashes while the load is fetched, then whole; of waiting tasks, those that wait longest."""
+    source, target = h.where(h.tasks["from_place"]) + UP, h.where(h.tasks["to_place"]) + UP
+    known = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
+    tasks, ends = h.tasks[known], list(zip(source[known], target[known], strict=True))
+    dashes = [ribbons.broken(*e) for e in ends]
+    late = np.flatnonzero(tasks["assigned"] > tasks["earliest"])
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(0.8), colors=[palette.WAITING]))
-    arcs = [marks.broken(t.source[k] + UP, t.target[k] + UP) for k in waits]
-    _log_stretches(stream, path, t.earliest[waits], t.assigned[waits], arcs, MOST_WAITING)
-
-
-def _log_reserved(
-    stream: Stream, h: Happenings, lines: dict[int, Floats], vehicle: str, colour: Colour, path: str
-) -> None:
-    mine = np.flatnonzero(h.held_by == vehicle)
-    dim = palette.faded(colour, 0.55, palette.ROAD)
-    stream.static(path, rr.LineStrips3D.from_fields(radii=0.95, colors=[dim]))
-    ways = [[lines[w]] for w in h.way[mine].tolist()]
-    _log_stretches(stream, path, h.held_from[mine], h.held_to[mine], ways, len(mine))
+    waiting, arcs = tasks.iloc[late], [dashes[k] for k in late]
+    _log_stretches(stream, path, waiting["earliest"], waiting["assigned"], arcs, most=MOST_WAITING)
+    for lane in lanes:
+        path, which = lane.path("tasks"), np.flatnonzero(tasks["vehicle_id"] == lane.vehicle)
+        stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(1.1), colors=[lane.colour]))
+        mine, whole = tasks.iloc[which], [ribbons.arc(*ends[k]) for k in which]
+        fetched = [[*dashes[k], ribbons.head(line)] for k, line in zip(which, whole, strict=True)]
+        lines = [*fetched, *([line, ribbons.head(line)] for line in whole)]
+        stages = mine[["assigned", "picked", "dropped"]].to_numpy()
+        _log_stretches(stream, path, stages[:, :2].T.ravel(), stages[:, 1:].T.ravel(), lines)
 
 
 def _log_charging(stream: Stream, h: Happenings, path: str) -> set[str]:
     """Rings that fade outwards and a bolt, one set at every place where a truck charges."""
-    mine = np.flatnonzero((h.doing == "charge") & np.isfinite(h.where).all(axis=1))
+    mine = h.activities[h.activities["activity"] == "charge"]
+    where = h.where(mine["place"])
+    mine, where = mine[np.isfinite(where[:, 0])], where[np.isfinite(where[:, 0])]
     if not len(mine):
         return set()
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(2.2)))
-    glow = [*(marks.ring(r, 0.15) for r in (2.1, 2.7, 3.3)), marks.bolt(1.5, 5.4)]
+    glow = [*(ribbons.ring(r, 0.15) for r in (2.1, 2.7, 3.3)), ribbons.bolt(1.5, 5.4)]
     tints = [palette.faded(palette.CHARGING, share) for share in (1.0, 0.65, 0.35, 1.0)]
-    lines = [[g + where for g in glow] for where in h.where[mine]]
-    _log_stretches(stream, path, h.start[mine], h.end[mine], lines, len(mine), tints)
+    _log_stretches(stream, path, mine["start"], mine["end"], [[g + at for g in glow] for at in where], tints)
     return {"charging"}
 
 
-def _log_state(stream: Stream, h: Happenings, vehicle: str, path: str) -> None:
-    mine = np.flatnonzero(h.who == vehicle)
-    mine = mine[np.argsort(h.start[mine])]
-    names = list(ACTIVITIES)
+def _log_state(stream: Stream, mine: pd.DataFrame, path: str) -> None:
     # Colours as numbers: in a plain list they could be taken for something else.
-    colours = np.array([[*palette.ACTIVITIES[a], 255] for a in names], np.uint8)
-    labels = [a.replace("_", " ") for a in names]
-    stream.static(path, rr.StateConfiguration(values=names, labels=labels, colors=colours))
-    states: NDArray[np.object_] = h.doing[mine]
-    changed = np.flatnonzero(np.append(True, states[1:] != states[:-1])[: len(states)])
-    stream.columns(path, h.start[mine][changed], rr.StateChange, state=states[changed].tolist())
+    colours = np.array([[*palette.ACTIVITIES[a], 255] for a in ACTIVITIES], np.uint8)
+    labels = [a.replace("_", " ") for a in ACTIVITIES]
+    stream.static(path, rr.StateConfiguration(values=list(ACTIVITIES), labels=labels, colors=colours))
+    states = mine["activity"].astype(str)
+    changed = (states != states.shift()).to_numpy()
+    stream.columns(path, mine["start"].to_numpy()[changed], rr.StateChange, state=states[changed].tolist())
 
 
 def _log_curves(stream: Stream, h: Happenings, prefix: str, name: str, *, activity: bool) -> set[str]:
-    """Open tasks by stage, and with ``activity`` the trucks by what they do."""
-    first, last = int(h.start.min()), int(h.end.max())
+    """Open tasks by stage, and with ``activity`` the trucks by what they do, in means."""
+    first, last = int(h.activities["start"].min()), int(h.activities["end"].max())
     edges = np.linspace(first, last, min(CURVE_POINTS, (last - first) // 1_000_000) + 1).astype(np.int64)
-    curves = {"open": (open_tasks(h.tasks, edges), palette.STAGES)}
-    if activity:
-        curves["activity"] = counts(h, edges), palette.ACTIVITIES
-    for signal, (numbers, colours) in curves.items():
-        for curve, n in numbers.items():
+    moments = itertools.pairwise(h.tasks[m].to_numpy() for m in MOMENTS)
+    curves = {("open", stage): ends for stage, ends in zip(palette.STAGES, moments, strict=True)}
+    for doing, rows in h.activities.groupby("activity", observed=True) if activity else ():
+        curves["activity", str(doing)] = rows["start"].to_numpy(), rows["end"].to_numpy()
+    for (signal, curve), (start, end) in curves.items():
+        if (number := mean_number(edges, start, end)).any():
             path, title = entity(prefix, signal, curve), f"{name} {curve.replace('_', ' ')}".strip()
-            stream.static(path, curve_style(title, colours[curve], steps=True))
-            log_curve(stream, path, edges[:-1], n)
-    return set(curves)
+            tint = (palette.STAGES if signal == "open" else palette.ACTIVITIES)[curve]
+            log_curve(stream, path, edges[:-1], number, curve_style(title, tint, steps=True))
+    return {"open", "activity"} if activity else {"open"}

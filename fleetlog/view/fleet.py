@@ -8,22 +8,25 @@ Paths have the signal first and the vehicle second, because a view's filter know
     PREFIX/trail/ID             where it was                    PREFIX/geo/ID      on the map
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import rerun as rr
 
 from fleetlog.core.site import Frame, Site
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
+from fleetlog.store import Dataset
 from fleetlog.view import palette, thin
-from fleetlog.view.meshes import LOAD_CENTRE, LOAD_HALF, truck_body, truck_fork
+from fleetlog.view.meshes import LOAD_CENTRE, LOAD_HALF
 from fleetlog.view.palette import Colour
-from fleetlog.view.scene import mesh3d
 from fleetlog.view.stream import Stream, entity, ui_points
 
 CURVES = {"speed": ("speed", 1.0), "battery_power": ("power", 1e-3), "soc": ("soc", 100.0)}
 """Trajectory column: (signal in the recording, factor to its unit: m/s, kW, %)."""
 BAR_HALF, BAR_UP, BAR_NORTH = 1.6, 3.4, 2.2
+EMPTY = np.array([58, 60, 66], np.uint8)
 TRAIL_STEP = 4
 SOC_RATE = 0.2
 """Samples a second of the SOC curve at most."""
@@ -33,24 +36,51 @@ FAR_FROM_FLOOR = 10.0
 """[m]"""
 MIN_LOAD = 1.0
 """Payload [kg] above which a load is drawn."""
+COLUMNS = (
+    "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "payload", "fork_height", "battery_power",
+    "soc",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """One dataset in a recording: path, colour and name of its entities, and how its clock is moved [us]."""
+
+    dataset: Dataset
+    rate_hz: float
+    prefix: str = ""
+    colour: Colour | None = None
+    name: str = ""
+    shift: int = 0
+
+    def days(self, vehicle: str) -> Iterator[Trajectory]:
+        """The thinned days of a vehicle on the recording's clock."""
+        for date in self.dataset.dates:
+            day = self.dataset.read(vehicle, date, COLUMNS)
+            if len(day):
+                kept = thin.thinned(day, self.rate_hz)
+                yield Trajectory(vehicle, kept.time + self.shift, kept.columns)
+
+    def lanes(self, origin: int | None) -> list["Lane"]:
+        """Its vehicles, in a recording that starts at ``origin`` [us]."""
+        one, names = self.colour, self.dataset.vehicles
+        tints = [palette.shade(one, k) if one else palette.vehicle_colour(k) for k in range(len(names))]
+        return [Lane(self, name, tint, origin) for name, tint in zip(names, tints, strict=True)]
 
 
 @dataclass
 class Lane:
-    """One vehicle in the recording: where its entities are, and what was written last."""
+    """One vehicle in the recording, and what was written last; before ``origin`` [us] it is not shown."""
 
+    fleet: Fleet
     vehicle: str
     colour: Colour
-    prefix: str = ""
-    fleet: str = ""
-    """Said behind the vehicle where curves of two fleets share a plot."""
-    origin: int | None = None
-    """Start of the recording [us]; a vehicle that comes later is not shown before."""
+    origin: int | None
     last: int | None = None
 
     def path(self, signal: str, *more: str) -> str:
         """Path of one of the vehicle's entities."""
-        return entity(self.prefix, signal, self.vehicle, *more)
+        return entity(self.fleet.prefix, signal, self.vehicle, *more)
 
 
 def quaternions(heading: Floats) -> Floats:
@@ -76,20 +106,17 @@ def heights(t: Trajectory, site: Site) -> Floats:
     return z
 
 
-def log_static(stream: Stream, lane: Lane, signals: set[str]) -> None:
-    """Meshes, and the style of the curves, of one vehicle."""
-    name = f"{lane.vehicle} {lane.fleet}".strip()
-    stream.static(lane.path("trucks", "body"), mesh3d(truck_body(lane.colour)))
-    stream.static(lane.path("trucks", "body", "fork"), mesh3d(truck_fork()))
-    for signal in sorted(signals):
-        stream.static(lane.path(signal), curve_style(name, lane.colour))
-
-
 def log_day(stream: Stream, lane: Lane, t: Trajectory, site: Site, labels: bool) -> set[str]:
     """One day of one vehicle, already thinned; the signals that it has."""
     moving = t[np.isfinite(t.floats("x")) & np.isfinite(t.floats("y"))]
     limit = thin.gap_limit(t.time)
-    signals = _log_curves(stream, lane, t, limit)
+    signals = set()
+    for column, (signal, factor) in CURVES.items():
+        if t.has(column):
+            slow = thin.thinned(t, SOC_RATE) if signal == "soc" else t
+            curve = with_gaps(slow.time, slow.floats(column) * factor, limit, lane.last)
+            log_curve(stream, lane.path(signal), *curve)
+            signals.add(signal)
     if len(moving):
         floor = np.column_stack([moving.floats("x"), moving.floats("y"), heights(moving, site)])
         keep = thin.moved(STEP, *floor.T)
@@ -104,15 +131,6 @@ def log_day(stream: Stream, lane: Lane, t: Trajectory, site: Site, labels: bool)
     return signals
 
 
-def _log_curves(stream: Stream, lane: Lane, t: Trajectory, limit: int) -> set[str]:
-    known = {column: of for column, of in CURVES.items() if t.has(column)}
-    for column, (signal, factor) in known.items():
-        slow = thin.thinned(t, SOC_RATE) if signal == "soc" else t
-        curve = with_gaps(slow.time, slow.floats(column) * factor, limit, lane.last)
-        log_curve(stream, lane.path(signal), *curve)
-    return {signal for signal, _ in known.values()}
-
-
 def curve_style(name: str, colour: Colour, steps: bool = False) -> rr.SeriesLines:
     """A thin line, or one in ``steps``, through the values themselves.
 
@@ -124,8 +142,10 @@ def curve_style(name: str, colour: Colour, steps: bool = False) -> rr.SeriesLine
     )  # fmt: skip
 
 
-def log_curve(stream: Stream, path: str, time: Ints, values: Floats) -> None:
-    """A curve over time, runs of equal values cut to their ends."""
+def log_curve(stream: Stream, path: str, time: Ints, values: Floats, style: Any = None) -> None:
+    """A curve over time, runs of equal values cut to their ends; ``style`` where it has none yet."""
+    if style is not None:
+        stream.static(path, style)
     keep = thin.runs_collapsed(values)
     stream.columns(path, time[keep], rr.Scalars, scalars=values[keep])
 
@@ -142,20 +162,25 @@ def with_gaps(time: Ints, values: Floats, limit: int, last: int | None) -> tuple
 def _log_presence(stream: Stream, lane: Lane, t: Trajectory, limit: int, labels: bool) -> None:
     """Dot, heading and SOC bar, all nothing while nothing is known of the truck."""
     cuts = thin.pieces(t.time, limit)
-    begins, ends = t.time[[s.start for s in cuts]], t.time[[s.stop - 1 for s in cuts]]
-    time, shown = np.concatenate([begins, ends + limit]), np.repeat([1, 0], len(cuts))
+    begins, hidden = t.time[[s.start for s in cuts]], t.time[[s.stop - 1 for s in cuts]] + limit
     if lane.last is None and lane.origin is not None and lane.origin < begins[0]:
-        time, shown = np.append(time, lane.origin), np.append(shown, 0)
-    order = np.argsort(time, kind="stable")
-    time, shown = time[order], shown[order]
-    path, point = lane.path("trucks", "dot"), np.tile([0.0, 0.0, 1.0], (len(cuts), 1))
+        hidden = np.append(lane.origin, hidden)
+    path, (time, _, shown) = lane.path("trucks", "dot"), _in_order(begins, hidden)
     dot = rr.Points3D.from_fields(radii=ui_points(3.5), colors=lane.colour, show_labels=labels)
     stream.static(path, dot)
-    stream.parts(path, time, shown, rr.Points3D, positions=point, labels=[lane.vehicle] * len(cuts))
+    point, names = np.tile([0.0, 0.0, 1.0], (len(cuts), 1)), [lane.vehicle] * len(cuts)
+    stream.parts(path, time, shown, rr.Points3D, positions=point, labels=names)
     starts = [s.start for s in thin.pieces(t.time, thin.gap_limit(t.time))]
-    _log_heading(stream, lane, t, starts, time[shown == 0])
+    _log_heading(stream, lane, t, starts, hidden)
     if t.has("soc"):
-        _log_bar(stream, lane, t, starts, time[shown == 0])
+        _log_bar(stream, lane, t, starts, hidden)
+
+
+def _in_order(shown: Ints, hidden: Ints) -> tuple[Ints, Ints, Ints]:
+    """Times at which something is shown and is not, their order, and which is which (1, 0)."""
+    time = np.concatenate([shown, hidden])
+    order = np.argsort(time, kind="stable")
+    return time[order], order, (order < len(shown)).astype(np.int64)
 
 
 def _log_heading(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], hidden: Ints) -> None:
@@ -163,13 +188,11 @@ def _log_heading(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], h
     heading = t.floats("heading")
     keep = thin.changed(heading, np.radians(2.0))
     keep = np.union1d(keep[np.isfinite(heading[keep])], starts)
-    time = np.concatenate([t.time[keep], hidden])
-    order = np.argsort(time, kind="stable")
-    turn = np.concatenate([np.nan_to_num(heading[keep]), np.zeros(len(hidden))])[order]
-    size = np.repeat([1.0, 1e-6], [len(keep), len(hidden)])[order]
+    time, order, shown = _in_order(t.time[keep], hidden)
+    turn = np.append(np.nan_to_num(heading[keep]), np.zeros(len(hidden)))[order]
     stream.columns(
-        lane.path("trucks", "body"), time[order], rr.Transform3D,
-        quaternion=quaternions(turn), scale=np.repeat(size[:, None], 3, axis=1),
+        lane.path("trucks", "body"), time, rr.Transform3D,
+        quaternion=quaternions(turn), scale=np.tile(np.maximum(shown, 1e-6)[:, None], 3),
     )  # fmt: skip
 
 
@@ -178,21 +201,15 @@ def _log_bar(stream: Stream, lane: Lane, t: Trajectory, starts: list[int], hidde
     soc = t.floats("soc")
     keep = np.union1d(thin.changed(soc, 0.01), starts)
     keep = keep[np.isfinite(soc[keep])]
-    time = np.concatenate([t.time[keep], hidden])
-    lengths = np.repeat([2, 0], [len(keep), len(hidden)])
-    order = np.argsort(time, kind="stable")
+    time, _, shown = _in_order(t.time[keep], hidden)
     split = BAR_HALF * (2.0 * np.clip(soc[keep], 0.03, 1.0) - 1.0)
-    strips = [_bar(*ends) for s in split for ends in ((-BAR_HALF, s), (s, BAR_HALF))]
-    colours = np.array([c for s in soc[keep] for c in (palette.soc_colour(s), (58, 60, 66))], np.uint8)
+    x = np.column_stack([np.full(len(keep), -BAR_HALF), split, split, np.full(len(keep), BAR_HALF)])
+    strips = np.stack(np.broadcast_arrays(x.reshape(-1, 2), BAR_NORTH, BAR_UP), axis=-1)
+    full = palette.soc_colours(soc[keep])
+    colours = np.stack([full, np.broadcast_to(EMPTY, full.shape)], axis=1).reshape(-1, 3)
     path = lane.path("trucks", "soc")
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(3.0)))
-    stream.parts(
-        path, time[order], lengths[order], rr.LineStrips3D, strips=strips, colors=colours.reshape(-1, 3)
-    )
-
-
-def _bar(left: float, right: float) -> Floats:
-    return np.array([[left, BAR_NORTH, BAR_UP], [right, BAR_NORTH, BAR_UP]])
+    stream.parts(path, time, 2 * shown, rr.LineStrips3D, strips=strips, colors=colours)
 
 
 def _log_fork(stream: Stream, lane: Lane, t: Trajectory) -> None:

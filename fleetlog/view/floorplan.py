@@ -43,8 +43,7 @@ def draw_site(axes: Axes, site: Site) -> None:
     axes.add_collection(PolyCollection(buildings, **solid))
     axes.add_collection(PolyCollection(zones, **rim))
     axes.add_collection(LineCollection(_road_lines(site), colors=ROAD, linewidths=1.0, zorder=1))
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
+    axes.set(xlabel="x [m]", ylabel="y [m]")
 
 
 def _road_lines(site: Site) -> list[Floats]:
@@ -52,14 +51,8 @@ def _road_lines(site: Site) -> list[Floats]:
     return [] if network is None else [network.polyline(i)[:, :2] for i in range(len(network))]
 
 
-def draw_map_layer(axes: Axes, layer: Grid | EdgeValues, site: Site, scale: Scale) -> Any:
-    """Heat on the floor, or values along the roads; what a colour bar is made of, None where nothing is."""
-    if isinstance(layer, Grid):
-        return _draw_grid(axes, layer, scale, site)
-    return _draw_edges(axes, layer, scale, site) if site.network is not None else None
-
-
-def _draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Any:
+def draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Any:
+    """Heat on the floor; what a colour bar is made of."""
     from matplotlib.collections import LineCollection
 
     rows, columns = grid.values.shape
@@ -73,49 +66,47 @@ def _draw_grid(axes: Axes, grid: Grid, scale: Scale, site: Site) -> Any:
     )  # fmt: skip
     axes.set(xlim=x, ylim=y)
     # Fine lines over the heat, so that the roads stay readable.
-    over = LineCollection(_road_lines(site), colors="#1d2024", linewidths=0.35, alpha=0.55, zorder=2)
-    axes.add_collection(over)
+    fine: Any = {"colors": "#1d2024", "linewidths": 0.35, "alpha": 0.55, "zorder": 2}
+    axes.add_collection(LineCollection(_road_lines(site), **fine))
     if alpha is not None:
         _note(axes, "pale: not significant")
     return image
 
 
-def _draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Any:
-    """Both directions of a road side by side, each on the side on which it is driven."""
+def draw_edges(axes: Axes, layer: EdgeValues, scale: Scale, site: Site) -> Any:
+    """Values of a road's directions side by side, each where it is driven; what a colour bar is made of."""
     from matplotlib.collections import LineCollection
 
     network = site.roads()
     span = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
     shift = 0.006 * float(span) * (1.0 if site.traffic == "left" else -1.0)
     keep = np.flatnonzero((layer.edge >= 0) & np.isfinite(layer.values))
+    keep = keep[np.argsort(np.abs(layer.values[keep]), kind="stable")]
     lines = []
-    for i in keep:
-        edge = int(layer.edge[i])
-        line = ribbons.stretch(network.polyline(edge), float(layer.start[i]), float(layer.end[i]))
+    for edge, start, end in zip(layer.edge[keep], layer.start[keep], layer.end[keep], strict=True):
+        line = ribbons.stretch(network.polyline(edge), float(start), float(end))
         lines.append((ribbons.offset(line, shift) if network.reverse[edge] >= 0 else line)[:, :2])
-    order = np.argsort(np.abs(layer.values[keep]), kind="stable")
     strips = LineCollection(
-        [lines[i] for i in order], cmap=colour_map(layer.diverging, False), norm=scale.norm(),
+        lines, cmap=colour_map(layer.diverging, False), norm=scale.norm(),
         linewidths=3.2, capstyle="butt", zorder=2,
     )  # fmt: skip
     casing = LineCollection(lines, colors="#8a9099", linewidths=4.2, capstyle="butt", zorder=1.8)
+    strips.set_array(layer.values[keep])
     axes.add_collection(casing)
-    strips.set_array(layer.values[keep][order])
     axes.add_collection(strips)
     return strips
 
 
 def draw_overlay(axes: Axes, result: Result, layer: str | None = None) -> None:
     """Marks and critical lines, over every map; marks of another map than ``layer`` are left out."""
+    taken: list[Box] = []
     for shape in result.shapes:
         if isinstance(shape, MovingLines):
             _draw_lines(axes, shape)
         elif isinstance(shape, Flows):
             _draw_flows(axes, shape)
-    marks = [s for s in result.shapes if isinstance(s, Marks) and len(s.xy) and s.on in (None, layer)]
-    taken: list[Box] = []
-    for shape in marks:
-        _draw_marks(axes, shape, taken)
+        elif isinstance(shape, Marks) and len(shape.xy) and shape.on in (None, layer):
+            _draw_marks(axes, shape, taken)
 
 
 def _draw_flows(axes: Axes, flows: Flows) -> None:
@@ -147,10 +138,8 @@ def _draw_lines(axes: Axes, shape: MovingLines) -> None:
         picked = [s[np.asarray(f, bool) == critical] for s, f in each if len(s)]
         strips = np.concatenate([np.zeros((0, 2, 2)), *picked])
         strips = strips[:: max(1, len(strips) // 20_000)]
-        alpha = float(np.clip(40.0 / max(len(strips), 1), 0.02, 0.5))
-        axes.add_collection(
-            LineCollection(list(strips), colors=colour, linewidths=0.9, alpha=alpha, zorder=2.5)
-        )
+        look: Any = {"alpha": float(np.clip(40.0 / max(len(strips), 1), 0.02, 0.5)), "zorder": 2.5}
+        axes.add_collection(LineCollection(list(strips), colors=colour, linewidths=0.9, **look))
 
 
 Box = tuple[float, float, float, float]
@@ -167,14 +156,11 @@ def _draw_marks(axes: Axes, marks: Marks, taken: list[Box]) -> None:
     small = (0.003 if marks.kind == "point" else 0.006) * float(np.ptp(axes.get_xlim()))
     sizes = np.maximum(np.asarray(marks.size, float), small)
     circles = [Circle((x, y), r) for (x, y), r in zip(marks.xy, sizes, strict=True)]
-    solid, faint = marks.kind in ("charger", "point"), 0.6 if marks.kind == "point" else 1.0
-    face = colour if solid else "none"
-    axes.add_collection(
-        PatchCollection(circles, facecolors=face, edgecolors=colour, linewidths=1.2, alpha=faint, zorder=3)
-    )
+    face = colour if marks.kind in ("charger", "point") else "none"
+    look: Any = {"linewidths": 1.2, "alpha": 0.6 if marks.kind == "point" else 1.0, "zorder": 3}
+    axes.add_collection(PatchCollection(circles, facecolors=face, edgecolors=colour, **look))
     for (x, y), label, size in list(zip(marks.xy, marks.labels, sizes, strict=True))[:MAX_LABELS]:
-        spot = _free_spot(axes, x, y, size, label, taken) if label else None
-        if spot is not None:
+        if label and (spot := _free_spot(axes, x, y, size, label, taken)) is not None:
             axes.annotate(
                 label, spot, fontsize=7.5, color=INK, ha="center", va="center", zorder=5,
                 annotation_clip=True, path_effects=[withStroke(linewidth=2.2, foreground="white")],
@@ -221,21 +207,19 @@ def _scale_bar(axes: Axes) -> None:
     length = float(power * max(m for m in (1.0, 2.0, 5.0) if m * power <= raw))
     right, base = x1 - 0.02 * (x1 - x0), y0 + 0.03 * (y1 - y0)
     axes.plot([right - length, right], [base, base], color=INK, lw=2.4, solid_capstyle="butt", zorder=6)
-    axes.annotate(
-        f"{length:g} m", (right - length / 2, base), xytext=(0, 3), textcoords="offset points", ha="center",
-        fontsize=8, color=INK, zorder=6,
-    )  # fmt: skip
+    _say(axes, f"{length:g} m", (right - length / 2, base), (0, 3), fontsize=8)
 
 
 def _north_arrow(axes: Axes, rotation: float) -> None:
     """North is (sin, cos) of the rotation, by which the x axis is turned counter-clockwise from east."""
-    north = np.array([np.sin(rotation), np.cos(rotation)])
-    anchor = (0.955, 0.90)
-    axes.annotate(
-        "", xy=anchor, xycoords="axes fraction", xytext=tuple(-26.0 * north), textcoords="offset points",
-        arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}, zorder=6,
-    )  # fmt: skip
-    axes.annotate(
-        "N", xy=anchor, xycoords="axes fraction", xytext=tuple(8.0 * north), textcoords="offset points",
-        ha="center", va="center", fontsize=8.5, weight="bold", color=INK, zorder=6,
-    )  # fmt: skip
+    north, at = np.array([np.sin(rotation), np.cos(rotation)]), (0.955, 0.90)
+    arrow = {"arrowstyle": "-|>", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
+    _say(axes, "", at, -26.0 * north, xycoords="axes fraction", arrowprops=arrow)
+    bold: dict[str, Any] = {"va": "center", "fontsize": 8.5, "weight": "bold"}
+    _say(axes, "N", at, 8.0 * north, xycoords="axes fraction", **bold)
+
+
+def _say(axes: Axes, text: str, at: tuple[float, float], aside: Any, **look: Any) -> None:
+    """A text so many points aside of a place."""
+    frame: Any = {"xytext": tuple(aside), "textcoords": "offset points", "ha": "center", "zorder": 6}
+    axes.annotate(text, at, color=INK, **frame, **look)

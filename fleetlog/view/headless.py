@@ -8,17 +8,16 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from fleetlog.errors import FleetlogError
 from fleetlog.view.stream import TIMELINE
 
-T = TypeVar("T")
 WAIT = 60.0
 """Longest wait for the viewer [s]."""
 
@@ -41,17 +40,14 @@ def vulkan_missing() -> str | None:
     if ctypes.util.find_library("vulkan") is None:
         return "no Vulkan library: install the packages libvulkan1 and mesa-vulkan-drivers"
     folders = [Path(p) / "vulkan/icd.d" for p in ("/usr/share", "/etc", "/usr/local/share")]
-    if os.environ.get("VK_ICD_FILENAMES") or os.environ.get("VK_DRIVER_FILES"):
-        return None
-    if not any(any(f.glob("*.json")) for f in folders if f.is_dir()):
-        return "no Vulkan driver: install the package mesa-vulkan-drivers"
-    return None
+    named = os.environ.get("VK_ICD_FILENAMES") or os.environ.get("VK_DRIVER_FILES")
+    found = named or any(any(f.glob("*.json")) for f in folders)
+    return None if found else "no Vulkan driver: install the package mesa-vulkan-drivers"
 
 
-def environment(home: str | None = None) -> dict[str, str]:
+def environment(**more: str) -> dict[str, str]:
     """Of a viewer that sends nothing about its use."""
-    quiet = {**os.environ, "CI": "1", "RUST_LOG": "warn"}
-    return quiet if home is None else {**quiet, "HOME": home, "XDG_RUNTIME_DIR": home}
+    return {**os.environ, "CI": "1", "RUST_LOG": "warn", **more}
 
 
 def free_port() -> int:
@@ -61,26 +57,11 @@ def free_port() -> int:
         return int(s.getsockname()[1])
 
 
-def _until(ask: Callable[[], T | None], what: str, process: subprocess.Popen[bytes]) -> T:
-    deadline = time.monotonic() + WAIT
-    while time.monotonic() < deadline:
-        if process.poll() is not None:
-            break
-        try:
-            answer = ask()
-        except ConnectionError:
-            answer = None
-        if answer is not None:
-            return answer
-        time.sleep(0.1)
-    raise ViewerError(f"the viewer {what}", do="see that Vulkan works here (vulkaninfo)")
-
-
 class Viewer:
-    """A running headless viewer with a recording open."""
+    """A running headless viewer with a recording open; ``client`` is that of Rerun."""
 
-    def __init__(self, client: Any, process: subprocess.Popen[bytes]) -> None:
-        self.client, self._process = client, process
+    def __init__(self, client: Any) -> None:
+        self.client = client
 
     @property
     def state(self) -> Any:
@@ -93,18 +74,14 @@ class Viewer:
         line = next(t for t in recording.timelines if t.name == recording.current_timeline)
         return line.start, line.end
 
-    def pause_at(self, nanoseconds: int) -> None:
-        """Set the time cursor on the clock's timeline and stop there."""
-        self.client.set_time(TIMELINE, timestamp=np.datetime64(nanoseconds, "ns"), play_state="paused")
-
-    def pause_in_the_middle(self) -> None:
-        """Stop in the middle of the active timeline."""
-        start, end = self.span()
-        line, middle = self.state.recordings[0].current_timeline, start + (end - start) // 2
-        if line == TIMELINE:
-            self.pause_at(middle)
+    def pause_at(self, nanoseconds: int | None) -> None:
+        """Stop at a time of the clock, or in the middle of the active timeline."""
+        if nanoseconds is None:
+            line, middle = self.state.recordings[0].current_timeline, sum(self.span()) // 2
         else:
-            self.client.set_time(line, duration=np.timedelta64(middle, "ns"), play_state="paused")
+            line, middle = TIMELINE, nanoseconds
+        clock, passed = {"timestamp": np.datetime64(middle, "ns")}, {"duration": np.timedelta64(middle, "ns")}
+        self.client.set_time(line, play_state="paused", **(clock if line == TIMELINE else passed))
 
     def picture(self) -> bytes:
         """PNG of the whole window."""
@@ -118,43 +95,43 @@ def open_headless(rrd: str | Path, size: tuple[int, int] = (1600, 900)) -> Itera
 
     if (why := vulkan_missing()) is not None:
         raise ViewerError(f"cannot draw without a screen here: {why}")
-    port = free_port()
+    port, quiet = free_port(), subprocess.DEVNULL
     command = [
         str(binary()), "--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size",
         f"{size[0]}x{size[1]}", "--hide-welcome-screen", "--memory-limit", "4GB", str(rrd),
     ]  # fmt: skip
+
+    def opened() -> Viewer | None:
+        """The viewer, once it has the recording."""
+        viewer = Viewer(ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy"))
+        state = viewer.state
+        return viewer if state.recordings and state.recordings[0].timelines and not state.loading else None
+
     with tempfile.TemporaryDirectory() as home:
-        quiet = subprocess.DEVNULL
-        process = subprocess.Popen(command, env=environment(home), stdout=quiet, stderr=quiet)
+        own = environment(HOME=home, XDG_RUNTIME_DIR=home)
+        process = subprocess.Popen(command, env=own, stdout=quiet, stderr=quiet)
         try:
-            address = f"rerun+http://127.0.0.1:{port}/proxy"
-            client = _until(lambda: ViewerClient.connect(address), "did not start", process)
-            viewer = Viewer(client, process)
-            _until(lambda: _ready(viewer), f"did not open {rrd}", process)
+            deadline, viewer = time.monotonic() + WAIT, None
+            while viewer is None:
+                if process.poll() is not None or time.monotonic() > deadline:
+                    what, do = f"the viewer did not open {rrd}", "see that Vulkan works here (vulkaninfo)"
+                    raise ViewerError(what, do=do)
+                time.sleep(0.1)
+                with suppress(ConnectionError):
+                    viewer = opened()
             yield viewer
         finally:
             process.terminate()
             process.wait(20)
 
 
-def _ready(viewer: Viewer) -> bool | None:
-    state = viewer.state
-    return True if state.recordings and state.recordings[0].timelines and not state.loading else None
-
-
-def screenshot(
-    rrd: str | Path, out: str | Path, *, at: int | None = None, size: tuple[int, int] = (1600, 900),
-    settle: float = 7.0,
-) -> Path:  # fmt: skip
+def screenshot(rrd: str | Path, out: str | Path, *, at: int | None = None, settle: float = 7.0) -> Path:
     """The whole window as PNG, at time ``at`` [ns] (the middle of the recording by default).
 
     ``settle`` seconds are given to load, and to let the notices of the viewer fade.
     """
-    with open_headless(rrd, size) as viewer:
-        if at is None:
-            viewer.pause_in_the_middle()
-        else:
-            viewer.pause_at(at)
+    with open_headless(rrd) as viewer:
+        viewer.pause_at(at)
         viewer.picture()
         time.sleep(settle)
         Path(out).write_bytes(viewer.picture())

@@ -1,6 +1,10 @@
 """Colours, the same in recordings and pictures."""
 
 import colorsys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 Colour = tuple[int, int, int]
 Share = tuple[float, float, float]
@@ -13,8 +17,6 @@ _VEHICLES: tuple[Colour, ...] = (
 )  # fmt: skip
 
 SOC_GOOD, SOC_LOW, SOC_EMPTY = (64, 196, 99), (245, 195, 50), (232, 65, 60)
-SOC_CLASSES = ((0.5, SOC_GOOD), (0.2, SOC_LOW), (-1.0, SOC_EMPTY))
-"""Above 50 % green, from 20 to 50 % yellow, below red."""
 
 ROAD, ROAD_EDGE, ARROW = (66, 74, 88), (120, 132, 150), (168, 180, 198)
 ONE_WAY = (64, 86, 108)
@@ -45,13 +47,6 @@ def vehicle_colour(number: int) -> Colour:
     return int(255 * r), int(255 * g), int(255 * b)
 
 
-def dark_colour(number: int) -> Share:
-    """The same, from 0 to 1 and darker, for white paper."""
-    r, g, b = vehicle_colour(number)
-    dark = 0.82
-    return dark * r / 255, dark * g / 255, dark * b / 255
-
-
 NAMED: dict[str, Colour] = {
     "recorded": (40, 44, 52), "measured": (40, 44, 52), "model before": (214, 120, 40),
     "model after": (31, 119, 180), "model": (31, 119, 180), "driving_laden": (31, 119, 180),
@@ -62,10 +57,8 @@ NAMED: dict[str, Colour] = {
 
 
 def paper_colour(name: str, number: int) -> Share:
-    """Colour of a curve or part on white paper: that of its name, or of the ``number``-th."""
-    if name not in NAMED:
-        return dark_colour(number)
-    r, g, b = NAMED[name]
+    """Of a curve or part on white paper, from 0 to 1: of its name, or darker of the ``number``-th vehicle."""
+    r, g, b = NAMED.get(name) or (0.82 * c for c in vehicle_colour(number))
     return r / 255, g / 255, b / 255
 
 
@@ -76,9 +69,10 @@ def shade(colour: Colour, number: int) -> Colour:
     return r, g, b
 
 
-def soc_colour(soc: float) -> Colour:
-    """Green, yellow or red of a state of charge (share)."""
-    return next(colour for above, colour in SOC_CLASSES if soc > above or above < 0)
+def soc_colours(soc: NDArray[Any]) -> NDArray[np.uint8]:
+    """(N, 3) of states of charge (share): to 20 % red, to 50 % yellow, above green; grey where unknown."""
+    colours = np.array([SOC_EMPTY, SOC_LOW, SOC_GOOD, (150, 150, 150)], np.uint8)
+    return np.asarray(colours[np.digitize(soc, [0.2, 0.5, np.inf], right=True)])
 
 
 def faded(colour: Colour, share: float, ground: Colour = (18, 20, 24)) -> Colour:

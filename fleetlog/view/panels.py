@@ -29,7 +29,7 @@ def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:
         x, values = _over_time(axes, x, values, zone)
     if series.stacked:
         # Energy that flows back lies below zero, and is not taken off what flows out.
-        colours, known = [palette.dark_colour(i) for i in range(len(names))], np.nan_to_num(values)
+        colours, known = [palette.paper_colour("", i) for i in range(len(names))], np.nan_to_num(values)
         axes.stackplot(x, np.maximum(known, 0.0), labels=names, colors=colours, lw=0)
         axes.stackplot(x, np.minimum(known, 0.0), colors=colours, lw=0)
     else:
@@ -109,38 +109,29 @@ def draw_spread(axes: Axes, spread: Spread) -> None:
     """
     number = all(v.replace(".", "", 1).isdigit() for v in spread.values)
     at = np.array([float(v) for v in spread.values]) if number else np.arange(len(spread.values), dtype=float)
+    along = slice(None, None, 1 if number else -1)
     for k, (name, runs) in enumerate(spread.curves.items()):
         # Curves side by side do not hide one another's bars.
-        aside = 0.012 * float(np.ptp(at)) * (k - 0.5 * (len(spread.curves) - 1))
-        _draw_curve(axes, at + aside, runs, name, palette.dark_colour(k), number)
+        places = at + 0.012 * float(np.ptp(at)) * (k - 0.5 * (len(spread.curves) - 1))
+        look: Any = {"color": palette.paper_colour("", k), "ms": 4}
+        known = np.flatnonzero([len(r) for r in runs])
+        for j in known:
+            axes.plot(*[np.full(len(runs[j]), places[j]), runs[j]][along], ".", alpha=0.35, **look)
+        means = np.array([runs[j].mean() for j in known])
+        half = np.nan_to_num([half_width(runs[j]) for j in known])
+        look |= {"yerr" if number else "xerr": half, "fmt": "o-" if number else "o", "label": name or None}
+        ends: Any = [places[known], means][along]
+        axes.errorbar(*ends, lw=1.2, capsize=3, **look)
     axes.set_title(spread.y_label)
     if number:
         axes.set_xticks(at, list(spread.values))
-        axes.set_xlabel(spread.x_label)
-        axes.set_ylim(bottom=0.0)
+        axes.set(xlabel=spread.x_label, ylim=(0.0, None))
     else:
         axes.set_yticks(at, list(spread.values))
-        axes.set_ylabel(spread.x_label)
-        axes.set_ylim(len(at) - 0.5, -0.5)
+        axes.set(ylabel=spread.x_label, ylim=(len(at) - 0.5, -0.5))
     _lines(axes, "y" if number else "x")
     if any(spread.curves):
         axes.legend()
-
-
-def _draw_curve(
-    axes: Axes, at: Floats, runs: list[Floats], name: str, colour: palette.Share, upright: bool
-) -> None:
-    known = [k for k, r in enumerate(runs) if len(r)]
-    mean = np.array([runs[k].mean() for k in known])
-    half = np.nan_to_num([half_width(runs[k]) for k in known])
-    for k in known:
-        place = np.full(len(runs[k]), at[k])
-        axes.plot(*((place, runs[k]) if upright else (runs[k], place)), ".", color=colour, alpha=0.35, ms=4)
-    look: dict[str, Any] = dict(color=colour, ms=4, lw=1.2, capsize=3, label=name or None)
-    if upright:
-        axes.errorbar(at[known], mean, yerr=half, fmt="o-", **look)
-    else:
-        axes.errorbar(mean, at[known], xerr=half, fmt="o", **look)
 
 
 def _lines(axes: Axes, along: Any) -> None:

@@ -10,13 +10,12 @@ import numpy as np
 
 from fleetlog.core.result import Bars, EdgeValues, Flows, Grid, Marks, MovingLines, Result, Series, Spread
 from fleetlog.core.site import Site
-from fleetlog.view.floorplan import draw_furniture, draw_map_layer, draw_overlay, draw_site, frame_map
+from fleetlog.view.floorplan import draw_edges, draw_furniture, draw_grid, draw_overlay, draw_site, frame_map
 from fleetlog.view.panels import bars_height, draw_bars, draw_series, draw_spread
 from fleetlog.view.scales import Scale, scales_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Panel = Series | Bars | Spread
 Layer = Grid | EdgeValues
@@ -43,13 +42,16 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    maps, panels = _split(result)
+    maps: list[Any] = [s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
+    if not maps and any(isinstance(s, Marks | MovingLines | Flows) for s in result.shapes):
+        maps = [None]
+    panels = [s for s in result.shapes if isinstance(s, Series | Bars | Spread)][:MAX_PANELS]
     with matplotlib.rc_context(STYLE):
         columns, beside = (2 if len(shown) > 1 else 1 for shown in (maps, panels))
         room = (WIDTH / columns - 1.0) * _map_ratio(result, site) + 0.9
-        map_height = float(np.clip(room, 2.6, 8.5 if columns == 1 else 6.0))
-        heights = [map_height] * -(-len(maps) // columns)
-        heights += [max(map(_height, panels[k : k + beside])) for k in range(0, len(panels), beside)]
+        heights = [float(np.clip(room, 2.6, 8.5 if columns == 1 else 6.0))] * -(-len(maps) // columns)
+        needs = [bars_height(p) if isinstance(p, Bars) else PANEL_HEIGHT for p in panels]
+        heights += [max(PANEL_HEIGHT, *needs[k : k + beside]) for k in range(0, len(needs), beside)]
         figure = Figure(figsize=(WIDTH, sum(heights) + 0.5 or 4.0), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
         engine: Any = figure.get_layout_engine()
@@ -59,40 +61,18 @@ def write_picture(result: Result, site: Site, out_png: str | Path) -> Path:
             figure.text(0.01, 0.5, "\n".join(result.lines) or "nothing to draw", va="center")
         else:
             cells = figure.add_gridspec(len(heights), 2, height_ratios=heights)
-            for k, layer in enumerate(maps):
-                spot = cells[k, :] if columns == 1 else cells[k // 2, k % 2]
-                _draw_map(figure, figure.add_subplot(spot), layer, result, site)
             first = len(heights) - -(-len(panels) // beside)
-            for k, panel in enumerate(panels):
-                spot = cells[first + k, :] if beside == 1 else cells[first + k // 2, k % 2]
-                _draw_panel(figure.add_subplot(spot), panel, site.timezone)
+            for shown, across, row in ((maps, columns, 0), (panels, beside, first)):
+                for k, shape in enumerate(shown):
+                    spot = cells[row + k // across, k % 2 if across == 2 else slice(None)]
+                    _draw(figure.add_subplot(spot), shape, result, site)
         figure.savefig(out_png, format="png", dpi=DPI, facecolor="white", metadata={"Software": "fleetlog"})
     return Path(out_png)
-
-
-def _split(result: Result) -> tuple[list[Layer | None], list[Panel]]:
-    maps: list[Layer | None] = [*[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]]
-    if not maps and any(isinstance(s, Marks | MovingLines | Flows) for s in result.shapes):
-        maps = [None]
-    return maps, [s for s in result.shapes if isinstance(s, Series | Bars | Spread)][:MAX_PANELS]
 
 
 def _map_ratio(result: Result, site: Site) -> float:
     x0, y0, x1, y1 = frame_map(result, site)
     return (y1 - y0) / (x1 - x0)
-
-
-def _height(panel: Panel) -> float:
-    return max(bars_height(panel), PANEL_HEIGHT) if isinstance(panel, Bars) else PANEL_HEIGHT
-
-
-def _draw_panel(axes: Axes, panel: Panel, zone: str) -> None:
-    if isinstance(panel, Series):
-        draw_series(axes, panel, zone)
-    elif isinstance(panel, Spread):
-        draw_spread(axes, panel)
-    else:
-        draw_bars(axes, panel)
 
 
 def svg(
@@ -110,15 +90,13 @@ def svg(
 
     own: Any = {"font.size": 10.0, "legend.fontsize": 9.0, "svg.fonttype": "none", "svg.hashsalt": salt}
     with matplotlib.rc_context({**STYLE, **own}):
-        height = float(np.clip((ON_PAGE - 1.0) * _map_ratio(result, site) + 1.0, 2.4, 7.0))
         if isinstance(shape, Panel):
             height = bars_height(shape) if isinstance(shape, Bars) else PANEL_HEIGHT
+        else:
+            height = float(np.clip((ON_PAGE - 1.0) * _map_ratio(result, site) + 1.0, 2.4, 7.0))
         figure = Figure(figsize=(ON_PAGE, height), dpi=DPI, layout="constrained")
         FigureCanvasSVG(figure)
-        if isinstance(shape, Panel):
-            _draw_panel(figure.add_subplot(), shape, zone or site.timezone)
-        else:
-            _draw_map(figure, figure.add_subplot(), shape, result, site, scale)
+        _draw(figure.add_subplot(), shape, result, site, scale, zone)
         for axes in figure.axes:
             axes.set_title("", loc="left")  # a page says it beside the picture
         out, nothing = io.StringIO(), dict.fromkeys(("Date", "Creator", "Format", "Type"))
@@ -126,25 +104,36 @@ def svg(
     return out.getvalue()[out.getvalue().index("<svg") :]
 
 
-def _draw_map(
-    figure: Figure, axes: Axes, layer: Layer | None, result: Result, site: Site, scale: Scale | None = None
-) -> None:
-    extent = frame_map(result, site)
-    axes.set_xlim(extent[0], extent[2])
-    axes.set_ylim(extent[1], extent[3])
-    axes.set_aspect("equal")
+def _draw(
+    axes: Axes, shape: Layer | Panel | None, result: Result, site: Site, scale: Scale | None = None,
+    zone: str | None = None,
+) -> None:  # fmt: skip
+    """A panel, or a map."""
+    if isinstance(shape, Series):
+        draw_series(axes, shape, zone or site.timezone)
+    elif isinstance(shape, Spread):
+        draw_spread(axes, shape)
+    elif isinstance(shape, Bars):
+        draw_bars(axes, shape)
+    else:
+        _draw_map(axes, shape, result, site, scale)
+
+
+def _draw_map(axes: Axes, layer: Layer | None, result: Result, site: Site, scale: Scale | None) -> None:
+    x0, y0, x1, y1 = frame_map(result, site)
+    axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal")
     draw_site(axes, site)
     if layer is not None:
-        scale = scale or scales_of(result.shapes)[layer.name]
-        image = draw_map_layer(axes, layer, site, scale)
         axes.set_title(layer.name.replace("_", " "))
-        if image is not None:
-            wide = extent[2] - extent[0] > 1.3 * (extent[3] - extent[1])
-            bar = figure.colorbar(
-                image, ax=axes, label=layer.label, extend=scale.extend, ticks=scale.ticks(),
-                format=None if scale.ticks() is None else "%g",
-                orientation="horizontal" if wide else "vertical", shrink=0.7, aspect=30, pad=0.02,
-            )  # fmt: skip
-            bar.outline.set_visible(False)
+    if isinstance(layer, Grid) or (isinstance(layer, EdgeValues) and site.network is not None):
+        scale = scale or scales_of(result.shapes)[layer.name]
+        draw: Any = draw_grid if isinstance(layer, Grid) else draw_edges
+        ticks, side = scale.ticks(), "horizontal" if x1 - x0 > 1.3 * (y1 - y0) else "vertical"
+        ends = "neither" if not scale.clipped else "both" if scale.diverging else "max"
+        bar = axes.figure.colorbar(
+            draw(axes, layer, scale, site), ax=axes, label=layer.label, extend=ends, ticks=ticks,
+            orientation=side, format=None if ticks is None else "%g", shrink=0.7, aspect=30, pad=0.02,
+        )  # fmt: skip
+        bar.outline.set_visible(False)
     draw_overlay(axes, result, None if layer is None else layer.name)
     draw_furniture(axes, site)

@@ -1,28 +1,23 @@
 """``recording.rrd``: the replay of a dataset."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import rerun as rr
 
-from fleetlog.core.trajectory import Floats, Trajectory
+from fleetlog.core.trajectory import Floats
 from fleetlog.store import Dataset
-from fleetlog.view import blueprint, events, fleet, palette, thin
-from fleetlog.view.clock import SKIPPED, clock_of
-from fleetlog.view.day import opened
+from fleetlog.view import batch, blueprint, events
+from fleetlog.view.clock import SKIPPED, clock_of, opened, span_of
 from fleetlog.view.extent import dataset_outline
-from fleetlog.view.happenings import happenings_of
-from fleetlog.view.palette import Colour
+from fleetlog.view.fleet import Fleet, curve_style, log_day
+from fleetlog.view.meshes import mesh3d, truck_body, truck_fork
 from fleetlog.view.scene import log_site, log_ways, ways_of
-from fleetlog.view.stream import Stream, entity, microseconds, open_stream, verbatim
+from fleetlog.view.stream import Stream, entity, open_stream, verbatim
 
 RATE = 2.0
 """Samples a second that are kept by default."""
 MANY = 60
 """From this many vehicles on they are drawn together, one row a time step for all."""
-MANY_RATE = 1.0
-"""Steps a second at most when they are."""
 MANY_LABELS, LONG_LEGEND = 24, 12
 FIGURES: dict[str, tuple[str, float]] = {
     "trips": ("trips: {:,.0f}", 1.0), "matched": ("on a road: {:.1f} % of the rows", 100.0),
@@ -32,10 +27,6 @@ FIGURES: dict[str, tuple[str, float]] = {
     "waiting_s": ("waiting: {:,.1f} h", 1.0 / 3600.0),
 }  # fmt: skip
 """Figures of an import or a simulation that are shown, with the factor to the unit in which they are."""
-COLUMNS = (
-    "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "payload", "fork_height", "battery_power",
-    "soc",
-)  # fmt: skip
 
 
 def write_recording(
@@ -52,87 +43,49 @@ def write_recording(
     """
     dataset = opened(dataset_path, day)
     site = dataset.site
-    start, end = (microseconds(dataset.meta.get(k)) for k in ("start", "end"))
-    duration = 0.0 if start is None or end is None else (end - start) * 1e-6
-    screen = blueprint.Screen(
-        dataset_outline(dataset), on_earth=site.frame is not None, start=start, duration=duration
-    )
-    with open_stream(Path(out_rrd), f"{site.name} ({dataset.kind})", start) as stream:
+    screen = blueprint.Screen(dataset_outline(dataset))
+    if (span := span_of(dataset)) is not None:
+        screen.start, screen.duration = span[0], (span[1] - span[0]) * 1e-6
+    with open_stream(Path(out_rrd), f"{site.name} ({dataset.kind})", screen.start) as stream:
         if (clock := clock_of(dataset)) is not None:
             stream.clock, screen.timeline, screen.duration = clock, SKIPPED, clock.seconds
         log_site(stream, site)
+        periods = [] if clock is None else [*(f"- {line}" for line in clock.lines()), "", ""]
         # The figures of a dataset are of all its days.
-        log_summary(stream, dataset, figures=day is None)
-        Fleet(dataset, rate_hz).log(stream, screen)
+        text = "\n".join(periods) + summary_markdown(dataset, figures=day is None)
+        stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+        log_fleet(stream, screen, Fleet(dataset, rate_hz))
         latitude = None if site.frame is None else site.frame.latitude
         blueprint.send(stream, blueprint.replay(screen, latitude))
     return Path(out_rrd)
 
 
-@dataclass(frozen=True)
-class Fleet:
-    """One dataset in a recording: path, colour and name of its entities, and how its clock is moved [us]."""
-
-    dataset: Dataset
-    rate_hz: float
-    prefix: str = ""
-    colour: Colour | None = None
-    name: str = ""
-    shift: int = 0
-
-    def log(self, stream: Stream, screen: blueprint.Screen) -> None:
-        """Every vehicle, day by day, so that memory does not grow with the dataset."""
-        if len(self.dataset.vehicles) >= MANY:
-            self._log_together(stream, screen)
-            return
-        labels = len(self.dataset.vehicles) <= MANY_LABELS
-        screen.legend = len(self.dataset.vehicles) <= LONG_LEGEND // len(screen.prefixes) ** 2
-        for number, vehicle in enumerate(self.dataset.vehicles):
-            lane = fleet.Lane(vehicle, self._colour(number), self.prefix, self.name, screen.start)
-            signals: set[str] = set()
-            ways: list[Floats] = []
-            for day in self.days(vehicle):
-                ways += ways_of(day) if self.dataset.site.network is None else []
-                signals |= fleet.log_day(stream, lane, day, self.dataset.site, labels)
-            fleet.log_static(stream, lane, signals)
-            log_ways(stream, self.prefix, vehicle, lane.colour, ways, self.dataset.site)
-            screen.signals |= signals
-            screen.trails.append(lane.path("trail"))
-        if (known := happenings_of(self.dataset, self.shift)) is not None:
-            names = self.dataset.vehicles
-            colours = [self._colour(number) for number in range(len(names))]
-            screen.signals |= events.log_events(stream, known, names, colours, self.prefix, self.name)
-            screen.lanes = len(names) if "state" in screen.signals else 0
-
-    def days(self, vehicle: str) -> Iterator[Trajectory]:
-        """The thinned days of a vehicle on the recording's clock."""
-        for date in self.dataset.dates:
-            day = self.dataset.read(vehicle, date, COLUMNS)
-            if len(day):
-                kept = thin.thinned(day, self.rate_hz)
-                yield Trajectory(vehicle, kept.time + self.shift, kept.columns)
-
-    def _colour(self, number: int) -> Colour:
-        return palette.vehicle_colour(number) if self.colour is None else palette.shade(self.colour, number)
-
-    def _log_together(self, stream: Stream, screen: blueprint.Screen) -> None:
-        from fleetlog.view import batch
-
-        screen.signals |= batch.log_fleet(
-            stream, self.dataset, COLUMNS, rate_hz=min(self.rate_hz, MANY_RATE),
-            prefix=self.prefix, colour=self.colour or (205, 210, 218), shift=self.shift, name=self.name,
-        )  # fmt: skip
-        screen.trails.append(entity(self.prefix, "trail", "fleet"))
-        if (known := happenings_of(self.dataset, self.shift)) is not None:
-            screen.signals |= events.log_many(stream, known, self.prefix, self.name)
-
-
-def log_summary(stream: Stream, dataset: Dataset, figures: bool) -> None:
-    """The summary as a text beside the views."""
-    text = summary_markdown(dataset, figures)
-    if stream.clock is not None:
-        text = "\n".join(f"- {line}" for line in stream.clock.lines()) + f"\n\n{text}"
-    stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+def log_fleet(stream: Stream, screen: blueprint.Screen, fleet: Fleet) -> None:
+    """Every vehicle, day by day, so that memory does not grow with the dataset; what happened to them."""
+    dataset, lanes, prefix = fleet.dataset, fleet.lanes(screen.start), fleet.prefix
+    known = events.happenings_of(dataset, fleet.shift)
+    if len(lanes) >= MANY:
+        screen.signals |= batch.log_together(stream, fleet)
+        screen.trails.append(entity(prefix, "trail", "fleet"))
+        screen.signals |= set() if known is None else events.log_many(stream, known, prefix, fleet.name)
+        return
+    screen.legend = len(lanes) <= LONG_LEGEND // len(screen.prefixes) ** 2
+    for lane in lanes:
+        signals: set[str] = set()
+        ways: list[Floats] = []
+        for day in fleet.days(lane.vehicle):
+            ways += ways_of(day) if dataset.site.network is None else []
+            signals |= log_day(stream, lane, day, dataset.site, len(lanes) <= MANY_LABELS)
+        stream.static(lane.path("trucks", "body"), mesh3d(truck_body(lane.colour)))
+        stream.static(lane.path("trucks", "body", "fork"), mesh3d(truck_fork()))
+        for signal in sorted(signals):
+            stream.static(lane.path(signal), curve_style(f"{lane.vehicle} {fleet.name}".strip(), lane.colour))
+        log_ways(stream, prefix, lane.vehicle, lane.colour, ways, dataset.site)
+        screen.signals |= signals
+        screen.trails.append(lane.path("trail"))
+    if known is not None and lanes:
+        screen.signals |= events.log_events(stream, known, lanes)
+        screen.lanes = len(lanes) if "state" in screen.signals else 0
 
 
 def summary_markdown(dataset: Dataset, figures: bool) -> str:
@@ -142,12 +95,8 @@ def summary_markdown(dataset: Dataset, figures: bool) -> str:
     trucks = len(meta["vehicles"])
     lines = [
         f"**{trucks}** vehicle{'s' if trucks != 1 else ''}, **{dataset.rows:,}** rows, {meta['kind']}",
-        f"{_clock(meta.get('start'))} to {_clock(meta.get('end'))} UTC",
+        f"{' to '.join((meta.get(end) or '-')[:19].replace('T', ' ') for end in ('start', 'end'))} UTC",
         f"{edges} directed road edges" if edges else "no road map",
         *(said.format(factor * known[key]) for key, (said, factor) in FIGURES.items() if known.get(key)),
     ]
     return f"**{verbatim(meta['site']['name'])}**\n\n" + "\n".join(f"- {line}" for line in lines) + "\n"
-
-
-def _clock(iso: str | None) -> str:
-    return "-" if iso is None else iso.removesuffix("Z")[:19].replace("T", " ")

@@ -1,6 +1,5 @@
 """``recording.rrd`` of an analysis: its shapes on the site's floor, its curves and its answer in words."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +13,15 @@ from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.view import blueprint, palette, ribbons, thin
 from fleetlog.view.extent import Extent, around, shapes_outline
 from fleetlog.view.fleet import curve_style, log_curve, with_gaps
-from fleetlog.view.marks import arc, head
-from fleetlog.view.meshes import join, mesh_of
+from fleetlog.view.meshes import mesh3d
 from fleetlog.view.scales import Scale, scales_of, screen_colours
-from fleetlog.view.scene import drawn_width, lane, log_site, mesh3d
+from fleetlog.view.scene import drawn_width, lane, log_site
 from fleetlog.view.stream import Stream, entity, open_stream, ui_points, verbatim
 
 MARK_COLOURS = {
     "place": palette.PLACES["pick"], "charger": palette.PLACES["charge"], "critical": palette.CRITICAL,
     "point": (240, 240, 245), **palette.PLACES,
 }  # fmt: skip
-SERIES_COLOURS = [palette.vehicle_colour(i) for i in range(24)]
 MAX_MAPS = 9
 WIDE = 2.5
 """Width by height of one of two maps above one another."""
@@ -41,7 +38,9 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
         log_site(stream, site)
         scales = scales_of(result.shapes)
         texts = [_log_shape(stream, site, shape, extent, scales) for shape in result.shapes]
-        _log_answer(stream, result, list(dict.fromkeys(t for t in texts if t)))
+        answer = "\n".join(f"- {verbatim(line)}" for line in result.lines)
+        text = "\n\n".join([f"### {_title(result.name)}", answer, *dict.fromkeys(t for t in texts if t)])
+        stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
         if not _times(result):
             # A view of a recording without any time stays on "static"; one instant makes the timeline.
             stream.columns("/result/instant", np.zeros(1, np.int64), rr.Scalars, scalars=[0.0])
@@ -52,25 +51,33 @@ def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> P
 def _log_shape(stream: Stream, site: Site, shape: Shape, extent: Extent, scales: dict[str, Scale]) -> str:
     """Draw one shape; a line of Markdown that says how to read it."""
     path = entity("result", shape.name)
-    if isinstance(shape, Grid | EdgeValues):
-        scale = scales[shape.name]
-        if isinstance(shape, Grid):
-            _log_grid(stream, path, shape, scale)
-        elif site.network is not None:
-            _log_edges(stream, path, shape, site, scale)
-        else:
-            return ""
-        return _legend(stream, path, shape.label, scale, extent)
-    if isinstance(shape, Marks):
-        return _log_marks(stream, path, shape)
-    if isinstance(shape, MovingLines):
-        return _log_lines(stream, path, shape)
-    if isinstance(shape, Flows):
-        return _log_flows(stream, path, shape)
-    if isinstance(shape, Series):
-        return _log_series(stream, shape)
-    # Curves with intervals are in the picture; in the recording is the table of them.
-    return _bars_text(shape) if isinstance(shape, Bars) else ""
+    match shape:
+        case Grid() | EdgeValues():
+            scale = scales[shape.name]
+            if isinstance(shape, Grid):
+                _log_grid(stream, path, shape, scale)
+            elif site.network is not None:
+                _log_edges(stream, path, shape, site, scale)
+            else:
+                return ""
+            return _legend(stream, path, shape.label, scale, extent)
+        case MovingLines():
+            _log_lines(stream, path, shape)
+            return f"**{_title(shape.name)}**: lines join trucks of one cluster, red where it is critical"
+        case Flows() if len(shape.weight):
+            _log_flows(stream, path, shape)
+            return f"**{_title(shape.name)}**: the widest arrow is {_short(shape.weight.max())} {shape.label}"
+        case Bars():
+            shown = zip(shape.labels[:20], shape.values[:20], strict=True)
+            rows = "\n".join(f"| {name} | {_short(value)} |" for name, value in shown)
+            return f"| {_title(shape.name)} | {shape.label} |\n| --- | --- |\n{rows}\n"
+        case Series(over_time=False):
+            return f"**{_title(shape.name)}** ({shape.y_label} over {shape.x_label}) is in the picture"
+        case Series():
+            _log_series(stream, shape)
+        case Marks() if len(shape.xy):
+            _log_marks(stream, path, shape)
+    return ""
 
 
 def _log_grid(stream: Stream, path: str, grid: Grid, scale: Scale) -> None:
@@ -80,38 +87,35 @@ def _log_grid(stream: Stream, path: str, grid: Grid, scale: Scale) -> None:
     height, width = rgba.shape[:2]
     form = rr.components.ImageFormat(width=width, height=height, color_model="RGBA", channel_datatype="U8")
     pixels, corner = np.ascontiguousarray(rgba[::-1]).tobytes(), [grid.x0, grid.y0, 0.0]
-    stream.static(
-        path, rr.GridMap(data=pixels, format=form, cell_size=grid.cell, translation=corner, opacity=0.9)
-    )
+    where = {"cell_size": grid.cell, "translation": corner, "opacity": 0.9}
+    stream.static(path, rr.GridMap(data=pixels, format=form, **where))
 
 
 def _log_edges(stream: Stream, path: str, shape: EdgeValues, site: Site, scale: Scale) -> None:
-    network = site.roads()
-    rgba = screen_colours(shape.values, scale)
-    meshes = []
-    for edge, start, end, colour in zip(shape.edge, shape.start, shape.end, rgba, strict=True):
+    network, meshes = site.roads(), []
+    colours = screen_colours(shape.values, scale)
+    for edge, start, end, colour in zip(shape.edge.tolist(), shape.start, shape.end, colours, strict=True):
         if edge >= 0 and colour[3]:
             line = ribbons.stretch(network.polyline(edge), float(start), float(end))
-            left, right = lane(site, int(edge))
-            inset = 0.06 * drawn_width(network, int(edge))
-            meshes.append(mesh_of(ribbons.ribbon(line, left - inset, right + inset, 0.06), colour[:3]))
+            left, right = lane(site, edge)
+            inset = 0.06 * drawn_width(network, edge)
+            meshes.append((ribbons.ribbon(line, left - inset, right + inset, 0.06), colour[:3]))
     if meshes:
-        stream.static(path, mesh3d(join(meshes)))
+        stream.static(path, mesh3d(meshes))
 
 
 def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent) -> str:
     """A colour bar on the floor south of the site, its ends labelled, and the same in words."""
     x0, y0, x1, _ = extent
     span = max(x1 - x0, 10.0)
-    thick = 0.022 * span
-    y = y0 - 0.05 * span
+    thick, y = 0.022 * span, y0 - 0.05 * span
     xs = np.linspace(x0, x0 + 0.5 * span, 65)
     colours = screen_colours(scale.at((np.arange(64) + 0.5) / 64), scale)[:, :3]
     cells = [
-        mesh_of(ribbons.ribbon(np.array([[a, y, 0.0], [b, y, 0.0]]), thick / 2, -thick / 2, 0.05), colour)
+        (ribbons.ribbon(np.array([[a, y, 0.0], [b, y, 0.0]]), thick / 2, -thick / 2, 0.05), colour)
         for a, b, colour in zip(xs[:-1], xs[1:], colours, strict=True)
     ]
-    stream.static(f"{path}/scale", mesh3d(join(cells)))
+    stream.static(f"{path}/scale", mesh3d(cells))
     top = ("≥ " if scale.clipped else "") + _short(scale.high)
     texts = [_short(scale.low), _short(float(scale.at(np.array(0.5)))), f"{top}  {label}"]
     ends = rr.Points3D(
@@ -123,41 +127,35 @@ def _legend(stream: Stream, path: str, label: str, scale: Scale, extent: Extent)
     return f"**{label}**: {_short(scale.low)} to {top} ({how})"
 
 
-def _log_marks(stream: Stream, path: str, marks: Marks) -> str:
-    if not len(marks.xy):
-        return ""
-    colour = MARK_COLOURS[marks.kind]
-    solid = marks.kind == "charger"
+def _log_marks(stream: Stream, path: str, marks: Marks) -> None:
+    colour, hole = MARK_COLOURS[marks.kind], 0.0 if marks.kind == "charger" else 0.82
+    sizes = np.maximum(marks.size, 0.5).tolist()
     pads = [
-        mesh_of(ribbons.disc(x, y, float(r), 0.09, inner=0.0 if solid else 0.82 * float(r)), colour)
-        for (x, y), r in zip(marks.xy, np.maximum(marks.size, 0.5), strict=True)
+        (ribbons.disc(x, y, r, 0.09, inner=hole * r), colour)
+        for (x, y), r in zip(marks.xy, sizes, strict=True)
     ]
-    stream.static(f"{path}/rings", mesh3d(join(pads)))
+    stream.static(f"{path}/rings", mesh3d(pads))
     where = np.column_stack([marks.xy, np.full(len(marks.xy), 0.2)])
     points = rr.Points3D(
         where, radii=ui_points(3.0), colors=[colour], labels=list(marks.labels), show_labels=len(where) <= 30
     )
     stream.static(f"{path}/labels", points)
-    return ""
 
 
-def _log_flows(stream: Stream, path: str, flows: Flows) -> str:
+def _log_flows(stream: Stream, path: str, flows: Flows) -> None:
     """Arcs with heads, the wider the more."""
     ends = [np.column_stack([e, np.full(len(e), 0.3)]) for e in (flows.start, flows.end)]
-    arcs = [arc(a, b) for a, b in zip(*ends, strict=True)]
-    if not arcs:
-        return ""
+    arcs = [ribbons.arc(a, b) for a, b in zip(*ends, strict=True)]
     width = 0.5 + 2.5 * np.tile(flows.weight / flows.weight.max(), 2) ** 2
-    lines = [*arcs, *map(head, arcs)]
+    lines = [*arcs, *map(ribbons.head, arcs)]
     stream.static(path, rr.LineStrips3D(lines, radii=ui_points(width), colors=[palette.CALM]))
-    return f"**{_title(flows.name)}**: the widest arrow is {_short(flows.weight.max())} {flows.label}"
 
 
-def _log_lines(stream: Stream, path: str, shape: MovingLines) -> str:
+def _log_lines(stream: Stream, path: str, shape: MovingLines) -> None:
     """Segments and the dots at their ends."""
     lengths = np.array([len(s) for s in shape.lines], np.int64)
     flat = np.concatenate([np.zeros((0, 2, 2)), *(np.reshape(s, (-1, 2, 2)) for s in shape.lines)])
-    strips = np.concatenate([flat, np.full((*flat.shape[:2], 1), 1.2)], axis=2).astype(np.float32)
+    strips = np.pad(flat, ((0, 0), (0, 0), (0, 1)), constant_values=1.2).astype(np.float32)
     flags = np.concatenate([np.zeros(0, bool), *shape.critical]).astype(bool)
     colours = np.where(flags[:, None], palette.CRITICAL, palette.CALM).astype(np.uint8)
     stream.static(path, rr.LineStrips3D.from_fields(radii=ui_points(2.2)))
@@ -165,29 +163,13 @@ def _log_lines(stream: Stream, path: str, shape: MovingLines) -> str:
     dots, tints = strips.reshape(-1, 3), np.repeat(colours, 2, axis=0)
     stream.static(f"{path}/trucks", rr.Points3D.from_fields(radii=ui_points(5.0)))
     stream.parts(f"{path}/trucks", shape.time, 2 * lengths, rr.Points3D, positions=dots, colors=tints)
-    return f"**{_title(shape.name)}**: lines join trucks of one cluster, red where it is critical"
 
 
-def _log_series(stream: Stream, shape: Series) -> str:
-    if not shape.over_time:
-        return f"**{_title(shape.name)}** ({shape.y_label} over {shape.x_label}) is in the picture"
+def _log_series(stream: Stream, shape: Series) -> None:
     for i, (name, values) in enumerate(shape.y.items()):
-        path = entity("curves", shape.name, name)
-        stream.static(path, curve_style(name.replace("_", " "), SERIES_COLOURS[i % 24]))
-        log_curve(stream, path, *with_gaps(shape.x, np.asarray(values, float), thin.gap_limit(shape.x), None))
-    return ""
-
-
-def _bars_text(bars: Bars) -> str:
-    shown = zip(bars.labels[:20], bars.values[:20], strict=True)
-    rows = "\n".join(f"| {name} | {_short(value)} |" for name, value in shown)
-    return f"| {_title(bars.name)} | {bars.label} |\n| --- | --- |\n{rows}\n"
-
-
-def _log_answer(stream: Stream, result: Result, legends: list[str]) -> None:
-    answer = "\n".join(f"- {verbatim(line)}" for line in result.lines)
-    text = f"### {_title(result.name)}\n\n{answer}\n\n" + "\n\n".join(legends)
-    stream.static("/summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+        style = curve_style(name.replace("_", " "), palette.vehicle_colour(i))
+        curve = with_gaps(shape.x, np.asarray(values, float), thin.gap_limit(shape.x), None)
+        log_curve(stream, entity("curves", shape.name, name), *curve, style)
 
 
 def _short(value: float) -> str:
@@ -197,12 +179,6 @@ def _short(value: float) -> str:
 
 def _title(name: str) -> str:
     return name.replace("_", " ").capitalize()
-
-
-def _contents(layer: Grid | EdgeValues | None) -> list[str]:
-    """Heat lies under the rims and arrows of the roads, and takes the place of their surface."""
-    surface = ["- /site/roads/surface/**"] if isinstance(layer, Grid) else []
-    return [*surface, *([f"{entity('result', layer.name)}/**"] if layer is not None else [])]
 
 
 def _curves(result: Result) -> list[Series]:
@@ -215,45 +191,41 @@ def _times(result: Result) -> list[Ints]:
     return [*moving, *(np.asarray(s.x) for s in _curves(result))]
 
 
-def _curve_title(series: Series) -> str:
-    unit = series.y_label[series.y_label.find("[") + 1 :].rstrip("]")
-    return f"{_title(series.name)} [{unit}]"
-
-
 def _screen(result: Result, outline: Floats) -> rrb.Blueprint:
     """One plan a map; beside them the curves and the answer."""
-    maps: list[Grid | EdgeValues | None] = [
-        *[s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS]
-    ]
-    over = [s for s in result.shapes if isinstance(s, MovingLines | Flows | Marks)]
-    if maps:
+    maps: list[Any] = [s for s in result.shapes if isinstance(s, Grid | EdgeValues)][:MAX_MAPS] or [None]
+    if maps[0] is not None:
         x0, y0, x1, _ = around(outline)
         outline = np.vstack([outline, [x0, y0 - 0.08 * (x1 - x0), 0.0]])  # the colour bar
     known = [t for t in _times(result) if len(t)]
     duration = float(max(t[-1] for t in known) - min(t[0] for t in known)) * 1e-6 if known else 0.0
     screen = blueprint.Screen(outline, (), duration=duration)
 
-    def view(layer: Grid | EdgeValues | None, name: str, eye: rrb.EyeControls3D, more: Sequence[str]) -> Any:
-        """One map with all marks but those of another one."""
-        name_of = None if layer is None else layer.name
-        shown = [f"{entity('result', s.name)}/**" for s in over if getattr(s, "on", None) in (None, name_of)]
-        return blueprint.floor_view(screen, name, eye, [*shown, *_contents(layer), *more])
+    def view(layer: Grid | EdgeValues | None, name: str, plan: bool, *hidden: str) -> Any:
+        """One map with all marks but those of another one.
 
-    eye, flat = blueprint.top_down(outline, WIDE), [*blueprint.FLAT, "- /site/zones/**"]
-    plans = [
-        view(m, "Plan" if m is None else _title(m.name), eye, flat) for m in (maps or [None]) if len(outline)
-    ]
+        Heat lies under the rims and arrows of the roads, and takes the place of their surface.
+        """
+        of = None if layer is None else layer.name
+        over = [s for s in result.shapes if isinstance(s, MovingLines | Flows | Marks)]
+        shown = [*(s.name for s in over if getattr(s, "on", None) in (None, of)), *([of] if of else [])]
+        surface = ["- /site/roads/surface/**"] if isinstance(layer, Grid) else []
+        contents = [f"{entity('result', shape)}/**" for shape in shown]
+        return blueprint.floor_view(screen, name, [*contents, *surface, *hidden], plan=plan, aspect=WIDE)
+
+    flat = *blueprint.FLAT, "- /site/zones/**"
+    # Without a map and without places there is nothing to see from above.
+    plans = [view(m, _title(m.name) if m else "Plan", True, *flat) for m in maps if len(outline)]
     if len(plans) == 1:
-        only, aslant = maps[0] if maps else None, blueprint.oblique(outline, WIDE)
-        plans.append(view(only, "Site", aslant, ["- /site/buildings/roofs/**"]))
+        plans.append(view(maps[0], "Site", False, "- /site/buildings/roofs/**"))
     side: list[Any] = [
         blueprint.plot(
-            _curve_title(s), [f"{entity('curves', s.name)}/**"], 1 < len(s.y) <= 8,
-            rrb.Corner2D.LeftTop, axis_x=blueprint.whole_time(),
+            f"{_title(s.name)} [{s.y_label[s.y_label.find('[') + 1 :].rstrip(']')}]",
+            [f"{entity('curves', s.name)}/**"], 1 < len(s.y) <= 8, rrb.Corner2D.LeftTop,
+            **blueprint.time_of(screen, slow=True),
         )
         for s in _curves(result)[:3]
     ]  # fmt: skip
     side.append(rrb.TextDocumentView(origin="/summary", name="Answer"))
-    # Without a map and without places there is nothing to see from above.
     left = [rrb.Vertical(*plans) if len(plans) <= 2 else rrb.Grid(*plans)] if plans else []
     return blueprint.whole(screen, [*left, rrb.Vertical(*side)], [5, 3][-1 - len(left) :])

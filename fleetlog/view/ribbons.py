@@ -1,8 +1,17 @@
-"""Roads as ribbons, arrows along them, discs and extruded polygons: triangles (m, 3, 3) in metres."""
+"""Shapes on the floor: roads as ribbons, arrows along them, discs and extruded polygons as triangles
+(m, 3, 3), arcs, rings and bolts as lines, in metres.
+"""
 
 import numpy as np
 
 from fleetlog.core.trajectory import Floats, Ints
+
+POINTS, DASH = 25, 1.6
+"""Points of an arc, and length of the dashes of a broken one [m]."""
+RISE, LOWEST, HIGHEST = 0.16, 1.5, 11.0
+"""Height of an arc over its span, and its bounds [m]."""
+HEAD = 1.3
+"""Length of an arrow's head [m]."""
 
 
 def side_vectors(points: Floats) -> Floats:
@@ -36,34 +45,27 @@ def _band(a: Floats, b: Floats) -> Floats:
     return np.concatenate([np.stack(corners, axis=1) for corners in pairs])
 
 
-def along(points: Floats, distance: Floats) -> tuple[Floats, Floats]:
-    """Places (k, 3) and unit directions (k, 3) at distances [m] along a polyline."""
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    run = np.concatenate([[0.0], np.cumsum(steps)])
-    k = np.clip(np.searchsorted(run, distance, side="right") - 1, 0, len(steps) - 1)
-    share = (distance - run[k]) / np.maximum(steps[k], 1e-9)
-    direction = (points[k + 1] - points[k]) / np.maximum(steps[k], 1e-9)[:, None]
-    return points[k] + share[:, None] * (points[k + 1] - points[k]), direction
-
-
 def stretch(points: Floats, start: float, end: float) -> Floats:
     """The part of a polyline (n, 3) between two distances [m] along it."""
-    run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    run = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     start, end = max(start, 0.0), min(max(end, start + 1e-3), float(run[-1]))
-    ends, _ = along(points, np.array([min(start, end - 1e-3), end]))
-    inner = points[(run > start) & (run < end)]
-    return np.vstack([ends[:1], inner, ends[1:]])
+    start = min(start, end - 1e-3)
+    at = np.concatenate([[start], run[(run > start) & (run < end)], [end]])
+    return np.column_stack([np.interp(at, run, c) for c in points.T])
 
 
 def arrows(points: Floats, size: float, spacing: float = 14.0, lift: float = 0.0) -> Floats:
     """Chevrons along a polyline, one every ``spacing`` metres, and one at least from three sizes on."""
-    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    if length < 3.0 * size:
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    run = np.append(0.0, np.cumsum(steps))
+    if run[-1] < 3.0 * size:
         return np.zeros((0, 3, 3))
-    count = max(1, int(length / spacing))
-    at, d = along(points, (np.arange(count) + 0.5) * length / count)
+    count = max(1, int(run[-1] / spacing))
+    distance = (np.arange(count) + 0.5) * run[-1] / count
+    k = np.clip(np.searchsorted(run, distance, side="right") - 1, 0, len(steps) - 1)
+    d = np.diff(points, axis=0)[k] / np.maximum(steps[k], 1e-9)[:, None]
     left = np.column_stack([-d[:, 1], d[:, 0], np.zeros(count)])
-    at = at + np.array([0.0, 0.0, lift])
+    at = points[k] + (distance - run[k])[:, None] * d + np.array([0.0, 0.0, lift])
     tip, notch, back = at + d * size, at - 0.2 * size * d, at - 0.8 * size * d
     a, b = back + 0.6 * size * left, back - 0.6 * size * left
     return np.concatenate([np.stack([tip, a, notch], axis=1), np.stack([tip, notch, b], axis=1)])
@@ -77,40 +79,30 @@ def disc(x: float, y: float, radius: float, lift: float, inner: float = 0.0, cor
     return _band(centre + radius * rim, centre + inner * rim)
 
 
-def _turn(a: Floats, b: Floats, c: Floats) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
-
-
 def triangulate(polygon: Floats) -> Ints:
-    """(n - 2, 3) counter-clockwise vertex indices of a simple polygon (n, 2), by clipping ears."""
-    points = np.asarray(polygon, dtype=np.float64)
-    nxt = np.roll(points, -1, axis=0)
-    area = float((points[:, 0] * nxt[:, 1] - nxt[:, 0] * points[:, 1]).sum())
-    left = list(range(len(points))) if area > 0 else list(range(len(points)))[::-1]
-    out: list[tuple[int, int, int]] = []
-    while len(left) > 3:
-        for i in range(len(left)):
-            a, b, c = left[i - 1], left[i], left[(i + 1) % len(left)]
-            if _is_ear(points, a, b, c, left):
-                break
-        else:  # a polygon that crosses itself: clip any corner rather than fail
-            a, b, c = left[-1], left[0], left[1]
-            i = 0
-        out.append((a, b, c))
-        del left[i]
-    return np.array([*out, tuple(left)], dtype=np.int64).reshape(-1, 3)
+    """(n - 2, 3) counter-clockwise vertex indices of a simple polygon (n, 2), by clipping ears.
+
+    Of a polygon that crosses itself some corner is clipped where there is no ear.
+    """
+    x, y = np.asarray(polygon, dtype=np.float64).T
+    clockwise = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() < 0.0
+    left = np.arange(len(x))[:: -1 if clockwise else 1]
+    out = []
+    while len(left) > 2:
+        k = next((k for k in range(len(left)) if _is_ear(polygon[np.roll(left, 1 - k)])), 0)
+        out.append(np.roll(left, 1 - k)[:3])
+        left = np.delete(left, k)
+    return np.array(out, dtype=np.int64).reshape(-1, 3)
 
 
-def _is_ear(points: Floats, a: int, b: int, c: int, left: list[int]) -> bool:
-    if _turn(points[a], points[b], points[c]) <= 0.0:
+def _is_ear(points: Floats) -> bool:
+    """Whether the first three of a ring of points turn left, and no other one is in their triangle."""
+    corners, others = points[:3], points[3:]
+    side = np.roll(corners, -1, axis=0) - corners
+    if side[0, 0] * side[1, 1] - side[0, 1] * side[1, 0] <= 0.0:
         return False
-    return not any(
-        _turn(points[a], points[b], points[k]) >= 0.0
-        and _turn(points[b], points[c], points[k]) >= 0.0
-        and _turn(points[c], points[a], points[k]) >= 0.0
-        for k in left
-        if k not in (a, b, c)
-    )
+    to = others - corners[:, None]
+    return not (side[:, None, 0] * to[..., 1] - side[:, None, 1] * to[..., 0] >= 0.0).all(axis=0).any()
 
 
 def open_ring(polygon: Floats) -> Floats:
@@ -132,3 +124,44 @@ def walls(polygon: Floats, low: float, high: float) -> Floats:
     closed = np.vstack([ring, ring[:1]])
     foot, top = (np.column_stack([closed, np.full(len(closed), z)]) for z in (low, high))
     return _band(foot, top)
+
+
+def arc(start: Floats, end: Floats, points: int = POINTS) -> Floats:
+    """(points, 3) from ``start`` to ``end`` ((3,) m), higher in the middle the farther they are apart."""
+    share = np.linspace(0.0, 1.0, points)[:, None]
+    height = np.clip(RISE * np.hypot(*(end - start)[:2]), LOWEST, HIGHEST)
+    line = start + share * (end - start)
+    line[:, 2:] += 4.0 * height * share * (1.0 - share)
+    return np.asarray(line)
+
+
+def head(line: Floats) -> Floats:
+    """(3, 3) the arrow's head at the end of a line, lying as steep as the line comes down."""
+    ahead = line[-1] - line[-2]
+    length = float(np.linalg.norm(ahead))
+    ahead = ahead / length if length > 0.0 else np.array([1.0, 0.0, 0.0])
+    side = np.array([-ahead[1], ahead[0], 0.0]) / max(float(np.hypot(ahead[0], ahead[1])), 1e-9)
+    back = line[-1] - HEAD * ahead
+    return np.stack([back + 0.5 * HEAD * side, line[-1], back - 0.5 * HEAD * side])
+
+
+def broken(start: Floats, end: Floats) -> list[Floats]:
+    """The dashes of an arc; the last one reaches its end."""
+    count = int(np.clip(np.hypot(*(end - start)[:2]) / (2.0 * DASH), 3, 40))
+    line = arc(start, end, 2 * count + 2)
+    return [line[k : k + 2] for k in range(0, len(line), 2)]
+
+
+def ring(radius: float, height: float, corners: int = 28) -> Floats:
+    """(corners + 1, 3) a circle about the origin."""
+    turn = np.linspace(0.0, 2.0 * np.pi, corners + 1)
+    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.full(len(turn), height)])
+
+
+def bolt(size: float, height: float) -> Floats:
+    """(6, 3) a lightning bolt over the origin, leaning so that it is seen from above and from the south."""
+    flat = np.array(
+        [[0.1, 1.0], [-0.45, -0.1], [0.05, -0.05], [-0.1, -1.0], [0.45, 0.15], [-0.05, 0.1], [0.1, 1.0]]
+    )
+    lean = np.sqrt(0.5)
+    return size * np.column_stack([flat[:, 0], lean * flat[:, 1], lean * flat[:, 1]]) + [0.0, 0.0, height]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +15,11 @@ from fleetlog.core.trajectory import Floats
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap, Normalize
 
-
 # Colour-blind safe; pale is low on paper, dark is low on the viewer's dark ground, and grey or white is zero
 # between two signs.
 PAPER, SCREEN, DIVERGING = "magma_r", "inferno", "RdBu_r"
 SIGNS = ((120, 200, 255), (50, 120, 220), (104, 107, 113), (225, 90, 50), (255, 180, 120))
 """Below zero, zero and above on the dark ground: bright is far from zero."""
-
-
 SKEWED = 8.0
 """Where the largest values are this many times the median, colours follow their logarithm."""
 
@@ -40,40 +37,23 @@ class Scale:
     clipped: bool = False
     knee: float = float("inf")
 
-    @property
-    def extend(self) -> Literal["neither", "max", "both"]:
-        """At which ends of a colour bar there are more values."""
-        return "neither" if not self.clipped else "both" if self.diverging else "max"
-
     def norm(self) -> Normalize:
-        """The same for matplotlib."""
+        """From values to shares from 0 to 1, and back by its ``inverse``."""
         from matplotlib.colors import AsinhNorm, Normalize
 
         if np.isfinite(self.knee):
             return AsinhNorm(self.knee, self.low, self.high, clip=True)
         return Normalize(self.low, self.high, clip=True)
 
-    def _even(self, values: Any) -> Floats:
-        """Values on the scale that colours are even along."""
-        v = np.asarray(values, np.float64)
-        return np.arcsinh(v / self.knee) if np.isfinite(self.knee) else v
-
-    def share(self, values: Floats) -> Floats:
-        """0 to 1 between the limits; NaN stays NaN."""
-        low, high = self._even([self.low, self.high])
-        return np.asarray(np.clip((self._even(values) - low) / (high - low), 0.0, 1.0), dtype=np.float64)
+    def at(self, share: Floats) -> Floats:
+        """The values at shares from 0 to 1."""
+        return np.asarray(self.norm().inverse(share), dtype=np.float64)
 
     def ticks(self) -> list[float] | None:
         """Round values evenly along a colour bar; None where matplotlib finds them itself."""
         if not np.isfinite(self.knee):
             return None
         return sorted({float(f"{v:.1g}") for v in self.at(np.linspace(0.0, 1.0, 6 - self.diverging))})
-
-    def at(self, share: Floats) -> Floats:
-        """The values at shares from 0 to 1."""
-        low, high = self._even([self.low, self.high])
-        v = low + np.asarray(share) * (high - low)
-        return np.asarray(self.knee * np.sinh(v) if np.isfinite(self.knee) else v, dtype=np.float64)
 
 
 def scale_of(values: Floats, diverging: bool = False) -> Scale:
@@ -123,7 +103,7 @@ def colour_map(diverging: bool, screen: bool) -> Colormap:
 
 def screen_colours(values: Floats, scale: Scale) -> NDArray[Any]:
     """(..., 4) uint8 colours for the viewer; wholly transparent where the value is NaN."""
-    rgba = np.asarray(colour_map(scale.diverging, True)(scale.share(np.nan_to_num(values)), bytes=True))
-    rgba = rgba.copy()
+    shares = scale.norm()(np.nan_to_num(values))
+    rgba = np.array(colour_map(scale.diverging, True)(shares, bytes=True))
     rgba[~np.isfinite(values), 3] = 0
     return rgba

@@ -6,10 +6,10 @@ import numpy as np
 import rerun as rr
 
 from fleetlog.core.network import Network
-from fleetlog.core.site import Place, Site
+from fleetlog.core.site import Frame, Place, Site
 from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.view import palette, ribbons, thin
-from fleetlog.view.meshes import Mesh, join, mesh_of
+from fleetlog.view.meshes import mesh3d
 from fleetlog.view.stream import Stream, entity, ui_points
 
 DEFAULT_WIDTH = 3.5
@@ -21,17 +21,6 @@ BREAK = 200.0
 """A step longer than this [m] is a jump of the log, not a way."""
 RAISED = np.array([0.0, 0.0, 0.05])
 """Lines lie this much over the surfaces, so that they are not hidden in them [m]."""
-
-
-def mesh3d(mesh: Mesh, alpha: int = 255) -> rr.Mesh3D:
-    """A mesh as Rerun draws it; ``alpha`` below 255 makes the whole of it translucent."""
-    return rr.Mesh3D(
-        vertex_positions=mesh.vertices,
-        triangle_indices=mesh.triangles,
-        vertex_normals=mesh.normals,
-        vertex_colors=mesh.colours,
-        albedo_factor=None if alpha == 255 else [255, 255, 255, alpha],
-    )
 
 
 def drawn_width(network: Network, edge: int) -> float:
@@ -54,7 +43,7 @@ def log_site(stream: Stream, site: Site) -> None:
     if site.network is not None:
         _log_roads(stream, site)
         if site.frame is not None:
-            _log_map(stream, site)
+            _log_map(stream, site.network, site.frame)
     _log_buildings(stream, site)
     _log_zones(stream, site)
     log_places(stream, site.places, "", len(site.places) <= MANY_PLACES)
@@ -62,43 +51,32 @@ def log_site(stream: Stream, site: Site) -> None:
 
 def _log_roads(stream: Stream, site: Site) -> None:
     network = site.roads()
-    surface, rims, marks = [], [], []
+    surface, rims, marks, radius = [], [], [], np.zeros(len(network.node_ids))
     for i in range(len(network)):
         line, (left, right) = network.polyline(i), lane(site, i)
-        two_way = network.reverse[i] >= 0
+        two_way, ends = network.reverse[i] >= 0, [network.start[i], network.end[i]]
+        radius[ends] = np.maximum(radius[ends], drawn_width(network, i) / 2.0)
         colour = palette.ROAD if two_way else palette.ONE_WAY
-        surface.append(mesh_of(ribbons.ribbon(line, left, right, 0.01 if two_way else 0.03), colour))
+        surface.append((ribbons.ribbon(line, left, right, 0.01 if two_way else 0.03), colour))
         outer = (left, right) if not two_way else (right,) if site.traffic == "right" else (left,)
         rims += [ribbons.offset(line, o) + RAISED for o in outer]
         middle = ribbons.offset(line, (left + right) / 2.0)
-        arrow = ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), lift=0.07)
-        if len(arrow):
-            marks.append(mesh_of(arrow, palette.ARROW))
+        marks.append((ribbons.arrows(middle, min(1.6, 0.55 * (left - right)), lift=0.07), palette.ARROW))
+    # Discs as wide as the widest road close the gaps between ribbons.
     surface += [
-        mesh_of(ribbons.disc(x, y, half, z + 0.008, corners=20), palette.ROAD)
-        for (x, y, z), half in zip(network.node_points, _junction_radii(network), strict=True)
+        (ribbons.disc(x, y, r, z + 0.008, corners=20), palette.ROAD)
+        for (x, y, z), r in zip(network.node_points, radius, strict=True)
     ]
-    stream.static("/site/roads/surface", mesh3d(join(surface)))
+    stream.static("/site/roads/surface", mesh3d(surface))
     lines = rr.LineStrips3D(rims, colors=[palette.ROAD_EDGE], radii=ui_points(0.6))
     stream.static("/site/roads/edges", lines)
-    if marks:
-        stream.static("/site/roads/arrows", mesh3d(join(marks)))
+    if any(len(arrows) for arrows, _ in marks):
+        stream.static("/site/roads/arrows", mesh3d(marks))
 
 
-def _junction_radii(network: Network) -> Floats:
-    """(V,) half the widest road at every node [m], to close the gaps between ribbons."""
-    radius = np.zeros(len(network.node_ids))
-    half = np.where(network.width > 0.3, network.width, DEFAULT_WIDTH) / 2.0
-    np.maximum.at(radius, network.start, half)
-    np.maximum.at(radius, network.end, half)
-    return radius
-
-
-def _log_map(stream: Stream, site: Site) -> None:
-    assert site.frame is not None
-    network = site.roads()
+def _log_map(stream: Stream, network: Network, frame: Frame) -> None:
     once = [i for i in range(len(network)) if network.reverse[i] > i or network.reverse[i] < 0]
-    lines = [np.column_stack(site.frame.to_geographic(*network.polyline(i)[:, :2].T)) for i in once]
+    lines = [np.column_stack(frame.to_geographic(*network.polyline(i)[:, :2].T)) for i in once]
     colours = [palette.ROAD_EDGE] * len(lines)
     stream.static("/geo/roads", rr.GeoLineStrings(lat_lon=lines, colors=colours, radii=ui_points(1.2)))
 
@@ -111,10 +89,10 @@ def _outline(polygon: Floats, z: float) -> Floats:
 def _log_buildings(stream: Stream, site: Site) -> None:
     for building in site.buildings:
         height, outline = building.height, building.polygon
-        roof = mesh_of(ribbons.floor_polygon(outline, height), palette.BUILDING)
-        sides = mesh_of(ribbons.walls(outline, 0.0, height), palette.BUILDING)
-        stream.static(entity("site", "buildings", "roofs", building.id), mesh3d(roof, 28))
-        stream.static(entity("site", "buildings", "walls", building.id), mesh3d(sides, 40))
+        roof = ribbons.floor_polygon(outline, height), palette.BUILDING
+        sides = ribbons.walls(outline, 0.0, height), palette.BUILDING
+        stream.static(entity("site", "buildings", "roofs", building.id), mesh3d([roof], 28))
+        stream.static(entity("site", "buildings", "walls", building.id), mesh3d([sides], 40))
         posts = [np.array([[*p, 0.0], [*p, height]]) for p in ribbons.open_ring(outline)]
         frame = {"outlines": [_outline(outline, 0.0)], "frames": [_outline(outline, height), *posts]}
         for part, lines in frame.items():
@@ -125,8 +103,8 @@ def _log_buildings(stream: Stream, site: Site) -> None:
 def _log_zones(stream: Stream, site: Site) -> None:
     for zone in site.zones:
         colour = palette.COVERED if zone.covered else palette.LIMITED
-        floor = mesh_of(ribbons.floor_polygon(zone.polygon, 0.0), colour)
-        stream.static(entity("site", "zones", "floors", zone.id), mesh3d(floor, 24))
+        floor = ribbons.floor_polygon(zone.polygon, 0.0), colour
+        stream.static(entity("site", "zones", "floors", zone.id), mesh3d([floor], 24))
         limit = "" if np.isnan(zone.speed_limit) else f" {zone.speed_limit:.2g} m/s"
         rim = rr.LineStrips3D(
             [_outline(zone.polygon, 0.02)], colors=[colour], radii=ui_points(1.0), labels=[zone.id + limit],
@@ -139,8 +117,8 @@ def log_places(stream: Stream, places: Sequence[Place], part: str, labels: bool)
     """Rings on the floor, coloured by kind; ``part`` names a group beside the places of the site."""
     for kind in sorted({p.kind for p in places}):
         alike, colour = [p for p in places if p.kind == kind], palette.PLACES[kind]
-        pads = [mesh_of(ribbons.disc(p.x, p.y, 1.2, 0.09, inner=0.75), colour) for p in alike]
-        stream.static(entity("site", "places", kind, part, "pads"), mesh3d(join(pads)))
+        pads = [(ribbons.disc(p.x, p.y, 1.2, 0.09, inner=0.75), colour) for p in alike]
+        stream.static(entity("site", "places", kind, part, "pads"), mesh3d(pads))
         points = rr.Points3D(
             [[p.x, p.y, 0.1] for p in alike], radii=ui_points(2.5), colors=[colour],
             labels=[p.id for p in alike], show_labels=labels,

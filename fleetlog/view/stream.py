@@ -4,8 +4,8 @@ import os
 import re
 import shutil
 import struct
-import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -24,16 +24,6 @@ CHUNK = 32_768
 """Rows a chunk: 8 to 65 thousand open fast and keep the viewer's memory low."""
 ui_points = rr.Radius.ui_points
 """A radius in points of the screen."""
-
-
-def nanoseconds(time: Ints) -> Any:
-    """Microseconds since 1970 (UTC) as datetime64[ns]."""
-    return np.asarray(time, dtype="datetime64[us]").astype("datetime64[ns]")
-
-
-def microseconds(iso: str | None) -> int | None:
-    """Microseconds since 1970 of a time in a dataset's description."""
-    return None if iso is None else int(np.datetime64(iso.removesuffix("Z"), "us").astype(np.int64))
 
 
 def entity(*names: str) -> str:
@@ -59,24 +49,21 @@ class Stream:
 
     def columns(self, path: str, time: Ints, kind: Any, **fields: Any) -> None:
         """One instance of the archetype ``kind`` at each ``time``; its ``fields`` have one row a time."""
-        for begin in range(0, len(time), CHUNK):
-            rows = slice(begin, begin + CHUNK)
-            self._send(path, time[rows], kind.columns(**{k: v[rows] for k, v in fields.items()}))
+        self.parts(path, time, None, kind, **fields)
 
-    def parts(self, path: str, time: Ints, lengths: Ints, kind: Any, **fields: Any) -> None:
+    def parts(self, path: str, time: Ints, lengths: Ints | None, kind: Any, **fields: Any) -> None:
         """Like :meth:`columns` for ``lengths`` instances at each time; ``fields`` hold all of them."""
-        ends = np.concatenate([[0], np.cumsum(lengths)])
+        ends = np.append(0, np.cumsum(np.ones(len(time), np.int64) if lengths is None else lengths))
         for begin in range(0, len(time), CHUNK):
             rows = slice(begin, min(begin + CHUNK, len(time)))
             part = slice(int(ends[rows.start]), int(ends[rows.stop]))
             data = kind.columns(**{k: v[part] for k, v in fields.items()})
-            self._send(path, time[rows], data.partition(lengths[rows]))
-
-    def _send(self, path: str, time: Ints, columns: Any) -> None:
-        index = [rr.TimeColumn(TIMELINE, timestamp=nanoseconds(time))]
-        if self.clock is not None:
-            index.append(rr.TimeColumn(SKIPPED, duration=self.clock(time).astype("timedelta64[us]")))
-        self.recording.send_columns(path, index, columns)
+            index = [rr.TimeColumn(TIMELINE, timestamp=time[rows].astype("datetime64[us]"))]
+            if self.clock is not None:
+                passed = self.clock(time[rows]).astype("timedelta64[us]")
+                index.append(rr.TimeColumn(SKIPPED, duration=passed))
+            whole = data if lengths is None else data.partition(lengths[rows])
+            self.recording.send_columns(path, index, whole)
 
 
 @contextmanager
@@ -116,27 +103,24 @@ def _pipe_into(path: Path) -> Iterator[str]:
     may wait forever; a pipe takes everything, and the error is raised here.
     """
     receive, send = os.pipe()
-    failed: list[OSError] = []
 
     def copy() -> None:
         with os.fdopen(receive, "rb", buffering=0) as source:
             try:
                 with path.open("wb") as sink:
                     shutil.copyfileobj(source, sink)
-            except OSError as error:
-                failed.append(error)
-            while source.read(1 << 16):
-                pass
+            finally:
+                while source.read(1 << 16):
+                    pass
 
-    thread = threading.Thread(target=copy, daemon=True)
-    thread.start()
-    try:
-        yield f"/dev/fd/{send}"
-    finally:
-        os.close(send)
-        thread.join()
-    if failed:
-        raise _unwritten(path, failed[0].strerror or str(failed[0]))
+    with ThreadPoolExecutor(1) as pool:
+        copied = pool.submit(copy)
+        try:
+            yield f"/dev/fd/{send}"
+        finally:
+            os.close(send)
+    if isinstance(error := copied.exception(), OSError):
+        raise _unwritten(path, error.strerror or str(error))
 
 
 def _unwritten(path: Path, why: str) -> OutputError:

@@ -7,11 +7,11 @@ import subprocess
 import sys
 import tempfile
 import warnings
+from collections import Counter
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from fleetlog.errors import InputError
 from fleetlog.store.places import is_url
@@ -28,65 +28,40 @@ def recording_of(
     That of one ``day`` of a dataset, or of one elsewhere, is in a folder that goes when this process ends.
     """
     if path.is_file():
-        return _checked(path)
-    recording = path / "recording.rrd"
-    description = path / "dataset.json"
+        with path.open("rb") as stream:
+            if stream.read(4) != b"RRF2":
+                do = "name a dataset, or import the log first (fleetlog import)"
+                raise InputError("is not a Rerun recording", where=path, do=do)
+        return path
+    from fleetlog.view.recording import RATE, write_recording
+
+    recording, description = path / "recording.rrd", path / "dataset.json"
     if is_url(path) or day is not None:
         folder = tempfile.mkdtemp(prefix="fleetlog-")
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
         say(f"making the replay of {path}" + ("" if day is None else f" on {day}"))
-        return _made(path, Path(folder) / "recording.rrd", rate_hz, day)
-    if not description.is_file():
-        if recording.is_file():
-            return recording
+        return write_recording(path, Path(folder) / "recording.rrd", rate_hz=rate_hz or RATE, day=day)
+    there = recording.is_file()
+    if not (there or description.is_file()):
         do = "name a dataset, an analysis or an .rrd file"
         raise InputError("holds no recording.rrd and is no dataset", where=path, do=do)
-    old = not recording.is_file() or recording.stat().st_mtime < description.stat().st_mtime - 1.0
-    if old or rate_hz is not None:
+    made_of = description.stat().st_mtime - 1.0 if description.is_file() else None
+    if made_of is not None and (not there or recording.stat().st_mtime < made_of or rate_hz is not None):
         say(f"making {recording}")
-        _made(path, recording, rate_hz)
+        write_recording(path, recording, rate_hz=rate_hz or RATE)
     return recording
-
-
-def _made(dataset: Path, out: Path, rate_hz: float | None, day: str | None = None) -> Path:
-    from fleetlog.view.recording import RATE, write_recording
-
-    return write_recording(dataset, out, rate_hz=rate_hz or RATE, day=day)
-
-
-def _checked(path: Path) -> Path:
-    with path.open("rb") as stream:
-        if stream.read(4) != b"RRF2":
-            do = "name a dataset, or import the log first (fleetlog import)"
-            raise InputError("is not a Rerun recording", where=path, do=do)
-    return path
-
-
-def middle_of_driving(path: Path, day: str | None = None) -> int | None:
-    """Time [ns] in the middle of the middle trip of a dataset; None of anything without trips."""
-    if not (path / "dataset.json").is_file():
-        return None
-    from fleetlog.store import Dataset
-
-    trips = Dataset(path).trips.sort_values("start")
-    if day is not None:
-        trips = trips[trips["start"].dt.strftime("%Y-%m-%d") == day]
-    if not len(trips):
-        return None
-    trip = trips.iloc[len(trips) // 2]
-    return int((trip["start"] + (trip["end"] - trip["start"]) / 2).value)
 
 
 def nanoseconds_of(iso: str) -> int:
     """Nanoseconds since 1970 of a time in ISO 8601, UTC unless it says otherwise."""
-    from datetime import UTC, datetime
+    import pandas as pd
 
     try:
-        moment = datetime.fromisoformat(iso)
+        moment = pd.Timestamp(datetime.fromisoformat(iso))
     except ValueError:
         raise InputError(f"--at {iso!r} is no time", do="write it like 2026-03-02T06:01:00") from None
-    moment = moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
-    return int(np.datetime64(moment.replace(tzinfo=None), "ns").astype(np.int64))
+    utc = moment.tz_localize("UTC") if moment.tzinfo is None else moment
+    return int(utc.as_unit("ns").value)
 
 
 def has_screen() -> bool:
@@ -112,15 +87,23 @@ def describe_recording(path: Path) -> dict[str, Any]:
     """Recordings, entities, rows, timelines and blueprints of a file; InputError where it is unreadable."""
     from rerun.chunk import RrdReader
 
+    recordings: list[dict[str, Any]] = []
     try:
         # Rerun warns, and does not raise, where a file was not closed
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
             reader = RrdReader(str(path))
-            recordings = [
-                {"application": s.application_id, "recording": s.recording_id, **_contents(reader, s)}
-                for s in reader.recordings()
-            ]
+            for store in reader.recordings():
+                entities: Counter[str] = Counter()
+                timelines: set[str] = set()
+                for chunk in reader.stream(store=store):
+                    entities[str(chunk.entity_path)] += int(chunk.num_rows)
+                    timelines |= set(map(str, chunk.timeline_names))
+                shown = {k: rows for k, rows in sorted(entities.items()) if not k.startswith("/__")}
+                recordings.append({
+                    "application": store.application_id, "recording": store.recording_id, "entities": shown,
+                    "rows": sum(shown.values()), "timelines": sorted(timelines),
+                })  # fmt: skip
             blueprints = len(reader.blueprints())
     except Exception as error:  # Rerun raises its own kinds and RuntimeError alike
         why = " ".join(str(error).split())[:160]
@@ -130,14 +113,3 @@ def describe_recording(path: Path) -> dict[str, Any]:
     open_end = any("no footer" in str(w.message) for w in heard)
     damage = ["the recording was not closed: it has no footer"] if open_end else []
     return {"recordings": recordings, "blueprint": blueprints > 0, "damage": damage}
-
-
-def _contents(reader: Any, store: Any) -> dict[str, Any]:
-    entities: dict[str, int] = {}
-    timelines: set[str] = set()
-    for chunk in reader.stream(store=store):
-        path = str(chunk.entity_path)
-        entities[path] = entities.get(path, 0) + int(chunk.num_rows)
-        timelines |= {str(name) for name in chunk.timeline_names}
-    shown = {k: v for k, v in sorted(entities.items()) if not k.startswith("/__")}
-    return {"entities": shown, "rows": sum(shown.values()), "timelines": sorted(timelines)}

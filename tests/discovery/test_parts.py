@@ -31,13 +31,14 @@ def network():
     return build_network([a, reversed_edge(a), b, reversed_edge(b)])
 
 
-def drive(seconds: int = 600, seed: int = 0) -> Trajectory:
+def drive(rows: int = 600, seed: int = 0, step: float = 1.0) -> Trajectory:
     """A truck that sets off and stops every half minute, its power that of the nominal model."""
     rng = np.random.default_rng(seed)
-    t = np.arange(seconds, dtype=float)
+    t = np.arange(rows) * step
     speed = np.clip(np.minimum((t % 30) * 0.6, (30 - t % 30) * 0.7), 0, rng.uniform(2.5, 3.5))
-    columns = {"x": np.cumsum(speed), "y": np.zeros(seconds), "heading": np.zeros(seconds), "speed": speed,
-               "payload": np.full(seconds, 500.0), "trip_id": (t // 30).astype(np.int64)}  # fmt: skip
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * step)])
+    columns = {"x": way, "y": np.zeros(rows), "heading": np.zeros(rows), "speed": speed,
+               "payload": np.full(rows, 500.0), "trip_id": (t // 30).astype(np.int64)}  # fmt: skip
     track = Trajectory("T", (t * 1e6).astype(np.int64), columns)
     b = block(track, 0, None, TRUCK)
     return track.with_columns(battery_power=b.rows(battery_power(b.motion, Physics(TRUCK))))
@@ -52,13 +53,21 @@ def test_windows_keep_the_energy_and_never_straddle_a_trip() -> None:
         assert len(np.unique(b.trip[cut.of_row == w])) == 1
 
 
+def rows_late(t: np.ndarray, fine: Trajectory, shift: float) -> np.ndarray:
+    """(N,) the mean power over the second around each row, by a clock that is so many seconds late."""
+    at, power = fine.seconds(), fine.floats("battery_power")
+    energy = np.concatenate([[0.0], np.cumsum(power)]) * 0.1
+    ends = np.append(at - 0.05, at[-1] + 0.05)
+    begin = t - shift - 0.5
+    return np.interp(begin + 1.0, ends, energy) - np.interp(begin, ends, energy)
+
+
 def fleet(shift: float = 0.0) -> Fleet:
     """Two trucks whose power is logged so many seconds late."""
     days = []
     for k in range(2):
         track = drive(1200, k)
-        t = track.seconds()
-        late = np.interp(t - shift, t, track.floats("battery_power"))
+        late = rows_late(track.seconds(), drive(12000, k, 0.1), shift)
         days.append((k, track.with_columns(battery_power=late)))
     return Fleet(days, ("a", "b"), None, TRUCK, {}, {})
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from fleetlog.core.trajectory import Trajectory
-from fleetlog.discovery.recording.positions import placed, seldom, updates
+from fleetlog.core.truck import Chassis, Truck
+from fleetlog.discovery.recording.blocks import block
+from fleetlog.discovery.recording.fleet import seldom
 
 
 def drive(every: int, null: bool = False) -> tuple[Trajectory, np.ndarray, np.ndarray]:
@@ -24,17 +26,11 @@ def drive(every: int, null: bool = False) -> tuple[Trajectory, np.ndarray, np.nd
 @pytest.mark.parametrize("null", [False, True])
 def test_between_updates_a_vehicle_is_where_its_speed_took_it(null: bool) -> None:
     track, x, y = drive(12, null)
-    put = placed(track)
-    off = np.hypot(put.floats("x") - x, put.floats("y") - y)[:-12]
+    b = block(track, 0, None, Truck(Chassis(4500.0)))
+    off = np.hypot(b.rows(b.motion.x) - x, b.rows(b.motion.y) - y)[:-12]
     assert off.max() < 1.0 < np.nanmax(np.hypot(track.floats("x") - x, track.floats("y") - y)) or null
-    turn = put.floats("heading") - np.arctan2(x, 2000.0 - y)
+    turn = b.rows(b.motion.heading) - np.arctan2(x, 2000.0 - y)
     assert np.abs(turn[20:-20]).max() < 0.02
-
-
-def test_positions_on_every_row_are_left_alone() -> None:
-    track, _, _ = drive(1)
-    assert updates(track).all()
-    assert placed(track) is track
 
 
 @pytest.mark.parametrize(("every", "few"), [(1, False), (3, False), (12, True)])

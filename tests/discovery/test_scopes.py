@@ -11,8 +11,9 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Chassis, Truck
 from fleetlog.discovery.hypotheses.scope import FLEET, Scope
 from fleetlog.discovery.model import Knob, Model
+from fleetlog.discovery.search.beside import Beside
 from fleetlog.discovery.search.ridge import Prior
-from fleetlog.discovery.search.scopes import Beside, Column, _kind, _parts
+from fleetlog.discovery.search.scopes import Column, _kind, _parts
 from fleetlog.physics.power import battery_power
 
 TRUCK = Truck(Chassis(4000.0))

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 from scipy.stats import kstest
 
-from fleetlog.discovery.hypotheses.sources import ErrorSource, lay_out
+from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, lay_out
+from fleetlog.discovery.model import Knob
 from fleetlog.discovery.search.floor import noise_floor
 from fleetlog.discovery.search.judge import p_value
 from fleetlog.discovery.search.ridge import Normal, Prior, cross_validated, solve
@@ -47,7 +48,8 @@ def test_a_cross_validated_loss_is_that_of_fits_that_have_not_seen_the_fold() ->
 
 def test_sums_of_two_days_are_those_of_both() -> None:
     rng = np.random.default_rng(0)
-    layout = lay_out([ErrorSource(n, 1.0) for n in "abcd"], [1, 1, 1, 1])
+    sources = [KnobSource(Knob("a", n)) for n in "ab"]
+    layout = lay_out([*sources, ErrorSource("c", 1.0), FieldSource("d")], [1, 1, 1, 1])
     rows = [
         rng.normal(size=(300, 4)).astype(np.float32),
         rng.normal(size=300),
@@ -55,7 +57,7 @@ def test_sums_of_two_days_are_those_of_both() -> None:
         rng.uniform(1, 2, 300),
     ]
     codes = [rng.integers(0, 3, 300), rng.integers(0, 3, 300), rng.integers(0, 2, 300)]
-    parts = [Sums.empty(layout, 3, 3, 2) for _ in range(3)]
+    parts = [Sums.empty(layout, 3, 2) for _ in range(3)]
     for sums, which in zip(parts, (slice(None), slice(0, 120), slice(120, 300)), strict=True):
         sums.add(*(r[which] for r in rows), *(c[which] for c in codes))
         sums.flush()

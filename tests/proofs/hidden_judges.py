@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.diagnose import Diagnosis
 from fleetlog.discovery.hypotheses.squares import Squares
-from fleetlog.discovery.recording.positions import placed, travelled, updates
 from fleetlog.discovery.report.fields import Values
+from fleetlog.physics.motion.rows import updates
 from fleetlog.physics.power import all_terms
 from tests.proofs.public_logs import Log
 
@@ -52,6 +52,23 @@ class Class:
     metres: float
 
 
+def travelled(track: Trajectory) -> Floats:
+    """(N,) metres driven since the first row, from the speed channel."""
+    t, v = track.seconds(), np.nan_to_num(track.floats("speed"))
+    return np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+
+
+def placed(track: Trajectory) -> Trajectory:
+    """The track with the positions and headings of rows without an update interpolated along the distance driven."""
+    fresh = updates(track.seconds(), *(track.floats(c) for c in ("x", "y", "speed")))
+    if fresh.all() or fresh.sum() < 2:
+        return track
+    s = travelled(track) + 1e-6 * np.arange(len(fresh))
+    x, y = (np.interp(s, s[fresh], track.floats(c)[fresh]) for c in ("x", "y"))
+    ends = [np.interp(s + d, s, v) for d in (-10.0, 10.0) for v in (x, y)]
+    return track.with_columns(x=x, y=y, heading=np.arctan2(ends[3] - ends[1], ends[2] - ends[0]))
+
+
 def profiles(d: Diagnosis, log: Log) -> list[Profile]:
     """Found and recorded slope of every run; nothing where no slope was found."""
     channel = next((c for c in d.channels.values() if "grade" in c.fields), None)
@@ -71,7 +88,7 @@ def profiles(d: Diagnosis, log: Log) -> list[Profile]:
 
 def _profile(track: Trajectory, altitude: Floats, cells: Squares, values: Values) -> Profile | None:
     # A receiver that holds its altitude while the road goes on tells it anew when it changes.
-    fresh = updates(track) & np.isfinite(altitude)
+    fresh = updates(track.seconds(), *(track.floats(c) for c in ("x", "y", "speed"))) & np.isfinite(altitude)
     rows = np.flatnonzero(fresh)
     fresh[rows[1:][np.diff(altitude[rows]) == 0.0]] = False
     if fresh.sum() < 20:

@@ -207,7 +207,7 @@ def test_older_recording_stays_when_writing_fails(
     dataset, _ = replay
     out = write_recording(dataset, tmp_path / "r.rrd", rate_hz=0.5)
     before = out.read_bytes()
-    monkeypatch.setattr("fleetlog.view.fleet.log_day", lambda *a: 1 / 0)
+    monkeypatch.setattr("fleetlog.view.recording.log_day", lambda *a: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write_recording(dataset, out)
     assert out.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["r.rrd"]

@@ -1,23 +1,33 @@
-"""What the search needs of a channel, be it energy over windows or time over stretches of path."""
+"""What the search needs of a channel, be it energy over windows or time over stretches of path, and what both
+do alike."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from copy import copy
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.channels.lost import Lost
-from fleetlog.discovery.hypotheses.curves import FreeCurve
-from fleetlog.discovery.hypotheses.sources import ErrorSource, Source
+from fleetlog.discovery.hypotheses.curves import FreeCurve, knots_of
+from fleetlog.discovery.hypotheses.sources import CurveSource, ErrorSource, FieldSource, KnobSource, Source
 from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Knob, Model
-from fleetlog.discovery.recording.windows import Windows
+from fleetlog.discovery.recording.fleet import Fleet
+from fleetlog.discovery.recording.splits import Split
+from fleetlog.discovery.recording.windows import Windows, join
 from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Columns = NDArray[np.float32]
+
+CODES = ("vehicle_id", "day", "trip_id", "heading")
+"""Variables without knots: codes, and an angle, which goes round."""
 
 
 @dataclass(frozen=True)
@@ -25,9 +35,8 @@ class Unit:
     """Windows that are computed together, with the recorded quantity of each and which of them can be used.
 
     ``own`` is the channel's; ``noise`` (W,) the variance that the uncertainty of the motion leaves to any
-    model;
-    ``level`` (W,) what the nominal model says, and ``swing`` (W,) how far rows scatter about it, above zero:
-    noise grows with both.
+    model; ``level`` (W,) what the nominal model says, and ``swing`` (W,) how far rows scatter about it,
+    above zero: noise grows with both.
     """
 
     windows: Windows
@@ -38,87 +47,185 @@ class Unit:
     swing: Floats
     own: Any
 
+    def part(self, keep: NDArray[np.bool_], own: Any) -> "Unit":
+        """Return some of the windows, (W,), with the channel's ``own`` of these."""
+        own_of: dict[str, Any] = {
+            f.name: getattr(self, f.name)[keep] for f in fields(self) if f.name != "own"
+        }
+        return Unit(**own_of, own=own)
 
-class Channel(Protocol):
-    """A recorded quantity by window, and what models say of it."""
+
+@dataclass
+class Channel(ABC):
+    """A recorded quantity of a fleet by window, and what models say of it.
+
+    ``base`` is what everything is measured from: the nominal truck, or what a simulation holds beyond it.
+    """
 
     name: str
+    fleet: Fleet
+    base: Model
+    model_error: float = field(default=0.0, init=False)
+    """Share of a window's quantity that any model may miss."""
+    place_error: float = field(default=0.0, init=False)
+    """The same share at some places, where it gathers."""
+    _kept: list[Unit] = field(default_factory=list, init=False)
+    _passes: dict[str, Ints] = field(default_factory=dict, init=False)
+    _knots: dict[str, tuple[float, ...]] | None = field(default=None, init=False)
 
     @property
+    @abstractmethod
     def metric(self) -> str:
         """What the error is."""
-        ...
 
-    model_error: float
-    """Share of a window's quantity that any model may miss."""
-    base: Model
-    """What everything is measured from: the nominal truck, or what a simulation holds beyond it."""
+    @abstractmethod
+    def units(self) -> Iterator[Unit]:
+        """Yield the recording, piece by piece."""
 
-    @property
-    def place_error(self) -> float:
-        """The same share at some places, where it gathers."""
-        ...
+    @abstractmethod
+    def predict(self, unit: Unit, model: Model) -> Floats:
+        """Return what a model says, (W,)."""
+
+    @abstractmethod
+    def columns(self, unit: Unit, model: Model, sources: Sequence[Source]) -> tuple[Floats, Columns]:
+        """Return what the model says, (W,), and the columns of the sources about it, (W, P)."""
+
+    @abstractmethod
+    def cells(self, term: Term | None) -> Cells | None:
+        """Return the cells of a field term, or of places (None); None where the recording has no
+        positions."""
+
+    @abstractmethod
+    def terms(self) -> list[Term]:
+        """Return the terms that can act on the channel."""
+
+    @abstractmethod
+    def curves(self) -> list[FreeCurve]:
+        """Return the free curves that the recording can carry."""
+
+    @abstractmethod
+    def errors(self) -> list[ErrorSource]:
+        """Return what sampling hides."""
+
+    @abstractmethod
+    def lost(self, model: Model) -> Lost | None:
+        """Return what other vehicles cost beyond a model; None where the channel cannot see that."""
+
+    @abstractmethod
+    def features(self, unit: Unit, model: Model) -> Floats:
+        """Return what makes two windows alike, (W, features), for the noise floor; no candidate looks at
+        it."""
+
+    @abstractmethod
+    def state(self, own: Any) -> dict[str, Floats]:
+        """Return the recorded variables that a mismatch may follow, from a unit's own."""
+
+    @abstractmethod
+    def samples(self, unit: Unit) -> tuple[Motion, Ints]:
+        """Return the motion of a unit, and the window of each of its samples."""
+
+    @abstractmethod
+    def part(self, unit: Unit, keep: NDArray[np.bool_]) -> Unit:
+        """Return some of the windows of a unit, (W,), which are all of some trips."""
+
+    @abstractmethod
+    def joined(self, own: list[Any]) -> Any:
+        """Return the own of several units of one vehicle as that of one."""
 
     @property
     def truck(self) -> Truck:
         """The nominal truck."""
-        ...
+        return self.fleet.truck
 
     @property
     def vehicles(self) -> tuple[str, ...]:
         """Names by code."""
-        ...
-
-    def moments(self, count: int) -> Floats:
-        """Return the (count + 1,) ends of as many slots of equal recorded time [s since 1970]."""
-        ...
-
-    def units(self) -> Iterator[Unit]:
-        """Yield the recording, piece by piece."""
-        ...
-
-    def predict(self, unit: Unit, model: Model) -> Floats:
-        """Return what a model says, (W,)."""
-        ...
-
-    def columns(self, unit: Unit, model: Model, sources: Sequence[Source]) -> tuple[Floats, Columns]:
-        """Return what the model says, (W,), and the columns of the sources about it, (W, P)."""
-        ...
+        return self.fleet.vehicles
 
     def width(self, source: Source) -> int:
         """Return the number of columns of a source."""
-        ...
+        if isinstance(source, FieldSource):
+            cells, term = self.cells(source.physics), source.physics
+            assert cells is not None
+            return int(cells.root(term is not None and term.odd).shape[1])
+        return source.curve.width if isinstance(source, CurveSource) else 1
 
-    def cells(self, term: Term | None) -> Cells | None:
-        """Return the cells of a field term, or of places (None); None where the recording has no
-        positions."""
-        ...
+    def sampled(self, split: Split, share: float) -> "Channel":
+        """Return the channel with such a share of what is held out together, evenly drawn."""
+        by_vehicle: dict[int, list[Unit]] = {}
+        for unit in self.units():
+            part = self.part(unit, split.drawn(unit.windows, share))
+            if len(part.windows):
+                by_vehicle.setdefault(int(part.windows.vehicle[0]), []).append(part)
+        drawn = copy(self)
+        drawn._kept, drawn._passes = [self._joined(parts) for parts in by_vehicle.values()], {}
+        return drawn
 
-    def terms(self) -> list[Term]:
-        """Return the terms that can act on the channel."""
-        ...
+    def _joined(self, parts: list[Unit]) -> Unit:
+        """Several units of one vehicle as one: a few long arrays cost less than many short ones."""
+        names = ("recorded", "whole", "noise", "level", "swing")
+        arrays: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in parts]) for n in names}
+        return Unit(join([p.windows for p in parts]), **arrays, own=self.joined([p.own for p in parts]))
 
     def adjustable(self) -> list[Knob]:
-        """Return the fleet's knobs that may be a little off."""
-        ...
+        """Return every knob with a tolerance: the fleet's that may be a little off."""
+        return [
+            Knob(t.name, p.name)
+            for t in self.terms()
+            for p in t.parameters
+            if p.allowance(self.truck) > 0.0 and not p.shape
+        ]
 
-    def curves(self) -> list[FreeCurve]:
-        """Return the free curves that the recording can carry."""
-        ...
+    def knots(self) -> dict[str, tuple[float, ...]]:
+        """Return the knots of every variable that moves."""
+        if self._knots is None:
+            pooled: dict[str, list[Floats]] = {}
+            for unit in self.units():
+                for name, values in self.state(unit.own).items():
+                    if name not in CODES:
+                        pooled.setdefault(name, []).append(values[::4])
+            found = {n: knots_of(np.concatenate(v), n) for n, v in pooled.items()}
+            self._knots = {n: k for n, k in found.items() if k}
+        return self._knots
 
-    def errors(self) -> list[ErrorSource]:
-        """Return what sampling hides."""
-        ...
+    def passes(self, term: Term) -> Ints:
+        """Return how many windows touch each value of a field, (C,)."""
+        if term.name not in self._passes:
+            cells = self.cells(term)
+            assert cells is not None
+            size = cells.size(term.odd)
+            total = np.zeros(size, np.int64)
+            for motion, window in map(self.samples, self.units()):
+                for number, _ in cells.parts(motion, term.odd):
+                    pairs = np.unique(window[number >= 0] * size + number[number >= 0])
+                    total += np.bincount(pairs % size, minlength=size)
+            self._passes[term.name] = total
+        return self._passes[term.name]
 
-    def passes(self, term: Term) -> NDArray[np.int64]:
-        """Return how many windows touch each value of a field."""
-        ...
 
-    def lost(self, model: Model) -> Lost | None:
-        """Return what other vehicles cost beyond a model; None where the channel cannot see that."""
-        ...
+class SourceColumns(ABC):
+    """Columns about a model, by source: each (W, k) for the k coefficients of the source."""
 
-    def features(self, unit: Unit, model: Model) -> Floats:
-        """Return what makes two windows alike, (W, features), for the noise floor; no candidate looks at
-        it."""
-        ...
+    def columns(self, source: Source) -> Floats:
+        """Return the columns of one source."""
+        match source:
+            case KnobSource():
+                return self._knob(source)
+            case FieldSource():
+                return self._field(source)
+            case CurveSource():
+                return self._curve(source.curve)
+            case ErrorSource():
+                return self._error(source.name)
+
+    @abstractmethod
+    def _knob(self, source: KnobSource) -> Floats: ...
+
+    @abstractmethod
+    def _field(self, source: FieldSource) -> Floats: ...
+
+    @abstractmethod
+    def _curve(self, curve: FreeCurve) -> Floats: ...
+
+    @abstractmethod
+    def _error(self, name: str) -> Floats: ...

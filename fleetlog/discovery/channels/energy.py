@@ -8,17 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
-from fleetlog.discovery.channels.base import Columns, Unit
-from fleetlog.discovery.channels.common import FleetChannel
+from fleetlog.discovery.channels.base import Channel, Columns, Unit
 from fleetlog.discovery.channels.energy_columns import About, jumps
 from fleetlog.discovery.channels.evaluate import Evaluation
 from fleetlog.discovery.hypotheses import curves
 from fleetlog.discovery.hypotheses.curves import FreeCurve
-from fleetlog.discovery.hypotheses.sources import CurveSource, ErrorSource, FieldSource, PlaceSource, Source
+from fleetlog.discovery.hypotheses.sources import ErrorSource, Source
 from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording import windows
-from fleetlog.discovery.recording.blocks import Block
+from fleetlog.discovery.recording.blocks import Block, joined
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.recording.windows import Cut
 from fleetlog.discovery.settings import Settings
@@ -42,7 +41,7 @@ swings within them (1: as far as from row to row), and a clock a little late [s]
 
 
 @dataclass
-class EnergyChannel(FleetChannel):
+class EnergyChannel(Channel):
     """One energy channel of a fleet; see :class:`fleetlog.discovery.channels.base.Channel`.
 
     ``measured``: the state of charge is judged against the recorded power; ``seconds`` of a window.
@@ -51,8 +50,6 @@ class EnergyChannel(FleetChannel):
     seconds: float
     places: Cells | None
     measured: bool = False
-    model_error: float = 0.0
-    place_error: float = 0.0
     charge_step: float = 0.0
     """Step in which the state of charge is logged."""
 
@@ -63,11 +60,10 @@ class EnergyChannel(FleetChannel):
 
     def units(self) -> Iterator[Unit]:
         """Yield blocks with their windows; they stay in memory where the recording is small."""
-        if self.fleet.rows > self.fleet.most_in_memory:
-            yield from (self._unit(block) for block in self.fleet.each_block())
-            return
-        self._kept = self._kept or [self._unit(block) for block in self.fleet.each_block()]
-        yield from self._kept
+        made = self._kept or (self._unit(block) for block in self.fleet.each_block())
+        if self.fleet.rows <= self.fleet.most_in_memory:
+            made = self._kept = list(made)
+        yield from made
 
     def _unit(self, block: Block) -> Unit:
         if self.measured:
@@ -191,32 +187,18 @@ class EnergyChannel(FleetChannel):
         parts = [about.columns(s) for s in sources]
         return c.energy(block, e.power), np.concatenate(parts, axis=1).astype(np.float32)
 
-    def width(self, source: Source) -> int:
-        """Return the number of columns of a source."""
-        if isinstance(source, FieldSource):
-            assert self.places is not None
-            return int(self.places.root(all_terms()[source.term].odd).shape[1])
-        if isinstance(source, PlaceSource):
-            assert self.places is not None
-            return int(self.places.root(False).shape[1])
-        if isinstance(source, CurveSource):
-            return source.curve.width
-        return 1
-
     def cells(self, term: Term | None) -> Cells | None:
         """Return the cells of a field: the same for all; free power by place says nothing where power is
         measured."""
         return None if term is None and self.measured else self.places
 
     def terms(self) -> list[Term]:
-        """Return the terms that change the energy of this channel."""
+        """Return the terms that change the energy of this channel; without places none that has a field."""
         acting = {"loss"} if self.measured else {"force", "power", "drive", "load", "truck"}
         if self.name == "soc":
             acting.add("loss")
-        return [t for t in all_terms().values() if t.acts in acting and t.parameters and self._can_act(t)]
-
-    def _can_act(self, term: Term) -> bool:
-        return not term.field or self.places is not None
+        able = [t for t in all_terms().values() if self.places is not None or not t.field]
+        return [t for t in able if t.acts in acting and t.parameters]
 
     def errors(self) -> list[ErrorSource]:
         """Return what sampling hides; nothing where power is measured itself."""
@@ -229,28 +211,43 @@ class EnergyChannel(FleetChannel):
             return curves.charge_curves(knots, vehicles)
         return curves.energy_curves(knots, vehicles, len(self.fleet.dates), self.fleet.trip_names)
 
-    def _variables(self, unit: Unit) -> dict[str, Floats]:
-        return self.state(unit.own[0])
-
-    def _samples(self, unit: Unit) -> tuple[Motion, Ints]:
+    def samples(self, unit: Unit) -> tuple[Motion, Ints]:
+        """Return the motion of a unit, and the window of each of its samples."""
         block, c = unit.own
         return block.motion, c.of_sample
 
-    def state(self, block: Block) -> dict[str, Floats]:
+    def state(self, own: tuple[Block, Cut]) -> dict[str, Floats]:
         """Return the recorded variables that a mismatch may follow, by row."""
-        m = block.motion
-        first = block.first
+        block, m, first = own[0], own[0].motion, own[0].first
+        day, of = np.unique((block.time // 86400.0).astype(np.int64), return_inverse=True)
+        begins = np.array([self.fleet.begins[block.vehicle, int(d)] for d in day])
         return {
             "speed": block.rows(m.speed), "payload": m.payload[first],
             "acceleration": block.rows(m.acceleration),
             "curvature": block.rows(np.abs(m.curvature)), "ambient_temperature": m.ambient_temperature[first],
             "soc": block.soc, "time": (block.time / 3600.0) % 24.0,
-            "time since start": (block.time - self.fleet.begins[block.vehicle, block.day]) / 3600.0,
+            "time since start": (block.time - begins[of]) / 3600.0,
             "lift_speed": block.rows(m.lift_speed), "heading": m.heading[first],
             "vehicle_id": np.full(len(block), float(block.vehicle)),
-            "day": np.full(len(block), float(self.fleet.dates.index(block.day))),
+            "day": np.searchsorted(self.fleet.dates, day)[of].astype(float),
             "trip_id": np.searchsorted(np.array(self.fleet.own_trips, np.int64), block.trip).astype(float),
         }  # fmt: skip
+
+    def part(self, unit: Unit, keep: NDArray[np.bool_]) -> Unit:
+        """Return some of the windows of a unit."""
+        block, c = unit.own
+        rows, samples, number = keep[c.of_row], keep[c.of_sample], (np.cumsum(keep) - 1).astype(np.int32)
+        cut = Cut(number[c.of_row[rows]], number[c.of_sample[samples]], int(keep.sum()))
+        return unit.part(keep, (block.part(rows, samples), cut))
+
+    def joined(self, own: list[tuple[Block, Cut]]) -> tuple[Block, Cut]:
+        """Return blocks and cuts one after the other."""
+        base = np.cumsum([0, *(c.count for _, c in own)])
+        numbers = [
+            np.concatenate([getattr(c, n) + b for (_, c), b in zip(own, base, strict=False)]).astype(np.int32)
+            for n in ("of_row", "of_sample")
+        ]
+        return joined([b for b, _ in own]), Cut(numbers[0], numbers[1], int(base[-1]))
 
     def lost(self, model: Model) -> None:
         """Return nothing: energy does not tell who was in the way."""

@@ -2,17 +2,15 @@
 curve."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from fleetlog.discovery.channels.common import SourceColumns
+from fleetlog.discovery.channels.base import Channel, SourceColumns
 from fleetlog.discovery.channels.evaluate import Evaluation
 from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
 from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource
-from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.blocks import Block
 from fleetlog.discovery.recording.windows import Cut
@@ -26,21 +24,11 @@ STEP = 0.01
 braking."""
 
 
-class Places(Protocol):
-    """What columns need of the channel."""
-
-    places: Cells | None
-
-    def state(self, block: Block) -> dict[str, Floats]:
-        """Return the recorded variables that a mismatch may follow, by row."""
-        ...
-
-
 @dataclass
 class About(SourceColumns):
     """Columns of a block about a model."""
 
-    channel: Places
+    channel: Channel
     block: Block
     cut: Cut
     e: Evaluation
@@ -66,13 +54,15 @@ class About(SourceColumns):
         return self.cut.energy(self.block, change)[:, None] / step
 
     def _field(self, source: FieldSource) -> Floats:
-        term, cells = all_terms()[source.term], self.channel.places
+        term, motion = source.physics, self.block.motion
+        cells, odd = self.channel.cells(term), term is not None and term.odd
         assert cells is not None
-        slope = self._slope(term) * source.scope.share(self.block.vehicle, self.block.motion.time)
-        total = np.zeros((self.cut.count, cells.size(term.odd)))
-        for number, weight in cells.parts(self.block.motion, term.odd):
-            total += self.cut.energies(self.block, number, cells.size(term.odd), slope * weight)
-        return np.asarray(total @ cells.root(term.odd))
+        slope = UNIT["moving"] * (motion.speed > 0.0) if term is None else self._slope(term)
+        slope = slope * source.scope.share(self.block.vehicle, motion.time)
+        total = np.zeros((self.cut.count, cells.size(odd)))
+        for number, weight in cells.parts(motion, odd):
+            total += self.cut.energies(self.block, number, cells.size(odd), slope * weight)
+        return np.asarray(total @ cells.root(odd))
 
     def _slope(self, term: Term) -> Floats:
         """(n,) derivative of the channel's power with respect to a field's coordinate, where it is now."""
@@ -85,16 +75,6 @@ class About(SourceColumns):
             2.0 * delta
         )
 
-    def _place(self) -> Floats:
-        cells = self.channel.places
-        assert cells is not None
-        m = self.block.motion
-        moving = np.asarray(UNIT["moving"] * (m.speed > 0.0), dtype=np.float64)
-        total = np.zeros((self.cut.count, cells.size(False)))
-        for number, weight in cells.parts(m, False):
-            total += self.cut.energies(self.block, number, cells.size(False), moving * weight)
-        return np.asarray(total @ cells.root(False))
-
     def _curve(self, curve: FreeCurve) -> Floats:
         weight = self._weights[curve.mode]
         total = np.zeros(self.cut.count * curve.width)
@@ -105,7 +85,7 @@ class About(SourceColumns):
     @property
     def _state(self) -> dict[str, Floats]:
         if not hasattr(self, "_states"):
-            self._states = self.channel.state(self.block)
+            self._states = self.channel.state((self.block, self.cut))
         return self._states
 
     @property

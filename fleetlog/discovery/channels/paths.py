@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion, join
 from fleetlog.discovery.hypotheses.stretches import Stretches
-from fleetlog.discovery.recording.blocks import TRIP
+from fleetlog.discovery.recording.blocks import TRIP, narrow
 from fleetlog.discovery.recording.conflicts import hindered
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.routes import Route, by_day, on_road, routes
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.recording.turns import measure
 from fleetlog.discovery.recording.windows import Windows
-from fleetlog.physics.motion.legs import Leg, joined
+from fleetlog.physics.motion import legs
+from fleetlog.physics.motion.legs import Leg
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -47,10 +48,32 @@ class Path:
     standing: Floats
     behind: Mask
 
+    def part(self, nodes: Mask, windows: Mask) -> "Path":
+        """Return some nodes, which are all of some windows."""
+        s, inside, share, took, standing = (
+            getattr(self, n)[nodes] for n in ("s", "inside", "share", "took", "standing")
+        )
+        of = (np.cumsum(windows) - 1)[self.of[nodes]]
+        return Path(self.motion[nodes], s, inside, of, share, took, standing, self.behind[windows])
+
     @property
     def last(self) -> Mask:
         """(G,) whether the node is the last of its leg."""
         return np.append(~self.inside[1:], True)
+
+
+def joined(paths: list[Path]) -> Path:
+    """Return paths of one vehicle, one after the other."""
+    s = np.cumsum([0.0, *(p.s[-1] + 1.0 for p in paths)])
+    of = np.cumsum([0, *(len(p.behind) for p in paths)])
+    names = ("inside", "share", "took", "standing", "behind")
+    arrays: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in paths]) for n in names}
+    return Path(
+        join([p.motion for p in paths]),
+        np.concatenate([p.s + b for p, b in zip(paths, s, strict=False)]),
+        of=np.concatenate([p.of + b for p, b in zip(paths, of, strict=False)]),
+        **arrays,
+    )
 
 
 @dataclass(frozen=True)
@@ -73,15 +96,18 @@ class Day:
     drives: tuple[Drive, ...]
 
 
-def days(fleet: Fleet, split: Split) -> list[Day]:
-    """Return what every vehicle drove, its turns as they are driven where nobody is in the way."""
+def days(fleet: Fleet, split: Split) -> Iterator[Day]:
+    """Yield what every vehicle drove, its turns as they are driven where nobody is in the way."""
     out: list[Day] = []
     for group in by_day(routes(fleet)).values():
         group = [r for r in group if not all((leg.path.edge < 0).all() for leg in r.legs)]
         if group:
             out += _group(group, fleet)
     turns = measure(_undisturbed(out, fleet, split), fleet.truck)
-    return [replace(d, drives=tuple(replace(v, leg=turns.on(v.leg)) for v in d.drives)) for d in out]
+    out.reverse()
+    while out:  # What is taken away takes no more room.
+        d = out.pop()
+        yield replace(d, drives=tuple(replace(v, leg=turns.on(v.leg)) for v in d.drives))
 
 
 def _group(group: list[Route], fleet: Fleet) -> list[Day]:
@@ -114,7 +140,7 @@ def _drives(r: Route, behind: Mask, held: Mask, astray: Mask) -> Iterator[Drive]
         nodes = slice(int(last[first] - r.size[first] + 1), int(last[k]) + 1)
         purpose = k + 1 < len(r.legs) and r.errand[k + 1] != r.errand[k]
         wait = 0.0 if purpose or not r.known or not np.isfinite(r.wait[k]) else float(r.wait[k])
-        yield Drive(joined(list(r.legs[first : k + 1])), behind[nodes], astray[nodes], wait)
+        yield Drive(legs.joined(list(r.legs[first : k + 1])), behind[nodes], astray[nodes], wait)
         first = k + 1
 
 
@@ -169,12 +195,9 @@ def lay_out(
         edge=motion.edge[middle].astype(np.int64), duration=np.maximum(metres, 0.5), distance=metres,
         x=motion.x[middle], y=motion.y[middle], time=motion.time[middle],
     )  # fmt: skip
-    return (
-        Path(motion, s, inside, of, share, took, standing, behind),
-        windows,
-        recorded,
-        (recorded > 0.0) & ~behind & ~astray,
-    )
+    of, share, standing = of.astype(np.int32), share.astype(np.float32), standing.astype(np.float32)
+    path = Path(narrow(motion), s, inside, of, share, took, standing, behind)
+    return path, windows, recorded, (recorded > 0.0) & ~behind & ~astray
 
 
 def _shares(lanes: Stretches, motion: Motion, step: Floats, inside: Mask, waits: Floats) -> Floats:

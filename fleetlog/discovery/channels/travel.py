@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
-from fleetlog.discovery.channels.base import Columns, Unit
-from fleetlog.discovery.channels.common import FleetChannel
+from fleetlog.discovery.channels.base import Channel, Columns, Unit
 from fleetlog.discovery.channels.lost import Lost, lost_time
-from fleetlog.discovery.channels.paths import Day, Path, days, lay_out
+from fleetlog.discovery.channels.paths import Day, Path, days, joined, lay_out
 from fleetlog.discovery.channels.travel_columns import About, drive_times, summed
 from fleetlog.discovery.hypotheses import curves
 from fleetlog.discovery.hypotheses.curves import FreeCurve
-from fleetlog.discovery.hypotheses.sources import CurveSource, ErrorSource, FieldSource, PlaceSource, Source
+from fleetlog.discovery.hypotheses.sources import ErrorSource, Source
 from fleetlog.discovery.hypotheses.stretches import Stretches, make_stretches
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.fleet import Fleet
@@ -26,6 +25,7 @@ from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 FEW = 3
 """Stops from which on trucks wait at a place."""
@@ -40,19 +40,13 @@ ERRORS = (ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), Error
 
 
 @dataclass
-class TravelChannel(FleetChannel):
+class TravelChannel(Channel):
     """Travel times of a fleet on its map; see :class:`fleetlog.discovery.channels.base.Channel`."""
 
     split: Split
     length: float
     roads: Stretches
     lanes: Stretches
-    model_error: float
-
-    @property
-    def place_error(self) -> float:
-        """Share of the travel time at some places that any model may miss."""
-        return GATHERS * self.model_error
 
     @property
     def metric(self) -> str:
@@ -124,14 +118,6 @@ class TravelChannel(FleetChannel):
         modelled = summed(path, about.seconds + self._waits(path, model))
         return modelled, np.concatenate(parts, axis=1).astype(np.float32)
 
-    def width(self, source: Source) -> int:
-        """Return the number of columns of a source."""
-        if isinstance(source, FieldSource):
-            return len(self.cells(all_terms()[source.term]))
-        if isinstance(source, PlaceSource):
-            return len(self.roads)
-        return source.curve.width if isinstance(source, CurveSource) else 1
-
     def cells(self, term: Term | None) -> Stretches:
         """Return the cells of a field: of roads, or of each direction of them."""
         return self.lanes if term is not None and term.one_way else self.roads
@@ -148,21 +134,30 @@ class TravelChannel(FleetChannel):
         """Return the free curves that the recording can carry."""
         return curves.time_curves(self.knots(), len(self.vehicles))
 
-    def _variables(self, unit: Unit) -> dict[str, Floats]:
-        return self.state(unit.own)
-
-    def _samples(self, unit: Unit) -> tuple[Motion, Ints]:
+    def samples(self, unit: Unit) -> tuple[Motion, Ints]:
+        """Return the motion of a unit, and the window of each of its samples."""
         return unit.own.motion, unit.own.of
 
-    def state(self, path: Path) -> dict[str, Floats]:
+    def state(self, own: Path) -> dict[str, Floats]:
         """Return the recorded variables that a mismatch may follow, by node."""
-        m = path.motion
+        m = own.motion
         return {
             "payload": m.payload, "time": (m.time / 3600.0) % 24.0, "soc": m.soc,
             "ambient_temperature": m.ambient_temperature, "speed": np.minimum(m.speed,
             self.truck.drive.max_speed),
             "curvature": np.abs(m.curvature), "heading": m.heading, "vehicle_id": m.vehicle.astype(float),
         }  # fmt: skip
+
+    def part(self, unit: Unit, keep: Mask) -> Unit:
+        """Return the legs of a unit that begin in some of its windows."""
+        path = unit.own
+        nodes = keep[path.of[~path.inside]][np.cumsum(~path.inside) - 1]
+        mine = np.bincount(path.of[nodes], minlength=len(keep)) > 0
+        return unit.part(mine, path.part(nodes, mine))
+
+    def joined(self, own: list[Path]) -> Path:
+        """Return paths one after the other."""
+        return joined(own)
 
     def lost(self, model: Model) -> Lost | None:
         """Return what other vehicles cost beyond a model."""
@@ -199,13 +194,8 @@ def travel_channel(fleet: Fleet, base: Model, settings: Settings, split: Split) 
     # Half way between two rows a truck that gathers speed is a dt^2 / 8 off an even course, half of that on
     # the mean.
     unseen = fleet.truck.drive.max_acceleration * fleet.step**2 / 16.0
-    return TravelChannel(
-        "speed",
-        replace(fleet, interval={}),
-        base,
-        split,
-        settings.stretch,
-        make_stretches(fleet.network),
-        make_stretches(fleet.network, apart=True),
-        max(settings.profile_error, unseen / settings.stretch),
-    )
+    roads, lanes = make_stretches(fleet.network), make_stretches(fleet.network, apart=True)
+    made = TravelChannel("speed", replace(fleet, interval={}), base, split, settings.stretch, roads, lanes)
+    made.model_error = max(settings.profile_error, unseen / settings.stretch)
+    made.place_error = GATHERS * made.model_error
+    return made

@@ -1,12 +1,11 @@
 """Columns of the speed channel: how the time on a path changes with each number, field and free curve."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.discovery.channels.common import SourceColumns
+from fleetlog.discovery.channels.base import Channel, SourceColumns
 from fleetlog.discovery.channels.paths import Path
 from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
 from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource
@@ -40,11 +39,11 @@ def drive_times(path: Path, physics: Physics) -> tuple[Floats, Mask]:
         np.minimum(allowed, allowed_speed(path.motion.replaced(speed=allowed), physics)), SLOWEST
     )
     ends = ~path.inside | path.last
-    mass = truck.chassis.mass + path.motion.payload
+    mass = truck.chassis.mass + path.motion.payload.astype(float)
+    most, slope = np.where(ends, 0.0, cap).astype(float), path.motion.slope.astype(float)
     speed = passes(
-        path.s, np.where(ends, 0.0, cap), path.motion.slope, mass, drive.max_acceleration,
-        drive.max_deceleration,
-        drive.max_power, truck.resistance.rolling,
+        path.s, most, slope, mass, drive.max_acceleration, drive.max_deceleration, drive.max_power,
+        truck.resistance.rolling,
     )  # fmt: skip
     time = clock(path.s, speed, np.zeros(len(cap)), drive.max_acceleration, drive.max_deceleration)
     return np.where(path.inside, np.diff(time, prepend=0.0), 0.0), (speed > 0.97 * cap) & path.inside
@@ -55,25 +54,11 @@ def summed(path: Path, values: Floats) -> Floats:
     return np.asarray(np.bincount(path.of, values, int(path.of[-1]) + 1), dtype=np.float64)
 
 
-class Places(Protocol):
-    """What columns need of the channel."""
-
-    roads: Stretches
-
-    def cells(self, term: Term | None) -> Stretches:
-        """Return the cells of a field."""
-        ...
-
-    def state(self, path: Path) -> dict[str, Floats]:
-        """Return the recorded variables that a mismatch may follow, by node."""
-        ...
-
-
 @dataclass
 class About(SourceColumns):
     """Columns of a path about a model."""
 
-    channel: Places
+    channel: Channel
     path: Path
     model: Model
     physics: Physics
@@ -103,8 +88,11 @@ class About(SourceColumns):
         )
 
     def _field(self, source: FieldSource) -> Floats:
-        term = all_terms()[source.term]
-        cells, there = self.channel.cells(term), source.scope.share(self.vehicle, self.path.motion.time)
+        term, there = source.physics, source.scope.share(self.vehicle, self.path.motion.time)
+        cells = self.channel.cells(term)
+        assert isinstance(cells, Stretches)
+        if term is None:
+            return self._by_cell(cells, UNIT["time"] * self.seconds) @ cells.root(False)
         if term.acts == "wait":
             return self._by_cell(cells, self.path.share * there) @ cells.root(False)
         first = term.parameters[0]
@@ -112,10 +100,6 @@ class About(SourceColumns):
         # Where a cap binds, time goes with the inverse of the share of it that is driven.
         slope = np.where(self.capped, self.seconds * now, 0.0)
         return np.asarray(self._by_cell(cells, slope * there) @ cells.root(term.odd))
-
-    def _place(self) -> Floats:
-        roads = self.channel.roads
-        return np.asarray(self._by_cell(roads, UNIT["time"] * self.seconds) @ roads.root(False))
 
     def _by_cell(self, cells: Stretches, values: Floats) -> Floats:
         return self._sorted(cells.at(self.path.motion)[0].astype(np.int64), len(cells), values)

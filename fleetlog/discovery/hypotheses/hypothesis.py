@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.curves import SLOW, FreeCurve
 from fleetlog.discovery.hypotheses.scope import FLEET, Scope, of_one
-from fleetlog.discovery.hypotheses.sources import CurveSource, FieldSource, KnobSource, PlaceSource, Source
+from fleetlog.discovery.hypotheses.sources import CurveSource, FieldSource, KnobSource, Source
 from fleetlog.discovery.hypotheses.stretches import Cells
 from fleetlog.discovery.model import Knob
 from fleetlog.physics.power import all_terms
@@ -46,7 +46,7 @@ class Hypothesis:
 
     ``knobs`` turn together (numbers of a term, of the fleet or one vehicle, with the ``setting`` of its
     shape parameters);
-    ``patterns`` or the whole ``field`` of a term over the cells; or a free ``curve``, or free power by place.
+    ``patterns`` or the whole ``field`` over the cells, of a term or of free power; or a free ``curve``.
     ``variance`` is that of the prior of a field's or curve's coefficients.
     """
 
@@ -56,7 +56,6 @@ class Hypothesis:
     patterns: tuple[Pattern, ...] = ()
     field: bool = False
     curve: FreeCurve | None = None
-    places: bool = False
     variance: float = 1.0
     when: Scope = FLEET
     """Of a field: the part of the time that it is there."""
@@ -71,10 +70,15 @@ class Hypothesis:
             f" ({', '.join(p.label for p in self.patterns)})"
             if self.patterns
             else " (field)"
-            if self.field
+            if self.field and self.term
             else ""
         )
         return (self.term or (self.curve.name if self.curve else "power by place")) + scope + form
+
+    @property
+    def places(self) -> bool:
+        """Whether it is free power by place."""
+        return self.field and self.term is None
 
     @property
     def kind(self) -> Hypothesis:
@@ -100,7 +104,7 @@ class Hypothesis:
             return (*(KnobSource(k.column, setting) for k in self.knobs),)
         if self.curve is not None:
             return (CurveSource(self.curve),)
-        return (PlaceSource(),) if self.places else (FieldSource(self.term or "", self.when),)
+        return (FieldSource(self.term, self.when),)
 
     @property
     def shapes(self) -> tuple[str, ...]:
@@ -135,7 +139,7 @@ class Hypothesis:
             return float(5.0 * len(self.patterns) + scopes)
         if self.knobs:
             return float(np.log(SHAPES) * len(self.setting) + np.log(15.0) + scopes)
-        return float(1.0 + scopes) if self.field else float(np.log(35.0))
+        return float(1.0 + scopes) if self.field and self.term else float(np.log(35.0))
 
 
 def hypotheses(channel: Channel, only: tuple[str, ...] = ()) -> Iterator[Hypothesis]:
@@ -152,7 +156,7 @@ def hypotheses(channel: Channel, only: tuple[str, ...] = ()) -> Iterator[Hypothe
     for curve in channel.curves():
         yield Hypothesis(curve=curve)
     if channel.cells(None) is not None:
-        yield Hypothesis(places=True)
+        yield Hypothesis(field=True)
 
 
 def _numbers(term: Term, scope: Scope) -> Iterator[Hypothesis]:

@@ -3,10 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 
 from fleetlog.discovery.hypotheses.curves import FreeCurve
 from fleetlog.discovery.hypotheses.scope import FLEET, Scope
 from fleetlog.discovery.model import Knob
+from fleetlog.physics.power import all_terms
+from fleetlog.physics.term import Term
 
 
 @dataclass(frozen=True)
@@ -20,11 +23,16 @@ class KnobSource:
 
 @dataclass(frozen=True)
 class FieldSource:
-    """The derivatives with respect to a field term's values within a scope, in the basis of the cells'
-    prior."""
+    """The derivatives with respect to a field term's values within a scope, in the basis of the cells' prior;
+    without a term free power (or time) by cell."""
 
-    term: str
+    term: str | None = None
     scope: Scope = FLEET
+
+    @property
+    def physics(self) -> Term | None:
+        """The term."""
+        return None if self.term is None else all_terms()[self.term]
 
 
 @dataclass(frozen=True)
@@ -35,11 +43,6 @@ class CurveSource:
 
 
 @dataclass(frozen=True)
-class PlaceSource:
-    """Free power (or time) by cell, in the basis of the cells' prior."""
-
-
-@dataclass(frozen=True)
 class ErrorSource:
     """What sampling hides from any model; ``spread`` is the standard deviation of its coefficient."""
 
@@ -47,33 +50,44 @@ class ErrorSource:
     spread: float
 
 
-Source = KnobSource | FieldSource | CurveSource | PlaceSource | ErrorSource
+Source = KnobSource | FieldSource | CurveSource | ErrorSource
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Columns of several sources, side by side; the recorded quantity comes last."""
+    """Columns of several sources, side by side, each from its start to the next: numbers first, cells last.
+
+    The recorded quantity comes after them.
+    """
 
     sources: tuple[Source, ...]
     starts: tuple[int, ...]
-    width: int
+
+    @property
+    def width(self) -> int:
+        """Number of columns but the last."""
+        return self.starts[-1]
+
+    @property
+    def numbers(self) -> int:
+        """Number of columns of numbers."""
+        return self.starts[sum(isinstance(s, KnobSource) for s in self.sources)]
+
+    @property
+    def core(self) -> int:
+        """Number of columns that are not over cells."""
+        return self.starts[sum(not isinstance(s, FieldSource) for s in self.sources)]
 
     def at(self, source: Source) -> range:
         """Return the columns of a source."""
-        i = self.index[source]
-        end = self.starts[i + 1] if i + 1 < len(self.starts) else self.width
-        return range(self.starts[i], end)
+        i = self._index[source]
+        return range(self.starts[i], self.starts[i + 1])
 
     @cached_property
-    def index(self) -> dict[Source, int]:
-        """Number of each source."""
+    def _index(self) -> dict[Source, int]:
         return {s: i for i, s in enumerate(self.sources)}
 
 
 def lay_out(sources: Sequence[Source], widths: Sequence[int]) -> Layout:
     """Return the layout of sources with so many columns each."""
-    starts, total = [], 0
-    for width in widths:
-        starts.append(total)
-        total += width
-    return Layout(tuple(sources), tuple(starts), total)
+    return Layout(tuple(sources), tuple(accumulate(widths, initial=0)))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.motion import Motion
+from fleetlog.core.motion import Motion, join
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
@@ -68,6 +68,13 @@ class Block:
         """Return the block without what can be made anew."""
         return replace(self, fresh=None)
 
+    def part(self, rows: NDArray[np.bool_], samples: NDArray[np.bool_]) -> Block:
+        """Return some rows, and their samples."""
+        number = (np.cumsum(rows) - 1).astype(np.int32)
+        own = {n: getattr(self, n)[rows] for n in ("time", "seconds", "power", "soc", "trip")}
+        motion, row = narrow(self.motion[samples]), number[self.row[samples]]
+        return replace(self, motion=motion, row=row, likely=self.likely[samples], fresh=None, **own)
+
     def rows(self, values: Floats) -> Floats:
         """Return the mean of (n,) values over the samples of each row, (rows,)."""
         total = np.bincount(self.row, values * self.motion.dt, len(self))
@@ -92,6 +99,15 @@ class Block:
         out = np.zeros(len(self), bool)
         out[self.row[1:][gap]] = True
         return out
+
+
+def joined(parts: list[Block]) -> Block:
+    """Return blocks of one vehicle, one after the other."""
+    base = np.cumsum([0, *(len(p) for p in parts)])
+    names = ("likely", "time", "seconds", "power", "soc", "trip")
+    arrays: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in parts]) for n in names}
+    row = np.concatenate([p.row + b for p, b in zip(parts, base, strict=False)]).astype(np.int32)
+    return replace(parts[0], motion=narrow(join([p.motion for p in parts])), row=row, **arrays)
 
 
 def block(

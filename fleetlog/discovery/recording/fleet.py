@@ -14,9 +14,9 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Truck
 from fleetlog.discovery.recording.blocks import DAY, TRIP, Block, block
 from fleetlog.discovery.recording.passes import passed_once, trips_apart
-from fleetlog.discovery.recording.positions import placed, seldom
 from fleetlog.errors import DataError
 from fleetlog.physics.motion import measured_channels
+from fleetlog.physics.motion.rows import updates
 from fleetlog.store import Dataset
 
 COLUMNS = (
@@ -25,6 +25,8 @@ COLUMNS = (
     "soc", "ambient_temperature", "lateral_offset",
 )  # fmt: skip
 
+SELDOM, SEVERAL = 5.0, 2.5
+"""Seconds and rows between updates of positions from which on these are too few to hold a speed against."""
 FEWEST_ROWS = 8
 """A shorter vehicle-day says nothing."""
 
@@ -167,7 +169,6 @@ def read_fleet(dataset: Dataset, truck: Truck, site: Site | None = None) -> Flee
     rarely: frozenset[int] = frozenset()
     if network is None:
         rarely = frozenset(v for v, t in days if t.has("x") and t.has("speed") and seldom(t))
-        days = [(v, placed(t) if t.has("x") and t.has("speed") else t) for v, t in days]
     no_channel = frozenset(v for v, t in days if not t.has("speed"))
     return Fleet(
         days,
@@ -180,6 +181,14 @@ def read_fleet(dataset: Dataset, truck: Truck, site: Site | None = None) -> Flee
         speed_from_positions=no_channel,
         rarely_placed=rarely,
     )
+
+
+def seldom(t: Trajectory) -> bool:
+    """Return whether positions come far more rarely than rows, and rarely."""
+    speed, time = t.floats("speed"), t.seconds()
+    rows = np.flatnonzero(updates(time, t.floats("x"), t.floats("y"), speed) & (np.nan_to_num(speed) > 0.0))
+    few = len(rows) < 2 or float(np.median(np.diff(time[rows]))) <= SELDOM
+    return not few and float(np.median(np.diff(rows))) > SEVERAL
 
 
 ABSENCES = {

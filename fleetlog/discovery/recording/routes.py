@@ -4,10 +4,12 @@ from these."""
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.motion import join
 from fleetlog.discovery.recording.blocks import Block, narrow
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.physics.motion.legs import Leg, legs
@@ -90,9 +92,13 @@ def routes(fleet: Fleet) -> list[Route]:
 
 
 def _route(block: Block) -> Route | None:
-    found = [replace(leg, path=narrow(leg.path)) for leg in legs(block.known)]
+    found = list(legs(block.known))
     if not found:
         return None
+    # Views of one motion take less room than motions.
+    ends = np.cumsum([0, *(len(leg.distance) for leg in found)])
+    path = narrow(join([leg.path for leg in found]))
+    found = [replace(leg, path=path[a:b]) for leg, (a, b) in zip(found, pairwise(ends), strict=True)]
     m = block.motion
     known = bool(m.payload.any() or m.fork_height.any())
     wait = np.array([leg.wait for leg in found])

@@ -70,6 +70,10 @@ class Split:
         test = self._dealt(codes, max(2, round(1.0 / self.held_out)), 1) == 0
         return np.where(test[which], HELD_OUT, out)
 
+    def drawn(self, w: Windows, share: float) -> NDArray[np.bool_]:
+        """Return which windows belong to an even sample of what is not held out, (W,)."""
+        return np.asarray((_mixed(self.unit(w)) % 1000 < 1000.0 * share) & (self.fold(w) != HELD_OUT))
+
     def _dealt(self, codes: Ints, count: int, salt: int) -> Ints:
         """Return the share of each code: of ``count`` in a row every one has another, so that neighbours
         remain."""
@@ -83,8 +87,12 @@ class Split:
     def slow_fold(self, w: Windows) -> Ints:
         """Return the fold of the stretch of hours of every window, (W,)."""
         stretch = w.vehicle * 1_000_003 + (w.time // self.slow).astype(np.int64)
-        mixed = (stretch.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(33)
-        return np.asarray(mixed % np.uint64(self.folds), dtype=np.int64)
+        return _mixed(stretch) % self.folds
+
+
+def _mixed(codes: Ints) -> Ints:
+    """Return numbers that share no pattern with codes (Fibonacci hashing, Knuth 1973)."""
+    return ((codes.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(33)).astype(np.int64)
 
 
 def make_split(

@@ -16,12 +16,6 @@ class Parameter:
     unit: str
     nominal: float = 0.0
 
-    def document(self) -> dict[str, Any]:
-        """JSON-ready."""
-        out = asdict(self)
-        del out["nominal"]
-        return out
-
 
 @dataclass
 class Finding:
@@ -41,12 +35,6 @@ class Finding:
     fit: dict[str, Any]
     strength: float = 0.0
     """Share of the energy (or time) that it makes up, for the order; not written."""
-
-    def document(self) -> dict[str, Any]:
-        """JSON-ready."""
-        out = asdict(self)
-        del out["strength"]
-        return {**out, "parameters": [p.document() for p in self.parameters]}
 
 
 @dataclass
@@ -115,7 +103,12 @@ class Verdict:
             "format_version": 2,
             "verdict": self.word,
             "channels": [asdict(c) for c in self.channels],
-            "findings": [f.document() for f in self.findings],
+            "findings": [asdict(f, dict_factory=_written) for f in self.findings],
             "adjustments": [asdict(a) for a in self.adjustments],
             "notes": self.notes,
         }
+
+
+def _written(values: list[tuple[str, Any]]) -> dict[str, Any]:
+    """What the contract names of a finding or a parameter."""
+    return {k: v for k, v in values if k not in ("nominal", "strength")}

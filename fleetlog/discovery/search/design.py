@@ -83,7 +83,7 @@ class Design:
     def normal(self, sums: Sums, slow: bool = False) -> Normal:
         """Return the products of the coefficients' columns, fold by fold (of stretches of hours where
         ``slow``)."""
-        p = sums.core if slow else sums.layout.width
+        p = sums.layout.core if slow else sums.layout.width
         grams = sums.slow if slow else sums.fold
         fleet = [i for i, a in enumerate(self.atoms) if a.vehicle is None]
         apart = [i for i, a in enumerate(self.atoms) if a.vehicle is not None]

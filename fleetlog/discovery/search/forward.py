@@ -179,7 +179,7 @@ def _candidates(problem: Problem, sums: Sums, now: Joint) -> list[Hypothesis]:
     for h in problem.rest:
         if h not in taken and not set(h.knobs) & knobs and h.term not in placed:
             out.append(h)
-            if h.field:
+            if h.field and h.term:
                 out += [p for joint in joints for p in pattern_hypotheses(problem, sums, joint, h)]
     return list(dict.fromkeys(out))
 
@@ -258,7 +258,7 @@ def simplicity(joint: Joint) -> int:
     h = joint.chosen[-1]
     if h.knobs:
         return bool(h.scope.vehicles) + h.scope.timed
-    return 3 if h.patterns else 4 if h.field else 5
+    return 3 if h.patterns else 4 if h.field and h.term else 5
 
 
 def _on_bound(problem: Problem, joint: Joint) -> bool:

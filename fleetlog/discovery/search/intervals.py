@@ -33,16 +33,13 @@ def intervals(problem: Problem, joint: Joint) -> Known:
     The meat is the sum over trips of the squares of their scores; the prior's part scatters as the prior
     says.
     """
-    assert joint.design is not None and joint.fitted is not None and problem.noise is not None
-    sums = problem.sums(joint.model, joint.chosen)
+    assert joint.design is not None and joint.fitted is not None
     design, prior, beta = joint.design, joint.design.prior, joint.fitted.beta
-    normal = design.normal(sums)
-    gram = normal.gram.sum(axis=0)
+    gram, meat, shift = _products(problem, joint)
     free = (beta > prior.low) & (beta < prior.high)
     bread = np.zeros_like(gram)
     inner = gram + np.diag(prior.precision)
     bread[np.ix_(free, free)] = np.linalg.pinv(inner[np.ix_(free, free)])
-    meat, shift = _meat(problem, joint)
     covariance = problem.settings.widening**2 * (bread @ (meat + np.diag(prior.precision)) @ bread)
     # The model's own error differs from place to place, so each place may be off by it alone.
     placed = np.array([a.owner is not None and bool(a.owner.patterns) for a in design.atoms])
@@ -50,21 +47,22 @@ def intervals(problem: Problem, joint: Joint) -> Known:
     return Known(joint, covariance)
 
 
-def _meat(problem: Problem, joint: Joint) -> tuple[Floats, Floats]:
-    """The squares of the trips' scores, and the scores that the model's own error makes."""
+def _products(problem: Problem, joint: Joint) -> tuple[Floats, Floats, Floats]:
+    """The (k, k) products of the coefficients' columns, the squares of the trips' scores, and the (k,) scores
+    that the model's own error makes."""
     assert joint.design is not None and problem.noise is not None
-    layout, _ = problem.layout(joint.chosen)
+    layout = problem.layout(joint.chosen)
     k = len(joint.design.atoms)
-    total, clusters, shift = np.zeros((k, k)), 0, np.zeros(k)
+    gram, total, clusters, shift = np.zeros((k, k)), np.zeros((k, k)), 0, np.zeros(k)
     for i, unit in problem.training():
         modelled, x = problem.channel.columns(unit, joint.model, layout.sources)
         own = joint.design.columns(x, unit.windows.vehicle)
-        scores = own * ((unit.recorded - modelled) * problem.noise.weight(i, unit) * unit.whole)[:, None]
-        weight = problem.noise.weight(i, unit) * unit.whole
-        shift += own.T @ (problem.channel.model_error * np.abs(modelled) * weight)
+        weighted = own * (problem.noise.weight(i, unit) * unit.whole)[:, None]
+        gram += weighted.T @ own
+        shift += weighted.T @ (problem.channel.model_error * np.abs(modelled))
         _, which = np.unique(problem.split.unit(unit.windows), return_inverse=True)
         sums = np.zeros((int(which.max()) + 1, k))
-        np.add.at(sums, which, scores)
+        np.add.at(sums, which, weighted * (unit.recorded - modelled)[:, None])
         total += sums.T @ sums
         clusters += len(sums)
-    return total * clusters / max(clusters - 1.0, 1.0), shift
+    return gram, total * clusters / max(clusters - 1.0, 1.0), shift

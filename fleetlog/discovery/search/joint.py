@@ -88,7 +88,9 @@ def tuned(problem: Problem, sums: Sums, model: Model, chosen: Sequence[Hypothesi
 def tightened(chosen: tuple[Hypothesis, ...]) -> list[tuple[Hypothesis, ...]]:
     """Return a set of hypotheses, and the same with the tightest prior of fields: a wide one takes up what
     is yet to be told apart."""
-    tight = tuple(replace(h, variance=VARIANCES[0]) if h.field and not h.patterns else h for h in chosen)
+    tight = tuple(
+        replace(h, variance=VARIANCES[0]) if h.field and h.term and not h.patterns else h for h in chosen
+    )
     return [chosen] if tight == chosen else [chosen, tight]
 
 

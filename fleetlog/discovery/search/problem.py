@@ -8,14 +8,7 @@ from numpy.typing import NDArray
 
 from fleetlog.discovery.channels.base import Channel, Columns, Unit
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
-from fleetlog.discovery.hypotheses.sources import (
-    FieldSource,
-    KnobSource,
-    Layout,
-    PlaceSource,
-    Source,
-    lay_out,
-)
+from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource, Layout, Source, lay_out
 from fleetlog.discovery.model import Model
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.search.noise import Noise, learn
@@ -47,14 +40,11 @@ class Problem:
         """Return the sources of what may be a little off: tolerances and what sampling hides."""
         return [*(KnobSource(k) for k in self.channel.adjustable()), *self.channel.errors()]
 
-    def layout(self, hypotheses: Sequence[Hypothesis]) -> tuple[Layout, int]:
-        """Return the columns of the base and of hypotheses, those over cells last, and how many come
-        before them."""
+    def layout(self, hypotheses: Sequence[Hypothesis]) -> Layout:
+        """Return the columns of the base and of hypotheses."""
         sources = list(dict.fromkeys([*self.base_sources(), *(s for h in hypotheses for s in h.sources)]))
-        over_cells = [s for s in sources if isinstance(s, FieldSource | PlaceSource)]
-        plain = [s for s in sources if s not in over_cells]
-        widths = [self.channel.width(s) for s in (*plain, *over_cells)]
-        return lay_out([*plain, *over_cells], widths), sum(widths[: len(plain)])
+        sources.sort(key=lambda s: isinstance(s, FieldSource) - isinstance(s, KnobSource))
+        return lay_out(sources, [self.channel.width(s) for s in sources])
 
     def training(self) -> Iterator[tuple[int, Unit]]:
         """Yield the units with what is held out marked as not whole."""
@@ -69,14 +59,25 @@ class Problem:
             if use.any():
                 yield replace(unit, whole=use)
 
+    def sampled(self, share: float) -> "Problem":
+        """Return the problem with a share of the trips; itself where the share is all."""
+        if share >= 1.0:
+            return self
+        return Problem(self.channel.sampled(self.split, share), self.split, self.settings, self.rest)
+
+    def learn(self, model: Model, hypotheses: Sequence[Hypothesis]) -> None:
+        """Measure the noise by what the hypotheses leave, where it is not known."""
+        if self.noise is None:
+            tables = self._tables(model, self.layout(hypotheses))
+            self.noise = learn(tables, self.settings, self.channel.model_error, self.split.unit)
+
     def sums(self, model: Model, hypotheses: Sequence[Hypothesis]) -> Sums:
         """Return the products of the columns of the base and of hypotheses about a model, over all
         training windows."""
-        layout, core = self.layout(hypotheses)
-        if self.noise is None:
-            error, together = self.channel.model_error, self.split.unit
-            self.noise = learn(self._tables(model, layout), self.settings, error, together)
-        sums = Sums.empty(layout, core, self.settings.folds, len(self.channel.vehicles))
+        self.learn(model, hypotheses)
+        layout = self.layout(hypotheses)
+        assert self.noise is not None
+        sums = Sums.empty(layout, self.settings.folds, len(self.channel.vehicles))
         for i, unit, modelled, x in self._tables(model, layout):
             w, use = unit.windows, unit.whole
             fold, slow = self.folds(i, unit)

@@ -22,6 +22,10 @@ class Prior:
     low: Floats
     high: Floats
 
+    def part(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> "Prior":
+        """Return that of some coefficients."""
+        return Prior(self.precision[which], self.centre[which], self.low[which], self.high[which])
+
     def penalty(self, beta: Floats) -> float:
         """Return half the sum of squared standard deviations from the centre."""
         return float(0.5 * np.sum(self.precision * (beta - self.centre) ** 2))
@@ -46,9 +50,14 @@ class Normal:
         return float(s - 2.0 * beta @ m + beta @ g @ beta)
 
 
+def stiff(gram: Floats, prior: Prior) -> Floats:
+    """Return (k, k) products with the precision of a prior; what nothing speaks for gets a trace of one."""
+    return np.asarray(gram + np.diag(prior.precision + 1e-9 * np.maximum(np.diag(gram), 1e-12)))
+
+
 def solve(gram: Floats, moment: Floats, prior: Prior) -> Floats:
     """Return the (k,) most probable steps (a convex problem, by an active set)."""
-    h = gram + np.diag(prior.precision + 1e-9 * np.maximum(np.diag(gram), 1e-12))
+    h = stiff(gram, prior)
     b = moment + prior.precision * prior.centre
     held = np.zeros(len(b), dtype=np.int8)
     beta = np.zeros(len(b))

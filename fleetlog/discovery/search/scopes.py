@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fleetlog.discovery.hypotheses.hypothesis import TIME, Hypothesis, Pattern
 from fleetlog.discovery.hypotheses.scope import Scope
 from fleetlog.discovery.model import Knob
+from fleetlog.discovery.search.beside import Added, Beside
 from fleetlog.discovery.search.design import Atom, Design, make_design, of_hypothesis
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
@@ -21,7 +22,6 @@ from fleetlog.discovery.search.ridge import Prior
 from fleetlog.discovery.search.screen import Screened
 
 Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SLOTS = 48
 """Of the recorded time: a change is placed within a hundredth of it."""
@@ -31,30 +31,10 @@ SHORTEST = 3
 """Slots that a period lasts at least: a sixteenth of the recording."""
 DISTINCT = 1e-3
 """Share of a column's square that the model must leave of it: of less, nothing is learnt."""
+ANYTHING = Prior(np.zeros(1), np.zeros(1), np.array([-np.inf]), np.array([np.inf]))
 OWN = 0.5
 """Share of a column's square that must lie within the classes (trips) that are known to differ each by
 itself: of less, a time is told apart from a run of alike classes by the smaller part of what it says."""
-
-
-@dataclass(frozen=True)
-class Beside:
-    """A model of K coefficients: its products by slow fold F, ``gram`` (F, K, K) and ``moment`` (F, K), and
-    its prior."""
-
-    gram: Floats
-    moment: Floats
-    prior: Prior
-    _fits: dict[int | None, tuple[Floats, Floats]] = field(default_factory=dict, repr=False)
-
-    def fit(self, without: int | None = None) -> tuple[Floats, Floats]:
-        """Return the (K, K) inverse of its products and its (K,) fit, on all folds or all but one."""
-        if without not in self._fits:
-            keep = np.arange(len(self.gram)) != (-1 if without is None else without)
-            gram, prior = self.gram[keep].sum(axis=0), self.prior
-            inverse = np.linalg.inv(gram + np.diag(prior.precision + 1e-9 * np.maximum(np.diag(gram), 1e-12)))
-            moment = self.moment[keep].sum(axis=0) + prior.precision * prior.centre
-            self._fits[without] = inverse, inverse @ moment
-        return self._fits[without]
 
 
 @dataclass(frozen=True)
@@ -82,40 +62,28 @@ class Column:
         step = np.where(known, moment / np.where(known, size, 1.0), 0.0)
         return step * moment / self.unit, step
 
+    def added(self, weight: Floats) -> Added:
+        """Return the column with (V, S) weights."""
+        own = np.einsum("vs,fvs->f", weight**2, self.own)[:, None, None]
+        cross = np.einsum("vs,fvsk->fk", weight, self.cross)[:, :, None]
+        return Added(cross, np.einsum("vs,fvs->f", weight, self.along)[:, None], own)
+
     def left(self, weight: Floats) -> float:
         """Return the share of the square of the column with (V, S) weights that the model leaves."""
-        cross, own = np.einsum("vs,fvsk->k", weight, self.cross), np.einsum("vs,fvs->", weight**2, self.own)
-        return float(1.0 - cross @ self.model.fit()[0] @ cross / own) if own > 0.0 else 0.0
+        new = self.added(weight)
+        return float(self.model.left(new).product[0, 0] / max(float(new.own.sum()), 1e-300))
 
     def validated(self, weight: Floats) -> tuple[Floats, float]:
-        """Return what the column with (V, S) weights gains on each unseen fold, (F,), and what it saves the
+        """Return what the column with (V, S) weights gains on each unseen fold, (F,), and what it costs the
         prior."""
-        cross = np.einsum("vs,fvsk->fk", weight, self.cross)
-        along, own = (np.einsum("vs,fvs->f", w, p) for w, p in ((weight, self.along), (weight**2, self.own)))
-        gains, gram, prior = np.zeros(len(own)), self.model.gram, self.model.prior
-        for f in range(len(gains)):
-            keep = np.arange(len(gains)) != f
-            beta, by, step = self._step(f, *(p[keep].sum(axis=0) for p in (cross, along, own)))
-            # Of the fold held out: its products once the fit on the others is taken away.
-            size = own[f] - 2.0 * cross[f] @ by + by @ gram[f] @ by
-            left = along[f] - cross[f] @ beta - by @ (self.model.moment[f] - gram[f] @ beta)
-            gains[f] = 2.0 * step * left - step**2 * size
-        beta, by, step = self._step(None, *(p.sum(axis=0) for p in (cross, along, own)))
-        return gains / self.unit, prior.penalty(beta) - prior.penalty(beta - by * step)
-
-    def _step(
-        self, without: int | None, cross: Floats, along: float, own: float
-    ) -> tuple[Floats, Floats, float]:
-        inverse, beta = self.model.fit(without)
-        by = inverse @ cross
-        size = own - cross @ by
-        return beta, by, float((along - cross @ beta) / size) if size > DISTINCT * own else 0.0
+        ((gains, paid),) = self.model.gains(self.added(weight), [(slice(0, 1), ANYTHING)])
+        return gains / self.unit, paid
 
 
 @dataclass(frozen=True)
 class Slotted:
-    """Products of J columns, see :class:`Column`, and the model's K coefficients: ``beta``, and which are
-    ``free``."""
+    """Products of J columns, see :class:`Column`, and those of the model's K coefficients, which are at
+    ``beta``."""
 
     edges: Floats
     gram: Floats
@@ -125,7 +93,6 @@ class Slotted:
     own: Floats
     prior: Prior
     beta: Floats
-    free: Mask
     knobs: tuple[Knob | None, ...]
     unit: float
     by_class: bool
@@ -135,17 +102,16 @@ class Slotted:
     def column(self, j: int, loose: Knob | None = None) -> Column:
         """Return one column; coefficients of the model on a bound stay there, but those of the ``loose``
         number."""
-        free = self.free | [loose is not None and k is not None and k.fleet == loose for k in self.knobs]
+        within = (self.beta > self.prior.low) & (self.beta < self.prior.high)
+        free = within | [loose is not None and k is not None and k.fleet == loose for k in self.knobs]
         held, cross = np.where(free, 0.0, self.beta), self.cross[..., j, :]
-        along = self.along[..., j] - cross @ held
-        return Column(self._model(free, held), cross[..., free], along, self.own[..., j], self.unit)
-
-    def _model(self, free: Mask, held: Floats) -> Beside:
         if free.tobytes() not in self._models:
-            p, moment = self.prior, (self.moment - self.gram @ held)[:, free]
-            prior = Prior(p.precision[free], p.centre[free], p.low[free], p.high[free])
-            self._models[free.tobytes()] = Beside(self.gram[:, free][:, :, free], moment, prior)
-        return self._models[free.tobytes()]
+            moment = (self.moment - self.gram @ held)[:, free]
+            self._models[free.tobytes()] = Beside(
+                self.gram[:, free][:, :, free], moment, self.prior.part(free)
+            )
+        model, along = self._models[free.tobytes()], self.along[..., j] - cross @ held
+        return Column(model, cross[..., free], along, self.own[..., j], self.unit)
 
 
 def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[Screened]:
@@ -158,12 +124,12 @@ def scoped(problem: Problem, now: Joint, screened: Sequence[Screened]) -> list[S
     out = []
     for j, h in enumerate(numbers):
         for column, scope, weight in _likely(s, j, h.knobs[0]):
-            if s.by_class and column.left(weight) < OWN:
+            if column.left(weight) < (OWN if s.by_class else DISTINCT):
                 continue
             own = replace(h, knobs=tuple(replace(k, scope=scope) for k in h.knobs))
-            gains, relieved = column.validated(weight)
+            gains, paid = column.validated(weight)
             cost = problem.settings.parameter * own.numbers + own.choices
-            out.append(Screened(own, float(gains.sum()) + relieved - cost, gains))
+            out.append(Screened(own, float(gains.sum()) - paid - cost, gains))
     return out
 
 
@@ -191,12 +157,12 @@ def _numbers(now: Joint, screened: Sequence[Screened]) -> list[Hypothesis]:
 
 def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slotted:
     assert now.design is not None and now.fitted is not None and problem.noise is not None
-    layout, _ = problem.layout([*now.chosen, *numbers])
+    layout = problem.layout([*now.chosen, *numbers])
     design = make_design(problem.channel, layout, now.model, now.chosen)
     added = Design(tuple(of_hypothesis(problem.channel, layout, now.model, h)[0] for h in numbers))
     vehicles, folds = len(problem.channel.vehicles), problem.settings.folds
     slots = int(np.clip(GROUPS // vehicles, 12, SLOTS))
-    edges = problem.channel.moments(slots)
+    edges = problem.channel.fleet.moments(slots)
     k, j, groups = len(design.atoms), len(numbers), folds * vehicles * slots
     gram, moment = np.zeros((folds, k, k)), np.zeros((folds, k))
     cross, along, own = np.zeros((groups, j, k)), np.zeros((groups, j)), np.zeros((groups, j))
@@ -220,7 +186,7 @@ def _slotted(problem: Problem, now: Joint, numbers: Sequence[Hypothesis]) -> Slo
     prior = Design(tuple(replace(a, precision=0.0) if _is_class(a) else a for a in now.design.atoms)).prior
     return Slotted(
         edges, gram, moment, cross.reshape(*shape, k), along.reshape(shape), own.reshape(shape), prior, beta,
-        (beta > prior.low) & (beta < prior.high), tuple(a.knob for a in design.atoms),
+        tuple(a.knob for a in design.atoms),
         2.0 * problem.noise.design, any(_is_class(a) for a in now.design.atoms),
     )  # fmt: skip
 

@@ -27,12 +27,10 @@ class Sums:
     """Products of P columns and the residual (the last column), weighted.
 
     ``fold`` (F, P+1, P+1) by fold of trips; ``slow`` (F, p+1, p+1) by fold of stretches of hours, of the
-    first p columns,
-    those without cells, and the residual; ``own`` (V, F, p, P+1) the first p columns' by vehicle.
+    columns without cells and the residual; ``own`` (V, F, n, P+1) those of numbers, by vehicle.
     """
 
     layout: Layout
-    core: int
     fold: Floats
     slow: Floats
     own: Floats
@@ -41,11 +39,11 @@ class Sums:
     _waiting: list[tuple[Rows, Ints, Ints, Ints]] = field(default_factory=list)
 
     @classmethod
-    def empty(cls, layout: Layout, core: int, folds: int, vehicles: int) -> Sums:
+    def empty(cls, layout: Layout, folds: int, vehicles: int) -> Sums:
         """Return sums of nothing."""
-        p, q = layout.width + 1, core + 1
-        shape = (vehicles if vehicles > 1 else 0, folds, core, p)
-        return cls(layout, core, np.zeros((folds, p, p)), np.zeros((folds, q, q)), np.zeros(shape))
+        p, q = layout.width + 1, layout.core + 1
+        own = np.zeros((vehicles if vehicles > 1 else 0, folds, layout.numbers, p))
+        return cls(layout, np.zeros((folds, p, p)), np.zeros((folds, q, q)), own)
 
     def add(
         self,
@@ -78,8 +76,8 @@ class Sums:
             self.fold[k] += part.T @ part
             for v in np.unique(vehicle[fold == k]) if len(self.own) else ():
                 mine = part[vehicle[fold == k] == v]
-                self.own[v, k] += mine[:, : self.core].T @ mine
-        few = np.concatenate([z[:, : self.core], z[:, -1:]], axis=1)
+                self.own[v, k] += mine[:, : self.layout.numbers].T @ mine
+        few = np.concatenate([z[:, : self.layout.core], z[:, -1:]], axis=1)
         for k in np.unique(slow):
             part = few[slow == k]
             self.slow[k] += part.T @ part

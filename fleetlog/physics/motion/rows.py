@@ -83,15 +83,17 @@ def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> 
     step = np.diff(t)
     link[1:][step > max(SHORTEST_GAP, 5.0 * float(np.median(step))) if len(step) else []] = 2
     link[:1] = 2
-    fresh = _updates(t, raw_x, raw_y, speed)
-    x, y = (_filled(t, np.where(fresh, v, np.nan)) for v in (raw_x, raw_y))
+    fresh = updates(t, raw_x, raw_y, speed)
+    # Between two updates a vehicle moved along the line between them as far as its speed says.
+    driven = t if not np.isfinite(speed).any() else _driven(t, speed) + 1e-6 * t
+    x, y = (_filled(driven, np.where(fresh, v, np.nan)) for v in (raw_x, raw_y))
     edge, offset = _matched(trajectory, network, position_noise(x, y))
     rest = _standing(t, x, y, speed, edge, offset, link)
     return Rows(t, x, y, fresh, speed, link, edge, np.nan_to_num(offset), rest)
 
 
-def _updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
-    """Rows whose position is known and new.
+def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
+    """Return the (N,) rows whose position is known and new.
 
     A position that is repeated while the speed says that the truck moved was not measured again; without a
     speed, one that is repeated no longer than twice as long as is usual in this log.
@@ -106,7 +108,7 @@ def _updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
     if new.all():
         fresh[known] = True
         return fresh
-    way = np.cumsum(np.append(0.0, np.nan_to_num(0.5 * (speed[1:] + speed[:-1])) * np.diff(t)))[known]
+    way = _driven(t, speed)[known]
     moved = np.abs(way[np.append(np.flatnonzero(new)[1:], len(known) - 1)] - way[new])[run] > MOVED
     lasts = np.diff(np.append(t[known][new], t[known][-1]))
     brief = (lasts <= 2.0 * np.median(lasts))[run]
@@ -114,6 +116,11 @@ def _updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
         np.isfinite(speed[known]), moved, brief & (np.median(np.bincount(run)) > 1)
     )
     return fresh
+
+
+def _driven(t: Floats, speed: Floats) -> Floats:
+    """Metres since the first row by the speed channel."""
+    return np.cumsum(np.append(0.0, np.nan_to_num(0.5 * (speed[1:] + speed[:-1])) * np.diff(t)))
 
 
 def _filled(t: Floats, value: Floats) -> Floats:

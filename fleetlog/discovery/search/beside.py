@@ -1,0 +1,116 @@
+"""Columns beside a model: the model's own coefficients are eliminated from them, fold by fold.
+
+What remains is a regression of the few columns alone (Frisch and Waugh 1933, doi 10.2307/1907330).
+Coefficients of the model that stand on a bound stay there; the joint fit afterwards lets them go.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetlog.discovery.search.design import Atom, Design
+from fleetlog.discovery.search.joint import Joint
+from fleetlog.discovery.search.ridge import Prior, stiff
+from fleetlog.discovery.search.sums import Sums
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Added:
+    """J columns by fold: products ``cross`` (F, K, J) with a model's, ``along`` (F, J) with its residual,
+    ``own`` (F, J, J)."""
+
+    cross: Floats
+    along: Floats
+    own: Floats
+
+
+class Left(NamedTuple):
+    """What a model leaves of J columns: ``by`` (K, J) their regression on its own, ``beta`` (K,) its fit
+    without them, and their (J, J) ``product`` and (J,) ``moment`` then."""
+
+    by: Floats
+    beta: Floats
+    product: Floats
+    moment: Floats
+
+    def step(self, at: slice, prior: Prior) -> Floats:
+        """Return the likeliest coefficients of some of the columns alone."""
+        right = self.moment[at] + prior.precision * prior.centre
+        return np.clip(np.linalg.solve(stiff(self.product[at, at], prior), right), prior.low, prior.high)
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A model of K coefficients: products ``gram`` (F, K, K) and ``moment`` (F, K) by fold, and its prior."""
+
+    gram: Floats
+    moment: Floats
+    prior: Prior
+    _fits: dict[int | None, tuple[Floats, Floats]] = field(default_factory=dict, repr=False)
+
+    def fit(self, without: int | None = None) -> tuple[Floats, Floats]:
+        """Return the (K, K) inverse of its products and its (K,) fit, on all folds or all but one."""
+        if without not in self._fits:
+            gram, moment = (_but(p, without) for p in (self.gram, self.moment))
+            inverse = np.asarray(np.linalg.inv(stiff(gram, self.prior)), float)
+            self._fits[without] = inverse, inverse @ (moment + self.prior.precision * self.prior.centre)
+        return self._fits[without]
+
+    def left(self, new: Added, without: int | None = None) -> Left:
+        """Eliminate the model from columns, on all folds or all but one."""
+        inverse, beta = self.fit(without)
+        cross, along, own = (_but(p, without) for p in (new.cross, new.along, new.own))
+        by = inverse @ cross
+        return Left(by, beta, own - cross.T @ by, along - cross.T @ beta)
+
+    def gains(self, new: Added, several: Sequence[tuple[slice, Prior]]) -> list[tuple[Floats, float]]:
+        """Return for each of several of the columns under a prior what they gain on every unseen fold, (F,),
+        and what they cost all priors."""
+        gains = np.zeros((len(several), len(self.gram)))
+        for f, (gram, cross) in enumerate(zip(self.gram, new.cross, strict=True)):
+            seen = self.left(new, f)
+            through = gram @ seen.by
+            # Of the fold held out: its products once the fit on the others is taken away.
+            product = new.own[f] - cross.T @ seen.by - seen.by.T @ (cross - through)
+            moment = new.along[f] - seen.by.T @ self.moment[f] - (cross - through).T @ seen.beta
+            for i, (at, prior) in enumerate(several):
+                step = seen.step(at, prior)
+                gains[i, f] = 2.0 * step @ moment[at] - step @ product[at, at] @ step
+        whole = self.left(new)
+        paid = []
+        for at, prior in several:
+            step = whole.step(at, prior)
+            paid.append(prior.penalty(step) + self.prior.penalty(whole.beta - whole.by[:, at] @ step))
+        return [(g, p - self.prior.penalty(whole.beta)) for g, p in zip(gains, paid, strict=True)]
+
+
+def _but(products: Floats, fold: int | None) -> Floats:
+    total = products.sum(axis=0)
+    return np.asarray(total if fold is None else total - products[fold])
+
+
+def beside(
+    joint: Joint, sums: Sums, several: Iterable[Sequence[Atom]], slow: bool = False
+) -> Iterator[tuple[Beside, Added]]:
+    """Yield a joint model, and each of several sets of further coefficients' columns, by folds of trips or of
+    stretches of hours."""
+    assert joint.design is not None and joint.fitted is not None
+    known = [
+        not slow or (a.vehicle is None and a.columns.max() < sums.layout.core) for a in joint.design.atoms
+    ]
+    own = Design(tuple(a for a, k in zip(joint.design.atoms, known, strict=True) if k))
+    prior, beta = own.prior, joint.fitted.beta[known]
+    base = np.flatnonzero((beta > prior.low) & (beta < prior.high))
+    held = beta.copy()
+    held[base] = 0.0
+    model = None
+    for columns in several:
+        n = Design((*own.atoms, *columns)).normal(sums, slow)
+        moment, extra = n.moment - n.gram[:, :, : len(beta)] @ held, slice(len(beta), None)
+        model = model or Beside(n.gram[:, base][:, :, base], moment[:, base], prior.part(base))
+        yield model, Added(n.gram[:, base, extra], moment[:, extra], n.gram[:, extra, extra])
