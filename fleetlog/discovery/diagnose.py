@@ -19,7 +19,7 @@ from fleetlog.discovery.report.faults import finding_of
 from fleetlog.discovery.report.finding import Finding, Verdict
 from fleetlog.discovery.search.problem import Problem
 from fleetlog.discovery.settings import SETTINGS, Settings
-from fleetlog.errors import ArgumentError, DataError, nearest
+from fleetlog.errors import DataError, nearest
 from fleetlog.physics.power import all_terms
 from fleetlog.store import Dataset
 
@@ -62,12 +62,10 @@ def diagnose(
     Raises
     ------
     DataError
-        Where no channel can be judged.
-    ArgumentError
-        Where a name is unknown.
+        Where no channel can be judged, or a name is unknown.
     """
-    _check(channels, CHANNELS, "channels")
-    _check(terms, all_terms(), "terms")
+    _check(channels, CHANNELS, "channel")
+    _check(terms, all_terms(), "term")
     base = Model(truck)
     if against is not None:
         progress("simulation")
@@ -146,4 +144,4 @@ def _check(given: Sequence[str], known: Iterable[str], what: str) -> None:
     names = list(known)
     for name in given:
         if name not in names:
-            raise ArgumentError(f"unknown {name!r}", option=f"--{what}", do=nearest(name, names))
+            raise DataError(f"unknown {what} {name!r}", do=nearest(name, names))

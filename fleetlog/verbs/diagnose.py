@@ -10,7 +10,7 @@ from fleetlog.api.inputs import as_dataset, as_site, as_truck, files_of
 from fleetlog.api.kinds import DatasetLike, PathLike, SiteLike, TruckLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Names, Seed
-from fleetlog.errors import EXIT_DONE, EXIT_INPUT
+from fleetlog.errors import EXIT_DONE, EXIT_INPUT, ArgumentError, nearest
 from fleetlog.listening import notice, progress
 
 if TYPE_CHECKING:
@@ -43,10 +43,16 @@ def diagnose(
     seed : seed of the cross-validation splits.
     output : folder to write.
     """
+    from fleetlog.discovery.channels.choose import CHANNELS
     from fleetlog.discovery.diagnose import diagnose as diagnosed
     from fleetlog.discovery.report.output import as_result, write_diagnosis
+    from fleetlog.physics.power import all_terms
     from fleetlog.report.diagnosis import diagnosis_page
     from fleetlog.view.results import write_result_recording
+
+    for option, names, known in (("channels", channels, CHANNELS), ("terms", terms, all_terms())):
+        for name in (n for n in names if n not in known):
+            raise ArgumentError(f"unknown {name!r}", option=f"--{option}", do=nearest(name, known))
 
     def write(folder: Path) -> None:
         write_diagnosis(found, folder)
