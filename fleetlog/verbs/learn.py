@@ -30,16 +30,16 @@ def learn(
     output : folder of the site.
     """
     from fleetlog.learn.learn import learn as learned
+    from fleetlog.learn.learn import write_learned
     from fleetlog.learn.roads import Settings
-    from fleetlog.learn.write import write_learned
     from fleetlog.view.picture import write_picture
 
     def write(folder: Path) -> None:
-        write_learned(found, folder)
-        write_picture(found.result, found.site, folder / "learn.png")
+        write_learned(found, result, folder)
+        write_picture(result, found, folder / "learn.png")
 
     settings = Settings(lane, spur, min_passes)
     with destination(output, "site", overwrite, files_of(dataset, site)) as keep:
         known = None if site is None else as_site(site)
-        found = learned(as_dataset(dataset), site=known, settings=settings, min_visits=min_visits)
-        return keep(Answer.of(found.result, found.site, kind="site", value=found.site, write=write))
+        found, result = learned(as_dataset(dataset), site=known, settings=settings, min_visits=min_visits)
+        return keep(Answer.of(result, found, kind="site", value=found, write=write))

@@ -7,8 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Ints
-from fleetlog.roads.kernels.distances import forget, search
-from fleetlog.roads.kernels.growing import longer
+from fleetlog.roads.kernels.distances import forget, longer, search
 
 Index = NDArray[np.int32]
 

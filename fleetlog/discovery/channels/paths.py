@@ -2,7 +2,7 @@
 every piece took."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -50,11 +50,11 @@ class Path:
 
     def part(self, nodes: Mask, windows: Mask) -> "Path":
         """Return some nodes, which are all of some windows."""
-        s, inside, share, took, standing = (
-            getattr(self, n)[nodes] for n in ("s", "inside", "share", "took", "standing")
-        )
-        of = (np.cumsum(windows) - 1)[self.of[nodes]]
-        return Path(self.motion[nodes], s, inside, of, share, took, standing, self.behind[windows])
+        own: dict[str, Any] = {
+            f.name: getattr(self, f.name)[nodes] for f in fields(self) if f.name != "behind"
+        }
+        own["of"] = (np.cumsum(windows) - 1)[own["of"]]
+        return Path(**own, behind=self.behind[windows])
 
     @property
     def last(self) -> Mask:
@@ -64,16 +64,12 @@ class Path:
 
 def joined(paths: list[Path]) -> Path:
     """Return paths of one vehicle, one after the other."""
-    s = np.cumsum([0.0, *(p.s[-1] + 1.0 for p in paths)])
-    of = np.cumsum([0, *(len(p.behind) for p in paths)])
-    names = ("inside", "share", "took", "standing", "behind")
-    arrays: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in paths]) for n in names}
-    return Path(
-        join([p.motion for p in paths]),
-        np.concatenate([p.s + b for p, b in zip(paths, s, strict=False)]),
-        of=np.concatenate([p.of + b for p, b in zip(paths, of, strict=False)]),
-        **arrays,
-    )
+    bases = {"s": [p.s[-1] + 1.0 for p in paths], "of": [len(p.behind) for p in paths]}
+    arrays: dict[str, Any] = {}
+    for name in (f.name for f in fields(Path) if f.name != "motion"):
+        base = np.cumsum([0, *bases[name]]) if name in bases else np.zeros(len(paths), bool)
+        arrays[name] = np.concatenate([getattr(p, name) + b for p, b in zip(paths, base, strict=False)])
+    return Path(join([p.motion for p in paths]), **arrays)
 
 
 @dataclass(frozen=True)

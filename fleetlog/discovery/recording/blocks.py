@@ -71,7 +71,7 @@ class Block:
     def part(self, rows: NDArray[np.bool_], samples: NDArray[np.bool_]) -> Block:
         """Return some rows, and their samples."""
         number = (np.cumsum(rows) - 1).astype(np.int32)
-        own = {n: getattr(self, n)[rows] for n in ("time", "seconds", "power", "soc", "trip")}
+        own: dict[str, Any] = {n: getattr(self, n)[rows] for n in BY_ROW}
         motion, row = narrow(self.motion[samples]), number[self.row[samples]]
         return replace(self, motion=motion, row=row, likely=self.likely[samples], fresh=None, **own)
 
@@ -101,11 +101,13 @@ class Block:
         return out
 
 
+BY_ROW = tuple(f.name for f in fields(Block) if f.type == "Floats" or f.name == "trip")
+
+
 def joined(parts: list[Block]) -> Block:
     """Return blocks of one vehicle, one after the other."""
     base = np.cumsum([0, *(len(p) for p in parts)])
-    names = ("likely", "time", "seconds", "power", "soc", "trip")
-    arrays: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in parts]) for n in names}
+    arrays: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in parts]) for n in ("likely", *BY_ROW)}
     row = np.concatenate([p.row + b for p, b in zip(parts, base, strict=False)]).astype(np.int32)
     return replace(parts[0], motion=narrow(join([p.motion for p in parts])), row=row, **arrays)
 
