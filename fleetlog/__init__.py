@@ -64,11 +64,7 @@ def __getattr__(name: str) -> Any:
     if name not in NAMES and name not in VERBS:
         raise AttributeError(f"module 'fleetlog' has no attribute {name!r}")
     module, _, attribute = NAMES.get(name, f"verbs.{name}:{name}").partition(":")
-    try:
-        found = getattr(importlib.import_module(f"fleetlog.{module}"), attribute)
-    except ModuleNotFoundError as error:
-        raise AttributeError(f"module 'fleetlog' has no attribute {name!r}: {error}") from error
-    globals()[name] = found
+    globals()[name] = found = getattr(importlib.import_module(f"fleetlog.{module}"), attribute)
     return found
 
 

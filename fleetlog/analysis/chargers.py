@@ -17,7 +17,7 @@ from fleetlog.analysis.placement.costs import Metric, driving_costs
 from fleetlog.analysis.placement.demand import Unit, day_of
 from fleetlog.analysis.placement.plan import Demand, Method, Question, Variant, choose, stability, weigh
 from fleetlog.analysis.placement.report import lines_of, site_table, summarise, vertex_table
-from fleetlog.core.arguments import Between, Count, Duration, Seed
+from fleetlog.core.arguments import Between, Count, Duration, Seed, seconds
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, Grid, Marks, Result, Shape
 from fleetlog.core.trajectory import Ints
@@ -50,7 +50,7 @@ def chargers(
     truck: Truck | None = None,
     check: bool = False,
     vehicles: Count | None = None,
-    duration: Annotated[float | str, Duration()] = "8h",
+    duration: Duration = "8h",
     seed: Seed = 0,
     soc: Annotated[float, Between(0.05, 1.0)] = 0.6,
 ) -> Result:
@@ -103,7 +103,7 @@ def chargers(
     sites = site_table(units, q, weighed, choice)
     sites["existing"] = _standing(dataset, sites, demand)
     if check and truck is not None:
-        trial = Trial(truck, vehicles or len(dataset.vehicles), Duration()(duration), seed, soc)
+        trial = Trial(truck, vehicles or len(dataset.vehicles), seconds(duration), seed, soc)
         summary["check"] = try_plan(dataset, sites, trial)
     return Result(
         "chargers", summary, tables={"vertices": vertex_table(network, weighed)}, places={"sites": sites},

@@ -3,7 +3,7 @@
 import inspect
 import sys
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -36,7 +36,7 @@ COLUMNS = (
 
 def energy(
     dataset: Dataset, truck: Truck, physics: Physics | None = None, *,
-    shifts: Annotated[tuple[int, ...], ShiftHours()] = SHIFTS,
+    shifts: ShiftHours = SHIFTS,
     chemistry: Literal["constant", "lfp", "lead"] = "constant",
 ) -> Result:  # fmt: skip
     """Compute the energy of every trip by physical cause, beside what was measured.

@@ -28,7 +28,7 @@ def heatmap(
     cell: Annotated[float, Between(0.01, 1e6)] = 1.0,
     quantity: Quantity = "occupancy",
     smooth: Annotated[float, Between(0.0, 1e4)] = 0.0,
-    hours: Annotated[tuple[int, int], HourRange()] | None = None,
+    hours: HourRange | None = None,
     vehicle: tuple[str, ...] = (),
     load: Literal["all", "laden", "empty"] = "all",
     compare: Dataset | None = None,

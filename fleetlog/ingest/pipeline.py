@@ -88,7 +88,7 @@ def _read(logs: list[Log], scratch: Path, profile: Profile | None, progress: Pro
     groups = groups_of(logs)
     cost = ROW_COST * sum(log.path.stat().st_size for log in logs if log.path.is_file()) / ROW_BYTES
     engine = _engine(cost, len(groups))
-    told = tell if isinstance(engine, engines.Serial) else None
+    told = tell if type(engine) is engines.Engine else None
     work = partial(read_group, scratch, names_of(logs), profile, told)
     with closing(engine.run(work, groups, lambda group: str(group[1][0].path))) as reads:
         for (_, group), read in zip(groups, reads, strict=True):
@@ -98,7 +98,7 @@ def _read(logs: list[Log], scratch: Path, profile: Profile | None, progress: Pro
 
 def _engine(cost: float, jobs: int) -> engines.Engine:
     engine = engines.current()
-    return engine if jobs > 1 and engine.pays(cost) else engines.Serial()
+    return engine if jobs > 1 and engine.pays(cost) else engines.Engine()
 
 
 def _check_read(reads: Sequence[Read], logs: list[Log]) -> None:

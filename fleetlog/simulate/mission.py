@@ -14,8 +14,7 @@ import pandas as pd
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 from fleetlog.physics.motion import measured_channels, reconstruct
-from fleetlog.physics.motion.legs import Leg
-from fleetlog.physics.motion.legs import SpeedProfile
+from fleetlog.physics.motion.legs import Leg, SpeedProfile
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.junctions import half_box

@@ -52,7 +52,7 @@ def each_part(
     missing = [p for p in parts if kept is None or not kept.has(p.name, dataset.source(p.reads))]
     engine = engines.current()
     if not engine.pays(cost * dataset.rows * len(missing) / max(len(parts), 1)):
-        engine = engines.Serial()
+        engine = engines.Engine()
     job = update_wrapper(partial(_answer, dataset, work, arguments, kept), work)
     new = {p.name for p in missing}
     with closing(engine.run(job, missing, partial(_called, str(dataset.path)))) as made:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +30,7 @@ def write_site(site: Site, folder: Path, more: Mapping[str, Mapping[str, Any]] |
 
 
 def _tables(site: Site, frame: Frame) -> dict[str, Any]:
-    own = {
-        k: v for k, v in frame.to_dict().items() if k in ("latitude", "longitude") or v not in (0.0, "UTC")
-    }
+    own = {k: v for k, v in asdict(frame).items() if v not in (0.0, "UTC") or k in ("latitude", "longitude")}
     out: dict[str, Any] = {"name": site.name, "frame": own}
     if site.network is not None:
         out["network"] = {"file": "roads.geojson", "traffic": site.traffic}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -185,7 +185,7 @@ class DatasetWriter:
         whole.add(self.written)
         ends = (min(whole.first.values()), max(whole.last.values())) if whole.rows else ()
         start, end = (f"{np.datetime64(time, 'us')}Z" for time in ends) if ends else (None, None)
-        frame = None if site.frame is None else site.frame.to_dict()
+        frame = None if site.frame is None else asdict(site.frame)
         edges = 0 if site.network is None else len(site.network)
         description = {
             "format_version": FORMAT_VERSION, "kind": self.kind,
