@@ -17,8 +17,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 EXIT_DONE, EXIT_INPUT, EXIT_USAGE, EXIT_DAMAGED, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
-LONGEST = 500
-"""Characters of one part of a line: a place, or what is wrong."""
+LONGEST = 500  # Characters of one part of a line: a place, or what is wrong
 
 
 class FleetlogError(Exception):
@@ -85,10 +84,8 @@ class OutputError(FleetlogError):
     """The result cannot be written where it was asked for."""
 
 
-REPORT = "please report it, with the file if you may"
-"""What to do about a fault of fleetlog's own."""
-MOST_NAMED = 40
-"""Known words that an error lists: all terms and kinds, not all roads of a town."""
+REPORT = "please report it, with the file if you may"  # What to do about a fault of fleetlog's own
+MOST_NAMED = 40  # Known words that an error lists: all terms and kinds, not all roads of a town
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

@@ -27,8 +27,7 @@ from fleetlog.store import Dataset
 from fleetlog.store.days import each_day
 
 SERVED = "demand served [%]"
-NEAR = 8.0
-"""A charger that stands this close to a chosen vertex is the one that the plan means [m]."""
+NEAR = 8.0  # A charger that stands this close to a chosen vertex is the one that the plan means [m]
 
 
 def chargers(

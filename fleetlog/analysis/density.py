@@ -25,12 +25,10 @@ from fleetlog.store.days import Part, each_day, each_part
 from fleetlog.store.trips import STANDING_SPEED
 
 HOUR = 3_600_000_000
-HOURS = 2
-"""Of a day that one job looks at."""
+HOURS = 2  # Of a day that one job looks at
 ROW_COST = 2e-6
 OF_TRIP = ("vehicle_id", "trip_id", "start", "end", "x_start", "y_start", "x_end", "y_end")
-BIN_SPEED, SPEEDS = 0.005, 1 << 16
-"""Speeds are counted in steps of this [m/s]; how many steps there are."""
+BIN_SPEED, SPEEDS = 0.005, 1 << 16  # Speeds are counted in steps of this [m/s]; how many steps there are
 
 
 def density(

@@ -21,13 +21,10 @@ from fleetlog.physics.power import Physics
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
 
-SHIFTS = (6, 14, 22)
-"""Hours of the day (UTC) at which shifts begin, unless said otherwise."""
-ROW_COST = 4e-6
-"""What the books of a row cost [s]."""
+SHIFTS = (6, 14, 22)  # Hours of the day (UTC) at which shifts begin, unless said otherwise
+ROW_COST = 4e-6  # What the books of a row cost [s]
 OF_STRETCH = ["from", "to", "joules_per_metre"]
-MOST_POINTS = 2000
-"""Of a curve over time."""
+MOST_POINTS = 2000  # Of a curve over time
 COLUMNS = (
     "x", "y", "z", "speed", "edge_id", "edge_offset", "lateral_offset", "trip_id", "payload", "fork_height",
     "battery_power", "battery_voltage", "battery_current", "soc", "ambient_temperature",

@@ -21,18 +21,12 @@ from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.core.words import count
 from fleetlog.store import Dataset
 
-STEP = 0.25
-"""Of the common time grid [s]."""
-LONGEST_GAP = 5.0
-"""A truck that is silent for longer is absent [s]."""
-CELL = 1.0
-"""Side of a spot on the floor [m]."""
-SAME = 5.0
-"""Two moments of one pair within this are one near miss [s]."""
-MOVING = 0.5
-"""A truck that is slower does not cross another's way [m/s]."""
-CHUNK = int(600.0 / STEP)
-"""Steps that are compared at once."""
+STEP = 0.25  # Of the common time grid [s]
+LONGEST_GAP = 5.0  # A truck that is silent for longer is absent [s]
+CELL = 1.0  # Side of a spot on the floor [m]
+SAME = 5.0  # Two moments of one pair within this are one near miss [s]
+MOVING = 0.5  # A truck that is slower does not cross another's way [m/s]
+CHUNK = int(600.0 / STEP)  # Steps that are compared at once
 PLACE = ("x", "y", "heading")
 COLUMNS = (*PLACE, "speed")
 TABLE = ("start", "vehicle_a", "vehicle_b", "ttc_s", "pet_s", "kind", "closing_speed", "x", "y")

@@ -12,8 +12,7 @@ from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 
 JOULES = 3600.0
-NEAR = 8.0
-"""Trip ends this close to a place are at it [m]."""
+NEAR = 8.0  # Trip ends this close to a place are at it [m]
 SQUARE, MOST_FLOWS = 10.0, 25
 """Side of the squares that stand for places where the site has none [m]; arrows that are drawn."""
 

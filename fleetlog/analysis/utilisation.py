@@ -40,8 +40,7 @@ OF_ACTIVITY = {
 }  # fmt: skip
 REACH, REACH_WITHOUT_FORKS = 10.0, 30.0
 """Handling lasts this long before and after a movement of the forks or a change of the load at most [s]."""
-FORKS = 0.05
-"""The forks move when their height changes by more than this [m]."""
+FORKS = 0.05  # The forks move when their height changes by more than this [m]
 PATIENCE, PATIENCE_WITHOUT_LOAD = 180.0, 60.0
 """A truck that stands without a load for longer is idle, also where the log has no loads [s]."""
 CHARGER, SHORTEST_CHARGE = 100.0, 20.0
@@ -50,8 +49,7 @@ flows back while a truck brakes may be logged when it stands already."""
 COLUMNS = ("speed", "payload", "fork_height", "battery_power", "soc", "charging")
 QUARTER = 900_000_000
 """Intervals are cut at quarters of an hour [us]: on these, hours of every time zone begin."""
-MOST_QUARTERS = 4_000_000
-"""Of all vehicles together: a hundred vehicles for a year."""
+MOST_QUARTERS = 4_000_000  # Of all vehicles together: a hundred vehicles for a year
 
 NO_TIME = "No truck has two rows: there is no time to divide."
 Codes = Ints

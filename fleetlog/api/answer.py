@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
     from fleetlog.store import Dataset
 
-HEAD = 5
-"""Rows of a table in a notebook."""
+HEAD = 5  # Rows of a table in a notebook
 
 
 @dataclass

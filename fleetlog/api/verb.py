@@ -35,8 +35,7 @@ SHARED = {
 """Options that several functions have, described once; a docstring of one's own goes first."""
 LOADED = {"Dataset": "DATASET", "Truck": "TRUCK", "Site": "FILE", "Physics": "PATH"}
 """Types that an analysis takes, and that the library loads for it from a path."""
-TITLE = r"\n[^\n]+\n-+\n"
-"""Of a section of a docstring."""
+TITLE = r"\n[^\n]+\n-+\n"  # Of a section of a docstring
 REQUIRED = inspect.Parameter.empty
 
 

@@ -29,14 +29,10 @@ from fleetlog.physics.power import Physics
 
 LEAST_INFORMATION = 1.0
 """Of a free number, given those more telling: with less the prior says more than the runs."""
-CARRIED = 0.25
-"""A number is fitted if the runs leave at most this share of its prior variance ..."""
-BORROWED = 0.5
-"""... and at most this share of what they leave is doubt about the held ones."""
-CONFIDENCE = 0.95
-"""That all intervals hold at once."""
-STEP = 1e-3
-"""Of the numerical derivatives, in prior deviations."""
+CARRIED = 0.25  # A number is fitted if the runs leave at most this share of its prior variance ..
+BORROWED = 0.5  # ... and at most this share of what they leave is doubt about the held ones.
+CONFIDENCE = 0.95  # That all intervals hold at once
+STEP = 1e-3  # Of the numerical derivatives, in prior deviations
 COMPANION = 0.2
 """A number stands in for a held one if it moves by this when that moves by one (prior deviations)."""
 
@@ -84,8 +80,7 @@ class Fit:
     estimates: tuple[Estimate, ...]
     blind: tuple[Blind, ...]
     combinations: tuple[Combination, ...]
-    correlation: Floats
-    """(K, K) of the posterior, in the order of the estimates."""
+    correlation: Floats  # (K, K) of the posterior, in the order of the estimates
     observed: Observations
     before: Floats
     after: Floats

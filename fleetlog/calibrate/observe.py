@@ -15,12 +15,9 @@ from fleetlog.store.dataset import Dataset
 
 WINDOW = 20.0
 """Pieces that a recording is cut into: long against the noise of one sample, short against a trip [s]."""
-MODEL_DOUBT = 0.02
-"""Share by which each term may be wrong in form in a log; more rows do not average it away."""
-BRAKING_DOUBT = 0.03
-"""Share of the braking work that smoothing may hide, in traction and in braking alike."""
-BLOCK = 15
-"""Windows whose sum tells how much longer than a window the disagreement lasts (5 minutes)."""
+MODEL_DOUBT = 0.02  # Share by which each term may be wrong in form in a log; more rows do not average it away
+BRAKING_DOUBT = 0.03  # Share of the braking work that smoothing may hide, in traction and in braking alike
+BLOCK = 15  # Windows whose sum tells how much longer than a window the disagreement lasts (5 minutes)
 
 
 @dataclass(frozen=True)

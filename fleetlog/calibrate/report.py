@@ -7,8 +7,7 @@ import numpy as np
 from fleetlog.calibrate.fit import CONFIDENCE, Blind, Combination, Estimate, Fit
 from fleetlog.core.truck import truck_to_dict
 
-STRONG = 0.5
-"""Correlations from this on are worth a word."""
+STRONG = 0.5  # Correlations from this on are worth a word
 
 
 def blind_line(blind: Blind) -> str:

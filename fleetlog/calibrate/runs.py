@@ -15,10 +15,8 @@ from fleetlog.errors import InputError, nearest
 from fleetlog.physics.cycles import VDI_SPEED, Piece, legs, lift, run, vdi_pieces
 from fleetlog.physics.power import Physics, term_forces
 
-DEFAULT_SIGMA = 0.02
-"""Standard deviation of a measured figure where the table gives none, as a share of it."""
-LEAST_SIGMA = 0.5
-"""... and at least this, for runs that cost next to nothing [Wh]."""
+DEFAULT_SIGMA = 0.02  # Standard deviation of a measured figure where the table gives none, as a share of it
+LEAST_SIGMA = 0.5  # ... and at least this, for runs that cost next to nothing [Wh].
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from fleetlog.api.answer import Answer
     from fleetlog.api.verb import Verb
 
-TABLE_GAP = "  "
-"""Two blanks within a line: columns, which are not wrapped."""
+TABLE_GAP = "  "  # Two blanks within a line: columns, which are not wrapped
 
 
 def tell(verb: Verb, given: dict[str, Any], *, as_json: bool, quiet: bool, verbose: bool) -> int:

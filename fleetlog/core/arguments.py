@@ -15,8 +15,7 @@ from fleetlog.errors import nearest
 from fleetlog.registry import part_lines
 
 UNITS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
-LONGEST = 366 * 86400.0
-"""Of a duration [s]."""
+LONGEST = 366 * 86400.0  # Of a duration [s]
 
 
 @dataclass(frozen=True)

@@ -63,5 +63,4 @@ SCHEMA: pa.Schema = pa.schema(
     for c in COLUMNS
 )  # fmt: skip
 """Of the columns that every dataset has, in the order of the contract."""
-PART_SCHEMA: pa.Schema = SCHEMA.remove(0)
-"""The same of a Parquet part, whose folder names the vehicle."""
+PART_SCHEMA: pa.Schema = SCHEMA.remove(0)  # The same of a Parquet part, whose folder names the vehicle

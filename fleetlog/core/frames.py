@@ -13,8 +13,7 @@ from fleetlog.core.schema import Keys, Wrong, list_of, real, table, text
 from fleetlog.core.site import Frame, MapFrame
 from fleetlog.errors import InputError
 
-FARTHEST = 1e7
-"""No point lies farther from an origin [m]."""
+FARTHEST = 1e7  # No point lies farther from an origin [m]
 
 
 def crs(value: Any) -> str:

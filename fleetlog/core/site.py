@@ -59,10 +59,8 @@ class Place:
     kind: PlaceKind
     x: float
     y: float
-    plugs: int = 1
-    """Trucks that there is room for at once; chargers have as many plugs."""
-    power: float = float("nan")
-    """Charging power [W] of one plug, for kind ``charge``."""
+    plugs: int = 1  # Trucks that there is room for at once; chargers have as many plugs
+    power: float = float("nan")  # Charging power [W] of one plug, for kind ``charge``
 
 
 @dataclass(frozen=True)
@@ -131,8 +129,7 @@ class Site:
     map_frames: tuple[MapFrame, ...] = ()
     breaks: tuple[tuple[float, float], ...] = ()
     """From when until when simulated trucks rest [s of the local day], or past midnight until then."""
-    power_limit: float = float("inf")
-    """Of all chargers together [W]."""
+    power_limit: float = float("inf")  # Of all chargers together [W]
     source: dict[str, Any] = field(default_factory=dict)
     """Where it was read from: file names and sha256, for provenance."""
 

@@ -6,8 +6,7 @@ from typing import Any
 from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt
 from fleetlog.errors import DataError, FleetlogError, InputError
 
-TIMEOUT = 20
-"""For the scheduler to answer [s]."""
+TIMEOUT = 20  # For the scheduler to answer [s]
 
 
 class Cluster(Engine):

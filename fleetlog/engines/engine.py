@@ -11,17 +11,14 @@ from fleetlog.errors import DataError, FleetlogError, fault
 J = TypeVar("J")
 R = TypeVar("R")
 Name: TypeAlias = Callable[[J], str]
-AHEAD = 4
-"""Jobs per worker that may be done before their turn; their results wait in memory."""
-PER_WORKER = 1 << 30
-"""Memory that is reckoned for a worker by default [bytes]."""
+AHEAD = 4  # Jobs per worker that may be done before their turn; their results wait in memory
+PER_WORKER = 1 << 30  # Memory that is reckoned for a worker by default [bytes]
 
 
 class Engine:
     """Does jobs; function, jobs and results must be picklable.  This one does them here, in turn."""
 
-    workers = 1
-    """Jobs that run at the same time."""
+    workers = 1  # Jobs that run at the same time
 
     def pays(self, cost: float) -> bool:
         """Return whether jobs that would take ``cost`` seconds here are worth handing over."""
@@ -64,8 +61,7 @@ def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | FleetlogError:
 
 
 _current: ContextVar[Engine] = ContextVar("engine", default=Engine())  # noqa: B039 - it holds no state
-current = _current.get
-"""Return the engine of the innermost :func:`using`; without one, jobs run here."""
+current = _current.get  # Return the engine of the innermost :func:`using`; without one, jobs run here
 
 
 @contextmanager

@@ -17,12 +17,9 @@ from fleetlog import interrupt
 from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt
 from fleetlog.errors import DataError, FleetlogError
 
-START = 0.5
-"""Jobs that take less time than this in all are done here [s]."""
-DEATHS = 3
-"""A job whose worker died this often has failed."""
-PATIENCE = 3.0
-"""For a worker to clean up when it is told to end [s]."""
+START = 0.5  # Jobs that take less time than this in all are done here [s]
+DEATHS = 3  # A job whose worker died this often has failed
+PATIENCE = 3.0  # For a worker to clean up when it is told to end [s]
 PR_SET_PDEATHSIG = 1
 
 # A forked worker has all modules and compiled functions at once; elsewhere than on Linux, fork is not safe.

@@ -38,8 +38,7 @@ class Exporter:
     meaning: str
     write: Callable[[Selection, Path], dict[str, Any]]
     """Writes the selection to a path; gives what the summary should say, ``rows`` included."""
-    network: bool = False
-    """Whether it writes the road network, not the motion."""
+    network: bool = False  # Whether it writes the road network, not the motion
 
 
 @dataclass

@@ -23,8 +23,7 @@ class Layout:
 
     fields: Fields
     delimiter: str
-    skip: int
-    """Lines before the first row, the header line among them."""
+    skip: int  # Lines before the first row, the header line among them
     decimal: str = "."
 
     @property

@@ -17,16 +17,14 @@ _PER = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 @dataclass
 class Fields:
     """What the fields called ``names`` are: ``columns`` of the dataset and their sources; the log's own
-    names of its ``time`` (one, or date and time of day), its ``vehicle`` and what is kept as it is.
-    """
+    names of its ``time`` (one, or date and time of day), its ``vehicle`` and what is kept as it is."""
 
     names: list[str]
     profile: Profile
     report: ReadReport
     columns: dict[str, Source] = field(default_factory=dict)
     time: tuple[str, ...] = ()
-    epoch: str | None = None
-    """Unit of a time that counts, where the name or the profile states it."""
+    epoch: str | None = None  # Unit of a time that counts, where the name or the profile states it
     vehicle: str | None = None
     kept: list[str] = field(default_factory=list)
 

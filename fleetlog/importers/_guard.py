@@ -16,8 +16,7 @@ from fleetlog.importers._rows import renamed
 from fleetlog.importers._times import EARLIEST, EARLIEST_LOG, LATEST, OFF_TIME
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
 
-LONGEST_ID = 200
-"""Characters of a vehicle's id as the name of a folder."""
+LONGEST_ID = 200  # Characters of a vehicle's id as the name of a folder
 UNKNOWN_START = (
     "the times count from an unknown start, placed at 1970-01-01: "
     "a profile may say when it was ([time] origin = ...)"

@@ -53,8 +53,7 @@ class Meaning:
     column: str
     unit: Unit | None = None
     epoch: str | None = None
-    exact: bool = False
-    """Whether it is spelt as the contract spells it."""
+    exact: bool = False  # Whether it is spelt as the contract spells it
 
 
 def normal(name: str) -> str:

@@ -12,8 +12,7 @@ from typing import NamedTuple
 from fleetlog.importers._rows import finite, heading_of_course
 from fleetlog.importers._times import DAY
 
-KNOT = 1852.0 / 3600.0
-"""One knot [m/s]."""
+KNOT = 1852.0 / 3600.0  # One knot [m/s]
 _EPOCH = date(1970, 1, 1).toordinal()
 _TIME = re.compile(rb"(\d\d)(\d\d)(\d\d)(?:\.(\d*))?")
 _ANGLE = re.compile(rb"(\d{2,})(\d\d(?:\.\d*)?)")

@@ -8,8 +8,7 @@ from operator import xor
 from typing import NamedTuple
 
 BLOCK = 1 << 18
-UBX_LIMIT = 8192
-"""Longest UBX payload that is believed; a longer one is two bytes of chance."""
+UBX_LIMIT = 8192  # Longest UBX payload that is believed; a longer one is two bytes of chance
 SENTENCE_LIMIT = 1024
 _START = re.compile(
     rb"\xb5b|[$!]([A-Z][A-Z0-9]{1,11}),([\x20-\x23\x25-\x29\x2b-\x7e]{0,1000})"

@@ -22,14 +22,11 @@ HEAD = 1 << 16
 RATIO = 250
 """A packed file that gives more than this many times its size is a bomb, beyond the first ``FREE`` bytes."""
 FREE = 1 << 26
-LARGEST = 1 << 38
-"""Unpacked bytes of one file."""
+LARGEST = 1 << 38  # Unpacked bytes of one file
 PIECE = 1 << 12
 """Bytes that are unpacked at a time; one by one before a break, where a piece with an error is lost."""
-PACKET_LIMIT = 1 << 26
-"""Bytes of one packet that are believed."""
-LIMIT = 1 << 28
-"""Bytes of one packed piece of a file, before or after unpacking, that are believed."""
+PACKET_LIMIT = 1 << 26  # Bytes of one packet that are believed
+LIMIT = 1 << 28  # Bytes of one packed piece of a file, before or after unpacking, that are believed
 _MAGIC = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bz2"}
 _PACKED = {".gz": "gunzip", ".zst": "zstd -d", ".bz2": "bunzip2"}
 

@@ -30,12 +30,10 @@ TARGETS = (*NAMES, "latitude", "longitude")
 class Source:
     """Where a column of the dataset comes from."""
 
-    column: str
-    """Name in the log."""
+    column: str  # Name in the log
     unit: Unit | None = None
     sentinels: tuple[float | str, ...] = ()
-    scale: float = 1.0
-    """Multiplied last; -1 turns a current that is negative when discharging."""
+    scale: float = 1.0  # Multiplied last; -1 turns a current that is negative when discharging
 
     def known(self, values: Floats) -> Floats:
         """The values, NaN where they mean "missing"."""
@@ -59,29 +57,21 @@ class Profile:
     vehicle: str | None = None
     """Constant vehicle id; ``"{stem}"`` and ``"{folder}"`` stand for the file's name and its folder's."""
     delimiter: str | None = None
-    decimal: str | None = None
-    """``","`` or ``"."``; found from the first lines where it is not given."""
+    decimal: str | None = None  # ``","`` or ``"."``; found from the first lines where it is not given
     encoding: str | None = None
     skip_lines: int = 0
     comment: str | None = None
-    names: tuple[str, ...] = ()
-    """Column names of a file that has no header line."""
-    sentinels: tuple[float | str, ...] = ()
-    """Cells that mean "missing" in any column."""
-    time: tuple[str, ...] = ()
-    """The column of the time, or two: date and time of day."""
-    time_format: str | None = None
-    """As ``strptime`` takes it, or ``iso``, ``s``, ``ms``, ``us``, ``ns``."""
+    names: tuple[str, ...] = ()  # Column names of a file that has no header line
+    sentinels: tuple[float | str, ...] = ()  # Cells that mean "missing" in any column
+    time: tuple[str, ...] = ()  # The column of the time, or two: date and time of day
+    time_format: str | None = None  # As ``strptime`` takes it, or ``iso``, ``s``, ``ms``, ``us``, ``ns``
     time_zone: str | None = None
     time_origin: datetime | None = None
     """Instant from which times count, or the first day of times of day; local without a zone."""
     columns: dict[str, Source] = field(default_factory=dict)
-    crs: str | None = None
-    """Reference system of x, y, as ``EPSG:25832``."""
-    map_frames: tuple[MapFrame, ...] = ()
-    """How the log's own frames lie in the site's."""
-    keep: bool = True
-    """Whether columns that are neither mapped nor recognised are kept under their own names."""
+    crs: str | None = None  # Reference system of x, y, as ``EPSG:25832``
+    map_frames: tuple[MapFrame, ...] = ()  # How the log's own frames lie in the site's
+    keep: bool = True  # Whether columns that are neither mapped nor recognised are kept under their own names
 
     def vehicle_of(self, path: Path) -> str | None:
         """The constant vehicle id of one file."""

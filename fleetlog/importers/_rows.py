@@ -13,10 +13,8 @@ from fleetlog.errors import REPORT
 from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME, iso_time
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject
 
-BATCH = 1 << 16
-"""Rows in a batch: large enough for columns to pay, small enough for bounded memory."""
-REJECT_TEXT = 400
-"""Characters of a rejected record that are kept."""
+BATCH = 1 << 16  # Rows in a batch: large enough for columns to pay, small enough for bounded memory
+REJECT_TEXT = 400  # Characters of a rejected record that are kept
 NAN = float("nan")
 
 

@@ -17,8 +17,7 @@ from fleetlog.importers._names import EPOCH_UNITS
 if TYPE_CHECKING:
     from zoneinfo import ZoneInfo
 
-NONE = np.iinfo(np.int64).min
-"""A time that could not be read."""
+NONE = np.iinfo(np.int64).min  # A time that could not be read
 MISSING = "the time is missing"
 UNREADABLE = "the time cannot be read"
 OFF_TIME = "the time is outside 1678 to 2262"

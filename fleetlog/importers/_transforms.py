@@ -16,13 +16,10 @@ from fleetlog.importers._rows import Sample
 from fleetlog.importers._wire import Wire, from_json
 
 BASES = ("base_link", "base_footprint")
-ODOMETRY = "odom"
-"""A frame that drifts; poses in it count where no other frame is above it."""
-WORLD = "world"
-"""What simulators call the map; frames right below it are robots, but for ``BODIES``."""
+ODOMETRY = "odom"  # A frame that drifts; poses in it count where no other frame is above it
+WORLD = "world"  # What simulators call the map; frames right below it are robots, but for ``BODIES``
 BODIES = (*BASES, ODOMETRY, "map")
-FRAMES, DEEPEST = 10_000, 64
-"""Frames of a recording, and frames above one another, that are believed."""
+FRAMES, DEEPEST = 10_000, 64  # Frames of a recording, and frames above one another, that are believed
 
 
 class Link(NamedTuple):

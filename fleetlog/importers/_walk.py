@@ -17,12 +17,10 @@ from fleetlog.importers._open import Damaged
 from fleetlog.importers._report import ReadReport
 
 DAMAGE_LINES = 10
-FAULTS = (Damaged, struct.error, KeyError, ValueError)
-"""What broken bytes raise."""
+FAULTS = (Damaged, struct.error, KeyError, ValueError)  # What broken bytes raise
 
 
-Message = tuple[Topic, int, Any]
-"""Topic, time [us], data."""
+Message = tuple[Topic, int, Any]  # Topic, time [us], data
 
 
 class Record(NamedTuple):

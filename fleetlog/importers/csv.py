@@ -25,8 +25,7 @@ from fleetlog.importers._rows import finite
 from fleetlog.importers._table_rows import TableRows
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
-SAMPLE = 100
-"""Rows that tell how many fields a row has."""
+SAMPLE = 100  # Rows that tell how many fields a row has
 _OTHERS = ("{", "[", "<", "$", "!", "%PDF", "\\")
 
 

@@ -12,8 +12,7 @@ from fleetlog.importers._rows import Rows, finite, gather
 from fleetlog.importers._times import microseconds
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
-SEMICIRCLE = 180.0 / 2**31
-"""Degrees: FIT counts half turns in 2^31 steps."""
+SEMICIRCLE = 180.0 / 2**31  # Degrees: FIT counts half turns in 2^31 steps
 PLACE = {"latitude": "position_lat", "longitude": "position_long"}
 NAMES = {
     "enhanced_altitude": "z", "altitude": "z", "enhanced_speed": "speed", "speed": "speed", "power": "watts",

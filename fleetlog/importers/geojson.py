@@ -27,8 +27,7 @@ from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadO
 
 TIMES = ("coordTimes", "times", "timestamps")
 BLOCK = 1 << 18
-FEATURE_LIMIT = 1 << 27
-"""Characters of one feature that are believed."""
+FEATURE_LIMIT = 1 << 27  # Characters of one feature that are believed
 _OPEN = re.compile(r'"features"\s*:\s*\[')
 _BETWEEN = re.compile(r"[\s,\x1e\ufeff]*")
 _SIGN = re.compile(rb'"type"\s*:\s*"(FeatureCollection|Feature)"')

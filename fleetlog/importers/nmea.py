@@ -18,8 +18,7 @@ from fleetlog.importers._rows import Rows
 from fleetlog.importers._times import DAY
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
-WAITING = 1 << 18
-"""Fixes that may wait for the first date."""
+WAITING = 1 << 18  # Fixes that may wait for the first date
 _AIS = (b"VDM", b"VDO")
 _SOURCES = ("RMC", "GGA", "GNS", "GLL", "VTG", "ZDA")
 

@@ -21,11 +21,9 @@ from fleetlog.importers._rows import Rows, Sample, gather
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 _LENGTH = struct.Struct("<I")
-_VERSION = 0x0A
-"""Every message begins with its version: field 1, a message."""
+_VERSION = 0x0A  # Every message begins with its version: field 1, a message
 SCHEMAS = ("osi3.SensorView", "osi3.GroundTruth", "osi3.TrafficUpdate")
-PEDESTRIAN, ANIMAL = 3, 4
-"""Types of moving objects that are no vehicles."""
+PEDESTRIAN, ANIMAL = 3, 4  # Types of moving objects that are no vehicles
 _KINDS = {"sv": "osi3.SensorView", "gt": "osi3.GroundTruth", "tu": "osi3.TrafficUpdate"}
 
 

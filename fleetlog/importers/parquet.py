@@ -28,8 +28,7 @@ _FIGURES = (
     pa.types.is_floating,
     pa.types.is_integer,
 )
-GROUP_LIMIT = 1 << 32
-"""Unpacked bytes of a row group that are believed."""
+GROUP_LIMIT = 1 << 32  # Unpacked bytes of a row group that are believed
 CELLS, CELLS_PER_BYTE = 200_000_000, 2_000
 """Values that a file may state: so many in any file, and so many for each of its bytes."""
 

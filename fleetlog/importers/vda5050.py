@@ -20,8 +20,7 @@ from fleetlog.importers._times import iso_time
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 LINE_LIMIT = 1 << 22
-MOST = 1e300
-"""A sum of weights beyond what a float holds is far beyond any load, and refused as that."""
+MOST = 1e300  # A sum of weights beyond what a float holds is far beyond any load, and refused as that
 # without quotation marks: a wrapped payload may be a string, with its marks escaped
 _MARKS = (b"serialNumber", b"agvPosition", b"mobileRobotPosition", b"batteryState", b"powerSupply")
 

@@ -16,32 +16,21 @@ from fleetlog.errors import DataError
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
-SECTORS = 8
-"""Directions that are told apart by the correlation."""
-TURN = np.radians(1.5)
-"""Step of the rotations that are tried."""
-MOST_CELLS = 512
-"""Cells of a side of the correlation; the cell is at least :data:`CELL` [m]."""
+SECTORS = 8  # Directions that are told apart by the correlation
+TURN = np.radians(1.5)  # Step of the rotations that are tried
+MOST_CELLS = 512  # Cells of a side of the correlation; the cell is at least :data:`CELL` [m]
 CELL = 1.0
-TRIED = 12
-"""Best places of the correlation that are fitted."""
-POINTS = 4000
-"""Places of the log that are fitted."""
-WIDE, NARROW = 6.0, 1.5
-"""Reach of a road at the start and at the end of a fit [m]."""
+TRIED = 12  # Best places of the correlation that are fitted
+POINTS = 4000  # Places of the log that are fitted
+WIDE, NARROW = 6.0, 1.5  # Reach of a road at the start and at the end of a fit [m]
 STRAIGHT = np.cos(np.radians(25.0))
-APART, TURNED = 1.0, np.radians(1.0)
-"""Fits farther apart than this [m, rad] are different."""
-LEAST = 0.5
-"""Less of the log than this on the roads is no fit."""
-MARGIN = 0.04
-"""The best fit has this much more of the log on the roads than any other."""
+APART, TURNED = 1.0, np.radians(1.0)  # Fits farther apart than this [m, rad] are different
+LEAST = 0.5  # Less of the log than this on the roads is no fit
+MARGIN = 0.04  # The best fit has this much more of the log on the roads than any other
 SURE = (0.2, float(np.radians(0.2)))
 """A fit is known where 99 in 100 like it are within this of the truth, everywhere in the log [m, rad]."""
-BLOCK = 60.0
-"""Metres of track whose errors may be one: those of satellite positions last for tens of seconds."""
-NUDGE = 0.25
-"""Step of the numerical derivative of a fit's score [m]."""
+BLOCK = 60.0  # Metres of track whose errors may be one: those of satellite positions last for tens of seconds
+NUDGE = 0.25  # Step of the numerical derivative of a fit's score [m]
 
 
 class Alignment(NamedTuple):
@@ -54,8 +43,7 @@ class Alignment(NamedTuple):
 
 class _Roads:
     """Stations about a metre apart of directed roads: (n, 2) place and normal, (n,) heading, whether both
-    directions share the line.
-    """
+    directions share the line."""
 
     def __init__(self, network: Network) -> None:
         from scipy.spatial import cKDTree

@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 from fleetlog.core.trajectory import Floats, Labels, Trajectory
 from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD, set_unknown, without
 
-REACH = 3.0
-"""A value reaches this many of its usual steps, and no farther than ``MAX_REACH`` [s]."""
+REACH = 3.0  # A value reaches this many of its usual steps, and no farther than ``MAX_REACH`` [s]
 MAX_REACH = 30.0
-MOVED = 0.3
-"""A step that the speed claims and the position denies [m]."""
-HELD_SHARE = 0.2
-"""Fewer repeats among the moving rows are chance, not a slow receiver."""
+MOVED = 0.3  # A step that the speed claims and the position denies [m]
+HELD_SHARE = 0.2  # Fewer repeats among the moving rows are chance, not a slow receiver
 FILL_DRIVEN, FILL_BLIND = 60.0, 5.0
 """Longest stretch between two fixes that is filled [s]: with a known speed, and without."""
 

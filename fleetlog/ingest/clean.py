@@ -15,14 +15,10 @@ from fleetlog.core.trajectory import Floats, Labels, Trajectory
 from fleetlog.ingest.rejects import Rejects
 from fleetlog.ingest.rows import FILE, RECORD, STUCK, set_unknown
 
-MAX_SPEED = 60.0
-"""A position that implies more is impossible [m/s]; the bound of the speed column."""
-FARTHEST, HIGHEST = 1e8, 1e6
-"""No vehicle is farther or higher [m]; grids of whole countries count up to 1e7."""
-JUMP_MARGIN = 20.0
-"""Error of two positions that no jump is made of [m]."""
-SHORT_JUMP = 10
-"""Rows; a place that is left sooner by another impossible jump was never visited."""
+MAX_SPEED = 60.0  # A position that implies more is impossible [m/s]; the bound of the speed column
+FARTHEST, HIGHEST = 1e8, 1e6  # No vehicle is farther or higher [m]; grids of whole countries count up to 1e7
+JUMP_MARGIN = 20.0  # Error of two positions that no jump is made of [m]
+SHORT_JUMP = 10  # Rows; a place that is left sooner by another impossible jump was never visited
 STUCK_TIME, STUCK_ROWS = 60.0, 30
 """A speed the same to the last digit so long [s, rows] while the truck stands is stuck."""
 

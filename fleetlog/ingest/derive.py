@@ -7,16 +7,12 @@ from fleetlog.core.trajectory import Floats, Ints, Trajectory
 
 HALF_WINDOW = 1.0
 """A line is fitted over this time before and after a row [s], or over two neighbours on each side within
-``WIDEST`` if that is more; over the nearest neighbours at least.
-"""
+``WIDEST`` if that is more; over the nearest neighbours at least."""
 WIDEST = 2.5
-MAX_GAP = 30.0
-"""No line reaches across a longer silence [s]."""
-STANDING = 0.15
-"""Slower than this, or than twice the error of the fit, is standing still [m/s]."""
+MAX_GAP = 30.0  # No line reaches across a longer silence [s]
+STANDING = 0.15  # Slower than this, or than twice the error of the fit, is standing still [m/s]
 MAX_SPEED = 60.0
-BLOCK = 4096
-"""Rows that are summed up at once."""
+BLOCK = 4096  # Rows that are summed up at once
 
 
 def derive_motion(rows: Trajectory) -> Trajectory:

@@ -16,8 +16,7 @@ from fleetlog.ingest.summary import FileSummary
 from fleetlog.listening import notice
 from fleetlog.store.output import MARK
 
-NAMED = 5
-"""Files that are named among those that are passed over."""
+NAMED = 5  # Files that are named among those that are passed over
 
 
 @dataclass(frozen=True)

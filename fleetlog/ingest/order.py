@@ -11,12 +11,9 @@ from fleetlog.core.trajectory import Ints, Trajectory
 from fleetlog.importers._times import EARLIEST
 from fleetlog.ingest.rows import join
 
-WINDOW = 60_000_000
-"""A row may come this late and is still sorted in [us]."""
-LEAP = 3600_000_000
-"""A longer silence begins a new run [us]."""
-SHORT = 5
-"""Rows; a run with fewer beside a step back is refused."""
+WINDOW = 60_000_000  # A row may come this late and is still sorted in [us]
+LEAP = 3600_000_000  # A longer silence begins a new run [us]
+SHORT = 5  # Rows; a run with fewer beside a step back is refused
 BACKWARDS = "time runs backwards"
 
 

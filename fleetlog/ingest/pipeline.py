@@ -39,8 +39,7 @@ Progress = Callable[[str, float], None]
 READ_SHARE = 0.5
 ROW_COST, ROW_BYTES = 3e-6, 60.0
 """Of a row, about: to read it, or to match and write it [s]; its length in a log."""
-ALIGN_VEHICLES = 20
-"""Vehicles whose tracks are fitted to the roads."""
+ALIGN_VEHICLES = 20  # Vehicles whose tracks are fitted to the roads
 
 
 def import_logs(

@@ -14,10 +14,8 @@ from fleetlog.errors import DataError
 from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest.rows import without
 
-NO_ROWS = 0.0005
-"""A smaller share of rows on roads is shown as 0.0 %."""
-FAR = 3000.0
-"""A log whose middle lies farther from every road than this is of another place [m]."""
+NO_ROWS = 0.0005  # A smaller share of rows on roads is shown as 0.0 %
+FAR = 3000.0  # A log whose middle lies farther from every road than this is of another place [m]
 
 
 def place(rows: Trajectory, site: Site) -> Trajectory:

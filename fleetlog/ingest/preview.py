@@ -23,8 +23,7 @@ class Preview:
     """What was found in each log."""
 
     files: list[FileSummary] = field(default_factory=list)
-    rows: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    """First rows by file, in SI units."""
+    rows: dict[str, list[dict[str, Any]]] = field(default_factory=dict)  # First rows by file, in SI units
     rejected: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     """First refusals by file: line or record, reason, text."""
 

@@ -25,10 +25,8 @@ from fleetlog.ingest.spill import Slip, Spill
 from fleetlog.ingest.summary import FileSummary
 
 _RESERVED = frozenset((*NAMES, "date", *INTERNAL))
-GROUP = 4 << 20
-"""Small logs are read together until they have this many bytes."""
-Group = tuple[int, list[Log]]
-"""The number of the first log among all, and the logs that one job reads."""
+GROUP = 4 << 20  # Small logs are read together until they have this many bytes
+Group = tuple[int, list[Log]]  # The number of the first log among all, and the logs that one job reads
 
 
 @dataclass
@@ -37,11 +35,9 @@ class Read:
 
     rejects: Rejects
     slips: list[Slip] = field(default_factory=list)
-    own: dict[str, bool] = field(default_factory=dict)
-    """The logs' own columns, and whether each is text."""
+    own: dict[str, bool] = field(default_factory=dict)  # The logs' own columns, and whether each is text
     files: list[FileSummary] = field(default_factory=list)
-    positioned: set[str] = field(default_factory=set)
-    """Vehicles that have a position somewhere."""
+    positioned: set[str] = field(default_factory=set)  # Vehicles that have a position somewhere
     errors: list[FleetlogError] = field(default_factory=list)
 
 

@@ -15,8 +15,7 @@ from fleetlog import interrupt
 from fleetlog.errors import InputError
 
 PORTS = {"mqtt": 1883, "mqtts": 8883}
-FIRST_ANSWER = 20.0
-"""Seconds in which the broker answers for the first time."""
+FIRST_ANSWER = 20.0  # Seconds in which the broker answers for the first time
 
 
 class Capture:

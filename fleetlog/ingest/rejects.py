@@ -25,13 +25,10 @@ _SCHEMA = pa.schema([(name, pa.int64() if name == "record" else pa.string()) for
 class Rejects:
     """What one job refused; ``names`` are those of the logs."""
 
-    file: Path | None = None
-    """Where it is kept, in pieces; once closed, None where nothing was refused."""
+    file: Path | None = None  # Where it is kept, in pieces; once closed, None where nothing was refused
     names: Sequence[str] = ()
-    rows: Counter[str] = field(default_factory=Counter)
-    """Rows refused, by reason."""
-    values: Counter[str] = field(default_factory=Counter)
-    """Single values refused (the row stayed), by reason."""
+    rows: Counter[str] = field(default_factory=Counter)  # Rows refused, by reason
+    values: Counter[str] = field(default_factory=Counter)  # Single values refused (the row stayed), by reason
     _waiting: list[tuple[str, int, str, str, str]] = field(default_factory=list)
     _writer: Any = None
 

@@ -9,8 +9,7 @@ from fleetlog.core.trajectory import Labels, Trajectory, Values
 
 FILE, RECORD, CHANNEL, STUCK, HELD = INTERNAL = ("_file", "_record", "_channel", "_stuck", "_held")
 """Columns of the import itself, never written: number of the file, line or record in it; 1 for rows without
-positions, of a stuck sensor, and whose position repeats an older one.
-"""
+positions, of a stuck sensor, and whose position repeats an older one."""
 
 
 def join(pieces: Sequence[Trajectory]) -> Trajectory:

@@ -16,10 +16,8 @@ from fleetlog.core.trajectory import Labels, Trajectory, from_arrow
 from fleetlog.importers._times import DAY, EARLIEST, LATEST
 from fleetlog.ingest.rows import INTERNAL, join
 
-BUDGET = 96 << 20
-"""Bytes of rows that wait in memory before they are set down."""
-WINDOW_ROWS = 100_000
-"""Rows of a vehicle that are taken up again at a time, about."""
+BUDGET = 96 << 20  # Bytes of rows that wait in memory before they are set down
+WINDOW_ROWS = 100_000  # Rows of a vehicle that are taken up again at a time, about
 
 
 class Slip(NamedTuple):

@@ -29,10 +29,8 @@ if TYPE_CHECKING:
     from fleetlog.roads.matching import MatchParameters
 
 DEGREES = "x and y look like degrees: if they are, map them in a profile to longitude and latitude"
-ESTIMATE_ROWS = 2000
-"""The parameters of matching are estimated on the first stretch that has this many rows."""
-OVERLAP = 5000
-"""Rows kept back where a stretch has to end within a trip."""
+ESTIMATE_ROWS = 2000  # The parameters of matching are estimated on the first stretch that has this many rows
+OVERLAP = 5000  # Rows kept back where a stretch has to end within a trip
 
 
 @dataclass(frozen=True)
@@ -49,13 +47,10 @@ class Plan:
     names: list[str]
     own: dict[str, bool] = field(default_factory=dict)
     positioned: frozenset[str] = frozenset()
-    before: Written = field(default_factory=Written)
-    """What the dataset holds that is added to."""
-    every: MapFrame | None = None
-    """The frame of all rows."""
+    before: Written = field(default_factory=Written)  # What the dataset holds that is added to
+    every: MapFrame | None = None  # The frame of all rows
     parameters: MatchParameters | None = None
-    notes: tuple[str, ...] = ()
-    """What the first rows look like."""
+    notes: tuple[str, ...] = ()  # What the first rows look like
 
 
 def import_vehicle(plan: Plan, job: tuple[int, str, list[Slip]]) -> Outcome:

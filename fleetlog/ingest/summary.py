@@ -26,8 +26,7 @@ class FileSummary:
 
     file: str
     format: str
-    rows: int = 0
-    """Rows read, refused ones among them."""
+    rows: int = 0  # Rows read, refused ones among them
     recognised: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
@@ -43,31 +42,26 @@ class ImportSummary:
     """Counts add up: ``rows_read = rows + rows_rejected + rows_joined``."""
 
     files: list[FileSummary] = field(default_factory=list)
-    vehicles: dict[str, int] = field(default_factory=dict)
-    """Rows in the dataset by vehicle."""
+    vehicles: dict[str, int] = field(default_factory=dict)  # Rows in the dataset by vehicle
     start: str | None = None
     end: str | None = None
     rows_read: int = 0
     rows: int = 0
     rows_joined: int = 0
     """Rows without a position of their own (battery messages) whose values went onto rows with one."""
-    rejected: dict[str, int] = field(default_factory=dict)
-    """Rows refused, by reason."""
+    rejected: dict[str, int] = field(default_factory=dict)  # Rows refused, by reason
     rejected_values: dict[str, int] = field(default_factory=dict)
     """Single values refused (set unknown; the row stayed), by reason."""
     rejected_file: str | None = None
-    derived: list[str] = field(default_factory=list)
-    """Columns made from others."""
+    derived: list[str] = field(default_factory=list)  # Columns made from others
     derived_by_vehicle: dict[str, list[str]] = field(default_factory=dict)
     """The same by vehicle: what was derived is no channel that a diagnosis may test."""
     notes: list[str] = field(default_factory=list)
     alignment: dict[str, Any] | None = None
     """The frame that was fitted to the roads, with its residual and its doubt."""
     trips: int = 0
-    matched: float | None = None
-    """Share of the rows on a road; None without a map."""
-    off_map: dict[str, int] = field(default_factory=dict)
-    """Rows without a road, by reason."""
+    matched: float | None = None  # Share of the rows on a road; None without a map
+    off_map: dict[str, int] = field(default_factory=dict)  # Rows without a road, by reason
 
     @property
     def rows_rejected(self) -> int:
@@ -138,14 +132,10 @@ class Outcome:
     written: Written
     counts: Counter[str] = field(default_factory=Counter)
     """Trips; rows ``joined``, ``matched``, ``on_road``, ``kept`` with edges of the log's own, of a ``stuck``
-    sensor, ``held`` at a repeated position.
-    """
-    off_map: Counter[str] = field(default_factory=Counter)
-    """Rows without a road, by reason."""
-    derived: dict[str, list[str]] = field(default_factory=dict)
-    """Columns made from others, by vehicle."""
-    paces: list[float] = field(default_factory=list)
-    """Speeds of the log over those of its positions."""
+    sensor, ``held`` at a repeated position."""
+    off_map: Counter[str] = field(default_factory=Counter)  # Rows without a road, by reason
+    derived: dict[str, list[str]] = field(default_factory=dict)  # Columns made from others, by vehicle
+    paces: list[float] = field(default_factory=list)  # Speeds of the log over those of its positions
 
 
 def complete(summary: ImportSummary, outcomes: Sequence[Outcome], written: Written) -> None:

@@ -23,8 +23,7 @@ from fleetlog.core.motion import Floats
 from fleetlog.core.truck import Truck
 from fleetlog.errors import TruckError, nearest
 
-REFERENCE_TEMPERATURE = 20.0
-"""At which capacity and resistance are stated [degC]."""
+REFERENCE_TEMPERATURE = 20.0  # At which capacity and resistance are stated [degC]
 CHARGING = -300.0
 """A standing truck whose battery takes more than this is being charged [W]: no wheel gave it."""
 COLDEST = 0.2
@@ -96,16 +95,13 @@ def battery_of(truck: Truck, chemistry: str = "constant", peukert: float = 1.0) 
 @dataclass(frozen=True)
 class Discharge:
     """What a battery did: (N,) state of charge after each sample, terminal voltage [V],
-    current [A] and two alarms.
-    """
+    current [A] and two alarms."""
 
     soc: Floats
     voltage: Floats
     current: Floats
-    collapsed: NDArray[np.bool_]
-    """The power asked for is more than the battery can give."""
-    empty: NDArray[np.bool_]
-    """Charge is at 0 and more is drawn."""
+    collapsed: NDArray[np.bool_]  # The power asked for is more than the battery can give
+    empty: NDArray[np.bool_]  # Charge is at 0 and more is drawn
 
     def line(self, dt: Floats) -> str | None:
         """The alarms as a sentence, None where there are none."""

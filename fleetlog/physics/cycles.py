@@ -16,12 +16,9 @@ from fleetlog.core.truck import Truck
 VDI_LEGS = (22.0, 8.0, 22.0, 8.0)
 """Lengths of the four legs [m]: forward and reverse runs between two points some 30 m apart.  Our reading of
 the summary of VDI 2198 (30 m, 2 m, 60 cycles an hour); the exact table of the standard is not public."""
-VDI_LIFT = 1.7
-"""Height of each of the two lifts [m]: from the travel height of 0.3 m to 2 m."""
-VDI_SPEED = 3.0
-"""Travelling speed that makes 60 cycles an hour [m/s]; our reading too."""
-VDI_PERIOD = 60.0
-"""Of one cycle [s]."""
+VDI_LIFT = 1.7  # Height of each of the two lifts [m]: from the travel height of 0.3 m to 2 m
+VDI_SPEED = 3.0  # Travelling speed that makes 60 cycles an hour [m/s]; our reading too
+VDI_PERIOD = 60.0  # Of one cycle [s]
 
 
 @dataclass(frozen=True)
@@ -55,8 +52,7 @@ def legs(pieces: list[Piece], payload: float = 0.0, grade: float = 0.0, dt: floa
 
 def run(length: float, speed: float, up: float, down: float) -> list[Piece]:
     """From rest to rest over ``length`` m: at most ``speed`` m/s,
-    gathered at ``up`` and shed at ``down`` m/s2.
-    """
+    gathered at ``up`` and shed at ``down`` m/s2."""
     top = min(speed, float(np.sqrt(2.0 * length * up * down / (up + down))))
     cruise = max(length - top**2 / 2.0 * (1.0 / up + 1.0 / down), 0.0)
     return [Piece(top / up, 0.0, up), Piece(cruise / top, top), Piece(top / down, top, -down)]

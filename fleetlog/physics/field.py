@@ -25,8 +25,7 @@ COLUMNS = {
 and then mean the whole edge."""
 MARGIN = 2.0
 """Without a map a place belongs to a stretch whose middle is within half its length and this much [m]."""
-MAX_TURN = np.pi / 3
-"""... and whose heading differs by less than this [rad]."""
+MAX_TURN = np.pi / 3  # ... and whose heading differs by less than this [rad].
 
 
 @dataclass(frozen=True)
@@ -68,8 +67,7 @@ class Field:
 
     def along(self, motion: Motion, neutral: float) -> Floats:
         """(N,) the value at each sample of a motion: that of its stretch of edge, without a map of the
-        nearest, else ``neutral``.
-        """
+        nearest, else ``neutral``."""
         if not len(self):
             return np.full(len(motion), neutral)
         if (motion.edge < 0).all():

@@ -13,8 +13,7 @@ def follow(
     capacity_ah: float, peukert: float, rated_current: float,
 ) -> tuple[Floats, Floats, Floats, NDArray[np.bool_], NDArray[np.bool_]]:  # fmt: skip
     """Charge, voltage, current, collapse and emptiness after each of (N,) samples;
-    see :mod:`fleetlog.physics.battery`.
-    """
+    see :mod:`fleetlog.physics.battery`."""
     n = len(power)
     charge, voltage, current = np.empty(n), np.empty(n), np.empty(n)
     collapsed, empty = np.zeros(n, np.bool_), np.zeros(n, np.bool_)

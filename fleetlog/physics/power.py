@@ -184,8 +184,7 @@ def battery_power(motion: Motion, physics: Physics) -> Floats:
 
 def allowed_speed(motion: Motion, physics: Physics) -> Floats:
     """(N,) highest speed [m/s] where ``motion.speed`` is what road and truck allow;
-    the lowest of all terms of speed.
-    """
+    the lowest of all terms of speed."""
     return np.asarray(np.min([motion.speed, *_evaluate(motion, physics.fleet, "speed").values()], axis=0))
 
 

@@ -16,10 +16,8 @@ Values = Mapping[str, float | Floats]
 
 Function = Callable[[Motion, Truck, Values], Floats]
 
-GRAVITY = 9.81
-"""Standard acceleration of free fall, rounded as the nominal model states it [m/s2]."""
-AIR_DENSITY = 1.2
-"""Of the air at 20 degC and 1013 hPa, rounded as the nominal model states it [kg/m3]."""
+GRAVITY = 9.81  # Standard acceleration of free fall, rounded as the nominal model states it [m/s2]
+AIR_DENSITY = 1.2  # Of the air at 20 degC and 1013 hPa, rounded as the nominal model states it [kg/m3]
 
 
 @dataclass(frozen=True)
@@ -114,8 +112,7 @@ class Term:
 
     name: str
     acts: Literal["force", "power", "drive", "load", "truck", "loss", "speed", "wait", "traffic", "sensor"]
-    statement: str
-    """What it is, for a fleet engineer; a clause without a full stop."""
+    statement: str  # What it is, for a fleet engineer; a clause without a full stop
     parameters: tuple[Parameter, ...] = ()
     function: Function | None = None
     nominal: bool = False
@@ -123,8 +120,7 @@ class Term:
     odd: bool = False
     one_way: bool = False
     vector: bool = False
-    depends_on: tuple[str, ...] = ()
-    """The state variables that a mismatch follows where this term is missing."""
+    depends_on: tuple[str, ...] = ()  # The state variables that a mismatch follows where this term is missing
     sentence: str = ""
     """The finding in one sentence: a format string over the parameters by name (each with ``value``, ``low``,
     ``high`` and ``nominal``) and ``where``.  Empty: made from ``statement``."""
@@ -132,14 +128,10 @@ class Term:
     """Name under which the largest value of a field is reported; empty: that of its first parameter."""
     fault: Literal["", "clock", "mean", "scale"] = ""
     """Of a sensor term, how the fault is measured:
-    by the clock of power, as a mean over time, by the scale of speed.
-    """
-    told: bool = True
-    """Whether it can be a finding; else it is only a tolerance of the truck file."""
-    needs: str = ""
-    """What recording shows this effect apart from others; an imperative clause."""
-    advice: str = ""
-    """What to do about it in the plant; imperative, without a full stop."""
+    by the clock of power, as a mean over time, by the scale of speed."""
+    told: bool = True  # Whether it can be a finding; else it is only a tolerance of the truck file
+    needs: str = ""  # What recording shows this effect apart from others; an imperative clause
+    advice: str = ""  # What to do about it in the plant; imperative, without a full stop
 
     @cached_property
     def by_name(self) -> dict[str, Parameter]:

@@ -10,10 +10,8 @@ from fleetlog.report.facts import Facts
 from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP
 
-STEP = 60_000_000
-"""Of the curves [us]."""
-FEW = 8
-"""More curves than this are drawn as lowest, median and highest of the fleet."""
+STEP = 60_000_000  # Of the curves [us]
+FEW = 8  # More curves than this are drawn as lowest, median and highest of the fleet
 CHARGE = (
     "truck=vehicle_id; at the start=first %; lowest=lowest %; at the end=last %; times charged=visits .0f; "
     "hours charged=hours .2f"

@@ -23,8 +23,7 @@ class Table:
     rows: list[list[str]]
     right: list[bool]
     caption: str = ""
-    more: int = 0
-    """Rows that are left out here, and are in the tables."""
+    more: int = 0  # Rows that are left out here, and are in the tables
 
 
 @dataclass(frozen=True)

@@ -32,10 +32,8 @@ from fleetlog.store import Dataset
 from fleetlog.store.events import read_table
 from fleetlog.store.trips import MIN_LOAD_CHANGE
 
-SHORTEST_TRIP = 5.0
-"""A shorter trip is shunting [m]."""
-MOST_CELLS = 400
-"""Of the heat map, along its longer side."""
+SHORTEST_TRIP = 5.0  # A shorter trip is shunting [m]
+MOST_CELLS = 400  # Of the heat map, along its longer side
 Ledger = pd.DataFrame
 
 
@@ -51,10 +49,8 @@ class Facts:
     results: dict[str, Result] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
     ledger: Ledger = field(default_factory=pd.DataFrame)
-    energy_from: dict[str, str] = field(default_factory=dict)
-    """By truck: where its energy comes from."""
-    left_out: list[str] | None = None
-    """What the diagnosis says of it, where there was one."""
+    energy_from: dict[str, str] = field(default_factory=dict)  # By truck: where its energy comes from
+    left_out: list[str] | None = None  # What the diagnosis says of it, where there was one
 
     @property
     def site(self) -> Site:

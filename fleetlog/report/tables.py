@@ -13,8 +13,7 @@ from fleetlog.store.output import atomic_output
 
 TEXT_ONLY = {"strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False}
 """A text that begins with = is a text."""
-MOST_ROWS = 1_000_000
-"""A sheet holds no more."""
+MOST_ROWS = 1_000_000  # A sheet holds no more
 
 
 @contextmanager

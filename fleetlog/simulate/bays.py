@@ -12,10 +12,8 @@ from fleetlog.simulate.doors import SHARES, Bay, Door, Stand, door_beside, oppos
 from fleetlog.simulate.junctions import Junctions, half_box
 from fleetlog.simulate.track import SPACING, Track, arc, even, moved
 
-OFF_ROADS = 15.0
-"""A place farther than this from every road is not on the site [m]."""
-REACH = 25.0
-"""A bay is drawn at most this far along the road from its place [m]."""
+OFF_ROADS = 15.0  # A place farther than this from every road is not on the site [m]
+REACH = 25.0  # A bay is drawn at most this far along the road from its place [m]
 STEP = 0.5
 
 
@@ -52,8 +50,7 @@ class BayMaker:
 
     def place(self, place: Place) -> Bay | None:
         """Where recorded trucks stood along the road; else a bay on the nearest free ground, rather one that
-        both lanes of its road lead to; or None.
-        """
+        both lanes of its road lead to; or None."""
         stand = self.stands.get(place.id)
         if stand is not None:
             near = self.lanes_near(stand.x, stand.y)

@@ -16,11 +16,9 @@ from fleetlog.simulate.ways import recorded_turns, with_turns
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.trips import MIN_LOAD_CHANGE
 
-JITTER = 120.0
-"""A drawn task comes this much earlier or later than the recorded one at most [s]."""
+JITTER = 120.0  # A drawn task comes this much earlier or later than the recorded one at most [s]
 DAY = 86_400.0
-NEARBY = 3600.0
-"""What was done within this time of day is drawn first [s]."""
+NEARBY = 3600.0  # What was done within this time of day is drawn first [s]
 
 
 def carried(stands: Stands, cluster: Ints, names: list[str]) -> list[Task]:

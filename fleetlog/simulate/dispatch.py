@@ -11,12 +11,9 @@ from fleetlog.simulate.state import DROP_PLACE, PICK_PLACE, Fleet, Mode, creep_s
 from fleetlog.simulate.tasks import ENGAGE, Demand, Task, TaskBook, TaskStream, Visit
 from fleetlog.simulate.world import World
 
-YIELD = 5.0
-"""A truck that waits this long for a place asks whoever stands idle there to leave [s]."""
-ASIDE = 30.0
-"""A truck that waits this long for a place, where another wants to be, makes room itself [s]."""
-DUE = 50
-"""Due tasks that a truck looks at."""
+YIELD = 5.0  # A truck that waits this long for a place asks whoever stands idle there to leave [s]
+ASIDE = 30.0  # A truck that waits this long for a place, where another wants to be, makes room itself [s]
+DUE = 50  # Due tasks that a truck looks at
 
 
 def spur_times(world: World) -> Floats:

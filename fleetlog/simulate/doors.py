@@ -21,16 +21,11 @@ from fleetlog.simulate.track import SPACING, Track, even, joined, moved
 
 SHARES = (1.0, 0.7, 0.5)
 """Of the turn radius that the way into a bay is tried with, in this order; a truck creeps in there."""
-EDGE = 0.25
-"""Kept to the ends of a lane without a safe part [m]."""
-DEEPEST = 25.0
-"""A bay farther than this from the opposite lane has no way from there [m]."""
-ALONG = 0.7
-"""A truck that stops within this of the direction of the road stands along it [rad]."""
-BESIDE = 6.0
-"""A spot along the road is at most this far from a lane [m]."""
-LENGTH = 0.01
-"""Of a spur to where a truck stands on the road [m]."""
+EDGE = 0.25  # Kept to the ends of a lane without a safe part [m]
+DEEPEST = 25.0  # A bay farther than this from the opposite lane has no way from there [m]
+ALONG = 0.7  # A truck that stops within this of the direction of the road stands along it [rad]
+BESIDE = 6.0  # A spot along the road is at most this far from a lane [m]
+LENGTH = 0.01  # Of a spur to where a truck stands on the road [m]
 
 
 @dataclass(frozen=True)
@@ -60,8 +55,7 @@ class Bay(NamedTuple):
 
     place: Place
     door: Door
-    turns: bool = True
-    """Whether trucks turn round there, if they can."""
+    turns: bool = True  # Whether trucks turn round there, if they can
 
 
 def span(track: Track, j: Junctions, lane: int) -> tuple[float, float]:

@@ -15,18 +15,14 @@ from fleetlog.simulate.state import DRIVER, PLAN
 from fleetlog.simulate.track import SWING, Track, build_track
 from fleetlog.store.dataset import Dataset
 
-LEAST = 30.0
-"""Seconds of cruising, of speeding up, of braking, of turning that tell what a driver does there."""
-STEADY, CHANGES = 0.08, 0.15
-"""Below the first a truck keeps its speed, above the second it changes it [m/s2]."""
+LEAST = 30.0  # Seconds of cruising, of speeding up, of braking, of turning that tell what a driver does there
+STEADY, CHANGES = 0.08, 0.15  # Below the first a truck keeps its speed, above the second it changes it [m/s2]
 STRAIGHT, TURNS = 0.03, 0.1
 """Below the first curvature a road is straight, above the second a truck turns [1/m]."""
 NEAR, FEW = 2.0, 10
 """A truck is slowest within so many seconds of where it goes over to the next edge; turns that are enough."""
-SHARE = 0.6
-"""A little above the middle: rows once a second round off the highest values."""
-MOST = 16
-"""Drivers that are told apart; of more, neighbours in speed are one."""
+SHARE = 0.6  # A little above the middle: rows once a second round off the highest values
+MOST = 16  # Drivers that are told apart; of more, neighbours in speed are one
 
 
 def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[Truck, ...]:

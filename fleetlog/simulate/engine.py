@@ -25,12 +25,10 @@ from fleetlog.store.writer import DatasetWriter
 
 DEFAULT_START = 1_767_592_800_000_000
 """2026-01-05 06:00 UTC, a Monday: fixed, so that the same seed gives the same bytes [us]."""
-LONGEST = 2048
-"""Pieces in a route."""
+LONGEST = 2048  # Pieces in a route
 TOGETHER = 128
 """Trucks whose power is worked out at once: arrays that stay in the processor's cache take half the time."""
-BATCH = 10.0
-"""Power is worked out for so many seconds at once [s]."""
+BATCH = 10.0  # Power is worked out for so many seconds at once [s]
 IN_TRAFFIC = np.isin(np.arange(Mode.EMPTY + 1), (Mode.DRIVING, Mode.AT_BAY, Mode.WANTS_OUT))
 """By activity: a truck that stands meanwhile waits for others."""
 Progress = Callable[[float, float], None]

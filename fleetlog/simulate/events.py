@@ -13,8 +13,7 @@ from fleetlog.store.events import ACTIVITIES, WAYS, Columns, Lines
 from fleetlog.store.writer import DatasetWriter
 
 NAMES, KINDS = tuple(ACTIVITIES), tuple(WAYS)
-KEPT = 300
-"""Seconds whose changes are kept before they are written."""
+KEPT = 300  # Seconds whose changes are kept before they are written
 
 
 class EventLog:

@@ -26,10 +26,8 @@ MEASURES = {
     "energy_per_task_wh": "energy per task done [Wh]",
 }  # fmt: skip
 """What is drawn and compared, and how it is called."""
-MOST = 10_000
-"""Variants of an experiment; a number of trucks, plugs or places is below a hundred thousand."""
-NONE = "none"
-"""The value of a factor that leaves the scenario as it is."""
+MOST = 10_000  # Variants of an experiment; a number of trucks, plugs or places is below a hundred thousand
+NONE = "none"  # The value of a factor that leaves the scenario as it is
 
 
 @dataclass(frozen=True)

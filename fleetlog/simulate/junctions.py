@@ -15,16 +15,11 @@ from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.track import Track
 
-MARGIN = 0.15
-"""Kept free round every truck [m]."""
-GAP = 1.0
-"""Between standing trucks, bumper to bumper [m]."""
-STOP = 0.05
-"""A truck that waits keeps this far from the end of its lane [m]."""
-START = 0.2
-"""At the very start of a lane a truck would have to stop before it is on it [m]."""
-BEND = 0.02
-"""A connector that bends more than this takes one truck at a time [1/m]."""
+MARGIN = 0.15  # Kept free round every truck [m]
+GAP = 1.0  # Between standing trucks, bumper to bumper [m]
+STOP = 0.05  # A truck that waits keeps this far from the end of its lane [m]
+START = 0.2  # At the very start of a lane a truck would have to stop before it is on it [m]
+BEND = 0.02  # A connector that bends more than this takes one truck at a time [1/m]
 
 
 @dataclass(frozen=True)

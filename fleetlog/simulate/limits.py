@@ -11,8 +11,7 @@ from fleetlog.simulate.watch import Count
 
 MATERIAL = 0.1
 """Places, chargers or traffic limit a fleet that spends more than this share of its time waiting for them."""
-BUSY = 0.85
-"""Trucks limit a fleet that has work for more than this share of its time."""
+BUSY = 0.85  # Trucks limit a fleet that has work for more than this share of its time
 PLACES = {"pick places": PICK_PLACE, "drop places": DROP_PLACE, "chargers": CHARGER}
 KIND_OF = {"pick places": "pick", "drop places": "drop", "chargers": "charge"}
 
@@ -21,16 +20,11 @@ KIND_OF = {"pick places": "pick", "drop places": "drop", "chargers": "charge"}
 class Resource:
     """Something that trucks, or tasks, wait for."""
 
-    kind: str
-    """trucks, pick places, drop places, chargers or junctions."""
-    count: int
-    """Trucks, bays, plugs, or junctions."""
-    name: str | None
-    """The place or node that is waited for most; None where nobody waits."""
-    utilisation: float
-    """Share of the time for which the named one is taken, or all where none is named."""
-    queue: float
-    """Trucks (for trucks: tasks) that wait on average because of it."""
+    kind: str  # trucks, pick places, drop places, chargers or junctions
+    count: int  # Trucks, bays, plugs, or junctions
+    name: str | None  # The place or node that is waited for most; None where nobody waits
+    utilisation: float  # Share of the time for which the named one is taken, or all where none is named
+    queue: float  # Trucks (for trucks: tasks) that wait on average because of it
 
 
 @dataclass(frozen=True)
@@ -39,8 +33,7 @@ class Limits:
 
     bottleneck: Resource | None
     resources: tuple[Resource, ...]
-    waiting_s: dict[str, float]
-    """Truck seconds by cause: traffic, pick places, drop places, chargers."""
+    waiting_s: dict[str, float]  # Truck seconds by cause: traffic, pick places, drop places, chargers
     task_wait_s: dict[str, float]
     """Mean, p95 and longest time from when a task may be done until a truck takes it, or the end [s]."""
 
@@ -147,8 +140,7 @@ class Summary:
     soc_lowest: float
     soc_mean: float
     limits: Limits
-    longest_wait_s: float
-    """Longest time that a truck which wanted to move stood on end."""
+    longest_wait_s: float  # Longest time that a truck which wanted to move stood on end
     notes: list[str]
     one_more: dict[str, Any] = field(default_factory=dict)
     """What one more of what limits brings; empty where that was not simulated."""

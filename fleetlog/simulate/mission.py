@@ -25,14 +25,10 @@ from fleetlog.store.dataset import Dataset
 from fleetlog.store.writer import DatasetWriter
 
 Progress = Callable[[float, float], None]
-WINDOW = 60.0
-"""Who would be at a place so much later than another does not meet it there [s]."""
-CLOSE = 6
-"""Touching nodes of two trucks so many nodes apart are one meeting."""
-AFTER = 6.0
-"""A truck that set off at most so long after the way ahead became free had stood for that [s]."""
-REACH = 12.0
-"""How far ahead of a standing truck that is looked for [m]."""
+WINDOW = 60.0  # Who would be at a place so much later than another does not meet it there [s]
+CLOSE = 6  # Touching nodes of two trucks so many nodes apart are one meeting
+AFTER = 6.0  # A truck that set off at most so long after the way ahead became free had stood for that [s]
+REACH = 12.0  # How far ahead of a standing truck that is looked for [m]
 
 
 @dataclass
@@ -45,12 +41,10 @@ class MissionSummary:
     distance_ratio: float
     duration_ratio: float
     energy_ratio: float
-    own_path: int
-    """Trips off the roads, which follow their recorded positions."""
+    own_path: int  # Trips off the roads, which follow their recorded positions
     lost_share: float | None = None
     """Of the travel time, lost to other trucks; None where each drives by itself."""
-    let_past: int | None = None
-    """How often a truck was let past another, as each waited for the other."""
+    let_past: int | None = None  # How often a truck was let past another, as each waited for the other
 
 
 def replay(

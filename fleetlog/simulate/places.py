@@ -20,20 +20,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 COLUMNS = ("x", "y", "speed", "payload", "soc", "fork_height")
-MIN_DWELL = 8.0
-"""A shorter standstill is a wait on the way, unless the load changes [s]."""
-CELL = 2.0
-"""Stands in the same or in touching cells of this size belong to one place [m]."""
+MIN_DWELL = 8.0  # A shorter standstill is a wait on the way, unless the load changes [s]
+CELL = 2.0  # Stands in the same or in touching cells of this size belong to one place [m]
 MOVED, MOTION = 1.5, 50
 """Direction of motion before and after a stop is that of so many metres, within so many rows."""
-MIN_VISITS = 3
-"""A place was visited this often at least."""
-MIN_CHARGE = 0.005
-"""A state of charge that rises by more than this at a stand was charged."""
-KNOWN = 6.0
-"""A mined place this close to one of the site is that one [m]."""
-MAJORITY = 0.3
-"""A place where loads (or charge) change in more than this share of the visits is one for that."""
+MIN_VISITS = 3  # A place was visited this often at least
+MIN_CHARGE = 0.005  # A state of charge that rises by more than this at a stand was charged
+KNOWN = 6.0  # A mined place this close to one of the site is that one [m]
+MAJORITY = 0.3  # A place where loads (or charge) change in more than this share of the visits is one for that
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,10 @@ from fleetlog.simulate.state import Log, Mode
 from fleetlog.simulate.track import Track
 from fleetlog.store.writer import DatasetWriter
 
-CHARGE_RATE = 0.25
-"""Power of a charger that the site does not state, in battery capacities an hour."""
+CHARGE_RATE = 0.25  # Power of a charger that the site does not state, in battery capacities an hour
 TAPER_FROM = 0.8
 """State of charge from which charging power falls, to a tenth when full: then voltage is constant."""
-ROWS = 8_000_000
-"""Rows that are kept at most before they are written; some 60 bytes each."""
+ROWS = 8_000_000  # Rows that are kept at most before they are written; some 60 bytes each
 DIGITS = {
     "x": 3, "y": 3, "z": 3, "heading": 5, "speed": 4, "edge_offset": 3, "lateral_offset": 3, "payload": 1,
     "fork_height": 3, "battery_power": 2, "battery_voltage": 3, "battery_current": 3, "soc": 8,
@@ -31,10 +29,8 @@ DIGITS = {
 MEANS = ("battery_power", "battery_voltage", "battery_current")
 """Columns of which a row has the mean over the time around it."""
 NULL = int(np.iinfo(np.int32).min)
-TOGETHER = 16
-"""Trucks that are written at once, where there are as many."""
-BEHIND = 8
-"""Such groups that may wait to be written; the fleet waits when there are more."""
+TOGETHER = 16  # Trucks that are written at once, where there are as many
+BEHIND = 8  # Such groups that may wait to be written; the fleet waits when there are more
 
 
 class Energy(NamedTuple):
@@ -89,8 +85,7 @@ class Meter:
     temperature: float = 20.0
     battery: BatteryModel | None = None
     limit: float = np.inf
-    share: float = 1.0
-    """Of its power that each charger gives now."""
+    share: float = 1.0  # Of its power that each charger gives now
 
     def share_site_power(self, mode: Modes, bay: Index) -> None:
         """What each charger may give of its power, so that all together keep to the limit of the site."""

@@ -20,12 +20,9 @@ from fleetlog.simulate.state import creep_speed
 from fleetlog.store.trips import MAX_GAP
 from fleetlog.store.writer import DatasetWriter
 
-FINE = 0.1
-"""Length of the steps that power is worked out in [s]."""
-MOST = 100_000_000
-"""Rows of one truck between two of its trips."""
-ROUNDED = 9
-"""Nodes over which a truck goes from one lane over to the next."""
+FINE = 0.1  # Length of the steps that power is worked out in [s]
+MOST = 100_000_000  # Rows of one truck between two of its trips
+ROUNDED = 9  # Nodes over which a truck goes from one lane over to the next
 
 
 @dataclass

@@ -18,18 +18,14 @@ from fleetlog.simulate.arrays import Flags, Floats, Index, Ints, Modes
 
 class Mode(IntEnum):
     """What a truck does: it stands in a bay, works there, waits to leave it, backs out, drives, waits on the
-    road before its bay, goes in, charges, or stands with an empty battery.
-    """
+    road before its bay, goes in, charges, or stands with an empty battery."""
 
     PARKED, HANDLING, WANTS_OUT, LEAVING, DRIVING, AT_BAY, ENTERING, CHARGING, EMPTY = range(9)
 
 
-PICK_PLACE, DROP_PLACE, CHARGER = 1, 2, 3
-"""What a truck that stands in a bay waits for; 0: nothing."""
-PLAN = 0.9
-"""Share of its braking that a truck plans with."""
-STANDS = 0.05
-"""Slower than this a truck in traffic stands, and waits [m/s]."""
+PICK_PLACE, DROP_PLACE, CHARGER = 1, 2, 3  # What a truck that stands in a bay waits for; 0: nothing
+PLAN = 0.9  # Share of its braking that a truck plans with
+STANDS = 0.05  # Slower than this a truck in traffic stands, and waits [m/s]
 
 
 class Roads(NamedTuple):
@@ -42,10 +38,8 @@ class Roads(NamedTuple):
     cap: Floats
     """(2 K, S) highest speed of truck k without (row 2 k) and with a load (2 k + 1), braking ahead of every
     bend included [m/s]."""
-    walk_at: Floats
-    """(E,) where trucks stop when people cross the lane [m]; inf: nobody does."""
-    run_in: Floats
-    """(E,) metres in which any truck that comes onto a lane can stop."""
+    walk_at: Floats  # (E,) where trucks stop when people cross the lane [m]; inf: nobody does
+    run_in: Floats  # (E,) metres in which any truck that comes onto a lane can stop
     clear: Floats
     stop: Floats
     capacity: Index
@@ -67,21 +61,17 @@ class Limits(NamedTuple):
 
     length: float
     gap: float
-    cap: Index
-    """Row of a truck's speeds in ``Roads.cap``."""
+    cap: Index  # Row of a truck's speeds in ``Roads.cap``
     up: Floats
     down: Floats
-    plan: Floats
-    """Braking that a driver plans with; a little less than he has [m/s2]."""
+    plan: Floats  # Braking that a driver plans with; a little less than he has [m/s2]
     power: Floats
     rolling: Floats
     mass: Floats
-    creep: Floats
-    """On a spur [m/s]."""
+    creep: Floats  # On a spur [m/s]
     raises: Floats
     lowers: Floats
-    patience: float
-    """After this wait [s] a truck asks others for room."""
+    patience: float  # After this wait [s] a truck asks others for room
 
 
 class Fleet(NamedTuple):
@@ -93,10 +83,8 @@ class Fleet(NamedTuple):
     v: Floats
     a: Floats
     spur: Floats
-    door: Index
-    """Of its bay while it stands there, then the one that it goes to."""
-    goal: Index
-    """Door that it goes to when it has left its bay."""
+    door: Index  # Of its bay while it stands there, then the one that it goes to
+    goal: Index  # Door that it goes to when it has left its bay
     route: Index
     at: Index
     last: Index
@@ -122,24 +110,17 @@ class Fleet(NamedTuple):
     on: Index
     inbound: Index
     last_out: Index
-    asks: Index
-    """(E,) the truck for which others stop on a lane, -1: none."""
-    ask_at: Floats
-    """(E,) where they stop for it [m]."""
-    crossed: Index
-    """(E,) the truck that crosses a lane on its way into a bay or out of it, -1: none."""
-    walked: Flags
-    """(E,) whether people cross a lane now."""
-    entry: Flags
-    """Whether a truck on the road has the ground of its bay reserved."""
+    asks: Index  # (E,) the truck for which others stop on a lane, -1: none
+    ask_at: Floats  # (E,) where they stop for it [m]
+    crossed: Index  # (E,) the truck that crosses a lane on its way into a bay or out of it, -1: none
+    walked: Flags  # (E,) whether people cross a lane now
+    entry: Flags  # Whether a truck on the road has the ground of its bay reserved
     held: Index
     claimed: Ints
     round: Ints
-    why: Modes
-    """Why a truck waits: 0 does not, 1 others are in the way, 2 no room behind the junction."""
+    why: Modes  # Why a truck waits: 0 does not, 1 others are in the way, 2 no room behind the junction
     moved: Floats
-    line: Index
-    """Those who ask for a reservation, longest wait first."""
+    line: Index  # Those who ask for a reservation, longest wait first
 
 
 class Log(NamedTuple):

@@ -21,12 +21,9 @@ from fleetlog.simulate.doors import Stand
 from fleetlog.store.events import Columns
 
 COLUMNS = ("vehicle", "from", "to", "payload", "earliest")
-HEIGHTS = (0.3, 1.2, 2.4, 3.6)
-"""Of shelves that loads are taken from and set down on [m]."""
-ENGAGE = 6.0
-"""To drive the forks under a load or out of it [s]."""
-NONE = -1.0
-"""A time that has not come [s after the start]."""
+HEIGHTS = (0.3, 1.2, 2.4, 3.6)  # Of shelves that loads are taken from and set down on [m]
+ENGAGE = 6.0  # To drive the forks under a load or out of it [s]
+NONE = -1.0  # A time that has not come [s after the start]
 LATER, LEFT_OUT = "later", "left out"
 
 
@@ -77,8 +74,7 @@ class Demand:
 
     given: list[Task] = field(default_factory=list)
     endless: bool = True
-    pause: float = 20.0
-    """Mean time between two endless tasks of a truck [s]."""
+    pause: float = 20.0  # Mean time between two endless tasks of a truck [s]
     visits: tuple[Visit, ...] = ()
     """Of a recorded fleet: each truck goes on as recorded ones did, and nothing else is asked of it."""
     stands: Mapping[str, Stand] = field(default_factory=dict)

@@ -16,18 +16,12 @@ from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 
 BOW = 0.1
 """A gentle kink is rounded as widely as it can be while the curve stays this close to the corner [m]."""
-FINE = 0.1
-"""Length of the chords that stand for a curve [m]."""
-SPACING = 0.5
-"""Between samples, at most [m]."""
-DEFAULT_WIDTH = 4.0
-"""Of a two-way road whose width the map does not give [m]."""
-CLEARANCE = 0.5
-"""Two trucks pass on a road that is this much wider than each of them [m]."""
-SWING = 1.8
-"""After a turn by more than this a truck may be beside the lane that it came from [rad]."""
-WIDEST_SHIFT = 1.5
-"""A lane is never farther than this from the centre line [m]."""
+FINE = 0.1  # Length of the chords that stand for a curve [m]
+SPACING = 0.5  # Between samples, at most [m]
+DEFAULT_WIDTH = 4.0  # Of a two-way road whose width the map does not give [m]
+CLEARANCE = 0.5  # Two trucks pass on a road that is this much wider than each of them [m]
+SWING = 1.8  # After a turn by more than this a truck may be beside the lane that it came from [rad]
+WIDEST_SHIFT = 1.5  # A lane is never farther than this from the centre line [m]
 
 
 def shifted(points: Floats, left: float) -> Floats:

@@ -13,16 +13,12 @@ from fleetlog.simulate.state import Fleet, Mode, Roads
 from fleetlog.simulate.ways import Itinerary
 from fleetlog.simulate.world import World
 
-NEAR = 8.0
-"""A truck this close on a lane can be in the way of one that comes out onto it [m]."""
+NEAR = 8.0  # A truck this close on a lane can be in the way of one that comes out onto it [m]
 STUCK = 30.0
 """Trucks that want to move and have not for so long are looked at: do they wait for one another? [s]"""
-PASS = 20.0
-"""After this wait a truck that cannot turn into its bay drives on to another door [s]."""
-CHANGE = 40.0
-"""After this wait a truck that cannot back out of its bay tries the other door [s]."""
-DETOUR = 45.0
-"""After this wait a truck tries another way [s]."""
+PASS = 20.0  # After this wait a truck that cannot turn into its bay drives on to another door [s]
+CHANGE = 40.0  # After this wait a truck that cannot back out of its bay tries the other door [s]
+DETOUR = 45.0  # After this wait a truck tries another way [s]
 
 
 class Watch:

@@ -24,10 +24,8 @@ NODE, SEEN = 20.0, 2
 """Who changes to the opposite edge within so many metres of its node turns round there, if seen so often."""
 TURN_REACH = 30.0
 """A truck turns round at the open end of a lane onto lanes that begin at most this far away [m]."""
-CROSSING = 3.0
-"""What crossing a lane on the way into a bay or out of it costs in choosing a way [s]."""
-AHEAD = 0.5
-"""A door this much farther along the lane can be reached without a way round [m]."""
+CROSSING = 3.0  # What crossing a lane on the way into a bay or out of it costs in choosing a way [s]
+AHEAD = 0.5  # A door this much farther along the lane can be reached without a way round [m]
 
 
 def parts(network: Network) -> Ints:

@@ -1,6 +1,5 @@
 """Everything that stays put in a simulation: lanes, junctions, bays, speed caps, ways between bays;
-and when people cross the roads.
-"""
+and when people cross the roads."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -23,10 +22,8 @@ from fleetlog.simulate.state import PLAN, Roads, Trucks, creep_speed
 from fleetlog.simulate.track import Track, assemble, build_track
 from fleetlog.simulate.ways import Ways, with_loops
 
-SHORT = 0.5
-"""Trucks stop this far before a zone that people cross [m]."""
-TURN_TIME = 3.0
-"""What a half turn costs in choosing a route [s]."""
+SHORT = 0.5  # Trucks stop this far before a zone that people cross [m]
+TURN_TIME = 3.0  # What a half turn costs in choosing a route [s]
 
 
 @dataclass
@@ -41,14 +38,12 @@ class World:
     truck: Truck
     physics: list[Physics]
     track: Track
-    ground: Track
-    """The track with the spurs behind it: piece len(track) + d is the spur of door d."""
+    ground: Track  # The track with the spurs behind it: piece len(track) + d is the spur of door d
     bays: list[Bay]
     doors: list[Door]
     roads: Roads
     ways: Ways
-    walks: Floats
-    """(Z, E) where trucks stop before each zone that people cross [m]; inf: nowhere."""
+    walks: Floats  # (Z, E) where trucks stop before each zone that people cross [m]; inf: nowhere
     notes: list[str] = field(default_factory=list)
 
     @property

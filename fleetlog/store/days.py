@@ -11,8 +11,7 @@ from fleetlog.store.dataset import Dataset
 from fleetlog.store.partials import Partials, partials_of
 
 P = TypeVar("P")
-ROW_COST = 1e-6
-"""What a row costs a question, where it does not say otherwise [s]."""
+ROW_COST = 1e-6  # What a row costs a question, where it does not say otherwise [s]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ import numpy as np
 
 from fleetlog.version import __version__
 
-ENGINE = ("--workers", "--scheduler")
-"""Options that say where jobs run: no result depends on them."""
+ENGINE = ("--workers", "--scheduler")  # Options that say where jobs run: no result depends on them
 
 
 def plain(value: Any) -> Any:

@@ -36,8 +36,7 @@ class Lines(NamedTuple):
 
 Columns = Mapping[str, NDArray[Any] | Labels | Lines]
 """Of some rows: numbers, times [us] and -1 for null, labels, or polylines."""
-KEPT = 1 << 17
-"""Rows of a table that are kept before they are written."""
+KEPT = 1 << 17  # Rows of a table that are kept before they are written
 
 TABLES: dict[Name, tuple[Column, ...]] = {
     "tasks": (

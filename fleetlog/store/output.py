@@ -22,13 +22,11 @@ from fleetlog.store.documents import digest, write_json
 
 MARK = ".fleetlog"
 """In a folder: its kind and the names written into it.  ``.NAME.fleetlog`` beside a file: kind and digest."""
-PARTIALS = ".partials"
-"""In a dataset: partial results of questions asked of it."""
+PARTIALS = ".partials"  # In a dataset: partial results of questions asked of it
 REMADE = frozenset({MARK, "recording.rrd", ".recording.rrd.partial", PARTIALS})
 """Names in an output that fleetlog may add later."""
 NOREPLACE, EXCHANGE = 1, 2
-_held: set[int] = set()
-"""Descriptors of the locks of this process."""
+_held: set[int] = set()  # Descriptors of the locks of this process
 AT_FDCWD = -100
 NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
 

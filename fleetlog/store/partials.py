@@ -26,12 +26,9 @@ from fleetlog.store.dataset import Dataset
 from fleetlog.store.output import PARTIALS
 from fleetlog.store.places import is_url
 
-QUESTIONS = 12
-"""So many questions are kept; of more, those that were asked longest ago go."""
-LEVEL = 1
-"""Of zlib: most of a partial result are small numbers and zeros."""
-FROM_ROWS = 200_000
-"""A smaller dataset is read again as fast as its partial results would be."""
+QUESTIONS = 12  # So many questions are kept; of more, those that were asked longest ago go
+LEVEL = 1  # Of zlib: most of a partial result are small numbers and zeros
+FROM_ROWS = 200_000  # A smaller dataset is read again as fast as its partial results would be
 
 
 @dataclasses.dataclass(frozen=True)

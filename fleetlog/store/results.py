@@ -20,8 +20,7 @@ from fleetlog.store.geotiff import write_geotiff
 if TYPE_CHECKING:
     import pandas as pd
 
-MOST_GEOJSON = 20_000
-"""Cells beyond which no GeoJSON is written: Parquet is what larger maps are read from."""
+MOST_GEOJSON = 20_000  # Cells beyond which no GeoJSON is written: Parquet is what larger maps are read from
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) / 2.0
 _WKB = np.dtype(
     [("order", "u1"), ("kind", "<u4"), ("rings", "<u4"), ("points", "<u4"), ("xy", "<f8", (5, 2))]

@@ -12,8 +12,7 @@ from fleetlog.core.network import Network
 from fleetlog.core.site import Building, Frame, Place, Site, Zone
 from fleetlog.store.documents import plain, write_json
 
-NOWHERE = Frame(0.0, 0.0)
-"""The frame of a site of unknown place: GeoJSON knows degrees only."""
+NOWHERE = Frame(0.0, 0.0)  # The frame of a site of unknown place: GeoJSON knows degrees only
 
 
 def write_site(site: Site, folder: Path, more: Mapping[str, Mapping[str, Any]] | None = None) -> None:

@@ -13,14 +13,10 @@ from fleetlog.core.trajectory import Trajectory
 if TYPE_CHECKING:
     import pandas as pd
 
-STANDING_SPEED = 0.2
-"""Below this a truck stands [m/s]."""
-MIN_STOP = 15.0
-"""A shorter standstill does not end a trip: it is a wait on the way [s]."""
-MAX_GAP = 60.0
-"""A longer silence of the log ends a trip [s]."""
-MIN_LOAD_CHANGE = 25.0
-"""A change of payload at a standstill ends a trip, however short the stop [kg]."""
+STANDING_SPEED = 0.2  # Below this a truck stands [m/s]
+MIN_STOP = 15.0  # A shorter standstill does not end a trip: it is a wait on the way [s]
+MAX_GAP = 60.0  # A longer silence of the log ends a trip [s]
+MIN_LOAD_CHANGE = 25.0  # A change of payload at a standstill ends a trip, however short the stop [kg]
 
 LAST = ("last_speed", "last_power", "last_payload")
 """Of a piece of a trip, beside its columns: the time to the next piece is driven with them."""

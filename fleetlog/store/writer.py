@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 Kind = Literal["recorded", "simulated"]
 DAY = 86_400_000_000
 ROW_GROUP, BATCH = 1 << 17, 1 << 13
-REPEATED = {"payload", "fork_height", "ambient_temperature"}
-"""Numbers that stay the same for many rows."""
+REPEATED = {"payload", "fork_height", "ambient_temperature"}  # Numbers that stay the same for many rows
 SELECTED = ["timestamp", "x", "y", "edge_id", "trip_id"]
 """Columns by which rows are selected: statistics of all columns would cost a fifth of writing."""
 
@@ -47,14 +46,12 @@ class Written:
     rows: dict[str, int] = field(default_factory=dict)
     first: dict[str, int] = field(default_factory=dict)
     last: dict[str, int] = field(default_factory=dict)
-    columns: dict[str, str] = field(default_factory=dict)
-    """The unit of every column."""
+    columns: dict[str, str] = field(default_factory=dict)  # The unit of every column
     trips: list[dict[str, NDArray[Any]]] = field(default_factory=list)
     """Of rows that were just written; those of a dataset are in its table."""
     next_trip: dict[str, int] = field(default_factory=dict)
     """The first trip id that a vehicle of a dataset has not had."""
-    parts: dict[tuple[str, str], int] = field(default_factory=dict)
-    """Files by vehicle and date."""
+    parts: dict[tuple[str, str], int] = field(default_factory=dict)  # Files by vehicle and date
 
     def add(self, other: Written) -> None:
         """Take in what another writer has written, of other vehicles or later."""

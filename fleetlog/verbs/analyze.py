@@ -75,5 +75,4 @@ class Analyses:
         return f"<fleetlog.analyze: {', '.join(self.lines())}>"
 
 
-analyze = Analyses()
-"""The analyses; see :class:`Analyses`."""
+analyze = Analyses()  # The analyses; see :class:`Analyses`

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from fleetlog.core.network import Network
     from fleetlog.store import Dataset
 
-Described = tuple[dict[str, Any], list[str]]
-"""A summary, and the same as lines for a person."""
+Described = tuple[dict[str, Any], list[str]]  # A summary, and the same as lines for a person
 LISTED = 10
 
 

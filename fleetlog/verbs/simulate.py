@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from fleetlog.simulate.scenario import Scenario
     from fleetlog.store import Dataset, DatasetWriter
 
-Asked = SimpleNamespace
-"""The arguments of :func:`simulate`, converted."""
+Asked = SimpleNamespace  # The arguments of :func:`simulate`, converted
 
 
 @verb(jobs=True, fill=settings_file)

@@ -14,17 +14,12 @@ from fleetlog.core.network import Network
 from fleetlog.core.result import Series
 from fleetlog.core.trajectory import Floats, Ints
 
-BIN = 5.0
-"""Length of road that is counted as one place [m]."""
+BIN = 5.0  # Length of road that is counted as one place [m]
 
-PLACES = 100_000
-"""A place's code is this times the edge, plus the number of the stretch."""
-MARGIN = 10.0
-"""An episode this far outside an area's radius belongs to none [m]."""
-SHOWN, MOST_POINTS = 5, 200_000
-"""Areas with a curve of their own, and points of a curve."""
-SHARE = 0.8
-"""Areas are made of the fewest places that carry this share of the delay."""
+PLACES = 100_000  # A place's code is this times the edge, plus the number of the stretch
+MARGIN = 10.0  # An episode this far outside an area's radius belongs to none [m]
+SHOWN, MOST_POINTS = 5, 200_000  # Areas with a curve of their own, and points of a curve
+SHARE = 0.8  # Areas are made of the fewest places that carry this share of the delay
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,13 @@ from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.store import Dataset
 
-HALT = 1.39
-"""A truck slower than this counts as slow: SUMO's lane-area detector calls it halting [m/s]."""
+HALT = 1.39  # A truck slower than this counts as slow: SUMO's lane-area detector calls it halting [m/s]
 
 
 @dataclass(frozen=True)
 class Rule:
     """What a cluster is: driving distance within which trucks belong together [m], mean speed under which
-    it is critical [m/s], time step [us], and whether trucks that stand by count.
-    """
+    it is critical [m/s], time step [us], and whether trucks that stand by count."""
 
     threshold: float
     limit: float

@@ -13,8 +13,7 @@ import pandas as pd
 from fleetlog.analysis.clusters.crowds import Crowds
 from fleetlog.core.trajectory import Ints
 
-LEAVE = 1.2
-"""A critical cluster stays critical until its mean speed exceeds this multiple of the limit."""
+LEAVE = 1.2  # A critical cluster stays critical until its mean speed exceeds this multiple of the limit
 JACCARD = 0.5
 
 

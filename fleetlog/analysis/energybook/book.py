@@ -17,10 +17,8 @@ from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.power import Physics, battery_power, cell_power, ledger, term_forces
 
 HOUR = 3_600_000_000
-STRETCH = 10.0
-"""Length of the stretches of road that are told apart [m]."""
-BIN = 60_000_000
-"""Step of the power ledger over time [us]."""
+STRETCH = 10.0  # Length of the stretches of road that are told apart [m]
+BIN = 60_000_000  # Step of the power ledger over time [us]
 Columns = dict[str, Any]
 
 

@@ -32,8 +32,7 @@ MAX_CELLS = 25_000_000
 LADEN = 25.0
 
 COLUMNS = ("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payload")
-ROW_COST = 1e-6
-"""What the sums of a row cost [s]."""
+ROW_COST = 1e-6  # What the sums of a row cost [s]
 
 Box = tuple[float, float, float, float]
 
@@ -85,8 +84,7 @@ class HeatMap:
 @dataclass(frozen=True)
 class Patch:
     """The sums of one vehicle-day: (k,) rows and columns of cells, counted from the origin, with their (6, k)
-    sums; the same of stretches.
-    """
+    sums; the same of stretches."""
 
     row: Ints
     column: Ints

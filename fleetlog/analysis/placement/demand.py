@@ -11,8 +11,7 @@ from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP, STANDING_SPEED, runs
 
-ENOUGH_SOC, LEAST_SOC = 0.5, 0.2
-"""Urgency rises from 0 at the first to 1 at the second state of charge."""
+ENOUGH_SOC, LEAST_SOC = 0.5, 0.2  # Urgency rises from 0 at the first to 1 at the second state of charge
 LOAD_CHANGE = 25.0
 COLUMNS = ("edge_id", "edge_offset", "speed", "soc", "payload", "x", "y")
 

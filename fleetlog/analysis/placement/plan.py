@@ -23,8 +23,7 @@ NEXT_BEST = {
 """Where there is no demand of a kind: why, and what is taken in its place."""
 NOTHING = "nothing of the kind in the data"
 VOTE_LENGTH = 30.0
-MAX_LEFT_OUT = 30
-"""So many days or trucks are left out in turn, to see how stable a choice is."""
+MAX_LEFT_OUT = 30  # So many days or trucks are left out in turn, to see how stable a choice is
 
 
 @dataclass(frozen=True)

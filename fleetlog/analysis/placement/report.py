@@ -14,8 +14,7 @@ from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.core.words import count, listed, percent
 
 DRAWS = 200
-MOST = 4
-"""Sites in the first sentence."""
+MOST = 4  # Sites in the first sentence
 
 
 def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:

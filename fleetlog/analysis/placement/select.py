@@ -16,8 +16,7 @@ from fleetlog.core.words import percent
 from fleetlog.errors import DataError
 
 STARTS, MOST_ROUNDS = 10, 10_000
-EXACT_CELLS = 20_000
-"""Up to so many demand-site pairs HiGHS settles the p-median when the bound leaves a gap."""
+EXACT_CELLS = 20_000  # Up to so many demand-site pairs HiGHS settles the p-median when the bound leaves a gap
 CAPACITY_CELLS = 200_000
 PATIENCE = 60.0
 """HiGHS works so long on a p-median with capacities, then its best answer and its gap are taken [s]."""

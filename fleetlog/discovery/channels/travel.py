@@ -27,8 +27,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-FEW = 3
-"""Stops from which on trucks wait at a place."""
+FEW = 3  # Stops from which on trucks wait at a place
 
 GATHERS = 2.0
 """By how much more the profile's error makes up at some places: 6 % at most on clean recordings of three

@@ -1,8 +1,7 @@
 """Short stretches of road, the cells of a field.
 
-Both directions of a road share their stretches, so a field over them has an odd part (slope: opposite in
-the two directions)
-and an even part (floor: the same).  Without a map there are squares instead, see
+Both directions of a road share their stretches, so a field over them has an odd part (slope: opposite in the
+two directions) and an even part (floor: the same).  Without a map there are squares instead, see
 :mod:`fleetlog.discovery.hypotheses.squares`.
 """
 
@@ -17,15 +16,11 @@ from fleetlog.core.network import Network
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
-Part = tuple[Index, Floats]
-"""(N,) number of a field's value, -1 for none, and (N,) its weight."""
+Part = tuple[Index, Floats]  # (N,) number of a field's value, -1 for none, and (N,) its weight
 
-LENGTH = 8.0
-"""Of a stretch, before edges are divided evenly [m]."""
-REACH = 40.0
-"""Distance over which neighbouring stretches of one road resemble each other, in the prior [m]."""
-MOST = 300
-"""More stretches than this are made longer instead: products of their columns are kept by fold."""
+LENGTH = 8.0  # Of a stretch, before edges are divided evenly [m]
+REACH = 40.0  # Distance over which neighbouring stretches of one road resemble each other, in the prior [m]
+MOST = 300  # More stretches than this are made longer instead: products of their columns are kept by fold
 
 
 class Cells(Protocol):
@@ -80,8 +75,7 @@ class Stretches:
     first: Index
     count: Index
     sign: Floats
-    alike: bool = True
-    """Whether neighbours resemble each other."""
+    alike: bool = True  # Whether neighbours resemble each other
     _roots: dict[bool, Floats] = field(default_factory=dict, compare=False)
 
     def __len__(self) -> int:

@@ -19,12 +19,9 @@ from fleetlog.physics.motion import Reconstruction, reconstruct
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-DAY = 86_400_000_000
-"""Microseconds."""
-TRIP = 1_000_000
-"""Trip codes count on from this much of each vehicle."""
-EXACT = ("time", "x", "y")
-"""What of a motion is kept in double precision: it may be far from its origin."""
+DAY = 86_400_000_000  # Microseconds
+TRIP = 1_000_000  # Trip codes count on from this much of each vehicle
+EXACT = ("time", "x", "y")  # What of a motion is kept in double precision: it may be far from its origin
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,8 @@ Days = Sequence[tuple[int, Trajectory]]
 
 FEWEST, MOST = 6, 150
 """Trips that may each have something of their own: fewer say little, more are no longer one column each."""
-LONG = 30.0
-"""Mean seconds of a trip that can be judged by its own parts."""
-RETURN = 10
-"""Windows after which a truck that is at a place again has come back to it."""
+LONG = 30.0  # Mean seconds of a trip that can be judged by its own parts
+RETURN = 10  # Windows after which a truck that is at a place again has come back to it
 
 
 def passed_once(days: Days, window: float) -> bool:

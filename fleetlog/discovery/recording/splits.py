@@ -16,16 +16,11 @@ from fleetlog.discovery.recording.windows import Windows
 Ints = NDArray[np.int64]
 Kind = Literal["trips", "stretches", "vehicles", "days"]
 
-HELD_OUT = -1
-"""Fold number of what nothing but the final scores reads."""
-FEWEST = 20
-"""Trips from which on they are the unit of what is held out: two for each fold."""
-PIECES = 60
-"""Stretches into which a recording of few trips is cut."""
-SLOW = 36
-"""Stretches of time that are the independent samples of what changes over hours."""
-SHORTEST, LONGEST = 3.0, 86400.0
-"""Of a stretch: windows, and seconds."""
+HELD_OUT = -1  # Fold number of what nothing but the final scores reads
+FEWEST = 20  # Trips from which on they are the unit of what is held out: two for each fold
+PIECES = 60  # Stretches into which a recording of few trips is cut
+SLOW = 36  # Stretches of time that are the independent samples of what changes over hours
+SHORTEST, LONGEST = 3.0, 86400.0  # Of a stretch: windows, and seconds
 
 
 @dataclass(frozen=True)
@@ -39,8 +34,7 @@ class Split:
     held_out: float
     seed: int
     test_units: frozenset[int] = frozenset()
-    once: bool = False
-    """Whether pieces are held out that only their neighbours speak for."""
+    once: bool = False  # Whether pieces are held out that only their neighbours speak for
 
     def unit(self, w: Windows) -> Ints:
         """Return the code of what is held out together, (W,)."""

@@ -33,8 +33,7 @@ class Finding:
     parameters: list[Parameter]
     evidence: dict[str, Any]
     fit: dict[str, Any]
-    strength: float = 0.0
-    """Share of the energy (or time) that it makes up, for the order; not written."""
+    strength: float = 0.0  # Share of the energy (or time) that it makes up, for the order; not written
 
 
 @dataclass
@@ -76,8 +75,7 @@ class Verdict:
     channels: list[ChannelFit]
     findings: list[Finding]
     adjustments: list[Adjustment]
-    unexplained: list[str] = field(default_factory=list)
-    """Channels whose error stays above the noise floor."""
+    unexplained: list[str] = field(default_factory=list)  # Channels whose error stays above the noise floor
     notes: list[str] = field(default_factory=list)
 
     @property

@@ -21,10 +21,8 @@ from fleetlog.physics.power import all_terms
 
 Floats = NDArray[np.float64]
 
-CERTAIN = 2.0
-"""A tolerance is stated at this many standard deviations."""
-ALIKE = 0.5
-"""Trucks of a fleet differ by this share of the tolerance of the truck file."""
+CERTAIN = 2.0  # A tolerance is stated at this many standard deviations
+ALIKE = 0.5  # Trucks of a fleet differ by this share of the tolerance of the truck file
 
 
 @dataclass(frozen=True)

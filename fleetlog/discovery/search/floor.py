@@ -2,10 +2,8 @@
 candidate.
 
 Windows that are alike (place, direction, load, pace) differ by noise alone.  Half the mean square of the
-difference of their
-residuals, extrapolated to windows that are alike in everything, is its variance (the gamma test:
-Stefánsson, Končar and
-Jones 1997, doi 10.1007/BF01413858).
+difference of their residuals, extrapolated to windows that are alike in everything, is its variance (the
+gamma test: Stefánsson, Končar and Jones 1997, doi 10.1007/BF01413858).
 """
 
 import numpy as np

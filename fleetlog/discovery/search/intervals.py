@@ -11,8 +11,7 @@ from fleetlog.discovery.search.problem import Problem
 
 Floats = NDArray[np.float64]
 
-NORMAL = 1.959964
-"""Standard errors on either side of which 95 % of a normal variable lies."""
+NORMAL = 1.959964  # Standard errors on either side of which 95 % of a normal variable lies
 
 
 @dataclass(frozen=True)

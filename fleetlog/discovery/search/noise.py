@@ -23,10 +23,8 @@ CLASSES = 12
 FREE = 0.02
 """Ridge of the freest model, as a share of each column's own square: columns for which little speaks stay
 small."""
-HUBER = 4.0
-"""Standard deviations beyond which a window counts less (Huber 1964, doi 10.1214/aoms/1177703732)."""
-MEDIAN = 2.198
-"""The mean square of a normal variable over the median of its square."""
+HUBER = 4.0  # Standard deviations beyond which a window counts less (Huber 1964, doi 10.1214/aoms/1177703732)
+MEDIAN = 2.198  # The mean square of a normal variable over the median of its square
 FEWEST = 5
 EXPONENTS = np.linspace(0.0, 2.0, 9)
 """Of the scatter of rows in the variance of windows: 0 where rows telescope, 2 where they err each by

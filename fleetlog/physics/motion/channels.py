@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Trajectory
 
-LONGEST_HOLD = 60.0
-"""A load is held through a silence of its channel up to this [s]."""
+LONGEST_HOLD = 60.0  # A load is held through a silence of its channel up to this [s]
 
 
 def payload(t: Floats, trajectory: Trajectory) -> Floats:

@@ -9,8 +9,7 @@ from fleetlog.core.trajectory import Floats, Ints
 
 Flags = NDArray[np.bool_]
 
-FINEST = 0.25
-"""Length of a step that resolves a braking truck [s]."""
+FINEST = 0.25  # Length of a step that resolves a braking truck [s]
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,9 @@ from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.physics.motion.reconstruction import Reconstruction
 from fleetlog.physics.power import Physics, allowed_speed
 
-STEP = 0.5
-"""Between the nodes of a leg, at most [m]."""
-BRIEFEST = 0.5
-"""A shorter standstill is the doubt about a slow moment, not a stop [s]."""
-SHORTEST = 0.5
-"""A shorter leg is the doubt about a standstill [m]."""
+STEP = 0.5  # Between the nodes of a leg, at most [m]
+BRIEFEST = 0.5  # A shorter standstill is the doubt about a slow moment, not a stop [s]
+SHORTEST = 0.5  # A shorter leg is the doubt about a standstill [m]
 
 
 @dataclass(frozen=True)
@@ -89,8 +86,7 @@ class SpeedProfile:
 
     def at(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Distance [m], speed [m/s] and acceleration [m/s2] at (M,) times [s] after setting off; at rest
-        outside.
-        """
+        outside."""
         t, leave = np.asarray(time, dtype=np.float64), self.time + self.wait
         i = np.clip(np.searchsorted(leave, t, side="right") - 1, 0, max(len(leave) - 2, 0))
         span = self.time[i + 1] - leave[i]

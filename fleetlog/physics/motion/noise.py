@@ -13,24 +13,18 @@ from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Ints
 
-SAMPLE = 12_000
-"""Rows on which the noise is measured, in up to six runs."""
+SAMPLE = 12_000  # Rows on which the noise is measured, in up to six runs
 PERSISTENCE = 3.0
 """An acceleration lasts as long as a truck takes to gather speed [s]: the jerk is the same at every rate."""
-COARSE = 0.5
-"""Of a denser log so much is enough to see how strong the jerk is [s]."""
+COARSE = 0.5  # Of a denser log so much is enough to see how strong the jerk is [s]
 ROUNDS = 3
 """Of expectation and maximisation for the jerk's strength: a fourth changes no energy by a thousandth."""
-ENCODER = 0.03
-"""Noise of a usual speed channel, 1 % of a truck's speed [m/s]."""
+ENCODER = 0.03  # Noise of a usual speed channel, 1 % of a truck's speed [m/s]
 PATH = 1.0
 """The way through a corner is known to about this [m], whatever the positions: speed knows better ..."""
-SELDOM = 2.0
-"""... where its rows are closer than this [s]."""
-NORMAL_QUARTER = 0.3186
-"""A quarter of normal variables are no larger than this many standard deviations."""
-BENDS = 0.03
-"""A mean speed is off that of the middle of its step by so much a second of it [m/s2]."""
+SELDOM = 2.0  # ... where its rows are closer than this [s].
+NORMAL_QUARTER = 0.3186  # A quarter of normal variables are no larger than this many standard deviations
+BENDS = 0.03  # A mean speed is off that of the middle of its step by so much a second of it [m/s2]
 BOUNDS = {"jerk": (1e-4, 30.0), "position": (0.003, 30.0), "speed": (0.003, 2.0)}
 
 
@@ -182,8 +176,7 @@ def smooth(o: Observed, noise: Noise, jerk: Floats | None = None) -> Smoothed:
 
 def jerk_strength(o: Observed, noise: Noise) -> Floats:
     """(N,) density [m2/s5] of the jerk in the step to a row, the same for all where rows are seconds apart;
-    little in a cruise, much where a truck begins to brake.
-    """
+    little in a cruise, much where a truck begins to brake."""
     from fleetlog.physics.motion.kernels.filter import jerk_scales
 
     if len(o.t) < 2 or np.median(np.diff(o.t)) > SELDOM + COARSE:

@@ -16,14 +16,11 @@ from fleetlog.physics.motion.rows import Rows
 
 Flags = NDArray[np.bool_]
 
-RADIUS = 2.5
-"""Of a corner [m], where no truck says otherwise."""
+RADIUS = 2.5  # Of a corner [m], where no truck says otherwise
 BOW = 0.1
 """A gentle kink is rounded as widely as it can be while the curve stays this close to the corner [m]."""
-STEERING = 0.85
-"""Half the length over which the wheel is turned [m]: curvature is a mean over it."""
-SHARPEST = 3.0
-"""A sharper angle is a turn on the spot, not a bend [rad]."""
+STEERING = 0.85  # Half the length over which the wheel is turned [m]: curvature is a mean over it
+SHARPEST = 3.0  # A sharper angle is a turn on the spot, not a bend [rad]
 MOST_ALONG = 10.0
 """A position farther than this along the edge from its place there does not correct the place [m]."""
 

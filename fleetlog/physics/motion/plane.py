@@ -10,8 +10,7 @@ from fleetlog.physics.motion.rows import Rows
 
 TRACK = 2.5
 """Half the length of track whose turning is taken together [m]: noise of the positions is divided by it."""
-HELD = 0.2
-"""Below this speed noisy positions have no direction: the last one holds [m/s]."""
+HELD = 0.2  # Below this speed noisy positions have no direction: the last one holds [m/s]
 
 
 @dataclass(frozen=True)

@@ -13,22 +13,16 @@ from fleetlog.errors import DataError
 
 Flags = NDArray[np.bool_]
 
-SHORTEST_GAP = 10.0
-"""A silence of this and of five usual intervals ends a stretch [s]."""
+SHORTEST_GAP = 10.0  # A silence of this and of five usual intervals ends a stretch [s]
 STANDING = 0.05
 """Below this the log's speed is a standstill [m/s]: the creep and the noise of a speed sensor at rest."""
 UNSURE_END = 1.5
 """Both ends of a standstill that only positions show are left to the smoother for this long [s]."""
-OFF_LANE = 2.0
-"""Farther than this from the middle of its road, and than its noise, a truck is beside it [m]."""
-CHANGES = 0.2
-"""A change of speed from row to row that shows whether it is a mean [m/s]."""
-LONG = 50.0
-"""A way over which an odometer and the map are compared [m]."""
-LOST = 2.0
-"""So much and four times their noise may positions be off the way by the speed from row to row [m]."""
-MOVED = 0.5
-"""A position that stayed the same while the speed channel drove so far was not measured again [m]."""
+OFF_LANE = 2.0  # Farther than this from the middle of its road, and than its noise, a truck is beside it [m]
+CHANGES = 0.2  # A change of speed from row to row that shows whether it is a mean [m/s]
+LONG = 50.0  # A way over which an odometer and the map are compared [m]
+LOST = 2.0  # So much and four times their noise may positions be off the way by the speed from row to row [m]
+MOVED = 0.5  # A position that stayed the same while the speed channel drove so far was not measured again [m]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
 def speed(motion: Motion, truck: Truck, values: Values) -> Floats:
     """v = sqrt(a_lat / |curvature|) [m/s], inf on straights;
-    a_lat of 1 to 1.5 m/s2 is usual for laden trucks (estimate).
-    """
+    a_lat of 1 to 1.5 m/s2 is usual for laden trucks (estimate)."""
     bend = np.abs(motion.curvature)
     with np.errstate(divide="ignore", over="ignore"):
         return np.sqrt(truck.drive.max_lateral_acceleration / bend)

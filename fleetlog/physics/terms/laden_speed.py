@@ -4,14 +4,12 @@ import numpy as np
 
 from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
-LADEN = 25.0
-"""Less than this on the forks is no load [kg]."""
+LADEN = 25.0  # Less than this on the forks is no load [kg]
 
 
 def speed(motion: Motion, truck: Truck, values: Values) -> Floats:
     """Where there is a load, ``factor`` times the speed that the road allows (``motion.speed``), and no
-    more than the share ``top`` of the truck's top speed; inf elsewhere [m/s].
-    """
+    more than the share ``top`` of the truck's top speed; inf elsewhere [m/s]."""
     cap = np.minimum(values.get("factor", 1.0) * motion.speed, values.get("top", 1.0) * truck.drive.max_speed)
     return np.where(motion.payload > LADEN, cap, np.inf)
 

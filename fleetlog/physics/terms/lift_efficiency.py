@@ -7,8 +7,7 @@ from fleetlog.physics.term import GRAVITY, Floats, Motion, Parameter, Term, Truc
 
 def power(motion: Motion, truck: Truck, values: Values) -> Floats:
     """P = (payload + carriage) g h' / efficiency raising, times recuperation lowering [W];
-    h' = d fork_height / dt.
-    """
+    h' = d fork_height / dt."""
     work = (motion.payload + truck.lift.carriage_mass) * GRAVITY * motion.lift_speed
     return np.where(motion.lift_speed > 0.0, work / truck.lift.efficiency, work * truck.lift.recuperation)
 

@@ -5,8 +5,7 @@ from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
     """F = (factor - 1) m a [N]; ``factor`` = 1 + sum(J i^2 / r^2) / m,
-    about 1.05 to 1.15 for electric trucks (estimate).
-    """
+    about 1.05 to 1.15 for electric trucks (estimate)."""
     return (values.get("factor", 1.0) - 1.0) * total_mass(motion, truck) * motion.acceleration
 
 

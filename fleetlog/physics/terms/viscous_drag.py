@@ -4,9 +4,7 @@ from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
-    """F = c v [N], ``coefficient`` c in N s/m: churning oil in gears and hubs, eddy currents;
-    no load in it.
-    """
+    """F = c v [N], ``coefficient`` c in N s/m: churning oil in gears and hubs, eddy currents; not by load."""
     return values.get("coefficient", 0.0) * motion.speed
 
 

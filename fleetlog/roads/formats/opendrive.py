@@ -119,8 +119,7 @@ def _earth(root: Element, notes: list[str]) -> Inverse | None:
 
 def moved(x: Floats, y: Floats, east: float, north: float, heading: float) -> tuple[Floats, Floats]:
     """Map coordinates [m] with the header's offset [m], [rad], as the projection takes them:
-    X = x cos h - y sin h + x_off, Y = x sin h + y cos h + y_off.
-    """
+    X = x cos h - y sin h + x_off, Y = x sin h + y cos h + y_off."""
     c, s = math.cos(heading), math.sin(heading)
     return x * c - y * s + east, x * s + y * c + north
 

@@ -13,8 +13,7 @@ from fleetlog.simulate.kernels.lanes import (
 )
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
-SHORT = 0.3
-"""Who stops for another stops this much early: a hair too far, and both would wait for ever [m]."""
+SHORT = 0.3  # Who stops for another stops this much early: a hair too far, and both would wait for ever [m]
 
 
 @inner

@@ -8,16 +8,11 @@ from numba import njit
 from fleetlog.simulate.arrays import Flags, Floats, Ints
 from fleetlog.simulate.kernels.lanes import inner, safe
 
-STEP = 0.1
-"""[s]"""
-BEFORE = 0.3
-"""A truck waits this far before the first node that it may not reach [m]."""
-FAR = 2.0
-"""What lies so far beyond its braking distance does not concern a truck yet [m]."""
-NEAR = 0.05
-"""A node this close ahead is reached [m]; slower than this a truck stands [m/s]."""
-PATIENCE = 60.0
-"""A truck that has stood so long for one that stands for another is let past [s]."""
+STEP = 0.1  # [s]
+BEFORE = 0.3  # A truck waits this far before the first node that it may not reach [m]
+FAR = 2.0  # What lies so far beyond its braking distance does not concern a truck yet [m]
+NEAR = 0.05  # A node this close ahead is reached [m]; slower than this a truck stands [m/s]
+PATIENCE = 60.0  # A truck that has stood so long for one that stands for another is let past [s]
 STANDS, ALONE, HINDERED = range(3)
 
 

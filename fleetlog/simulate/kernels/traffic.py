@@ -9,8 +9,7 @@ from fleetlog.simulate.kernels.lanes import cap_at, inner, is_safe_lane, safe
 from fleetlog.simulate.state import Fleet, Limits, Log, Mode, Roads
 
 GRAVITY = 9.81
-ROUND = 5
-"""Steps between two rounds of reservations."""
+ROUND = 5  # Steps between two rounds of reservations
 
 
 @inner

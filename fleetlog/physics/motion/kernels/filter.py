@@ -17,15 +17,12 @@ Codes = NDArray[np.uint8]
 Index = NDArray[np.int32]
 Ints = NDArray[np.int64]
 Singles = NDArray[np.float32]
-State = tuple[float, float, float]
-"""Of way, speed and acceleration."""
-Covariance = tuple[float, float, float, float, float, float]
-"""ss, sv, sa, vv, va, aa."""
+State = tuple[float, float, float]  # Of way, speed and acceleration
+Covariance = tuple[float, float, float, float, float, float]  # ss, sv, sa, vv, va, aa
 
 ON, JUMP, BREAK = 0, 1, 2
 """How a row follows the one before: on the same coordinate; on a new one, at the same speed; after a gap."""
-BLOCK = 1.0
-"""The jerk of a truck is as strong as it is for about this long [s]."""
+BLOCK = 1.0  # The jerk of a truck is as strong as it is for about this long [s]
 FREEDOM = 1.0
 """Of the jerk's strength: nearly none while a truck cruises, a hundred times the usual where it begins
 to brake."""

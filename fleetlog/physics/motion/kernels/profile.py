@@ -6,8 +6,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 GRAVITY = 9.81
-AT_REST = 0.02
-"""A speed at a node under this means a stop [m/s]."""
+AT_REST = 0.02  # A speed at a node under this means a stop [m/s]
 
 
 @njit(cache=True)
