@@ -8,9 +8,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.compiling import kernel
 from fleetlog.core.network import Floats
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.motion import reconstruct
@@ -113,7 +113,7 @@ def _shifted(cells: Cells, across: float, *, either: bool, rounds: int = ROUNDS)
     return moved, near
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]  # numba has no types
+@kernel()
 def _shift(
     x: Floats, y: Floats, cos: Floats, sin: Floats, weight: Floats, first: NDArray[np.int64], columns: int,
     rows: int, x0: float, y0: float, side: float, along: float, across: float, alike: float, either: bool,

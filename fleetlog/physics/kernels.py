@@ -1,13 +1,14 @@
 """Compiled loops; imported only where they run."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetlog.compiling import kernel
 
 Floats = NDArray[np.float64]
 
 
-@njit(cache=True)
+@kernel()
 def follow(
     power: Floats, dt: Floats, soc: float, knots: Floats, volts: Floats, resistance: float,
     capacity_ah: float, peukert: float, rated_current: float,

@@ -3,16 +3,16 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.compiling import kernel
 from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.roads.kernels.distances import forget, longer, search
 
 Index = NDArray[np.int32]
 
 
-@njit(cache=True)
+@kernel()
 def reachable(
     length: Floats, next_first: Index, next_edges: Index, limit: float
 ) -> tuple[Ints, Index, Floats, Index]:
@@ -48,7 +48,7 @@ def reachable(
     return first, edges[:used].copy(), distances[:used].copy(), skip[:used].copy()
 
 
-@njit(cache=True)
+@kernel()
 def _preorder(
     tree_e: Index, tree_d: Floats, parent: Index, n: int, edges: Index, distances: Floats, skip: Index,
     at: int,
@@ -70,7 +70,7 @@ def _preorder(
         edges[here], distances[here], skip[here] = tree_e[i], tree_d[i], below[i]
 
 
-@njit(cache=True)
+@kernel()
 def _root(parent: Index, i: int) -> int:
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -78,7 +78,7 @@ def _root(parent: Index, i: int) -> int:
     return i
 
 
-@njit(cache=True)
+@kernel()
 def cluster_steps(
     edge: Index, offset: Floats, length: Floats, first: Ints, edges: Index, distances: Floats,
     skip: Index, limit: float,
@@ -164,7 +164,7 @@ def cluster_steps(
     return labels, arcs[:used].copy(), arc_first
 
 
-@njit(cache=True)
+@kernel()
 def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
     ra, rb = _root(parent, a), _root(parent, b)
     if a != b:
@@ -174,7 +174,7 @@ def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
     return used
 
 
-@njit(cache=True)
+@kernel()
 def resample_along(
     time: Ints, edge: Index, offset: Floats, speed: Floats, masked: NDArray[np.bool_],
     grid: Ints, max_gap: int, length: Floats, next_first: Index, next_edges: Index,

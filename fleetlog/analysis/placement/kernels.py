@@ -1,13 +1,13 @@
 """The Numba kernel of the site selection."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.compiling import kernel
 from fleetlog.core.trajectory import Floats
 
 
-@njit(cache=True)
+@kernel()
 def lagrangian(
     cost: Floats, k: int, forced: NDArray[np.bool_], upper: float, rounds: int, stop: float
 ) -> float:

@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from fleetlog.compiling import kernel
 from fleetlog.roads.kernels.compiling import inner
 from fleetlog.roads.kernels.records import Floats, Index, Roads, Store
 
@@ -144,7 +144,7 @@ def path_between(store: Store, source: int, goal: int, path: Index) -> Any:
     return -1
 
 
-@njit(cache=True)
+@kernel()
 def longer(array: Any, size: int) -> Any:
     """A copy of an array (n,) with room for ``size`` values, by a loop: numpy's own compiles for seconds."""
     out = np.empty(size, array.dtype)

@@ -3,13 +3,13 @@
 from heapq import heappop, heappush
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.compiling import kernel
 from fleetlog.roads.kernels.records import Floats, Index
 
 
-@njit(cache=True)
+@kernel()
 def astar(
     next_first: Index, next_edges: Index, cost: Floats, turn_cost: Floats, closed: NDArray[np.bool_],
     bound: Floats, source: np.int32, target: np.int32,

@@ -3,12 +3,12 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fleetlog.compiling import kernel
 from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 
 
-@njit(cache=True)
+@kernel()
 def project_points(points: Floats, first: Index, distance: Floats, edge: Index, x: Floats, y: Floats) -> Any:
     """(N,) offset along the polyline of each point's edge, and distance left of it."""
     n = len(x)
@@ -32,7 +32,7 @@ def project_points(points: Floats, first: Index, distance: Floats, edge: Index, 
     return offset, lateral
 
 
-@njit(cache=True)
+@kernel()
 def boxes_meet(
     dx: float, dy: float, ca: float, sa: float, cb: float, sb: float, half_l: float, half_w: float
 ) -> bool:
@@ -65,7 +65,7 @@ class Cells(NamedTuple):
     size: Ints
 
 
-@njit(cache=True)
+@kernel()
 def new_cells(x: Floats, y: Floats, cell: float, room: int) -> Cells:
     """Empty cells over the extent of points (x, y), for up to ``room`` boxes."""
     columns, rows = int(np.ptp(x) / cell) + 1, int(np.ptp(y) / cell) + 1
@@ -86,12 +86,12 @@ def grown(c: Cells, more: int) -> Cells:
     )  # fmt: skip
 
 
-@njit(cache=True)
+@kernel()
 def _at(value: float, low: float, cell: float, count: int) -> int:
     return min(max(int(np.floor((value - low) / cell)), 0), count - 1)
 
 
-@njit(cache=True)
+@kernel()
 def put(c: Cells, boxes: Floats, group: Index) -> None:
     """Add (n, 3+) boxes of (n,) groups; there must be room."""
     columns, rows = int(c.shape[3]), int(c.shape[4])
@@ -104,7 +104,7 @@ def put(c: Cells, boxes: Floats, group: Index) -> None:
         c.group[k], c.after[k], c.head[where] = group[i], c.head[where], k
 
 
-@njit(cache=True)
+@kernel()
 def cells_near(c: Cells, x: float, y: float) -> Any:
     """Rows and columns of the cells round a point, from the first to the one behind the last."""
     columns, rows = int(c.shape[3]), int(c.shape[4])
@@ -112,7 +112,7 @@ def cells_near(c: Cells, x: float, y: float) -> Any:
     return max(row - 1, 0), min(row + 2, rows), max(column - 1, 0), min(column + 2, columns)
 
 
-@njit(cache=True)
+@kernel()
 def meetings(
     x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: Flags, half_l: float,
     half_w: float, skip: Index,
@@ -142,7 +142,7 @@ def meetings(
     return out[:n]
 
 
-@njit(cache=True)
+@kernel()
 def meets_group(
     c: Cells, x: float, y: float, heading: float, half_l: float, half_w: float, one: int, other: int
 ) -> bool:
@@ -161,7 +161,7 @@ def meets_group(
     return False
 
 
-@njit(cache=True)
+@kernel()
 def spur_is_free(
     path: Floats, every: Cells, safe: Cells, parked: Cells, swept: Cells, half_l: float, half_w: float,
     lane: int, reverse: int
@@ -185,7 +185,7 @@ def spur_is_free(
     return True
 
 
-@njit(cache=True)
+@kernel()
 def brake_ahead(cap: Floats, first: Ints, spacing: Floats, down: float) -> Floats:
     """(S,) caps lowered so that on every piece each can be reached from the one before by braking."""
     out = cap.copy()
@@ -196,7 +196,7 @@ def brake_ahead(cap: Floats, first: Ints, spacing: Floats, down: float) -> Float
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def expand(
     piece: Index, s: Floats, back: Flags, first: Ints, spacing: Floats,
     x: Floats, y: Floats, z: Floats, heading: Floats, curvature: Floats, slope: Floats,

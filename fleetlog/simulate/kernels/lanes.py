@@ -1,11 +1,11 @@
 """Lanes and junctions: how fast on them, who is in line there; passages are reserved whole or not at all."""
 
 import numpy as np
-from numba import njit
 
+from fleetlog.compiling import kernel
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
-inner = njit(cache=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inner = kernel(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 """How kernels are compiled that only other kernels call.
 
 Nothing in them allocates, so counting references of sixty arrays at every access, which would take most of

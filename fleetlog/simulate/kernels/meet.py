@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fleetlog.compiling import kernel
 from fleetlog.simulate.arrays import Flags, Floats, Ints
 from fleetlog.simulate.kernels.lanes import inner, safe
 
@@ -199,7 +199,7 @@ def arrives(d: Drives, s: State, u: int, now: float) -> bool:
     return True
 
 
-@njit(cache=True)
+@kernel()
 def meet(first_trip: Ints, d: Drives, g: Gates, s: State, up: Floats, down: Floats) -> Floats:
     """Drive all trips, those of truck v being ``first_trip[v]:first_trip[v + 1]``.
 

@@ -1,8 +1,8 @@
 """The fixed step of all trucks: speeds, moves, arrivals, the log of it."""
 
 import numpy as np
-from numba import njit
 
+from fleetlog.compiling import kernel
 from fleetlog.simulate.kernels.arrivals import REST, arrive, cross, end_spur, let_go, roll_in
 from fleetlog.simulate.kernels.gates import may_ask, past_door, reservations
 from fleetlog.simulate.kernels.lanes import cap_at, inner, is_safe_lane, safe
@@ -133,7 +133,7 @@ def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
 
 
 # As in inner: nothing allocates, references need no counting.
-@njit(cache=True, _nrt=False, nogil=True)
+@kernel(_nrt=False, nogil=True)
 def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, step0: int, dt: float) -> None:
     """``steps`` steps of ``dt`` [s] from step number ``step0``, logged from ``column`` on."""
     trucks = len(f.mode)

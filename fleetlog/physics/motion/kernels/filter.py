@@ -8,8 +8,9 @@ manned maneuvering targets, IEEE Trans. Aerospace and Electronic Systems 6 (1970
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetlog.compiling import kernel
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -31,7 +32,7 @@ NEW_COORDINATE_VAR = 1e4
 REST_SPEED_VAR, REST_ACCEL_VAR = 4e-4, 2.5e-3
 
 
-@njit(cache=True)
+@kernel()
 def transition(h: float, q: float, decay: float) -> tuple[State, Covariance]:
     """How acceleration acts on way, speed and itself over a step ``h``, and what covariance is added.
 
@@ -54,7 +55,7 @@ def transition(h: float, q: float, decay: float) -> tuple[State, Covariance]:
     )  # fmt: skip
 
 
-@njit(cache=True)
+@kernel()
 def corrected(x: State, p: Covariance, row: State, r: float, c: float) -> tuple[State, Covariance]:
     """State and covariance after an innovation ``r`` of variance ``c`` in the state whose row is given."""
     s, v, a = row
@@ -64,7 +65,7 @@ def corrected(x: State, p: Covariance, row: State, r: float, c: float) -> tuple[
     )  # fmt: skip
 
 
-@njit(cache=True)
+@kernel()
 def filter_forward(
     t: Floats, seen: Floats, seen_var: float, speed: Floats, speed_var: float, rest: Flags, link: Codes,
     jerk: Floats, decay: float, mean: Floats, cov: Floats,
@@ -119,14 +120,14 @@ def filter_forward(
     return total
 
 
-@njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
+@kernel(fastmath={"contract", "reassoc", "nsz"})
 def times(row: State, m: Covariance) -> State:
     """A row by a symmetric matrix."""
     a, b, c = row
     return a * m[0] + b * m[1] + c * m[2], a * m[1] + b * m[3] + c * m[4], a * m[2] + b * m[4] + c * m[5]
 
 
-@njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
+@kernel(fastmath={"contract", "reassoc", "nsz"})
 def smooth_backward(
     t: Floats, link: Codes, jerk: Floats, decay: float, mean: Floats, cov: Floats, gain: Singles
 ) -> None:
@@ -185,7 +186,7 @@ def smooth_backward(
         cov[i, 5] = aa + e20 * g20 + e21 * g21 + e22 * g22
 
 
-@njit(cache=True)
+@kernel()
 def jerk_scales(
     t: Floats, link: Codes, rest: Flags, q: float, decay: float, mean: Floats, cov: Floats, gain: Singles,
     jerk: Floats,
@@ -216,7 +217,7 @@ def jerk_scales(
     return total / steps if steps else q
 
 
-@njit(cache=True)
+@kernel()
 def energy_variance(
     cov: Floats, gain: Singles, by_speed: Floats, by_acceleration: Floats, window: Ints | Index, count: int
 ) -> Floats:

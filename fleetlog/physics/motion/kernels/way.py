@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from fleetlog.compiling import kernel
 from fleetlog.physics.motion.kernels.filter import BREAK, JUMP, ON, Codes, Flags, Floats, Index
 
 MOST_EXTRA = 8.0
@@ -13,7 +13,7 @@ NEAR_REACH = 3
 """Edges between two rows at most that the walk below finds; farther apart the coordinate starts anew."""
 
 
-@njit(cache=True)
+@kernel()
 def way_between(a: int, b: int, next_first: Index, next_edges: Index, length: Floats, between: Index) -> int:
     """The shortest way from the end of edge a to the start of b over at most ``NEAR_REACH`` edges.
 
@@ -37,7 +37,7 @@ def way_between(a: int, b: int, next_first: Index, next_edges: Index, length: Fl
     return count
 
 
-@njit(cache=True)
+@kernel()
 def path_coordinate(
     edge: Index, offset: Floats, x: Floats, y: Floats, step: Floats, next_first: Index, next_edges: Index,
     length: Floats, reverse: Index, back: float, link: Codes, place: Floats,
@@ -91,7 +91,7 @@ def path_coordinate(
     return v_edge[:k], v_origin[:k], v_length[:k], v_joined[:k]
 
 
-@njit(cache=True)
+@kernel()
 def stays(t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_duration: float) -> Flags:
     """Rows of a standstill: runs within ``radius`` of their running mean for ``min_duration``."""
     n = len(t)
@@ -115,7 +115,7 @@ def stays(t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_durat
     return out
 
 
-@njit(cache=True)
+@kernel()
 def on_edges(
     edge: Index, offset: Floats, x: Floats, y: Floats, points: Floats, first: Index, distance: Floats,
     along: Floats, heading: Floats, slope: Floats,
@@ -146,7 +146,7 @@ def on_edges(
             ) / flat
 
 
-@njit(cache=True)
+@kernel()
 def dead_band(value: Floats, band: float) -> Floats:
     """``value`` without its jitter.
 
