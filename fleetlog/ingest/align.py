@@ -16,6 +16,7 @@ from fleetlog.errors import DataError
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
+LONGEST = 1e6  # A track that is longer by its rows leaps about [m]: its places lie farther apart
 SECTORS = 8  # Directions that are told apart by the correlation
 TURN = np.radians(1.5)  # Step of the rotations that are tried
 MOST_CELLS = 512  # Cells of a side of the correlation; the cell is at least :data:`CELL` [m]
@@ -86,7 +87,7 @@ def align(tracks: list[tuple[Floats, Floats]], network: Network, name: str = "lo
     log within reach of one, ``runner_up`` that of the next best fit; ``shift_sd_m`` is the standard deviation
     of the log's worst place.  :class:`~fleetlog.errors.DataError` where nothing fits, or more than one place.
     """
-    place, heading = _places(tracks)
+    place, heading = _places(tracks, float(np.hypot(*np.ptp(network.points[:, :2], axis=0))))
     if len(place) < 50:
         raise DataError("cannot be aligned: it holds less than 50 m of driving", do="give a longer log")
     roads, step = _Roads(network), max(len(place) // POINTS, 1)
@@ -129,19 +130,24 @@ def _check(best: _Fit, runner_up: float, shift: float, rotation: float) -> None:
         raise DataError(f"cannot be aligned: {what}", do=do)
 
 
-def _places(tracks: list[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
-    """Places about a metre apart along the smoothed tracks, and the direction of travel at each."""
+def _places(tracks: list[tuple[Floats, Floats]], across: float) -> tuple[Floats, Floats]:
+    """Places about a metre apart along the smoothed tracks, and the direction of travel at each.
+
+    What is farther from the median place than the roads reach ``across`` [m] is no place on them.
+    """
     from scipy.ndimage import gaussian_filter1d
 
     places, headings = [np.zeros((0, 2))], [np.zeros(0)]
+    pooled = [np.concatenate([t[i] for t in tracks]) for i in (0, 1)]
+    middle = [float(np.median(v[np.isfinite(v)])) if np.isfinite(v).any() else 0.0 for v in pooled]
     for x, y in tracks:
-        known = np.isfinite(x) & np.isfinite(y)
+        known = np.hypot(x - middle[0], y - middle[1]) <= across + WIDE
         track = np.column_stack([x[known], y[known]])
         if len(track) < 5:
             continue
         steps = np.hypot(*np.diff(gaussian_filter1d(track, 3.0, axis=0), axis=0).T)
         way = np.concatenate([[0.0], np.cumsum(steps)])
-        at = np.arange(0.0, way[-1], 1.0)
+        at = np.arange(0.0, way[-1], max(1.0, way[-1] / LONGEST))
         if len(at) < 5:
             continue
         even = np.column_stack([np.interp(at, way, v) for v in track.T])
