@@ -12,6 +12,7 @@ from pathlib import Path
 
 import click
 
+import fleetlog
 from fleetlog.cli.commands import verb_lines
 from fleetlog.cli.main import cli
 from fleetlog.core.columns import COLUMNS
@@ -21,6 +22,7 @@ from fleetlog.store.events import ACTIVITIES, TABLES, WAYS
 from fleetlog.verbs.analyze import analyze
 
 HERE = Path(__file__).parent / "reference"
+TERMS = Path(fleetlog.__file__).parent / "physics" / "terms"
 MADE = "<!-- made by docs/generate.py -->\n\n"
 
 
@@ -77,11 +79,9 @@ def terms() -> str:
         "a term of your own is one more file there.\n"
     ]
     for name, term in sorted(all_terms().items()):
-        law = (
-            " ".join((term.function.__doc__ or "").split())
-            if term.function
-            else "It changes a value of the truck."
-        )
+        lines = (TERMS / f"{name}.py").read_text(encoding="utf-8").splitlines()
+        noted = " ".join(line[2:] for line in lines if line.startswith("# "))
+        law = " ".join((term.function.__doc__ or "").split()) if term.function else noted
         out.append(f"\n## {name}\n\nMissing: {term.statement}.\n\n{law}\n")
         out += [f"- `{p.name}` [{p.unit}], plausible {p.low:g} to {p.high:g}" for p in term.parameters]
     return "\n".join(out) + "\n"

@@ -5,9 +5,8 @@ DataFrames, and a result has ``tables``, ``summary``, ``save()``, ``show()`` and
 
     import fleetlog
 
-    recorded = fleetlog.read_logs("logs/", site="site.toml")
-    fleetlog.analyze.density(recorded, threshold=20.0).show()
-    fleetlog.diagnose(recorded, truck="truck.toml").save("diagnosis")
+    recorded = fleetlog.read_logs("logs/", site="site.toml") fleetlog.analyze.density(recorded,
+    threshold=20.0).show() fleetlog.diagnose(recorded, truck="truck.toml").save("diagnosis")
 
 Nothing is imported before it is used.
 """
@@ -64,11 +63,7 @@ def __getattr__(name: str) -> Any:
     if name not in NAMES and name not in VERBS:
         raise AttributeError(f"module 'fleetlog' has no attribute {name!r}")
     module, _, attribute = NAMES.get(name, f"verbs.{name}:{name}").partition(":")
-    try:
-        found = getattr(importlib.import_module(f"fleetlog.{module}"), attribute)
-    except ModuleNotFoundError as error:
-        raise AttributeError(f"module 'fleetlog' has no attribute {name!r}: {error}") from error
-    globals()[name] = found
+    globals()[name] = found = getattr(importlib.import_module(f"fleetlog.{module}"), attribute)
     return found
 
 

@@ -17,10 +17,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 EXIT_DONE, EXIT_INPUT, EXIT_USAGE, EXIT_DAMAGED, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
-
-
-LONGEST = 500
-"""Characters of one part of a line: a place, or what is wrong."""
+LONGEST = 500  # Characters of one part of a line: a place, or what is wrong
 
 
 class FleetlogError(Exception):
@@ -87,16 +84,12 @@ class OutputError(FleetlogError):
     """The result cannot be written where it was asked for."""
 
 
-REPORT = "please report it, with the file if you may"
-"""What to do about a fault of fleetlog's own."""
-MOST_NAMED = 40
-"""Known words that an error lists: all terms and kinds, not all roads of a town."""
+REPORT = "please report it, with the file if you may"  # What to do about a fault of fleetlog's own
+MOST_NAMED = 40  # Known words that an error lists: all terms and kinds, not all roads of a town
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """``'did you mean X?'`` for the known word closest to ``word``, else the known ones, or the first of
-    very many.
-    """
+    """``'did you mean X?'`` for the known word closest to ``word``, else the (first) known ones."""
     names = sorted(known)
     close = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
     if close:
@@ -106,8 +99,6 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 def fault(part: str, error: Exception) -> str:
-    """What an error says of an exception that nobody thought of: the part it came from, its kind and its
-    text.
-    """
+    """What an error says of an exception that nobody foresaw: the part it came from, its kind, its text."""
     why = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     return f"a fault in {part} ({why})"

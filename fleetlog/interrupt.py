@@ -1,6 +1,4 @@
-"""Interrupts that are never lost: Ctrl-C, SIGTERM and SIGHUP end a run in one way,
-never in the middle of a swap.
-"""
+"""Interrupts that are never lost: Ctrl-C, SIGTERM and SIGHUP end a run, never in the middle of a swap."""
 
 import signal
 from collections.abc import Iterator
@@ -23,9 +21,7 @@ def install() -> None:
 
 
 def ignore() -> None:
-    """Let no signal change the status of a run that is over:
-    the interpreter takes its handlers away before its end.
-    """
+    """Let no signal change the status of a run that is over, or of a worker, whose parent decides."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 

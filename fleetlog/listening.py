@@ -3,21 +3,25 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from fleetlog import interrupt
 
+Progress = Callable[[str, float], None]
 
-@dataclass(frozen=True)
-class Listener:
+
+def unheard(*_said: Any) -> None:
+    """Nobody listens."""
+
+
+class Listener(NamedTuple):
     """What to do with progress (a text and the share done, 0 to 1) and with notices (one line each)."""
 
-    progress: Callable[[str, float], None] = lambda text, share: None
-    notice: Callable[[str], None] = lambda text: None
+    progress: Progress = unheard
+    notice: Callable[[str], None] = unheard
 
 
-NOBODY = Listener()
-_listener: ContextVar[Listener] = ContextVar("listener")
+_listener = ContextVar("listener", default=Listener())  # noqa: B039 - it holds no state
 
 
 @contextmanager
@@ -33,9 +37,9 @@ def listening(listener: Listener) -> Iterator[None]:
 def progress(text: str, share: float) -> None:
     """Report how far a run is; raises an interrupt that a library swallowed."""
     interrupt.check()
-    _listener.get(NOBODY).progress(text, share)
+    _listener.get().progress(text, share)
 
 
 def notice(text: str) -> None:
     """Report something that is worth a line but is no part of the answer."""
-    _listener.get(NOBODY).notice(text)
+    _listener.get().notice(text)

@@ -19,18 +19,14 @@ from fleetlog.errors import InputError
 
 
 def part_names(package: str) -> list[str]:
-    """Module names of the parts in ``package``, sorted, without importing them;
-    ``_private`` modules are no parts.
-    """
-    folder = importlib.import_module(package)
-    modules = pkgutil.iter_modules(folder.__path__)
+    """Module names of the parts in ``package``, without importing them; ``_private`` modules are no parts."""
+    modules = pkgutil.iter_modules(importlib.import_module(package).__path__)
     return sorted(m.name for m in modules if not (m.ispkg or m.name.startswith("_")))
 
 
 @cache
 def parts(package: str, attribute: str) -> dict[str, Any]:
-    """All parts of ``package`` by name: the object ``attribute`` of every module that has one, then entry
-    points.
+    """All parts of ``package``: the object ``attribute`` of every module that has one, then entry points.
 
     The name of a part is its ``name`` attribute, or the module's where it has none.
     """
@@ -71,9 +67,9 @@ def _load(entry: EntryPoint) -> Any:
 @cache
 def part_lines(package: str, attribute: str) -> dict[str, str]:
     """Every part by name with the first sentence of its module's docstring, importing none of them."""
+    lines = {e.name: _sentence(e.module, "") or "" for e in _entries(package)}
     own = {m: _sentence(f"{package}.{m}", attribute) for m in part_names(package)}
-    lines = {name: line for name, line in own.items() if line is not None}
-    return {e.name: _sentence(e.module, "") or "" for e in _entries(package)} | lines
+    return lines | {name: line for name, line in own.items() if line is not None}
 
 
 def _entries(package: str) -> list[EntryPoint]:

@@ -31,7 +31,7 @@ TYPES = {str: "string", bool: "boolean", int: "integer", float: "number", type(N
 def runs(sample: Path) -> Iterator[tuple[str, Any]]:
     """What each command answers, with the command."""
     import fleetlog
-    from fleetlog.api.signature import REQUIRED
+    from fleetlog.api.verb import REQUIRED
     from fleetlog.cli.commands import verb_lines
 
     site, truck = sample / "site.toml", sample / "truck.toml"

@@ -11,21 +11,23 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pandas as pd
 
+from fleetlog.analysis.occupancy import maps
 from fleetlog.analysis.placement.check import Trial, try_plan
 from fleetlog.analysis.placement.costs import Metric, driving_costs
-from fleetlog.analysis.placement.demand import read_units
+from fleetlog.analysis.placement.demand import Unit, day_of
 from fleetlog.analysis.placement.plan import Demand, Method, Question, Variant, choose, stability, weigh
 from fleetlog.analysis.placement.report import lines_of, site_table, summarise, vertex_table
-from fleetlog.core.arguments import Between, Count, Duration, Seed
+from fleetlog.core.arguments import Between, Count, Duration, Seed, seconds
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, Grid, Marks, Result, Shape
 from fleetlog.core.trajectory import Ints
 from fleetlog.core.truck import Truck
 from fleetlog.errors import ArgumentError, DataError, nearest
 from fleetlog.store import Dataset
+from fleetlog.store.days import each_day
 
-NEAR = 8.0
-"""A charger that stands this close to a chosen vertex is the one that the plan means [m]."""
+SERVED = "demand served [%]"
+NEAR = 8.0  # A charger that stands this close to a chosen vertex is the one that the plan means [m]
 
 
 def chargers(
@@ -47,7 +49,7 @@ def chargers(
     truck: Truck | None = None,
     check: bool = False,
     vehicles: Count | None = None,
-    duration: Annotated[float | str, Duration()] = "8h",
+    duration: Duration = "8h",
     seed: Seed = 0,
     soc: Annotated[float, Between(0.05, 1.0)] = 0.6,
 ) -> Result:
@@ -90,18 +92,17 @@ def chargers(
         alpha, _vertices(dataset, network, (*force, *existing)), _vertices(dataset, network, forbid),
         capacity,
     )  # fmt: skip
-    units = read_units(dataset, shortest)
+    units = list(each_day(dataset, day_of, shortest, kinds=(Unit,)))
     if not any(u.visits for u in units):
         what = "no truck was seen to pass from one road to the next"
         raise DataError(what, do="check that log and map belong together")
     weighed = weigh(units, q)
     choice = choose(weighed, q)
-    summary = summarise(units, q, weighed, choice)
-    summary["stability"] = stability(units, choice, q)
+    summary = summarise(units, q, weighed, choice) | {"stability": stability(units, choice, q)}
     sites = site_table(units, q, weighed, choice)
     sites["existing"] = _standing(dataset, sites, demand)
     if check and truck is not None:
-        trial = Trial(truck, vehicles or len(dataset.vehicles), Duration()(duration), seed, soc)
+        trial = Trial(truck, vehicles or len(dataset.vehicles), seconds(duration), seed, soc)
         summary["check"] = try_plan(dataset, sites, trial)
     return Result(
         "chargers", summary, tables={"vertices": vertex_table(network, weighed)}, places={"sites": sites},
@@ -136,45 +137,34 @@ def _standing(dataset: Dataset, sites: pd.DataFrame, demand: Demand) -> list[str
     ]
 
 
-def _marks(name: str, sites: pd.DataFrame, kind: Literal["charger", "charge"]) -> Marks:
-    return Marks(name, sites[["x", "y"]].to_numpy(), tuple(sites["label"]), np.full(len(sites), 2.0), kind)
-
-
 def _shapes(dataset: Dataset, sites: pd.DataFrame, summary: dict[str, Any]) -> list[Shape]:
-    labels, stands = tuple(sites["label"]), sites["existing"] != ""
-    shapes: list[Shape] = [
-        _heat(dataset),
-        _marks("chargers", sites[~stands], "charger"),
-        _marks("kept chargers", sites[stands], "charge"),
-        Bars("demand_by_site", labels, 100.0 * sites["served_share"].to_numpy(), "demand served [%]"),
-    ]
+    """The sites over the heat map, what each serves, and what a simulation of the plan gave."""
+    cells = maps.cells_of([maps.extent(dataset)], 1.0)
+    heat = maps.values(maps.compute(dataset, cells).grid, "occupancy", 1.0)
+    shapes: list[Shape] = [Grid("heat", heat, cells.x0, cells.y0, 1.0, maps.LABELS["occupancy"])]
+    stands = sites["existing"] != ""
+    kinds: dict[str, tuple[pd.DataFrame, Literal["charger", "charge"]]]
+    kinds = {"chargers": (sites[~stands], "charger"), "kept chargers": (sites[stands], "charge")}
+    for name, (of, kind) in kinds.items():
+        at, labels = of[["x", "y"]].to_numpy(), tuple(of["label"])
+        shapes.append(Marks(name, at, labels, np.full(len(of), 2.0), kind))
+    bars = {"demand_by_site": (dict(zip(sites["label"], 100.0 * sites["served_share"], strict=True)), SERVED)}
     if "check" in summary:
-        shapes += _check_bars(summary["check"])
-    return shapes
+        bars |= _check_bars({"present": summary["check"]["before"], "planned": summary["check"]["after"]})
+    return shapes + [Bars(n, tuple(b), np.array([*b.values()]), axis) for n, (b, axis) in bars.items()]
 
 
-def _check_bars(check: dict[str, Any]) -> list[Shape]:
-    runs = {"present": check["before"], "planned": check["after"]}
+def _check_bars(runs: dict[str, dict[str, Any]]) -> dict[str, tuple[dict[str, float], str]]:
+    """By the name of a picture: its bars and their axis."""
     soc = {"lowest": "soc_lowest", "mean": "soc_mean", "at the end": "soc_end_mean"}
     charge = {f"{what}, {n}": 100.0 * run[key] for what, key in soc.items() for n, run in runs.items()}
     waiting = {n: run["waiting_for_plug_h"] for n, run in runs.items()}
     done = {n: 100.0 * run["tasks_done"] / max(run["tasks_given"], 1) for n, run in runs.items()}
-    return [
-        Bars(name, tuple(bars), np.array(list(bars.values())), label)
-        for name, bars, label in (
-            ("simulated_state_of_charge", charge, "state of charge [%]"),
-            ("simulated_waiting_for_a_plug", waiting, "truck hours"),
-            ("simulated_tasks_done", done, "share of the tasks [%]"),
-        )
-    ]
-
-
-def _heat(dataset: Dataset) -> Grid:
-    from fleetlog.analysis.occupancy.maps import LABELS, cells_of, compute, extent, values
-
-    cells = cells_of([extent(dataset)], 1.0)
-    layers = compute(dataset, cells).grid
-    return Grid("heat", values(layers, "occupancy", 1.0), cells.x0, cells.y0, 1.0, LABELS["occupancy"])
+    return {
+        "simulated_state_of_charge": (charge, "state of charge [%]"),
+        "simulated_waiting_for_a_plug": (waiting, "truck hours"),
+        "simulated_tasks_done": (done, "share of the tasks [%]"),
+    }
 
 
 ANALYSIS = chargers

@@ -14,23 +14,18 @@ from fleetlog.store import Dataset
 from fleetlog.store.trips import MAX_GAP
 
 KWH = 3.6e6
-SUMS = ("seconds", "metres", "measured_s", "measured_m", "used_kwh", "charged_kwh")
+KEYS = ["vehicle_id", "start"]
 ELECTRICAL = ("battery_voltage", "battery_current")
 
 
 def consumption(dataset: Dataset) -> pd.DataFrame:
-    """One row a truck and quarter of an hour: vehicle_id, start, and the ``SUMS``.
+    """One row a truck and quarter of an hour: vehicle_id, start, and sums.
 
     ``seconds`` and ``metres`` of the log, ``measured_s`` and ``measured_m`` of these with a known power, and
-    the energy in that time.
+    ``used_kwh`` and ``charged_kwh`` in that time.
     """
     days = [_quarters(t) for t in joined_days(dataset, (*COLUMNS, *ELECTRICAL))]
-    whole = pd.concat(days, ignore_index=True)
-    return _summed(whole)
-
-
-def _summed(rows: pd.DataFrame) -> pd.DataFrame:
-    return rows.groupby(["vehicle_id", "start"], as_index=False)[list(SUMS)].sum()
+    return pd.concat(days).groupby(KEYS, as_index=False).sum()
 
 
 def _quarters(t: Trajectory) -> pd.DataFrame:
@@ -41,9 +36,10 @@ def _quarters(t: Trajectory) -> pd.DataFrame:
     joules = np.where(known, watts, 0.0) * dt
     charging = row_states(t) == STATES.index("charging")
     metres = np.nan_to_num(t.floats("speed")) * dt
-    return _summed(pd.DataFrame({
+    rows = pd.DataFrame({
         "vehicle_id": t.vehicle_id, "start": stamps(t.time // QUARTER * QUARTER),
         "seconds": dt, "metres": metres, "measured_s": known * dt, "measured_m": known * metres,
         "used_kwh": np.where(charging, 0.0, joules) / KWH,
         "charged_kwh": np.where(charging, -joules, 0.0) / KWH,
-    }))  # fmt: skip
+    })  # fmt: skip
+    return rows.groupby(KEYS, as_index=False).sum()

@@ -3,20 +3,17 @@
 The rule of the clusters is stated in :mod:`fleetlog.analysis.clusters.steps`.
 """
 
-from __future__ import annotations
-
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.clusters import areas as of
-from fleetlog.analysis.clusters.areas import BIN, PLACES, Samples, Watched
+from fleetlog.analysis.clusters.areas import BIN, PLACES, Watched
 from fleetlog.analysis.clusters.crowds import Crowds, Rule, as_figures, find_crowds, together
-from fleetlog.analysis.clusters.tracking import Episode, Followed, episodes, follow
+from fleetlog.analysis.clusters.tracking import Episode, episodes
 from fleetlog.core.arguments import Between
 from fleetlog.core.network import Network
 from fleetlog.core.result import Bars, EdgeValues, Marks, MovingLines, Result, Series, Shape
@@ -28,14 +25,10 @@ from fleetlog.store.days import Part, each_day, each_part
 from fleetlog.store.trips import STANDING_SPEED
 
 HOUR = 3_600_000_000
-HOURS = 2
-"""Of a day that one job looks at."""
-KINDS = (Crowds, Followed)
+HOURS = 2  # Of a day that one job looks at
 ROW_COST = 2e-6
 OF_TRIP = ("vehicle_id", "trip_id", "start", "end", "x_start", "y_start", "x_end", "y_end")
-SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
-BIN_SPEED, SPEEDS = 0.005, 1 << 16
-"""Speeds are counted in steps of this [m/s]; how many steps there are."""
+BIN_SPEED, SPEEDS = 0.005, 1 << 16  # Speeds are counted in steps of this [m/s]; how many steps there are
 
 
 def density(
@@ -62,18 +55,18 @@ def density(
         what = "the dataset has no roads, and density needs driving distances"
         raise DataError(what, do="import it with --site")
     rule = Rule(threshold, speed, round(step * 1e6), include_standing)
-    watched = Watched(tuple(dataset.vehicles), *_span(dataset, rule.step), rule.step)
+    first, last = (us(str(dataset.meta[k]).rstrip("Z")) for k in ("start", "end"))
+    # The time grid counts from 1970: no added day shifts it.
+    watched = Watched(tuple(dataset.vehicles), first // rule.step * rule.step, last + 1, rule.step)
     parts = list(_hours(dataset, watched))
-    pieces = list(each_part(dataset, parts, _crowds, rule, kinds=KINDS, cost=ROW_COST))
-    clusters = together([c for c, _ in pieces], watched.vehicles)
+    pieces = list(each_part(dataset, parts, find_crowds, rule, kinds=(Crowds,), cost=ROW_COST))
+    clusters = together(pieces, watched.vehicles)
     if not clusters.seen:
         what = "no row of the dataset is matched to a road"
         raise DataError(what, do="check that log and map belong together")
-    begins = np.cumsum([0, *(len(c) for c, _ in pieces)]).tolist()
-    followed = list(zip(begins[:-1], (f for _, f in pieces), strict=True))
     least = max(1, round(min_duration / watched.seconds))
-    found = episodes(clusters, followed, speed, rule.step, least)
-    rows = of.samples(clusters, found, free_speeds(dataset, network), watched.seconds)
+    found = episodes(clusters, speed, rule.step, least)
+    rows = of.samples(clusters, found, network, free_speeds(dataset, network), watched.seconds)
     areas = of.critical_areas(network, rows, watched)
     table = _episode_table(clusters, watched, network, found, rows)
     table["area"] = of.area_of(table, areas)
@@ -86,36 +79,33 @@ def density(
         "episodes": len(found), "delay_s": float(rows.delay.sum()),
         "areas": areas.head(20).to_dict("records"),
     }  # fmt: skip
-    delayed = _task_table(dataset, watched, rows)
-    tables = {"episodes": table, "tasks": delayed, "clusters": _step_table(clusters, speed)}
+    steps = pd.DataFrame({
+        "timestamp": pd.to_datetime(clusters.time, unit="us", utc=True), "cluster": clusters.label,
+        "size": clusters.size, "mean_speed": clusters.mean_speed, "slow_share": clusters.slow_share,
+        "critical": clusters.mean_speed < speed,
+    })  # fmt: skip
+    tables = {"episodes": table, "tasks": _task_table(dataset, watched, rows), "clusters": steps}
     places = {"areas": areas} if len(areas) else {}
     shapes = _shapes(network, watched, clusters, areas, rows, over_time)
     return Result("density", summary, tables, places, shapes, _lines(summary, areas))
 
 
-def _span(dataset: Dataset, step: int) -> tuple[int, int]:
-    """The first and the end of the time grid [us], which counts from 1970: no added day shifts it."""
-    ends = [np.datetime64(str(dataset.meta[k]).rstrip("Z"), "us").astype(np.int64) for k in ("start", "end")]
-    return int(ends[0] // step * step), int(ends[1]) + 1
+def us(time: str) -> int:
+    """A time in UTC as microseconds since 1970."""
+    return int(np.datetime64(time, "us").astype(np.int64))
 
 
 def _hours(dataset: Dataset, watched: Watched) -> Iterator[Part]:
     """The time grid in jobs of ``HOURS`` hours of one day; each reads also the days beside it."""
     for date in dataset.dates:
-        day = int(np.datetime64(date, "us").astype(np.int64))
         near = [str(np.datetime64(date, "D") + k) for k in (-1, 0, 1)]
         reads = tuple((v, d) for v, d in dataset.vehicle_days if d in near)
         for hour in range(0, 24, HOURS):
-            a, b = day + hour * HOUR, day + (hour + HOURS) * HOUR
-            start = max(-(-a // watched.step) * watched.step, watched.start)
-            stop = min(b, watched.stop)
+            begin = us(date) + hour * HOUR
+            start = max(-(-begin // watched.step) * watched.step, watched.start)
+            stop = min(begin + HOURS * HOUR, watched.stop)
             if start < stop:
                 yield Part(f"date={date}/hour={hour:02d}", (date, start, stop), reads)
-
-
-def _crowds(dataset: Dataset, date: str, start: int, stop: int, rule: Rule) -> tuple[Crowds, Followed]:
-    found = find_crowds(dataset, date, start, stop, rule)
-    return found, follow(found, rule.limit, rule.step)
 
 
 def free_speeds(dataset: Dataset, network: Network) -> Floats:
@@ -124,14 +114,18 @@ def free_speeds(dataset: Dataset, network: Network) -> Floats:
     The 85th percentile of the speeds driven on the edge, but never far below what the fleet usually makes of
     a limit: a road that is always jammed must not pass for a slow road.
     """
-    driven = Driven(np.zeros(0, np.int64), np.zeros(0))
+    rows = pd.Series(dtype=float)
     for day in each_day(dataset, _driven, kinds=(Driven,), cost=0.3e-6):
-        driven = driven + day
-    p85 = _percentiles(driven, len(network), 0.85, least=20)
-    limit = network.speed_limit
+        rows = rows.add(pd.Series(day.count, day.key, dtype=float), fill_value=0.0)
+    key = rows.index.to_numpy(np.int64)
+    driven = pd.DataFrame({"edge": key // SPEEDS, "speed": key % SPEEDS, "count": rows.to_numpy()})
+    p85, limit = np.full(len(network), np.nan), network.speed_limit
+    known = _percentiles(driven, least=20)
+    p85[known.index] = known
     both = np.isfinite(limit) & np.isfinite(p85)
-    whole = Driven(driven.key % SPEEDS, driven.count)
-    usual = float(np.nanmedian(p85)) if np.isfinite(p85).any() else float(_percentiles(whole, 1, 0.85)[0])
+    usual = float(known.median())
+    if not len(known):
+        usual = float(_percentiles(driven.assign(edge=0).sort_values("speed"), least=1).iloc[0])
     ratio = float(np.median(p85[both] / limit[both])) if both.any() else 1.0
     expected = np.where(np.isfinite(limit), limit * ratio, usual)
     return np.asarray(np.fmax(p85, 0.8 * expected), dtype=np.float64)
@@ -142,12 +136,7 @@ class Driven:
     """How many rows have which speed on which edge; ``key`` is edge * SPEEDS + speed / ``BIN_SPEED``."""
 
     key: Ints
-    count: Floats
-
-    def __add__(self, other: Driven) -> Driven:
-        key, inverse = np.unique(np.concatenate([self.key, other.key]), return_inverse=True)
-        count = np.bincount(inverse, np.concatenate([self.count, other.count]), len(key))
-        return Driven(key, np.asarray(count, np.float64))
+    count: Ints
 
 
 def _driven(dataset: Dataset, vehicle: str, date: str) -> Driven:
@@ -156,42 +145,33 @@ def _driven(dataset: Dataset, vehicle: str, date: str) -> Driven:
     e, v = t.labels("edge_id").recode(dataset.site.roads().index), t.floats("speed")
     use = (e >= 0) & (v > STANDING_SPEED)
     key = e[use].astype(np.int64) * SPEEDS + np.minimum(v[use] / BIN_SPEED, SPEEDS - 1).astype(np.int64)
-    keys, count = np.unique(key, return_counts=True)
-    return Driven(keys, count.astype(np.float64))
+    return Driven(*np.unique(key, return_counts=True))
 
 
-def _percentiles(driven: Driven, edges: int, share: float, least: int = 1) -> Floats:
-    """(E,) speed that this share of the rows on an edge is not above; NaN where there are few."""
-    out = np.full(edges, np.nan)
-    order = np.argsort(driven.key, kind="stable")
-    key, count = driven.key[order], driven.count[order]
-    begins = np.flatnonzero(np.diff(key // SPEEDS, prepend=-1))
-    for a, b in itertools.pairwise([*begins.tolist(), len(key)]):
-        total = np.cumsum(count[a:b])
-        if total[-1] >= least:
-            k = int(np.searchsorted(total, share * total[-1]))
-            inside = 1.0 - (total[k] - share * total[-1]) / count[a + k]
-            out[key[a] // SPEEDS] = (key[a + k] % SPEEDS + inside) * BIN_SPEED
-    return out
+def _percentiles(driven: pd.DataFrame, least: int) -> pd.Series:
+    """By edge: the 85th percentile of its speeds [m/s], where it has as many as ``least``."""
+    counts = driven.groupby("edge")["count"]
+    total, wanted = counts.cumsum(), 0.85 * counts.transform("sum")
+    first = (total >= wanted) & (counts.transform("sum") >= least) & ~(total - driven["count"] >= wanted)
+    inside = 1.0 - (total - wanted) / driven["count"]
+    return ((driven["speed"] + inside) * BIN_SPEED)[first].set_axis(driven.loc[first, "edge"])
 
 
 def _episode_table(
-    c: Crowds, watched: Watched, network: Network, found: list[Episode], s: Samples
+    c: Crowds, watched: Watched, network: Network, found: list[Episode], s: pd.DataFrame
 ) -> pd.DataFrame:
     rows = []
-    for i, e in enumerate(found):
-        mine = slice(*np.searchsorted(s.episode, [i, i + 1]))
-        edges, counts = np.unique(s.edge[mine], return_counts=True)
-        where = network.position(s.edge[mine], s.offset[mine])[:, :2].mean(axis=0)
+    for number, (e, (_, own)) in enumerate(zip(found, s.groupby("episode"), strict=True), start=1):
+        trucks, edge, delay = np.unique(own["truck"]), own["edge"].to_numpy(), own["delay"].to_numpy()
+        x, y = network.position(edge, own["offset"].to_numpy())[:, :2].mean(axis=0)
         rows.append({
-            "episode": i + 1, "start": c.time[e.clusters[0]],
+            "episode": number, "start": c.time[e.clusters[0]],
             "end": c.time[e.clusters[-1]] + watched.step, "duration": len(e.clusters) * watched.seconds,
             "max_size": int(c.size[e.clusters].max()),
-            "min_mean_speed": float(c.mean_speed[e.clusters].min()),
-            "vehicles": len(np.unique(s.truck[mine])),
-            "members": ", ".join(watched.vehicles[v] for v in np.unique(s.truck[mine])),
-            "vehicle_seconds": len(s.delay[mine]) * watched.seconds, "delay": float(s.delay[mine].sum()),
-            "edge_id": network.edge_ids[int(edges[counts.argmax()])], "x": where[0], "y": where[1],
+            "min_mean_speed": float(c.mean_speed[e.clusters].min()), "vehicles": len(trucks),
+            "members": ", ".join(watched.vehicles[v] for v in trucks),
+            "vehicle_seconds": len(own) * watched.seconds, "delay": float(delay.sum()),
+            "edge_id": network.edge_ids[np.bincount(edge).argmax()], "x": x, "y": y,
             "born": e.born, "died": e.died,
         })  # fmt: skip
     table = pd.DataFrame(rows)
@@ -199,36 +179,34 @@ def _episode_table(
     return table.assign(**{c: pd.to_datetime(table[c], unit="us", utc=True) for c in ends})
 
 
-def _task_table(dataset: Dataset, watched: Watched, s: Samples) -> pd.DataFrame:
+def _task_table(dataset: Dataset, watched: Watched, s: pd.DataFrame) -> pd.DataFrame:
     """Trips by the delay that they suffered in critical clusters."""
     trips = dataset.trips
-    if not len(s.delay) or not len(trips):
+    if not len(s) or not len(trips):
         return pd.DataFrame()
     out = []
-    for v in np.unique(s.truck):
-        mine = s.truck == v
+    for v in np.unique(s["truck"]):
+        mine = s[s["truck"] == v]
         own = trips[trips.vehicle_id == watched.vehicles[v]].sort_values("start")
         starts = own.start.astype("datetime64[us, UTC]").astype("int64").to_numpy()
-        k = np.searchsorted(starts, s.time[mine], side="right") - 1
-        delay = np.bincount(np.clip(k, 0, None), weights=s.delay[mine], minlength=len(own))
+        k = np.searchsorted(starts, mine["time"], side="right") - 1
+        delay = np.bincount(np.clip(k, 0, None), weights=mine["delay"], minlength=len(own))
         out.append(own[list(OF_TRIP)].assign(delay=delay))
     table = pd.concat(out, ignore_index=True)
     late: pd.DataFrame = table[table.delay > 0]
     return late.sort_values("delay", ascending=False, ignore_index=True)
 
 
-def _step_table(c: Crowds, limit: float) -> pd.DataFrame:
-    return pd.DataFrame({
-        "timestamp": pd.to_datetime(c.time, unit="us", utc=True), "cluster": c.label, "size": c.size,
-        "mean_speed": c.mean_speed, "slow_share": c.slow_share, "critical": c.mean_speed < limit,
-    })  # fmt: skip
-
-
 def _shapes(
-    network: Network, watched: Watched, c: Crowds, areas: pd.DataFrame, rows: Samples, episode_time: Series
+    network: Network, watched: Watched, c: Crowds, areas: pd.DataFrame, rows: pd.DataFrame, over_time: Series
 ) -> list[Shape]:
-    shapes: list[Shape] = [_delay_layer(network, rows)] if len(rows.delay) else []
-    shapes += [_arc_lines(c, watched), episode_time]
+    shapes: list[Shape] = []
+    if len(rows):
+        codes, delay = of.delay_by_place(rows)
+        edge, start = (codes // PLACES).astype(np.int32), np.asarray(codes % PLACES * BIN, np.float64)
+        end = np.minimum(start + BIN, network.length[edge])
+        shapes.append(EdgeValues("delay", edge, start, end, delay, "delay in critical clusters [s]"))
+    shapes += [_arc_lines(c, watched), over_time]
     if len(areas):
         top = areas.head(10)
         labels = tuple(f"{a}: {d:.0f} s" for a, d in zip(top.area, top.delay, strict=True))
@@ -238,22 +216,13 @@ def _shapes(
     return shapes
 
 
-def _delay_layer(network: Network, rows: Samples) -> EdgeValues:
-    """Delay per place of road; both directions of a road share a place."""
-    codes, delay = of.delay_by_place(network, rows)
-    edge = (codes // PLACES).astype(np.int32)
-    start = np.asarray((codes % PLACES) * BIN, dtype=np.float64)
-    end = np.minimum(start + BIN, network.length[edge])
-    return EdgeValues("delay", edge, start, end, delay, "delay in critical clusters [s]")
-
-
 def _arc_lines(c: Crowds, watched: Watched) -> MovingLines:
     """The arcs as line segments, at the steps where they change from none or to none too."""
     time = np.unique(c.arc_time)
     after = time + watched.step
     shown = np.union1d(time, after[after < watched.stop])
-    cuts = (np.searchsorted(c.arc_time, shown, side).tolist() for side in SIDES)
-    ranges = [slice(a, b) for a, b in zip(*cuts, strict=True)]
+    begins, ends = np.searchsorted(c.arc_time, shown), np.searchsorted(c.arc_time, shown, "right")
+    ranges = [slice(a, b) for a, b in zip(begins.tolist(), ends.tolist(), strict=True)]
     lines = tuple(c.arc_ends[r] for r in ranges)
     return MovingLines("clusters", shown, lines, tuple(c.arc_critical[r] for r in ranges))
 

@@ -3,14 +3,13 @@
 import inspect
 import sys
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 
 from fleetlog.analysis.energybook import tables as of
-from fleetlog.analysis.energybook.book import BIN, Book, Cells, keep_book
-from fleetlog.analysis.energybook.doubt import parameter_variance
+from fleetlog.analysis.energybook.book import BIN, Book, gathered, keep_book
 from fleetlog.core.arguments import ShiftHours
 from fleetlog.core.result import Bars, EdgeValues, Result, Series, Shape
 from fleetlog.core.trajectory import Floats
@@ -22,13 +21,10 @@ from fleetlog.physics.power import Physics
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
 
-SHIFTS = (6, 14, 22)
-"""Hours of the day (UTC) at which shifts begin, unless said otherwise."""
-ROW_COST = 4e-6
-"""What the books of a row cost [s]."""
+SHIFTS = (6, 14, 22)  # Hours of the day (UTC) at which shifts begin, unless said otherwise
+ROW_COST = 4e-6  # What the books of a row cost [s]
 OF_STRETCH = ["from", "to", "joules_per_metre"]
-MOST_POINTS = 2000
-"""Of a curve over time."""
+MOST_POINTS = 2000  # Of a curve over time
 COLUMNS = (
     "x", "y", "z", "speed", "edge_id", "edge_offset", "lateral_offset", "trip_id", "payload", "fork_height",
     "battery_power", "battery_voltage", "battery_current", "soc", "ambient_temperature",
@@ -37,7 +33,7 @@ COLUMNS = (
 
 def energy(
     dataset: Dataset, truck: Truck, physics: Physics | None = None, *,
-    shifts: Annotated[tuple[int, ...], ShiftHours()] = SHIFTS,
+    shifts: ShiftHours = SHIFTS,
     chemistry: Literal["constant", "lfp", "lead"] = "constant",
 ) -> Result:  # fmt: skip
     """Compute the energy of every trip by physical cause, beside what was measured.
@@ -52,30 +48,37 @@ def energy(
         raise DataError(f"{dataset.path} has no rows")
     physics = Physics(truck) if physics is None else physics
     battery = battery_of(physics.actual_truck(), chemistry)
-    days = each_day(
-        dataset, _vehicle_day, physics, battery, _sources(physics), kinds=(Book, Cells), cost=ROW_COST
-    )
+    asked = physics, battery, _sources(physics)
+    days = each_day(dataset, _vehicle_day, *asked, kinds=(Book,), cost=ROW_COST)
     books = [book for day in days for book in day]
-    terms = _term_order(books)
-    segments = of.with_soc(of.segment_table(books, terms), truck)
+    if not books:
+        raise DataError("no vehicle has two rows on one day")
+    segments, stretches, zones, bins = (
+        gathered(books, what) for what in ("segments", "stretches", "zones", "bins")
+    )
+    # The dearest term first.
+    total = segments.filter(like="J_").sum().abs().sort_values(ascending=False, kind="stable")
+    terms = [name.removeprefix("J_") for name in total.index]
+    segments = of.with_soc(
+        segments[[*segments.columns.difference(total.index, sort=False), *total.index]], truck
+    )
     segments["shift"] = of.shift_names(segments["hour"], sorted(shifts))
-    doubt = parameter_variance(physics)
     hours = segments.assign(hour=pd.to_datetime(segments["hour"], unit="us", utc=True))
     tables = {
-        "trips": of.summed(segments, ["vehicle_id", "trip_id"], doubt),
-        "vehicles": of.summed(segments, ["vehicle_id"], doubt),
-        "shifts": of.summed(segments, ["shift"], doubt), "hours": of.summed(hours, ["hour"], doubt),
-        "edges": of.stretch_table(books, dataset.site.network),
-        "zones": of.zone_table(books, terms, dataset.site),
+        "trips": of.summed(segments, ["vehicle_id", "trip_id"], physics),
+        "vehicles": of.summed(segments, ["vehicle_id"], physics),
+        "shifts": of.summed(segments, ["shift"], physics), "hours": of.summed(hours, ["hour"], physics),
+        "edges": of.stretch_table(stretches, dataset.site.network),
+        "zones": of.zone_table(zones, terms, dataset.site),
     }  # fmt: skip
-    whole = of.summed(segments.assign(all="all"), ["all"], doubt).iloc[0]
+    whole = of.summed(segments.assign(all="all"), ["all"], physics).iloc[0]
     trips = segments.drop_duplicates(["vehicle_id", "trip_id"])["source"].value_counts().sort_index()
     sources = {str(s): int(n) for s, n in trips.items()}
     summary = _summary(whole, terms, sources, tables)
     kept = {f"energy_{name}": table for name, table in tables.items() if len(table)}
     places = {name: kept.pop(name) for name in ("energy_edges",) if name in kept}
-    shapes, lines = _shapes(books, terms, whole, tables["edges"]), _lines(whole, terms, sources, tables)
-    return Result("energy", summary, kept, places, shapes, lines)
+    shapes = _shapes(bins, terms, whole, tables["edges"])
+    return Result("energy", summary, kept, places, shapes, _lines(whole, terms, sources, tables))
 
 
 def _vehicle_day(
@@ -100,17 +103,6 @@ def _sources(physics: Physics) -> list[str]:
     return [inspect.getsource(sys.modules[name]) for name in sorted(modules) if name in sys.modules]
 
 
-def _term_order(books: Sequence[Book]) -> list[str]:
-    """All terms of the ledger, the dearest first."""
-    total: dict[str, float] = {}
-    for book in books:
-        for name, joules in zip(book.terms, book.energy.sum(axis=0), strict=True):
-            total[name] = total.get(name, 0.0) + float(joules)
-    if not total:
-        raise DataError("no vehicle has two rows on one day")
-    return sorted(total, key=lambda name: -abs(total[name]))
-
-
 def _summary(
     whole: pd.Series, terms: Sequence[str], sources: dict[str, int], tables: dict[str, pd.DataFrame]
 ) -> dict[str, Any]:
@@ -133,22 +125,20 @@ SAID = {
 def _lines(
     whole: pd.Series, terms: Sequence[str], sources: dict[str, int], tables: dict[str, pd.DataFrame]
 ) -> list[str]:
-    total = whole["energy_kwh"]
     per_km = f", {whole['kwh_per_km']:.3f} kWh/km" if np.isfinite(whole["kwh_per_km"]) else ""
-    trips = count(len(tables["trips"]), "trip")
-    out = [
-        f"{trips} of {count(len(tables['vehicles']), 'truck')} took {total:.2f} kWh"
-        f" (95 % interval ± {1.96 * whole['deviation_kwh']:.2f}): {whole['distance_km']:.1f} km"
-        f" in {whole['duration_h']:.1f} h{per_km}."
-    ]
+    trips, trucks = count(len(tables["trips"]), "trip"), count(len(tables["vehicles"]), "truck")
     causes = {t.replace("_", " "): whole[f"{t}_kwh"] for t in terms}
     shares = ", ".join(f"{cause} {kwh:.2f}" for cause, kwh in causes.items() if abs(kwh) >= 0.005)
-    out.append(f"Breakdown in kWh: {shares}.")
     auxiliary = whole["auxiliary_share"]
-    out.append(
+    loads = f"; auxiliary loads take {percent(auxiliary)}" if np.isfinite(auxiliary) else ""
+    out = [
+        f"{trips} of {trucks} took {whole['energy_kwh']:.2f} kWh"
+        f" (95 % interval ± {1.96 * whole['deviation_kwh']:.2f}): {whole['distance_km']:.1f} km"
+        f" in {whole['duration_h']:.1f} h{per_km}.",
+        f"Breakdown in kWh: {shares}.",
         f"Recovered: {whole['regenerated_kwh'] + 0.0:.2f} kWh; highest power {whole['peak_power_kw']:.1f} kW"
-        + (f"; auxiliary loads take {percent(auxiliary)}." if np.isfinite(auxiliary) else ".")
-    )
+        f"{loads}.",
+    ]
     if np.isfinite(whole["measured_kwh"]) and whole["measured_kwh"]:
         share = whole["difference_kwh"] / whole["measured_kwh"]
         out.append(
@@ -160,48 +150,42 @@ def _lines(
             f"The voltage collapses (to {whole['lowest_voltage_v']:.1f} V) for {whole['collapsed_s']:.0f} s: "
             "the model asks for more power than the battery can give."
         )
-    known = [f"{SAID[s]} ({count(n, 'trip')})" for s, n in sources.items() if s != "nothing"]
-    without = sources.get("nothing", 0)
-    if known:
-        rest = f"; {count(without, 'trip')} had none" if without else ""
-        out.append(f"Measured energy comes from {', '.join(known)}{rest}.")
-    else:
-        out.append("The log has no electrical channel: nothing was measured, the figures are the model's.")
-    return out
+    known = ", ".join(f"{SAID[s]} ({count(n, 'trip')})" for s, n in sources.items() if s != "nothing")
+    if not known:
+        unknown = "The log has no electrical channel: nothing was measured, the figures are the model's."
+        return [*out, unknown]
+    rest = f"; {count(sources['nothing'], 'trip')} had none" if "nothing" in sources else ""
+    return [*out, f"Measured energy comes from {known}{rest}."]
 
 
-def _shapes(
-    books: Sequence[Book], terms: Sequence[str], whole: pd.Series, edges: pd.DataFrame
-) -> list[Shape]:
+def _shapes(bins: pd.DataFrame, terms: Sequence[str], whole: pd.Series, edges: pd.DataFrame) -> list[Shape]:
     shapes: list[Shape] = []
     if len(edges):
         edge, (start, end, value) = edges["edge"].to_numpy(np.int32), edges[OF_STRETCH].to_numpy(float).T
         shapes.append(EdgeValues("energy_per_metre", edge, start, end, value, "energy [J/m]"))
     kwh = np.array([whole[f"{t}_kwh"] for t in terms])
     shapes.append(Bars("energy by cause", tuple(t.replace("_", " ") for t in terms), kwh, "energy [kWh]"))
-    return shapes + _curves(books, terms)
+    return shapes + _curves(bins, terms)
 
 
-def _curves(books: Sequence[Book], terms: Sequence[str]) -> list[Shape]:
+def _curves(bins: pd.DataFrame, terms: Sequence[str]) -> list[Shape]:
     """Fleet power by term over time, stacked, and measured beside modelled."""
-    time = np.concatenate([b.bins for b in books])
-    width = (len(np.unique(time // BIN)) // MOST_POINTS + 1) * BIN
-    keys, inverse = np.unique(time // width, return_inverse=True)
+    width = (len(np.unique(bins["time"] // BIN)) // MOST_POINTS + 1) * BIN
+    keys, inverse = np.unique(bins["time"] // width, return_inverse=True)
 
-    def mean(values: list[Floats]) -> Floats:
+    def mean(name: str) -> Floats:
         """Mean power over each step [kW]."""
-        return np.bincount(inverse, np.concatenate(values), len(keys)) / (width * 1e-6) / 1000.0
+        return np.bincount(inverse, bins[name], len(keys)) / (width * 1e-6) / 1000.0
 
-    rows = {t: mean([b.over_time(t) for b in books]) for t in terms}
-    middle = keys * width + width // 2
-    stacked = Series("power by cause", middle, rows, "time", "power [kW]", over_time=True, stacked=True)
-    out: list[Shape] = [stacked]
-    measured, beside, known = (mean([b.bin_measured[:, k] for b in books]) for k in range(3))
+    middle, axes = keys * width + width // 2, ("time", "power [kW]")
+    rows = {t: mean(f"J_{t}") for t in terms}
+    out: list[Shape] = [Series("power by cause", middle, rows, *axes, over_time=True, stacked=True)]
+    known = mean("known") > 0.0
     if known.any():
         # The model of the trucks and times that were measured, and of no others.
-        pair = {"measured": measured, "model": beside}
-        both = {name: np.where(known > 0.0, v, np.nan) for name, v in pair.items()}
-        out.append(Series("power", middle, both, "time", "power [kW]", over_time=True))
+        pair = {"measured": mean("measured"), "model": mean("beside_measured")}
+        both = {name: np.where(known, v, np.nan) for name, v in pair.items()}
+        out.append(Series("power", middle, both, *axes, over_time=True))
     return out
 
 

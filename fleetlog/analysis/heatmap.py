@@ -28,7 +28,7 @@ def heatmap(
     cell: Annotated[float, Between(0.01, 1e6)] = 1.0,
     quantity: Quantity = "occupancy",
     smooth: Annotated[float, Between(0.0, 1e4)] = 0.0,
-    hours: Annotated[tuple[int, int], HourRange()] | None = None,
+    hours: HourRange | None = None,
     vehicle: tuple[str, ...] = (),
     load: Literal["all", "laden", "empty"] = "all",
     compare: Dataset | None = None,
@@ -63,14 +63,13 @@ def heatmap(
         parts = [_cell_table(m).assign(**{by: name}) for name, m in groups.items()]
         table = pd.concat(parts, ignore_index=True)
     if compare is not None:
-        other = maps.compute(compare, here.cells, hours, (), load)
+        other = maps.compute(compare, here.cells, hours=hours, state=load)
         grids = [_compared(here, other, summary, table, str(compare.path))]
     shapes: list[Shape] = [*grids]
     tables = {"cells": table}
     if dataset.site.network is not None:
         tables["edges"], shape = _edge_layer(dataset.site.network, here, quantity)
-        if compare is None and by is None:
-            shapes.append(shape)
+        shapes += [shape] if compare is None and by is None else []
     return Result("heatmap", summary, tables, {}, shapes, _lines(summary), {"cells": cell})
 
 
@@ -97,16 +96,8 @@ def _compared(here: HeatMap, other: HeatMap, summary: dict[str, Any], table: pd.
 
 def _cell_table(here: HeatMap) -> pd.DataFrame:
     r, c = np.nonzero(here.grid[0] > 0)
-    layers = _layers(here.grid)
-    return pd.DataFrame({
-        "x": here.cells.x0 + (c + 0.5) * here.cells.cell, "y": here.cells.y0 + (r + 0.5) * here.cells.cell,
-        **{name: layer[r, c] for name, layer in layers.items()},
-    })  # fmt: skip
-
-
-def _layers(sums: Floats) -> dict[str, Floats]:
-    """The sums by name; energy is NaN where no power was known."""
-    return {**dict(zip(maps.LAYERS, sums, strict=True)), "energy": maps.known_energy(sums)}
+    x, y = here.cells.middle(r, c)
+    return pd.DataFrame({"x": x, "y": y, **maps.by_name(here.grid[:, r, c])})
 
 
 def _edge_layer(network: Network, here: HeatMap, quantity: Quantity) -> tuple[pd.DataFrame, EdgeValues]:
@@ -115,7 +106,7 @@ def _edge_layer(network: Network, here: HeatMap, quantity: Quantity) -> tuple[pd
     start = np.asarray((np.arange(int(first[-1])) - first[edge]) * maps.STRETCH, dtype=np.float64)
     end = np.minimum(start + maps.STRETCH, network.length[edge])
     names = np.array(network.edge_ids, dtype=object)[edge]
-    table = pd.DataFrame({"edge_id": names, "from": start, "to": end, **_layers(here.edges)})
+    table = pd.DataFrame({"edge_id": names, "from": start, "to": end, **maps.by_name(here.edges)})
     v = maps.values(here.edges, quantity, 1.0)
     seen, label = np.isfinite(v), maps.LABELS[quantity].replace("/m²", "")
     drawn = EdgeValues("roads", edge[seen], start[seen], end[seen], v[seen], label)
@@ -126,7 +117,7 @@ def _summary(dataset: Dataset, here: HeatMap, quantity: Quantity, smooth: float)
     time, metres, joules, standing, _, known = here.grid
     r, c = np.unravel_index(int(time.argmax()), time.shape)
     cells, total = here.cells, max(time.sum(), 1e-9)
-    x, y = cells.x0 + (c + 0.5) * cells.cell, cells.y0 + (r + 0.5) * cells.cell
+    x, y = cells.middle(r, c)
     return {
         "quantity": quantity, "cell_m": cells.cell, "smooth_m": smooth, "rows": cells.rows,
         "columns": cells.columns, "origin_m": [cells.x0, cells.y0],
@@ -139,32 +130,25 @@ def _summary(dataset: Dataset, here: HeatMap, quantity: Quantity, smooth: float)
     }  # fmt: skip
 
 
-def _energy(s: dict[str, Any]) -> str:
-    if s["energy_kwh"] is None:
-        return "energy unknown"
-    part = s["energy_known_share"]
-    known = f" (power known for {percent(part)} of the time)" if part < 0.995 else ""
-    return f"{s['energy_kwh']:.1f} kWh{known}"
-
-
 def _lines(s: dict[str, Any]) -> list[str]:
-    b = s["busiest"]
+    b, energy, known = s["busiest"], "energy unknown", s["energy_known_share"]
+    if s["energy_kwh"] is not None:
+        part = f" (power known for {percent(known)} of the time)" if known < 0.995 else ""
+        energy = f"{s['energy_kwh']:.1f} kWh{part}"
     out = [
         f"The busiest place is at ({b['x']:.0f}, {b['y']:.0f}) m: {b['hours']:.2f} truck hours.",
         f"In all {s['vehicle_hours']:.1f} truck hours on {count(s['visited_cells'], 'cell')} of "
-        f"{s['cell_m']:g} m, {s['distance_km']:.1f} km, {_energy(s)}, {s['standing_hours']:.1f} h standing.",
+        f"{s['cell_m']:g} m, {s['distance_km']:.1f} km, {energy}, {s['standing_hours']:.1f} h standing.",
     ]
     if "by" in s:
-        hours = {name.replace("_", " "): v["vehicle_hours"] for name, v in s["by"].items()}
-        parts = [f"{name} {h:.2f} h" for name, h in list(hours.items())[:24]]
-        out.append(f"Of these hours: {listed(parts)}.")
+        hours = [f"{n.replace('_', ' ')} {v['vehicle_hours']:.2f} h" for n, v in s["by"].items()]
+        out.append(f"Of these hours: {listed(hours[:24])}.")
     if "compare" in s:
-        c = s["compare"]
-        n, other = c["significant_cells"], Path(c["other"]).name
+        n, moved = s["compare"]["significant_cells"], percent(s["compare"]["moved_share"], 1)
         cells = f"{count(n, 'cell')} {'differs' if n == 1 else 'differ'}" if n else "no cell differs"
         out.append(
-            f"Compared with {other}, {cells} by more than chance; {percent(c['moved_share'], 1)} of the time "
-            "is spent elsewhere."
+            f"Compared with {Path(s['compare']['other']).name}, {cells} by more than chance; {moved} of the "
+            "time is spent elsewhere."
         )
     return out
 

@@ -9,54 +9,28 @@ A truck is a capsule, ``length`` by ``width``: two discs at its ends stand for i
 Both need clocks that agree among the trucks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.core.arguments import Between
 from fleetlog.core.result import Marks, Result
-from fleetlog.core.trajectory import Floats, Ints, Trajectory
+from fleetlog.core.trajectory import Floats, Trajectory
 from fleetlog.core.words import count
 from fleetlog.store import Dataset
 
-STEP = 0.25
-"""Of the common time grid [s]."""
-LONGEST_GAP = 5.0
-"""A truck that is silent for longer is absent [s]."""
-CELL = 1.0
-"""Side of a spot on the floor [m]."""
-SAME = 5.0
-"""Two moments of one pair within this are one near miss [s]."""
-MOVING = 0.5
-"""A truck that is slower does not cross another's way [m/s]."""
-CHUNK = int(600.0 / STEP)
-"""Steps that are compared at once."""
-COLUMNS = ("x", "y", "heading", "speed")
+STEP = 0.25  # Of the common time grid [s]
+LONGEST_GAP = 5.0  # A truck that is silent for longer is absent [s]
+CELL = 1.0  # Side of a spot on the floor [m]
+SAME = 5.0  # Two moments of one pair within this are one near miss [s]
+MOVING = 0.5  # A truck that is slower does not cross another's way [m/s]
+CHUNK = int(600.0 / STEP)  # Steps that are compared at once
+PLACE = ("x", "y", "heading")
+COLUMNS = (*PLACE, "speed")
 TABLE = ("start", "vehicle_a", "vehicle_b", "ttc_s", "pet_s", "kind", "closing_speed", "x", "y")
 WORST = 12
-
-
-@dataclass(frozen=True)
-class Moving:
-    """The fleet on a grid: (V, T) positions [m], direction (unit vector), speed [m/s]; NaN where absent."""
-
-    start: int
-    x: Floats
-    y: Floats
-    east: Floats
-    north: Floats
-    speed: Floats
-
-    def steps(self, first: int, end: int) -> Moving:
-        """The steps from ``first`` to ``end``."""
-        rows = (getattr(self, n)[:, first:end] for n in ("x", "y", "east", "north", "speed"))
-        return Moving(self.start + first * round(STEP * 1e6), *rows)
 
 
 def near_misses(
@@ -81,8 +55,8 @@ def near_misses(
     """
     found = [np.zeros((0, len(RAW)))]
     for fleet in _fleets(dataset):
-        for first in range(0, fleet.x.shape[1], CHUNK):
-            part = fleet.steps(first, first + CHUNK + round(pet / STEP))
+        for first in range(fleet["step"].min(), fleet["step"].max() + 1, CHUNK):
+            part = fleet[fleet["step"].between(first, first + CHUNK + round(pet / STEP), "left")]
             found.append(_collisions(part, ttc, closing, length, width))
             # Two grids, as a way along the border of cells is in either of them.
             found += [_crossings(part, pet, length, shift) for shift in (0.0, 0.5 * CELL)]
@@ -110,49 +84,45 @@ def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     return [f"{count(len(table), 'near miss', 'near misses')} between two trucks ({rule}){most}."]
 
 
-def _fleets(dataset: Dataset) -> Iterator[Moving]:
-    """The fleet on a grid, day by day."""
+def _fleets(dataset: Dataset) -> Iterator[pd.DataFrame]:
+    """The fleet on a grid, day by day; ``vehicle`` is its number."""
     for date in dataset.dates:
-        rows = [dataset.read(v, date, COLUMNS) for v in dataset.vehicles]
-        known = [t for t in rows if len(t)]
-        start, end = min(t.time[0] for t in known), max(t.time[-1] for t in known)
-        step = round(STEP * 1e6)
-        grid = np.arange(start // step, end // step + 1) * step
-        yield Moving(int(grid[0]), *np.stack([_gridded(t, grid) for t in rows], axis=1))
+        days = [dataset.read(v, date, COLUMNS) for v in dataset.vehicles]
+        placed = [t[np.logical_and.reduce([np.isfinite(t.floats(c)) for c in PLACE])] for t in days]
+        rows = [_gridded(t).assign(vehicle=k) for k, t in enumerate(placed) if len(t) > 1]
+        if any(map(len, rows)):
+            yield pd.concat(rows, ignore_index=True)
 
 
-def _gridded(t: Trajectory, grid: Ints) -> Floats:
-    """(5, T) position, direction and speed of a truck."""
+def _gridded(t: Trajectory) -> pd.DataFrame:
+    """Rows by ``step`` (``STEP`` seconds since 1970): place [m], direction (unit vector), speed [m/s]."""
     x, y, heading, speed = (t.floats(c) for c in COLUMNS)
-    use = np.isfinite(x) & np.isfinite(y) & np.isfinite(heading)
-    if use.sum() < 2:
-        return np.full((5, len(grid)), np.nan)
-    time = t.time[use]
-    east, north = np.cos(heading[use]), np.sin(heading[use])
-    rows = [np.interp(grid, time, v) for v in (x[use], y[use], east, north, np.nan_to_num(speed[use]))]
-    norm = np.maximum(np.hypot(rows[2], rows[3]), 1e-9)
-    rows[2], rows[3] = rows[2] / norm, rows[3] / norm
-    after = np.searchsorted(time, grid)
-    inside = (after > 0) & (after < len(time)) | np.isin(grid, time)
-    gap = time[np.clip(after, 0, len(time) - 1)] - time[np.clip(after - 1, 0, len(time) - 1)]
-    return np.where(inside & (gap <= LONGEST_GAP * 1e6), np.stack(rows), np.nan)
+    size = round(STEP * 1e6)
+    step = np.arange(-(-t.time[0] // size), t.time[-1] // size + 1)
+    after = np.searchsorted(t.time, step * size)
+    step = step[t.time[after] - t.time[np.maximum(after - 1, 0)] <= LONGEST_GAP * 1e6]
+    values = (x, y, np.cos(heading), np.sin(heading), np.nan_to_num(speed))
+    x, y, east, north, speed = (np.interp(step * size, t.time, v) for v in values)
+    norm = np.maximum(np.hypot(east, north), 1e-9)
+    return pd.DataFrame(
+        {"step": step, "x": x, "y": y, "east": east / norm, "north": north / norm, "speed": speed}
+    )
 
 
 RAW = ("time", "a", "b", "ttc", "pet", "angle", "closing", "x", "y")
 
 
-def _collisions(f: Moving, most: float, closing: float, length: float, width: float) -> Floats:
+def _collisions(f: pd.DataFrame, most: float, closing: float, length: float, width: float) -> Floats:
     """(n, RAW) moments in which two trucks are on a collision course."""
     from scipy.spatial import cKDTree
 
-    v, step = np.nonzero(np.isfinite(f.x))
-    if len(v) < 2:
+    if len(f) < 2:
         return np.zeros((0, len(RAW)))
-    at, ahead = np.stack([f.x, f.y], -1)[v, step], np.stack([f.east, f.north], -1)[v, step]
-    speed = f.speed[v, step]
+    v, step, speed = (f[c].to_numpy() for c in ("vehicle", "step", "speed"))
+    at, ahead = f[["x", "y"]].to_numpy(), f[["east", "north"]].to_numpy()
     reach = most * 2.0 * float(speed.max()) + length
     # Steps lie farther apart than the reach, so that neighbours are of one step.
-    tree = cKDTree(np.column_stack([at, step * 2.0 * (reach + 1.0)]))
+    tree = cKDTree(np.column_stack([at, (step - step.min()) * 2.0 * (reach + 1.0)]))
     pairs = tree.query_pairs(reach, output_type="ndarray")
     pairs = np.sort(pairs[np.maximum(*speed[pairs].T) > MOVING], axis=1)
     a, b = pairs.T
@@ -164,13 +134,10 @@ def _collisions(f: Moving, most: float, closing: float, length: float, width: fl
     ]  # fmt: skip
     soon = np.min(times, axis=0)
     rate = -(gap * relative).sum(axis=1) / np.maximum(np.hypot(*gap.T), 1e-9)
-    apart = np.all([t >= 0.0 for t in times], axis=0)
-    keep = apart & (soon < most) & (rate >= closing)
+    keep = np.all([t >= 0.0 for t in times], axis=0) & (soon < most) & (rate >= closing)
     a, b, middle = a[keep], b[keep], (0.5 * (at[a] + at[b]))[keep]
-    nan = np.full(len(a), np.nan)
-    time = f.start * 1e-6 + step[a] * STEP
-    rows = (time, v[a], v[b], soon[keep], nan, _angle(ahead[a], ahead[b]), rate[keep], *middle.T)
-    return np.column_stack(rows)
+    nan, angle = np.full(len(a), np.nan), _angle(ahead[a], ahead[b])
+    return np.column_stack([step[a] * STEP, v[a], v[b], soon[keep], nan, angle, rate[keep], *middle.T])
 
 
 def time_to_contact(gap: Floats, velocity: Floats, distance: float) -> Floats:
@@ -191,47 +158,36 @@ def _angle(a: Floats, b: Floats) -> Floats:
     return np.asarray(np.arccos(np.clip((a * b).sum(axis=1), -1.0, 1.0)))
 
 
-def _crossings(f: Moving, most: float, length: float, shift: float) -> Floats:
+def _crossings(f: pd.DataFrame, most: float, length: float, shift: float) -> Floats:
     """(n, RAW) a truck comes to a spot soon after another one has left it, on a crossing way."""
-    cell, vehicle, start, end, east, north, speed, x, y = _visits(f, length, shift)
-    one, two = np.arange(len(cell) - 1), np.arange(1, len(cell))
-    wait = (start[two] - end[one]) * STEP
-    ahead = np.stack([east, north], axis=-1)
-    turn = _angle(ahead[one], ahead[two]) if len(one) else np.zeros(0)
+    visits = _visits(f, length, shift)
+    cell, v, start, end, speed, x, y = (
+        visits[c].to_numpy() for c in ("cell", "vehicle", "step", "end", "speed", "x", "y")
+    )
+    ahead = visits[["east", "north"]].to_numpy()
+    wait = (start[1:] - end[:-1]) * STEP
+    turn = _angle(ahead[:-1], ahead[1:])
     # Directions less than 30 degrees apart, or nearly opposite, are of one lane or of two.
-    keep = (cell[one] == cell[two]) & (vehicle[one] != vehicle[two]) & (wait > 0.0) & (wait < most)
-    keep &= (np.sin(turn) > 0.5) & (np.minimum(speed[one], speed[two]) > MOVING)
-    one, two = one[keep], two[keep]
-    low, high = np.minimum(vehicle[one], vehicle[two]), np.maximum(vehicle[one], vehicle[two])
+    keep = (cell[1:] == cell[:-1]) & (v[1:] != v[:-1]) & (wait > 0.0) & (wait < most)
+    keep &= (np.sin(turn) > 0.5) & (np.minimum(speed[1:], speed[:-1]) > MOVING)
+    one = np.flatnonzero(keep)
+    two = one + 1
     closing = np.hypot(*(ahead[two] * speed[two, None] - ahead[one] * speed[one, None]).T)
-    time, nan = f.start * 1e-6 + start[two] * STEP, np.full(len(one), np.nan)
-    return np.column_stack([time, low, high, nan, wait[keep], turn[keep], closing, x[two], y[two]])
+    trucks, nan = np.sort([v[one], v[two]], axis=0), np.full(len(one), np.nan)
+    return np.column_stack([start[two] * STEP, *trucks, nan, wait[keep], turn[keep], closing, x[two], y[two]])
 
 
-def _visits(f: Moving, length: float, shift: float) -> tuple[NDArray[Any], ...]:
-    """Cells under the middle line of trucks: number, vehicle, first and last step, direction, speed, place.
-
-    In order of cell and time.
-    """
-    v, step = np.nonzero(np.isfinite(f.x))
-    if not len(v):
-        return tuple(np.zeros(0) for _ in range(9))
+def _visits(f: pd.DataFrame, length: float, shift: float) -> pd.DataFrame:
+    """Cells under the middle line of trucks, in order of cell and time; ``end`` is the last step in it."""
     along = np.linspace(-0.5, 0.5, int(np.ceil(length / (0.5 * CELL))) + 1)[:, None] * length
-    east, north, speed = (m[v, step] for m in (f.east, f.north, f.speed))
-    x, y = (f.x[v, step] + along * east).ravel(), (f.y[v, step] + along * north).ravel()
-    column, row = (np.floor((v + shift) / CELL).astype(np.int64) for v in (x, y))
-    cell = (column - column.min()) * (row.max() - row.min() + 1) + row - row.min()
-    east, north, speed = (np.tile(m, len(along)) for m in (east, north, speed))
-    order = np.lexsort((np.tile(step, len(along)), np.tile(v, len(along)), cell))
-    cell, v, step = cell[order], np.tile(v, len(along))[order], np.tile(step, len(along))[order]
-    new = np.diff(cell, prepend=-1) != 0
-    new |= (np.diff(v, prepend=-1) != 0) | (np.diff(step, prepend=-9) > 2)
+    x, y = ((f[c].to_numpy() + along * f[to].to_numpy()).ravel() for c, to in (("x", "east"), ("y", "north")))
+    points = pd.concat([f] * len(along), ignore_index=True).assign(x=x, y=y)
+    points["cell"] = points.groupby([np.floor((v + shift) / CELL) for v in (x, y)]).ngroup()
+    points = points.sort_values(["cell", "vehicle", "step"], ignore_index=True)
+    new = (points[["cell", "vehicle"]].diff() != 0).any(axis=1) | (points["step"].diff() > 2)
     first = np.flatnonzero(new)
-    last = np.append(first[1:], len(cell)) - 1
-    rows = [m[order][first] for m in (east, north, speed, x, y)]
-    out = (cell[first], v[first], step[first], step[last], *rows)
-    by_time = np.lexsort((out[2], out[0]))
-    return tuple(m[by_time] for m in out)
+    ends = points["step"].to_numpy()[np.append(first[1:], len(points))[: len(first)] - 1]
+    return points.iloc[first].assign(end=ends).sort_values(["cell", "step"])
 
 
 def _events(found: Floats, names: list[str]) -> pd.DataFrame:
@@ -241,19 +197,15 @@ def _events(found: Floats, names: list[str]) -> pd.DataFrame:
     groups = raw.groupby(new.cumsum())
     worst = raw.loc[raw[["ttc", "pet"]].min(axis=1).groupby(new.cumsum()).idxmin()] if len(raw) else raw
     first = groups["time"].min()
+    kinds = np.array(["behind", "crossing", "head-on"], dtype=object)
     out = pd.DataFrame({
         "start": pd.to_datetime((first * 1e6).round().astype("int64").to_numpy(), unit="us", utc=True),
         "vehicle_a": [names[int(k)] for k in worst["a"]], "vehicle_b": [names[int(k)] for k in worst["b"]],
         "ttc_s": groups["ttc"].min().to_numpy(), "pet_s": groups["pet"].min().to_numpy(),
-        "kind": _kinds(worst["angle"].to_numpy()), "closing_speed": worst["closing"].to_numpy(),
-        "x": worst["x"].to_numpy(), "y": worst["y"].to_numpy(),
+        "kind": kinds[np.digitize(worst["angle"], np.radians([30.0, 150.0]))],
+        "closing_speed": worst["closing"].to_numpy(), "x": worst["x"].to_numpy(), "y": worst["y"].to_numpy(),
     }, columns=list(TABLE))  # fmt: skip
     return out.sort_values(["start", "vehicle_a", "vehicle_b"], ignore_index=True)
-
-
-def _kinds(angle: Floats) -> NDArray[np.object_]:
-    names = np.array(["behind", "crossing", "head-on"], dtype=object)
-    return np.asarray(names[np.digitize(angle, np.radians([30.0, 150.0]))])
 
 
 ANALYSIS = near_misses

@@ -34,13 +34,15 @@ def speeding(
         Table ``speeding`` (``EVENTS``; s, m/s, m), the longest first; summary with seconds over the limit and
         seconds driven where a limit is known.
     """
-    found = [_events(t, dataset.site, margin) for t in joined_days(dataset, COLUMNS)]
-    rows = [row for events, _ in found for row in events if row[3] >= shortest]
-    table = pd.DataFrame(rows, columns=list(EVENTS))
+    found, driven = [], 0.0
+    for t in joined_days(dataset, COLUMNS):
+        events, seconds = _events(t, dataset.site, margin)
+        found += [event for event in events if event[3] >= shortest]
+        driven += seconds
+    table = pd.DataFrame(found, columns=list(EVENTS))
     table = table.assign(**{c: stamps(table[c].to_numpy(np.int64)) for c in ("start", "end")})
     by = ["duration", "vehicle_id", "start"]
     table = table.sort_values(by, ascending=[False, True, True], ignore_index=True)
-    driven = sum(seconds for _, seconds in found)
     summary = {
         "margin": margin, "shortest_s": shortest, "events": len(table), "limited_s": driven,
         "over_s": float(table["duration"].sum()),
@@ -56,14 +58,13 @@ def speeding(
 def _lines(s: dict[str, Any], table: pd.DataFrame) -> list[str]:
     if not s["limited_s"]:
         return ["No speed limit is known: neither the roads nor the zones of the site have one."]
+    margin = f"{100 * s['margin']:.0f} %"
     if not len(table):
-        return [
-            f"No truck drives more than {100 * s['margin']:.0f} % above the limit for {s['shortest_s']:g} s."
-        ]
+        return [f"No truck drives more than {margin} above the limit for {s['shortest_s']:g} s."]
     places = table.groupby("place")["duration"].sum().sort_values(ascending=False, kind="stable")
     times = "once" if len(table) == 1 else f"{len(table)} times"
     return [
-        f"Trucks exceed the limit by more than {100 * s['margin']:.0f} % {times}, "
+        f"Trucks exceed the limit by more than {margin} {times}, "
         f"{100 * s['over_s'] / s['limited_s']:.1f} % of the driving time, most at {places.index[0]} "
         f"({places.iloc[0]:.0f} s); top speed {s['top_speed_m_s']:.1f} m/s."
     ]
@@ -91,13 +92,13 @@ def _events(t: Trajectory, site: Site, margin: float) -> tuple[list[tuple[Any, .
     dt = np.where(step <= MAX_GAP, step, 0.0)
     driven = float(dt[np.isfinite(limit) & (speed > STANDING_SPEED)].sum())
     over = (speed > limit * (1.0 + margin)) & (dt > 0.0)
-    x, y = t.floats("x"), t.floats("y")
     rows: list[tuple[Any, ...]] = []
     for a, b in runs(over):
         k = a + int(np.argmax(speed[a:b] - limit[a:b]))
         place = site.zones[-1 - whose[k]].id if whose[k] < 0 else site.roads().edge_ids[whose[k]]
-        end, duration = t.time[min(b, len(t) - 1)], dt[a:b].sum()
-        rows.append((t.vehicle_id, t.time[a], end, duration, speed[a:b].max(), limit[k], place, x[k], y[k]))
+        end, duration, top = t.time[min(b, len(t) - 1)], dt[a:b].sum(), speed[a:b].max()
+        at = (t.floats("x")[k], t.floats("y")[k])
+        rows.append((t.vehicle_id, t.time[a], end, duration, top, limit[k], place, *at))
     return rows, driven
 
 

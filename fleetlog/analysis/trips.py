@@ -1,10 +1,9 @@
 """Trips: from where to where, how far, how long, how much energy."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
+import pandas as pd
 
 from fleetlog.core.arguments import Between
 from fleetlog.core.result import Bars, Flows, Marks, Result
@@ -12,12 +11,8 @@ from fleetlog.core.words import count
 from fleetlog.errors import DataError
 from fleetlog.store import Dataset
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 JOULES = 3600.0
-NEAR = 8.0
-"""Trip ends this close to a place are at it [m]."""
+NEAR = 8.0  # Trip ends this close to a place are at it [m]
 SQUARE, MOST_FLOWS = 10.0, 25
 """Side of the squares that stand for places where the site has none [m]; arrows that are drawn."""
 
@@ -103,9 +98,8 @@ def _places(dataset: Dataset, table: pd.DataFrame, end: str) -> list[str]:
     places = dataset.site.places
     if not places:
         return [""] * len(table)
-    spots = np.array([[p.x, p.y] for p in places])
-    xy = table[[f"x_{end}", f"y_{end}"]].to_numpy(float)
-    gap = np.hypot(xy[:, None, 0] - spots[None, :, 0], xy[:, None, 1] - spots[None, :, 1])
+    xy, spots = table[[f"x_{end}", f"y_{end}"]].to_numpy(float), np.array([[p.x, p.y] for p in places])
+    gap = np.hypot(*(xy[:, None] - spots).transpose(2, 0, 1))
     best = np.nan_to_num(gap, nan=np.inf).argmin(axis=1)
     return [places[k].id if gap[i, k] <= NEAR else "" for i, k in enumerate(best)]
 

@@ -14,13 +14,12 @@ The intervals of a truck partition the time from its first to its last row.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.core.result import Bars, Result, Shape
+from fleetlog.core.result import Bars, Result
 from fleetlog.core.trajectory import Floats, Ints, Labels, Trajectory, concatenate
 from fleetlog.core.words import listed, percent
 from fleetlog.errors import DataError
@@ -41,8 +40,7 @@ OF_ACTIVITY = {
 }  # fmt: skip
 REACH, REACH_WITHOUT_FORKS = 10.0, 30.0
 """Handling lasts this long before and after a movement of the forks or a change of the load at most [s]."""
-FORKS = 0.05
-"""The forks move when their height changes by more than this [m]."""
+FORKS = 0.05  # The forks move when their height changes by more than this [m]
 PATIENCE, PATIENCE_WITHOUT_LOAD = 180.0, 60.0
 """A truck that stands without a load for longer is idle, also where the log has no loads [s]."""
 CHARGER, SHORTEST_CHARGE = 100.0, 20.0
@@ -51,9 +49,9 @@ flows back while a truck brakes may be logged when it stands already."""
 COLUMNS = ("speed", "payload", "fork_height", "battery_power", "soc", "charging")
 QUARTER = 900_000_000
 """Intervals are cut at quarters of an hour [us]: on these, hours of every time zone begin."""
-MOST_QUARTERS = 4_000_000
-"""Of all vehicles together: a hundred vehicles for a year."""
+MOST_QUARTERS = 4_000_000  # Of all vehicles together: a hundred vehicles for a year
 
+NO_TIME = "No truck has two rows: there is no time to divide."
 Codes = Ints
 Mask = NDArray[np.bool_]
 
@@ -74,15 +72,12 @@ def utilisation(dataset: Dataset) -> Result:
     shares = {s: float(total[s] / known) if known else None for s in STATES if s != "no_data"}
     summary = {"hours": {s: float(total[s]) for s in STATES}, "shares": shares}
     said = listed([f"{s.replace('_', ' ')} {percent(v)}" for s, v in shares.items() if v and v >= 0.005])
-    bars: list[Shape] = [state_bars("utilisation", hours)]
-    per_truck = hours.reset_index(names="vehicle_id")
-    lines = [f"{known:.1f} truck hours: {said}."]
-    if not known:
-        lines = ["No truck has two rows: there is no time to divide."]
-    elif len(hours) > 1 and total["idle"]:
+    lines = [f"{known:.1f} truck hours: {said}."] if known else [NO_TIME]
+    if len(hours) > 1 and total["idle"]:
         idle = hours["idle"] / hours.drop(columns="no_data").sum(axis=1).clip(lower=1e-9)
         lines.append(f"{idle.idxmax()} is idle most: {percent(idle.max())} of its time.")
-    return Result("utilisation", summary, {"states": table, "utilisation": per_truck}, {}, bars, lines)
+    tables = {"states": table, "utilisation": hours.reset_index(names="vehicle_id")}
+    return Result("utilisation", summary, tables, {}, [state_bars("utilisation", hours)], lines)
 
 
 def hours_by_state(table: pd.DataFrame, *by: pd.Series) -> pd.DataFrame:
@@ -142,45 +137,39 @@ def row_states(t: Trajectory) -> Codes:
     still = np.nan_to_num(t.floats("speed")) <= STANDING_SPEED
     load = t.floats("payload")
     laden = np.nan_to_num(load) > MIN_LOAD_CHANGE
-    silent = np.diff(t.time, append=t.time[-1:]) > MAX_GAP * 1e6
-    stand = np.cumsum(np.diff(still | silent, prepend=False) | np.diff(silent, prepend=False))
-    lasts = _spread(stand, np.diff(t.time, append=t.time[-1:]) * 1e-6, np.add)
-    driving = number["driving_empty" if t.has("payload") else "driving"]
-    stopped = number["waiting" if t.has("payload") or t.has("fork_height") else "standing"]
-    out = np.where(laden, number["driving_laden"], driving)
-    patience = PATIENCE if t.has("payload") else PATIENCE_WITHOUT_LOAD
-    waits = laden | ((lasts <= patience) & ~_set_down(laden, stand))
+    step = np.diff(t.time, append=t.time[-1:])
+    silent = step > MAX_GAP * 1e6
+    begins = np.diff(still | silent, prepend=False) | np.diff(silent, prepend=False)
+    stand = np.cumsum(begins, dtype=np.int64)
+    first = np.flatnonzero(np.diff(stand, prepend=-1))
+    rows = np.diff(np.append(first, len(stand)))
+    lasts = np.repeat(np.add.reduceat(step * 1e-6, first), rows)
+    loads, forks = t.has("payload"), t.has("fork_height")
+    out = np.where(laden, number["driving_laden"], number["driving_empty" if loads else "driving"])
+    waits = laden | ((lasts <= (PATIENCE if loads else PATIENCE_WITHOUT_LOAD)) & ~_set_down(laden, stand))
+    stopped = number["waiting" if loads or forks else "standing"]
     out[still] = np.where(waits[still], stopped, number["idle"])
     out[still & _handling(t, still, load)] = number["handling"]
-    out[still & _charging(t, stand, lasts)] = number["charging"]
+    out[still & _charging(t, first, rows, lasts)] = number["charging"]
     out[silent] = number["no_data"]
     return np.asarray(out, dtype=np.int64)
 
 
-def _set_down(laden: Mask, stand: NDArray[Any]) -> Mask:
+def _set_down(laden: Mask, stand: Ints) -> Mask:
     """(N,) rows after the load was set down in the same standstill."""
-    row = np.arange(len(stand))
-    begin = row[np.flatnonzero(np.diff(stand, prepend=-1))][stand - stand[:1]]
-    down = np.where(np.diff(laden.astype(np.int8), prepend=0) < 0, row, -1)
-    return np.asarray(np.maximum.accumulate(down) >= begin)
+    down = np.diff(laden.astype(np.int8), prepend=0) < 0
+    return pd.Series(down).groupby(stand).cummax().to_numpy(bool)
 
 
-def _spread(run: NDArray[Any], values: Floats, how: np.ufunc) -> Floats:
-    """(N,) the sum (or other reduction) of each run, at all of its rows."""
-    first = np.flatnonzero(np.diff(run, prepend=-1))
-    return np.asarray(np.repeat(how.reduceat(values, first), np.diff(np.append(first, len(run)))))
-
-
-def _charging(t: Trajectory, stand: NDArray[Any], lasts: Floats) -> Mask:
+def _charging(t: Trajectory, first: Ints, rows: Ints, lasts: Floats) -> Mask:
     """Where the log says so; standstills in which the battery takes power on average, or its charge rises."""
     own = t.columns.get("charging")
-    silent = own is None or isinstance(own, Labels)
-    said = np.zeros(len(t)) if silent else np.nan_to_num(np.asarray(own, float))
-    first = np.flatnonzero(np.diff(stand, prepend=-1))
-    length = np.diff(np.append(first, len(stand)))
+    said = (
+        np.zeros(len(t)) if own is None or isinstance(own, Labels) else np.nan_to_num(np.asarray(own, float))
+    )
     soc = t.floats("soc")
-    rise = np.repeat(soc[np.append(first[1:], len(stand)) - 1] - soc[first], length)
-    taken = -_spread(stand, np.nan_to_num(t.floats("battery_power")), np.add) / np.repeat(length, length)
+    rise = np.repeat(soc[first + rows - 1] - soc[first], rows)
+    taken = np.repeat(-np.add.reduceat(np.nan_to_num(t.floats("battery_power")), first) / rows, rows)
     takes = (taken > CHARGER) & (lasts >= SHORTEST_CHARGE)
     return np.asarray((said > 0.0) | takes | (np.nan_to_num(rise) > MIN_CHARGE))
 
@@ -190,7 +179,7 @@ def _handling(t: Trajectory, still: Mask, load: Floats) -> Mask:
     changes = np.abs(np.diff(load, prepend=load[:1])) > MIN_LOAD_CHANGE
     changes |= np.abs(np.diff(t.floats("fork_height"), prepend=np.nan)) > FORKS
     # A change shows in the first row after it: that of a truck that has set off again counts, too.
-    at = t.time[np.nan_to_num(changes) & (still | np.roll(still, 1))]
+    at = t.time[changes & (still | np.roll(still, 1))]
     if not len(at):
         return np.zeros(len(t), dtype=bool)
     after = np.searchsorted(at, t.time)

@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from fleetlog.api.inputs import temporary
 from fleetlog.api.kinds import PathLike
 from fleetlog.core.result import Result
 from fleetlog.core.site import Site
+from fleetlog.core.words import count
 from fleetlog.errors import DataError, OutputError
 
 if TYPE_CHECKING:
@@ -22,8 +24,7 @@ if TYPE_CHECKING:
 
     from fleetlog.store import Dataset
 
-HEAD = 5
-"""Rows of a table in a notebook."""
+HEAD = 5  # Rows of a table in a notebook
 
 
 @dataclass
@@ -57,9 +58,8 @@ class Answer(Result):
     def of(cls, result: Result, site: Site | None = None, **more: Any) -> Answer:
         """Return the answer of an analysis: its folder has JSON, tables, a picture and a recording."""
         own = {f.name: getattr(result, f.name) for f in fields(Result)}
-        answer = cls(**own, site=site, **more)
-        answer.write = answer.write or (lambda folder: write_folder(result, site or Site(), folder))
-        return answer
+        more.setdefault("write", partial(write_folder, result, site or Site()))
+        return cls(**own, site=site, **more)
 
     @property
     def dataset(self) -> Dataset:
@@ -69,15 +69,6 @@ class Answer(Result):
         if isinstance(self.value, Dataset):
             return self.value
         raise DataError(f"{self.name} gives no dataset", do="use the result of read_logs or simulate")
-
-    def write_to(self, scratch: Path) -> None:
-        """Write into an empty folder or a file; of an answer that has no more, the summary as JSON."""
-        if self.write is not None:
-            self.write(scratch)
-        else:
-            from fleetlog.store.documents import write_json
-
-            write_json(scratch, self.summary, indent=1)
 
     def save(self, output: PathLike, *, overwrite: bool = False) -> Path:
         """Write everything to ``output``, as the command does with ``-o``; whole or not at all."""
@@ -113,22 +104,19 @@ class Answer(Result):
         if self.page:
             return f'<iframe srcdoc="{html.escape(self.page)}" width="100%" height="700"></iframe>'
         lines = "".join(f"<li>{html.escape(line.strip())}</li>" for line in self.lines)
-        tables = "".join(_table(name, table) for name, table in self.tables.items())
-        return f"<h3>{html.escape(self.name)}</h3><ul>{lines}</ul>{self._picture()}{tables}"
+        picture = ""
+        if self.shapes:
+            from fleetlog.view.picture import write_picture
 
-    def _picture(self) -> str:
-        if not self.shapes:
-            return ""
-        from fleetlog.view.picture import write_picture
-
-        png = write_picture(self, self.site or Site(), temporary() / "picture.png").read_bytes()
-        return f'<img style="max-width:100%" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
-
-
-def _table(name: str, table: pd.DataFrame) -> str:
-    head = table.head(HEAD).to_html(max_cols=12, border=0)
-    count = f"{len(table):,} row{'' if len(table) == 1 else 's'}"
-    return f"<details><summary>{html.escape(name)} ({count})</summary>{head}</details>"
+            png = write_picture(self, self.site or Site(), temporary() / "picture.png").read_bytes()
+            source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
+            picture = f'<img style="max-width:100%" src="{source}">'
+        tables = "".join(
+            f"<details><summary>{html.escape(name)} ({count(len(table), 'row')})</summary>"
+            f"{table.head(HEAD).to_html(max_cols=12, border=0)}</details>"
+            for name, table in self.tables.items()
+        )
+        return f"<h3>{html.escape(self.name)}</h3><ul>{lines}</ul>{picture}{tables}"
 
 
 @contextmanager
@@ -140,6 +128,7 @@ def destination(
 
     Without ``output`` the answer stays in memory.
     """
+    from fleetlog.store.documents import write_json
     from fleetlog.store.output import atomic_output
 
     inputs, place = tuple(inputs), None if output is None else Path(output)
@@ -149,7 +138,8 @@ def destination(
     def keep(answer: Answer) -> Answer:
         answer.kind, answer.folder, answer.inputs = kind, folder, inputs
         if scratch is not None:
-            answer.write_to(scratch)
+            write = answer.write or partial(write_json, value=answer.summary, indent=1)
+            write(scratch)
             answer.output = place
         return answer
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import os
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from fleetlog.api.kinds import DatasetLike, PhysicsLike, SiteLike, TableLike, TruckLike
+from fleetlog.api.kinds import DatasetLike, PhysicsLike, SiteLike, TruckLike
 from fleetlog.errors import InputError
 from fleetlog.listening import notice
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from fleetlog.core.network import Network
     from fleetlog.core.site import Site
     from fleetlog.core.truck import Truck
@@ -31,13 +30,19 @@ def temporary() -> Path:
 
 def as_dataset(value: DatasetLike) -> Dataset:
     """Open a dataset; a DataFrame is imported first, into a temporary folder."""
-    from fleetlog.store import Dataset
+    from fleetlog.store import Dataset, DatasetWriter
 
     if isinstance(value, Dataset):
         return value
-    if _is_frame(value):
-        return _imported(value)
-    return cast("Dataset", value.dataset) if hasattr(value, "dataset") else Dataset(as_path(value))
+    if not _is_frame(value):
+        return cast("Dataset", value.dataset) if hasattr(value, "dataset") else Dataset(as_path(value))
+    from fleetlog.core.site import Site
+    from fleetlog.ingest.pipeline import import_logs
+
+    folder = temporary() / "dataset"
+    with DatasetWriter.create(folder, "recorded", Site()) as writer:
+        import_logs([as_path(value)], None, writer)
+    return Dataset(folder)
 
 
 def as_truck(value: TruckLike) -> Truck:
@@ -81,37 +86,26 @@ def as_physics(value: PhysicsLike, truck: Truck, network: Network | None = None)
 def as_path(value: Any) -> Path:
     """Return a path; a DataFrame is written to a temporary file first, a dataset is its folder."""
     if _is_frame(value):
-        file = temporary() / "table.parquet"
-        _plain(value).to_parquet(file, index=False)
-        return file
+        return _written(value, "table.parquet")
     if hasattr(value, "dataset"):
         value = value.dataset
     where = value if "://" in str(value) else getattr(value, "path", value)
-    if "://" not in str(where):
-        return _local(where)
-    from fleetlog.store.places import located
+    if "://" in str(where):
+        from fleetlog.store.places import located
 
-    return located(where)
-
-
-def _local(where: str | os.PathLike[str]) -> Path:
-    """The path of a file of this machine; :class:`InputError` for what no file can be called."""
+        return located(where)
+    path = Path(where)
     try:
-        good = b"\0" not in os.fsencode(where)
-    except UnicodeEncodeError:
-        good = False
-    if not good:
-        raise InputError("is no name of a file", where=repr(str(where)), do="correct it")
-    return Path(where)
+        with suppress(OSError):
+            path.stat()
+    except ValueError:  # of what no file can be called
+        raise InputError("is no name of a file", where=repr(str(where)), do="correct it") from None
+    return path
 
 
-def as_csv(value: TableLike) -> Path:
-    """Return the path of a CSV file; a DataFrame is written to a temporary one first."""
-    if not _is_frame(value):
-        return existing(value)
-    file = temporary() / "table.csv"
-    _plain(value).to_csv(file, index=False)
-    return file
+def as_csv(value: Any) -> Path:
+    """Return the path of a CSV file; a DataFrame is written to a temporary one, a dataset is its folder."""
+    return _written(value, "table.csv") if _is_frame(value) else existing(value)
 
 
 def existing(value: Any) -> Path:
@@ -133,17 +127,10 @@ def _is_frame(value: Any) -> bool:
     return hasattr(value, "to_parquet") and hasattr(value, "columns")
 
 
-def _plain(frame: Any) -> pd.DataFrame:
-    """The frame with a named index (of time, say) as a column."""
-    return cast("pd.DataFrame", frame.reset_index() if any(frame.index.names) else frame)
-
-
-def _imported(frame: Any) -> Dataset:
-    from fleetlog.core.site import Site
-    from fleetlog.ingest.pipeline import import_logs
-    from fleetlog.store import Dataset, DatasetWriter
-
-    folder = temporary() / "dataset"
-    with DatasetWriter.create(folder, "recorded", Site()) as writer:
-        import_logs([as_path(frame)], None, writer)
-    return Dataset(folder)
+def _written(frame: Any, name: str) -> Path:
+    """A temporary file of a table; a named index (of time, say) is a column."""
+    file = temporary() / name
+    plain = frame.reset_index() if any(frame.index.names) else frame
+    write = plain.to_csv if name.endswith(".csv") else plain.to_parquet
+    write(file, index=False)
+    return file

@@ -1,19 +1,150 @@
-"""A function behind a command: its arguments are checked as the command's are."""
+"""A function behind a command: what it asks for, and its arguments checked as the command's are.
 
-import functools
+Signature and docstring are the one source of commands and pages.  A parameter is described in the section
+``Parameters`` of the docstring as ``name : text``; one that several functions share and that a docstring
+leaves out is described in :data:`SHARED`.
+"""
+
 import inspect
+import re
 import sys
+import types
 from collections.abc import Callable
-from contextlib import AbstractContextManager
-from typing import Any, TypeVar
+from dataclasses import dataclass, field
+from functools import cache, update_wrapper
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from fleetlog import engines
-from fleetlog.api.signature import REQUIRED, SHARED, Option, options_of
-from fleetlog.core.arguments import Between, Named
+from fleetlog.core.arguments import Between, Named, PartOf
 from fleetlog.errors import ArgumentError, nearest
 
 F = TypeVar("F", bound=Callable[..., Any])
 Fill = Callable[[dict[str, Any]], dict[str, Any]]
+SHARED = {
+    "dataset": "A dataset: its folder; in Python also a Dataset, a Result or a DataFrame.",
+    "site": "Site file, or a road map directly.",
+    "truck": "Truck file, or name of a preset.",
+    "physics": "Physics that diagnose found: model.toml or its folder.",
+    "output": "Where to write.",
+    "overwrite": "Replace an older output.",
+    "seed": "Seed of the random numbers: the same seed gives the same bytes.",
+    "vehicle": "Only this vehicle; may be given several times.",
+    "workers": "Processes that work at once; by default one per core. The result does not depend on it.",
+    "scheduler": "Address of a Dask cluster, tcp://HOST:PORT.",
+}
+"""Options that several functions have, described once; a docstring of one's own goes first."""
+LOADED = {"Dataset": "DATASET", "Truck": "TRUCK", "Site": "FILE", "Physics": "PATH"}
+"""Types that an analysis takes, and that the library loads for it from a path."""
+TITLE = r"\n[^\n]+\n-+\n"  # Of a section of a docstring
+REQUIRED = inspect.Parameter.empty
+
+
+@dataclass(frozen=True)
+class Option:
+    """One argument: ``default`` is :data:`REQUIRED` where there is none, ``many`` a sequence of values."""
+
+    name: str
+    default: Any
+    help: str
+    positional: bool = False
+    many: bool = False
+    flag: bool = False
+    choices: tuple[str, ...] = ()
+    check: Callable[[Any], Any] = field(default_factory=Named)
+    type: Any = None
+
+    @property
+    def spelling(self) -> str:
+        """As a command line has it; of a flag that is on by default, what turns it off."""
+        word = self.name.replace("_", "-")
+        if self.positional:
+            return self.name.upper()
+        return f"-{word}" if len(word) == 1 else f"--no-{word}" if self.default is True else f"--{word}"
+
+    @property
+    def is_path(self) -> bool:
+        """Whether it is (also) the name of a file or folder."""
+        return bool(getattr(self.check, "path", False))
+
+    def convert(self, value: Any) -> Any:
+        """Return what the function takes; :class:`ArgumentError` says what is wrong with the value."""
+        if value is None and self.default is None:
+            return None
+        if self.flag:
+            return bool(value)
+        if self.many:
+            return tuple(self._one(v) for v in (value if isinstance(value, list | tuple) else (value,)))
+        return self._one(value)
+
+    def _one(self, value: Any) -> Any:
+        if self.choices and value not in self.choices:
+            raise ArgumentError(f"{value!r} is not one of {', '.join(self.choices)}", option=self.spelling)
+        try:
+            return self.check(value)
+        except ValueError as error:
+            raise ArgumentError(str(error), option=self.spelling) from None
+
+
+@cache
+def options_of(function: Callable[..., Any]) -> tuple[Option, ...]:
+    """Return what ``function`` asks for, in its order."""
+    hints = get_type_hints(inspect.unwrap(function), include_extras=True)
+    texts = {**SHARED, **parameter_texts(function.__doc__)}
+    parameters = list(inspect.signature(function).parameters.values())
+    asked = ((p, hints.get(p.name, Any), texts.get(p.name, "")) for p in parameters)
+    return tuple(_option(*one, first=one[0] is parameters[0]) for one in asked)
+
+
+def _option(parameter: inspect.Parameter, hint: Any, text: str, first: bool) -> Option:
+    kind, check = _peeled(hint)
+    many = getattr(check, "many", get_origin(kind) is tuple and check is None)
+    if get_origin(kind) is tuple:
+        kind, inner = _peeled(get_args(kind)[0])
+        check = check or inner
+    loaded = LOADED.get(getattr(kind, "__name__", ""))
+    if loaded is not None:
+        check = check or Named(loaded, path=True)
+    check = check or (Between(whole=kind is int) if kind in (int, float) else Named())
+    choices = tuple(get_args(kind)) if get_origin(kind) is Literal else ()
+    if isinstance(check, PartOf):
+        text = f"{text[:-1]}: {', '.join(check.names())}."
+    positional = first and parameter.kind is not parameter.KEYWORD_ONLY
+    more = positional, many, kind is bool, choices, check, kind
+    return Option(parameter.name, parameter.default, text, *more)
+
+
+def _peeled(hint: Any) -> tuple[Any, Any]:
+    """Return a type without ``Annotated`` and ``| None``, and the check that its annotation carries."""
+    if get_origin(hint) is Annotated:
+        inner, *more = get_args(hint)
+        kind, check = _peeled(inner)
+        return kind, next((m for m in more if callable(m)), check)
+    some = [a for a in get_args(hint) if a is not type(None)]
+    optional = get_origin(hint) in (Union, types.UnionType) and len(some) == 1
+    return _peeled(some[0]) if optional else (hint, None)
+
+
+def parameter_texts(docstring: str | None) -> dict[str, str]:
+    """Return the description of every parameter by name, each in one line."""
+    section = inspect.cleandoc(docstring or "").partition("\nParameters\n----------\n")[2]
+    found: dict[str, str] = {}
+    for names, text in re.findall(r"^(\S.*?) : (.*(?:\n +.*)*)", re.split(TITLE, section)[0], re.MULTILINE):
+        line = _sentence(" ".join(map(str.strip, text.splitlines())))
+        found |= {name.strip(" *"): line for name in names.split(",")}
+    return found
+
+
+def _sentence(text: str) -> str:
+    plain = text.replace("``", "").replace(":mod:", "").replace(":func:", "").strip("`")
+    named = "." in plain.split(" ")[0].rstrip(".:,")  # a file's name stays as it is
+    return f"{plain[:1] if named else plain[:1].upper()}{plain[1:].rstrip('.')}." if plain else ""
+
+
+def description(docstring: str | None) -> str:
+    """Return a docstring without its sections: what a command's help says first."""
+    return re.split(TITLE, inspect.cleandoc(docstring or ""))[0].replace("``", "").strip()
+
+
 JOBS = (
     Option("workers", None, SHARED["workers"], check=Between(1, 1024, whole=True)),
     Option("scheduler", None, SHARED["scheduler"], check=Named("ADDRESS")),
@@ -21,26 +152,18 @@ JOBS = (
 """Where jobs run."""
 
 
-class MissingArgument(TypeError):
-    """An argument without a default was not given; ``name`` is its."""
-
-    def __init__(self, verb: str, name: str) -> None:
-        self.name = name
-        super().__init__(f"{verb}() is missing the argument {name!r}")
-
-
 class Verb:
     """A callable with checked arguments.
 
     ``fill`` adds arguments to those that were given (a file's, say).  ``added`` are options that the function
-    does not take itself; :meth:`run` takes them away and does with them what they are for.
+    does not take itself.
     """
 
     def __init__(
         self, function: Callable[..., Any], fill: Fill | None = None, name: str = "",
         added: tuple[Option, ...] = (),
     ) -> None:  # fmt: skip
-        functools.update_wrapper(self, function)
+        update_wrapper(self, function)
         self.function, self.fill, self.added = function, fill, added
         self.name = name or function.__name__.rstrip("_")
         own = inspect.signature(function)
@@ -53,13 +176,17 @@ class Verb:
         return (*options_of(self.function), *self.added)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
-        """Check and convert the arguments, then run the function."""
-        return self.run(self.converted(*args, **options))
+        """Check and convert the arguments, then run the function, its jobs where it was said."""
+        given = self.converted(*args, **options)
+        workers, scheduler = given.pop("workers", None), given.pop("scheduler", None)
+        if workers is not None and scheduler is not None:
+            raise ArgumentError("--workers and --scheduler do not go together")
+        with engines.using(workers, scheduler):
+            return self.run(given)
 
     def run(self, given: dict[str, Any]) -> Any:
-        """Call the function with checked arguments; its jobs run where ``workers`` and ``scheduler`` say."""
-        with on_engine(given):
-            return self.function(**given)
+        """Call the function with checked arguments."""
+        return self.function(**given)
 
     def converted(self, *args: Any, **options: Any) -> dict[str, Any]:
         """Return the given arguments by name, as the function takes them."""
@@ -71,7 +198,7 @@ class Verb:
             given = self.fill(given)
         for option in known.values():
             if option.default is REQUIRED and option.name not in given:
-                raise MissingArgument(self.name, option.name)
+                raise ArgumentError(f"{option.spelling} is missing")
         return {name: known[name].convert(value) for name, value in given.items()}
 
     def __getattr__(self, name: str) -> Any:
@@ -85,24 +212,9 @@ class Verb:
         return f"<fleetlog.{self.name}{self.__signature__}>"
 
 
-def on_engine(given: dict[str, Any]) -> AbstractContextManager[Any]:
-    """Take ``workers`` and ``scheduler`` out of the arguments; jobs of the block run where they say."""
-    workers, scheduler = given.pop("workers", None), given.pop("scheduler", None)
-    if workers is not None and scheduler is not None:
-        raise ArgumentError("--workers and --scheduler do not go together")
-    return engines.using(workers, scheduler)
+def verb(jobs: bool = False, fill: Fill | None = None) -> Callable[[F], F]:
+    """Check the arguments of a function of the library; its type stays.
 
-
-def verb(function: F) -> F:
-    """Check the arguments of a function of the library; its type stays."""
-    return Verb(function)  # type: ignore[return-value]
-
-
-def verb_with_jobs(function: F) -> F:
-    """Check the arguments as :func:`verb` does; jobs run where ``workers`` and ``scheduler`` say."""
-    return Verb(function, added=JOBS)  # type: ignore[return-value]
-
-
-def filled(fill: Fill) -> Callable[[F], F]:
-    """As :func:`verb_with_jobs`, after ``fill`` has added arguments that were not given."""
-    return lambda function: Verb(function, fill, added=JOBS)  # type: ignore[return-value]
+    With ``jobs`` it takes ``workers`` and ``scheduler``, which say where its jobs run.
+    """
+    return lambda function: Verb(function, fill, added=JOBS if jobs else ())  # type: ignore[return-value]

@@ -13,44 +13,40 @@ held one can stand in for it, is *tied*: the runs carry a combination of the two
 *fitted*.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.calibrate.observe import Observations
+from fleetlog.calibrate.observe import Observations, observations, together
 from fleetlog.calibrate.parameters import UNKNOWNS, Unknown
+from fleetlog.core.motion import Floats
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics
 
-Floats = NDArray[np.float64]
-Status = Literal["fitted", "tied", "held"]
 LEAST_INFORMATION = 1.0
 """Of a free number, given those more telling: with less the prior says more than the runs."""
-CARRIED = 0.25
-"""A number is fitted if the runs leave at most this share of its prior variance ..."""
-BORROWED = 0.5
-"""... and at most this share of what they leave is doubt about the held ones."""
-CONFIDENCE = 0.95
-"""That all intervals hold at once."""
-STEP = 1e-3
-"""Of the numerical derivatives, in prior deviations."""
+CARRIED = 0.25  # A number is fitted if the runs leave at most this share of its prior variance ..
+BORROWED = 0.5  # ... and at most this share of what they leave is doubt about the held ones.
+CONFIDENCE = 0.95  # That all intervals hold at once
+STEP = 1e-3  # Of the numerical derivatives, in prior deviations
 COMPANION = 0.2
 """A number stands in for a held one if it moves by this when that moves by one (prior deviations)."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One number after the fit; ``low`` to ``high`` hold at once for all numbers with probability
-    ``CONFIDENCE``.
+    """One number after the fit; ``low`` to ``high`` hold at once for all with probability ``CONFIDENCE``.
 
     ``value`` goes into the truck file: fitted, or tied to the held ones at their prior, or the prior.
     ``remaining`` is the posterior's share of the prior variance.
     """
 
     unknown: Unknown
-    status: Status
+    status: Literal["fitted", "tied", "held"]
     prior: float
     value: float
     low: float
@@ -84,46 +80,48 @@ class Fit:
     estimates: tuple[Estimate, ...]
     blind: tuple[Blind, ...]
     combinations: tuple[Combination, ...]
-    correlation: Floats
-    """(K, K) of the posterior, in the order of the estimates."""
-    labels: tuple[str, ...]
-    measured: Floats
+    correlation: Floats  # (K, K) of the posterior, in the order of the estimates
+    observed: Observations
     before: Floats
     after: Floats
-    sigma: Floats
     spread_factor: float
     """By how much the residuals exceed the stated deviations; the intervals are widened by it."""
 
 
-def fit(observed: Observations, physics: Physics, unknowns: tuple[Unknown, ...] = UNKNOWNS) -> Fit:
+def calibrate(measurements: Sequence[str | Path], truck: Truck, physics: Physics | None = None) -> Fit:
+    """Fit a truck to datasets and CSV tables (:class:`fleetlog.calibrate.runs.Run`), ``physics`` given."""
+    base = Physics(truck) if physics is None else Physics(truck, physics.values, physics.off, physics.fields)
+    return fit(together([observations(Path(m), base) for m in measurements]), base)
+
+
+def fit(observed: Observations, physics: Physics) -> Fit:
     """Fit the truck of ``physics`` to the observations; its added terms stay as they are."""
-    problem = _Problem(observed, physics, unknowns)
-    z = problem.solve(np.ones(len(unknowns), dtype=bool))
-    jacobian = problem.jacobian(z)
-    free = _telling(jacobian)
-    z_final = problem.solve(free)
-    factor = problem.spread_factor(z_final, int(free.sum()))
-    jacobian = problem.jacobian(z_final) / factor
-    doubt = None if observed.doubt is None else observed.doubt / (observed.sigma[:, None] * factor)
+    problem = _Problem(observed, physics)
+    free = _telling(problem.jacobian(problem.solve(np.ones(len(UNKNOWNS), dtype=bool))))
+    z = problem.solve(free)
+    misfit, spare = problem.misfit(z), len(observed) - int(free.sum())
+    # Root of chi-squared a degree of freedom, at least 1; 1 where too few figures are left to tell.
+    factor = max(1.0, float(np.sqrt(misfit @ misfit / spare))) if spare >= 3 else 1.0
+    jacobian = problem.jacobian(z) / factor
+    doubt = observed.doubt / (observed.sigma[:, None] * factor)
     covariance = _posterior(jacobian, doubt)
-    alone = np.ones(len(unknowns))
+    alone = np.ones(len(UNKNOWNS))
     alone[free] = np.sqrt(np.diag(_posterior(jacobian[:, free], doubt)))
-    estimates = problem.estimates(z_final, np.diag(covariance), alone**2, free)
-    blind = tuple(_blind(jacobian, free, unknowns))
-    blind += tuple(_weak(estimates, blind))
+    estimates = problem.estimates(z, np.diag(covariance), alone**2, free)
+    blind = _blind(jacobian, free)
+    named = {u.key for b in blind for u, _ in b.companions}
+    tied = [e.unknown for e in estimates if e.status == "tied"]
+    blind += [Blind(u, (), weak=True) for u in tied if u.key not in named]
     scale = np.sqrt(np.diag(covariance))
     return Fit(
-        problem.truck(z_final), estimates, blind, tuple(_combinations(estimates, blind, alone, problem)),
-        covariance / np.outer(scale, scale), observed.labels, observed.measured, observed.predict(physics),
-        problem.predict(z_final), observed.sigma, factor,
+        problem.truck(z), estimates, tuple(blind), tuple(_combinations(estimates, blind, alone, problem)),
+        covariance / np.outer(scale, scale), observed, observed.predict(physics), problem.predict(z), factor,
     )  # fmt: skip
 
 
-def _posterior(jacobian: Floats, doubt: Floats | None) -> Floats:
+def _posterior(jacobian: Floats, doubt: Floats) -> Floats:
     """Covariance of z given the runs and the prior, and what each pattern of doubt would shift the fit by."""
     noise = np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]))
-    if doubt is None:
-        return np.asarray(noise, dtype=np.float64)
     shift = noise @ jacobian.T @ doubt
     return np.asarray(noise + shift @ shift.T, dtype=np.float64)
 
@@ -131,16 +129,16 @@ def _posterior(jacobian: Floats, doubt: Floats | None) -> Floats:
 class _Problem:
     """Observations, model and prior in units of the prior."""
 
-    def __init__(self, observed: Observations, physics: Physics, unknowns: tuple[Unknown, ...]) -> None:
-        self.observed, self.physics, self.unknowns = observed, physics, unknowns
-        self.prior = np.array([physics.truck.value(u.key) for u in unknowns])
-        self.spread = np.array([u.deviation(physics.truck) for u in unknowns])
-        bounds = np.array([u.bounds() for u in unknowns])
-        self.low, self.high = (bounds.T - self.prior) / self.spread
+    def __init__(self, observed: Observations, physics: Physics) -> None:
+        self.observed, self.physics = observed, physics
+        self.prior = np.array([physics.truck.value(u.key) for u in UNKNOWNS])
+        self.spread = np.array([u.deviation(physics.truck) for u in UNKNOWNS])
+        self.bounds = np.array([u.bounds() for u in UNKNOWNS]).T
+        self.low, self.high = (self.bounds - self.prior) / self.spread
 
     def truck(self, z: Floats) -> Truck:
         truck = self.physics.truck
-        for u, value in zip(self.unknowns, self.prior + z * self.spread, strict=True):
+        for u, value in zip(UNKNOWNS, self.prior + z * self.spread, strict=True):
             truck = truck.with_value(u.key, float(value))
         return truck
 
@@ -155,11 +153,11 @@ class _Problem:
         from scipy.optimize import least_squares
 
         if not free.any():
-            return np.zeros(len(self.unknowns))
+            return np.zeros(len(UNKNOWNS))
         low, high = self.low[free], self.high[free]
 
         def full(part: Floats) -> Floats:
-            out = np.zeros(len(self.unknowns))
+            out = np.zeros(len(UNKNOWNS))
             out[free] = part
             return out
 
@@ -178,18 +176,11 @@ class _Problem:
     def jacobian(self, z: Floats, free: NDArray[np.bool_] | None = None) -> Floats:
         """(M, K) derivative of prediction / sigma by z (the free columns), central where the bounds allow."""
         columns = []
-        for k in range(len(z)) if free is None else np.flatnonzero(free):
-            up, down = z.copy(), z.copy()
-            up[k] = min(z[k] + STEP, self.high[k])
-            down[k] = max(z[k] - STEP, self.low[k])
-            columns.append((self.misfit(up) - self.misfit(down)) / (up[k] - down[k]))
+        for axis in np.eye(len(z), dtype=bool)[slice(None) if free is None else free]:
+            up = np.where(axis, np.minimum(z + STEP, self.high), z)
+            down = np.where(axis, np.maximum(z - STEP, self.low), z)
+            columns.append((self.misfit(up) - self.misfit(down)) / (up - down)[axis])
         return np.stack(columns, axis=1)
-
-    def spread_factor(self, z: Floats, free: int) -> float:
-        """Root of chi-squared a degree of freedom, at least 1; 1 where too few figures are left to tell."""
-        spare = len(self.observed) - free
-        misfit = self.misfit(z)
-        return max(1.0, float(np.sqrt(misfit @ misfit / spare))) if spare >= 3 else 1.0
 
     def estimates(
         self, z: Floats, remaining: Floats, alone: Floats, free: NDArray[np.bool_]
@@ -197,17 +188,13 @@ class _Problem:
         """The numbers; ``remaining``, ``alone``: posterior variances with the held ones unknown and known."""
         from scipy.stats import norm
 
-        tails = (1.0 - CONFIDENCE) / len(self.unknowns)
+        value, tails = self.prior + z * self.spread, (1.0 - CONFIDENCE) / len(UNKNOWNS)
         reach = float(norm.ppf(1.0 - tails / 2.0)) * np.sqrt(remaining) * self.spread
-        value = self.prior + z * self.spread
-        out = []
-        for k, u in enumerate(self.unknowns):
-            low, high = u.bounds()
-            own = remaining[k] <= CARRIED and alone[k] >= (1.0 - BORROWED) * remaining[k]
-            status: Status = "held" if not free[k] else "fitted" if own else "tied"
-            bottom, top = max(value[k] - reach[k], low), min(value[k] + reach[k], high)
-            out.append(Estimate(u, status, self.prior[k], float(value[k]), bottom, top, float(remaining[k])))
-        return tuple(out)
+        low, high = np.maximum(value - reach, self.bounds[0]), np.minimum(value + reach, self.bounds[1])
+        own = (remaining <= CARRIED) & (alone >= (1.0 - BORROWED) * remaining)
+        status = np.where(free, np.where(own, "fitted", "tied"), "held")
+        columns = (c.tolist() for c in (status, self.prior, value, low, high, remaining))
+        return tuple(map(Estimate, UNKNOWNS, *columns))
 
 
 def _telling(jacobian: Floats) -> NDArray[np.bool_]:
@@ -219,7 +206,7 @@ def _telling(jacobian: Floats) -> NDArray[np.bool_]:
     return np.isin(np.arange(len(order)), order[: len(diagonal)][diagonal >= LEAST_INFORMATION])
 
 
-def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, ...]) -> list[Blind]:
+def _blind(jacobian: Floats, free: NDArray[np.bool_]) -> list[Blind]:
     """For each held number the free ones that hide its effect: the least-squares x of J_free x = -J_held."""
     basis, out = np.flatnonzero(free), []
     for k in np.flatnonzero(~free):
@@ -227,34 +214,25 @@ def _blind(jacobian: Floats, free: NDArray[np.bool_], unknowns: tuple[Unknown, .
         if np.linalg.norm(jacobian[:, k]) >= LEAST_INFORMATION and len(basis):
             weight = -np.asarray(np.linalg.lstsq(jacobian[:, basis], jacobian[:, k], rcond=None)[0], float)
         strong = [j for j in np.argsort(-np.abs(weight)) if abs(weight[j]) >= COMPANION]
-        out.append(Blind(unknowns[k], tuple((unknowns[basis[j]], float(weight[j])) for j in strong)))
+        out.append(Blind(UNKNOWNS[k], tuple((UNKNOWNS[basis[j]], float(weight[j])) for j in strong)))
     return out
 
 
-def _weak(estimates: tuple[Estimate, ...], blind: tuple[Blind, ...]) -> list[Blind]:
-    """Tied numbers that no held one explains."""
-    named = {u.key for b in blind for u, _ in b.companions}
-    tied = [e.unknown for e in estimates if e.status == "tied"]
-    return [Blind(u, (), weak=True) for u in tied if u.key not in named]
-
-
 def _combinations(
-    estimates: tuple[Estimate, ...], blind: tuple[Blind, ...], alone: Floats, problem: _Problem
+    estimates: tuple[Estimate, ...], blind: list[Blind], alone: Floats, problem: _Problem
 ) -> list[Combination]:
     """For each tied number p the product p * held^-e that the runs carry, e its elasticity by the held."""
     value = {e.unknown.key: e.value for e in estimates}
     spread = dict(zip(value, problem.spread, strict=True))
     out = []
     for e, deviation in zip(estimates, alone * problem.spread, strict=True):
-        key = e.unknown.key
         if e.status != "tied" or e.value <= 0.0:
             continue
         powers = []
-        for b in blind:
-            moved = {u.key: w for u, w in b.companions}.get(key)
-            if moved is not None and value[b.held.key] > 0.0:
-                slope = moved * spread[key] / spread[b.held.key]
-                powers.append((b.held, -slope * value[b.held.key] / e.value))
+        for held, moved in ((b.held, w) for b in blind for u, w in b.companions if u == e.unknown):
+            if value[held.key] > 0.0:
+                slope = moved * spread[e.unknown.key] / spread[held.key]
+                powers.append((held, -slope * value[held.key] / e.value))
         if powers:
             product = e.value * float(np.prod([value[u.key] ** w for u, w in powers]))
             out.append(Combination(((e.unknown, 1.0), *powers), product, float(deviation) / e.value))

@@ -28,18 +28,14 @@ class Unknown:
         return max(self.spread * truck.value(self.key), self.floor) if self.relative else self.spread
 
     @property
-    def _metadata(self) -> Mapping[str, Any]:
+    def in_file(self) -> Mapping[str, Any]:
+        """What a truck file allows: ``unit``, ``low`` and ``high``."""
         section, name = self.key.split(".")
         return next(f.metadata for f in fields(SECTIONS[section]) if f.name == name)
 
     def bounds(self) -> tuple[float, float]:
         """What a truck file allows."""
-        return float(self._metadata["low"]), float(self._metadata["high"])
-
-    @property
-    def unit(self) -> str:
-        """Unit in the truck file."""
-        return str(self._metadata["unit"])
+        return float(self.in_file["low"]), float(self.in_file["high"])
 
 
 # Spreads are ours, wide enough for the ranges that type sheets and handbooks give (docs/energy.md).

@@ -7,13 +7,7 @@ import numpy as np
 from fleetlog.calibrate.fit import CONFIDENCE, Blind, Combination, Estimate, Fit
 from fleetlog.core.truck import truck_to_dict
 
-STRONG = 0.5
-"""Correlations from this on are worth a word."""
-
-
-def number(value: float) -> str:
-    """Four figures."""
-    return f"{value:.4g}"
+STRONG = 0.5  # Correlations from this on are worth a word
 
 
 def blind_line(blind: Blind) -> str:
@@ -34,45 +28,35 @@ def combination_words(combination: Combination) -> str:
     return out
 
 
-def combination_line(combination: Combination) -> str:
-    """What the runs do carry of a tied number."""
-    share = 100.0 * 1.96 * combination.deviation
-    words = combination_words(combination)
-    return f"what they do carry is {words} = {number(combination.value)} (+-{share:.1f} %)"
-
-
 def estimate_line(e: Estimate) -> str:
     """One number of the truck, printed as fitted only where the runs carry it."""
+    unit = e.unknown.in_file["unit"]
+    said = f"{e.value if e.status == 'fitted' else e.prior:.4g}{'' if unit == '1' else f' {unit}'}"
     if e.status == "fitted":
-        return (
-            f"{e.unknown.words}: {_quantity(e.value, e)} ({number(e.low)} to {number(e.high)});"
-            f" was {number(e.prior)}"
-        )
+        return f"{e.unknown.words}: {said} ({e.low:.4g} to {e.high:.4g}); was {e.prior:.4g}"
     kept = "kept at" if e.status == "held" else "not measured by itself; was"
-    return f"{e.unknown.words}: {kept} {_quantity(e.prior, e)}"
-
-
-def _quantity(value: float, e: Estimate) -> str:
-    return number(value) + ("" if e.unknown.unit == "1" else f" {e.unknown.unit}")
+    return f"{e.unknown.words}: {kept} {said}"
 
 
 def lines(fit: Fit) -> list[str]:
     """The answer for the terminal."""
-    rms = [float(np.sqrt(np.mean(((p - fit.measured) / fit.sigma) ** 2))) for p in (fit.before, fit.after)]
+    seen = fit.observed
+    rms = [np.sqrt(np.mean(((p - seen.measured) / seen.sigma) ** 2)) for p in (fit.before, fit.after)]
     out = [
-        f"measured figures: {len(fit.measured)}; misfit {rms[0]:.2f} standard deviations before, "
-        f"{rms[1]:.2f} after",
+        f"measured figures: {len(seen)}; misfit {rms[0]:.2f} standard deviations before, {rms[1]:.2f} after",
         f"fitted, with intervals that hold all at once with {CONFIDENCE:.0%}:",
     ]
     fitted = [e for e in fit.estimates if e.status == "fitted"]
     out += [f"  {estimate_line(e)}" for e in fitted] or ["  nothing: these runs carry no single number"]
     out += [f"  {estimate_line(e)}" for e in fit.estimates if e.status != "fitted"]
-    out += [blind_line(b) for b in fit.blind]
-    out += [combination_line(c) for c in fit.combinations]
+    out += [*map(blind_line, fit.blind)]
     out += [
-        f"{a} and {b} are correlated ({r:+.2f})"
-        for a, b, r in correlations(fit, {e.unknown.key for e in fitted})
+        f"what they do carry is {combination_words(c)} = {c.value:.4g} (+-{100.0 * 1.96 * c.deviation:.1f} %)"
+        for c in fit.combinations
     ]
+    mine = [(k, e.unknown.words) for k, e in enumerate(fit.estimates) if e.status == "fitted"]
+    pairs = [(b, a, float(fit.correlation[i, j])) for i, a in mine for j, b in mine if j < i]
+    out += [f"{a} and {b} are correlated ({r:+.2f})" for a, b, r in pairs if abs(r) >= STRONG]
     if fit.spread_factor > 1.5:
         out.append(
             f"the runs disagree with the model by {fit.spread_factor:.1f} times their stated deviation; "
@@ -81,21 +65,22 @@ def lines(fit: Fit) -> list[str]:
     return out
 
 
-def correlations(fit: Fit, keys: set[str]) -> list[tuple[str, str, float]]:
-    """Pairs of numbers among ``keys`` whose posterior correlation is strong, in words."""
-    mine = [(k, e.unknown) for k, e in enumerate(fit.estimates) if e.unknown.key in keys]
-    pairs = [(a, b, float(fit.correlation[i, j])) for i, a in mine for j, b in mine if j < i]
-    return [(b.words, a.words, r) for a, b, r in pairs if abs(r) >= STRONG]
-
-
 def summary(fit: Fit) -> dict[str, Any]:
     """JSON-ready; ``value`` and its interval are null for a number that the runs do not carry."""
-    keys = [e.unknown.key for e in fit.estimates]
-    columns = ("run", "measured", "sigma", "before", "after")
-    rows = zip(fit.labels, fit.measured, fit.sigma, fit.before, fit.after, strict=True)
-    runs = [dict(zip(columns, row, strict=True)) for row in rows]
+    seen = fit.observed
+    columns = {
+        "run": seen.labels, "measured": seen.measured, "sigma": seen.sigma,
+        "before": fit.before, "after": fit.after,
+    }  # fmt: skip
+    runs = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    keys, carried = [e.unknown.key for e in fit.estimates], ("value", "low", "high")
     return {
-        "format_version": 1, "confidence": CONFIDENCE, "parameters": [_parameter(e) for e in fit.estimates],
+        "format_version": 1, "confidence": CONFIDENCE,
+        "parameters": [{
+            "key": e.unknown.key, "unit": e.unknown.in_file["unit"], "status": e.status, "prior": e.prior,
+            **{name: getattr(e, name) if e.status == "fitted" else None for name in carried},
+            "in_truck_file": e.value, "share_of_prior_variance": e.remaining,
+        } for e in fit.estimates],
         "correlation": {"keys": keys, "matrix": fit.correlation},
         "not_identified": [{
             "parameter": b.held.key, "stands_in": [u.key for u, _ in b.companions], "needs": b.held.run,
@@ -110,31 +95,23 @@ def summary(fit: Fit) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _parameter(e: Estimate) -> dict[str, Any]:
-    carried = {name: getattr(e, name) if e.status == "fitted" else None for name in ("value", "low", "high")}
-    return {
-        "key": e.unknown.key, "unit": e.unknown.unit, "status": e.status, "prior": e.prior, **carried,
-        "in_truck_file": e.value, "share_of_prior_variance": e.remaining,
-    }  # fmt: skip
-
-
 def truck_toml(fit: Fit) -> str:
     """The truck file; beside every number that calibration looked at, what became of it."""
-    notes = {e.unknown.key: _note(e, fit) for e in fit.estimates}
     data = truck_to_dict(fit.truck)
     out = [f'name = "{data.pop("name")}"']
+    notes = {e.unknown.key: f"  # {_note(e, fit)}" for e in fit.estimates}
     for section, values in data.items():
-        out.append(f"[{section}]")
-        for key, value in values.items():
-            note = notes.get(f"{section}.{key}")
-            out.append(f"{key} = {float(value):.6g}" + (f"  # {note}" if note else ""))
+        numbers = (f"{k} = {float(v):.6g}{notes.get(f'{section}.{k}', '')}" for k, v in values.items())
+        out += [f"[{section}]", *numbers]
     return "\n".join(out) + "\n"
 
 
 def _note(e: Estimate, fit: Fit) -> str:
     if e.status == "fitted":
-        return f"fitted: {number(e.low)} to {number(e.high)}"
+        return f"fitted: {e.low:.4g} to {e.high:.4g}"
     if e.status == "held":
         return "not carried by these runs: as in the truck file before"
-    words = next((combination_words(c) for c in fit.combinations if c.powers[0][0] == e.unknown), None)
-    return "goes with the held numbers" + (f"; measured is only {words}" if words else "")
+    words = [
+        f"; measured is only {combination_words(c)}" for c in fit.combinations if c.powers[0][0] == e.unknown
+    ]
+    return "".join(["goes with the held numbers", *words])

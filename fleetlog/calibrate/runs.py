@@ -12,13 +12,11 @@ from fleetlog.core.files import open_regular
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
-from fleetlog.physics.cycles import VDI_SPEED, Piece, legs, run, vdi2198
+from fleetlog.physics.cycles import VDI_SPEED, Piece, legs, lift, run, vdi_pieces
 from fleetlog.physics.power import Physics, term_forces
 
-DEFAULT_SIGMA = 0.02
-"""Standard deviation of a measured figure where the table gives none, as a share of it."""
-LEAST_SIGMA = 0.5
-"""... and at least this, for runs that cost next to nothing [Wh]."""
+DEFAULT_SIGMA = 0.02  # Standard deviation of a measured figure where the table gives none, as a share of it
+LEAST_SIGMA = 0.5  # ... and at least this, for runs that cost next to nothing [Wh].
 
 
 @dataclass(frozen=True)
@@ -67,10 +65,8 @@ class Run:
         return max(abs(DEFAULT_SIGMA * self.measured), least)
 
     def motion(self, truck: Truck) -> Motion:
-        """One repeat, as it was driven."""
-        if self.kind == "vdi2198":
-            return vdi2198(truck, load=self.payload, speed=VDI_SPEED if np.isnan(self.speed) else self.speed)
-        return legs(_PIECES[self.kind](self, truck), self.payload, self.grade)
+        """One repeat, as it was driven; nothing of a coast-down, whose time is measured."""
+        return legs(KINDS[self.kind][1](self, truck), self.payload, self.grade)
 
 
 def _drive(r: Run, truck: Truck) -> list[Piece]:
@@ -80,24 +76,21 @@ def _drive(r: Run, truck: Truck) -> list[Piece]:
     return run(r.length, r.speed, up, down)
 
 
-def _steady(r: Run, truck: Truck) -> list[Piece]:
+def _level(r: Run, truck: Truck) -> list[Piece]:
+    """At one speed."""
     return [Piece(r.length / r.speed, r.speed)]
 
 
-_PIECES: dict[str, Callable[[Run, Truck], list[Piece]]] = {
-    "idle": lambda r, t: [Piece(r.duration)],
-    "lift": lambda r, t: [Piece(r.height / t.lift.raise_speed, lift_speed=t.lift.raise_speed)],
-    "lower": lambda r, t: [Piece(r.height / t.lift.lower_speed, lift_speed=-t.lift.lower_speed)],
-    "drive": _drive, "stop_and_go": _drive, "steady": _steady, "ramp": _steady,
-}  # fmt: skip
-NEEDS: dict[str, tuple[str, ...]] = {
-    "idle": ("energy", "duration"),
-    **dict.fromkeys(("lift", "lower"), ("energy", "height")),
-    **dict.fromkeys(("drive", "stop_and_go", "steady", "ramp"), ("energy", "length", "speed")),
-    "coast_down": ("speed", "duration"),
-    "vdi2198": ("energy",),
+KINDS: dict[str, tuple[tuple[str, ...], Callable[[Run, Truck], list[Piece]]]] = {
+    "idle": (("energy", "duration"), lambda r, t: [Piece(r.duration)]),
+    "lift": (("energy", "height"), lambda r, t: lift(r.height, t)[:1]),
+    "lower": (("energy", "height"), lambda r, t: lift(r.height, t)[1:]),
+    **dict.fromkeys(("drive", "stop_and_go"), (("energy", "length", "speed"), _drive)),
+    **dict.fromkeys(("steady", "ramp"), (("energy", "length", "speed"), _level)),
+    "coast_down": (("speed", "duration"), lambda r, t: []),
+    "vdi2198": (("energy",), lambda r, t: vdi_pieces(t, VDI_SPEED if np.isnan(r.speed) else r.speed)),
 }
-KINDS = tuple(NEEDS)
+"""What a row of each kind must have, and how one repeat is driven."""
 POSITIVE = ("sigma", "repeats", "length", "height", "speed", "acceleration", "deceleration", "duration")
 
 
@@ -131,36 +124,34 @@ def read_runs(path: Path) -> list[Run]:
 
 
 def _run(row: dict[str, str | None], path: Path, number: int) -> Run:
-    place = f"row {number}"
-    given = {k.strip(): (v or "").strip() for k, v in row.items() if k is not None}
+    def fault(what: str, column: str = "", do: str | None = None) -> InputError:
+        return InputError(what, where=path, place=f"row {number}{column and ', '}{column}", do=do)
+
+    given = {k.strip(): v.strip() for k, v in row.items() if k is not None and v and v.strip()}
     kind = given.pop("kind", "")
     if kind not in KINDS:
-        raise InputError(f"unknown kind of run {kind!r}", where=path, place=place, do=nearest(kind, KINDS))
-    name = given.pop("run", "") or f"{kind} {number}"
-    numbers: dict[str, float] = {}
+        raise fault(f"unknown kind of run {kind!r}", do=nearest(kind, KINDS))
+    name = given.pop("run", f"{kind} {number}")
     for column, text in given.items():
-        try:
-            numbers |= {column: float(text)} if text else {}
-        except ValueError:
-            raise InputError(f"{text!r} is not a number", where=path, place=f"{place}, {column}") from None
-    for column in NEEDS[kind]:
-        if column not in numbers:
-            raise InputError(f"a run of kind {kind} needs {column!r}", where=path, place=place)
-    _check(numbers, path, place)
+        if wrong := _wrong(column, text):
+            raise fault(wrong, column)
+    numbers = {column: float(text) for column, text in given.items()}
+    for column in KINDS[kind][0]:
+        if column not in given:
+            raise fault(f"a run of kind {kind} needs {column!r}")
+    if numbers.get("end_speed", 0.0) >= numbers.get("speed", np.inf):
+        raise fault("the end speed is not below the speed", "end_speed")
     return Run(name, kind, **numbers)
 
 
-def _check(numbers: dict[str, float], path: Path, place: str) -> None:
-    """Raise :class:`InputError` at the first number that no run can have."""
-    for column, value in numbers.items():
-        wrong = ""
-        if not np.isfinite(value):
-            wrong = f"{value} is not a number"
-        elif column in POSITIVE and value <= 0.0:
-            wrong = f"{value:g} must be more than 0"
-        elif column in ("payload", "end_speed") and value < 0.0:
-            wrong = f"{value:g} must not be negative"
-        if wrong:
-            raise InputError(wrong, where=path, place=f"{place}, {column}")
-    if numbers.get("end_speed", 0.0) >= numbers.get("speed", np.inf):
-        raise InputError("the end speed is not below the speed", where=path, place=f"{place}, end_speed")
+def _wrong(column: str, text: str) -> str:
+    """Why no run can have this number; empty where one can."""
+    try:
+        value = float(text)
+    except ValueError:
+        return f"{text!r} is not a number"
+    if not np.isfinite(value):
+        return f"{value} is not a number"
+    if column in POSITIVE and value <= 0.0:
+        return f"{value:g} must be more than 0"
+    return f"{value:g} must not be negative" if column in ("payload", "end_speed") and value < 0.0 else ""

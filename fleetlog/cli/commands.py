@@ -4,16 +4,18 @@ A command adds only how its answer is told: ``--json``, ``-q``, ``-v``.
 """
 
 import functools
-import importlib
+import textwrap
 from collections.abc import Callable
 from typing import Any
 
 import click
+from click.core import ParameterSource
+from click.shell_completion import CompletionItem
 
+import fleetlog
 from fleetlog import VERBS
-from fleetlog.api.signature import REQUIRED, Option, description
-from fleetlog.api.verb import MissingArgument, Verb
-from fleetlog.cli.tell import asked, tell
+from fleetlog.api.verb import REQUIRED, Option, Verb, description
+from fleetlog.cli.tell import tell
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.registry import part_lines
 
@@ -22,38 +24,20 @@ TELLING = (
     click.Option(["-q", "--quiet"], is_flag=True, help="Print nothing but errors."),
     click.Option(["-v", "--verbose"], is_flag=True, help="Tell every step, with its time."),
 )
-Load = Callable[[str], click.Command]
 OPTIONAL_OUTPUT = {"import", "demo", "view", "info"}
 """Commands that write nothing, or only when asked to; the others must be told where."""
 
 
-class Formatter(click.HelpFormatter):
-    """Help whose lines break between words only, not at the hyphens of options and names."""
-
-    def write_text(self, text: str) -> None:
-        """Write a paragraph."""
-        super().write_text(_whole(text))
-
-    def write_dl(self, rows: Any, *args: Any, **options: Any) -> None:
-        """Write names with their descriptions."""
-        super().write_dl([(_whole(a), _whole(b)) for a, b in rows], *args, **options)
-
-    def getvalue(self) -> str:
-        """The help with its hyphens."""
-        return super().getvalue().replace("\N{NON-BREAKING HYPHEN}", "-")
-
-
-click.Context.formatter_class = Formatter
-
-
-def _whole(text: str) -> str:
-    return text.replace("-", "\N{NON-BREAKING HYPHEN}")
+# Help breaks between words only, not at the hyphens of options and names.
+textwrap.TextWrapper.wordsep_re = textwrap.TextWrapper.wordsep_simple_re
 
 
 class Listed(click.Group):
     """A group whose commands are imported only when called; ``lines`` has each with its line of help."""
 
-    def __init__(self, lines: Callable[[], dict[str, str]], load: Load, **more: Any) -> None:
+    def __init__(
+        self, lines: Callable[[], dict[str, str]], load: Callable[[str], click.Command], **more: Any
+    ) -> None:
         super().__init__(**more)
         self.lines, self.load = lines, load
 
@@ -62,14 +46,12 @@ class Listed(click.Group):
         return list(self.lines())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command, or None."""
-        return self.load(cmd_name) if cmd_name in self.lines() else None
-
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
-        """The command that the first word names; the nearest one is suggested for another word."""
-        if args and args[0] not in self.lines() and not args[0].startswith("-"):
-            raise click.UsageError(f"No such command {args[0]!r}; {nearest(args[0], self.lines())}", ctx)
-        return super().resolve_command(ctx, args)
+        """The command; the nearest one is suggested for another word."""
+        if cmd_name in self.lines():
+            return self.load(cmd_name)
+        if cmd_name.startswith("-") or ctx.resilient_parsing:
+            return None
+        raise click.UsageError(f"No such command {cmd_name!r}; {nearest(cmd_name, self.lines())}", ctx)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The list of commands without importing any."""
@@ -77,39 +59,15 @@ class Listed(click.Group):
             formatter.write_dl(list(self.lines().items()))
 
 
-class Value(click.ParamType):  # type: ignore[type-arg]  # generic in newer releases of click only
-    """The value of an option, checked as the function's argument is."""
-
-    def __init__(self, option: Option) -> None:
-        self.option, self.name = option, option.metavar
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Check the text; the function converts it."""
-        try:
-            self.option.check(value)
-        except ValueError as error:
-            self.fail(str(error), param, ctx)
-        return value
-
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
-        """File names, where the value may be one."""
-        from click.shell_completion import CompletionItem
-
-        path = getattr(self.option.check, "path", False)
-        return [CompletionItem(incomplete, type="file")] if path else []
-
-
 def verb_lines() -> dict[str, str]:
     """Every verb with its line of help, in the order of a first visit."""
     found = part_lines("fleetlog.verbs", "")
-    order = [n for n in VERBS if n in found] + sorted(found.keys() - set(VERBS))
-    return {n.rstrip("_"): found[n] for n in order}
+    return {n.rstrip("_"): found[n] for n in VERBS}
 
 
 def load_verb(name: str) -> click.Command:
     """The command ``name``."""
-    module = importlib.import_module(f"fleetlog.verbs.{'import_' if name == 'import' else name}")
-    found = vars(module)["import_" if name == "import" else name]
+    found = getattr(fleetlog, "import_" if name == "import" else name)
     if isinstance(found, Verb):
         return command_of(found)
     return Listed(
@@ -120,46 +78,48 @@ def load_verb(name: str) -> click.Command:
 
 def command_of(verb: Verb) -> click.Command:
     """The command of a function."""
-    params = [_parameter(o, verb) for o in verb.options]
+    params = [*(_parameter(o, verb) for o in verb.options), *TELLING]
     text = description(verb.function.__doc__)
-    return click.Command(
-        verb.name, params=[*params, *TELLING], help=text, short_help=text.split("\n\n")[0],
-        callback=functools.partial(_run, verb),
-    )  # fmt: skip
+    return click.Command(verb.name, params=params, help=text, callback=functools.partial(_run, verb))
 
 
 def _parameter(option: Option, verb: Verb) -> click.Parameter:
     # What a file may fill in is asked for once the file is read.
     required = option.default is REQUIRED and (verb.fill is None or option.positional)
     required = required or (option.name == "output" and verb.name not in OPTIONAL_OUTPUT)
-    kind: Any = click.Choice(option.choices) if option.choices else Value(option)
+    kind = click.Choice(option.choices) if option.choices else None
+    complete = _file_names if option.is_path else None
+    more: dict[str, Any] = {"type": kind, "required": required, "shell_complete": complete}
     if option.positional:
-        return click.Argument([option.name], type=kind, nargs=-1 if option.many else 1, required=required)
+        return click.Argument([option.name], nargs=-1 if option.many else 1, **more)
     names = [option.name, option.spelling, *(["-o"] if option.name == "output" else [])]
     text = option.help
     if option.flag:
         text = f"Do not {text[:1].lower()}{text[1:]}" if option.default is True else text
         return click.Option(names, is_flag=True, help=text)
-    more: dict[str, Any] = {"type": kind, "multiple": option.many, "required": required, "show_default": True}
+    more["metavar"] = None if option.choices else getattr(option.check, "metavar", "TEXT").upper()
     if not required:  # None, given as a default, is a value to some releases of click
         listed = isinstance(option.default, tuple)
         default = (",".join(map(str, option.default)) or None) if listed else option.default
         more["default"] = None if default is REQUIRED else default
-    return click.Option(names, help=text, **more)
+    return click.Option(names, help=text, multiple=option.many, show_default=True, **more)
+
+
+def _file_names(_context: click.Context, _param: click.Parameter, incomplete: str) -> list[Any]:
+    """What the shell completes by itself."""
+    return [CompletionItem(incomplete, type="file")]
 
 
 def _run(verb: Verb, as_json: bool, quiet: bool, verbose: bool, **values: Any) -> int:
     """Call the function with what was given, tell its answer; return the exit status."""
     context = click.get_current_context()
-    given = {n: v for n, v in values.items() if asked(context, n)}
+    left = (ParameterSource.DEFAULT, None)
+    given = {n: v for n, v in values.items() if context.get_parameter_source(n) not in left}
     defaults = {o.name: o.default for o in verb.options}
     given = {n: not v if defaults[n] is True else v for n, v in given.items()}
     if verb.name == "import" and not {"output", "dry_run"} & given.keys():
         raise click.UsageError("say where the dataset goes with -o, or look first with --dry-run", context)
     try:
         return tell(verb, given, as_json=as_json, quiet=quiet, verbose=verbose)
-    except MissingArgument as error:
-        param = next(p for p in context.command.params if p.name == error.name)
-        raise click.MissingParameter(ctx=context, param=param) from None
     except ArgumentError as error:
         raise click.UsageError(error.line(), context) from None

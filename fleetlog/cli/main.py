@@ -7,12 +7,12 @@ import sys
 import warnings
 from contextlib import suppress
 from io import StringIO, TextIOWrapper
+from pathlib import Path
 
 import click
 
 from fleetlog import __version__, interrupt
 from fleetlog.cli.commands import Listed, load_verb, verb_lines
-from fleetlog.cli.compiled import find_place
 from fleetlog.cli.tell import notice
 from fleetlog.errors import EXIT_INPUT, EXIT_INTERRUPTED, FleetlogError
 
@@ -31,7 +31,10 @@ def entry() -> None:
         os.environ.setdefault(variable, "1")
     _open_streams()
     interrupt.install()
-    _quiet_libraries()
+    if not os.environ.get("FLEETLOG_DEBUG"):  # warnings of libraries name source files
+        os.environ.setdefault("RUST_LOG", "off")
+        warnings.simplefilter("ignore")
+        logging.disable(logging.WARNING)
     own = find_place()
     status = _finished(_status())
     interrupt.ignore()
@@ -59,12 +62,32 @@ def _open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _quiet_libraries() -> None:
-    """Keep the warnings of libraries from users: they name source files; FLEETLOG_DEBUG=1 shows them."""
-    if not os.environ.get("FLEETLOG_DEBUG"):
-        os.environ.setdefault("RUST_LOG", "off")
-        warnings.simplefilter("ignore")
-        logging.disable(logging.WARNING)
+def find_place() -> str | None:
+    """Set ``NUMBA_CACHE_DIR`` to a folder of this run where numba's own choices cannot be written.
+
+    Its name cannot be foreseen: numba loads what lies in it.
+    """
+    # Path.expanduser raises where there is no home.
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111
+    if "NUMBA_CACHE_DIR" in os.environ or _writable(Path(__file__).parent) or _writable(Path(home)):
+        return None
+    import atexit
+    import shutil
+    import tempfile
+
+    folder = tempfile.mkdtemp(prefix="fleetlog-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    os.environ["NUMBA_CACHE_DIR"] = folder
+    return folder
+
+
+def _writable(folder: Path) -> bool:
+    """Whether ``folder``, or the nearest one above it that exists, can be written."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    # Kernel file systems let the superuser pass the question and then refuse.
+    kernel = folder.parts[:2] in (("/", "proc"), ("/", "sys"))
+    return os.access(folder, os.W_OK | os.X_OK) and not kernel
 
 
 def _finished(status: int) -> int:
@@ -80,35 +103,34 @@ def _finished(status: int) -> int:
     return status
 
 
-def _complain(text: str) -> None:
-    """One line; a scratch file is called by the name that it would have had."""
+def _complain(text: str, status: int = EXIT_INPUT) -> int:
+    """One line, and the status; a scratch file is called by the name that it would have had."""
     notice("fleetlog: " + re.sub(r"\.([^/]+)\.partial/new", r"\1", text))
+    return status
 
 
 def _status() -> int:
     """Run the command line; every error becomes one line and a status."""
     try:
         status = cli.main(standalone_mode=False)
-    except (click.exceptions.Abort, KeyboardInterrupt):
-        return _interrupted()
     except click.ClickException as error:
         usage = StringIO()
         error.show(usage)
         for line in usage.getvalue().splitlines():
             notice(line)
         return error.exit_code
-    except Exception as error:
-        if interrupt.came():
-            return _interrupted()  # a library that was torn out of its loading fails in its own way
-        if os.environ.get("FLEETLOG_DEBUG") and not isinstance(error, FleetlogError | OSError | MemoryError):
+    except (Exception, KeyboardInterrupt) as error:
+        # A library that was torn out of its loading by an interrupt fails in its own way.
+        if interrupt.came() or isinstance(error, click.exceptions.Abort | KeyboardInterrupt):
+            return _complain("interrupted; nothing was written", EXIT_INTERRUPTED)
+        foreseen = isinstance(error, FleetlogError | OSError | MemoryError)
+        if os.environ.get("FLEETLOG_DEBUG") and not foreseen:
             raise
-        if not isinstance(error, BrokenPipeError):
-            _complain(_line(error))
-        return EXIT_INPUT
+        return EXIT_INPUT if isinstance(error, BrokenPipeError) else _complain(_line(error))
     return status if isinstance(status, int) else 0
 
 
-def _line(error: Exception) -> str:
+def _line(error: BaseException) -> str:
     """What went wrong, for the user."""
     if isinstance(error, FleetlogError):
         return error.line()
@@ -119,8 +141,3 @@ def _line(error: Exception) -> str:
         return "out of memory; take fewer vehicles or days at once"
     what = " ".join(f"{type(error).__name__}: {error}".split())
     return f"a fault in fleetlog itself, {what}; FLEETLOG_DEBUG=1 shows where, please report it"
-
-
-def _interrupted() -> int:
-    _complain("interrupted; nothing was written")
-    return EXIT_INTERRUPTED

@@ -7,30 +7,29 @@ import sys
 import textwrap
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
-from fleetlog.listening import Listener, listening
+from fleetlog.listening import Listener, Progress, listening, unheard
 
 if TYPE_CHECKING:
     from fleetlog.api.answer import Answer
     from fleetlog.api.verb import Verb
 
-TABLE_GAP = "  "
-"""Two blanks within a line: columns, which are not wrapped."""
+TABLE_GAP = "  "  # Two blanks within a line: columns, which are not wrapped
 
 
 def tell(verb: Verb, given: dict[str, Any], *, as_json: bool, quiet: bool, verbose: bool) -> int:
     """Call ``verb`` with ``given``, print its answer, return the exit status."""
-    with _listening(verb.name, quiet, verbose):
+    how: AbstractContextManager[Progress] = nullcontext(_steps() if verbose else unheard)
+    if not (verbose or quiet) and sys.stderr.isatty():
+        how = _bar(verb.name)
+    with how as progress, listening(Listener(progress, unheard if quiet and not verbose else notice)):
         answer: Answer = verb(**given)
     try:
         _print(answer, as_json, quiet)
-    except BrokenPipeError:
-        raise
     except OSError as error:
         raise OSError(error.errno, error.strerror, "standard output") from None
     return answer.status
@@ -49,11 +48,6 @@ def _print(answer: Answer, as_json: bool, quiet: bool) -> None:
             click.echo(wrapped(printable(line)))
         if answer.output is not None:
             click.echo(printable(f"{answer.kind}: {answer.output}"))
-
-
-def asked(context: click.Context, name: str) -> bool:
-    """Whether an option was given, not left at its default."""
-    return context.get_parameter_source(name) not in (ParameterSource.DEFAULT, None)
 
 
 def printable(text: str) -> str:
@@ -79,22 +73,7 @@ def notice(text: str) -> None:
         click.echo(printable(text), err=True)
 
 
-@contextmanager
-def _listening(name: str, quiet: bool, verbose: bool) -> Iterator[None]:
-    """Notices on standard error unless ``quiet``; steps with their times, or a bar on a terminal."""
-    said = Listener() if quiet else Listener(notice=notice)
-    if verbose:
-        with listening(Listener(_steps(), notice)):
-            yield
-    elif quiet or not sys.stderr.isatty():
-        with listening(said):
-            yield
-    else:
-        with _bar(name) as move, listening(Listener(move, notice)):
-            yield
-
-
-def _steps() -> Any:
+def _steps() -> Progress:
     begun, last = time.monotonic(), [""]
 
     def step(text: str, share: float) -> None:
@@ -106,14 +85,14 @@ def _steps() -> Any:
 
 
 @contextmanager
-def _bar(name: str) -> Iterator[Any]:
+def _bar(name: str) -> Iterator[Progress]:
     """A bar that ends with a line, once a run has lasted a second."""
     from rich.console import Console
     from rich.markup import escape
-    from rich.progress import Progress
+    from rich.progress import Progress as Bar
 
     begun = time.monotonic()
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with Bar(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(name, total=1.0)
         yield lambda text, share: bar.update(task, description=escape(printable(text)), completed=share)
     if (took := time.monotonic() - begun) > 1.0:

@@ -7,28 +7,32 @@ A check takes what a user gave, a text or a value, and returns the value; ``Valu
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 from fleetlog.errors import nearest
 from fleetlog.registry import part_lines
 
 UNITS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
-LONGEST = 366 * 86400.0
-"""Of a duration [s]."""
+LONGEST = 366 * 86400.0  # Of a duration [s]
 
 
 @dataclass(frozen=True)
 class Named:
-    """Any value, called ``metavar`` in help; ``path`` where it is (also) the name of a file or folder."""
+    """Any value that passes ``check``, called ``metavar`` in help.
+
+    With ``path`` it is (also) the name of a file or folder, with ``many`` a sequence of such values.
+    """
 
     metavar: str = "TEXT"
     path: bool = False
+    many: bool = False
+    check: Callable[[Any], Any] | None = None
 
     def __call__(self, value: Any) -> Any:
-        """Return the value."""
-        return value
+        """Return the value as functions take it."""
+        return value if self.check is None else self.check(value)
 
 
 @dataclass(frozen=True)
@@ -54,9 +58,8 @@ class Between:
             raise ValueError(f"{value!r} is not {'a whole number' if self.whole else 'a number'}") from None
         if not (self.whole or math.isfinite(number)) or (isinstance(value, float) and number != value):
             raise ValueError(f"{value} is not a {'whole' if self.whole else 'finite'} number")
-        low = number > self.low if self.above else number >= self.low
-        high = number < self.high if self.below else number <= self.high
-        if not (low and high):
+        on_bound = (self.above and number == self.low) or (self.below and number == self.high)
+        if on_bound or not self.low <= number <= self.high:
             raise ValueError(f"{value} is not {self}")
         return number
 
@@ -64,65 +67,6 @@ class Between:
         low = f"{'over' if self.above else 'at least'} {self.low:g}" if self.low > -math.inf else ""
         high = f"{'under' if self.below else 'at most'} {self.high:g}" if self.high < math.inf else ""
         return " and ".join(filter(None, (low, high)))
-
-
-class Duration:
-    """``8h``, ``90m``, ``1.5h``, ``600`` (seconds); seconds as a number."""
-
-    metavar: ClassVar[str] = "DURATION"
-
-    def __call__(self, value: Any) -> float:
-        """Return seconds."""
-        found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(s|m|min|h|d)?\s*", str(value))
-        if not found:
-            raise ValueError(f"{value!r} is not a duration; write 8h, 30m or 600s")
-        seconds = float(found[1]) * UNITS[found[2] or "s"]
-        if seconds > LONGEST:
-            raise ValueError(f"{value!r} is longer than {LONGEST / 86400.0:.0f} days")
-        return seconds
-
-
-class HourRange:
-    """``6-14``, or a pair: from one hour of the day to another."""
-
-    metavar: ClassVar[str] = "FROM-TO"
-
-    def __call__(self, value: Any) -> tuple[int, int]:
-        """Return the first hour, and the hour that is excluded."""
-        try:
-            first, last = (int(p) for p in (value.split("-") if isinstance(value, str) else value))
-        except (TypeError, ValueError):
-            raise ValueError(f"{value!r} is not a range of hours; write 6-14") from None
-        if not (0 <= first <= 24 and 0 <= last <= 24):
-            raise ValueError("hours run from 0 to 24")
-        return first, last
-
-
-class ShiftHours:
-    """``6,14,22``, or a sequence: hours of the day, in rising order."""
-
-    metavar: ClassVar[str] = "HOURS"
-
-    def __call__(self, value: Any) -> tuple[int, ...]:
-        """Return the hours."""
-        try:
-            hours = tuple(sorted({int(h) for h in (value.split(",") if isinstance(value, str) else value)}))
-        except (TypeError, ValueError):
-            raise ValueError(f"{value!r} is not a list of hours; write 6,14,22") from None
-        if not hours or not all(0 <= h < 24 for h in hours):
-            raise ValueError("hours run from 0 to 23")
-        return hours
-
-
-class Names:
-    """``a,b,c``, or a sequence of names."""
-
-    metavar: ClassVar[str] = "NAME,..."
-
-    def __call__(self, value: str | Iterable[str]) -> tuple[str, ...]:
-        """Return the names."""
-        parts = value.split(",") if isinstance(value, str) else value
-        return tuple(p.strip() for p in parts if p.strip())
 
 
 @dataclass(frozen=True)
@@ -144,21 +88,60 @@ class PartOf:
         return value
 
 
-class Counts:
-    """A whole number, or several of them for an experiment: ``6..14``, ``6..14..2``, ``6,8,12``."""
-
-    metavar: ClassVar[str] = "N or RANGE"
-
-    def __call__(self, value: Any) -> int | str:
-        """Return the number, or the text of a range as it is."""
-        text = str(value).strip()
-        if re.fullmatch(r"-?\d+", text):
-            return int(Between(1, 100_000, whole=True)(text))
-        if not re.fullmatch(r"\d+(\.\.\d+){0,2}(,\d+(\.\.\d+){0,2})*", text):
-            raise ValueError(f"{text!r} is neither a number nor a range; write 8, 6..14 or 6,8,12")
-        return text
+def seconds(value: Any) -> float:
+    """``8h``, ``90m``, ``1.5h``, ``600`` (seconds), as seconds."""
+    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(s|m|min|h|d)?\s*", str(value))
+    if not found:
+        raise ValueError(f"{value!r} is not a duration; write 8h, 30m or 600s")
+    duration = float(found[1]) * UNITS[found[2] or "s"]
+    if duration > LONGEST:
+        raise ValueError(f"{value!r} is longer than {LONGEST / 86400.0:.0f} days")
+    return duration
 
 
+def hour_range(value: Any) -> tuple[int, int]:
+    """``6-14``, or a pair: from one hour of the day to another, which is excluded."""
+    try:
+        first, last = (int(p) for p in (value.split("-") if isinstance(value, str) else value))
+    except (TypeError, ValueError):
+        raise ValueError(f"{value!r} is not a range of hours; write 6-14") from None
+    if not (0 <= first <= 24 and 0 <= last <= 24):
+        raise ValueError("hours run from 0 to 24")
+    return first, last
+
+
+def shift_hours(value: Any) -> tuple[int, ...]:
+    """``6,14,22``, or a sequence: hours of the day, in rising order."""
+    try:
+        hours = tuple(sorted({int(h) for h in (value.split(",") if isinstance(value, str) else value)}))
+    except (TypeError, ValueError):
+        raise ValueError(f"{value!r} is not a list of hours; write 6,14,22") from None
+    if not hours or not all(0 <= h < 24 for h in hours):
+        raise ValueError("hours run from 0 to 23")
+    return hours
+
+
+def names(value: str | Iterable[str]) -> tuple[str, ...]:
+    """``a,b,c``, or a sequence of names."""
+    parts = value.split(",") if isinstance(value, str) else value
+    return tuple(p.strip() for p in parts if p.strip())
+
+
+def count_or_range(value: Any) -> int | str:
+    """A whole number, or the text of several for an experiment: ``6..14``, ``6..14..2``, ``6,8,12``."""
+    text = str(value).strip()
+    if re.fullmatch(r"-?\d+", text):
+        return int(Between(1, 100_000, whole=True)(text))
+    if not re.fullmatch(r"\d+(\.\.\d+){0,2}(,\d+(\.\.\d+){0,2})*", text):
+        raise ValueError(f"{text!r} is neither a number nor a range; write 8, 6..14 or 6,8,12")
+    return text
+
+
+Duration = Annotated[float | str, Named("DURATION", check=seconds)]
+HourRange = Annotated[tuple[int, int], Named("FROM-TO", check=hour_range)]
+ShiftHours = Annotated[tuple[int, ...], Named("HOURS", check=shift_hours)]
+Names = Annotated[tuple[str, ...], Named("NAME,...", check=names)]
+Counts = Annotated[int | str, Named("N or RANGE", check=count_or_range)]
 Seed = Annotated[int, Between(0, 2**63 - 1, whole=True)]
 Count = Annotated[int, Between(1, 100_000, whole=True)]
 Share = Annotated[float, Between(0.0, 1.0)]

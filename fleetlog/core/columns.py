@@ -1,14 +1,12 @@
 """Every column of a trajectory, of which schema, checks and documentation are made."""
 
 from dataclasses import dataclass
-from functools import cache
 
 import pyarrow as pa
 
 HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
 """The name of a partition that Hive, and every reader of its layout, takes for null."""
-
-_PI = 3.1415927
+PI = 3.1415927
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +31,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("x", "double", "m", "cleaned position, east, in the site frame"),
     Column("y", "double", "m", "cleaned position, north, in the site frame"),
     Column("z", "double", "m", "cleaned position, up, in the site frame"),
-    Column("heading", "double", "rad", "direction of motion, counter-clockwise from east", -_PI, _PI),
+    Column("heading", "double", "rad", "direction of motion, counter-clockwise from east", -PI, PI),
     Column("speed", "double", "m/s", "along the path", 0.0, 60.0),
     Column("edge_id", "label", "", "directed road edge; null where no road fits"),
     Column("edge_offset", "double", "m", "along the directed edge from its start", 0.0),
@@ -49,7 +47,6 @@ COLUMNS: tuple[Column, ...] = (
 )
 BY_NAME: dict[str, Column] = {c.name: c for c in COLUMNS}
 NAMES: tuple[str, ...] = tuple(BY_NAME)
-FLOATS: tuple[str, ...] = tuple(c.name for c in COLUMNS if c.kind == "double")
 ARROW: dict[str, pa.DataType] = {
     "string": pa.string(),
     "label": pa.dictionary(pa.int32(), pa.string()),
@@ -58,23 +55,12 @@ ARROW: dict[str, pa.DataType] = {
     "int64": pa.int64(),
     "line": pa.list_(pa.float64()),
 }
-
-
-@cache
-def arrow_field(column: Column) -> pa.Field:
-    """The Arrow field of ``column``, with ``unit`` and ``meaning`` as metadata."""
-    metadata = {"unit": column.unit, "meaning": column.meaning}
-    known = column.name in ("vehicle_id", "timestamp")
-    return pa.field(column.name, ARROW[column.kind], nullable=not known, metadata=metadata)
-
-
-@cache
-def arrow_schema() -> pa.Schema:
-    """The Arrow schema of the columns that every dataset has, in the order of the contract."""
-    return pa.schema([arrow_field(c) for c in COLUMNS])
-
-
-@cache
-def part_schema() -> pa.Schema:
-    """The same of a Parquet part, whose folder names the vehicle."""
-    return arrow_schema().remove(0)
+SCHEMA: pa.Schema = pa.schema(
+    pa.field(
+        c.name, ARROW[c.kind], nullable=c.name not in ("vehicle_id", "timestamp"),
+        metadata={"unit": c.unit, "meaning": c.meaning},
+    )
+    for c in COLUMNS
+)  # fmt: skip
+"""Of the columns that every dataset has, in the order of the contract."""
+PART_SCHEMA: pa.Schema = SCHEMA.remove(0)  # The same of a Parquet part, whose folder names the vehicle

@@ -7,10 +7,8 @@ from typing import BinaryIO
 
 from fleetlog.errors import InputError
 
-WHOLE = 1 << 28
-"""Bytes of a map that is held whole."""
-SETTINGS = 1 << 24
-"""Bytes of a file of settings (TOML)."""
+WHOLE = 1 << 28  # Bytes of a map that is held whole
+SETTINGS = 1 << 24  # Bytes of a file of settings (TOML)
 _KINDS = {
     stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fleetlog.core.schema import Keys, Wrong, real, table, text
+from fleetlog.core.schema import Keys, Wrong, list_of, real, table, text
 from fleetlog.core.site import Frame, MapFrame
 from fleetlog.errors import InputError
 
-FARTHEST = 1e7
-"""No point lies farther from an origin [m]."""
+FARTHEST = 1e7  # No point lies farther from an origin [m]
 
 
 def crs(value: Any) -> str:
@@ -53,15 +52,10 @@ def frame_of_crs(name: str, easting: float, northing: float, rotation: float | N
     return replace(origin, rotation=turned)
 
 
-def shift(value: Any) -> tuple[float, float]:
-    """Two numbers [m]."""
-    metres = real(-FARTHEST, FARTHEST)
-    if not isinstance(value, list) or len(value) != 2:
-        raise Wrong("is not [x, y]")
-    return metres(value[0]), metres(value[1])
-
-
-MAP_FRAME: Keys = {"name": text, "shift": shift, "rotation": real(-2 * math.pi, 2 * math.pi), "level": text}
+MAP_FRAME: Keys = {
+    "name": text, "shift": list_of(real(-FARTHEST, FARTHEST), 2, 2), "level": text,
+    "rotation": real(-2 * math.pi, 2 * math.pi),
+}  # fmt: skip
 
 
 def map_frames(

@@ -39,7 +39,6 @@ class Motion:
         return len(self.time)
 
     def __getitem__(self, index: Any) -> Motion:
-        """The samples of a slice, mask or index array."""
         return Motion(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
     def replaced(self, **arrays: Any) -> Motion:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -82,12 +82,10 @@ class Network:
     @cached_property
     def node_points(self) -> Floats:
         """(V, 3) position of every node: the mean of the edge ends that meet there [m]."""
-        total = np.zeros((len(self.node_ids), 3))
-        count = np.zeros(len(self.node_ids))
-        for node, vertex in ((self.start, self.first[:-1]), (self.end, self.first[1:] - 1)):
-            np.add.at(total, node, self.points[vertex])
-            np.add.at(count, node, 1.0)
-        return np.asarray(total / np.maximum(count, 1.0)[:, None], dtype=np.float64)
+        node = np.concatenate([self.start, self.end])
+        ends = self.points[np.concatenate([self.first[:-1], self.first[1:] - 1])]
+        total = [np.bincount(node, axis, len(self.node_ids)) for axis in ends.T]
+        return np.asarray(np.transpose(total) / np.bincount(node)[:, None], dtype=np.float64)
 
     def successors(self, edge: int) -> Index:
         """Indices of the edges that may follow ``edge``."""
@@ -100,16 +98,14 @@ class Network:
     @cached_property
     def extent(self) -> tuple[float, float, float, float]:
         """xmin, ymin, xmax, ymax [m]."""
-        low, high = self.points[:, :2].min(axis=0), self.points[:, :2].max(axis=0)
-        return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+        x, y = self.points[:, :2].T
+        return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
     @cached_property
     def _ladder(self) -> tuple[Floats, Floats]:
         """Vertex distances and edge starts on one growing axis, so one search serves all edges."""
-        gap = float(self.length.max(initial=0.0)) + 1.0
-        starts = np.arange(len(self), dtype=np.float64) * gap
-        owner = np.repeat(np.arange(len(self)), np.diff(self.first))
-        return self.distance + starts[owner], starts
+        starts = np.arange(len(self), dtype=np.float64) * (float(self.length.max(initial=0.0)) + 1.0)
+        return self.distance + np.repeat(starts, np.diff(self.first)), starts
 
     def segment(self, edge: Index, offset: Floats) -> tuple[NDArray[np.intp], Floats]:
         """Vertex before each of (N,) edges and offsets [m], and the share of that segment that is passed."""
@@ -123,21 +119,20 @@ class Network:
     def position(self, edge: Index, offset: Floats) -> Floats:
         """(N, 3) places in the site frame [m]."""
         k, share = self.segment(edge, offset)
-        return np.asarray(
-            self.points[k] + share[:, None] * (self.points[k + 1] - self.points[k]), dtype=np.float64
-        )
+        onward: Floats = self.points[k + 1] - self.points[k]
+        return self.points[k] + share[:, None] * onward
 
     def heading(self, edge: Index, offset: Floats) -> Floats:
         """(N,) direction of travel [rad], counter-clockwise from east."""
         k, _ = self.segment(edge, offset)
-        d = self.points[k + 1] - self.points[k]
-        return np.asarray(np.arctan2(d[:, 1], d[:, 0]), dtype=np.float64)
+        dx, dy, _ = (self.points[k + 1] - self.points[k]).T
+        return np.asarray(np.arctan2(dy, dx), dtype=np.float64)
 
     def slope(self, edge: Index, offset: Floats) -> Floats:
         """(N,) slope angle along the direction of travel [rad], uphill positive; 0 without elevation."""
         k, _ = self.segment(edge, offset)
-        d = self.points[k + 1] - self.points[k]
-        return np.asarray(np.arctan2(d[:, 2], np.maximum(np.hypot(d[:, 0], d[:, 1]), 1e-9)), dtype=np.float64)
+        dx, dy, dz = (self.points[k + 1] - self.points[k]).T
+        return np.asarray(np.arctan2(dz, np.maximum(np.hypot(dx, dy), 1e-9)), dtype=np.float64)
 
     def without(self, closed: Collection[str]) -> Network:
         """The network without some roads, named as a road (both directions) or as an edge.
@@ -194,8 +189,9 @@ def build_network(
     has_elevation : by default whether any height differs from another.
     """
     if not edges:
-        do = "check the lane types or road classes that are kept"
-        raise SiteError("the map has no drivable road", do=do)
+        raise SiteError(
+            "the map has no drivable road", do="check the lane types or road classes that are kept"
+        )
     index = {e.id: i for i, e in enumerate(edges)}
     if len(index) != len(edges):
         twice, _ = Counter(e.id for e in edges).most_common(1)[0]
@@ -215,44 +211,30 @@ def build_network(
         if j >= 0 and edges[j].road == e.road and start[j] == end[i] and end[j] == start[i]:
             reverse[i] = j
     if turns is None:
-        never = {(index[a], index[b]) for a, b in forbidden if a in index and b in index}
-        follow = _default_turns(start, end, reverse, never)
-    else:
-        follow = [[] for _ in edges]
-        for a, b in turns:
-            follow[index[a]].append(index[b])
-    follow = [sorted(set(f)) for f in follow]
+        turns = _default_turns(edges, reverse, {*forbidden})
+    follow = np.unique(np.array([(index[a], index[b]) for a, b in turns], np.int32).reshape(-1, 2), axis=0)
     return Network(
-        edge_ids=tuple(e.id for e in edges),
-        roads=tuple(e.road for e in edges),
-        node_ids=tuple(nodes),
-        start=start,
-        end=end,
-        points=points,
-        first=first,
-        distance=distance,
+        tuple(index), tuple(e.road for e in edges), tuple(nodes), start, end, points, first, distance,
         length=distance[first[1:] - 1].copy(),
         speed_limit=np.array([e.speed_limit for e in edges], dtype=np.float64),
         width=np.array([e.width for e in edges], dtype=np.float64),
         reverse=reverse,
-        next_first=np.concatenate([[0], np.cumsum([len(f) for f in follow])]).astype(np.int32),
-        next_edges=np.array([j for f in follow for j in f], dtype=np.int32),
+        next_first=np.searchsorted(follow[:, 0], np.arange(len(edges) + 1)).astype(np.int32),
+        next_edges=follow[:, 1].copy(),
         has_elevation=bool(np.ptp(points[:, 2]) > 1e-6) if has_elevation is None else has_elevation,
-    )
+    )  # fmt: skip
 
 
 def _default_turns(
-    start: Index, end: Index, reverse: Index, forbidden: set[tuple[int, int]]
-) -> list[list[int]]:
-    leaving: dict[int, list[int]] = {}
-    for j, node in enumerate(start):
-        leaving.setdefault(int(node), []).append(j)
-    follow = []
-    for i, node in enumerate(end):
-        ways = [j for j in leaving.get(int(node), []) if (i, j) not in forbidden]
-        onward = [j for j in ways if j != reverse[i]]
-        follow.append(onward or ways)
-    return follow
+    edges: Sequence[Edge], reverse: Index, forbidden: set[tuple[str, str]]
+) -> Iterator[tuple[str, str]]:
+    leaving: dict[str, list[str]] = {}
+    for e in edges:
+        leaving.setdefault(e.start, []).append(e.id)
+    for e, back in zip(edges, reverse, strict=True):
+        ways = [way for way in leaving.get(e.end, []) if (e.id, way) not in forbidden]
+        onward = [way for way in ways if back < 0 or way != edges[back].id]
+        yield from ((e.id, way) for way in onward or ways)
 
 
 @dataclass(frozen=True)

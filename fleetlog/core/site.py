@@ -1,6 +1,6 @@
 """A site: its frame on the earth, roads, places, zones and buildings."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from functools import cached_property
 from typing import Any, Literal
@@ -43,10 +43,6 @@ class Frame:
         c, s = np.cos(self.rotation), np.sin(self.rotation)
         return c * east + s * north, -s * east + c * north
 
-    def to_dict(self) -> dict[str, Any]:
-        """What it was made with, by name."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
-
     def to_geographic(self, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
         """Latitude, longitude [degrees] of local coordinates [m]."""
         x, y = np.asarray(x, float), np.asarray(y, float)
@@ -63,10 +59,8 @@ class Place:
     kind: PlaceKind
     x: float
     y: float
-    plugs: int = 1
-    """Trucks that there is room for at once; chargers have as many plugs."""
-    power: float = float("nan")
-    """Charging power [W] of one plug, for kind ``charge``."""
+    plugs: int = 1  # Trucks that there is room for at once; chargers have as many plugs
+    power: float = float("nan")  # Charging power [W] of one plug, for kind ``charge``
 
 
 @dataclass(frozen=True)
@@ -135,8 +129,7 @@ class Site:
     map_frames: tuple[MapFrame, ...] = ()
     breaks: tuple[tuple[float, float], ...] = ()
     """From when until when simulated trucks rest [s of the local day], or past midnight until then."""
-    power_limit: float = float("inf")
-    """Of all chargers together [W]."""
+    power_limit: float = float("inf")  # Of all chargers together [W]
     source: dict[str, Any] = field(default_factory=dict)
     """Where it was read from: file names and sha256, for provenance."""
 
@@ -166,17 +159,19 @@ def site_to_dict(site: Site) -> dict[str, Any]:
     if np.isfinite(site.power_limit):
         out["power"] = {"limit": site.power_limit}
     if site.frame:
-        out["frame"] = site.frame.to_dict()
-    parts = {
-        "place": site.places,
-        "zone": site.zones,
-        "building": site.buildings,
-        "map_frame": site.map_frames,
-    }
-    for name, items in parts.items():
-        out[name] = [{k: _json(v) for k, v in vars(item).items()} for item in items]
-    if site.network is not None:
-        out["network"] = _network_to_dict(site.network)
+        out["frame"] = asdict(site.frame)
+    for name in ("place", "zone", "building", "map_frame"):
+        out[name] = [{k: _json(v) for k, v in vars(item).items()} for item in getattr(site, f"{name}s")]
+    if (n := site.network) is not None:
+        edges = [
+            {
+                "id": e.id, "road": e.road, "from": e.start, "to": e.end, "speed_limit": _json(e.speed_limit),
+                "width": _json(e.width), "next": [n.edge_ids[j] for j in n.successors(i)],
+                "points": e.points.tolist(),
+            }
+            for i, e in enumerate(n.edges())
+        ]  # fmt: skip
+        out["network"] = {"has_elevation": n.has_elevation, "edges": edges}
     return out
 
 
@@ -186,22 +181,19 @@ def _json(value: Any) -> Any:
     return None if isinstance(value, float) and np.isnan(value) else value
 
 
-def _network_to_dict(n: Network) -> dict[str, Any]:
-    edges = []
-    for i, e in enumerate(n.edges()):
-        ends = {"id": e.id, "road": e.road, "from": e.start, "to": e.end}
-        sizes = {"speed_limit": _json(e.speed_limit), "width": _json(e.width)}
-        follow = [n.edge_ids[j] for j in n.successors(i)]
-        edges.append({**ends, **sizes, "next": follow, "points": e.points.tolist()})
-    return {"has_elevation": n.has_elevation, "edges": edges}
-
-
 def site_from_dict(data: dict[str, Any]) -> Site:
     """The site of a dictionary made by :func:`site_to_dict`."""
+    network = None
+    if drawn := data.get("network"):
+        edges, turns = [], []
+        for item in map(_known, drawn["edges"]):
+            turns += [(item["id"], follow) for follow in item.pop("next")]
+            edges.append(Edge(start=item.pop("from"), end=item.pop("to"), **item))
+        network = build_network(edges, turns=turns, has_elevation=drawn["has_elevation"])
     return Site(
         data["name"],
         Frame(**data["frame"]) if data.get("frame") else None,
-        _network_from_dict(data["network"]) if data.get("network") else None,
+        network,
         data.get("traffic", "right"),
         tuple(Place(**_known(p)) for p in data.get("place", ())),
         tuple(Zone(**_known(z)) for z in data.get("zone", ())),
@@ -217,11 +209,3 @@ def _known(item: dict[str, Any]) -> dict[str, Any]:
     """The known values of a place, zone, building or edge; points as an array."""
     known = {k: v for k, v in item.items() if v is not None}
     return known | {k: np.asarray(known[k], float) for k in ("polygon", "points") if k in known}
-
-
-def _network_from_dict(data: dict[str, Any]) -> Network:
-    edges, turns = [], []
-    for item in map(_known, data["edges"]):
-        turns += [(item["id"], follow) for follow in item.pop("next")]
-        edges.append(Edge(start=item.pop("from"), end=item.pop("to"), **item))
-    return build_network(edges, turns=turns, has_elevation=data["has_elevation"])

@@ -153,7 +153,7 @@ class Trajectory:
 
 def to_arrow(trajectory: Trajectory, *, part: bool = False) -> pa.Table:
     """The trajectory as an Arrow table; a ``part`` of a dataset leaves the column ``vehicle_id`` out."""
-    schema = cols.part_schema() if part else cols.arrow_schema()
+    schema = cols.PART_SCHEMA if part else cols.SCHEMA
     arrays = [_arrow_array(trajectory, cols.BY_NAME[f.name], f.type) for f in schema]
     for name in sorted(set(trajectory.columns) - set(cols.NAMES)):
         arrays.append(_own_array(trajectory.columns[name]))
@@ -207,8 +207,6 @@ def _numpy_values(chunk: pa.ChunkedArray, name: str) -> Values:
         chunk = chunk.dictionary_encode()
     if pa.types.is_dictionary(chunk.type):
         array = chunk.unify_dictionaries().combine_chunks()
-        if isinstance(array, pa.ChunkedArray):
-            array = array.chunk(0) if array.num_chunks else pa.array([], chunk.type)
         codes = array.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.int32)
         return Labels(codes, tuple(array.dictionary.to_pylist()))
     if name == "trip_id":

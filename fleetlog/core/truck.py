@@ -113,40 +113,36 @@ def preset_names() -> list[str]:
 
 def load_truck(path: str | Path) -> Truck:
     """Read a truck file (TOML) or a preset by its name; :class:`TruckError` names the key at fault."""
-    path = Path(path)
-    if not path.exists() and path.name == str(path) and path.name in preset_names():
-        path = PRESETS / f"{path.name}.toml"
-    do = f"give a truck file or a preset: {nearest(path.name, preset_names())}"
-    data = load_toml(path, TruckError, do)
+    data, file = _tables(str(path), Path())
     fleet = data.pop("fleet", [])
     if not isinstance(fleet, list):
-        raise TruckError("is not a list of tables", where=path, place="fleet", do="write [[fleet]]")
-    return replace(truck_from_dict(data, path), others=tuple(_other(row, path) for row in fleet))
+        raise TruckError("is not a list of tables", where=file, place="fleet", do="write [[fleet]]")
+    others = []
+    for row in fleet:
+        keys = {"truck": text, "count": whole(1, 100_000)}
+        given = table(row, keys, file, "fleet", ("truck", "count"), TruckError)
+        others.append((truck_from_dict(*_tables(given["truck"], file.parent)), given["count"]))
+    return replace(truck_from_dict(data, file), others=tuple(others))
 
 
-def _other(row: Any, path: Path) -> tuple[Truck, int]:
-    """A row of [[fleet]]: a truck file beside this one, or a preset, and how many there are."""
-    keys = {"truck": text, "count": whole(1, 100_000)}
-    given = table(row, keys, path, "fleet", ("truck", "count"), TruckError)
-    name, beside = given["truck"], path.parent / given["truck"]
-    file = PRESETS / f"{name}.toml" if name in preset_names() else beside
-    do = f"give a truck file or a preset: {nearest(name, preset_names())}"
-    return truck_from_dict(load_toml(file, TruckError, do), file), given["count"]
+def _tables(name: str, folder: Path) -> tuple[dict[str, Any], Path]:
+    """What a truck file, or the preset of that name, holds; and where it stands."""
+    path = folder / name
+    if not path.exists() and name in preset_names():
+        path = PRESETS / f"{name}.toml"
+    do = f"give a truck file or a preset: {nearest(path.name, preset_names())}"
+    return load_toml(path, TruckError, do), path
 
 
 def truck_from_dict(data: dict[str, Any], where: str | Path | None = None) -> Truck:
     """A truck of nested sections, checked."""
     top = table(data, {"name": text, **dict.fromkeys(SECTIONS, anything)}, where, "", error=TruckError)
-    return Truck(
-        name=top.get("name", "truck"),
-        **{name: _section(name, kind, data.get(name, {}), where) for name, kind in SECTIONS.items()},
-    )
-
-
-def _section(name: str, kind: type, values: Any, where: str | Path | None) -> Any:
-    keys = {f.name: real(*(f.metadata[k] for k in ("low", "high", "unit"))) for f in fields(kind)}
-    needed = [f.name for f in fields(kind) if f.default is MISSING]
-    return kind(**table(values, keys, where, name, needed, TruckError))
+    made = {}
+    for name, kind in SECTIONS.items():
+        keys = {f.name: real(*(f.metadata[k] for k in ("low", "high", "unit"))) for f in fields(kind)}
+        needed = [f.name for f in fields(kind) if f.default is MISSING]
+        made[name] = kind(**table(data.get(name, {}), keys, where, name, needed, TruckError))
+    return Truck(name=top.get("name", "truck"), **made)
 
 
 def truck_to_dict(truck: Truck) -> dict[str, Any]:

@@ -76,7 +76,7 @@ def diagnose(
     progress("sensors")
     fleet, faults = examine(fleet, split, tuple(terms))
     names = list(present(fleet, channels))
-    engine = engines.current() if fleet.rows <= HANDED_OVER else engines.Serial()
+    engine = engines.current() if fleet.rows <= HANDED_OVER else engines.Engine()
     work = partial(_explained, fleet, split, base, settings, tuple(terms))
     explained: dict[str, Explained] = {}
     with closing(engine.run(work, names)) as found:

@@ -1,6 +1,5 @@
 """Where jobs run: here, on all cores, or on a Dask cluster.  Nothing else in fleetlog knows."""
 
-from fleetlog.engines.current import current, using
-from fleetlog.engines.engine import Engine, Serial
+from fleetlog.engines.engine import Engine, current, using
 
-__all__ = ["Engine", "Serial", "current", "using"]
+__all__ = ["Engine", "current", "using"]

@@ -1,13 +1,12 @@
 """Jobs on a running Dask cluster, reached by the address of its scheduler."""
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt, successes
+from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt
 from fleetlog.errors import DataError, FleetlogError, InputError
 
-TIMEOUT = 20
-"""For the scheduler to answer [s]."""
+TIMEOUT = 20  # For the scheduler to answer [s]
 
 
 class Cluster(Engine):
@@ -34,19 +33,14 @@ class Cluster(Engine):
         """Always: who names a cluster wants it used."""
         return True
 
-    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str) -> Generator[R, None, None]:
-        """Yield the results; the scheduler gives the jobs of a lost worker to others."""
-        return successes(self._run(work, jobs, name))
-
-    def _run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
-        ahead, sent = AHEAD * self.workers, 0
+    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
+        """The scheduler gives the jobs of a lost worker to others."""
         futures: list[Any] = []
         try:
-            for k in range(len(jobs)):
-                while sent < min(k + ahead, len(jobs)):
-                    futures.append(self.client.submit(attempt, work, jobs[sent], name, pure=False))
-                    sent += 1
-                yield self._outcome(futures[0], name(jobs[k]))
+            for turn, job in enumerate(jobs):
+                for later in jobs[turn + len(futures) : turn + AHEAD * self.workers]:
+                    futures.append(self.client.submit(attempt, work, later, name, pure=False))
+                yield self._outcome(futures[0], name(job))
                 del futures[0]
         finally:
             self.client.cancel(futures)

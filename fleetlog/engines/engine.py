@@ -1,22 +1,24 @@
 """What an engine is: it does jobs, in any order, and gives their results in the order of the jobs."""
 
+import os
 from collections.abc import Callable, Generator, Iterator, Sequence
-from typing import Any, TypeAlias, TypeVar
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TypeAlias, TypeVar
 
 from fleetlog.errors import DataError, FleetlogError, fault
 
 J = TypeVar("J")
 R = TypeVar("R")
 Name: TypeAlias = Callable[[J], str]
-AHEAD = 4
-"""Jobs per worker that may be done before their turn; their results wait in memory."""
+AHEAD = 4  # Jobs per worker that may be done before their turn; their results wait in memory
+PER_WORKER = 1 << 30  # Memory that is reckoned for a worker by default [bytes]
 
 
 class Engine:
     """Does jobs; function, jobs and results must be picklable.  This one does them here, in turn."""
 
-    workers = 1
-    """Jobs that run at the same time."""
+    workers = 1  # Jobs that run at the same time
 
     def pays(self, cost: float) -> bool:
         """Return whether jobs that would take ``cost`` seconds here are worth handing over."""
@@ -28,14 +30,20 @@ class Engine:
         A job that fails leaves the rest: the first failure is raised in its turn, after the others were done.
         ``name`` says what a job reads, for the error of an unforeseen fault.
         """
-        return successes(attempt(work, job, name) for job in jobs)
+        outcomes = self._done(work, jobs, name)
+        for outcome in outcomes:
+            if isinstance(outcome, FleetlogError):
+                if more := sum(isinstance(o, FleetlogError) for o in outcomes):
+                    outcome.do = f"{outcome.do or 'repair it'} ({more} more failed)"
+                raise outcome
+            yield outcome
+
+    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
+        """Results and errors, in the order of the jobs."""
+        return (attempt(work, job, name) for job in jobs)
 
     def close(self) -> None:
         """Leave everything as it was."""
-
-
-class Serial(Engine):
-    """No other process takes part."""
 
 
 def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | FleetlogError:
@@ -47,19 +55,46 @@ def attempt(work: Callable[[J], R], job: J, name: Name[J]) -> R | FleetlogError:
     except MemoryError:
         return DataError("out of memory", where=name(job), do="use fewer --workers")
     except Exception as error:
-        return DataError(fault(_called(work), error), where=name(job), do="please report it")
+        inner = getattr(work, "__wrapped__", getattr(work, "func", work))
+        called = str(getattr(inner, "__name__", type(inner).__name__)).strip("_").replace("_", " ")
+        return DataError(fault(called, error), where=name(job), do="please report it")
 
 
-def _called(work: Callable[..., Any]) -> str:
-    inner = getattr(work, "func", work)
-    return str(getattr(inner, "__name__", type(inner).__name__)).strip("_").replace("_", " ")
+_current: ContextVar[Engine] = ContextVar("engine", default=Engine())  # noqa: B039 - it holds no state
+current = _current.get  # Return the engine of the innermost :func:`using`; without one, jobs run here
 
 
-def successes(outcomes: Iterator[R | FleetlogError]) -> Generator[R, None, None]:
-    """Yield results up to the first failure, which is raised when the rest has been done."""
-    for outcome in outcomes:
-        if isinstance(outcome, FleetlogError):
-            if more := sum(isinstance(o, FleetlogError) for o in outcomes):
-                outcome.do = f"{outcome.do or 'repair it'} ({more} more failed)"
-            raise outcome
-        yield outcome
+@contextmanager
+def using(workers: int | None = None, scheduler: str | None = None) -> Iterator[Engine]:
+    """Run the jobs of all library functions in this block on an engine.
+
+    Parameters
+    ----------
+    workers : processes of this machine; by default the cores there are, and where work is small, none.
+    scheduler : address of a Dask scheduler (``tcp://HOST:PORT``) in place of this machine.
+    """
+    engine: Engine
+    if scheduler is not None:
+        from fleetlog.engines.cluster import Cluster
+
+        engine = Cluster(scheduler)
+    else:
+        from fleetlog.engines.processes import Processes
+
+        engine = Processes(workers, always=True) if workers else Processes(cores())
+    token = _current.set(engine)
+    try:
+        yield engine
+    finally:
+        _current.reset(token)
+        engine.close()
+
+
+def cores() -> int:
+    """Processes worth starting: the cores that this one may use, as far as memory goes round."""
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    try:
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError):
+        return usable
+    return max(1, min(usable, memory // PER_WORKER))

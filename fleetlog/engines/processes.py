@@ -6,23 +6,20 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
 from fleetlog import interrupt
-from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt, successes
+from fleetlog.engines.engine import AHEAD, Engine, J, Name, R, attempt
 from fleetlog.errors import DataError, FleetlogError
 
-START = 0.5
-"""Jobs that take less time than this in all are done here [s]."""
-DEATHS = 3
-"""A job whose worker died this often has failed."""
-PATIENCE = 3.0
-"""For a worker to clean up when it is told to end [s]."""
+START = 0.5  # Jobs that take less time than this in all are done here [s]
+DEATHS = 3  # A job whose worker died this often has failed
+PATIENCE = 3.0  # For a worker to clean up when it is told to end [s]
 PR_SET_PDEATHSIG = 1
 
 # A forked worker has all modules and compiled functions at once; elsewhere than on Linux, fork is not safe.
@@ -39,42 +36,40 @@ class Processes(Engine):
         """Return whether the work is more than starting processes."""
         return self.workers > 1 and (self.always or cost > START)
 
-    def run(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J] = str) -> Generator[R, None, None]:
-        """Yield the results; see :class:`~fleetlog.engines.engine.Engine`."""
+    def _done(self, work: Callable[[J], R], jobs: Sequence[J], name: Name[J]) -> Iterator[R | FleetlogError]:
+        """As the engine here gives them; at most ``AHEAD`` jobs per worker wait for their turn."""
         count = min(self.workers, len(jobs))
         if count < 2 or multiprocessing.current_process().daemon:
-            return super().run(work, jobs, name)
-        return successes(_run(work, jobs, name, count))
-
-
-@dataclass
-class _Worker:
-    process: BaseProcess
-    pipe: Connection
-    number: int | None = None
-    """Of the job that it does."""
+            return super()._done(work, jobs, name)
+        return _run(work, jobs, name, count)
 
 
 def _run(work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int) -> Iterator[R | FleetlogError]:
-    """Outcomes in the order of the jobs; at most ``AHEAD`` jobs per worker wait for their turn."""
-    crew = [_start(work, name) for _ in range(count)]
+    crew = dict(_start(work, name) for _ in range(count))
+    busy: dict[Connection, int] = {}
     waiting, turn = list(range(len(jobs)))[::-1], 0
     early: dict[int, R | FleetlogError] = {}
-    deaths = dict.fromkeys(range(len(jobs)), 0)
+    deaths = Counter[int]()
     try:
         while turn < len(jobs):
-            for worker in crew:
-                if worker.number is None and waiting and waiting[-1] < turn + AHEAD * count:
-                    _give(worker, waiting.pop(), jobs)
-            for k, number, outcome in _events(crew):
-                if outcome is None:  # it died
-                    crew[k] = _start(work, name)
+            for pipe in [p for p in crew if p not in busy]:
+                if waiting and waiting[-1] < turn + AHEAD * count:
+                    busy[pipe] = waiting.pop()
+                    with suppress(OSError):  # it died before: its end is seen below
+                        pipe.send(jobs[busy[pipe]])
+            ready = wait(list(busy))
+            for pipe in [p for p in crew if p in ready]:
+                number = busy.pop(pipe)
+                try:
+                    early[number] = pipe.recv()
+                except (EOFError, OSError):  # it died
+                    _end({pipe: crew.pop(pipe)})
+                    crew.update([_start(work, name)])
                     deaths[number] += 1
-                    if deaths[number] < DEATHS:
-                        waiting.append(number)
-                        continue
-                    outcome = (_died(name(jobs[number])),)
-                early[number] = outcome[0]
+                    waiting.append(number)
+                    if deaths[number] == DEATHS:
+                        what, do = f"its worker died {DEATHS} times", "free memory, or use fewer --workers"
+                        early[waiting.pop()] = DataError(what, where=name(jobs[number]), do=do)
             while turn in early:
                 yield early.pop(turn)
                 turn += 1
@@ -82,67 +77,35 @@ def _run(work: Callable[[J], R], jobs: Sequence[J], name: Name[J], count: int) -
         _end(crew)
 
 
-def _start(work: Callable[[J], R], name: Name[J]) -> _Worker:
+def _start(work: Callable[[J], R], name: Name[J]) -> tuple[Connection, BaseProcess]:
     ours, theirs = _context.Pipe()
     process = _context.Process(target=_serve, args=(work, name, theirs, os.getpid()), daemon=True)
     with warnings.catch_warnings():  # of threads that a fork does not copy: a worker needs none of them
         warnings.simplefilter("ignore", DeprecationWarning)
         process.start()
     theirs.close()
-    return _Worker(process, ours)
+    return ours, process
 
 
-def _give(worker: _Worker, number: int, jobs: Sequence[Any]) -> None:
-    worker.number = number
-    with suppress(OSError):  # it died before: its end is seen with the next events
-        worker.pipe.send((number, jobs[number]))
-
-
-def _events(crew: list[_Worker]) -> list[tuple[int, int, tuple[Any] | None]]:
-    """What happened next: worker, job, and its outcome, or None where the worker died at it."""
-    busy = {w.pipe: k for k, w in enumerate(crew) if w.number is not None}
-    out: list[tuple[int, int, tuple[Any] | None]] = []
-    for pipe in wait(list(busy)):
-        worker = crew[busy[pipe]]  # type: ignore[index]  # pipes only
-        number, worker.number = worker.number, None
-        assert number is not None
-        try:
-            _, outcome = worker.pipe.recv()
-            out.append((busy[worker.pipe], number, (outcome,)))
-        except (EOFError, OSError):
-            worker.pipe.close()
-            out.append((busy[worker.pipe], number, None))
-    return out
-
-
-def _died(name: str) -> DataError:
-    return DataError(f"its worker died {DEATHS} times", where=name, do="free memory, or use fewer --workers")
-
-
-def _end(crew: list[_Worker]) -> None:
+def _end(crew: dict[Connection, BaseProcess]) -> None:
     """Let the workers clean up what they are at, and end them."""
-    for worker in crew:
-        worker.process.terminate()
-    for worker in crew:
-        worker.process.join(PATIENCE)
-        worker.process.kill()
-        worker.process.join()
-        worker.pipe.close()
+    for process in crew.values():
+        process.terminate()
+    for pipe, process in crew.items():
+        process.join(PATIENCE)
+        process.kill()
+        process.join()
+        pipe.close()
 
 
 def _serve(work: Callable[[Any], Any], name: Callable[[Any], str], pipe: Connection, parent: int) -> None:
     """Do jobs until the parent ends."""
-    for number in interrupt.SIGNALS:  # a terminal sends them to all; the parent decides
-        signal.signal(number, signal.SIG_IGN)
+    interrupt.ignore()  # a terminal sends signals to all; the parent decides
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     if sys.platform == "linux":  # siblings hold the other end of the pipe, so it would not close
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:
             return
-    while True:
-        try:
-            number, job = pipe.recv()
-            outcome = attempt(work, job, name)
-            pipe.send((number, outcome))
-        except (EOFError, OSError):
-            return
+    with suppress(EOFError, OSError):
+        while True:
+            pipe.send(attempt(work, pipe.recv(), name))

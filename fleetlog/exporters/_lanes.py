@@ -11,8 +11,7 @@ from fleetlog.core.network import Network
 from fleetlog.core.site import Place, Site
 
 Floats = NDArray[np.float64]
-STEP = 0.5
-"""Places are sought along the roads in steps of this [m]."""
+STEP = 0.5  # Places are sought along the roads in steps of this [m]
 
 
 @dataclass(frozen=True)

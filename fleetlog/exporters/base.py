@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from fleetlog.core.columns import arrow_schema
+from fleetlog.core.columns import SCHEMA
 from fleetlog.core.trajectory import Floats, Trajectory, from_arrow, to_arrow
 from fleetlog.errors import DataError, InputError, nearest
 from fleetlog.registry import parts
@@ -38,8 +38,7 @@ class Exporter:
     meaning: str
     write: Callable[[Selection, Path], dict[str, Any]]
     """Writes the selection to a path; gives what the summary should say, ``rows`` included."""
-    network: bool = False
-    """Whether it writes the road network, not the motion."""
+    network: bool = False  # Whether it writes the road network, not the motion
 
 
 @dataclass
@@ -80,7 +79,7 @@ class Selection:
 
     def schema(self) -> pa.Schema:
         """The contract's columns, then every further one of any part, from the files' descriptions only."""
-        fields = {f.name: _plain(f) for f in arrow_schema()}
+        fields = {f.name: _plain(f) for f in SCHEMA}
         for part in (p for v in self.vehicles for p in self.dataset.parts(v)):
             for f in pq.read_schema(part):
                 if f.name not in fields or pa.types.is_null(fields[f.name].type):

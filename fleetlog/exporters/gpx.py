@@ -19,8 +19,7 @@ _HEAD = f"""<?xml version="1.0" encoding="UTF-8"?>
 xmlns:fl="{SPACE}">
 """
 _PLACED = ("x", "y", "z", "heading")
-_NAME = re.compile(r"(?!\d)\w+", re.ASCII)
-"""What can be an element's name as it stands."""
+_NAME = re.compile(r"(?!\d)\w+", re.ASCII)  # What can be an element's name as it stands
 
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:

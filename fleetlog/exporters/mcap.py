@@ -1,6 +1,5 @@
 """MCAP with JSON channels that Foxglove draws: ``/ID/fix`` (foxglove.LocationFix) or, without a place on
-earth, ``/ID/pose`` (foxglove.PoseInFrame), and ``/ID/battery`` where the dataset knows it.
-"""
+earth, ``/ID/pose`` (foxglove.PoseInFrame), and ``/ID/battery`` where the dataset knows it."""
 
 import json
 from collections.abc import Iterator
@@ -31,8 +30,7 @@ TOPICS = {"LocationFix": "fix", "PoseInFrame": "pose", "Battery": "battery"}
 _BATTERY = (
     ("percentage", "soc", 100.0), ("voltage", "battery_voltage", 1.0), ("current", "battery_current", -1.0),
 )  # fmt: skip
-Message = tuple[str, int, dict[str, Any]]
-"""Schema, time [us] and content."""
+Message = tuple[str, int, dict[str, Any]]  # Schema, time [us] and content
 
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:

@@ -16,8 +16,7 @@ from fleetlog.exporters.base import Exporter, Selection
 
 LENGTH, WIDTH, HEIGHT = 3.0, 1.2, 2.2
 """Of the box that stands for a truck, whose size a dataset does not tell [m]."""
-MOST = 1_000_000
-"""Rows that one scenario holds; it is built in memory."""
+MOST = 1_000_000  # Rows that one scenario holds; it is built in memory
 COLUMNS = ("x", "y", "z", "heading")
 
 

@@ -16,8 +16,7 @@ from fleetlog.exporters._lanes import Lane, lanes_of
 from fleetlog.exporters.base import Exporter, Selection
 
 MILLI = 1000.0
-DEFAULT_SPEED = 1.0
-"""Speed of a path whose limit the map does not give [m/s]: that of the model editor."""
+DEFAULT_SPEED = 1.0  # Speed of a path whose limit the map does not give [m/s]: that of the model editor
 OPERATIONS = {"pick": "Load", "drop": "Unload", "park": "Park", "charge": "Charge"}
 BOX = {
     **dict.fromkeys(("length", "width", "height"), "1000"),

@@ -15,8 +15,7 @@ from fleetlog.errors import DataError
 from fleetlog.exporters.base import Exporter, Selection
 from fleetlog.version import __version__
 
-VERSION = (3, 7, 0)
-"""Of the interface: the fields that are written mean the same in all of version 3."""
+VERSION = (3, 7, 0)  # Of the interface: the fields that are written mean the same in all of version 3
 COLUMNS = ("x", "y", "z", "heading", "speed")
 
 

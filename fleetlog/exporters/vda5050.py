@@ -20,8 +20,7 @@ COLUMNS = (
     "x", "y", "heading", "speed", "payload", "soc", "battery_voltage", "battery_current", "map_id",
     "order_id",
 )  # fmt: skip
-DRIVING = 0.05
-"""A truck faster than this drives [m/s]."""
+DRIVING = 0.05  # A truck faster than this drives [m/s]
 
 
 def write(selection: Selection, path: Path) -> dict[str, Any]:

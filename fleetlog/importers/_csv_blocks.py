@@ -15,12 +15,9 @@ from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes
 from fleetlog.importers._report import ReadReport
 
-SIZE = 8 << 20
-"""Bytes in a block."""
-LONGEST = 8 << 20
-"""Bytes in a line."""
-TORN = 1 << 20
-"""Bytes of a quoted cell of several lines that the end of a block would tear apart."""
+SIZE = 8 << 20  # Bytes in a block
+LONGEST = 8 << 20  # Bytes in a line
+TORN = 1 << 20  # Bytes of a quoted cell of several lines that the end of a block would tear apart
 _LONE = re.compile(rb"\r(?!\n)")
 _SEPARATORS = bytes.maketrans(b";\t|", b",,,")
 

@@ -1,7 +1,6 @@
 """The time column of a delimited log: which way it is written is decided on the first rows and kept."""
 
 from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -12,22 +11,21 @@ from fleetlog.core.trajectory import Ints, Labels
 from fleetlog.errors import FormatError, InputError
 from fleetlog.importers import _times
 from fleetlog.importers._csv_cells import numbers
+from fleetlog.importers._fields import Fields
 from fleetlog.importers._names import EPOCH_UNITS
-from fleetlog.importers._profile import Profile, has_date
-from fleetlog.importers._report import ReadReport
+from fleetlog.importers._profile import has_date
 
 Mask = NDArray[np.bool_]
 
 
 class Clock:
-    """Times of one file, block by block; ``names`` are their columns, ``unit`` that of a count, if named."""
+    """Times of one file, table by table, from the columns and in the unit that its fields name."""
 
-    def __init__(
-        self, names: tuple[str, ...], unit: str | None, path: Path, profile: Profile, report: ReadReport
-    ) -> None:
-        self.names, self.path, self.profile, self.report = names, path, profile, report
-        self.unit, self.style = unit, profile.time_format or ""
-        self.local = _times.LocalClock(profile.zone) if profile.zone else None
+    def __init__(self, fields: Fields) -> None:
+        self.names, self.path = fields.time, fields.report.path
+        self.profile, self.report = fields.profile, fields.report
+        self.unit, self.style = fields.epoch, fields.profile.time_format or ""
+        self.local = _times.LocalClock(self.profile.zone) if self.profile.zone else None
         self.days: _times.Days | None = None
         self.missing: Mask = np.zeros(0, bool)
         self.skipped: Mask = np.zeros(0, bool)
@@ -38,6 +36,8 @@ class Clock:
         cells = pc.binary_join_element_wise(*parts, " ") if len(parts) > 1 else parts[0]
         self.missing = np.asarray(cells.is_null(), dtype=bool)
         self.skipped = np.zeros(len(cells), bool)
+        if not pa.types.is_string(cells.type):
+            return self._typed(cells, vehicle)
         if not self.style:
             self.style = self._decide(cells)
         if not self.style:
@@ -52,6 +52,24 @@ class Clock:
             raise InputError(what, where=where, place="time.origin", do="leave the origin out")
         time, bare = _times.from_iso(cells) if self.style == "iso" else _times.from_format(cells, self.style)
         return self.to_utc(time, bare & (time != _times.NONE), vehicle)
+
+    def _typed(self, cells: pa.Array, vehicle: Labels) -> Ints:
+        """Times that are no text: dates, stamps (local where they state no zone), counts."""
+        if pa.types.is_date(cells.type):
+            cells = cells.cast(pa.timestamp("s" if pa.types.is_date32(cells.type) else "ms"))
+        if pa.types.is_timestamp(cells.type):
+            time = self._whole(cells.cast(pa.int64()), cells.type.unit, 0)
+            return time if cells.type.tz else self.to_utc(time, time != _times.NONE, vehicle)
+        figures = np.asarray(cells.cast(pa.float64(), safe=False).fill_null(np.nan), dtype=np.float64)
+        if self.style not in EPOCH_UNITS:
+            self.style = self.decide_count(figures)
+        if pa.types.is_integer(cells.type):
+            return self._whole(cells.cast(pa.int64(), safe=False), self.style, self.profile.origin)
+        return _times.from_counts(figures, self.style, self.profile.origin)
+
+    def _whole(self, counts: pa.Array, unit: str, origin: int) -> Ints:
+        time = _times.from_counts(np.asarray(counts.fill_null(0), dtype=np.int64), unit, origin)
+        return np.where(self.missing, _times.NONE, time)
 
     def _dated(self, of_day: Ints) -> Ints:
         """Times of day on the days from the profile's origin; a date is never made up."""
@@ -84,7 +102,9 @@ class Clock:
 
     def decide_count(self, figures: NDArray[np.float64]) -> str:
         """The unit of a count from 1970, or from the profile's origin: a start is never made up."""
-        middle, origin, name = _times.median(figures), self.profile.time_origin, self.names[0]
+        known = np.sort(figures[np.isfinite(figures)])
+        middle = float(known[len(known) // 2]) if len(known) else np.nan
+        origin, name = self.profile.time_origin, self.names[0]
         likely = _times.epoch_unit(middle)
         if self.unit is not None and (origin is not None or likely == self.unit):
             self.report.recognised[name] = f"timestamp, counted in {self.unit} from {origin or 1970}"
@@ -100,13 +120,9 @@ class Clock:
 
     def _counted(self, cells: pa.Array) -> Ints:
         try:
-            whole = cells.cast(pa.int64())
+            return self._whole(cells.cast(pa.int64()), self.style, self.profile.origin)
         except pa.ArrowInvalid:
             return _times.from_counts(numbers(cells)[0], self.style, self.profile.origin)
-        time = _times.from_counts(
-            np.asarray(whole.fill_null(0), dtype=np.int64), self.style, self.profile.origin
-        )
-        return np.where(self.missing, _times.NONE, time)
 
     def to_utc(self, time: Ints, bare: Mask, vehicle: Labels) -> Ints:
         """Times of which the ``bare`` ones are local (UTC without a zone in the profile)."""

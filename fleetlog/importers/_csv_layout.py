@@ -8,7 +8,7 @@ from fleetlog.errors import FormatError, InputError, nearest
 from fleetlog.importers._csv_blocks import rows_of
 from fleetlog.importers._fields import Fields, fields_of
 from fleetlog.importers._names import normal
-from fleetlog.importers._profile import Profile, Source
+from fleetlog.importers._profile import Profile
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers._units import KINDS
 
@@ -23,24 +23,13 @@ class Layout:
 
     fields: Fields
     delimiter: str
-    skip: int
-    """Lines before the first row, the header line among them."""
+    skip: int  # Lines before the first row, the header line among them
     decimal: str = "."
 
     @property
     def names(self) -> list[str]:
         """Of all columns, in their order."""
         return self.fields.names
-
-    @property
-    def values(self) -> dict[str, Source]:
-        """Columns of figures of the dataset and where they come from."""
-        return {target: s for target, s in self.fields.columns.items() if target in KINDS}
-
-    @property
-    def labels(self) -> dict[str, str]:
-        """Columns of text (edge_id) and the trip number, and where they come from."""
-        return {target: s.column for target, s in self.fields.columns.items() if target not in KINDS}
 
 
 def find_delimiter(lines: list[str]) -> str:
@@ -104,7 +93,7 @@ def lay_out(names: list[str], delimiter: str, skip: int, profile: Profile, repor
     if not layout.fields.time:
         do = "name it in a profile: [time] column = ..."
         raise FormatError(f"no time among the columns ({seen})", where=report.path, do=do)
-    if not layout.values:
+    if not layout.fields.columns.keys() & KINDS.keys():
         what = f"no known column beside the time ({seen})"
         raise FormatError(what, where=report.path, do="map the columns in a profile")
     return layout

@@ -13,7 +13,8 @@ from fleetlog.core.trajectory import Ints
 from fleetlog.importers._csv_blocks import Block, cells_of
 from fleetlog.importers._csv_layout import Layout
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers.base import Reject
+from fleetlog.importers._units import KINDS
+from fleetlog.importers.base import GEOGRAPHIC, Reject
 
 NULLS = ["", "NA", "N/A", "NaN", "nan", "null", "NULL", "None", "-", "#N/A"]
 
@@ -27,23 +28,40 @@ codecs.register_error("fleetlog.cp1252", _as_cp1252)
 
 
 class TableReader:
-    """Blocks of a file to tables with the columns of ``layout``; ``missing`` are cells for "unknown"."""
+    """Blocks of a file to tables with the columns of ``layout``; :meth:`decide` comes first."""
 
-    def __init__(self, layout: Layout, missing: list[str], report: ReadReport) -> None:
-        self.layout, self.missing, self.report = layout, missing, report
+    def __init__(self, layout: Layout, report: ReadReport) -> None:
+        self.layout, self.report = layout, report
+        sources = layout.fields.columns.values()
+        sentinels = [*layout.fields.profile.sentinels, *(s for source in sources for s in source.sentinels)]
+        self.missing = [s for s in sentinels if isinstance(s, str)]
+        self.angles: set[str] = set()
+        """Columns of latitude and longitude that hold text."""
+        self._types: dict[str, Any] = {}
 
-    def inferred(self, block: Block) -> pa.Schema:
-        """The types that the cells of a block have."""
-        text = self._as_utf8(block)
+    def decide(self, block: Block) -> None:
+        """Types of the columns, from the first block."""
+        text, fields = self._as_utf8(block), self.layout.fields
         try:
-            return self._arrow(text, None)[0].schema
+            inferred = self._arrow(text, None)[0].schema
         except pa.ArrowInvalid:
-            return self._arrow(self._one_by_one(text), None)[0].schema
+            inferred = self._arrow(self._one_by_one(text), None)[0].schema
+        figures = {f.name for f in inferred if pa.types.is_floating(f.type) or pa.types.is_integer(f.type)}
+        places = {s.column for t, s in fields.columns.items() if t in GEOGRAPHIC}
+        self.angles = places - figures
+        figures |= {s.column for t, s in fields.columns.items() if t in KINDS} - self.angles
+        written = {
+            *fields.time,
+            fields.vehicle,
+            *(s.column for t, s in fields.columns.items() if t not in KINDS),
+        }
+        kinds = {True: pa.float64(), False: pa.string()}
+        self._types = {name: kinds[name in figures - written] for name in self.layout.names}
 
-    def read(self, block: Block, types: dict[str, Any]) -> tuple[pa.Table, Ints, list[Reject]]:
+    def read(self, block: Block) -> tuple[pa.Table, Ints, list[Reject]]:
         """The table of a block, the line of every row, and the lines with too many or too few fields."""
         text, lines = self._as_utf8(block), block.lines()
-        found = self._whole(text, types)
+        found = self._whole(text)
         if found is not None and len(lines) != found[0].num_rows + len(found[1]):
             starts = _records(block, self.layout)
             lines = starts if len(starts) == found[0].num_rows + len(found[1]) else lines
@@ -52,10 +70,10 @@ class TableReader:
             where = f"lines {lines[0]} to {lines[-1]}"
             self.report.damaged(f"quotation marks in {where} are not closed: read line by line")
             text = self._one_by_one(text)
-            found = self._whole(text, types)
+            found = self._whole(text)
             assert found is not None
         if len(lines) == len(block.lines()) and (mended := self._mended(text, block, lines, found[1])):
-            found = self._whole(mended, types) or found
+            found = self._whole(mended) or found
         table, ragged = found
         keep = np.ones(len(lines), bool)
         keep[[row.number - 1 for row in ragged]] = False
@@ -79,9 +97,9 @@ class TableReader:
             return block.text.decode("utf-8", "fleetlog.cp1252").encode("utf-8", "replace")
         return block.text
 
-    def _whole(self, text: bytes, types: dict[str, Any]) -> tuple[pa.Table, list[Any]] | None:
+    def _whole(self, text: bytes) -> tuple[pa.Table, list[Any]] | None:
         """The table and the ragged rows: typed, or else as text; None where the quotes make no sense."""
-        for kinds in (types, dict.fromkeys(types, pa.string())):
+        for kinds in (self._types, dict.fromkeys(self._types, pa.string())):
             try:
                 return self._arrow(text, kinds)
             except pa.ArrowInvalid:

@@ -17,26 +17,21 @@ _PER = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 @dataclass
 class Fields:
     """What the fields called ``names`` are: ``columns`` of the dataset and their sources; the log's own
-    names of its ``time`` (one, or date and time of day), its ``vehicle`` and what is kept as it is.
-    """
+    names of its ``time`` (one, or date and time of day), its ``vehicle`` and what is kept as it is."""
 
     names: list[str]
     profile: Profile
     report: ReadReport
     columns: dict[str, Source] = field(default_factory=dict)
     time: tuple[str, ...] = ()
-    epoch: str | None = None
-    """Unit of a time that counts, where the name or the profile states it."""
+    epoch: str | None = None  # Unit of a time that counts, where the name or the profile states it
     vehicle: str | None = None
     kept: list[str] = field(default_factory=list)
 
     @property
     def used(self) -> set[str]:
         """Names in the log that are taken for something."""
-        return {s.column for s in self.columns.values()} | {
-            *self.time,
-            *([self.vehicle] if self.vehicle else []),
-        }
+        return {*(s.column for s in self.columns.values()), *self.time, self.vehicle or ""}
 
     def take_profile(self) -> None:
         """What the profile says of names that are there."""
@@ -58,11 +53,8 @@ class Fields:
     def take(self, name: str, meaning: Meaning) -> None:
         """Give a recognised field its place, unless that is taken."""
         target = meaning.column
-        if (
-            target in self.columns
-            or (target == "timestamp" and self.time)
-            or (target == "vehicle_id" and self.vehicle)
-        ):
+        taken = {"timestamp": self.time, "vehicle_id": self.vehicle}.get(target, target in self.columns)
+        if taken:
             if name not in self.used:
                 self.report.note(f"{name!r} could be the {target} too; kept under its own name")
             return

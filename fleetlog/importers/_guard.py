@@ -16,8 +16,7 @@ from fleetlog.importers._rows import renamed
 from fleetlog.importers._times import EARLIEST, EARLIEST_LOG, LATEST, OFF_TIME
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject
 
-LONGEST_ID = 200
-"""Characters of a vehicle's id as the name of a folder."""
+LONGEST_ID = 200  # Characters of a vehicle's id as the name of a folder
 UNKNOWN_START = (
     "the times count from an unknown start, placed at 1970-01-01: "
     "a profile may say when it was ([time] origin = ...)"
@@ -58,24 +57,37 @@ def read_guarded(importer: Importer, path: Path, options: ReadOptions) -> Iterat
 
 def _sound(batch: RawBatch, options: ReadOptions) -> RawBatch:
     """The batch with times that can be counted, names that can be written, and columns of their kind."""
-    checked = _Checked(batch, options.report)
     withheld = options.profile is not None and not options.profile.keep
-    given = ((n, v) for n, v in batch.columns.items() if not withheld or n in TARGETS)
-    columns = dict(checked.column(_text(name), values) for name, values in given)
-    texts = ("" if withheld else _text(r.text) for r in checked.rejects)
     rejects = [
-        r._replace(reason=_text(r.reason), text=t) for r, t in zip(checked.rejects, texts, strict=True)
+        r._replace(reason=_text(r.reason), text="" if withheld else _text(r.text)) for r in batch.rejects
     ]
+    columns: dict[str, Values] = {}
+    nowhere = np.zeros(len(batch), bool)
+    for given, values in batch.columns.items():
+        if withheld and given not in TARGETS:
+            continue
+        name, found = _column(_text(given), values, options.report)
+        columns[name] = found
+        if isinstance(found, Labels) or not (wrong := np.isinf(found)).any():
+            continue
+        columns[name] = np.where(wrong, np.nan, found)
+        if name in (*GEOGRAPHIC, *LOCAL):
+            nowhere |= wrong
+        elif name in BY_NAME:
+            said = ((int(batch.record[i]), _said(values, i)) for i in np.flatnonzero(wrong).tolist())
+            rejects += [Reject(n, f"{name} is not a number", text, False) for n, text in said]
     off = (batch.time < EARLIEST) | (batch.time > LATEST)
     vehicle = _named(batch.vehicle)
     nameless = np.array([*map(_nameless, vehicle.names), True])[vehicle.codes]
-    keep = ~(off | checked.nowhere | nameless)
-    if keep.all():
-        return RawBatch(vehicle, batch.time, columns, batch.record, rejects, batch.progress)
+    keep = ~(off | nowhere | nameless)
     for n in np.flatnonzero(~keep).tolist():
         reason = OFF_TIME if off[n] else NO_NAME if nameless[n] else "the position is not a number"
-        text = _picture(vehicle, int(batch.time[n]), columns, n)
+        cells = {"vehicle_id": _said(vehicle, n), "timestamp": f"{batch.time[n]} us"}
+        cells |= {name: _said(values, n) for name, values in columns.items()}
+        text = " ".join(f"{name}={cell}" for name, cell in cells.items())[:4000]
         rejects.append(Reject(int(batch.record[n]), reason, text))
+    if keep.all():
+        return RawBatch(vehicle, batch.time, columns, batch.record, rejects, batch.progress)
     columns = {n: v[keep] for n, v in columns.items()}
     return RawBatch(vehicle[keep], batch.time[keep], columns, batch.record[keep], rejects, batch.progress)
 
@@ -84,55 +96,21 @@ def _nameless(vehicle: str) -> bool:
     return vehicle == HIVE_NULL or not 0 < len(quote(vehicle.strip(), safe="")) <= LONGEST_ID
 
 
-def _picture(vehicle: Labels, time: int, columns: dict[str, Values], row: int) -> str:
-    """A refused row as text: what was read of it."""
-    cells = [f"vehicle_id={_said(vehicle, row)}", f"timestamp={time} us"]
-    return " ".join([*cells, *(f"{name}={_said(values, row)}" for name, values in columns.items())])[:4000]
-
-
-class _Checked:
-    """The columns of one batch, each brought to its kind; what has no place there is refused, or unknown."""
-
-    def __init__(self, batch: RawBatch, report: ReadReport) -> None:
-        self.batch, self.report = batch, report
-        self.rejects = list(batch.rejects)
-        self.nowhere = np.zeros(len(batch), bool)
-        """Rows whose position is no number."""
-
-    def column(self, name: str, values: Values) -> tuple[str, Values]:
-        """The name and values of one column."""
-        kind = BY_NAME[name].kind if name in BY_NAME else "double" if name in GEOGRAPHIC else ""
-        if kind == "double":
-            return name, self._numbers(name, values)
-        if kind == "int64":
-            return self._whole(name, values)
-        if isinstance(values, Labels):
-            return name, _named(values)
-        if kind == "label":
-            return name, Labels.of([None if v != v else f"{v:g}" for v in values.tolist()])
-        return name, np.where(np.isinf(values), np.nan, values) if values.dtype.kind == "f" else values
-
-    def _numbers(self, name: str, values: Values) -> Values:
-        figures = _figures(values)
-        wrong = np.isinf(figures)
-        if wrong.any():
-            figures = np.where(wrong, np.nan, figures)
-            if name in (*GEOGRAPHIC, *LOCAL):
-                self.nowhere |= wrong
-            else:
-                said = [_said(values, i) for i in np.flatnonzero(wrong).tolist()]
-                gone = zip(self.batch.record[wrong].tolist(), said, strict=True)
-                self.rejects += [Reject(n, f"{name} is not a number", text, False) for n, text in gone]
-        return figures
-
-    def _whole(self, name: str, values: Values) -> tuple[str, Values]:
-        """A column of whole numbers, -1 for unknown; one that holds anything else is the log's own."""
+def _column(name: str, values: Values, report: ReadReport) -> tuple[str, Values]:
+    """A column brought to its kind; whole numbers are -1 where unknown, or else the log's own."""
+    kind = BY_NAME[name].kind if name in BY_NAME else "double" if name in GEOGRAPHIC else ""
+    if kind == "double":
+        return name, _figures(values)
+    if kind == "int64":
         figures = values if not isinstance(values, Labels) and values.dtype.kind == "i" else _figures(values)
         known = figures[~np.isnan(figures)]
         if (np.abs(known) < 2**53).all() and not (known % 1).any():
             return name, np.where(np.isnan(figures), -1, figures).astype(np.int64)
-        self.report.note(f"{name!r} holds more than whole numbers: kept as {name + '_log'!r}")
+        report.note(f"{name!r} holds more than whole numbers: kept as {name + '_log'!r}")
         return f"{name}_log", values
+    if isinstance(values, Labels):
+        return name, _named(values)
+    return name, Labels.of([None if v != v else f"{v:g}" for v in values.tolist()]) if kind else values
 
 
 def _figures(values: Values) -> NDArray[np.float64]:

@@ -5,15 +5,14 @@ PoseWithCovarianceStamped, sensor_msgs/BatteryState.  Foxglove: LocationFix and 
 protobuf.  ASAM OSI: ground truths, sensor views and traffic updates, each with many vehicles.
 """
 
-import json
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from fleetlog.importers._osi import SCHEMAS, vehicles
 from fleetlog.importers._rows import Sample, finite, heading_of_quaternion
 from fleetlog.importers._times import iso_time
-from fleetlog.importers._wire import Wire, fields
+from fleetlog.importers._wire import Wire, from_json, from_protobuf
+from fleetlog.importers.osi import SCHEMAS, vehicles
 
 Decode = Callable[[Any], Sample | list[Sample]]
 
@@ -36,46 +35,52 @@ def normal_name(schema: str) -> str:
     return schema.replace("/msg/", "/")
 
 
+def _fix_values(latitude: float, longitude: float, altitude: float) -> dict[str, float]:
+    return {"latitude": latitude, "longitude": longitude, "z": altitude}
+
+
 def _navsat(w: Wire) -> Sample:
     stamp, _ = w.header()
     (status,), _ = w.take("b"), w.take("H")
-    latitude, longitude, altitude = w.take("d", 3)
-    return Sample(stamp, {"latitude": latitude, "longitude": longitude, "z": altitude}, status >= 0)
+    return Sample(stamp, _fix_values(*w.take("d", 3)), status >= 0)
 
 
-def _pose_values(w: Wire) -> dict[str, float]:
-    x, y, z, *quaternion = w.take("d", 7)
+def _pose_values(x: float, y: float, z: float, *quaternion: float) -> dict[str, float]:
     return {"x": x, "y": y, "z": z, "heading": heading_of_quaternion(*quaternion)}
 
 
 def _pose(w: Wire) -> Sample:
-    return Sample(w.header()[0], _pose_values(w))
+    return Sample(w.header()[0], _pose_values(*w.take("d", 7)))
 
 
 def _odometry(w: Wire) -> Sample:
     stamp, _ = w.header()
     w.text()
-    values = _pose_values(w)
+    values = _pose_values(*w.take("d", 7))
     w.take("d", 36)
-    forward, sideways = w.take("d", 2)
-    values["speed"] = math.hypot(forward, sideways)
+    values["speed"] = math.hypot(*w.take("d", 2))
     return Sample(stamp, values)
 
 
 def _battery(w: Wire) -> Sample:
-    """ROS counts the current negative while discharging; the contract the other way round."""
     stamp, _ = w.header()
     voltage, temperature, current, _, _, _, share = w.take("f", 7)
     return Sample(stamp, _battery_values(voltage, current, temperature, share))
 
 
 def _battery_values(voltage: float, current: float, temperature: float, soc: float) -> dict[str, float]:
+    """ROS counts the current negative while discharging; the contract the other way round."""
     values = {"battery_voltage": voltage, "battery_current": -current, "soc": soc}
     values["battery_temperature"] = temperature
     return {name: value for name, value in values.items() if value == value}
 
 
-def json_stamp(message: dict[str, Any]) -> int:
+def numbers(part: dict[str, Any], *names: str) -> list[float]:
+    """The fields of a message called ``names``; NaN for those that it has not."""
+    return [finite(part.get(name)) for name in names]
+
+
+def stamp_of(message: dict[str, Any]) -> int:
     """The stamp [us] of a message or of its header; 0 where it has none."""
     header = message.get("header")
     stamp = message.get("timestamp", header.get("stamp") if isinstance(header, dict) else None)
@@ -83,87 +88,35 @@ def json_stamp(message: dict[str, Any]) -> int:
         return iso_time(stamp)
     if not isinstance(stamp, dict):
         return 0
-    seconds = finite(stamp.get("sec", stamp.get("secs", 0)))
-    nanoseconds = finite(stamp.get("nsec", stamp.get("nanosec", stamp.get("nsecs", 0))))
-    return int(seconds) * 1_000_000 + (int(nanoseconds) + 500) // 1000
+    seconds = stamp.get("sec", stamp.get("secs", 0))
+    nanoseconds = stamp.get("nsec", stamp.get("nanosec", stamp.get("nsecs", 0)))
+    return int(finite(seconds)) * 1_000_000 + (int(finite(nanoseconds)) + 500) // 1000
 
 
-def json_object(data: Any) -> dict[str, Any]:
-    """The object that a message is."""
-    message = json.loads(bytes(data))
-    if not isinstance(message, dict):
-        raise ValueError("the message is no JSON object")
-    return message
-
-
-def json_part(message: dict[str, Any], *path: str) -> dict[str, Any]:
-    """The object below some keys."""
-    for key in path:
-        below = message.get(key)
-        if not isinstance(below, dict):
-            raise ValueError(f"the message has no {key}")
-        message = below
-    return message
-
-
-def _json_fix(data: Any) -> Sample:
-    m = json_object(data)
+def _said_fix(m: dict[str, Any]) -> Sample:
     status = m.get("status")
-    fix = not (isinstance(status, dict) and finite(status.get("status")) < 0)
-    where = {"latitude": finite(m.get("latitude")), "longitude": finite(m.get("longitude"))}
-    return Sample(json_stamp(m), {**where, "z": finite(m.get("altitude"))}, fix)
+    blind = isinstance(status, dict) and finite(status.get("status")) < 0
+    return Sample(stamp_of(m), _fix_values(*numbers(m, "latitude", "longitude", "altitude")), not blind)
 
 
-def _json_pose(*path: str) -> Decode:
-    def decode(data: Any) -> Sample:
-        m = json_object(data)
-        pose = json_part(m, *path)
-        p, q = json_part(pose, "position"), json_part(pose, "orientation")
-        values = {k: finite(p.get(k)) for k in ("x", "y", "z")}
-        values["heading"] = heading_of_quaternion(*(finite(q.get(k)) for k in ("x", "y", "z", "w")))
-        twist = m.get("twist")
-        if isinstance(twist, dict):
-            linear = json_part(twist, "twist", "linear")
-            values["speed"] = math.hypot(finite(linear.get("x")), finite(linear.get("y")))
-        return Sample(json_stamp(m), values)
-
-    return decode
+def _said_pose(m: dict[str, Any]) -> Sample:
+    """With covariance, pose and twist lie one level deeper."""
+    pose = m["pose"].get("pose", m["pose"])
+    values = _pose_values(*numbers(pose["position"], *"xyz"), *numbers(pose["orientation"], *"xyzw"))
+    if isinstance(m.get("twist"), dict):
+        values["speed"] = math.hypot(*numbers(m["twist"]["twist"]["linear"], "x", "y"))
+    return Sample(stamp_of(m), values)
 
 
-def _json_battery(percent: float) -> Decode:
-    def decode(data: Any) -> Sample:
-        m = json_object(data)
-        names = ("voltage", "current", "temperature", "percentage")
-        volts, amperes, degrees, share = (finite(m.get(name)) for name in names)
-        return Sample(json_stamp(m), _battery_values(volts, amperes, degrees, share * percent))
-
-    return decode
+def _said_battery(m: dict[str, Any]) -> Sample:
+    figures = numbers(m, "voltage", "current", "temperature", "percentage")
+    return Sample(stamp_of(m), _battery_values(*figures))
 
 
-def _proto_stamp(data: bytes) -> int:
-    parts = dict(fields(data))
-    return int(parts.get(1, 0)) * 1_000_000 + (int(parts.get(2, 0)) + 500) // 1000
-
-
-def _proto_fix(data: Any) -> Sample:
-    """foxglove.LocationFix: latitude 1, longitude 2, altitude 3, timestamp 6."""
-    stamp, numbers = 0, {1: 0.0, 2: 0.0, 3: 0.0}
-    for number, value in fields(data):
-        if number == 6:
-            stamp = _proto_stamp(value)
-        elif number in numbers:
-            numbers[number] = value
-    return Sample(stamp, {"latitude": numbers[1], "longitude": numbers[2], "z": numbers[3]})
-
-
-def _proto_pose(data: Any) -> Sample:
-    """foxglove.PoseInFrame: timestamp 1, pose 3 (position 1, orientation 2); a zero is not written."""
-    message = dict(fields(data))
-    pose = dict(fields(message[3])) if 3 in message else {}
-    p, q = (dict(fields(pose[k])) if k in pose else {} for k in (1, 2))
-    values = {name: p.get(i, 0.0) for i, name in ((1, "x"), (2, "y"), (3, "z"))}
-    values["heading"] = heading_of_quaternion(*(q.get(i, 0.0) for i in (1, 2, 3, 4)))
-    return Sample(_proto_stamp(message[1]) if 1 in message else 0, values)
+def _in_percent(m: dict[str, Any]) -> Sample:
+    sample = _said_battery(m)
+    sample.values["soc"] = sample.values.get("soc", math.nan) * 0.01
+    return sample
 
 
 def _osi(schema: str) -> dict[str, Decode]:
@@ -171,23 +124,31 @@ def _osi(schema: str) -> dict[str, Decode]:
     return {"protobuf": lambda d: [s._replace(stamp=max(s.stamp, 1)) for s in vehicles(schema, d)]}
 
 
-def _ros(decode: Callable[[Wire], Sample], in_json: Decode) -> dict[str, Decode]:
-    return {"cdr": lambda d: decode(Wire(d)), "ros1": lambda d: decode(Wire(d, ros1=True)), "json": in_json}
+def _json(said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
+    return {"json": lambda d: said(from_json(d))}
+
+
+def _foxglove(name: str, said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
+    return {**_json(said), "protobuf": lambda d: said(from_protobuf(name, d))}
+
+
+def _ros(decode: Callable[[Wire], Sample], said: Callable[[dict[str, Any]], Sample]) -> dict[str, Decode]:
+    return {**_json(said), "cdr": lambda d: decode(Wire(d)), "ros1": lambda d: decode(Wire(d, ros1=True))}
 
 
 _FIX = "position, WGS 84"
 _POSE = "position and heading in the site frame, from m and quaternion"
 _BATTERY = "soc, voltage and current of the battery (current > 0 when discharging)"
 KINDS: dict[str, Kind] = {
-    "foxglove.LocationFix": Kind(0, {"json": _json_fix, "protobuf": _proto_fix}, _FIX),
-    "sensor_msgs/NavSatFix": Kind(1, _ros(_navsat, _json_fix), _FIX),
-    "geometry_msgs/PoseWithCovarianceStamped": Kind(2, _ros(_pose, _json_pose("pose", "pose")), _POSE),
-    "geometry_msgs/PoseStamped": Kind(3, _ros(_pose, _json_pose("pose")), _POSE),
-    "foxglove.PoseInFrame": Kind(4, {"json": _json_pose("pose"), "protobuf": _proto_pose}, _POSE),
+    "foxglove.LocationFix": Kind(0, _foxglove("LocationFix", _said_fix), _FIX),
+    "sensor_msgs/NavSatFix": Kind(1, _ros(_navsat, _said_fix), _FIX),
+    "geometry_msgs/PoseWithCovarianceStamped": Kind(2, _ros(_pose, _said_pose), _POSE),
+    "geometry_msgs/PoseStamped": Kind(3, _ros(_pose, _said_pose), _POSE),
+    "foxglove.PoseInFrame": Kind(4, _foxglove("PoseInFrame", _said_pose), _POSE),
     **{name: Kind(5, _osi(name), "position, heading and speed of every vehicle") for name in SCHEMAS},
-    "nav_msgs/Odometry": Kind(6, _ros(_odometry, _json_pose("pose", "pose")), _POSE + ", speed"),
-    "sensor_msgs/BatteryState": Kind(9, _ros(_battery, _json_battery(1.0)), _BATTERY),
-    "foxglove.Battery": Kind(9, {"json": _json_battery(0.01)}, _BATTERY + ", percentage from %"),
+    "nav_msgs/Odometry": Kind(6, _ros(_odometry, _said_pose), _POSE + ", speed"),
+    "sensor_msgs/BatteryState": Kind(9, _ros(_battery, _said_battery), _BATTERY),
+    "foxglove.Battery": Kind(9, _json(_in_percent), _BATTERY + ", percentage from %"),
 }
 POSITIONS = ("latitude", "longitude", "x", "y", "z")
 

@@ -34,12 +34,11 @@ _BY_SPELLING.update({n: n for n in NAMES})
 _COMPASS = frozenset(["course", "cog", "bearing", "track", "course_over_ground"])
 EPOCH_UNITS: dict[str, int] = {"s": 1_000_000, "ms": 1_000, "us": 1, "ns": -1_000}
 """Microseconds in one unit; a negative figure divides."""
-_EPOCH_ALIASES = {
-    "s": "s", "sec": "s", "seconds": "s",
-    "ms": "ms", "msec": "ms", "millis": "ms", "milliseconds": "ms",
-    "us": "us", "usec": "us", "micros": "us", "microseconds": "us",
-    "ns": "ns", "nsec": "ns", "nanos": "ns", "nanoseconds": "ns",
-}  # fmt: skip
+_EPOCH_ALIASES = {"s": "s", "sec": "s", "seconds": "s"} | {
+    alias: short
+    for short, word in (("ms", "milli"), ("us", "micro"), ("ns", "nano"))
+    for alias in (short, f"{short}ec", f"{word}s", f"{word}seconds")
+}
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 
 
@@ -54,8 +53,7 @@ class Meaning:
     column: str
     unit: Unit | None = None
     epoch: str | None = None
-    exact: bool = False
-    """Whether it is spelt as the contract spells it."""
+    exact: bool = False  # Whether it is spelt as the contract spells it
 
 
 def normal(name: str) -> str:
@@ -91,9 +89,8 @@ def _with_unit(spelling: str, text: str) -> Meaning | None:
         return None
     if column == "timestamp":
         epoch = _EPOCH_ALIASES.get(normal(text))
-        return (
-            Meaning(column, epoch=epoch) if epoch or normal(text) in ("", "utc", "iso", "iso_8601") else None
-        )
+        known = epoch or normal(text) in ("", "utc", "iso", "iso_8601")
+        return Meaning(column, epoch=epoch) if known else None
     if column not in KINDS or not text:
         return Meaning(column) if not text else None
     if spelling in _COMPASS:

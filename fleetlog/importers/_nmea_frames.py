@@ -2,12 +2,13 @@
 
 import re
 from collections.abc import Iterator
+from functools import reduce
 from io import BufferedReader
+from operator import xor
 from typing import NamedTuple
 
 BLOCK = 1 << 18
-UBX_LIMIT = 8192
-"""Longest UBX payload that is believed; a longer one is two bytes of chance."""
+UBX_LIMIT = 8192  # Longest UBX payload that is believed; a longer one is two bytes of chance
 SENTENCE_LIMIT = 1024
 _START = re.compile(
     rb"\xb5b|[$!]([A-Z][A-Z0-9]{1,11}),([\x20-\x23\x25-\x29\x2b-\x7e]{0,1000})"
@@ -29,16 +30,6 @@ class Frame(NamedTuple):
     fault: str | None
     checked: bool
     bang: bool = False
-
-
-def xor(data: bytes) -> int:
-    """NMEA checksum: exclusive or of all bytes, folded in halves (8 times as fast as byte by byte)."""
-    number = int.from_bytes(data, "big")
-    shift = 4096
-    while shift >= 8:
-        number ^= number >> shift
-        shift >>= 1
-    return number & 0xFF
 
 
 def fletcher(data: bytes) -> tuple[int, int]:
@@ -84,7 +75,7 @@ def _sentence(found: re.Match[bytes], line: int, at_end: bool) -> tuple[Frame, i
             fault = "the sentence is cut off by the end of the file"
         elif not found[4]:
             fault = "the sentence is broken off"
-    elif int(check[1:], 16) != xor(address + b"," + fields):
+    elif int(check[1:], 16) != reduce(xor, address + b"," + fields):
         fault = "checksum of the sentence is wrong"
     return Frame(address, fields, line, fault, check is not None, bang), found.end()
 
@@ -96,10 +87,11 @@ def _ubx(buffer: bytes, found: re.Match[bytes], line: int) -> tuple[Frame | None
     if length > UBX_LIMIT or len(buffer) < start + 6:
         return None, start + 2
     body = buffer[start + 2 : end - 2]
+    fault = None
     if end > len(buffer):
-        return Frame(
-            b"UBX", body[:2], line, "the UBX message is cut off by the end of the file", False
-        ), start + 2
-    if fletcher(body) != (buffer[end - 2], buffer[end - 1]):
-        return Frame(b"UBX", body[:2], line, "checksum of the UBX message is wrong", True), start + 2
+        fault = "the UBX message is cut off by the end of the file"
+    elif fletcher(body) != (buffer[end - 2], buffer[end - 1]):
+        fault = "checksum of the UBX message is wrong"
+    if fault is not None:
+        return Frame(b"UBX", body[:2], line, fault, end <= len(buffer)), start + 2
     return Frame(b"UBX", body[:2] + body[4:], line, None, True), end

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import bz2
 import io
-import zlib
+import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import pyarrow as pa
 
 from fleetlog.core.files import open_regular
 from fleetlog.core.words import count
@@ -20,11 +22,17 @@ HEAD = 1 << 16
 RATIO = 250
 """A packed file that gives more than this many times its size is a bomb, beyond the first ``FREE`` bytes."""
 FREE = 1 << 26
-LARGEST = 1 << 38
-"""Unpacked bytes of one file."""
-_PIECE, _SIP = 1 << 16, 1 << 10
-_MAGIC = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bzip2"}
-_PACKED = {".gz", ".zst", ".bz2"}
+LARGEST = 1 << 38  # Unpacked bytes of one file
+PIECE = 1 << 12
+"""Bytes that are unpacked at a time; one by one before a break, where a piece with an error is lost."""
+PACKET_LIMIT = 1 << 26  # Bytes of one packet that are believed
+LIMIT = 1 << 28  # Bytes of one packed piece of a file, before or after unpacking, that are believed
+_MAGIC = {b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd", b"BZh": "bz2"}
+_PACKED = {".gz": "gunzip", ".zst": "zstd -d", ".bz2": "bunzip2"}
+
+
+class Damaged(Exception):
+    """A stretch of the file cannot be read."""
 
 
 def plain_suffix(path: Path) -> str:
@@ -44,7 +52,7 @@ def plain_stem(path: Path) -> str:
 
 
 def compression(path: Path) -> str | None:
-    """``gzip``, ``zstd``, ``bzip2`` or None, from the first bytes."""
+    """``gzip``, ``zstd``, ``bz2`` or None, from the first bytes."""
     if path.is_dir():
         return None
     with open_regular(path) as stream:
@@ -60,14 +68,11 @@ class Unpacked(io.RawIOBase):
     """
 
     def __init__(self, path: Path, report: ReadReport | None = None) -> None:
-        self.path = path
-        self._packing = compression(path)
+        self.path, self._report, self._packing = path, report, compression(path)
         self._file = open_regular(path)
         self._size = max(path.stat().st_size, 1)
-        self._report = report
-        self._given = 0
-        self._ready = self._waiting = b""
-        self._unpacker: Any = None
+        self._given, self._step = 0, PIECE
+        self._unpacked: Any = pa.CompressedInputStream(self._file, self._packing) if self._packing else None
 
     @property
     def share(self) -> float:
@@ -81,9 +86,9 @@ class Unpacked(io.RawIOBase):
     def readinto(self, buffer: WriteableBuffer, /) -> int:
         """The next bytes; 0 at the end, and at the first damage."""
         view = memoryview(buffer).cast("B")
-        if not self._ready:
-            self._ready = self._unpacked(len(view)) if self._packing else self._file.read(len(view))
-        data, self._ready = self._ready[: len(view)], self._ready[len(view) :]
+        data = (
+            self._file.read(len(view)) if self._unpacked is None else self._piece(min(len(view), self._step))
+        )
         view[: len(data)] = data
         self._given += len(data)
         if self._packing and self._given > min(max(FREE, RATIO * self._size), LARGEST):
@@ -91,60 +96,27 @@ class Unpacked(io.RawIOBase):
             raise FormatError(what, where=self.path, do="if that is meant, unpack it first")
         return len(data)
 
-    def _unpacked(self, size: int) -> bytes:
-        """Some unpacked bytes, empty at the end; packed streams may follow one another."""
-        while True:
-            more = self._waiting or not getattr(self._unpacker, "needs_input", True)
-            packed = self._waiting if more else self._file.read(_PIECE)
-            if self._unpacker is None:
-                packed = packed.lstrip(b"\0")
-                if not packed:
-                    return b""
-                self._unpacker = _unpacker(str(self._packing))
-            try:
-                data, self._waiting = _step(self._unpacker, str(self._packing), packed, size)
-            except Exception as error:  # each library has its own family of errors
-                return self._broken(str(error))
-            if self._unpacker.eof:
-                self._unpacker = None
-            elif not data and not packed:
-                return self._broken("it ends too early")
-            if data:
-                return bytes(data)
-
-    def _broken(self, why: str) -> bytes:
-        self._unpacker, self._waiting = None, b""
-        self._file.seek(0, io.SEEK_END)
-        if self._report is not None:
-            at = count(self._given, "byte")
-            what = f"the {self._packing} packing is broken or cut off"
-            self._report.damaged(f"{what} after about {at} of unpacked log ({why})")
-        return b""
+    def _piece(self, size: int) -> bytes:
+        try:
+            return bytes(self._unpacked.read(size))
+        except (OSError, pa.ArrowException) as error:
+            if self._step > 1:
+                self._step = 1
+                self._unpacked = pa.CompressedInputStream(open_regular(self.path), self._packing)
+                for done in range(0, self._given, PIECE):
+                    self._unpacked.read(min(self._given - done, PIECE))
+                return self._piece(1)
+            self._unpacked = io.BytesIO()
+            if self._report is not None:
+                what = f"the {self._packing} packing is broken or cut off"
+                at = count(self._given, "byte")
+                self._report.damaged(f"{what} after about {at} of unpacked log ({error})")
+            return b""
 
     def close(self) -> None:
         """Close the file."""
         self._file.close()
         super().close()
-
-
-def _unpacker(packing: str) -> Any:
-    if packing == "gzip":
-        return zlib.decompressobj(wbits=31)
-    if packing == "bzip2":
-        return bz2.BZ2Decompressor()
-    import zstandard
-
-    return zstandard.ZstdDecompressor(max_window_size=1 << 27).decompressobj()
-
-
-def _step(unpacker: Any, packing: str, packed: bytes, size: int) -> tuple[bytes, bytes]:
-    """About ``size`` unpacked bytes, however far the packing swells, and the input that is left."""
-    if packing == "zstd":
-        # The library bounds no output; a piece this small holds blocks of 32 MB in all at most.
-        data = unpacker.decompress(packed[:_SIP])
-        return data, unpacker.unused_data + packed[_SIP:]
-    data = unpacker.decompress(packed, size)
-    return data, unpacker.unused_data or getattr(unpacker, "unconsumed_tail", b"")
 
 
 def open_bytes(path: Path, report: ReadReport | None = None) -> tuple[io.BufferedReader, Unpacked]:
@@ -160,3 +132,45 @@ def head_of(path: Path, size: int = HEAD) -> bytes:
     stream, _ = open_bytes(path)
     with stream:
         return stream.read(size)
+
+
+def packets(stream: io.BufferedReader, head: struct.Struct, report: ReadReport) -> Iterator[tuple[Any, ...]]:
+    """The data behind every ``head``, whose last field is their length, after its other fields."""
+    done = 0
+    while start := stream.read(head.size):
+        *said, length = head.unpack(start) if len(start) == head.size else (PACKET_LIMIT + 1,)
+        data = stream.read(length) if length <= PACKET_LIMIT else b""
+        if len(data) < length:
+            report.damaged(f"the file breaks off or is wrong after {count(done, 'record')}")
+            return
+        done += 1
+        yield *said, data
+
+
+def refuse_packed(path: Path) -> None:
+    """Raise where the whole file is packed: formats that are read by seeking must be unpacked first."""
+    packing = compression(path)
+    if packing is not None:
+        tool = _PACKED.get(path.suffix.lower(), packing + " -d")
+        what, do = f"the whole file is packed with {packing}", f"unpack it first: {tool} {path.name}"
+        raise FormatError(what, where=path, do=do)
+
+
+def unpack(packing: str, packed: bytes, size: int) -> bytes:
+    """``size`` bytes of a piece of a file, never more than it states, and never more than ``LIMIT``.
+
+    :class:`Damaged` where the packing is unknown or broken, or the length differs.
+    """
+    if size > LIMIT:
+        raise Damaged(f"it states {size:,} bytes")
+    data = packed
+    if packing in ("zstd", "lz4", "bz2"):
+        try:
+            data = pa.CompressedInputStream(pa.BufferReader(packed), packing).read(size + 1)
+        except (OSError, pa.ArrowException) as error:
+            raise Damaged(f"its {packing} packing is broken: {error}") from None
+    elif packing not in ("", "none"):
+        raise Damaged(f"unknown packing {packing!r}")
+    if len(data) != size:
+        raise Damaged("its length is wrong")
+    return data

@@ -10,22 +10,10 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
+from fleetlog.core import schema
 from fleetlog.core.columns import NAMES
 from fleetlog.core.frames import crs, map_frames
-from fleetlog.core.schema import (
-    Keys,
-    Wrong,
-    anything,
-    either,
-    flag,
-    list_of,
-    load_toml,
-    one_of,
-    real,
-    table,
-    text,
-    whole,
-)
+from fleetlog.core.schema import Keys, Wrong, either, flag, list_of, one_of, real, table, text
 from fleetlog.core.site import MapFrame
 from fleetlog.core.trajectory import Floats
 from fleetlog.errors import InputError
@@ -42,12 +30,10 @@ TARGETS = (*NAMES, "latitude", "longitude")
 class Source:
     """Where a column of the dataset comes from."""
 
-    column: str
-    """Name in the log."""
+    column: str  # Name in the log
     unit: Unit | None = None
     sentinels: tuple[float | str, ...] = ()
-    scale: float = 1.0
-    """Multiplied last; -1 turns a current that is negative when discharging."""
+    scale: float = 1.0  # Multiplied last; -1 turns a current that is negative when discharging
 
     def known(self, values: Floats) -> Floats:
         """The values, NaN where they mean "missing"."""
@@ -71,29 +57,21 @@ class Profile:
     vehicle: str | None = None
     """Constant vehicle id; ``"{stem}"`` and ``"{folder}"`` stand for the file's name and its folder's."""
     delimiter: str | None = None
-    decimal: str | None = None
-    """``","`` or ``"."``; found from the first lines where it is not given."""
+    decimal: str | None = None  # ``","`` or ``"."``; found from the first lines where it is not given
     encoding: str | None = None
     skip_lines: int = 0
     comment: str | None = None
-    names: tuple[str, ...] = ()
-    """Column names of a file that has no header line."""
-    sentinels: tuple[float | str, ...] = ()
-    """Cells that mean "missing" in any column."""
-    time: tuple[str, ...] = ()
-    """The column of the time, or two: date and time of day."""
-    time_format: str | None = None
-    """As ``strptime`` takes it, or ``iso``, ``s``, ``ms``, ``us``, ``ns``."""
+    names: tuple[str, ...] = ()  # Column names of a file that has no header line
+    sentinels: tuple[float | str, ...] = ()  # Cells that mean "missing" in any column
+    time: tuple[str, ...] = ()  # The column of the time, or two: date and time of day
+    time_format: str | None = None  # As ``strptime`` takes it, or ``iso``, ``s``, ``ms``, ``us``, ``ns``
     time_zone: str | None = None
     time_origin: datetime | None = None
     """Instant from which times count, or the first day of times of day; local without a zone."""
     columns: dict[str, Source] = field(default_factory=dict)
-    crs: str | None = None
-    """Reference system of x, y, as ``EPSG:25832``."""
-    map_frames: tuple[MapFrame, ...] = ()
-    """How the log's own frames lie in the site's."""
-    keep: bool = True
-    """Whether columns that are neither mapped nor recognised are kept under their own names."""
+    crs: str | None = None  # Reference system of x, y, as ``EPSG:25832``
+    map_frames: tuple[MapFrame, ...] = ()  # How the log's own frames lie in the site's
+    keep: bool = True  # Whether columns that are neither mapped nor recognised are kept under their own names
 
     def vehicle_of(self, path: Path) -> str | None:
         """The constant vehicle id of one file."""
@@ -123,14 +101,6 @@ def _encoding(value: Any) -> str:
     except (LookupError, ValueError):
         pass
     raise Wrong("is no encoding; write it as utf-8 or latin-1")
-
-
-def _zone(value: Any) -> str:
-    try:
-        ZoneInfo(text(value))
-    except (KeyError, ValueError, OSError):
-        raise Wrong("is no time zone; write it as Europe/Berlin") from None
-    return str(value)
 
 
 def has_date(style: str) -> bool:
@@ -186,28 +156,35 @@ def _vehicle(value: Any) -> str:
 _SENTINELS = list_of(either(real(), text))
 _NAMES = list_of(text, 1)
 _FILE: Keys = {
-    "delimiter": _delimiter, "decimal": one_of(",", "."), "encoding": _encoding, "skip_lines": whole(0),
-    "comment": text, "names": _NAMES, "sentinels": _SENTINELS, "vehicle": _vehicle, "keep": flag, "crs": crs,
+    "delimiter": _delimiter, "decimal": one_of(",", "."), "encoding": _encoding, "comment": text,
+    "skip_lines": schema.whole(0), "names": _NAMES, "sentinels": _SENTINELS, "vehicle": _vehicle,
+    "keep": flag, "crs": crs,
 }  # fmt: skip
 _TIME: Keys = {
-    "column": either(text, list_of(text, 1, 2)), "format": _style, "zone": _zone, "origin": _origin,
+    "column": either(text, list_of(text, 1, 2)), "format": _style, "zone": schema.time_zone,
+    "origin": _origin,
 }  # fmt: skip
 _COLUMN: Keys = {"column": text, "unit": text, "sentinels": _SENTINELS, "scale": real(-1e12, 1e12)}
 
 
 def load_profile(path: str | Path) -> Profile:
     """Read a profile; :class:`InputError` names the key at fault and the nearest known one."""
-    return profile_from_dict(load_toml(Path(path), do="give a profile with --profile"), str(path))
+    return profile_from_dict(schema.load_toml(Path(path), do="give a profile with --profile"), str(path))
 
 
 def profile_from_dict(data: dict[str, Any], where: str = "profile") -> Profile:
     """A profile of nested sections, checked."""
-    given = table(data, {**_FILE, "time": anything, "columns": anything, "map_frame": anything}, where, "")
+    given = table(
+        data,
+        {**_FILE, "time": schema.anything, "columns": schema.anything, "map_frame": schema.anything},
+        where,
+        "",
+    )
     frames = map_frames(given, where)
     given.pop("map_frame", None)
     stamp, columns = given.pop("time", {}), given.pop("columns", {})
     stamp = table({"column": stamp} if isinstance(stamp, str | list) else stamp, _TIME, where, "time")
-    columns = table(columns, dict.fromkeys((*TARGETS, "timestamp"), anything), where, "columns")
+    columns = table(columns, dict.fromkeys((*TARGETS, "timestamp"), schema.anything), where, "columns")
     if "timestamp" in columns:
         do = "write [time] column = ..."
         raise InputError("the time has a section of its own", where=where, place="columns.timestamp", do=do)

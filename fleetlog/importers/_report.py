@@ -14,8 +14,7 @@ class ReadReport:
     format: str = ""
     recognised: dict[str, str] = field(default_factory=dict)
     """Column or field of the log -> what it was taken for, as ``"speed, from km/h"``."""
-    notes: list[str] = field(default_factory=list)
-    """Anything else that was decided and not asked for."""
+    notes: list[str] = field(default_factory=list)  # Anything else that was decided and not asked for
     damage: list[str] = field(default_factory=list)
     """What is broken or cut off, where, and how much is whole; any entry makes the exit status 3."""
 

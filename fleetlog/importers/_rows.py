@@ -11,12 +11,10 @@ import numpy as np
 from fleetlog.core.trajectory import Labels, Values
 from fleetlog.errors import REPORT
 from fleetlog.importers._times import EARLIEST, LATEST, OFF_TIME, iso_time
-from fleetlog.importers.base import RawBatch, Reject
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject
 
-BATCH = 1 << 16
-"""Rows in a batch: large enough for columns to pay, small enough for bounded memory."""
-REJECT_TEXT = 400
-"""Characters of a rejected record that are kept."""
+BATCH = 1 << 16  # Rows in a batch: large enough for columns to pay, small enough for bounded memory
+REJECT_TEXT = 400  # Characters of a rejected record that are kept
 NAN = float("nan")
 
 
@@ -41,6 +39,7 @@ class Rows:
 
     def __init__(self, *always: str, share: Callable[[], float] = lambda: 0.0) -> None:
         self._always, self._share = always, share
+        self._place = next((pair for pair in (GEOGRAPHIC, LOCAL) if {*pair} <= {*always}), None)
         self.total = 0
         """Rows taken or waiting."""
         self.rejected = 0
@@ -54,8 +53,16 @@ class Rows:
         self._columns: dict[str, list[Any]] = {name: [] for name in self._always}
         self._rejects: list[Reject] = []
 
-    def add(self, vehicle: str, time: int, record: int, values: dict[str, Any]) -> None:
-        """One row at ``time`` [us]; a value is a float, or a string for a label; missing is null."""
+    def add(
+        self, vehicle: str, time: int, record: int, values: dict[str, Any], written: object = None
+    ) -> None:
+        """One row at ``time`` [us]; a value is a float, or a string for a label; missing is null.
+
+        It is rejected, as it was ``written``, where its place is no number or its time off.
+        """
+        if self._place and unplaced(values):
+            self.reject(record, f"{' or '.join(self._place)} is not a number", written or values)
+            return
         if not EARLIEST <= time <= LATEST:
             self.reject(record, OFF_TIME, values)
             return
@@ -73,14 +80,19 @@ class Rows:
         self._record.append(record)
         self.total += 1
 
-    def add_iso(self, vehicle: str, time: str | None, record: int, values: dict[str, Any]) -> None:
+    def add_iso(
+        self, vehicle: str, time: str | None, record: int, values: dict[str, Any], written: object = None
+    ) -> None:
         """One row with its time in ISO 8601."""
         try:
-            stamp = iso_time(time or "")
+            stamp = iso_time(time) if time else None
         except ValueError:
             self.reject(record, "time is not ISO 8601", time)
+            return
+        if stamp is None and not unplaced(values):
+            self.reject(record, "point without a time", written or values)
         else:
-            self.add(vehicle, stamp, record, values)
+            self.add(vehicle, stamp or 0, record, values, written)
 
     def reject(self, record: int, reason: str, text: object = "") -> None:
         """A row that cannot be used."""

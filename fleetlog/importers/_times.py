@@ -17,8 +17,7 @@ from fleetlog.importers._names import EPOCH_UNITS
 if TYPE_CHECKING:
     from zoneinfo import ZoneInfo
 
-NONE = np.iinfo(np.int64).min
-"""A time that could not be read."""
+NONE = np.iinfo(np.int64).min  # A time that could not be read
 MISSING = "the time is missing"
 UNREADABLE = "the time cannot be read"
 OFF_TIME = "the time is outside 1678 to 2262"
@@ -61,27 +60,22 @@ class LocalClock:
                 out[row] = second[row]
             self.last[vehicle[row]] = int(out[row])
             self.twice += 1
-        self._remember(out, vehicle)
+        self.last |= dict(zip(vehicle.tolist(), out.tolist(), strict=True))  # the last one stays
         return out
 
     def _before(self, row: int, out: Ints, vehicle: Strings) -> int:
         """Latest time of the same vehicle before ``row``."""
-        earlier = np.flatnonzero(vehicle[max(0, row - 1000) : row] == vehicle[row])
+        first = max(0, row - 1000)
+        earlier = np.flatnonzero(vehicle[first:row] == vehicle[row])
         if len(earlier):
-            return int(out[max(0, row - 1000) + earlier[-1]])
+            return int(out[first + earlier[-1]])
         return self.last.get(vehicle[row], NONE)
-
-    def _remember(self, out: Ints, vehicle: Strings) -> None:
-        names, reverse = np.unique(vehicle[::-1].astype(str), return_index=True)
-        for name, at in zip(names.tolist(), reverse.tolist(), strict=True):
-            self.last[name] = int(out[len(out) - 1 - at])
 
 
 def _epoch(stamps: Any) -> Ints:
-    """Microseconds of a pandas index of times with a zone; ``NONE`` for NaT."""
-    return np.asarray(
-        stamps.tz_convert("UTC").tz_localize(None).to_numpy().astype("datetime64[us]").astype(np.int64)
-    )
+    """Microseconds of a pandas index of times, with or without a zone; ``NONE`` for NaT."""
+    bare = stamps.tz_convert(None) if stamps.tz is not None else stamps
+    return np.asarray(bare.to_numpy().astype("datetime64[us]").astype(np.int64))
 
 
 def epoch_unit(count: float) -> str | None:
@@ -90,12 +84,6 @@ def epoch_unit(count: float) -> str | None:
         if EARLIEST_LOG <= (count * us if us > 0 else count / -us) <= _LATEST:
             return unit
     return None
-
-
-def median(values: NDArray[np.float64]) -> float:
-    """The one in the middle of the finite ones, NaN where there are none."""
-    known = np.sort(values[np.isfinite(values)])
-    return float(known[len(known) // 2]) if len(known) else np.nan
 
 
 def from_counts(values: NDArray[np.float64] | Ints, unit: str, origin: int = 0) -> Ints:
@@ -161,20 +149,16 @@ def _iso_one_by_one(cells: pa.Array) -> tuple[Ints, NDArray[np.bool_]]:
         text.str.contains(r"(?:[zZ]|[+-]\d\d:?\d\d|[+-]\d\d)$", na=False) & text.str.contains(":", na=False)
     )
     # The date itself ends in -DD; a zone only counts after a time of day.
-    stamps = pd.to_datetime(text, format="ISO8601", errors="coerce", utc=True)
-    micro = stamps.dt.tz_localize(None).to_numpy().astype("datetime64[us]").astype(np.int64)
-    return np.asarray(micro), ~zoned
+    return _epoch(pd.to_datetime(pd.Index(text), format="ISO8601", errors="coerce", utc=True)), ~zoned
 
 
 def from_format(cells: pa.Array, style: str) -> tuple[Ints, NDArray[np.bool_]]:
     """Times of cells in a ``strptime`` format, and which state no zone; ``NONE`` where one does not fit."""
     zoned = "%z" in style or "%Z" in style
-    stamps = pd.to_datetime(
-        pd.Series(cells.to_pandas(), dtype=object), format=style, errors="coerce", utc=zoned
+    text = pd.Index(cells.to_pandas(), dtype=object)
+    return _epoch(pd.to_datetime(text, format=style, errors="coerce", utc=zoned)), np.full(
+        len(cells), not zoned
     )
-    naive = stamps.dt.tz_localize(None) if zoned else stamps
-    micro = naive.to_numpy().astype("datetime64[us]").astype(np.int64)
-    return np.asarray(micro), np.full(len(cells), not zoned)
 
 
 def microseconds(moment: datetime) -> int:

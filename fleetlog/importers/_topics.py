@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 from fleetlog.core.files import open_regular
 from fleetlog.core.words import count
 from fleetlog.errors import FormatError
-from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._messages import KINDS, POSITIONS, Topic, normal_name
-from fleetlog.importers._open import plain_stem
+from fleetlog.importers._open import plain_stem, refuse_packed
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import BATCH, Rows, Sample, unplaced
+from fleetlog.importers._rows import BATCH, Rows, Sample
 from fleetlog.importers._transforms import ODOMETRY, Transforms, decoder
 from fleetlog.importers._walk import Walk
 from fleetlog.importers.base import RawBatch, ReadOptions
@@ -143,9 +142,6 @@ class Decoder:
             values = {k: v for k, v in values.items() if k not in POSITIONS}
         elif not sample.fix:
             self.no_fix[topic] += 1
-            return None
-        elif unplaced(values):
-            self._log.reject(self.record, f"{topic}: position is not a number", values)
             return None
         if not values:
             return None

@@ -12,17 +12,15 @@ from pathlib import Path
 from typing import Any, BinaryIO, ClassVar, NamedTuple
 
 from fleetlog.core.words import count
-from fleetlog.importers._bounded import Damaged
 from fleetlog.importers._messages import Topic
+from fleetlog.importers._open import Damaged
 from fleetlog.importers._report import ReadReport
 
 DAMAGE_LINES = 10
-FAULTS = (Damaged, struct.error, KeyError, ValueError)
-"""What broken bytes raise."""
+FAULTS = (Damaged, struct.error, KeyError, ValueError)  # What broken bytes raise
 
 
-Message = tuple[Topic, int, Any]
-"""Topic, time [us], data."""
+Message = tuple[Topic, int, Any]  # Topic, time [us], data
 
 
 class Record(NamedTuple):

@@ -1,16 +1,24 @@
-"""ROS and protobuf messages as bytes, read field by field; no schema, no code from the file.
+"""ROS, JSON and protobuf messages as bytes, read field by field; no schema, no code from the file.
 
 CDR: OMG DDSI-RTPS, encapsulation identifiers 0x0000 to 0x0009; a primitive is aligned to its own size (in
 XCDR2 at most 4 bytes) from the end of the encapsulation header.  ROS 1 packs without gaps, little endian.
 """
 
+import json
 import struct
 from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-_DOUBLE, _FIXED32 = struct.Struct("<d"), struct.Struct("<I")
 _SIZES = {"b": 1, "B": 1, "h": 2, "H": 2, "i": 4, "I": 4, "f": 4, "d": 8}
+_STAMP: dict[int, Any] = {1: "sec", 2: "nsec"}
+_POINT: dict[int, Any] = {1: "x", 2: "y", 3: "z"}
+_POSE = {1: ("position", _POINT), 2: ("orientation", _POINT | {4: "w"})}
+_LAYOUTS: dict[str, dict[int, Any]] = {
+    "LocationFix": {1: "latitude", 2: "longitude", 3: "altitude", 6: ("timestamp", _STAMP)},
+    "PoseInFrame": {1: ("timestamp", _STAMP), 3: ("pose", _POSE)},
+}
+"""Names of the fields of Foxglove's messages by number, with the layout of those that are messages."""
 
 
 @cache
@@ -59,19 +67,42 @@ class Wire:
         return int(seconds) * 1_000_000 + (int(nanoseconds) + 500) // 1000, self.text()
 
 
-def fields(data: Any) -> Iterator[tuple[int, Any]]:
+def from_json(data: Any) -> dict[str, Any]:
+    """The object that a message is."""
+    message = json.loads(bytes(data))
+    if not isinstance(message, dict):
+        raise ValueError("the message is no JSON object")
+    return message
+
+
+def from_protobuf(name: str, data: Any) -> dict[str, Any]:
+    """One of Foxglove's messages, as it would be in JSON; broken bytes raise."""
+    return _named(_LAYOUTS[name], bytes(data))
+
+
+def _named(layout: dict[int, Any], data: bytes) -> dict[str, Any]:
+    """A message by the names of its fields; a zero is not written."""
+    given, out = dict(_fields(data)), {}
+    for number, name in layout.items():
+        if isinstance(name, str):
+            out[name] = given.get(number, 0.0)
+        else:
+            out[name[0]] = _named(name[1], given.get(number, b""))
+    return out
+
+
+def _fields(data: bytes) -> Iterator[tuple[int, Any]]:
     """(field number, value) of a message: varints as int, 64-bit as double, 32-bit as int, the rest as bytes.
 
-    Broken bytes raise as in :class:`Wire`.  https://protobuf.dev/programming-guides/encoding/
+    https://protobuf.dev/programming-guides/encoding/
     """
-    data = bytes(data)
     at, end = 0, len(data)
     while at < end:
         key, at = _varint(data, at)
         number, wire = key >> 3, key & 7
-        if wire == 1:
-            yield number, _DOUBLE.unpack_from(data, at)[0]
-            at += 8
+        if wire in (1, 5):
+            yield number, struct.unpack_from("<d" if wire == 1 else "<I", data, at)[0]
+            at += 8 if wire == 1 else 4
         elif wire == 2:
             length, at = _varint(data, at)
             if length > end - at:
@@ -81,22 +112,16 @@ def fields(data: Any) -> Iterator[tuple[int, Any]]:
         elif wire == 0:
             value, at = _varint(data, at)
             yield number, value
-        elif wire == 5:
-            yield number, _FIXED32.unpack_from(data, at)[0]
-            at += 4
         else:
             raise ValueError("unknown wire type")
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    value = shift = 0
-    while shift < 70:
-        if at >= len(data):
-            raise ValueError("the message is cut off")
+    value = 0
+    for shift in range(0, 70, 7):
         byte = data[at]
         at += 1
         value |= (byte & 0x7F) << shift
         if byte < 0x80:
             return value, at
-        shift += 7
     raise ValueError("a number is too long")

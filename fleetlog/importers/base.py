@@ -179,9 +179,9 @@ def _looks(path: Path) -> str:
     if path.is_dir():
         return "a folder"
     head = head_of(path)
-    if not head:
-        return "nothing in it can be unpacked" if compression(path) else "the file is empty"
     packed = compression(path)
+    if not head:
+        return "nothing in it can be unpacked" if packed else "the file is empty"
     control = sum(b < 9 or 13 < b < 32 for b in head)
     kind = "binary" if control > 0.02 * len(head) else "text"
     return f"{kind}, {count(path.stat().st_size, 'byte')}{', ' + packed if packed else ''}"

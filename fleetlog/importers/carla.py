@@ -13,20 +13,17 @@ from io import BufferedReader
 from pathlib import Path
 
 from fleetlog.errors import FormatError
-from fleetlog.importers._open import open_bytes
+from fleetlog.importers._open import open_bytes, packets
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import Rows, gather, unplaced
+from fleetlog.importers._rows import Rows, gather
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 MAGIC = b"CARLA_RECORDER"
 FRAME_START, EVENT_ADD, POSITION = 0, 2, 6
 VEHICLE = 1
 CENTIMETRE = 0.01
-LIMIT = 1 << 26
-"""Bytes of one packet that are believed."""
 _PACKET, _FRAME, _PLACE = struct.Struct("<BI"), struct.Struct("<Qdd"), struct.Struct("<I6f")
 _ADDED = struct.Struct("<IB6fI")
-Packet = tuple[int, bytes]
 
 
 def sniff(path: Path, head: bytes) -> bool:
@@ -41,7 +38,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     with stream:
         start = _header(stream, path, options.report)
         log = _Log(rows, options.origin or start)
-        yield from gather(_packets(stream, options.report), log.take, rows)
+        yield from gather(packets(stream, _PACKET, options.report), log.take, rows)
     if not rows.total:
         raise options.report.nothing("no vehicle's position in it", "record it with vehicles")
     options.report.recognised |= {
@@ -68,18 +65,6 @@ def _text(stream: BufferedReader) -> str:
     return stream.read(struct.unpack("<H", stream.read(2))[0]).decode("utf-8", "replace")
 
 
-def _packets(stream: BufferedReader, report: ReadReport) -> Iterator[Packet]:
-    done = 0
-    while head := stream.read(_PACKET.size):
-        kind, length = _PACKET.unpack(head) if len(head) == _PACKET.size else (0, LIMIT + 1)
-        data = stream.read(length) if length <= LIMIT else b""
-        if len(data) < length:
-            report.damaged(f"the log breaks off or is wrong after {done:,} packets")
-            return
-        done += 1
-        yield kind, data
-
-
 class _Log:
     """Packets to rows, with the names of the vehicles and the time of the frame."""
 
@@ -88,7 +73,7 @@ class _Log:
         self._names: dict[int, str] = {}
         self._time = origin
 
-    def take(self, packet: Packet, number: int) -> None:
+    def take(self, packet: tuple[int, bytes], number: int) -> None:
         """One packet."""
         kind, data = packet
         try:
@@ -107,11 +92,10 @@ class _Log:
             if name is None:
                 continue
             values = {"x": x * CENTIMETRE, "y": -y * CENTIMETRE, "z": z * CENTIMETRE}
-            if unplaced(values):
-                self.rows.reject(number, "position is not a number", values)
-            else:
-                heading = math.remainder(-math.radians(yaw), math.tau)
-                self.rows.add(name, self._time, number, values | {"heading": heading})
+            values["heading"] = (
+                math.remainder(-math.radians(yaw), math.tau) if math.isfinite(yaw) else math.nan
+            )
+            self.rows.add(name, self._time, number, values)
 
 
 def _added(data: bytes) -> Iterator[tuple[int, str]]:

@@ -4,7 +4,6 @@ The file is read in blocks of whole lines.  A block goes through the fast reader
 typed; a block with a cell that does not fit its type is read again as text and every cell judged by itself.
 """
 
-import io
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,25 +17,27 @@ from fleetlog.importers._csv_layout import (
     fit_header,
     lay_out,
 )
-from fleetlog.importers._csv_rows import RowReader
+from fleetlog.importers._csv_table import TableReader
 from fleetlog.importers._open import head_of
 from fleetlog.importers._profile import Profile
 from fleetlog.importers._report import ReadReport
+from fleetlog.importers._rows import finite
+from fleetlog.importers._table_rows import TableRows
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
-SAMPLE = 100
-"""Rows that tell how many fields a row has."""
+SAMPLE = 100  # Rows that tell how many fields a row has
 _OTHERS = ("{", "[", "<", "$", "!", "%PDF", "\\")
 
 
 def sniff(path: Path, head: bytes) -> bool:
     """Text whose first lines have a separator."""
-    text = _text(head, guess_encoding(head))
+    text = head.decode(guess_encoding(head), "replace")
     if not text.strip() or "\x00" in text or text.lstrip().startswith(_OTHERS):
         return False
     if sum(c < " " and c not in "\t\r\n" for c in text[:4096]) > 0.01 * min(len(text), 4096):
         return False
-    lines = _sample(text)
+    rows = (s for s in text.splitlines()[:60] if s.strip() and not s.startswith(("#", "sep=")))
+    lines = [line for line in rows if any(d in line for d in DELIMITERS)][:20]
     return bool(lines) and len(cells_of(lines[0], find_delimiter(lines))) > 1
 
 
@@ -44,16 +45,27 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """Rows of a delimited file; the number of a row is that of its line."""
     profile, report = options.profile or Profile(), options.report
     encoding = _encoding(path, profile, report)
-    rows: RowReader | None = None
+    rows: TableRows | None = None
     for block in blocks(path, encoding, report):
         if rows is None:
             layout, block = _begin(block, path, profile, report)
-            rows = RowReader(layout, path, profile, report)
+            reader = TableReader(layout, report)
+            reader.decide(block)
+            rows = TableRows(layout.fields, _vehicle(layout, options), reader.angles, layout.decimal)
         if block.text:
-            yield rows.batch(block)
+            table, lines, rejects = reader.read(block)
+            yield rows.batch(table, lines, block.texts, rejects, block.progress)
     if rows is None:
         raise FormatError("the file is empty", where=path, do="give a log with rows")
-    rows.close()
+    rows.clock.close()
+
+
+def _vehicle(layout: Layout, options: ReadOptions) -> str:
+    """The id of every row where no column has it."""
+    if layout.fields.vehicle is None and options.vehicle is None:
+        named = f"every row is of vehicle {options.name!r}, after the file's name"
+        options.report.note(f"no column of vehicle ids: {named}")
+    return options.name
 
 
 def _encoding(path: Path, profile: Profile, report: ReadReport) -> str:
@@ -94,27 +106,10 @@ def _check_header(names: list[str], path: Path, line: int) -> None:
     if len(names) < 2:
         what, do = f"one column only ({names[0][:60]!r})", "state the delimiter in a profile"
         raise FormatError(what, where=path, place=f"line {line}", do=do)
-    if sum(map(_is_number, names)) > len(names) // 3:
+    if sum(finite(name) == finite(name) for name in names) > len(names) // 3:
         do = 'name the columns in a profile: names = ["vehicle_id", ...]'
         what = "no header line, the first line holds figures"
         raise FormatError(what, where=path, place=f"line {line}", do=do)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _text(head: bytes, encoding: str) -> str:
-    return io.TextIOWrapper(io.BytesIO(head), encoding=encoding, errors="replace", newline="").read()
-
-
-def _sample(text: str) -> list[str]:
-    lines = (s for s in text.splitlines()[:60] if s.strip() and not s.startswith(("#", "sep=")))
-    return [line for line in lines if any(d in line for d in DELIMITERS)][:20]
 
 
 IMPORTER = Importer("csv", (".csv", ".tsv", ".txt", ".tab"), sniff, read, rank=9)

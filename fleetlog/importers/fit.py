@@ -1,18 +1,18 @@
 """Garmin FIT: the record messages of an activity, read by fitdecode (the extra ``fit``)."""
 
 from collections.abc import Iterator
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes
-from fleetlog.importers._rows import Rows, finite, gather, unplaced
+from fleetlog.importers._rows import Rows, finite, gather
 from fleetlog.importers._times import microseconds
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
-SEMICIRCLE = 180.0 / 2**31
-"""Degrees: FIT counts half turns in 2^31 steps."""
+SEMICIRCLE = 180.0 / 2**31  # Degrees: FIT counts half turns in 2^31 steps
 PLACE = {"latitude": "position_lat", "longitude": "position_long"}
 NAMES = {
     "enhanced_altitude": "z", "altitude": "z", "enhanced_speed": "speed", "speed": "speed", "power": "watts",
@@ -56,13 +56,11 @@ def _add(rows: Rows, vehicle: str, frame: Any, number: int) -> None:
     given = {f.name: f.value for f in frame.fields}
     place = {n: finite(given.get(k)) * SEMICIRCLE for n, k in PLACE.items()}
     stamp = given.get("timestamp")
-    if unplaced(place):
-        rows.reject(number, "record without a position", "")
-    elif stamp is None or not hasattr(stamp, "timestamp"):
+    if not isinstance(stamp, datetime):
         rows.reject(number, "record without a time", "")
-    else:
-        values = {NAMES[n]: finite(given[n]) for n in reversed(NAMES) if n in given}
-        rows.add(vehicle, microseconds(stamp), number, {**place, **values})
+        return
+    values = {NAMES[n]: finite(given[n]) for n in reversed(NAMES) if n in given}
+    rows.add(vehicle, microseconds(stamp), number, {**place, **values})
 
 
 IMPORTER = Importer("fit", (".fit",), sniff, read)

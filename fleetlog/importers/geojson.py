@@ -5,9 +5,12 @@ a vertex, as converters of GPX and the tools of Mapbox write them.  Points are r
 properties, as a CSV's columns are.
 """
 
+import codecs
+import json
 import re
 from collections import Counter
 from collections.abc import Iterator
+from io import BufferedReader
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -16,13 +19,17 @@ import numpy as np
 
 from fleetlog.core.words import count
 from fleetlog.importers._fields import Fields, fields_of
-from fleetlog.importers._json_stream import features
 from fleetlog.importers._open import open_bytes
 from fleetlog.importers._profile import Source
-from fleetlog.importers._rows import Rows, finite, gather, unplaced
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers._rows import Rows, finite, gather
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions
 
 TIMES = ("coordTimes", "times", "timestamps")
+BLOCK = 1 << 18
+FEATURE_LIMIT = 1 << 27  # Characters of one feature that are believed
+_OPEN = re.compile(r'"features"\s*:\s*\[')
+_BETWEEN = re.compile(r"[\s,\x1e\ufeff]*")
 _SIGN = re.compile(rb'"type"\s*:\s*"(FeatureCollection|Feature)"')
 
 
@@ -47,14 +54,53 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
         yield from rows.drain()
 
 
+def features(stream: BufferedReader, report: ReadReport) -> Iterator[dict[str, Any]]:
+    """Every object of a collection's ``features``, or every one at the top (a single one, or one a line).
+
+    The text is read on, twice as much each time, until an object is whole.  Where it is cut off or broken the
+    features end, and ``report`` hears of it.
+    """
+    text_of = codecs.getincrementaldecoder("utf-8-sig")("replace")
+    text, size, done, collection = "", BLOCK, 0, None
+    while True:
+        block = stream.read(size)
+        text, size = text + text_of.decode(block, final=not block), 2 * size
+        if collection is None:
+            collection = _OPEN.search(text)
+            text = text[collection.end() :] if collection else text
+        at = 0
+        for item, end in _objects(text):
+            at, done, size = end, done + 1, BLOCK
+            yield item
+        text = _BETWEEN.sub("", text[at:], count=1)
+        if (collection and text.startswith("]")) or not (block or text or collection):
+            return
+        if not block or not (text + "{").startswith("{") or len(text) > FEATURE_LIMIT:
+            report.damaged(f"the JSON is cut off or wrong in feature {done + 1}")
+            return
+
+
+def _objects(text: str) -> Iterator[tuple[dict[str, Any], int]]:
+    """The objects that are whole, each with its end; an integer of hundreds of digits is infinite."""
+    decoder = json.JSONDecoder(parse_int=lambda digits: int(digits) if len(digits) < 300 else float(digits))
+    at = 0
+    while (between := _BETWEEN.match(text, at)) and text[between.end() : between.end() + 1] == "{":
+        try:
+            item, at = decoder.raw_decode(text, between.end())
+        except (ValueError, RecursionError):
+            return
+        yield item, at
+
+
 class _Reader:
     """Features to rows, positions in degrees or, where a feature says so, in local metres."""
 
     def __init__(self, options: ReadOptions, share: Any) -> None:
         self.options = options
-        self._geographic = Rows("latitude", "longitude", share=share)
-        self._local = Rows("x", "y", share=share)
-        self.tables = (self._geographic, self._local)
+        self.tables = self._geographic, self._local = (
+            Rows(*GEOGRAPHIC, share=share),
+            Rows(*LOCAL, share=share),
+        )
         self.left_out: Counter[str] = Counter()
         self.points = 0
         self._fields: dict[tuple[str, ...], Fields] = {}
@@ -92,10 +138,7 @@ class _Reader:
         self.points += 1
         known = self._known(properties)
         rows = self._local if properties.get("frame") == "local metres" else self._geographic
-        values = self._place(coordinates, rows is self._local)
-        if values is None:
-            rows.reject(number, "the point has no coordinates", coordinates)
-            return
+        values = _place(coordinates, LOCAL if rows is self._local else GEOGRAPHIC)
         try:
             time = known.instant(properties.get(known.time[0]) if known.time else None)
         except ValueError:
@@ -103,15 +146,8 @@ class _Reader:
             return
         for name, field in known.columns.items():
             values.setdefault(name, _value(field, properties))
-        for name in known.kept:
-            values[name] = _own(properties[name])
-        rows.add(self._vehicle(known, properties), time, number, values)
-
-    def _place(self, coordinates: Any, local: bool) -> dict[str, Any] | None:
-        names = (*(LOCAL if local else GEOGRAPHIC[::-1]), "z")
-        given = coordinates if isinstance(coordinates, list) else []
-        place = dict(zip(names, map(finite, given), strict=False))
-        return None if unplaced(place) else place
+        values |= {name: _own(properties[name]) for name in known.kept}
+        rows.add(self._vehicle(known, properties), time, number, values, coordinates)
 
     def _lines(self, lines: list[Any], properties: dict[str, Any], number: int) -> None:
         times = _line_times(properties)
@@ -128,15 +164,12 @@ class _Reader:
                 self._vertex(vertex, stamp, vehicle, number, known)
 
     def _vertex(self, vertex: Any, stamp: Any, vehicle: str, number: int, known: Fields) -> None:
-        values = self._place(vertex, local=False)
         try:
             time = known.instant(stamp, None)
         except ValueError:
-            time = None
-        if values is None or time is None:
-            self._geographic.reject(number, "vertex without coordinates or time", f"{vertex} {stamp}")
+            self._geographic.reject(number, "vertex without a time", f"{vertex} {stamp}")
         else:
-            self._geographic.add(vehicle, time, number, values)
+            self._geographic.add(vehicle, time, number, _place(vertex, GEOGRAPHIC), vertex)
 
     def nothing(self) -> str:
         """What the file holds instead of motion."""
@@ -147,13 +180,18 @@ class _Reader:
         return "no position with a time in it" + (f", only {' and '.join(found)}" if found else "")
 
 
+def _place(coordinates: Any, pair: tuple[str, str]) -> dict[str, Any]:
+    """A place in degrees stands with the longitude first."""
+    given = coordinates if isinstance(coordinates, list) else []
+    names = pair if pair == LOCAL else pair[::-1]
+    return dict(zip((*names, "z"), map(finite, given), strict=False))
+
+
 def _line_times(properties: dict[str, Any]) -> list[Any]:
     inner = properties.get("coordinateProperties")
-    for source in (properties, inner if isinstance(inner, dict) else {}):
-        for name in TIMES:
-            if isinstance(source.get(name), list):
-                return list(source[name])
-    return []
+    sources = (properties, inner if isinstance(inner, dict) else {})
+    given = (source.get(name) for source in sources for name in TIMES)
+    return next((times for times in given if isinstance(times, list)), [])
 
 
 def _value(field: Source, properties: dict[str, Any]) -> Any:
@@ -164,11 +202,10 @@ def _value(field: Source, properties: dict[str, Any]) -> Any:
 
 
 def _own(value: Any) -> Any:
-    if value is None or isinstance(value, str):
-        return value
-    if isinstance(value, list | dict):
-        return None
-    return float(value) if isinstance(value, bool) else finite(value)
+    """A text or a figure; None for anything else."""
+    if isinstance(value, bool):
+        return float(value)
+    return finite(value) if isinstance(value, int | float) else value if isinstance(value, str) else None
 
 
 IMPORTER = Importer("geojson", (".geojson", ".json", ".geojsonl", ".geojsons"), sniff, read, rank=2)

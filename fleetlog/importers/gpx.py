@@ -13,7 +13,7 @@ from typing import Any
 from fleetlog.core.columns import BY_NAME
 from fleetlog.core.words import count
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import Rows, finite, gather, heading_of_course, unplaced
+from fleetlog.importers._rows import Rows, finite, gather, heading_of_course
 from fleetlog.importers._xml import Elements, local
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, holding
 
@@ -31,8 +31,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     def take(point: Any, number: int) -> None:
         track = _track_name(point)
         names.update([track] if track else [])
-        ours = options.vehicle is None and track and _ours(point)
-        _add_point(rows, point, str(track) if ours else options.name, number)
+        creator = point.getroottree().getroot().get("creator") or ""
+        ours = track if creator.startswith("fleetlog") and options.vehicle is None else None
+        _add_point(rows, point, ours or options.name, number)
 
     yield from gather(elements, take, rows)
     if not rows.total:
@@ -42,8 +43,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 
 
 def _add_point(rows: Rows, element: Any, vehicle: str, record: int) -> None:
-    latitude, longitude = finite(element.get("lat")), finite(element.get("lon"))
-    values: dict[str, Any] = {"latitude": latitude, "longitude": longitude}
+    values: dict[str, Any] = {"latitude": finite(element.get("lat")), "longitude": finite(element.get("lon"))}
     time = None
     for leaf in element.iter():
         if len(leaf) or not isinstance(leaf.tag, str):
@@ -59,12 +59,7 @@ def _add_point(rows: Rows, element: Any, vehicle: str, record: int) -> None:
             values[_KEPT[name]] = finite(leaf.text)
         elif local(leaf.getparent()) != "trkpt":
             _keep_extension(values, name, leaf.text)
-    if unplaced(values):
-        rows.reject(record, "latitude or longitude is not a number", dict(element.attrib))
-    elif not time:
-        rows.reject(record, "point without a time", f"{latitude} {longitude}")
-    else:
-        rows.add_iso(vehicle, time, record, values)
+    rows.add_iso(vehicle, time, record, values, element.attrib)
 
 
 def _keep_extension(values: dict[str, Any], name: str, text: str | None) -> None:
@@ -80,10 +75,6 @@ def _track_name(point: Any) -> str | None:
     track = segment.getparent() if segment is not None else None
     name = track.find("{*}name") if track is not None else None
     return name.text.strip() if name is not None and name.text else None
-
-
-def _ours(point: Any) -> bool:
-    return str(point.getroottree().getroot().get("creator", "")).startswith("fleetlog")
 
 
 def _what_is_there(seen: Counter[str], rows: Rows) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fleetlog.core.words import count
-from fleetlog.importers._rows import Rows, finite, gather, unplaced
+from fleetlog.importers._rows import Rows, finite, gather
 from fleetlog.importers._xml import Elements, local
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, holding
 
@@ -56,10 +56,7 @@ def _point(rows: Rows, element: Any, vehicle: str, record: int) -> None:
 
 def _add(rows: Rows, vehicle: str, record: int, time: str | None, spot: list[str]) -> None:
     values = dict(zip(("longitude", "latitude", "z"), map(finite, spot), strict=False))
-    if unplaced(values):
-        rows.reject(record, "longitude or latitude is not a number", spot)
-    else:
-        rows.add_iso(vehicle, time, record, values)
+    rows.add_iso(vehicle, time, record, values, spot)
 
 
 IMPORTER = Importer("kml", (".kml",), holding(b"<kml"), read)

@@ -17,11 +17,11 @@ import numpy as np
 
 from fleetlog.core.trajectory import Values
 from fleetlog.errors import FormatError
-from fleetlog.importers._bounded import refuse_packed
 from fleetlog.importers._fields import Fields, fields_of
+from fleetlog.importers._open import refuse_packed
 from fleetlog.importers._profile import Source
-from fleetlog.importers._times import NONE, from_counts, microseconds
-from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject, holding
+from fleetlog.importers._times import from_counts, microseconds
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding
 
 BATCH = 1 << 16
 
@@ -71,7 +71,7 @@ class _Group:
     """The channels of one group, by name; what each is taken for."""
 
     def __init__(self, measurement: Any, number: int, options: ReadOptions, origin: int) -> None:
-        self.measurement, self.options, self.origin = measurement, options, origin
+        self.measurement, self.report, self.origin = measurement, options.report, origin
         group = measurement.groups[number]
         master = measurement.masters_db.get(number)
         self.length = int(group.channel_group.cycles_nr) if master is not None else 0
@@ -83,38 +83,32 @@ class _Group:
         self.fields: Fields = fields_of(self.names, options.profile, options.report)
         known = self.fields.columns
         self.placed = any(set(pair) <= known.keys() for pair in (GEOGRAPHIC, LOCAL))
+        own = self.fields.kept if self.placed else []
+        self.wanted = known | {name: Source(name) for name in own}
+        self.vehicle = options.name
 
     def batches(self, done: int) -> Iterator[RawBatch]:
         """The rows, numbered on from ``done``; none of a group in which nothing is known."""
-        if not self.fields.columns:
-            return
-        for first in range(0, self.length, BATCH):
+        for first in range(0, self.length if self.fields.columns else 0, BATCH):
             try:
                 yield self._batch(first, done + first)
             except Exception as error:
                 what = f"a group of {self.length:,} rows breaks off after row {first:,}"
-                self.options.report.damaged(f"{what} ({type(error).__name__})")
+                self.report.damaged(f"{what} ({type(error).__name__})")
                 return
 
     def _batch(self, first: int, done: int) -> RawBatch:
-        own = self.fields.kept if self.placed else []
-        wanted = [*self.fields.columns.items(), *((name, Source(name)) for name in own)]
         signals = self.measurement.select(
-            [self.names[source.column] for _, source in wanted], record_offset=first,
+            [self.names[source.column] for source in self.wanted.values()], record_offset=first,
             record_count=min(BATCH, self.length - first), copy_master=False,
         )  # fmt: skip
         time = from_counts(np.asarray(signals[0].timestamps, np.float64), "s", self.origin)
         columns: dict[str, Values] = {}
-        for (name, source), signal in zip(wanted, signals, strict=True):
+        for (name, source), signal in zip(self.wanted.items(), signals, strict=True):
             if signal.samples.dtype.kind in "iufb" and signal.samples.ndim == 1:
-                values = signal.samples.astype(np.float64)
-                columns[name] = source.to_si(source.known(values))
+                columns[name] = source.to_si(source.known(signal.samples.astype(np.float64)))
         record = np.arange(done + 1, done + 1 + len(time))
-        good = time != NONE
-        rejects = [Reject(n, "row without a time", "") for n in record[~good].tolist()]
-        kept: dict[str, Values] = {n: v[good] for n, v in columns.items()}
-        share = (first + len(time)) / max(self.length, 1)
-        return RawBatch.of(self.options.name, time[good], kept, record[good], rejects, share)
+        return RawBatch.of(self.vehicle, time, columns, record, progress=(first + len(time)) / self.length)
 
 
 IMPORTER = Importer("mf4", (".mf4", ".mdf"), holding(b"MDF     ", b"UnFinMF ", first=8), read)

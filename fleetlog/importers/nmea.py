@@ -8,18 +8,17 @@ ships' AIS messages are left out.
 from collections import Counter, deque
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from fleetlog.core.words import count
-from fleetlog.importers._nmea_fix import DAY, Part, decode
+from fleetlog.importers._nmea_fix import Part, decode
 from fleetlog.importers._nmea_frames import Frame, frames
 from fleetlog.importers._open import open_bytes
 from fleetlog.importers._report import ReadReport
 from fleetlog.importers._rows import Rows
+from fleetlog.importers._times import DAY
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
-WAITING = 1 << 18
-"""Fixes that may wait for the first date."""
+WAITING = 1 << 18  # Fixes that may wait for the first date
 _AIS = (b"VDM", b"VDO")
 _SOURCES = ("RMC", "GGA", "GNS", "GLL", "VTG", "ZDA")
 
@@ -41,16 +40,16 @@ class Epochs:
     def __init__(self, rows: Rows, vehicle: str) -> None:
         self.rows, self.vehicle = rows, vehicle
         self.no_fix = 0
-        self.day: int | None = None
+        self.waiting: deque[tuple[Part, int]] = deque()
+        """Fixes before the first date."""
+        self._day: int | None = None
         self._last_tod = -1
         self._open: Part | None = None
         self._line = 0
-        self._waiting: deque[tuple[Part, int]] = deque()
 
     def add(self, part: Part, line: int) -> None:
         """One more part; a new time of day closes the fix before it."""
-        begun = self._open.tod if self._open is not None else None
-        if begun is not None and part.tod not in (None, begun):
+        if self._open is not None and self._open.tod is not None and part.tod not in (None, self._open.tod):
             self.close()
         if self._open is None:
             self._open, self._line = part, line
@@ -62,61 +61,42 @@ class Epochs:
         part, self._open = self._open, None
         if part is None or part.tod is None:
             return
-        if part.day is None and self.day is None:
-            if part.rank and part.valid is not False and len(self._waiting) < WAITING:
-                self._waiting.append((part, self._line))
+        if part.day is None and self._day is None:
+            if part.rank and part.valid is not False and len(self.waiting) < WAITING:
+                self.waiting.append((part, self._line))
             return
-        self._date(part)
+        if part.day is None and self._day is not None:
+            part.day = self._day + (self._last_tod - part.tod > DAY // 2)  # past midnight the next
+        elif self._day is None:
+            self._in_hindsight(part)
+        self._day, self._last_tod = part.day, part.tod
         self._emit(part, self._line)
 
-    def _date(self, part: Part) -> None:
-        """Set the day: the part's own, or the last one, past midnight the next."""
-        assert part.tod is not None
-        if part.day is None:
-            assert self.day is not None
-            part.day = self.day + (self._last_tod - part.tod > DAY // 2)
-        elif self.day is None:
-            self._in_hindsight(part.day, part.tod)
-        self.day, self._last_tod = part.day, part.tod
-
-    def _in_hindsight(self, day: int, tod: int) -> None:
+    def _in_hindsight(self, later: Part) -> None:
         """Date the fixes that came before the first date, from the last back."""
-        dated = []
-        for waiting, line in reversed(self._waiting):
-            assert waiting.tod is not None
-            day -= waiting.tod - tod > DAY // 2
-            waiting.day, tod = day, waiting.tod
-            dated.append((waiting, line))
-        self._waiting.clear()
-        for waiting, line in reversed(dated):
-            self._emit(waiting, line)
+        for waiting, _ in reversed(self.waiting):
+            assert later.day is not None and later.tod is not None and waiting.tod is not None
+            waiting.day = later.day - (waiting.tod - later.tod > DAY // 2)
+            later = waiting
+        while self.waiting:
+            self._emit(*self.waiting.popleft())
 
     def _emit(self, part: Part, line: int) -> None:
         if not part.rank or part.valid is False:
             self.no_fix += 1
             return
         assert part.day is not None and part.tod is not None
-        values: dict[str, Any] = {"latitude": part.latitude, "longitude": part.longitude, **part.values}
-        self.rows.add(self.vehicle, part.day * DAY + part.tod, line, values)
-
-    @property
-    def undated(self) -> int:
-        """Fixes that never got a date."""
-        return len(self._waiting)
+        self.rows.add(self.vehicle, part.day * DAY + part.tod, line, part.values)
 
 
 def _merge(into: Part, part: Part) -> None:
-    if into.tod is None:
-        into.tod = part.tod
-    if part.day is not None:
-        into.day = part.day
+    into.tod = part.tod if into.tod is None else into.tod
+    into.day = part.day if part.day is not None else into.day
     if part.valid is not None:
         into.valid = part.valid or bool(into.valid)
-    if part.rank > into.rank and part.valid is not False:
-        into.rank, into.latitude, into.longitude = part.rank, part.latitude, part.longitude
-        into.values |= part.values
-    else:
-        into.values = part.values | into.values
+    better = part.rank > into.rank
+    into.values = into.values | part.values if better else part.values | into.values
+    into.rank = max(into.rank, part.rank)
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -131,7 +111,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
                 yield rows.take()
     reader.epochs.close()
     if not rows.total:
-        wanted = "RMC or ZDA as well" if reader.epochs.undated else "RMC or GGA sentences or UBX NAV-PVT"
+        wanted = "RMC or ZDA as well" if reader.epochs.waiting else "RMC or GGA sentences or UBX NAV-PVT"
         raise options.report.nothing(reader.nothing(), f"record {wanted}")
     reader.describe(options.report)
     yield from rows.drain()
@@ -168,8 +148,8 @@ class _Reader:
 
     def nothing(self) -> str:
         """What the log holds instead of dated positions."""
-        if self.epochs.undated:
-            undated = count(self.epochs.undated, "position")
+        if self.epochs.waiting:
+            undated = count(len(self.epochs.waiting), "position")
             return f"{undated} with a time of day but no date (no RMC or ZDA sentence with one)"
         if self.epochs.no_fix:
             return f"the receiver had no fix in any of its {count(self.epochs.no_fix, 'moment')}"
@@ -188,7 +168,7 @@ class _Reader:
         report.recognised[", ".join(sources)] = meaning
         for number, noun, what in (
             (self.epochs.no_fix, "moment", "without a fix left out"),
-            (self.epochs.undated, "position", "without a date left out"),
+            (len(self.epochs.waiting), "position", "without a date left out"),
             (self.ais, "AIS message", "of other ships left out"),
             (self.unchecked, "sentence", "without a checksum read"),
         ):

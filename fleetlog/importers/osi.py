@@ -2,32 +2,35 @@
 
 What kind of message a trace holds stands in its name (``..._gt_...``, as the standard names files); where it
 does not, the first message tells.  In MCAP files, messages of the same kinds are read as topics.
+The classes of the messages come with osi-python (the extra ``osi``).
+https://opensimulationinterface.github.io/osi-antora-generator
 """
 
+import math
 import re
 import struct
 from collections.abc import Iterator
-from io import BufferedReader
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
-from fleetlog.importers._open import head_of, open_bytes, plain_suffix
-from fleetlog.importers._osi import SCHEMAS, vehicles
-from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import Rows, gather, unplaced
+from fleetlog.errors import FormatError
+from fleetlog.importers._open import PACKET_LIMIT, head_of, open_bytes, packets, plain_suffix
+from fleetlog.importers._rows import Rows, Sample, gather
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
-LIMIT = 1 << 26
-"""Bytes of one message that are believed."""
 _LENGTH = struct.Struct("<I")
-_VERSION = 0x0A
-"""Every message begins with its version: field 1, a message."""
+_VERSION = 0x0A  # Every message begins with its version: field 1, a message
+SCHEMAS = ("osi3.SensorView", "osi3.GroundTruth", "osi3.TrafficUpdate")
+PEDESTRIAN, ANIMAL = 3, 4  # Types of moving objects that are no vehicles
 _KINDS = {"sv": "osi3.SensorView", "gt": "osi3.GroundTruth", "tu": "osi3.TrafficUpdate"}
 
 
 def sniff(path: Path, head: bytes) -> bool:
     """A length and the version of a message, in a file with the right suffix."""
     first = _LENGTH.unpack_from(head)[0] if len(head) > 4 else 0
-    return plain_suffix(path) == ".osi" and 0 < first <= LIMIT and head[4] == _VERSION
+    return plain_suffix(path) == ".osi" and 0 < first <= PACKET_LIMIT and head[4] == _VERSION
 
 
 def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
@@ -35,36 +38,53 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     stream, raw = open_bytes(path, options.report)
     rows, schema = Rows("x", "y", share=lambda: raw.share), _schema(path)
 
-    def take(data: bytes, number: int) -> None:
+    def take(packet: tuple[bytes], number: int) -> None:
         try:
-            found = vehicles(schema, data)
+            found = vehicles(schema, packet[0])
         except ValueError as error:
             rows.reject(number, f"no {schema} message", error)
             return
         for sample in found:
-            if unplaced(sample.values):
-                rows.reject(number, "position is not a number", sample.values)
-            else:
-                rows.add(sample.vehicle, options.origin + sample.stamp, number, sample.values)
+            rows.add(sample.vehicle, options.origin + sample.stamp, number, sample.values)
 
     with stream:
-        yield from gather(_messages(stream, options.report), take, rows)
+        yield from gather(packets(stream, _LENGTH, options.report), take, rows)
     if not rows.total:
         raise options.report.nothing(f"no vehicle in its {schema} messages", "record ground truth")
     options.report.recognised[schema] = "position, heading and speed of every vehicle, from m, rad and m/s"
     yield from rows.drain()
 
 
-def _messages(stream: BufferedReader, report: ReadReport) -> Iterator[bytes]:
-    done = 0
-    while head := stream.read(4):
-        length = _LENGTH.unpack(head)[0] if len(head) == 4 else LIMIT + 1
-        data = stream.read(length) if length <= LIMIT else b""
-        if len(data) < length:
-            report.damaged(f"the trace breaks off or is wrong after {done} messages")
-            return
-        done += 1
-        yield data
+def _class(schema: str) -> Any:
+    name = schema.removeprefix("osi3.")
+    try:
+        return getattr(import_module(f"osi3.osi_{name.lower()}_pb2"), name)
+    except ImportError:
+        what, do = "reading OSI needs osi-python", 'install it with: pip install "fleetlog[osi]"'
+        raise FormatError(what, do=do) from None
+
+
+def vehicles(schema: str, data: Any) -> list[Sample]:
+    """One sample a vehicle, at the time of the message; :class:`ValueError` for bytes that are none."""
+    from google.protobuf.message import DecodeError
+
+    try:
+        said = _class(schema).FromString(bytes(data))
+    except DecodeError as error:
+        raise ValueError(str(error)) from None
+    truth = said.global_ground_truth if schema == "osi3.SensorView" else said
+    objects = truth.update if schema == "osi3.TrafficUpdate" else truth.moving_object
+    stamp = said.timestamp.seconds * 1_000_000 + (said.timestamp.nanos + 500) // 1000
+    return [_sample(o, stamp) for o in objects if o.HasField("id") and o.type not in (PEDESTRIAN, ANIMAL)]
+
+
+def _sample(o: Any, stamp: int) -> Sample:
+    """``base.position`` is the middle of the bounding box; the speed is the length of the velocity."""
+    place, yaw = o.base.position, o.base.orientation.yaw
+    values = {"x": place.x, "y": place.y, "z": place.z, "heading": math.remainder(yaw, math.tau)}
+    if o.base.HasField("velocity"):
+        values["speed"] = math.hypot(o.base.velocity.x, o.base.velocity.y)
+    return Sample(stamp, values, vehicle=str(o.id.value))
 
 
 def _schema(path: Path) -> str:
@@ -72,16 +92,13 @@ def _schema(path: Path) -> str:
     for word in re.split(r"[_.]", path.name.lower()):
         if word in _KINDS:
             return _KINDS[word]
-    head = head_of(path, LIMIT)
+    head = head_of(path, PACKET_LIMIT)
     first = head[4 : 4 + _LENGTH.unpack_from(head)[0]]
-    return next((s for s in SCHEMAS if _finds(s, first)), "osi3.GroundTruth")
-
-
-def _finds(schema: str, data: bytes) -> bool:
-    try:
-        return bool(vehicles(schema, data))
-    except ValueError:
-        return False
+    for schema in SCHEMAS:
+        with suppress(ValueError):
+            if vehicles(schema, first):
+                return schema
+    return "osi3.GroundTruth"
 
 
 IMPORTER = Importer("osi", (".osi",), sniff, read)

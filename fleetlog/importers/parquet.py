@@ -11,26 +11,24 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from fleetlog.core.trajectory import Labels, Values
+from fleetlog.core.trajectory import Labels
 from fleetlog.errors import FormatError
-from fleetlog.importers._bounded import refuse_packed
-from fleetlog.importers._csv_cells import Mask, degrees, numbers
-from fleetlog.importers._csv_clock import Clock
 from fleetlog.importers._csv_layout import unique
 from fleetlog.importers._fields import fields_of
-from fleetlog.importers._names import EPOCH_UNITS
-from fleetlog.importers._open import plain_stem
-from fleetlog.importers._profile import Profile, Source
-from fleetlog.importers._times import NONE, from_counts
-from fleetlog.importers._units import KINDS
-from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, Reject, holding
+from fleetlog.importers._open import refuse_packed
+from fleetlog.importers._profile import Source
+from fleetlog.importers._table_rows import TableRows
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding
 
 BATCH = 1 << 17
-Bad = dict[str, tuple[Mask, Labels]]
-"""Which cells of a column are no numbers, and what is written there."""
-_FIGURES = (pa.types.is_boolean, pa.types.is_decimal, pa.types.is_floating, pa.types.is_integer)
-GROUP_LIMIT = 1 << 32
-"""Unpacked bytes of a row group that are believed."""
+_FIGURES = (
+    pa.types.is_null,
+    pa.types.is_boolean,
+    pa.types.is_decimal,
+    pa.types.is_floating,
+    pa.types.is_integer,
+)
+GROUP_LIMIT = 1 << 32  # Unpacked bytes of a row group that are believed
 CELLS, CELLS_PER_BYTE = 200_000_000, 2_000
 """Values that a file may state: so many in any file, and so many for each of its bytes."""
 
@@ -39,7 +37,9 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
     """All rows, batch by batch."""
     refuse_packed(path)
     try:
-        file = pq.ParquetFile(path, memory_map=False, read_dictionary=_text_columns(path))
+        # Text is read as dictionaries: one that comes again takes no memory again.
+        texts = [f.name for f in pq.read_schema(path) if f.type in (pa.string(), pa.large_string())]
+        file = pq.ParquetFile(path, memory_map=False, read_dictionary=texts)
     except (OSError, ValueError, pa.ArrowException) as error:
         what = "is cut off or damaged: the description at its end cannot be read"
         raise FormatError(what, where=path, do=f"write it again ({str(error)[:80]})") from None
@@ -57,12 +57,6 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             raise options.report.nothing("no row can be read", "write it again")
 
 
-def _text_columns(path: Path) -> list[str]:
-    """Columns of text, which are read as dictionaries: a text that comes again takes no memory again."""
-    schema = pq.read_schema(path)
-    return [f.name for f in schema if pa.types.is_string(f.type) or pa.types.is_large_string(f.type)]
-
-
 def _check_size(about: Any, path: Path) -> None:
     """Repeated values take next to no room: what a file states is held against its size."""
     cells = about.num_rows * about.num_columns
@@ -77,113 +71,66 @@ class _Reader:
     """The batches of one file; columns go by their place, for names may come twice."""
 
     def __init__(self, file: Any, path: Path, options: ReadOptions) -> None:
-        self.path, self.options, self.done = path, options, 0
-        self.total = max(file.metadata.num_rows, 1)
+        self.done, self.total = 0, max(file.metadata.num_rows, 1)
         schema = file.schema_arrow
         names = [_text(n.encode("utf-8", "surrogateescape")) for n in schema.names]
         self.names = unique(names, options.report)
         kinds = dict(zip(self.names, schema.types, strict=True))
         plain = [n for n, t in kinds.items() if not pa.types.is_nested(t) and not pa.types.is_binary(t)]
-        self.fields = fields_of(plain, options.profile, options.report)
-        self._check(kinds)
-        profile = options.profile or Profile()
-        self.clock = Clock(self.fields.time[:1], self.fields.epoch, path, profile, options.report)
+        self.fields = fields = fields_of(plain, options.profile, options.report)
+        fields.time = fields.time[:1]
+        if options.vehicle is not None:
+            fields.vehicle = None
+        self.geometry = not fields.columns.keys() & {"latitude", "x"} and "geometry" in kinds
+        if self.geometry:
+            fields.columns |= {name: Source(name) for name in GEOGRAPHIC}
+        self._check(path)
+        folder = next((p for p in path.parts if p.startswith("vehicle_id=")), None)
+        name = unquote(folder.partition("=")[2]) if folder and options.vehicle is None else options.name
+        self.rows = TableRows(fields, name, {s.column for n, s in fields.columns.items() if n in GEOGRAPHIC})
 
-    def _check(self, kinds: dict[str, Any]) -> None:
+    def _check(self, path: Path) -> None:
         place = self.fields.columns.keys()
-        has_place = {"latitude", "longitude"} <= place or {"x", "y"} <= place or "geometry" in kinds
+        has_place = any({*pair} <= place for pair in (GEOGRAPHIC, LOCAL))
         wanted = (("a position (latitude, longitude or x, y)", has_place), ("a time", self.fields.time))
         missing = [what for what, there in wanted if not there]
         if missing:
             what = f"no column is {' or '.join(missing)} (columns: {', '.join(self.names[:20])})"
-            raise FormatError(what, where=self.path, do="map them with --profile")
+            raise FormatError(what, where=path, do="map them with --profile")
 
     def batch(self, batch: pa.RecordBatch) -> RawBatch:
-        """The rows of a batch; those without a time, or with a text for a position, are refused."""
-        batch = batch.rename_columns(self.names)
-        columns: dict[str, Values] = {}
-        bad: Bad = {}
-        for name, field in self.fields.columns.items():
-            columns[name] = self._quantity(batch.column(field.column), name, field, bad)
-        for name in self.fields.kept:
-            columns[name] = _values(batch.column(name))
-        if not {"latitude", "x"} & columns.keys():
-            columns["longitude"], columns["latitude"] = _points(batch.column("geometry"))
-        record = np.arange(self.done + 1, self.done + len(batch) + 1)
+        """The rows of a batch."""
+        batch, fields = batch.rename_columns(self.names), self.fields
+        columns = {n: _plain(batch.column(n)) for n in fields.names if n not in fields.time}
+        for name in fields.time:
+            stamps = batch.column(name)
+            columns[name] = stamps if _is_time(stamps.type) else _plain(stamps).cast(pa.string())
+        if self.geometry:
+            columns |= dict(zip(GEOGRAPHIC[::-1], _points(batch.column("geometry")), strict=True))
+        if fields.vehicle is not None:
+            columns[fields.vehicle] = _named(columns[fields.vehicle], self.rows.vehicle)
+        table, first = pa.table(columns), self.done + 1
         self.done += len(batch)
-        vehicle = self._vehicle(batch)
-        time = self._times(batch, vehicle)
-        good = time != NONE
-        rejects = [Reject(n, "row without a time", "") for n in record[~good].tolist()]
-        for name, (mask, written) in bad.items():
-            whole = name in (*GEOGRAPHIC, *LOCAL)
-            at = np.flatnonzero(mask & good).tolist()
-            texts = written[at].strings()
-            what = f"{name} is not a number"
-            numbered = zip(record[at].tolist(), texts, strict=True)
-            rejects += [Reject(n, what, str(text)[:400], whole) for n, text in numbered]
-            good[at if whole else []] = False
-        kept: dict[str, Values] = {k: v[good] for k, v in columns.items()}
-        return RawBatch(vehicle[good], time[good], kept, record[good], rejects, self.done / self.total)
 
-    def _quantity(self, array: pa.Array, name: str, field: Source, bad: Bad) -> Values:
-        """A known column in SI; numbers may be written as text."""
-        values = _values(array)
-        if name not in KINDS:
-            return values
-        if isinstance(values, Labels):
-            read = degrees if name in GEOGRAPHIC else numbers
-            figures, wrong = read(pa.array(values.names, pa.string()))
-            code = values.codes
-            if wrong.any():
-                bad[name] = np.append(wrong, False)[code], values
-            values = np.append(figures, np.nan)[code]
-        return field.to_si(field.known(np.asarray(values, float)))
+        def texts(numbers: list[int]) -> list[str]:
+            shown = table.select([f.name for f in table.schema if not pa.types.is_temporal(f.type)])
+            rows = shown.take([n - first for n in numbers]).to_pylist()
+            return [" ".join(f"{name}={value}" for name, value in row.items()) for row in rows]
 
-    def _times(self, batch: pa.RecordBatch, vehicle: Labels) -> NDArray[np.int64]:
-        """(N,) microseconds UTC; ``NONE`` where they are not known."""
-        array = batch.column(self.fields.time[0])
-        if pa.types.is_date(array.type):
-            array = array.cast(pa.timestamp("s") if pa.types.is_date32(array.type) else pa.timestamp("ms"))
-        kind = array.type
-        if pa.types.is_timestamp(kind):
-            time = _counted(array.cast(pa.int64()), kind.unit)
-            return time if kind.tz else self.clock.to_utc(time, time != NONE, vehicle)
-        if pa.types.is_integer(kind) or pa.types.is_floating(kind):
-            if self.clock.style not in EPOCH_UNITS:
-                figures = array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
-                self.clock.style = self.clock.decide_count(figures)
-            return _counted(array, self.clock.style, self.clock.profile.origin)
-        texts = _values(array)
-        cells = pa.array(texts.strings() if isinstance(texts, Labels) else [None] * len(array), pa.string())
-        return self.clock.times(pa.table({self.fields.time[0]: cells}), vehicle)
-
-    def _vehicle(self, batch: pa.RecordBatch) -> Labels:
-        folder = next((p for p in self.path.parts if p.startswith("vehicle_id=")), None)
-        default = unquote(folder.partition("=")[2]) if folder else plain_stem(self.path)
-        if self.options.vehicle is not None or self.fields.vehicle is None:
-            return Labels(np.zeros(len(batch), np.int32), (self.options.vehicle or default,))
-        values = _values(batch.column(self.fields.vehicle))
-        if isinstance(values, Labels):
-            return Labels.of([default if v is None else v for v in values.strings()])
-        return Labels.of([default if v != v else f"{v:.17g}" for v in values.tolist()])
+        record = np.arange(first, self.done + 1)
+        return self.rows.batch(table, record, texts, [], self.done / self.total)
 
 
-def _counted(array: pa.Array, unit: str, origin: int = 0) -> NDArray[np.int64]:
-    null = np.asarray(array.is_null())
-    whole = pa.types.is_integer(array.type)
-    filled = array.fill_null(0)
-    values = filled.cast(pa.int64() if whole else pa.float64(), safe=False).to_numpy(zero_copy_only=False)
-    return np.where(null, NONE, from_counts(values, unit, origin))
+def _is_time(kind: Any) -> bool:
+    tests = (pa.types.is_timestamp, pa.types.is_date, pa.types.is_integer, pa.types.is_floating)
+    return any(test(kind) for test in tests)
 
 
-def _values(array: pa.Array) -> Values:
-    """(N,) figures, NaN for null, or labels; text that is no UTF-8 keeps what of it is."""
+def _plain(array: pa.Array) -> pa.Array:
+    """Figures or a dictionary of texts; text that is no UTF-8 keeps what of it is."""
     kind = array.type
-    if pa.types.is_null(kind):
-        return np.full(len(array), np.nan)
     if any(test(kind) for test in _FIGURES):
-        return np.asarray(array.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), np.float64)
+        return array.cast(pa.float64(), safe=False)
     if not pa.types.is_dictionary(kind):
         array = array.dictionary_encode()
     names = array.dictionary
@@ -195,7 +142,16 @@ def _values(array: pa.Array) -> Values:
     if codes.max(initial=-1) >= len(texts):
         raise pa.ArrowInvalid("a text that its dictionary does not have")
     order = Labels.of(texts)
-    return Labels(np.append(order.codes, np.int32(-1))[codes], order.names)
+    codes = np.append(order.codes, np.int32(-1))[codes]
+    return pa.DictionaryArray.from_arrays(pa.array(codes, mask=codes < 0), pa.array(order.names, pa.string()))
+
+
+def _named(vehicles: pa.Array, default: str) -> pa.Array:
+    """Names of vehicles, which may be figures, the default where there is none."""
+    if pa.types.is_floating(vehicles.type):
+        found = [default if v is None or v != v else f"{v:.17g}" for v in vehicles.to_pylist()]
+        return pa.array(found).dictionary_encode()
+    return vehicles.cast(pa.string()).fill_null(default).dictionary_encode()
 
 
 def _text(raw: bytes) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fleetlog.importers._open import HEAD, head_of
-from fleetlog.importers._rows import Rows, finite, gather, heading_of_course, unplaced
+from fleetlog.importers._rows import Rows, finite, gather, heading_of_course
 from fleetlog.importers._times import iso_time
 from fleetlog.importers._xml import Elements
 from fleetlog.importers.base import GEOGRAPHIC, LOCAL, Importer, RawBatch, ReadOptions, holding
@@ -62,8 +62,8 @@ def _add(rows: Rows, element: Any, record: int, origin: int, geographic: bool) -
     seconds = finite(step.get("time") if step is not None else None)
     names = ("longitude", "latitude") if geographic else LOCAL
     place = dict(zip(names, (finite(attributes.get(k)) for k in "xy"), strict=True))
-    if unplaced(place) or not abs(seconds) < 1e12:
-        rows.reject(record, "no time or position", dict(attributes))
+    if not abs(seconds) < 1e12:
+        rows.reject(record, "step without a time", dict(attributes))
         return
     values: dict[str, Any] = {**place}
     for name in attributes:
@@ -74,7 +74,7 @@ def _add(rows: Rows, element: Any, record: int, origin: int, geographic: bool) -
             values[name] = number if number == number else (attributes[name] or None)
     if "angle" in attributes:
         values["heading"] = heading_of_course(finite(attributes["angle"]))
-    rows.add(attributes.get("id") or "vehicle", origin + round(seconds * 1e6), record, values)
+    rows.add(attributes.get("id") or "vehicle", origin + round(seconds * 1e6), record, values, attributes)
 
 
 IMPORTER = Importer("sumo-fcd", (".xml",), holding(b"<fcd-export", first=HEAD), read)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from fleetlog.core.words import count
-from fleetlog.importers._rows import Rows, finite, gather, unplaced
+from fleetlog.importers._rows import Rows, finite, gather
 from fleetlog.importers._xml import Elements, local
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions, holding
 
@@ -45,10 +45,7 @@ def read(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
 def _add(rows: Rows, element: Any, vehicle: str, number: int) -> None:
     texts = {local(leaf): leaf.text for leaf in element.iter()}
     values = {name: finite(texts[leaf]) for leaf, name in _LEAVES.items() if leaf in texts}
-    if unplaced(values):
-        rows.reject(number, "latitude or longitude is not a number", values)
-    else:
-        rows.add_iso(vehicle, texts.get("Time"), number, values)
+    rows.add_iso(vehicle, texts.get("Time"), number, values)
 
 
 IMPORTER = Importer("tcx", (".tcx",), holding(b"<TrainingCenterDatabase"), read)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
 
 from fleetlog.importers._open import open_bytes
@@ -43,16 +44,9 @@ def _add(rows: Rows, options: ReadOptions, pose: list[float] | None, line: bytes
         rows.reject(number, "not eight numbers ending in a unit quaternion", text)
         return
     values = {"x": pose[1], "y": pose[2], "z": pose[3], "heading": heading_of_quaternion(*pose[4:])}
-    time = options.origin + _microseconds(line.replace(b",", b" ").split()[0])
-    rows.add(options.name, time, number, values)
-
-
-def _microseconds(cell: bytes) -> int:
-    """Exact where the stamp is a plain decimal: a double holds only a quarter of a microsecond."""
-    whole, _, fraction = cell.partition(b".")
-    if whole.isdigit() and fraction.isdigit():
-        return int(whole) * 1_000_000 + int(fraction[:6].ljust(6, b"0"))
-    return round(float(cell) * 1e6)
+    # Exact: a double holds only a quarter of a microsecond.
+    seconds = Decimal(line.replace(b",", b" ").split()[0].decode())
+    rows.add(options.name, options.origin + int(seconds * 1_000_000), number, values)
 
 
 IMPORTER = Importer("tum", (".tum", ".txt"), mostly(_pose), read, rank=5)

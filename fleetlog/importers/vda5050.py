@@ -15,13 +15,12 @@ from typing import Any
 from fleetlog.core.words import count
 from fleetlog.importers._open import open_bytes
 from fleetlog.importers._report import ReadReport
-from fleetlog.importers._rows import NAN, Rows, finite, gather, unplaced
+from fleetlog.importers._rows import NAN, Rows, finite, gather
 from fleetlog.importers._times import iso_time
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 
 LINE_LIMIT = 1 << 22
-MOST = 1e300
-"""A sum of weights beyond what a float holds is far beyond any load, and refused as that."""
+MOST = 1e300  # A sum of weights beyond what a float holds is far beyond any load, and refused as that
 # without quotation marks: a wrapped payload may be a string, with its marks escaped
 _MARKS = (b"serialNumber", b"agvPosition", b"mobileRobotPosition", b"batteryState", b"powerSupply")
 
@@ -122,12 +121,10 @@ class _Reader:
         values = _pose(position, message.get("velocity"))
         if position.get("positionInitialized") is False or position.get("localized") is False:
             self.positions.reject(number, "the vehicle is not localised", position)
-        elif unplaced(values):
-            self.positions.reject(number, "x or y is not a number", position)
         else:
             values["payload"] = self._payload.get(vehicle, NAN)
             values |= _labels(message, position) | _quality(position)
-            self.positions.add(vehicle, time, number, values)
+            self.positions.add(vehicle, time, number, values, position)
 
     def nothing(self) -> str:
         """What the log holds instead of positions."""

@@ -5,6 +5,7 @@ Every step takes the sorted rows of one vehicle and gives fewer rows, or rows wi
 """
 
 import itertools
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +15,10 @@ from fleetlog.core.trajectory import Floats, Labels, Trajectory
 from fleetlog.ingest.rejects import Rejects
 from fleetlog.ingest.rows import FILE, RECORD, STUCK, set_unknown
 
-MAX_SPEED = 60.0
-"""A position that implies more is impossible [m/s]; the bound of the speed column."""
-FARTHEST, HIGHEST = 1e8, 1e6
-"""No vehicle is farther or higher [m]; grids of whole countries count up to 1e7."""
-JUMP_MARGIN = 20.0
-"""Error of two positions that no jump is made of [m]."""
-SHORT_JUMP = 10
-"""Rows; a place that is left sooner by another impossible jump was never visited."""
+MAX_SPEED = 60.0  # A position that implies more is impossible [m/s]; the bound of the speed column
+FARTHEST, HIGHEST = 1e8, 1e6  # No vehicle is farther or higher [m]; grids of whole countries count up to 1e7
+JUMP_MARGIN = 20.0  # Error of two positions that no jump is made of [m]
+SHORT_JUMP = 10  # Rows; a place that is left sooner by another impossible jump was never visited
 STUCK_TIME, STUCK_ROWS = 60.0, 30
 """A speed the same to the last digit so long [s, rows] while the truck stands is stuck."""
 
@@ -45,45 +42,33 @@ def drop_duplicates(rows: Trajectory, rejects: Rejects) -> Trajectory:
     same = again.copy()
     for name, values in rows.columns.items():
         if name not in (FILE, RECORD):
-            array = values.codes if isinstance(values, Labels) else values
-            same &= _equal(array, first)  # type: ignore[arg-type]  # arrays
+            array: NDArray[Any] = values.codes if isinstance(values, Labels) else values
+            other = array[first]
+            same &= (array == other) | ((array != array) & (other != other))
     rejects.refuse(rows, same, "a duplicate of another row")
     rejects.refuse(rows, again & ~same, "another row of the vehicle has the same time")
     return rows[~again]
 
 
-def _equal(values: Floats, first: NDArray[np.intp]) -> Mask:
-    other = values[first]
-    return np.asarray((values == other) | ((values != values) & (other != other)))
-
-
 def drop_impossible(rows: Trajectory, rejects: Rejects) -> Trajectory:
-    """Positions off the globe are refused; 0, 0 degrees (a receiver without a fix) is unknown."""
-    rows = _drop_far(rows, rejects)
-    if "latitude" not in rows:
-        return rows
-    latitude, longitude = rows.floats("latitude"), rows.floats("longitude")
-    off = (np.abs(latitude) > 90.0) | (np.abs(longitude) > 180.0)
-    if off.any():
-        rejects.refuse(rows, off, "the position is off the globe")
-        rows, latitude, longitude = rows[~off], latitude[~off], longitude[~off]
-    unknown = ((latitude == 0.0) & (longitude == 0.0)) | (np.isnan(latitude) != np.isnan(longitude))
-    if unknown.any():
-        rows = set_unknown(set_unknown(rows, "latitude", unknown), "longitude", unknown)
-    return rows
-
-
-def _drop_far(rows: Trajectory, rejects: Rejects) -> Trajectory:
-    """Local positions that no frame on earth has are refused with their row; such heights are unknown."""
-    far = (np.abs(rows.floats("x")) > FARTHEST) | (np.abs(rows.floats("y")) > FARTHEST)
-    if far.any():
-        rejects.refuse(rows, far, "the position is off the globe")
-        rows = rows[~far]
+    """Positions off the globe are refused; such heights, and 0, 0 degrees (no fix), are unknown."""
+    rows = _drop_beyond(rows, {"x": FARTHEST, "y": FARTHEST}, rejects)
     high = np.abs(rows.floats("z")) > HIGHEST
     if high.any():
         rejects.refuse(rows, high, "the height is off the globe", whole=False)
-        rows = set_unknown(rows, "z", high)
-    return rows
+        rows = set_unknown(rows, high, "z")
+    if "latitude" not in rows:
+        return rows
+    rows = _drop_beyond(rows, {"latitude": 90.0, "longitude": 180.0}, rejects)
+    latitude, longitude = rows.floats("latitude"), rows.floats("longitude")
+    unknown = ((latitude == 0.0) & (longitude == 0.0)) | (np.isnan(latitude) != np.isnan(longitude))
+    return set_unknown(rows, unknown, "latitude", "longitude") if unknown.any() else rows
+
+
+def _drop_beyond(rows: Trajectory, bounds: dict[str, float], rejects: Rejects) -> Trajectory:
+    off = np.logical_or.reduce([np.abs(rows.floats(name)) > most for name, most in bounds.items()])
+    rejects.refuse(rows, off, "the position is off the globe")
+    return rows[~off] if off.any() else rows
 
 
 def bound_values(rows: Trajectory, rejects: Rejects) -> Trajectory:
@@ -99,7 +84,7 @@ def bound_values(rows: Trajectory, rejects: Rejects) -> Trajectory:
         if beyond.any():
             reason = f"{column.name} is beyond {low:g} to {high:g} {column.unit}".rstrip()
             rejects.refuse(rows, beyond, reason, whole=False)
-            rows = set_unknown(rows, column.name, beyond)
+            rows = set_unknown(rows, beyond, column.name)
         if slack:
             rows = rows.with_columns(**{column.name: np.clip(rows.floats(column.name), low, high)})
     return rows
@@ -112,15 +97,11 @@ def drop_jumps(rows: Trajectory, rejects: Rejects) -> Trajectory:
     of them, or beside a longer one, was never visited; after a long one the truck is where it says (a log
     that resumes elsewhere).
     """
-    known = np.flatnonzero(np.isfinite(rows.floats("x")) & np.isfinite(rows.floats("y")))
-    x, y, t = rows.floats("x")[known], rows.floats("y")[known], rows.seconds()[known]
-    gone = jump_outliers(x, y, t)
-    if not gone.any():
-        return rows
-    mask = np.zeros(len(rows), bool)
-    mask[known[gone]] = True
-    rejects.refuse(rows, mask, "an impossible jump of the position")
-    return rows[~mask]
+    x, y = rows.floats("x"), rows.floats("y")
+    known, gone = np.isfinite(x) & np.isfinite(y), np.zeros(len(rows), bool)
+    gone[known] = jump_outliers(x[known], y[known], rows.seconds()[known])
+    rejects.refuse(rows, gone, "an impossible jump of the position")
+    return rows[~gone] if gone.any() else rows
 
 
 def jump_outliers(x: Floats, y: Floats, t: Floats) -> Mask:
@@ -132,15 +113,12 @@ def jump_outliers(x: Floats, y: Floats, t: Floats) -> Mask:
         breaks = np.flatnonzero(step > MAX_SPEED * np.diff(t[index]) + JUMP_MARGIN) + 1
         if not len(breaks):
             break
-        starts = np.concatenate([[0], breaks])
-        ends = np.append(breaks, len(index))
-        size = ends - starts
-        beside = np.maximum(np.append(size[1:], 0), np.insert(size[:-1], 0, 0))
+        size = np.diff(breaks, prepend=0, append=len(index))
+        beside = np.maximum(np.append(size[1:], 0), np.append(0, size[:-1]))
         short = (size < SHORT_JUMP) & (size < beside)
         if not short.any():
             break
-        smallest = short & (size == size[short].min())
-        drop = np.repeat(smallest, size)
+        drop = np.repeat(short & (size == size[short].min()), size)
         gone[index[drop]] = True
         index = index[~drop]
     return gone
@@ -159,12 +137,13 @@ def unstick(rows: Trajectory) -> Trajectory:
         held = np.zeros(len(rows), bool)
         for start, stop in _same_runs(values, t, STUCK_TIME if name == "speed" else 2 * STUCK_TIME):
             if name != "speed":
-                held[start:stop] = _varies(speed[start:stop])
+                driven = speed[start:stop]
+                held[start:stop] = (driven < 0.2).sum() >= 5 and (driven > 1.0).sum() >= 5
                 continue
             for part in _minutes(t, start, stop):  # rounds at a governed speed come back to where they were
                 held[part] = _stands(rows[part], values[start])
         if held.any():
-            rows = set_unknown(rows, name, held)
+            rows = set_unknown(rows, held, name)
             stuck += held
     return rows.with_columns(**{STUCK: stuck}) if stuck.any() else rows
 
@@ -172,9 +151,7 @@ def unstick(rows: Trajectory) -> Trajectory:
 def _same_runs(values: Floats, t: Floats, length: float) -> list[tuple[int, int]]:
     """Half-open row ranges of one value other than zero, at least ``length`` [s] and ``STUCK_ROWS`` long."""
     cut = np.flatnonzero(np.diff(values, prepend=np.nan) != 0)
-    stop = np.append(cut[1:], len(values))
-    if not len(cut):
-        return []
+    stop = np.append(cut, len(values))[1:]
     long = (stop - cut >= STUCK_ROWS) & (t[stop - 1] - t[cut] >= length) & (np.abs(values[cut]) > 0.5)
     return list(zip(cut[long].tolist(), stop[long].tolist(), strict=True))
 
@@ -195,8 +172,3 @@ def _stands(rows: Trajectory, speed: float) -> bool:
         return False
     t = rows.seconds()
     return bool(max(np.ptp(x[known]), np.ptp(y[known])) < 0.1 * speed * (t[-1] - t[0]))
-
-
-def _varies(speed: Floats) -> bool:
-    """Whether the truck both stands and drives within the run."""
-    return bool((speed < 0.2).sum() >= 5 and (speed > 1.0).sum() >= 5)

@@ -16,8 +16,7 @@ from fleetlog.ingest.summary import FileSummary
 from fleetlog.listening import notice
 from fleetlog.store.output import MARK
 
-NAMED = 5
-"""Files that are named among those that are passed over."""
+NAMED = 5  # Files that are named among those that are passed over
 
 
 @dataclass(frozen=True)
@@ -56,9 +55,8 @@ def find_logs(paths: Sequence[str | Path], format: str | None = None) -> list[Lo
         do = "give files, or name the format with --format"
         raise InputError("no log in it", where=", ".join(map(str, paths)), do=do)
     found = sorted(logs.values(), key=lambda log: str(log.path))
-    errors = [log.error for log in found if log.error]
-    if len(errors) == len(found):
-        raise errors[0]
+    if found[0].error and all(log.error for log in found):
+        raise found[0].error
     return found
 
 
@@ -97,12 +95,11 @@ def _in_folder(folder: Path, importer: Importer | None) -> list[Log]:
     found, other = [], []
     for path in sorted(_files(folder)):
         try:
-            one = find(path) if path.stat().st_size else None
+            log = Log(path, find(path) if path.stat().st_size else None)
         except FleetlogError as error:
-            found.append(Log(path, None, error))
-            continue
-        if one is not None and importer in (None, one):
-            found.append(Log(path, one))
+            log = Log(path, None, error)
+        if log.error or (log.importer is not None and importer in (None, log.importer)):
+            found.append(log)
         else:
             other.append(str(path.relative_to(folder)))
     if found and other:

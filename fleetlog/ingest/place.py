@@ -2,28 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.network import Network
 from fleetlog.core.site import Frame, MapFrame, Site
-from fleetlog.core.trajectory import Floats, Labels, Trajectory
+from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.errors import DataError
+from fleetlog.importers.base import GEOGRAPHIC
 from fleetlog.ingest.rows import without
 
-NO_ROWS = 0.0005
-"""A smaller share of rows on roads is shown as 0.0 %."""
-FAR = 3000.0
-"""A log whose middle lies farther from every road than this is of another place [m]."""
-
-
-def frame_from(latitude: Floats, longitude: Floats) -> Frame | None:
-    """A frame about the median of the first positions, rounded to about a metre; None without positions."""
-    good = (np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 180.0)
-    if not good.any():
-        return None
-    first = np.flatnonzero(good)[:1000]
-    return Frame(round(float(np.median(latitude[first])), 5), round(float(np.median(longitude[first])), 5))
+NO_ROWS = 0.0005  # A smaller share of rows on roads is shown as 0.0 %
+FAR = 3000.0  # A log whose middle lies farther from every road than this is of another place [m]
 
 
 def place(rows: Trajectory, site: Site) -> Trajectory:
@@ -38,11 +30,12 @@ def place(rows: Trajectory, site: Site) -> Trajectory:
     x, y = site.frame.to_local(rows.floats("latitude"), rows.floats("longitude"))
     x, y = (np.where(np.isfinite(v), v, np.nan) for v in (x, y))
     if "x" in rows and "y" in rows:
-        off = np.hypot(rows.floats("x") - x, rows.floats("y") - y)
+        own = rows.floats("x"), rows.floats("y")
+        off = np.hypot(own[0] - x, own[1] - y)
         if not np.isfinite(off).any() or float(np.nanmedian(off)) < 1.0:
-            x, y = (np.where(np.isfinite(rows.floats(n)), rows.floats(n), v) for n, v in (("x", x), ("y", y)))
+            x, y = (np.where(np.isfinite(o), o, v) for o, v in zip(own, (x, y), strict=True))
         else:
-            rows = rows.with_columns(x_log=rows.floats("x"), y_log=rows.floats("y"))
+            rows = rows.with_columns(x_log=own[0], y_log=own[1])
     return without(rows, "latitude", "longitude").with_columns(x=x, y=y)
 
 
@@ -74,31 +67,46 @@ def _moved(rows: Trajectory, frame: MapFrame, mine: NDArray[np.bool_]) -> Trajec
     return moved.with_columns(level=Labels.of(levels))
 
 
-def check_place(x: Floats, y: Floats, site: Site, sample: Trajectory) -> None:
+def check_place(rows: Trajectory, site: Site, sample: Trajectory) -> None:
     """:class:`DataError` where the log lies kilometres from the map; ``sample``: the rows as read."""
-    good = np.isfinite(x) & np.isfinite(y)
     if site.frame is not None and looks_like_degrees(sample):
-        here = [float(np.nanmedian(sample.floats(n))) for n in ("x", "y")]
-        about = (site.frame.longitude, site.frame.latitude)
-        for names, near in ((("longitude", "latitude"), about), (("latitude", "longitude"), about[::-1])):
-            if max(abs(a - b) for a, b in zip(here, near, strict=True)) < 0.5:
-                do = f'map them in a profile: [columns] {names[0]} = "x", {names[1]} = "y"'
-                raise DataError("the columns x and y hold degrees, not metres", do=do)
-    if site.network is None or not good.any():
+        _check_degrees(sample, site.frame)
+    if site.network is None:
         return
-    away = distance_from_map(float(np.median(x[good])), float(np.median(y[good])), site)
-    if away <= FAR:
+    away = _distance(_middle(rows, "x", "y"), site.network)
+    if not away > FAR:
         return
     what = f"the log is about {away / 1000:,.0f} km from the map of site {site.name!r}"
     do = "check the site's frame and the log's coordinates"
-    if "latitude" in sample and site.frame is not None:
-        a, b = float(np.nanmedian(sample.floats("latitude"))), float(np.nanmedian(sample.floats("longitude")))
-        swapped = site.frame.to_local([b], [a])
-        if abs(b) <= 90 and distance_from_map(float(swapped[0][0]), float(swapped[1][0]), site) <= FAR:
+    if "latitude" in sample and (frame := site.frame) is not None:
+        a, b = _middle(sample, *GEOGRAPHIC)
+        if abs(b) <= 90 and _distance(frame.to_local(b, a), site.network) <= FAR:
             do = "latitude and longitude are exchanged in the log; map them in a profile"
-        home = f"{site.frame.latitude:.4f}, {site.frame.longitude:.4f}"
-        what += f" (log at {a:.4f}, {b:.4f}; site at {home})"
+        what += f" (log at {a:.4f}, {b:.4f}; site at {frame.latitude:.4f}, {frame.longitude:.4f})"
     raise DataError(what, do=do)
+
+
+def _check_degrees(rows: Trajectory, frame: Frame) -> None:
+    """:class:`DataError` where x and y are the longitude and latitude of the site, in whatever order."""
+    for names in (GEOGRAPHIC[::-1], GEOGRAPHIC):
+        about = [getattr(frame, name) for name in names]
+        if np.abs(np.subtract(_middle(rows, "x", "y"), about)).max() < 0.5:
+            do = f'map them in a profile: [columns] {names[0]} = "x", {names[1]} = "y"'
+            raise DataError("the columns x and y hold degrees, not metres", do=do)
+
+
+def _middle(rows: Trajectory, *names: str) -> list[float]:
+    """Medians of two columns, where both are known; NaN without such rows."""
+    known = np.stack([rows.floats(name) for name in names])
+    known = known[:, np.isfinite(known).all(axis=0)]
+    return [float(np.median(values)) if len(values) else np.nan for values in known]
+
+
+def _distance(place: Sequence[Any], network: Network) -> float:
+    """Distance to the rectangle around the roads [m]; not finite where the place is not."""
+    x, y = map(float, place)
+    xmin, ymin, xmax, ymax = network.extent
+    return float(np.hypot(max(xmin - x, 0.0, x - xmax), max(ymin - y, 0.0, y - ymax)))
 
 
 def check_matched(share: float | None, rows: int, site: Site) -> None:
@@ -114,33 +122,31 @@ def looks_like_degrees(rows: Trajectory) -> bool:
     good = np.isfinite(rows.floats("x")) & np.isfinite(rows.floats("y"))
     if "latitude" in rows or good.sum() < 10:
         return False
-    x, y, speed = (rows.floats(name)[good] for name in ("x", "y", "speed"))
-    t = rows.seconds()[good]
-    if np.abs(x).max() > 180.0 or np.abs(y).max() > 180.0 or min(np.abs(x).max(), np.abs(y).max()) > 90.0:
+    t, x, y, speed = (v[good] for v in (rows.seconds(), *(rows.floats(n) for n in ("x", "y", "speed"))))
+    least, most = sorted((np.abs(x).max(), np.abs(y).max()))
+    if most > 180.0 or least > 90.0:
         return False
     size = float(max(np.ptp(x), np.ptp(y)))
-    driven = float(np.nansum(speed * np.minimum(np.diff(t, prepend=t[:1]), 5.0)))
+    driven = float(np.nansum(speed * np.minimum(np.diff(t, prepend=t[0]), 5.0)))
     if driven > 20.0:
         return size < driven / 1000.0
     fine = bool((np.abs(np.round(x, 4) - x) > 1e-9).mean() > 0.5)
     return fine and 0.0 < size < 0.5 and size < 0.1 * float(np.median(np.hypot(x, y)))
 
 
-def distance_from_map(x: float, y: float, site: Site) -> float:
-    """Distance to the rectangle around the roads [m]."""
-    if not (np.isfinite(x) and np.isfinite(y)):
-        return float("inf")
-    xmin, ymin, xmax, ymax = site.roads().extent
-    return float(np.hypot(max(xmin - x, 0.0, x - xmax), max(ymin - y, 0.0, y - ymax)))
-
-
 def with_frame(site: Site, rows: Trajectory) -> Site:
-    """The site, with a frame from the data where it has none, no map, and the log is geographic."""
-    if site.frame is not None or "latitude" not in rows:
-        return site
-    if site.network is not None and "x" in rows:
+    """The site, with a frame from the data where it has none, no map, and the log is geographic.
+
+    The frame is about the median of the first positions, rounded to about a metre.
+    """
+    if site.frame is not None or "latitude" not in rows or (site.network is not None and "x" in rows):
         return site
     if site.network is not None:
         what = f"the log is geographic and site {site.name!r} does not say where on earth it lies"
         raise DataError(what, do="add [frame] latitude and longitude to the site file")
-    return replace(site, frame=frame_from(rows.floats("latitude"), rows.floats("longitude")))
+    latitude, longitude = (rows.floats(name) for name in GEOGRAPHIC)
+    first = np.flatnonzero((np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 180.0))[:1000]
+    if not len(first):
+        return site
+    origin = [round(float(np.median(degrees[first])), 5) for degrees in (latitude, longitude)]
+    return replace(site, frame=Frame(origin[0], origin[1]))

@@ -11,8 +11,9 @@ from fleetlog.core.trajectory import Labels
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE, FleetlogError
 from fleetlog.importers._profile import Profile, load_profile
 from fleetlog.importers.base import RawBatch
-from fleetlog.ingest.files import Log, find_logs, names_of
+from fleetlog.ingest.files import find_logs, names_of
 from fleetlog.ingest.summary import FileSummary, ImportSummary
+from fleetlog.store.documents import plain
 
 ROWS = 5
 
@@ -22,8 +23,7 @@ class Preview:
     """What was found in each log."""
 
     files: list[FileSummary] = field(default_factory=list)
-    rows: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    """First rows by file, in SI units."""
+    rows: dict[str, list[dict[str, Any]]] = field(default_factory=dict)  # First rows by file, in SI units
     rejected: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     """First refusals by file: line or record, reason, text."""
 
@@ -59,9 +59,15 @@ def preview(
     logs = find_logs(paths, format)
     errors: list[FleetlogError] = []
     for log, name in zip(logs, names_of(logs), strict=True):
-        out.rows[name], out.rejected[name] = [], []
+        rows, rejected = out.rows.setdefault(name, []), out.rejected.setdefault(name, [])
         try:
-            out.files.append(_first(out, log, name, profile))
+            report, batches = log.read(profile)
+            for batch in batches:
+                rows += _rows(batch, ROWS - len(rows))
+                rejected += [r._asdict() for r in batch.rejects[: ROWS - len(rejected)]]
+                if len(rows) >= ROWS:
+                    break
+            out.files.append(FileSummary.of(report, name, len(rows)))
         except FleetlogError as error:
             errors.append(error)
             out.files.append(log.unusable(name, error))
@@ -70,30 +76,17 @@ def preview(
     return out
 
 
-def _first(out: Preview, log: Log, name: str, profile: Profile | None) -> FileSummary:
-    """The first rows and refusals of one log go into ``out``."""
-    report, batches = log.read(profile)
-    rows, rejected = out.rows[name], out.rejected[name]
-    for batch in batches:
-        rows += _rows(batch, ROWS - len(rows))
-        rejected += [r._asdict() for r in batch.rejects[: ROWS - len(rejected)]]
-        if len(rows) >= ROWS:
-            break
-    return FileSummary.of(report, name, len(rows))
-
-
 def _rows(batch: RawBatch, count: int) -> list[dict[str, Any]]:
-    out = []
-    for row in range(min(max(count, 0), len(batch))):
-        stamp = f"{np.datetime64(int(batch.time[row]), 'us')}Z"
-        cells: dict[str, Any] = {"vehicle_id": batch.vehicle[[row]].strings()[0], "timestamp": stamp}
-        for name, values in batch.columns.items():
-            if isinstance(values, Labels):
-                cells[name] = values[[row]].strings()[0]
-            else:
-                cells[name] = None if values[row] != values[row] else float(values[row])
-        out.append(cells)
-    return out
+    """The first rows; what is unknown is None."""
+    first = slice(min(count, len(batch)))
+    table: dict[str, list[Any]] = {
+        "vehicle_id": batch.vehicle[first].strings(),
+        "timestamp": [f"{np.datetime64(t, 'us')}Z" for t in batch.time[first].tolist()],
+    }
+    for name, values in batch.columns.items():
+        known = values[first]
+        table[name] = known.strings() if isinstance(known, Labels) else plain(known.astype(float))
+    return [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)]
 
 
 def _table(rows: list[dict[str, Any]]) -> list[str]:
@@ -102,8 +95,8 @@ def _table(rows: list[dict[str, Any]]) -> list[str]:
         return ["  no rows"]
     names = list(dict.fromkeys(n for r in rows for n in r))
     cells = [names] + [[_cell(r.get(n)) for n in names] for r in rows]
-    width = [max(len(line[i]) for line in cells) for i in range(len(names))]
-    return ["  " + "  ".join(c.ljust(w) for c, w in zip(line, width, strict=True)).rstrip() for line in cells]
+    width = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return ["  " + "  ".join(map(str.ljust, line, width)).rstrip() for line in cells]
 
 
 def _cell(value: Any) -> str:

@@ -19,31 +19,25 @@ from fleetlog.importers._rows import renamed
 from fleetlog.importers.base import LOCAL, RawBatch
 from fleetlog.ingest.files import Log
 from fleetlog.ingest.order import BACKWARDS, Order
-from fleetlog.ingest.rejects import NAME, Refused, Rejects
+from fleetlog.ingest.rejects import NAME, Rejects
 from fleetlog.ingest.rows import CHANNEL, FILE, INTERNAL, RECORD
-from fleetlog.ingest.spill import Down, Spill
+from fleetlog.ingest.spill import Slip, Spill
 from fleetlog.ingest.summary import FileSummary
 
 _RESERVED = frozenset((*NAMES, "date", *INTERNAL))
-GROUP = 4 << 20
-"""Small logs are read together until they have this many bytes."""
-
-
-Group = tuple[int, list[Log]]
-"""The number of the first log among all, and the logs that one job reads."""
+GROUP = 4 << 20  # Small logs are read together until they have this many bytes
+Group = tuple[int, list[Log]]  # The number of the first log among all, and the logs that one job reads
 
 
 @dataclass
 class Read:
     """What was read."""
 
-    down: Down = field(default_factory=Down)
-    refused: Refused = field(default_factory=Refused)
+    rejects: Rejects
+    slips: list[Slip] = field(default_factory=list)
+    own: dict[str, bool] = field(default_factory=dict)  # The logs' own columns, and whether each is text
     files: list[FileSummary] = field(default_factory=list)
-    rows: int = 0
-    """Read, refused ones among them."""
-    positioned: set[str] = field(default_factory=set)
-    """Vehicles that have a position somewhere."""
+    positioned: set[str] = field(default_factory=set)  # Vehicles that have a position somewhere
     errors: list[FleetlogError] = field(default_factory=list)
 
 
@@ -66,75 +60,57 @@ def read_group(
 ) -> Read:  # fmt: skip
     """Read some logs; their rows are set down in ``folder``."""
     first, logs = group
-    reading = Reading(folder, names, profile, first)
+    spill, out = Spill(folder, f"log-{first}"), Read(Rejects(folder / f"log-{first}-{NAME}", names))
     for number, log in enumerate(logs, first):
+        before = spill.rows + out.rejects.rows.total()
         try:
-            reading.read(number, log, partial(tell, log) if tell else lambda _: None)
+            report, batches = log.read(profile)
+            placed = (_geographic(batch, profile) for batch in batches)
+            for good, bad in _sifted(
+                placed, number, report, out.rejects, partial(tell, log) if tell else None
+            ):
+                out.rejects.refuse(bad, np.ones(len(bad), bool), BACKWARDS)
+                if len(good):
+                    spill.add(good)
+                if any(np.isfinite(good.floats(n)).any() for n in ("latitude", "x")):
+                    out.positioned.add(good.vehicle_id)
+            rows = spill.rows + out.rejects.rows.total() - before
+            out.files.append(FileSummary.of(report, log.path.name, rows))
         except FleetlogError as error:
-            reading.failed(log, error)
-    return reading.finish()
+            out.errors.append(error)
+            out.files.append(log.unusable(log.path.name, error))
+    out.slips, out.own = spill.set_down(), spill.own
+    out.rejects.close()
+    return out
 
 
-class Reading:
-    """Takes in log after log."""
-
-    def __init__(self, folder: Path, names: list[str], profile: Profile | None, first: int) -> None:
-        self.spill, self.profile = Spill(folder, f"log-{first}"), profile
-        self.rejects = Rejects(folder / f"log-{first}-{NAME}", names)
-        self.out = Read()
-
-    def finish(self) -> Read:
-        """What was read, all of it on disk."""
-        self.out.down, self.out.refused = self.spill.finish(), self.rejects.close()
-        return self.out
-
-    def read(self, number: int, log: Log, tell: Callable[[float], None]) -> None:
-        """One log."""
-        report, batches = log.read(self.profile)
-        orders: dict[tuple[str, bool], Order] = defaultdict(Order)
-        refused = self.rejects.rows.total()
-        before = self.spill.down.rows
-        for batch in batches:
-            batch = self._geographic(batch)
-            self.rejects.add(number, batch.rejects)
-            for rows in split(batch, number, report):
-                self._set_down(orders[rows.vehicle_id, CHANNEL in rows].sift(rows))
+def _sifted(
+    batches: Iterator[RawBatch], number: int, report: ReadReport, rejects: Rejects,
+    tell: Callable[[float], None] | None,
+) -> Iterator[tuple[Trajectory, Trajectory]]:  # fmt: skip
+    """Rows to keep and rows to refuse of one log, in the order of time as far as the log has one."""
+    orders: dict[tuple[str, bool], Order] = defaultdict(Order)
+    for batch in batches:
+        rejects.add(number, batch.rejects)
+        for rows in split(batch, number, report):
+            yield orders[rows.vehicle_id, CHANNEL in rows].sift(rows)
+        if tell is not None:
             tell(batch.progress)
-        for order in orders.values():
-            if rest := order.flush():
-                self._set_down(rest)
-        rows_read = self.spill.down.rows - before + self.rejects.rows.total() - refused
-        self.out.rows += rows_read
-        self.out.files.append(FileSummary.of(report, log.path.name, rows_read))
+    for order in orders.values():
+        yield from order.flush()
 
-    def _geographic(self, batch: RawBatch) -> RawBatch:
-        """A batch whose x, y are of the reference system that the profile states, in degrees."""
-        crs = self.profile.crs if self.profile else None
-        if crs is None or not all(n in batch.columns for n in LOCAL):
-            return batch
-        columns = dict(batch.columns)
-        latitude, longitude = geographic(crs, *(np.asarray(columns.pop(n), float) for n in LOCAL))
-        return replace(batch, columns={"latitude": latitude, "longitude": longitude, **columns})
 
-    def _set_down(self, sifted: tuple[Trajectory, Trajectory]) -> None:
-        good, bad = sifted
-        if len(bad):
-            self.rejects.refuse(bad, np.ones(len(bad), bool), BACKWARDS)
-        if len(good):
-            self.spill.add(good)
-            if any(np.isfinite(good.floats(n)).any() for n in ("latitude", "x")):
-                self.out.positioned.add(good.vehicle_id)
-
-    def failed(self, log: Log, error: FleetlogError) -> None:
-        """A log that could not be read at all."""
-        self.out.errors.append(error)
-        self.out.files.append(log.unusable(log.path.name, error))
+def _geographic(batch: RawBatch, profile: Profile | None) -> RawBatch:
+    """A batch whose x, y are of the reference system that the profile states, in degrees."""
+    if profile is None or profile.crs is None or not all(n in batch.columns for n in LOCAL):
+        return batch
+    columns = dict(batch.columns)
+    latitude, longitude = geographic(profile.crs, *(np.asarray(columns.pop(n), float) for n in LOCAL))
+    return replace(batch, columns={"latitude": latitude, "longitude": longitude, **columns})
 
 
 def split(batch: RawBatch, number: int, report: ReadReport) -> Iterator[Trajectory]:
     """The rows of each vehicle in a batch, with the number of the file and of the record."""
-    if not len(batch):
-        return
     columns: dict[str, Values] = {}
     for name, values in batch.columns.items():
         columns[_own_name(name, batch.columns.keys() | columns.keys(), report)] = values
@@ -143,8 +119,8 @@ def split(batch: RawBatch, number: int, report: ReadReport) -> Iterator[Trajecto
     if not batch.has_position:
         columns[CHANNEL] = np.ones(len(batch))
     codes, names = batch.vehicle.codes, batch.vehicle.names
-    present = np.unique(codes)
-    for code in present.tolist():
+    present = np.unique(codes).tolist()
+    for code in present:
         rows = slice(None) if len(present) == 1 else np.flatnonzero(codes == code)
         picked = {n: _trimmed(v[rows]) for n, v in columns.items()}
         yield Trajectory(names[code].strip(), batch.time[rows], picked)

@@ -7,7 +7,6 @@ The session outlives a lost connection: a broker that keeps sessions delivers wh
 import json
 import threading
 import time
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import IO, Any
 from urllib.parse import SplitResult, unquote, urlsplit
@@ -16,19 +15,44 @@ from fleetlog import interrupt
 from fleetlog.errors import InputError
 
 PORTS = {"mqtt": 1883, "mqtts": 8883}
-FIRST_ANSWER = 20.0
-"""Seconds in which the broker answers for the first time."""
-FLUSH = 1.0
-"""Messages reach the disk at least this often [s]."""
+FIRST_ANSWER = 20.0  # Seconds in which the broker answers for the first time
 
 
-@dataclass
 class Capture:
-    """What was captured; ``reconnects`` after the first connection."""
+    """What is captured, written by callbacks of the client, which run in its thread."""
 
-    messages: int = 0
-    reconnects: int = 0
-    last: float = 0.0
+    def __init__(self, topic: str, out: IO[str], most: int | None) -> None:
+        self.topic, self.out, self.most = topic, out, most
+        self.messages = 0
+        self.reconnects = 0
+        """After the first connection."""
+        self.answered, self.done = threading.Event(), threading.Event()
+        self.refused = ""
+        self.failure: OSError | None = None
+
+    def connected(self, client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
+        """Subscribe, at first and after every loss of the connection."""
+        if reason.is_failure:
+            self.refused = str(reason)
+        else:
+            self.reconnects += self.answered.is_set()
+            client.subscribe(self.topic, qos=1)
+        self.answered.set()
+
+    def message(self, _client: Any, _data: Any, message: Any) -> None:
+        """Bring one message, as it came, to the disk."""
+        if self.done.is_set():
+            return
+        stamp = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        line = {"topic": message.topic, "received": stamp, "payload": _payload(message.payload)}
+        try:
+            self.out.write(json.dumps(line, separators=(",", ":")) + "\n")
+            self.out.flush()
+            self.messages += 1
+        except OSError as error:
+            self.failure = error
+        if self.failure is not None or self.messages == self.most:
+            self.done.set()
 
 
 def record(
@@ -42,30 +66,31 @@ def record(
     :class:`~fleetlog.errors.InputError` where no broker answers, it refuses, or an extra is missing.
     """
     place, topic = _parsed(url)
-    listener = _Listener(topic, out, messages)
-    client = _client(place, client_id)
-    client.on_connect, client.on_message = listener.connected, listener.message
-    until = time.monotonic() + duration if duration is not None else None
+    capture, client = Capture(topic, out, messages), _client(place, client_id)
+    client.on_connect, client.on_message = capture.connected, capture.message
+    until = None if duration is None else time.monotonic() + duration
+    no_answer, do = "no broker answers", "check host and port"
     try:
         client.connect(str(place.hostname), place.port or PORTS[place.scheme], keepalive=20)
         client.loop_start()
-        listener.await_first(url)
-        while not listener.done.wait(FLUSH):
-            listener.flush()
-            if until is not None and time.monotonic() >= until:
-                break
+        if not capture.answered.wait(FIRST_ANSWER):
+            raise InputError(no_answer, where=url, do=do)
+        if capture.refused:
+            what = f"the broker refuses: {capture.refused}"
+            raise InputError(what, where=url, do="check user and password")
+        capture.done.wait(None if until is None else until - time.monotonic())
     except OSError as error:
-        what = f"no broker answers: {error.strerror or error}"
-        raise InputError(what, where=url, do="check host and port") from None
+        raise InputError(f"{no_answer}: {error.strerror or error}", where=url, do=do) from None
     except KeyboardInterrupt:
-        if not listener.capture.messages:
+        if not capture.messages:
             raise
         interrupt.answered()
     finally:
         client.disconnect()
         client.loop_stop()
-        listener.flush()
-    return listener.capture
+    if capture.failure is not None:
+        raise capture.failure
+    return capture
 
 
 def _parsed(url: str) -> tuple[SplitResult, str]:
@@ -94,51 +119,6 @@ def _client(place: SplitResult, client_id: str) -> Any:
         client.tls_set()
     client.reconnect_delay_set(min_delay=1, max_delay=8)
     return client
-
-
-class _Listener:
-    """Callbacks of the client, which run in its thread."""
-
-    def __init__(self, topic: str, out: IO[str], most: int | None) -> None:
-        self.topic, self.out, self.most = topic, out, most
-        self.capture = Capture()
-        self.done = threading.Event()
-        self._first = threading.Event()
-        self._refused = ""
-        self._lock = threading.Lock()
-
-    def connected(self, client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
-        """Subscribe, at first and after every loss of the connection."""
-        if reason.is_failure:
-            self._refused = str(reason)
-        else:
-            self.capture.reconnects += self._first.is_set()
-            client.subscribe(self.topic, qos=1)
-        self._first.set()
-
-    def message(self, _client: Any, _data: Any, message: Any) -> None:
-        """One message, as it came."""
-        with self._lock:
-            if self.done.is_set():
-                return
-            stamp = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-            line = {"topic": message.topic, "received": stamp, "payload": _payload(message.payload)}
-            self.out.write(json.dumps(line, separators=(",", ":")) + "\n")
-            self.capture.messages += 1
-            if self.most is not None and self.capture.messages >= self.most:
-                self.done.set()
-
-    def await_first(self, url: str) -> None:
-        """Wait for the broker's first answer."""
-        if not self._first.wait(FIRST_ANSWER):
-            raise InputError("no broker answers", where=url, do="check host and port")
-        if self._refused:
-            raise InputError(f"the broker refuses: {self._refused}", where=url, do="check user and password")
-
-    def flush(self) -> None:
-        """Bring what was written to the disk."""
-        with self._lock:
-            self.out.flush()
 
 
 def _payload(data: bytes) -> Any:

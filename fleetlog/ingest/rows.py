@@ -9,16 +9,14 @@ from fleetlog.core.trajectory import Labels, Trajectory, Values
 
 FILE, RECORD, CHANNEL, STUCK, HELD = INTERNAL = ("_file", "_record", "_channel", "_stuck", "_held")
 """Columns of the import itself, never written: number of the file, line or record in it; 1 for rows without
-positions, of a stuck sensor, and whose position repeats an older one.
-"""
+positions, of a stuck sensor, and whose position repeats an older one."""
 
 
 def join(pieces: Sequence[Trajectory]) -> Trajectory:
     """Pieces of one vehicle as one, in the given order; a column missing in a piece is null there."""
     if len(pieces) == 1:
         return pieces[0]
-    names = dict.fromkeys(n for p in pieces for n in p.columns)
-    columns = {n: _joined(n, pieces) for n in names}
+    columns = {n: _joined(n, pieces) for n in dict.fromkeys(n for p in pieces for n in p.columns)}
     return Trajectory(pieces[0].vehicle_id, np.concatenate([p.time for p in pieces]), columns)
 
 
@@ -42,11 +40,9 @@ def _as_labels(values: Values | None, n: int) -> Labels:
     return Labels.of([None if v != v else f"{v:g}" for v in values])
 
 
-def set_unknown(rows: Trajectory, name: str, where: NDArray[np.bool_]) -> Trajectory:
-    """A copy with some values of a float column unknown."""
-    values = np.array(rows.floats(name))
-    values[where] = np.nan
-    return rows.with_columns(**{name: values})
+def set_unknown(rows: Trajectory, where: NDArray[np.bool_], *names: str) -> Trajectory:
+    """A copy with some values of float columns unknown."""
+    return rows.with_columns(**{name: np.where(where, np.nan, rows.floats(name)) for name in names})
 
 
 def without(rows: Trajectory, *names: str) -> Trajectory:

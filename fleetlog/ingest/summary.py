@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -13,9 +14,8 @@ from fleetlog.core.words import count
 from fleetlog.errors import EXIT_DAMAGED, EXIT_DONE
 from fleetlog.importers._report import ReadReport
 from fleetlog.ingest.derive import suspect_unit
-from fleetlog.ingest.edges import Tally
-from fleetlog.ingest.rejects import Refused
-from fleetlog.store.written import Written
+from fleetlog.ingest.rejects import Rejects
+from fleetlog.store.writer import Written
 
 MOST_PACES = 50
 
@@ -26,8 +26,7 @@ class FileSummary:
 
     file: str
     format: str
-    rows: int = 0
-    """Rows read, refused ones among them."""
+    rows: int = 0  # Rows read, refused ones among them
     recognised: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
@@ -43,31 +42,26 @@ class ImportSummary:
     """Counts add up: ``rows_read = rows + rows_rejected + rows_joined``."""
 
     files: list[FileSummary] = field(default_factory=list)
-    vehicles: dict[str, int] = field(default_factory=dict)
-    """Rows in the dataset by vehicle."""
+    vehicles: dict[str, int] = field(default_factory=dict)  # Rows in the dataset by vehicle
     start: str | None = None
     end: str | None = None
     rows_read: int = 0
     rows: int = 0
     rows_joined: int = 0
     """Rows without a position of their own (battery messages) whose values went onto rows with one."""
-    rejected: dict[str, int] = field(default_factory=dict)
-    """Rows refused, by reason."""
+    rejected: dict[str, int] = field(default_factory=dict)  # Rows refused, by reason
     rejected_values: dict[str, int] = field(default_factory=dict)
     """Single values refused (set unknown; the row stayed), by reason."""
     rejected_file: str | None = None
-    derived: list[str] = field(default_factory=list)
-    """Columns made from others."""
+    derived: list[str] = field(default_factory=list)  # Columns made from others
     derived_by_vehicle: dict[str, list[str]] = field(default_factory=dict)
     """The same by vehicle: what was derived is no channel that a diagnosis may test."""
     notes: list[str] = field(default_factory=list)
     alignment: dict[str, Any] | None = None
     """The frame that was fitted to the roads, with its residual and its doubt."""
     trips: int = 0
-    matched: float | None = None
-    """Share of the rows on a road; None without a map."""
-    off_map: dict[str, int] = field(default_factory=dict)
-    """Rows without a road, by reason."""
+    matched: float | None = None  # Share of the rows on a road; None without a map
+    off_map: dict[str, int] = field(default_factory=dict)  # Rows without a road, by reason
 
     @property
     def rows_rejected(self) -> int:
@@ -90,7 +84,7 @@ class ImportSummary:
 
     def lines(self) -> list[str]:
         """For a person."""
-        out = [line for group in _grouped(self.files) for line in group]
+        out = _file_lines(self.files)
         if self.rows:
             whose = f"{count(len(self.vehicles), 'vehicle')}, {count(self.trips, 'trip')}"
             out.append(f"{count(self.rows, 'row')} of {whose}, {self.start} to {self.end}")
@@ -114,81 +108,74 @@ def _most_first(counts: dict[str, int]) -> list[str]:
     return [f"{n:,} {reason}" for reason, n in sorted(counts.items(), key=lambda i: -i[1])]
 
 
-def _grouped(files: list[FileSummary]) -> list[list[str]]:
-    """Lines of every file; files that tell the same are told once."""
-    groups: dict[str, list[FileSummary]] = {}
+def _file_lines(files: list[FileSummary]) -> list[str]:
+    """Of every file; files that tell the same are told once."""
+    groups: dict[str, list[FileSummary]] = defaultdict(list)
     for f in files:
         notes = [n.replace(Path(f.file).stem, "FILE") for n in f.notes]
-        groups.setdefault(repr((f.format, f.recognised, notes, f.damage)), []).append(f)
-    return [_file_lines(group) for group in groups.values()]
-
-
-def _file_lines(group: list[FileSummary]) -> list[str]:
-    one = group[0]
-    name = one.file if len(group) == 1 else f"{one.file} and {count(len(group) - 1, 'more file')}"
-    out = [f"{name}: {one.format}, {count(sum(f.rows for f in group), 'row')}"]
-    out += [f"  {source} is {meaning}" for source, meaning in one.recognised.items()]
-    out += [f"  {note}" for note in one.notes]
-    out += [f"  damaged: {text}" for text in one.damage]
+        groups[repr((f.format, f.recognised, notes, f.damage))].append(f)
+    out = []
+    for one, *more in groups.values():
+        name = f"{one.file} and {count(len(more), 'more file')}" if more else one.file
+        out.append(f"{name}: {one.format}, {count(sum(f.rows for f in (one, *more)), 'row')}")
+        out += [f"  {source} is {meaning}" for source, meaning in one.recognised.items()]
+        out += [f"  {note}" for note in one.notes]
+        out += [f"  damaged: {text}" for text in one.damage]
     return out
 
 
 @dataclass
 class Outcome:
-    """What the import of a vehicle came to, beside the rows that were written."""
+    """What the import of a vehicle came to."""
 
-    refused: Refused = field(default_factory=Refused)
-    written: Written = field(default_factory=Written)
-    summary: ImportSummary = field(default_factory=ImportSummary)
-    edges: Tally | None = None
-    stuck: int = 0
-    held: int = 0
-    paces: list[float] = field(default_factory=list)
-    """Speeds of the log over those of its positions."""
+    rejects: Rejects
+    written: Written
+    counts: Counter[str] = field(default_factory=Counter)
+    """Trips; rows ``joined``, ``matched``, ``on_road``, ``kept`` with edges of the log's own, of a ``stuck``
+    sensor, ``held`` at a repeated position."""
+    off_map: Counter[str] = field(default_factory=Counter)  # Rows without a road, by reason
+    derived: dict[str, list[str]] = field(default_factory=dict)  # Columns made from others, by vehicle
+    paces: list[float] = field(default_factory=list)  # Speeds of the log over those of its positions
 
 
-def complete(summary: ImportSummary, outcomes: Sequence[Outcome]) -> None:
+def complete(summary: ImportSummary, outcomes: Sequence[Outcome], written: Written) -> None:
     """Add what the vehicles came to, in their order, to the summary of what was read."""
-    edges = Tally()
-    for outcome in outcomes:
-        one = outcome.summary
-        summary.rows, summary.trips = summary.rows + one.rows, summary.trips + one.trips
-        summary.rows_joined += one.rows_joined
-        summary.vehicles |= one.vehicles
-        summary.derived_by_vehicle |= one.derived_by_vehicle
-        summary.derived = sorted({*summary.derived, *one.derived})
-        if outcome.edges is not None:
-            edges.add(outcome.edges)
-    summary.notes += _notes(summary, outcomes, edges)
-    ends = [(o.written.first[v], o.written.last[v]) for o in outcomes for v in o.written.rows]
-    if ends:
-        span = min(first for first, _ in ends), max(last for _, last in ends)
+    counts = sum((o.counts for o in outcomes), Counter[str]())
+    summary.vehicles, summary.rows = dict(written.rows), sum(written.rows.values())
+    summary.trips, summary.rows_joined = counts["trips"], counts["joined"]
+    summary.off_map = dict(sum((o.off_map for o in outcomes), Counter[str]()))
+    summary.derived_by_vehicle = {vehicle: made for o in outcomes for vehicle, made in o.derived.items()}
+    summary.derived = sorted({name for made in summary.derived_by_vehicle.values() for name in made})
+    paces = [] if "speed" in summary.derived else [p for o in outcomes for p in o.paces]
+    summary.notes += _notes(counts, paces[:MOST_PACES])
+    if written.rows:
+        span = min(written.first.values()), max(written.last.values())
         summary.start, summary.end = (f"{np.datetime64(t, 'us')}Z" for t in span)
-    if edges.rows:
-        summary.matched = edges.matched / edges.rows
-        summary.off_map = dict(edges.reasons)
+    if counts["matched"]:
+        summary.matched = counts["on_road"] / counts["matched"]
 
 
-def _notes(s: ImportSummary, outcomes: Sequence[Outcome], edges: Tally) -> list[str]:
+def _notes(counts: Counter[str], paces: list[float]) -> list[str]:
     """What a person should know of the sensors."""
     out = []
-    if stuck := sum(o.stuck for o in outcomes):
-        out.append(f"{stuck:,} values of speed, power or current are unknown: their sensor was stuck")
-    if held := sum(o.held for o in outcomes):
+    if counts["stuck"]:
+        out.append(
+            f"{counts['stuck']:,} values of speed, power or current are unknown: their sensor was stuck"
+        )
+    if counts["held"]:
         where = "placed between the fixes by the distance driven"
-        out.append(f"{held:,} rows repeat a position while the truck moves: {where}")
-    paces = [] if "speed" in s.derived else [p for o in outcomes for p in o.paces]
-    if unit := suspect_unit(paces[:MOST_PACES]):
+        out.append(f"{counts['held']:,} rows repeat a position while the truck moves: {where}")
+    if unit := suspect_unit(paces):
         like = f"{unit[1]:.2f} times that of the positions, as if it were in {unit[0]}"
         out.append(f"the speed is about {like}: check its unit")
-    if edges.kept:
-        out.append(f"the edges of {edges.kept:,} rows are those that the log has")
+    if counts["kept"]:
+        out.append(f"the edges of {counts['kept']:,} rows are those that the log has")
     return out
 
 
 def added_up(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
     """The summary of a dataset to which another import was added: counts add up, lists go on."""
-    out = {key: _both(old.get(key), value) for key, value in new.items()}
+    out = {key: added(old.get(key), value) for key, value in new.items()}
     rows = [s.get("rows", 0) if s.get("matched") is not None else 0 for s in (old, new)]
     if all(rows):
         out["matched"] = (old["matched"] * rows[0] + new["matched"] * rows[1]) / sum(rows)
@@ -198,9 +185,10 @@ def added_up(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
     return out
 
 
-def _both(old: Any, new: Any) -> Any:
+def added(old: Any, new: Any) -> Any:
+    """Two values of one key of a summary as one: counts add up, lists go on, unknown adds nothing."""
     if isinstance(new, dict) and isinstance(old, dict):
-        return {key: _both(old.get(key), new.get(key)) for key in {**old, **new}}
+        return {key: added(old.get(key), new.get(key)) for key in {**old, **new}}
     if isinstance(new, list) and isinstance(old, list):
         return [*old, *(v for v in new if v not in old)]
     if old is None or new is None:

@@ -1,36 +1,36 @@
-"""What was driven where and in which direction: metres, per square of the floor and sector of heading.
+"""What was driven where and in which direction: metres, per square of the floor and sector of heading; and
+the same gathered on the lines that trucks agree on.
 
 The table grows with the roads of a site, not with the length of its log.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.compiling import kernel
+from fleetlog.core.network import Floats
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.physics.motion import reconstruct
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-SECTORS = 16
-"""Sectors of heading."""
-SIDE = 0.5
-"""Side of a square [m]."""
-LIMIT = 2.0e6
-"""No coordinate of a site is larger [m]."""
-DWELL = 8.0
-"""Who stands longer than this manoeuvres before and after [s]."""
-MANOEUVRE = 8.0
-"""... for this many metres."""
-ASIDE = 0.1
-"""Weight of a metre of manoeuvre: it counts only where nothing else was driven."""
+SECTORS = 16  # sectors of heading
+SIDE = 0.5  # side of a square [m]
+LIMIT = 2.0e6  # no coordinate of a site is larger [m]
+DWELL = 8.0  # who stands longer than this manoeuvres before and after [s]
+MANOEUVRE = 8.0  # ... for this many metres
+ASIDE = 0.1  # weight of a metre of manoeuvre: it counts only where nothing else was driven
+ALIKE = np.cos(np.radians(35.0))  # headings closer than this go one way
+ALONG = 1.0  # standard deviation along the way of what is averaged [m]
+ROUNDS = 12
+SCATTER = 0.1
+"""Directions with a smaller share of what is driven about there pull by that share, the others alike."""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Driven squares (N,): ``weight`` metres driven, at the mean position [m] and ``heading`` [rad]."""
+    """What was driven (N,): ``weight`` metres, at a mean position [m] and ``heading`` [rad]."""
 
     x: Floats
     y: Floats
@@ -41,19 +41,7 @@ class Cells:
         return len(self.x)
 
 
-@dataclass(frozen=True)
-class Track:
-    """Where one truck moved: (n,) time [s], place [m], heading [rad], metres driven, speed [m/s]."""
-
-    time: Floats
-    x: Floats
-    y: Floats
-    heading: Floats
-    metres: Floats
-    speed: Floats
-
-
-def moving(trajectory: Trajectory) -> tuple[Track, float]:
+def moving(trajectory: Trajectory) -> tuple[Cells, float]:
     """The samples of a trajectory at which the truck moved, and the noise of its positions [m]."""
     found = reconstruct(trajectory)
     m = found.motion
@@ -61,8 +49,7 @@ def moving(trajectory: Trajectory) -> tuple[Track, float]:
     metres *= np.where(_manoeuvres(metres, m.dt, found.standing), ASIDE, 1.0)
     keep = ~found.standing & np.isfinite(m.x) & np.isfinite(m.y) & (metres > 0.0)
     keep &= (np.abs(m.x) < LIMIT) & (np.abs(m.y) < LIMIT)
-    columns = (m.time, m.x, m.y, m.heading, metres, m.speed)
-    return Track(*(c[keep] for c in columns)), float(found.noise.position)
+    return Cells(m.x[keep], m.y[keep], m.heading[keep], metres[keep]), float(found.noise.position)
 
 
 def _manoeuvres(metres: Floats, dt: Floats, standing: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -78,30 +65,100 @@ def _manoeuvres(metres: Floats, dt: Floats, standing: NDArray[np.bool_]) -> NDAr
     return np.asarray(gap <= MANOEUVRE)
 
 
-def gather(tracks: Iterable[Track]) -> Cells:
-    """The cells of all tracks."""
+def gather(tracks: Iterable[Cells]) -> Cells:
+    """The samples of all tracks, added up by square and sector."""
     keys, sums = np.zeros(0, np.int64), np.zeros((0, 5))
-    for track in tracks:
-        keys, sums = _summed(np.append(keys, _keys(track)), np.concatenate([sums, _moments(track)]))
-    weight = sums[:, 0]
-    x, y = sums[:, 1] / weight, sums[:, 2] / weight
-    return Cells(x, y, np.arctan2(sums[:, 4], sums[:, 3]), weight)
-
-
-def _keys(track: Track) -> Ints:
-    """(n,) number of the square and sector of each sample."""
     width = int(2 * LIMIT / SIDE)
-    i, j = (np.floor((v + LIMIT) / SIDE).astype(np.int64) for v in (track.x, track.y))
-    sector = np.floor(track.heading % (2.0 * np.pi) / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
-    return np.asarray((i * width + j) * SECTORS + sector, dtype=np.int64)
+    for t in tracks:
+        i, j = (np.floor((v + LIMIT) / SIDE).astype(np.int64) for v in (t.x, t.y))
+        sector = np.floor(t.heading % (2.0 * np.pi) / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
+        keys, of = np.unique(np.append(keys, (i * width + j) * SECTORS + sector), return_inverse=True)
+        own = [t.weight * v for v in (1.0, t.x, t.y, np.cos(t.heading), np.sin(t.heading))]
+        rows = np.concatenate([sums, np.column_stack(own)])
+        sums = np.column_stack([np.bincount(of, column, len(keys)) for column in rows.T])
+    weight, x, y, cos, sin = sums.T
+    return Cells(x / weight, y / weight, np.arctan2(sin, cos), weight)
 
 
-def _moments(t: Track) -> Floats:
-    w = t.metres
-    return np.column_stack([w, w * t.x, w * t.y, w * np.cos(t.heading), w * np.sin(t.heading)])
+def gathered(cells: Cells, noise: float, lane: float) -> Cells:
+    """``cells`` on the lines that they follow by direction; lines closer than ``lane`` [m] are one.
+
+    ``noise`` [m] is that of the positions.  The weight is then in passes: as much per metre of a line as
+    the log has trips over it.
+    """
+    one_way, _ = _shifted(cells, max(0.5, 0.8 * noise), either=False)
+    own = _shifted(one_way, 0.5, either=False, rounds=1)[1]
+    around = _shifted(one_way, lane, either=True, rounds=1)[1]
+    even = replace(one_way, weight=one_way.weight / np.maximum(own, SCATTER * around))
+    both, _ = _shifted(even, lane, either=True)
+    return replace(both, weight=one_way.weight)
 
 
-def _summed(keys: Ints, sums: Floats) -> tuple[Ints, Floats]:
-    """Rows of the same key added."""
-    names, of = np.unique(keys, return_inverse=True)
-    return names, np.column_stack([np.bincount(of, column, len(names)) for column in sums.T])
+def _shifted(cells: Cells, across: float, *, either: bool, rounds: int = ROUNDS) -> tuple[Cells, Floats]:
+    """Cells moved across their heading to the local mean, in their order; and the weight about each."""
+    side = max(3.0 * ALONG, across if either else 3.0 * across) + 1.0
+    x0, y0 = cells.x.min(), cells.y.min()
+    i, j = ((v - low) // side for v, low in ((cells.x, x0), (cells.y, y0)))
+    columns, rows = int(i.max()) + 1, int(j.max()) + 1
+    block = i.astype(np.int64) * rows + j.astype(np.int64)
+    order = np.argsort(block, kind="stable")
+    x, y, heading, weight = (v[order] for v in (cells.x, cells.y, cells.heading, cells.weight))
+    first = np.searchsorted(block[order], np.arange(columns * rows + 1))
+    left, near = np.empty(len(x)), np.empty(len(x))
+    left[order], near[order] = _shift(
+        x, y, np.cos(heading), np.sin(heading), weight, first, columns, rows, float(x0), float(y0), side,
+        ALONG, across, ALIKE, either, rounds,
+    )  # fmt: skip
+    moved = replace(cells, x=cells.x - np.sin(cells.heading) * left, y=cells.y + np.cos(cells.heading) * left)
+    return moved, near
+
+
+@kernel()
+def _shift(
+    x: Floats, y: Floats, cos: Floats, sin: Floats, weight: Floats, first: NDArray[np.int64], columns: int,
+    rows: int, x0: float, y0: float, side: float, along: float, across: float, alike: float, either: bool,
+    rounds: int,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """(N,) metres to the left to the local mean of cells that head alike, and the weight about there.
+
+    Cells are sorted by block of ``side`` m, column after column; block b owns ``first[b]`` to ``first[b +
+    1]``. ``along``, ``across`` are the standard deviations of the kernel [m], ``alike`` the least cosine
+    between headings that count as one direction.  With ``either`` the opposite one counts too, and the kernel
+    is flat up to ``across``: lines farther apart than that do not pull at one another at all.
+    """
+    out, near = np.zeros(len(x)), np.zeros(len(x))
+    for i in range(len(x)):
+        moved = 0.0
+        for _ in range(rounds):
+            px, py = x[i] - sin[i] * moved, y[i] + cos[i] * moved
+            bi, bj = int((px - x0) / side), int((py - y0) / side)
+            total = value = 0.0
+            for a in range(max(bi - 1, 0), min(bi + 2, columns)):
+                low, high = max(bj - 1, 0), min(bj + 2, rows)
+                if low >= high:
+                    continue
+                for k in range(first[a * rows + low], first[a * rows + high]):
+                    facing = cos[k] * cos[i] + sin[k] * sin[i]
+                    if facing < alike and not (either and facing < -alike):
+                        continue
+                    dx, dy = x[k] - px, y[k] - py
+                    ahead = (dx * cos[i] + dy * sin[i]) / along
+                    left = dy * cos[i] - dx * sin[i]
+                    far = ahead * ahead
+                    if not either:
+                        far += (left / across) ** 2
+                    elif abs(left) > across:
+                        continue
+                    if far < 9.0:
+                        w = weight[k] * np.exp(-0.5 * far)
+                        total += w
+                        value += w * left
+            near[i] = total
+            if total == 0.0:
+                break
+            step = value / total
+            moved += step
+            if abs(step) < 0.01:
+                break
+        out[i] = moved
+    return out, near

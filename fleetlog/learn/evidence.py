@@ -8,31 +8,23 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Network
+from fleetlog.core.network import Floats, Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.roads.matching import Match, match
 from fleetlog.roads.routing import Router
 
-Floats = NDArray[np.float64]
-WHOLE = 0.6
-"""A visit that drives this share of an edge is a pass."""
-LONGEST, SLACK = 3.0, 20.0
-"""No way is filled in between rows that is longer than this many times the straight line, plus this [m]."""
-STEADY = 0.3
-"""A truck slower than this stands or manoeuvres [m/s]."""
+WHOLE = 0.6  # a visit that drives this share of an edge is a pass
+LONGEST, SLACK = 3.0, 20.0  # a way between rows is no longer than 3 times the straight line, plus 20 m
+STEADY = 0.3  # a truck slower than this stands or manoeuvres [m/s]
 
 
 @dataclass
 class Evidence:
-    """What a recording says of the E edges of a network.
+    """What a recording says of the E edges of a network."""
 
-    ``passes`` visits of a whole edge; ``metres`` driven on it in all; ``speeds`` on it, a histogram of 0.1
-    m/s; ``turns`` from edge to edge; ``vehicles`` and ``days`` by edge; ``rows`` in all and ``matched``.
-    """
-
-    passes: NDArray[np.int64]
-    metres: Floats
-    speeds: NDArray[np.int64]
+    passes: NDArray[np.int64]  # (E,) visits of a whole edge
+    metres: Floats  # (E,) driven on it in all
+    speeds: NDArray[np.int64]  # (E, bins) on it, a histogram of 0.1 m/s
     turns: Counter[tuple[int, int]] = field(default_factory=Counter)
     vehicles: dict[int, set[str]] = field(default_factory=dict)
     days: dict[int, set[int]] = field(default_factory=dict)
@@ -53,79 +45,69 @@ def gather_evidence(network: Network, trajectories: Iterable[Trajectory]) -> Evi
     found = Evidence(np.zeros(n, np.int64), np.zeros(n), np.zeros((n, SPEED_BINS), np.int64))
     router = Router(network, speed=np.ones(n))
     for t in trajectories:
-        matched = match(t, network)
-        _count_speeds(found, matched, t.floats("speed"))
-        for run in _runs(matched, network.length):
-            _count_run(found, _filled(run, matched, t, router), network, t)
+        m, speed = match(t, network), t.floats("speed")
+        use = (m.edge >= 0) & ~m.standing & (speed > STEADY)
+        step = np.minimum(speed[use] / SPEED_STEP, SPEED_BINS - 1).astype(np.int64)
+        np.add.at(found.speeds, (m.edge[use], step), 1)
+        found.rows += len(m)
+        found.matched += int((m.edge >= 0).sum())
+        for run in _runs(m, network.length):
+            before = None
+            for visit in _visits(run, m, t, router):
+                if visit is None:
+                    before = None
+                    continue
+                edge, begin, end, row = visit
+                found.metres[edge] += max(end - begin, 0.0)
+                found.passes[edge] += end - begin >= WHOLE * network.length[edge]
+                found.vehicles.setdefault(edge, set()).add(t.vehicle_id)
+                found.days.setdefault(edge, set()).add(int(t.time[row] // 86_400_000_000))
+                if before is not None:
+                    found.turns[before, edge] += 1
+                before = edge
     return found
 
 
-def _count_speeds(found: Evidence, m: Match, speed: Floats) -> None:
-    use = (m.edge >= 0) & ~m.standing & (speed > STEADY)
-    step = np.minimum(speed[use] / SPEED_STEP, SPEED_BINS - 1).astype(np.int64)
-    np.add.at(found.speeds, (m.edge[use], step), 1)
-    found.rows += len(m)
-    found.matched += int((m.edge >= 0).sum())
-
-
-def _runs(m: Match, length: Floats) -> Iterator[NDArray[np.int64]]:
-    """First rows of the visits of every unbroken run of rows on the roads."""
+def _runs(m: Match, length: Floats) -> Iterator[list[int]]:
+    """First rows of the visits of every unbroken run of rows on the roads, and the row after the last."""
     on = np.flatnonzero(m.edge >= 0)
-    if not len(on):
-        return
-    fresh = np.ones(len(on), bool)
-    fresh[1:] = (np.diff(on) > 1) | (m.restart[on[1:]] > 0)
+    fresh = np.append(True, (np.diff(on) > 1) | (m.restart[on[1:]] > 0))
     change = fresh.copy()
     change[1:] |= m.edge[on[1:]] != m.edge[on[:-1]]
     # a ring of one edge, driven once more
     change[1:] |= np.diff(m.offset[on]) < -0.5 * length[m.edge[on[1:]]]
-    run = np.cumsum(fresh)[change]
-    yield from np.split(on[change], np.flatnonzero(np.diff(run)) + 1)
+    for run in np.split(np.arange(len(on)), np.flatnonzero(fresh)[1:]) if len(on) else ():
+        yield [*on[run[change[run]]].tolist(), int(on[run[-1]]) + 1]
 
 
-@dataclass(frozen=True)
-class Visit:
-    """A stay on an edge between two offsets [m]."""
+def _visits(
+    bounds: list[int], m: Match, t: Trajectory, router: Router
+) -> Iterator[tuple[int, float, float, int] | None]:
+    """Edge, from, to [m] and first row of the visits of a run; None where the way between two is not known.
 
-    edge: int
-    begin: float
-    end: float
-    row: int
-
-
-def _filled(run: NDArray[np.int64], m: Match, t: Trajectory, router: Router) -> list[list[Visit]]:
-    """The visits of a run, with the edges between two rows filled in; a new list where no way is known."""
-    x, y, length = t.floats("x"), t.floats("y"), router.network.length
-    out: list[list[Visit]] = [[]]
-    begin = float(m.offset[run[0]])
-    for row, after in pairwise(run.tolist()):
-        edge, ahead, until = int(m.edge[row]), int(m.edge[after]), after - 1
-        offset, onward = float(m.offset[until]), float(m.offset[after])
+    Edges that are driven between two rows are visits too.
+    """
+    x, y = t.floats("x"), t.floats("y")
+    length, begin = router.network.length.tolist(), float(m.offset[bounds[0]])
+    for row, after in pairwise(bounds):
+        edge, end = int(m.edge[row]), float(m.offset[after - 1])
+        if after == bounds[-1]:
+            yield edge, begin, end, row
+            return
+        ahead, onward = int(m.edge[after]), float(m.offset[after])
         if ahead == router.network.reverse[edge]:
-            turned = max(offset, float(length[edge]) - onward)
-            out[-1].append(Visit(edge, begin, turned, row))
-            begin = float(length[edge]) - turned
+            turned = max(end, length[edge] - onward)
+            yield edge, begin, turned, row
+            begin = length[edge] - turned
             continue
-        straight = float(np.hypot(x[after] - x[until], y[after] - y[until]))
+        straight = float(np.hypot(x[after] - x[after - 1], y[after] - y[after - 1]))
         way = _way(router, edge, ahead, LONGEST * straight + SLACK)
+        yield edge, begin, end if way is None else length[edge], row
         if way is None:
-            out[-1].append(Visit(edge, begin, offset, row))
-            out.append([])
-            begin = onward
+            yield None
         else:
-            out[-1].append(Visit(edge, begin, float(length[edge]), row))
-            out[-1] += [Visit(e, 0.0, float(length[e]), row) for e in way]
-            begin = 0.0
-    row = int(run[-1])
-    out[-1].append(Visit(int(m.edge[row]), begin, float(m.offset[_last_row(m, row)]), row))
-    return out
-
-
-def _last_row(m: Match, row: int) -> int:
-    """The last row of the visit that begins at ``row``."""
-    while row + 1 < len(m) and m.edge[row + 1] == m.edge[row] and not m.restart[row + 1]:
-        row += 1
-    return row
+            yield from ((e, 0.0, length[e], row) for e in way)
+        begin = onward if way is None else 0.0
 
 
 def _way(router: Router, edge: int, ahead: int, longest: float) -> list[int] | None:
@@ -133,17 +115,5 @@ def _way(router: Router, edge: int, ahead: int, longest: float) -> list[int] | N
     if ahead in router.network.successors(edge):
         return []
     route = router.route(edge, ahead)
-    if route is None or float(router.network.length[route.edges[1:-1]].sum()) > longest:
-        return None
-    return [int(e) for e in route.edges[1:-1]]
-
-
-def _count_run(found: Evidence, pieces: list[list[Visit]], network: Network, t: Trajectory) -> None:
-    for visits in pieces:
-        for v in visits:
-            found.metres[v.edge] += max(v.end - v.begin, 0.0)
-            found.passes[v.edge] += v.end - v.begin >= WHOLE * network.length[v.edge]
-            found.vehicles.setdefault(v.edge, set()).add(t.vehicle_id)
-            found.days.setdefault(v.edge, set()).add(int(t.time[v.row] // 86_400_000_000))
-        for a, b in pairwise(visits):
-            found.turns[a.edge, b.edge] += 1
+    between = [] if route is None else route.edges[1:-1].tolist()
+    return None if route is None or router.network.length[between].sum() > longest else between

@@ -1,51 +1,37 @@
 """``fleetlog learn``: a site from a recording alone, every element with its evidence."""
 
-from __future__ import annotations
-
+import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Edge, Network, build_network
-from fleetlog.core.result import EdgeValues, Grid, Marks, Result
+from fleetlog.core.network import Network, build_network
+from fleetlog.core.result import EdgeValues, Grid, Marks, Result, Shape
 from fleetlog.core.site import Site
 from fleetlog.errors import DataError
-from fleetlog.learn.cells import SIDE, Cells, Track, gather, moving
-from fleetlog.learn.compare import Proposal, proposals
-from fleetlog.learn.evidence import SPEED_STEP
+from fleetlog.learn.cells import SIDE, Cells, gather, moving
+from fleetlog.learn.compare import proposals, sentence
+from fleetlog.learn.evidence import SPEED_STEP, Evidence
 from fleetlog.learn.places import slow_zones, with_places
 from fleetlog.learn.roads import Roads, Settings, learn_roads
 from fleetlog.store.dataset import Dataset
+from fleetlog.store.results import write_result
+from fleetlog.store.site_files import write_site
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-Floats = NDArray[np.float64]
 COLUMNS = ("x", "y", "speed", "heading")
-FREE = 0.95
-"""Share of the rows on a road that are no faster than its speed limit as driven."""
-FEW = 5
-"""With fewer rows no speed is told."""
-
-
-@dataclass(frozen=True)
-class Learned:
-    """A learned site; ``roads``, ``places`` are tables of evidence, ``proposed`` what an older map lacks."""
-
-    site: Site
-    roads: pd.DataFrame
-    places: pd.DataFrame
-    proposed: list[Proposal]
-    result: Result
+FREE = 0.95  # share of the rows on a road that are no faster than its speed limit as driven
+FEW = 5  # with fewer rows no speed is told
 
 
 def learn(
     dataset: Dataset, *, site: Site | None = None, settings: Settings | None = None, min_visits: int = 3
-) -> Learned:
-    """The site of a recording.
+) -> tuple[Site, Result]:
+    """The site of a recording, and its evidence.
 
     Parameters
     ----------
@@ -63,18 +49,25 @@ def learn(
     cells, noise = _driven(dataset)
     found = learn_roads(cells, noise, lambda: dataset.days(COLUMNS), settings)
     network = described(found, noise)
-    base = Site(f"{dataset.path.name}, learned", dataset.site.frame, network, dataset.site.traffic)
-    base = replace(base, zones=slow_zones(network))
+    name, zones = f"{dataset.path.name}, learned", slow_zones(network)
+    base = Site(name, dataset.site.frame, network, dataset.site.traffic, zones=zones)
     learned, places = with_places(base, dataset, min_visits)
     table = road_table(network, found)
-    proposed = proposals(network, table, site.roads()) if site is not None else []
-    return Learned(learned, table, places, proposed, _result(learned, cells, table, places, proposed, found))
+    lacking = proposals(network, table, site.roads()) if site is not None else []
+    return learned, _result(learned, cells, table, places, lacking, found.evidence)
+
+
+def write_learned(site: Site, result: Result, folder: Path) -> None:
+    """Write ``site.toml``, ``roads.geojson`` with every road's evidence, and the tables into ``folder``."""
+    rows, names = result.tables["roads"].to_dict("records"), ("passes", "trucks", "days")
+    write_site(site, folder, {row["edge_id"]: {name: row[name] for name in names} for row in rows})
+    write_result(result, folder, site.frame)
 
 
 def _driven(dataset: Dataset) -> tuple[Cells, float]:
     noises: list[float] = []
 
-    def tracks() -> Iterator[Track]:
+    def tracks() -> Iterator[Cells]:
         for trajectory in dataset.days(COLUMNS):
             if trajectory.has("x") and trajectory.has("y"):
                 track, noise = moving(trajectory)
@@ -93,21 +86,18 @@ def described(found: Roads, noise: float) -> Network:
     n = found.network
     both = n.reverse >= 0
     names = [n.edge_ids[i] if both[i] else n.roads[i] for i in range(len(n))]
-    edges = []
-    for i, name in enumerate(names):
-        start, end = (n.node_ids[v[i]] for v in (n.start, n.end))
-        limit, width = _speed(found.evidence.speeds[i]), _width(found, i, bool(both[i]), noise)
-        edges.append(Edge(name, start, end, n.polyline(i), n.roads[i], limit, width))
+    limits = [_speed(histogram) for histogram in found.evidence.speeds]
+    widths = [_width(found, i, bool(both[i]), noise) for i in range(len(n))]
+    told = zip(n.edges(), names, limits, widths, strict=True)
+    edges = [replace(e, id=name, speed_limit=limit, width=width) for e, name, limit, width in told]
     turns = [(names[i], names[int(j)]) for i in range(len(n)) for j in n.successors(i)]
     return build_network(edges, turns, has_elevation=False)
 
 
 def _speed(histogram: NDArray[np.int64]) -> float:
     """Speed that all but a few of the rows stay below [m/s]."""
-    count = int(histogram.sum())
-    if count < FEW:
-        return float("nan")
-    return float((np.searchsorted(np.cumsum(histogram), FREE * count) + 1) * SPEED_STEP)
+    below = np.cumsum(histogram)
+    return math.nan if below[-1] < FEW else float((np.searchsorted(below, FREE * below[-1]) + 1) * SPEED_STEP)
 
 
 def _width(found: Roads, edge: int, both: bool, noise: float) -> float:
@@ -121,8 +111,6 @@ def _width(found: Roads, edge: int, both: bool, noise: float) -> float:
 
 def road_table(network: Network, found: Roads) -> pd.DataFrame:
     """One row a directed edge: its length and speed, and its evidence: passes, trucks, days."""
-    import pandas as pd
-
     e = found.evidence
     return pd.DataFrame({
         "edge_id": list(network.edge_ids), "length_m": network.length, "width_m": network.width,
@@ -133,57 +121,38 @@ def road_table(network: Network, found: Roads) -> pd.DataFrame:
 
 
 def _result(
-    site: Site,
-    cells: Cells,
-    table: pd.DataFrame,
-    places: pd.DataFrame,
-    proposed: list[Proposal],
-    found: Roads,
-) -> Result:
-    import pandas as pd
-
-    network, e = site.roads(), found.evidence
+    site: Site, cells: Cells, table: pd.DataFrame, places: pd.DataFrame, lacking: list[dict[str, Any]],
+    e: Evidence,
+) -> Result:  # fmt: skip
+    network, kinds = site.roads(), places.kind.value_counts().to_dict()
     roads, oneway = len(set(network.roads)), int((network.reverse < 0).sum())
     metres, nodes = float(network.length.sum()), len(network.node_ids)
-    kinds = places.kind.value_counts().to_dict()
-    rows = [asdict(p) for p in proposed]
     summary = {
         "roads": roads, "oneway": oneway, "length_m": metres, "nodes": nodes, "places": len(places),
         "kinds": kinds, "zones": len(site.zones), "rows": e.rows, "rows_on_roads": e.matched,
-        "proposals": rows,
+        "proposals": lacking,
     }  # fmt: skip
     told = ": " + ", ".join(f"{n} {k}" for k, n in kinds.items()) if kinds else ""
     lines = [
         f"{roads} roads, {oneway} of them one-way, {nodes} nodes, {metres:,.0f} m of directed edges",
         f"{100.0 * e.matched / max(e.rows, 1):.1f} % of {e.rows:,} rows lie on them",
         f"{len(places)} places{told}; {len(site.zones)} slow zones",
-        *(p.line() for p in proposed[:8]),
+        *map(sentence, lacking[:8]),
     ]
-    if len(proposed) > 8:
-        lines.append(f"and {len(proposed) - 8} more proposals in proposals.parquet")
-    tables = {"roads": table} | ({"proposals": pd.DataFrame(rows)} if rows else {})
-    passes = _passes(network, e.mean_passes(network))
-    return Result(
-        "learn", summary, tables, {"places": places}, [_traces(cells), passes, *_marks(proposed)], lines
-    )
+    if len(lacking) > 8:
+        lines.append(f"and {len(lacking) - 8} more proposals in proposals.parquet")
+    edges, passes = np.arange(len(network), dtype=np.int32), e.mean_passes(network).astype(np.float64)
+    driven = EdgeValues("roads", edges, np.zeros(len(network)), network.length, passes, "passes")
+    tables: dict[str, pd.DataFrame] = {"roads": table}
+    shapes: list[Shape] = [_traces(cells), driven]
+    if lacking:
+        tables["proposals"] = pd.DataFrame(lacking)
+        xy, kind = np.array([(p["x"], p["y"]) for p in lacking]), tuple(p["kind"] for p in lacking)
+        shapes.append(Marks("proposals", xy, kind, np.ones(len(lacking)), "critical"))
+    return Result("learn", summary, tables, {"places": places}, shapes, lines)
 
 
-def _marks(proposed: list[Proposal]) -> list[Marks]:
-    if not proposed:
-        return []
-    xy, kinds = np.array([(p.x, p.y) for p in proposed]), tuple(p.kind for p in proposed)
-    return [Marks("proposals", xy, kinds, np.ones(len(proposed)), "critical")]
-
-
-def _passes(network: Network, passes: NDArray[np.int64]) -> EdgeValues:
-    return EdgeValues(
-        "roads", np.arange(len(network), dtype=np.int32), np.zeros(len(network)), network.length,
-        passes.astype(np.float64), "passes",
-    )  # fmt: skip
-
-
-MOST_SQUARES = 4_000_000
-"""Squares of the picture of the traces."""
+MOST_SQUARES = 4_000_000  # squares of the picture of the traces
 
 
 def _traces(cells: Cells) -> Grid:
@@ -191,8 +160,7 @@ def _traces(cells: Cells) -> Grid:
     x0, y0 = float(cells.x.min()), float(cells.y.min())
     width, height = float(np.ptp(cells.x)), float(np.ptp(cells.y))
     side = max(SIDE, float(np.sqrt((width + 1.0) * (height + 1.0) / MOST_SQUARES)))
-    shape = int(height / side) + 1, int(width / side) + 1
-    flat = ((cells.y - y0) / side).astype(np.int64) * shape[1] + ((cells.x - x0) / side).astype(np.int64)
-    metres = np.bincount(flat, cells.weight, shape[0] * shape[1]).reshape(shape)
+    edges = [low + side * np.arange(int(long / side) + 2) for low, long in ((y0, height), (x0, width))]
+    metres, _, _ = np.histogram2d(cells.y, cells.x, edges, weights=cells.weight)
     metres[metres <= 0.0] = np.nan
     return Grid("traces", np.log10(metres), x0, y0, side, "log10 of metres driven")

@@ -1,30 +1,23 @@
 """Places and slow zones of a recording."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull
 
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site, Zone
 from fleetlog.simulate.places import clusters, find_stands, mined_site, place_table, with_room
 from fleetlog.store.dataset import Dataset
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-Floats = NDArray[np.float64]
-SLOW = 0.7
-"""Roads driven at less than this share of the usual speed are a zone."""
-SHORTEST = 8.0
-"""A zone has this many metres of road at least."""
-RIM = 2.0
-"""A zone reaches this far about its roads [m]."""
-OPEN = 4.0
-"""An outline this many times as large as its roads says little."""
+SLOW = 0.7  # roads driven at less than this share of the usual speed are a zone
+SHORTEST = 8.0  # a zone has this many metres of road at least
+RIM = 2.0  # a zone reaches this far about its roads [m]
+OPEN = 4.0  # an outline this many times as large as its roads says little
 
 
 def with_places(site: Site, dataset: Dataset, min_visits: int) -> tuple[Site, pd.DataFrame]:
@@ -45,9 +38,6 @@ def slow_zones(network: Network) -> tuple[Zone, ...]:
 
     An outline that a faster road enters would slow that one down: it is left out.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
     known = np.isfinite(network.speed_limit)
     if not known.any():
         return ()
@@ -57,13 +47,11 @@ def slow_zones(network: Network) -> tuple[Zone, ...]:
     _, group = connected_components(meet, directed=False)
     names = np.unique(group[network.start[slow]])
     found = (_zone(network, slow & (group[network.start] == name)) for name in names)
-    outlines = [zone for zone in found if zone is not None]
-    return tuple(replace(zone, id=f"slow-{k + 1}") for k, zone in enumerate(outlines))
+    zones = (zone for zone in found if zone is not None)
+    return tuple(replace(zone, id=f"slow-{k}") for k, zone in enumerate(zones, 1))
 
 
 def _zone(network: Network, mine: NDArray[np.bool_]) -> Zone | None:
-    from scipy.spatial import ConvexHull
-
     if network.length[mine].sum() < SHORTEST:
         return None
     owner = np.repeat(mine, np.diff(network.first))

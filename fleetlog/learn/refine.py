@@ -1,37 +1,29 @@
 """Centre lines fitted to the traces: the middle across the way at every metre, straight into junctions."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial import cKDTree
 
+from fleetlog.core.network import Floats
 from fleetlog.learn.cells import Cells
+from fleetlog.learn.lines import Chain, way
 from fleetlog.learn.shape import ends
-from fleetlog.learn.skeleton import Chain, way
 from fleetlog.roads.segments import reduced
 
-Floats = NDArray[np.float64]
-STEP = 1.0
-"""Distance of the stations of a centre line [m]."""
-SMOOTH = 2.0
-"""Standard deviation of the smoothing along a line [m]."""
-CLEAR = 3.5
-"""Turning trucks cut corners up to this far from a junction [m]."""
-TANGENT = 5.0
-"""Metres of line beyond that which say where it enters a junction."""
-HEADED, TILT = 4.0, 0.5
-"""A turn by one radian counts as this distance [m]; a cell's heading is this near to its road's [rad]."""
-PULL = 0.3
-"""Weight of where a junction was against a line through it, so that roads that meet flatly do not slide."""
-FINE = 0.1
-"""Vertices that are not needed to stay within this of a line are left out [m]."""
-FARTHEST_END = 6.0
-"""A dead end is carried on by this at most [m]."""
-FARTHEST = 2.5
-"""A junction moves no farther than this [m]."""
+STEP = 1.0  # distance of the stations of a centre line [m]
+SMOOTH = 2.0  # standard deviation of the smoothing along a line [m]
+CLEAR = 3.5  # turning trucks cut corners up to this far from a junction [m]
+TANGENT = 5.0  # metres of line beyond that which say where it enters a junction
+HEADED = 4.0  # a turn by one radian counts as this distance [m]
+TILT = 0.5  # a cell's heading is this near to its road's [rad]
+PULL = 0.3  # weight of where a junction was against a line through it: roads that meet flatly do not slide
+FINE = 0.1  # vertices that are not needed to stay within this of a line are left out [m]
+FARTHEST_END = 6.0  # a dead end is carried on by this at most [m]
+FARTHEST = 2.5  # a junction moves no farther than this [m]
 
 
 @dataclass(frozen=True)
@@ -55,28 +47,23 @@ def refined(
     for _ in range(rounds):
         chains = [_resampled(f.chain) for f in fits]
         fits = _meeting(_fitted(chains, driven, cells, reach))
-    fits = _reaching(fits, cells, reach)
-    return [replace(f, chain=replace(f.chain, points=reduced(f.chain.points, FINE))) for f in fits]
+    whole = zip(fits, _reaching(fits, cells, reach), strict=True)
+    return [replace(f, chain=replace(c, points=reduced(c.points, FINE))) for f, c in whole]
 
 
-def _reaching(fits: list[Fit], cells: Cells, reach: float) -> list[Fit]:
+def _reaching(fits: list[Fit], cells: Cells, reach: float) -> Iterator[Chain]:
     """Dead ends as far as trucks drove: thinning takes a little of every end."""
     at = ends([f.chain for f in fits])
-    out = []
-    for f in fits:
-        points = f.chain.points
-        if len(at[f.chain.end]) == 1:
-            points = _extended(points, cells, reach)
-        if len(at[f.chain.start]) == 1:
-            points = _extended(points[::-1], cells, reach)[::-1]
-        out.append(replace(f, chain=replace(f.chain, points=points)))
-    return out
+    for chain in (f.chain for f in fits):
+        points = chain.points
+        for node in (chain.end, chain.start):
+            points = (_extended(points, cells, reach) if len(at[node]) == 1 else points)[::-1]
+        yield replace(chain, points=points)
 
 
 def _extended(points: Floats, cells: Cells, reach: float) -> Floats:
     """A line carried on to where nine tenths of what was driven straight ahead of its end lie behind."""
-    line = _entry(points[::-1])
-    if line is None:
+    if _entry(points[::-1]) is None:
         return points
     back = points[:-1][np.hypot(*(points[:-1] - points[-1]).T) > TANGENT]
     direction = points[-1] - (back[-1] if len(back) else points[0])
@@ -94,7 +81,7 @@ def _extended(points: Floats, cells: Cells, reach: float) -> Floats:
 
 
 def _resampled(c: Chain) -> Chain:
-    s = c.way
+    s = way(c.points)
     at = np.linspace(0.0, s[-1], max(round(s[-1] / STEP), 1) + 1)
     return replace(c, points=np.column_stack([np.interp(at, s, v) for v in c.points.T]))
 
@@ -104,75 +91,59 @@ def _tangents(points: Floats) -> Floats:
     return np.asarray(d / np.maximum(np.hypot(*d.T), 1e-9)[:, None])
 
 
-@dataclass(frozen=True)
-class _Stations:
-    """Places a metre apart along chains, end to end; chain k owns ``first[k]`` to ``first[k + 1]``."""
+def _owners(
+    chains: list[Chain], senses: NDArray[np.bool_], cells: Cells, reach: float
+) -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Tangents at the points of all chains, end to end, and the cells that lie on them in their ``senses``.
 
-    points: Floats
-    tangent: Floats
-    first: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, chains: list[Chain]) -> _Stations:
-        points = np.concatenate([c.points for c in chains])
-        tangent = np.concatenate([_tangents(_softened(c.points)) for c in chains])
-        return cls(points, tangent, np.concatenate([[0], np.cumsum([len(c.points) for c in chains])]))
-
-    def owners(
-        self, senses: NDArray[np.bool_], cells: Cells, reach: float
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """The cells that lie on the chains, in one of their ``senses`` (n, 2): cell, station, 1 if back."""
-        from scipy.spatial import cKDTree
-
-        sense = np.repeat(senses, np.diff(self.first), axis=0)
-        station = np.concatenate([np.flatnonzero(sense[:, 0]), np.flatnonzero(sense[:, 1])])
-        sign = np.repeat([1.0, -1.0], sense.sum(axis=0))
-        known = np.column_stack([self.points[station], HEADED * sign[:, None] * self.tangent[station]])
-        facing = HEADED * np.cos(cells.heading), HEADED * np.sin(cells.heading)
-        wanted = np.column_stack([cells.x, cells.y, *facing])
-        far, near = cKDTree(known).query(wanted, distance_upper_bound=float(np.hypot(reach, HEADED * TILT)))
-        use = np.flatnonzero(np.isfinite(far))
-        return use, station[near[use]], (sign[near[use]] < 0.0).astype(np.intp)
+    Those are (n, 2), forth and back; of a cell its number, the point nearest to it, and 1 if back.
+    """
+    points = np.concatenate([c.points for c in chains])
+    tangent = np.concatenate([_tangents(_softened(c.points)) for c in chains])
+    sense = np.repeat(senses, [len(c.points) for c in chains], axis=0)
+    station = np.concatenate([np.flatnonzero(sense[:, 0]), np.flatnonzero(sense[:, 1])])
+    sign = np.repeat([1.0, -1.0], sense.sum(axis=0))
+    known = np.column_stack([points[station], HEADED * sign[:, None] * tangent[station]])
+    facing = HEADED * np.cos(cells.heading), HEADED * np.sin(cells.heading)
+    wanted = np.column_stack([cells.x, cells.y, *facing])
+    far, near = cKDTree(known).query(wanted, distance_upper_bound=float(np.hypot(reach, HEADED * TILT)))
+    use = np.flatnonzero(np.isfinite(far))
+    return tangent, use, station[near[use]], (sign[near[use]] < 0.0).astype(np.intp)
 
 
 def passes(chains: list[Chain], cells: Cells, reach: float) -> Floats:
     """(n, 2) how often each metre of a chain was driven forth and back, manoeuvres aside."""
     chains = [_resampled(c) for c in chains]
-    stations = _Stations.of(chains)
-    use, at, back = stations.owners(np.ones((len(chains), 2), bool), cells, reach)
-    owner = np.searchsorted(stations.first, at, side="right") - 1
+    _, use, at, back = _owners(chains, np.ones((len(chains), 2), bool), cells, reach)
+    owner = np.repeat(np.arange(len(chains)), [len(c.points) for c in chains])[at]
     metres = np.bincount(2 * owner + back, cells.weight[use], 2 * len(chains)).reshape(-1, 2)
     return np.asarray(metres / np.array([max(c.length, STEP) for c in chains])[:, None])
 
 
 def _fitted(chains: list[Chain], driven: NDArray[np.bool_], cells: Cells, reach: float) -> list[Fit]:
-    stations = _Stations.of(chains)
-    points, tangent, n = stations.points, stations.tangent, len(stations.points)
-    use, at, back = stations.owners(driven, cells, reach)
-    dx, dy = cells.x[use] - points[at, 0], cells.y[use] - points[at, 1]
+    points = np.concatenate([c.points for c in chains])
+    tangent, use, at, back = _owners(chains, driven, cells, reach)
+    dx, dy, n = cells.x[use] - points[at, 0], cells.y[use] - points[at, 1], len(points)
     left = dy * tangent[at, 0] - dx * tangent[at, 1]
     moments = [np.bincount(back * n + at, cells.weight[use] * left**k, 2 * n).reshape(2, n) for k in range(3)]
     sums = np.stack(moments, axis=1).astype(np.float64)
-    spans = zip(chains, pairwise(stations.first), strict=True)
-    return [_fit(c, sums[:, :, a:b], tangent[a:b]) for c, (a, b) in spans]
+    bounds = np.cumsum([len(c.points) for c in chains])[:-1]
+    parts = zip(chains, np.split(sums, bounds, axis=2), np.split(tangent, bounds), strict=True)
+    return [_fit(*part) for part in parts]
 
 
 def _softened(points: Floats) -> Floats:
     """Points smoothed along their line, the ends where they are."""
-    from scipy.ndimage import gaussian_filter1d
-
     if len(points) < 4:
         return points
     # reflected through the end points, so that the ends stay
     n = len(points) - 1
-    padded = np.concatenate([2 * points[0] - points[n:0:-1], points, 2 * points[-1] - points[-2::-1]])
+    padded = np.pad(points, ((n, n), (0, 0)), "reflect", reflect_type="odd")
     return np.asarray(gaussian_filter1d(padded, SMOOTH / STEP, axis=0)[n : 2 * n + 1])
 
 
 def _fit(c: Chain, sums: Floats, tangent: Floats) -> Fit:
     """One chain from the sums of weight, distance and square of its stations."""
-    from scipy.ndimage import gaussian_filter1d
-
     total = sums[:, 0].sum(axis=1)
     weight = total / max(c.length, STEP)
     run = gaussian_filter1d(sums, SMOOTH / STEP, axis=2, mode="nearest") if len(c.points) > 3 else sums
@@ -190,17 +161,13 @@ def _fit(c: Chain, sums: Floats, tangent: Floats) -> Fit:
 
 def _middle(mean: Floats, seen: NDArray[np.bool_]) -> Floats:
     """(n,) the middle of the directions that are seen; between stations where none is, interpolated."""
-    both = seen.all(axis=0)
-    place = np.arange(mean.shape[1])
-    if both.any():
-        # where only one is seen its distance from the middle is that of where both are
-        half = np.interp(place, place[both], 0.5 * (mean[0] - mean[1])[both])
-        value = np.where(both, 0.5 * (mean[0] + mean[1]), np.where(seen[0], mean[0] - half, mean[1] + half))
-    else:
-        value = np.where(seen[0], mean[0], mean[1])
-    known = seen.any(axis=0)
+    both, known = seen.all(axis=0), seen.any(axis=0)
     if not known.any():
         return np.zeros(mean.shape[1])
+    place, half = np.arange(mean.shape[1]), 0.5 * (mean[0] - mean[1])
+    # where only one is seen its distance from the middle is that of where both are
+    aside = np.interp(place, place[both], half[both]) if both.any() else np.zeros(len(place))
+    value = np.where(both, 0.5 * (mean[0] + mean[1]), np.where(seen[0], mean[0] - aside, mean[1] + aside))
     return np.asarray(np.interp(place, place[known], value[known]))
 
 
@@ -244,7 +211,7 @@ def _entry(arm: Floats) -> tuple[Floats, Floats] | None:
 
 def _tied(c: Chain, where: dict[int, Floats], onward: set[int]) -> Chain:
     """The chain from node to node: what lies within a junction's reach gives way to a straight line."""
-    s = c.way
+    s = way(c.points)
     clear = min(CLEAR, 0.3 * s[-1])
     first, last = (0.0 if n in onward else clear for n in (c.start, c.end))
     inner = c.points[(s > first) & (s < s[-1] - last)]

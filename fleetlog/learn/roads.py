@@ -11,42 +11,30 @@ from numpy.typing import NDArray
 from fleetlog.core.network import Edge, Network, build_network, reversed_edge
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
-from fleetlog.learn.cells import Cells
-from fleetlog.learn.consensus import gathered
+from fleetlog.learn.cells import Cells, gathered
 from fleetlog.learn.evidence import Evidence, gather_evidence
-from fleetlog.learn.raster import centre_lines
+from fleetlog.learn.lines import Chain, centre_lines, chains
 from fleetlog.learn.refine import Fit, passes, refined
 from fleetlog.learn.shape import apart, ends, joined, pieces, split, tidied
-from fleetlog.learn.skeleton import Chain, chains
 
-Floats = NDArray[np.float64]
-TUBE = 1.8
-"""Lines that both directions share and that are closer than this are one [m]."""
-HALF_PASS = 0.5
-"""A line with fewer passes is none; less than one, as the passes of a line scatter about it."""
-REACH = 2.5
-"""Traces farther than this from a road are another road's [m]."""
-PIECE = 8.0
-"""Length of the pieces of road that were driven or not [m]."""
-RARE, BRIEF = 0.1, 10.0
-"""A link shorter than this [m] with a smaller share of the passes of the roads at its ends is a manoeuvre."""
-SELDOM = 0.06
-"""A direction with a smaller share of the other one's passes is not one in which trucks drive."""
+TUBE = 1.8  # lines that both directions share and that are closer than this are one [m]
+HALF_PASS = 0.5  # a line with fewer passes is none; less than one, as the passes of a line scatter about it
+REACH = 2.5  # traces farther than this from a road are another road's [m]
+PIECE = 8.0  # length of the pieces of road that were driven or not [m]
+BRIEF = 10.0  # a link shorter than this [m] is a manoeuvre ...
+RARE = 0.1  # ... with a smaller share than this of the passes of the roads at its ends
+SELDOM = 0.06  # a direction with a smaller share of the other one's passes is not one in which trucks drive
 
 Reread = Callable[[], Iterable[Trajectory]]
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What the roads of a site are like.
+    """What the roads of a site are like."""
 
-    ``lane`` [m]: opposite directions closer than this are one road; ``spur`` [m]: a shorter dead end is the
-    way into a bay; ``passes``: roads driven less often are left out.
-    """
-
-    lane: float = 2.3
-    spur: float = 7.0
-    passes: int = 1
+    lane: float = 2.3  # opposite directions closer than this are one road [m]
+    spur: float = 7.0  # a shorter dead end is the way into a bay [m]
+    passes: int = 1  # roads driven less often are left out
 
 
 @dataclass(frozen=True)
@@ -112,12 +100,10 @@ def _final(graph: list[Chain], cells: Cells, reread: Reread) -> Roads:
         raise DataError("shows no road that was driven from end to end", do="record for longer")
     fits = refined(graph, senses, cells, REACH)
     edges = two_way_edges([f.chain for f in fits])
-    kept = np.flatnonzero(senses.ravel())
-    while True:
+    kept, used = np.flatnonzero(senses.ravel()), np.zeros(1, bool)
+    while not used.all():
         network = build_network([edges[i] for i in kept])
         evidence = gather_evidence(network, reread())
         used = evidence.mean_passes(network) > 0
-        if used.all():
-            break
         kept = kept[used]
     return Roads(network, evidence, [fits[i // 2] for i in kept], kept % 2 == 0)

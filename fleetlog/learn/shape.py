@@ -6,16 +6,14 @@ from itertools import pairwise
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from fleetlog.learn.skeleton import Chain
+from fleetlog.core.network import Floats
+from fleetlog.learn.lines import Chain, way
 
-Floats = NDArray[np.float64]
-BACK = 2.5
-"""A road this many times longer than the straight line between two of its places has turned round."""
-SPURIOUS = 0.1
-"""Turns made by a smaller share of the trucks at both roads' ends are none."""
-UNLIKE = 4.0
-"""A road that this many times fewer trucks go on is another one from there."""
+BACK = 2.5  # a road this many times longer than the straight line between two of its places has turned round
+SPURIOUS = 0.1  # turns made by a smaller share of the trucks at both roads' ends are none
+UNLIKE = 4.0  # a road that this many times fewer trucks go on is another one from there
 
 
 def tidied(chains: list[Chain], spur: float, junction: float) -> list[Chain]:
@@ -46,13 +44,10 @@ def _pruned(chains: list[Chain], spur: float) -> list[Chain]:
     while True:
         at = ends(chains)
         shortest: dict[int, int] = {}
-        for k, c in enumerate(chains):
+        for k, c in sorted(enumerate(chains), key=lambda one: one[1].length):
             loose = len(at[c.start]) == 1 or len(at[c.end]) == 1 or c.start == c.end
-            if not loose or c.length >= spur:
-                continue
-            inner = c.start if len(at[c.start]) > 1 else c.end
-            if inner not in shortest or c.length < chains[shortest[inner]].length:
-                shortest[inner] = k
+            if loose and c.length < spur:
+                shortest.setdefault(c.start if len(at[c.start]) > 1 else c.end, k)
         if not shortest:
             return chains
         gone = set(shortest.values())
@@ -126,28 +121,25 @@ def apart(chains: list[Chain], near: float) -> list[Chain]:
     out, waiting, fresh = [], list(chains), _fresh(chains)
     while waiting:
         c = waiting.pop()
-        at = _turning_point(c, near)
-        if at is None:
+        if at := _turning_point(c, near):
+            waiting += [Chain(c.start, fresh, c.points[: at + 1]), Chain(fresh, c.end, c.points[at:])]
+            fresh += 1
+        else:
             out.append(c)
-            continue
-        waiting += [Chain(c.start, fresh, c.points[: at + 1]), Chain(fresh, c.end, c.points[at:])]
-        fresh += 1
     return out
 
 
-def _turning_point(c: Chain, near: float) -> int | None:
-    """The vertex half way between the first two parts of a chain beside one another; None without."""
-    from scipy.spatial import cKDTree
-
-    way = c.way
+def _turning_point(c: Chain, near: float) -> int:
+    """The vertex half way between the first two parts of a chain beside one another; 0 without."""
+    passed = way(c.points)
     i, j = cKDTree(c.points).query_pairs(near, output_type="ndarray").reshape(-1, 2).T
-    driven = np.abs(way[j] - way[i])
+    driven = np.abs(passed[j] - passed[i])
     beside = np.flatnonzero(driven > BACK * near)
     if not len(beside):
-        return None
+        return 0
     k = beside[np.argmin(driven[beside])]
-    at = int(np.searchsorted(way, 0.5 * (way[i[k]] + way[j[k]])))
-    return at if 0 < at < len(way) - 1 else None
+    at = int(np.searchsorted(passed, 0.5 * (passed[i[k]] + passed[j[k]])))
+    return at if at < len(passed) - 1 else 0
 
 
 def split(chains: list[Chain], turns: Counter[tuple[int, int]]) -> list[Chain]:
@@ -168,22 +160,17 @@ def split(chains: list[Chain], turns: Counter[tuple[int, int]]) -> list[Chain]:
 
 def _turning(arms: list[tuple[int, bool]], turns: Counter[tuple[int, int]]) -> list[list[tuple[int, bool]]]:
     """The arms of a junction in groups that trucks change between; lone arms go with the first."""
-    groups = [{2 * k + (not begins)} for k, begins in arms]
-    mine = {end for group in groups for end in group}
-    here = {pair: n for pair, n in turns.items() if mine.issuperset(pair)}
+    mine = [2 * k + (not begins) for k, begins in arms]
+    here = {pair: n for pair, n in turns.items() if set(mine).issuperset(pair)}
     busy = Counter[int]()
     for pair, n in here.items():
         busy.update(dict.fromkeys(pair, n))
-    for (a, b), n in here.items():
-        if n < SPURIOUS * min(busy[a], busy[b]):
-            continue
-        one = next((g for g in groups if a in g), None)
-        two = next((g for g in groups if b in g), None)
-        if one is not None and two is not None and one is not two:
-            one |= two
-            groups.remove(two)
+    links: nx.Graph[int] = nx.Graph()
+    links.add_nodes_from(mine)
+    links.add_edges_from((a, b) for (a, b), n in here.items() if n >= SPURIOUS * min(busy[a], busy[b]))
+    groups = sorted(nx.connected_components(links), key=lambda group: len(group) == 1)
     pairs = [g for g in groups if len(g) > 1]
     if len(pairs) < 2:
         return [arms]
-    pairs[0] |= {end for g in groups if len(g) == 1 for end in g}
+    pairs[0] = pairs[0].union(*groups[len(pairs) :])
     return [[(end // 2, end % 2 == 0) for end in sorted(g)] for g in pairs]

@@ -19,12 +19,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.motion import Floats
 from fleetlog.core.truck import Truck
 from fleetlog.errors import TruckError, nearest
 
-Floats = NDArray[np.float64]
-REFERENCE_TEMPERATURE = 20.0
-"""At which capacity and resistance are stated [degC]."""
+REFERENCE_TEMPERATURE = 20.0  # At which capacity and resistance are stated [degC]
 CHARGING = -300.0
 """A standing truck whose battery takes more than this is being charged [W]: no wheel gave it."""
 COLDEST = 0.2
@@ -63,20 +62,6 @@ class BatteryModel:
         if len(self.soc) != len(self.voltage) or np.any(np.diff(self.soc) <= 0.0):
             raise TruckError("the open-circuit voltage needs growing states of charge, one voltage each")
 
-    def open_voltage(self, soc: Floats | float) -> Floats:
-        """Open-circuit voltage [V], linear between the knots."""
-        return np.asarray(np.interp(soc, self.soc, self.voltage), dtype=np.float64)
-
-    def capacity(self, temperature: float) -> float:
-        """Charge at a temperature [Ah]; a NaN temperature counts as 20 degC."""
-        below = 0.0 if np.isnan(temperature) else REFERENCE_TEMPERATURE - temperature
-        return self.capacity_ah * max(1.0 - self.capacity_per_kelvin * below, COLDEST)
-
-    def resistance_at(self, temperature: float) -> float:
-        """Inner resistance at a temperature [ohm]; a NaN temperature counts as 20 degC."""
-        below = 0.0 if np.isnan(temperature) else REFERENCE_TEMPERATURE - temperature
-        return self.resistance * max(1.0 + self.resistance_per_kelvin * below, 0.25)
-
 
 # Volts per nominal volt over state of charge; estimates typical of the chemistry.
 _KNOTS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
@@ -107,34 +92,16 @@ def battery_of(truck: Truck, chemistry: str = "constant", peukert: float = 1.0) 
     )
 
 
-def current(power: Floats, open_voltage: Floats, resistance: float) -> tuple[Floats, NDArray[np.bool_]]:
-    """The (N,) current [A] that gives ``power`` [W] at the terminals, and where no current does: the voltage
-    collapses.
-
-    The smaller root of R I^2 - E I + P = 0, written so that nothing cancels; beyond collapse the current of
-    greatest power.
-    """
-    radicand = np.square(open_voltage) - 4.0 * resistance * np.asarray(power)
-    collapsed = radicand < 0.0
-    amps = np.asarray(2.0 * np.asarray(power) / (open_voltage + np.sqrt(np.maximum(radicand, 0.0))))
-    if collapsed.any():
-        amps[collapsed] = np.broadcast_to(open_voltage, amps.shape)[collapsed] / (2.0 * resistance)
-    return amps, np.asarray(collapsed)
-
-
 @dataclass(frozen=True)
 class Discharge:
     """What a battery did: (N,) state of charge after each sample, terminal voltage [V],
-    current [A] and two alarms.
-    """
+    current [A] and two alarms."""
 
     soc: Floats
     voltage: Floats
     current: Floats
-    collapsed: NDArray[np.bool_]
-    """The power asked for is more than the battery can give."""
-    empty: NDArray[np.bool_]
-    """Charge is at 0 and more is drawn."""
+    collapsed: NDArray[np.bool_]  # The power asked for is more than the battery can give
+    empty: NDArray[np.bool_]  # Charge is at 0 and more is drawn
 
     def line(self, dt: Floats) -> str | None:
         """The alarms as a sentence, None where there are none."""
@@ -152,13 +119,16 @@ def discharge(
 ) -> Discharge:
     """Follow a battery through (N,) terminal powers [W] of (N,) durations [s] from a state of charge.
 
-    The charge is kept within 0 and 1; samples that would leave it empty are marked.
+    The charge is kept within 0 and 1; samples that would leave it empty are marked.  A NaN temperature
+    counts as 20 degC.
     """
     from fleetlog.physics.kernels import follow
 
-    arrays = follow(
+    below = 0.0 if np.isnan(temperature) else REFERENCE_TEMPERATURE - temperature
+    return Discharge(*follow(
         np.ascontiguousarray(power, dtype=np.float64), np.ascontiguousarray(dt, dtype=np.float64), float(soc),
-        np.array(battery.soc), np.array(battery.voltage), battery.resistance_at(temperature),
-        battery.capacity(temperature), battery.peukert, battery.capacity_ah / battery.rated_hours,
-    )  # fmt: skip
-    return Discharge(*arrays)
+        np.array(battery.soc), np.array(battery.voltage),
+        battery.resistance * max(1.0 + battery.resistance_per_kelvin * below, 0.25),
+        battery.capacity_ah * max(1.0 - battery.capacity_per_kelvin * below, COLDEST),
+        battery.peukert, battery.capacity_ah / battery.rated_hours,
+    ))  # fmt: skip

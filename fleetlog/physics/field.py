@@ -4,24 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.motion import Motion
+from fleetlog.core.motion import Floats, Motion
 from fleetlog.core.network import Network
-from fleetlog.physics.term import Floats
+from fleetlog.errors import InputError, nearest
 
 if TYPE_CHECKING:
     import pandas as pd
 
-COLUMNS = ("edge_id", "x", "y", "heading", "from", "to", "value", "low", "high", "samples")
-"""Of a field's Parquet file; ``from`` and ``to`` may be absent and then mean the whole edge."""
+COLUMNS = {
+    "x": "x", "y": "y", "heading": "heading", "from": "start", "to": "end", "value": "value", "low": "low",
+    "high": "high", "samples": "samples",
+}  # fmt: skip
+"""Of a field's Parquet file beside ``edge_id``, each with what it is here; ``from`` and ``to`` may be absent
+and then mean the whole edge."""
 MARGIN = 2.0
 """Without a map a place belongs to a stretch whose middle is within half its length and this much [m]."""
-MAX_TURN = np.pi / 3
-"""... and whose heading differs by less than this [rad]."""
+MAX_TURN = np.pi / 3  # ... and whose heading differs by less than this [rad].
 
 
 @dataclass(frozen=True)
@@ -56,33 +60,25 @@ class Field:
 
     @cached_property
     def _ladder(self) -> tuple[NDArray[np.intp], Floats, float]:
-        """Order of the stretches on one growing axis of edges laid end to end, their starts on it,
-        and its pitch.
-        """
+        """Order of the stretches on one axis of edges laid end to end, their starts on it, and its pitch."""
         pitch = float(self.end.max(initial=0.0)) + 1.0
         order = np.lexsort((self.start, self.edge))
         return order, (self.edge * pitch + self.start)[order], pitch
 
     def along(self, motion: Motion, neutral: float) -> Floats:
-        """(N,) the value at each sample of a motion:
-        that of its stretch of edge, without a map of the nearest, else ``neutral``.
-        """
-        out = np.full(len(motion), neutral)
+        """(N,) the value at each sample of a motion: that of its stretch of edge, without a map of the
+        nearest, else ``neutral``."""
         if not len(self):
-            return out
-        order, starts, pitch = self._ladder
-        at = motion.edge * pitch + np.minimum(motion.edge_offset, pitch - 0.5)
-        k = order[np.maximum(np.searchsorted(starts, at, side="right") - 1, 0)]
-        offset = motion.edge_offset
-        # The last stretch of an edge takes the offsets that rounding puts just beyond it.
-        inside = (
-            (self.edge[k] == motion.edge) & (offset >= self.start[k] - 1e-6) & (offset <= self.end[k] + 1e-6)
-        )
-        on = inside & (motion.edge >= 0)
-        out[on] = self.value[k[on]]
+            return np.full(len(motion), neutral)
         if (motion.edge < 0).all():
             return self._nearest(motion.x, motion.y, motion.heading, neutral)
-        return out
+        order, starts, pitch = self._ladder
+        offset = motion.edge_offset
+        at = motion.edge * pitch + np.minimum(offset, pitch - 0.5)
+        k = order[np.maximum(np.searchsorted(starts, at, side="right") - 1, 0)]
+        # The last stretch of an edge takes the offsets that rounding puts just beyond it.
+        inside = (offset >= self.start[k] - 1e-6) & (offset <= self.end[k] + 1e-6)
+        return np.where(inside & (self.edge[k] == motion.edge) & (motion.edge >= 0), self.value[k], neutral)
 
     def _nearest(self, x: Floats, y: Floats, heading: Floats, neutral: float) -> Floats:
         from scipy.spatial import cKDTree
@@ -101,23 +97,20 @@ class Field:
 
 def stretches(
     network: Network, edge: NDArray[np.int32], start: Floats, end: Floats, value: Floats,
-    low: Floats | None = None, high: Floats | None = None, samples: NDArray[np.int64] | None = None,
+    low: Floats | float = np.nan, high: Floats | float = np.nan, samples: NDArray[np.int64] | int = 0,
 ) -> Field:  # fmt: skip
     """A field of (N,) stretches ``start`` to ``end`` [m] of a network's directed edges."""
-    edge, middle = np.asarray(edge, np.int32), 0.5 * (np.asarray(start, float) + end)
-    place = network.position(edge, middle)
-    nan, none = np.full(len(edge), np.nan), np.zeros(len(edge), np.int64)
+    edge, start, end = np.asarray(edge, np.int32), np.asarray(start, float), np.asarray(end, float)
+    n, middle = len(edge), 0.5 * (start + end)
+    x, y, _ = network.position(edge, middle).T
     return Field(
-        edge, np.asarray(start, float), np.asarray(end, float), place[:, 0], place[:, 1],
-        network.heading(edge, middle), np.asarray(value, float),
-        nan if low is None else low, nan if high is None else high, none if samples is None else samples,
+        edge, start, end, x, y, network.heading(edge, middle), np.asarray(value, float),
+        np.full(n, low), np.full(n, high), np.full(n, samples, np.int64),
     )  # fmt: skip
 
 
 def mirrored(field: Field, network: Network, odd: bool) -> Field:
-    """The field with the other direction of every road that it has in one direction only; ``odd``:
-    of opposite sign.
-    """
+    """The field with the other direction of every road that it has in one only, ``odd``: of opposite sign."""
     known = np.zeros(len(network) + 1, dtype=bool)
     known[field.edge] = True
     back = np.where(field.edge >= 0, network.reverse[field.edge], -1).astype(np.int32)
@@ -135,20 +128,29 @@ def mirrored(field: Field, network: Network, odd: bool) -> Field:
 
 
 def field_table(field: Field, network: Network | None) -> pd.DataFrame:
-    """The table that is written: the columns of ``COLUMNS``."""
+    """The table that is written: ``edge_id`` and the columns of ``COLUMNS``."""
     import pandas as pd
 
-    names = None if network is None else network.edge_ids
-    ids = [None if names is None or e < 0 else names[e] for e in field.edge]
-    columns = (
-        ids,
-        field.x,
-        field.y,
-        field.heading,
-        field.start,
-        field.end,
-        field.value,
-        field.low,
-        field.high,
-    )
-    return pd.DataFrame(dict(zip(COLUMNS, (*columns, field.samples), strict=True)))
+    names = () if network is None else network.edge_ids
+    ids = [names[e] if names and e >= 0 else None for e in field.edge]
+    return pd.DataFrame({"edge_id": ids, **{key: getattr(field, name) for key, name in COLUMNS.items()}})
+
+
+def field_of(table: pd.DataFrame, network: Network | None, where: Path) -> Field:
+    """The field of a table that was read from ``where``; :class:`InputError` names what it lacks."""
+    for column in ("edge_id", "x", "y", "heading", "value"):
+        if column not in table:
+            raise InputError(f"has no column {column!r}", where=where)
+    edge, length = np.full(len(table), -1, np.int32), np.zeros(len(table))
+    if network is not None:
+        for i, name in enumerate(table["edge_id"].tolist()):
+            if isinstance(name, str) and name not in network.index:
+                do = f"give the site that it was found on; {nearest(name, network.edge_ids)}"
+                raise InputError(f"no edge {name!r} on this site", where=where, place=f"row {i}", do=do)
+            edge[i] = network.index[name] if isinstance(name, str) else -1
+        length = np.where(edge >= 0, network.length[edge], 0.0)
+    numbers = table.reindex(columns=list(COLUMNS)).astype(float)
+    numbers["to"] = numbers["to"].where(numbers["to"].notna(), length)
+    found = numbers.fillna(dict.fromkeys(("x", "y", "heading", "from", "value", "samples"), 0.0))
+    columns = {name: found[key].to_numpy() for key, name in COLUMNS.items()}
+    return Field(edge, **{**columns, "samples": columns["samples"].astype(np.int64)})

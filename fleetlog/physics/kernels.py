@@ -1,20 +1,20 @@
 """Compiled loops; imported only where they run."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetlog.compiling import kernel
 
 Floats = NDArray[np.float64]
 
 
-@njit(cache=True)
+@kernel()
 def follow(
     power: Floats, dt: Floats, soc: float, knots: Floats, volts: Floats, resistance: float,
     capacity_ah: float, peukert: float, rated_current: float,
 ) -> tuple[Floats, Floats, Floats, NDArray[np.bool_], NDArray[np.bool_]]:  # fmt: skip
     """Charge, voltage, current, collapse and emptiness after each of (N,) samples;
-    see :mod:`fleetlog.physics.battery`.
-    """
+    see :mod:`fleetlog.physics.battery`."""
     n = len(power)
     charge, voltage, current = np.empty(n), np.empty(n), np.empty(n)
     collapsed, empty = np.zeros(n, np.bool_), np.zeros(n, np.bool_)

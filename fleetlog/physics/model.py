@@ -19,39 +19,21 @@ drift = true                       # comes in evenly from the one to the other
 coefficient = 0.019
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fleetlog.core.network import Network
-from fleetlog.core.schema import (
-    Wrong,
-    anything,
-    flag,
-    list_of,
-    load_toml,
-    moment,
-    real,
-    shown,
-    table,
-    tables,
-    text,
-    whole,
-)
+from fleetlog.core.schema import anything, flag, list_of, load_toml, moment, real, table, tables, text, whole
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
-from fleetlog.physics.field import COLUMNS, Field, field_table, mirrored
+from fleetlog.physics.field import Field, field_of, field_table, mirrored
 from fleetlog.physics.own import Own
 from fleetlog.physics.power import Physics, all_terms
 from fleetlog.physics.term import Term, Values
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 FILE = "model.toml"
 KEYS = {
@@ -63,13 +45,11 @@ KEYS = {
     "own": list_of(anything),
 }
 OWN_KEYS = {"vehicles": list_of(text, 1), "from": moment, "until": moment, "drift": flag, "term": tables}
-_number_check = real(-1e12, 1e12)
+NUMBER = real(-1e12, 1e12)
 
 
 def save_physics(path: str | Path, physics: Physics, network: Network | None = None) -> None:
-    """Write ``physics`` (all but its truck) into the folder ``path``: model.toml, and its fields beside
-    it.
-    """
+    """Write ``physics`` (all but its truck) into a folder: model.toml, and its fields beside it."""
     import tomli_w
 
     folder = Path(path)
@@ -83,8 +63,7 @@ def save_physics(path: str | Path, physics: Physics, network: Network | None = N
 
 
 def load_physics(path: str | Path, truck: Truck, network: Network | None = None) -> Physics:
-    """The physics of a model file, or of the folder with one, for a truck and the network that motions will
-    lie on.
+    """The physics of a model file, or of its folder, for a truck and the network that motions will lie on.
 
     :class:`InputError` names the file, the term or parameter at fault and the nearest known one.
     """
@@ -97,7 +76,7 @@ def load_physics(path: str | Path, truck: Truck, network: Network | None = None)
     values, found = _read_terms(data.get("term", {}), network, file)
     off = frozenset(_term(name, file).name for name in data.get("off", ()))
     intervals = {
-        _term(n, file).name: table(p, dict.fromkeys(p, list_of(_number_check, 2, 2)), file, f"interval.{n}")
+        _term(n, file).name: table(p, dict.fromkeys(p, list_of(NUMBER, 2, 2)), file, f"interval.{n}")
         for n, p in data.get("interval", {}).items()
     }
     own = tuple(_own(o, f"own.{i}", network, file) for i, o in enumerate(data.get("own", ())))
@@ -129,15 +108,15 @@ def _own_table(own: Own, folder: Path, network: Network | None) -> dict[str, Any
 
 
 def _read_terms(
-    tables: Mapping[str, Mapping[str, Any]], network: Network | None, file: Path
+    tables: Mapping[str, Any], network: Network | None, file: Path
 ) -> tuple[dict[str, Values], dict[str, Field]]:
     values: dict[str, Values] = {}
     found: dict[str, Field] = {}
     for name, entries in tables.items():
         term = _term(name, file)
-        if "field" in entries:
-            found[name] = _field(term, _beside(file, str(entries["field"]), name), network, file)
-        numbers = {k: _number(term, k, v, file) for k, v in entries.items() if k != "field"}
+        numbers = table(entries, {**dict.fromkeys(term.by_name, NUMBER), "field": text}, file, f"term.{name}")
+        if place := numbers.pop("field", None):
+            found[name] = _field(term, place, network, file)
         if numbers or name not in found:  # A field needs no entry of numbers of its own.
             values[name] = numbers
     return values, found
@@ -154,18 +133,6 @@ def _own(data: Any, place: str, network: Network | None, file: Path) -> Own:
     return Own(values, given.get("vehicles"), begin, until, drift, found)
 
 
-def _beside(file: Path, place: str, term: str) -> Path:
-    """A field's file; it lies in the folder of the model, or below it."""
-    if not (file.parent / place).resolve().is_relative_to(file.parent.resolve()):
-        raise InputError(
-            f"{place!r} lies outside the model's folder",
-            where=file,
-            place=f"term.{term}.field",
-            do="move it there",
-        )
-    return file.parent / place
-
-
 def _term(name: str, file: Path) -> Term:
     known = all_terms()
     if name not in known:
@@ -173,60 +140,22 @@ def _term(name: str, file: Path) -> Term:
     return known[name]
 
 
-def _number(term: Term, name: str, value: Any, file: Path) -> float:
-    place = f"term.{term.name}.{name}"
-    if name not in term.by_name:
-        do = nearest(name, [*term.by_name, *(["field"] if term.field else [])])
-        raise InputError("unknown parameter", where=file, place=place, do=do)
-    try:
-        return float(_number_check(value))
-    except Wrong as wrong:
-        raise InputError(f"{shown(value)} {wrong}", where=file, place=place) from None
-
-
-def _field(term: Term, parquet: Path, network: Network | None, file: Path) -> Field:
+def _field(term: Term, place: str, network: Network | None, file: Path) -> Field:
+    """The field at a place in the folder of the model, or below it."""
     import pandas as pd
     import pyarrow as pa
 
-    place = f"term.{term.name}.field"
+    parquet, spot = file.parent / place, f"term.{term.name}.field"
     if not term.field:
-        raise InputError(
-            "this term does not vary over the roads", where=file, place=place, do="give a number"
-        )
+        raise InputError("this term does not vary over the roads", where=file, place=spot, do="give a number")
+    if not parquet.resolve().is_relative_to(file.parent.resolve()):
+        outside = f"{place!r} lies outside the model's folder"
+        raise InputError(outside, where=file, place=spot, do="move it there")
     try:
-        table = pd.read_parquet(parquet)
+        field = field_of(pd.read_parquet(parquet), network, parquet)
     except FileNotFoundError:
-        raise InputError(f"{parquet.name} is missing", where=file, place=place) from None
+        raise InputError(f"{parquet.name} is missing", where=file, place=spot) from None
     except (OSError, pa.ArrowInvalid) as error:
         raise InputError(f"not readable as Parquet: {error}", where=parquet) from None
-    for column in COLUMNS:
-        if column not in table and column not in ("from", "to", "low", "high", "samples"):
-            raise InputError(f"has no column {column!r}", where=parquet)
-    field = _of_table(table, network, parquet)
     # What belongs to the road itself acts in both directions; a rule of traffic only where it was seen.
     return mirrored(field, network, term.odd) if network is not None and term.acts == "force" else field
-
-
-def _of_table(table: pd.DataFrame, network: Network | None, parquet: Path) -> Field:
-    n = len(table)
-    edge = np.full(n, -1, np.int32)
-    if network is not None:
-        for i, name in enumerate(table["edge_id"].tolist()):
-            if isinstance(name, str) and name not in network.index:
-                do = f"give the site that it was found on; {nearest(name, network.edge_ids)}"
-                raise InputError(f"no edge {name!r} on this site", where=parquet, place=f"row {i}", do=do)
-            edge[i] = network.index[name] if isinstance(name, str) else -1
-    length = np.zeros(n) if network is None else np.where(edge >= 0, network.length[edge], 0.0)
-
-    def column(name: str, missing: Any) -> Any:
-        fill = np.broadcast_to(np.asarray(missing, float), n)
-        if name not in table:
-            return fill.copy()
-        given = table[name].to_numpy(float)
-        return np.where(np.isnan(given), fill, given)
-
-    return Field(
-        edge, column("from", 0.0), column("to", length), column("x", 0.0), column("y", 0.0),
-        column("heading", 0.0), column("value", 0.0), column("low", np.nan), column("high", np.nan),
-        column("samples", 0.0).astype(np.int64),
-    )  # fmt: skip

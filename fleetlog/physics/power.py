@@ -5,8 +5,7 @@
     P        = P_drive + sum of power and drive terms   [W] at the battery terminals, > 0 when discharging
     P_cell   = P + internal_resistance (P / voltage)^2  what the state of charge pays
 
-``ledger`` splits P_drive among the forces in proportion, so its rows add up to P exactly; ``cell_ledger``
-adds the loss inside the battery, so its rows add up to P_cell.
+``ledger`` splits P_drive among the forces in proportion, so its rows add up to P exactly.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ class Physics:
     @property
     def fleet(self) -> Physics:
         """What holds for all vehicles at all times."""
-        return replace(self, own=())
+        return replace(self, own=()) if self.own else self
 
     def changed(self, values: Mapping[str, Values], fields: Mapping[str, Field] | None = None) -> Physics:
         """Return the physics with some values and fields in place of what it has."""
@@ -112,14 +111,12 @@ class Physics:
 
     @cached_property
     def _actual_truck(self) -> Truck:
-        sections: dict[str, dict[str, float]] = {}
+        truck = self.truck
         for term in self.active():
             for name, value in self.values.get(term.name, {}).items():
                 if key := term.by_name[name].truck_key:
-                    section, entry = key.split(".")
-                    sections.setdefault(section, {})[entry] = float(value)
-        changed = {name: replace(getattr(self.truck, name), **new) for name, new in sections.items()}
-        return replace(self.truck, **changed)
+                    truck = truck.with_value(key, float(value))
+        return truck
 
     def actual_motion(self, motion: Motion) -> Motion:
         """The motion with the load that acts, where a term replaces it."""
@@ -185,23 +182,10 @@ def battery_power(motion: Motion, physics: Physics) -> Floats:
     return np.asarray(sum(ledger(motion, physics).values(), np.zeros(len(motion))))
 
 
-def cell_ledger(motion: Motion, physics: Physics) -> dict[str, Floats]:
-    """What the state of charge pays by term, (N,) watts each: the ledger and the loss inside the battery."""
-    rows = ledger(motion, physics)
-    terminal = np.asarray(sum(rows.values(), np.zeros(len(motion))))
-    return {**rows, "battery_resistance": cell_power(terminal, physics.actual_truck()) - terminal}
-
-
 def allowed_speed(motion: Motion, physics: Physics) -> Floats:
     """(N,) highest speed [m/s] where ``motion.speed`` is what road and truck allow;
-    the lowest of all terms of speed.
-    """
-    truck, motion = physics.actual_truck(), physics.actual_motion(motion)
-    cap = motion.speed
-    for term in physics.active():
-        if term.acts == "speed" and term.function is not None:
-            cap = np.minimum(cap, term.function(motion, truck, physics.values_along(term, motion)))
-    return cap
+    the lowest of all terms of speed."""
+    return np.asarray(np.min([motion.speed, *_evaluate(motion, physics.fleet, "speed").values()], axis=0))
 
 
 def cell_power(terminal: Floats, truck: Truck) -> Floats:

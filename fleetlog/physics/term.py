@@ -1,26 +1,23 @@
-"""What a physics term is: a function of motion, truck and its own parameters, the same signature for all."""
+"""What a physics term is: a function of motion, truck and its own parameters, the same signature for all;
+and all that the file of a term imports."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from fleetlog.core.motion import Motion
+from fleetlog.core.motion import Floats, Motion
 from fleetlog.core.truck import Truck
 
-Floats = NDArray[np.float64]
+__all__ = ["AIR_DENSITY", "GRAVITY", "Floats", "Motion", "Parameter", "Term", "Truck", "Values", "total_mass"]
+
 Values = Mapping[str, float | Floats]
 """A parameter's value by name: a number, or (N,) where a field was looked up along the motion."""
 
 Function = Callable[[Motion, Truck, Values], Floats]
 
-GRAVITY = 9.81
-"""Standard acceleration of free fall, rounded as the nominal model states it [m/s2]."""
-AIR_DENSITY = 1.2
-"""Of the air at 20 degC and 1013 hPa, rounded as the nominal model states it [kg/m3]."""
+GRAVITY = 9.81  # Standard acceleration of free fall, rounded as the nominal model states it [m/s2]
+AIR_DENSITY = 1.2  # Of the air at 20 degC and 1013 hPa, rounded as the nominal model states it [kg/m3]
 
 
 @dataclass(frozen=True)
@@ -99,14 +96,12 @@ class Term:
     drive      the same, by the sum of all forces at the wheel: the values have it as ``force``, (N,) newtons
     load       the payload that acts, kg (replaces the recorded one)
     truck      nothing of its own: it only changes values of the truck (``truck_key`` of its parameters)
-    loss       an internal loss that only the state of charge sees, W; ``motion.power`` is that at the
-               terminals; no function where it only changes values of the truck
+    loss       nothing of its own: the same, for a loss inside the battery that only the state of charge sees
     speed      the highest speed that this effect allows, m/s (inf: any), ``motion.speed`` being
                what road and truck allow; no function where it only changes values of the truck
     wait       nothing of its own: its first parameter is the time that every passage stands still, s
     traffic    nothing of its own: time lost while other vehicles were in the way, as their positions show
-    sensor     what the log shows of the channel in place of the truth; a fault of the recording, not of the
-               vehicle
+    sensor     nothing of its own: a fault of the recording, not of the vehicle
     =========  ==========================================================================================
 
     ``nominal`` terms belong to the nominal model.  A ``field`` term's first parameter may vary over the road
@@ -117,8 +112,7 @@ class Term:
 
     name: str
     acts: Literal["force", "power", "drive", "load", "truck", "loss", "speed", "wait", "traffic", "sensor"]
-    statement: str
-    """What it is, for a fleet engineer; a clause without a full stop."""
+    statement: str  # What it is, for a fleet engineer; a clause without a full stop
     parameters: tuple[Parameter, ...] = ()
     function: Function | None = None
     nominal: bool = False
@@ -126,8 +120,7 @@ class Term:
     odd: bool = False
     one_way: bool = False
     vector: bool = False
-    depends_on: tuple[str, ...] = ()
-    """The state variables that a mismatch follows where this term is missing."""
+    depends_on: tuple[str, ...] = ()  # The state variables that a mismatch follows where this term is missing
     sentence: str = ""
     """The finding in one sentence: a format string over the parameters by name (each with ``value``, ``low``,
     ``high`` and ``nominal``) and ``where``.  Empty: made from ``statement``."""
@@ -135,14 +128,10 @@ class Term:
     """Name under which the largest value of a field is reported; empty: that of its first parameter."""
     fault: Literal["", "clock", "mean", "scale"] = ""
     """Of a sensor term, how the fault is measured:
-    by the clock of power, as a mean over time, by the scale of speed.
-    """
-    told: bool = True
-    """Whether it can be a finding; else it is only a tolerance of the truck file."""
-    needs: str = ""
-    """What recording shows this effect apart from others; an imperative clause."""
-    advice: str = ""
-    """What to do about it in the plant; imperative, without a full stop."""
+    by the clock of power, as a mean over time, by the scale of speed."""
+    told: bool = True  # Whether it can be a finding; else it is only a tolerance of the truck file
+    needs: str = ""  # What recording shows this effect apart from others; an imperative clause
+    advice: str = ""  # What to do about it in the plant; imperative, without a full stop
 
     @cached_property
     def by_name(self) -> dict[str, Parameter]:

@@ -9,6 +9,11 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from fleetlog.core.result import Result
+from fleetlog.report.facts import Facts
+from fleetlog.view.picture import Layer, Panel, svg
+from fleetlog.view.scales import Scale
+
 
 @dataclass(frozen=True)
 class Table:
@@ -18,8 +23,7 @@ class Table:
     rows: list[list[str]]
     right: list[bool]
     caption: str = ""
-    more: int = 0
-    """Rows that are left out here, and are in the tables."""
+    more: int = 0  # Rows that are left out here, and are in the tables
 
 
 @dataclass(frozen=True)
@@ -37,14 +41,6 @@ class Part:
     lines: list[str] = field(default_factory=list)
     blocks: list[Table | Picture] = field(default_factory=list)
     name: str = ""
-
-
-@dataclass
-class Section:
-    """A heading, and one part for each dataset."""
-
-    title: str
-    parts: list[Part]
 
 
 def table(frame: pd.DataFrame, columns: str, caption: str = "", most: int = 60) -> Table:
@@ -77,6 +73,16 @@ def number(value: float) -> str:
     if value == 0.0 or abs(value) >= 100.0 or value == round(value):
         return f"{value:,.0f}"
     return f"{value:#.3g}" if abs(value) >= 0.1 else f"{value:.2g}"
+
+
+def picture(
+    facts: Facts, shape: Layer | Panel | None, caption: str, result: Result | None = None,
+    scale: Scale | None = None,
+) -> Picture:  # fmt: skip
+    """One shape of a result as it stands on the page."""
+    whole = result or Result("picture", {}, shapes=[] if shape is None else [shape])
+    salt = f"{facts.name}/{whole.name}/{getattr(shape, 'name', 'map')}"
+    return Picture(svg(whole, facts.site, shape, salt=salt, scale=scale, zone=facts.zone), caption)
 
 
 @cache

@@ -1,7 +1,5 @@
 """What the truck model leaves out: in three sentences for a fleet report, and as the page of a diagnosis."""
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 
@@ -9,7 +7,7 @@ from fleetlog.core.result import EdgeValues, Grid, Result, Series
 from fleetlog.core.site import Site
 from fleetlog.core.words import count, percent
 from fleetlog.discovery.diagnose import Diagnosis, diagnose
-from fleetlog.discovery.report.finding import Finding
+from fleetlog.discovery.report.finding import Finding, Verdict
 from fleetlog.discovery.report.output import HEADS, shapes
 from fleetlog.discovery.report.words import place
 from fleetlog.errors import DataError
@@ -35,13 +33,11 @@ def in_short(facts: Facts) -> list[str]:
     except DataError as error:
         return [f"The diagnosis could not be made: {error.advice}."]
     v = found.verdict
-    out = [HEADS.get(v.word, f"The truck model leaves out {count(len(v.findings), 'effect')}.")]
+    out = [_head(v)]
     if v.findings:
         first = v.findings[0]
         out.append(f"{'The largest: ' if v.findings[1:] else ''}{first.statement}. {_advice(first)}.")
-    judged = [c for c in v.channels if c.judged]
-    if judged:
-        c = judged[0]
+    for c in [c for c in v.channels if c.judged][:1]:
         out.append(
             f"On trips that it has not seen, the error of {_plain(c.name)} is {_share(c.before)} "
             f"without and {_share(c.after)} with what was found; noise alone makes {_share(c.floor)}."
@@ -52,14 +48,19 @@ def in_short(facts: Facts) -> list[str]:
 def diagnosis_page(d: Diagnosis, site: Site) -> str:
     """``report.html`` of a diagnosis."""
     v = d.verdict
-    drawn = Result("diagnosis", {}, shapes=shapes(d))
-    head = HEADS.get(v.word, f"The truck model leaves out {count(len(v.findings), 'effect')}.")
+    rows = [[_plain(c.name), c.metric, *map(_share, (c.before, c.after, c.floor))] for c in v.channels]
+    head, right = ["Channel", "Error", "before", "after", "noise floor"], [False, False, True, True, True]
+    judged = Table(head, rows, right, "How well the model reproduces trips that it has not seen")
     return render(
-        "diagnosis.html", title="Differences between recording and model", lead=[head, *_cost(d)],
-        channels=_channels(d), todo=_todo(v.findings, site.timezone or "UTC"),
+        "diagnosis.html", title="Differences between recording and model", lead=[_head(v), *_cost(d)],
+        channels=judged, todo=_todo(v.findings, site.timezone or "UTC"),
         findings=[(f, _sentence(f), _ranking(f), _roads(f)) for f in v.findings],
-        pictures=_pictures(drawn, site), notes=v.notes,
+        pictures=_pictures(Result("diagnosis", {}, shapes=shapes(d)), site), notes=v.notes,
     )  # fmt: skip
+
+
+def _head(v: Verdict) -> str:
+    return HEADS.get(v.word, f"The truck model leaves out {count(len(v.findings), 'effect')}.")
 
 
 def _cost(d: Diagnosis) -> list[str]:
@@ -73,21 +74,18 @@ def _cost(d: Diagnosis) -> list[str]:
         added, whole = added + float(more[unit.whole].sum()), whole + float(unit.recorded[unit.whole].sum())
     if not whole > 0.0:
         return []
-    word = "add" if added > 0.0 else "take"
-    share, kwh = percent(abs(added) / whole, 1), abs(added) / KJ_PER_KWH
-    return [
-        f"Together they {word} {number(kwh)} kWh: {share} of the {number(whole / KJ_PER_KWH)} kWh recorded."
-    ]
+    kwh, of = number(abs(added) / KJ_PER_KWH), number(whole / KJ_PER_KWH)
+    word, share = "add" if added > 0.0 else "take", percent(abs(added) / whole, 1)
+    return [f"Together they {word} {kwh} kWh: {share} of the {of} kWh recorded."]
 
 
 def _todo(findings: list[Finding], zone: str) -> Table | None:
     """Whom each finding concerns, where, when, and what to do about it."""
-    rows = []
-    for k, f in enumerate(findings, start=1):
-        trucks = ", ".join(f.scope["vehicles"] or ()) or "all"
-        rows.append(
-            [f"{k}. {_plain(f.term).capitalize()}", trucks, place(f.where), _when(f, zone), f"{_advice(f)}."]
-        )
+    rows = [
+        [f"{k}. {_plain(f.term).capitalize()}", ", ".join(f.scope["vehicles"] or ()) or "all", place(f.where),
+         _when(f, zone), f"{_advice(f)}."]
+        for k, f in enumerate(findings, start=1)
+    ]  # fmt: skip
     head = ["Finding", "trucks", "where", "when", "what to do"]
     return Table(head, rows, [False] * 5, "What to do, the largest effect first") if rows else None
 
@@ -99,14 +97,12 @@ def _plain(name: str) -> str:
 def _when(f: Finding, zone: str) -> str:
     """The time that a finding is of, on the site's clock."""
     begin, end = (f.scope[k] and pd.Timestamp(f.scope[k]).tz_convert(zone) for k in ("from", "until"))
-    one_day = begin and end and begin.date() == end.date()
-    first = f"{'growing ' if f.scope.get('drift') else ''}from {begin:%d %b %Y %H:%M}" if begin else ""
-    last = (
-        f"{'to' if begin else 'until'} {f'{end:%H:%M}' if one_day else f'{end:%d %b %Y %H:%M}'}"
-        if end
-        else ""
-    )
-    said = " ".join(filter(None, (first, last)))
+    said = "growing " if begin and f.scope.get("drift") else ""
+    if begin:
+        said += f"from {begin:%d %b %Y %H:%M}"
+    if end:
+        one_day = begin and begin.date() == end.date()
+        said += f"{' to' if begin else 'until'} {end:{'' if one_day else '%d %b %Y '}%H:%M}"
     return f"{said} ({zone})" if said else "always"
 
 
@@ -125,27 +121,14 @@ def _pictures(result: Result, site: Site) -> list[Picture]:
     scales = scales_of(result.shapes)
     words = {"worst trip": "Power on the trip that the model missed most"}
     kinds = (Grid, Series) if site.network is None else (Grid, Series, EdgeValues)
-    return [
-        Picture(
-            svg(result, site, s, salt=s.name, scale=scales.get(s.name)),
-            words.get(s.name, s.name.capitalize()),
-        )
-        for s in result.shapes
-        if isinstance(s, kinds)
-    ]
-
-
-def _channels(d: Diagnosis) -> Table:
-    rows = [
-        [_plain(c.name), c.metric, _share(c.before), _share(c.after), _share(c.floor)]
-        for c in d.verdict.channels
-    ]
-    head, right = ["Channel", "Error", "before", "after", "noise floor"], [False, False, True, True, True]
-    return Table(head, rows, right, "How well the model reproduces trips that it has not seen")
+    drawn = [s for s in result.shapes if isinstance(s, kinds)]
+    pictures = [svg(result, site, s, salt=s.name, scale=scales.get(s.name)) for s in drawn]
+    captions = [words.get(s.name, s.name.capitalize()) for s in drawn]
+    return [Picture(*pair) for pair in zip(pictures, captions, strict=True)]
 
 
 def _share(value: float | None) -> str:
-    return "not judged" if value is None or not np.isfinite(value) else f"{100.0 * value:.1f} %"
+    return "not judged" if value is None or not np.isfinite(value) else percent(value, 1)
 
 
 def _sentence(f: Finding) -> str:
@@ -159,9 +142,9 @@ def _sentence(f: Finding) -> str:
 def _ranking(f: Finding) -> list[tuple[str, str, float, bool]]:
     """Explanations with what each takes off the error on held-out trips, and its share of the largest."""
     gains: dict[str, float] = {}
-    others: list[dict[str, Any]] = f.evidence.get("alternatives", [])
-    for name, gain in ((str(a["term"]), float(a["held_out_gain"] or 0.0)) for a in others):
-        gains[name] = max(gain, gains.get(name, gain))
+    for other in f.evidence.get("alternatives", []):
+        gain = float(other["held_out_gain"] or 0.0)
+        gains[other["term"]] = max(gain, gains.get(other["term"], gain))
     gains[f.term] = float(f.evidence.get("held_out_gain") or 0.0)
     top = max(gains.values())
     if top <= 0.0 or len(gains) < 2:

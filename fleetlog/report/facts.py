@@ -6,6 +6,7 @@ fleet, of a truck, of a day or of an hour of the day are sums over some of its r
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,10 +32,8 @@ from fleetlog.store import Dataset
 from fleetlog.store.events import read_table
 from fleetlog.store.trips import MIN_LOAD_CHANGE
 
-SHORTEST_TRIP = 5.0
-"""A shorter trip is shunting [m]."""
-MOST_CELLS = 400
-"""Of the heat map, along its longer side."""
+SHORTEST_TRIP = 5.0  # A shorter trip is shunting [m]
+MOST_CELLS = 400  # Of the heat map, along its longer side
 Ledger = pd.DataFrame
 
 
@@ -50,13 +49,18 @@ class Facts:
     results: dict[str, Result] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
     ledger: Ledger = field(default_factory=pd.DataFrame)
-    energy_from: dict[str, str] = field(default_factory=dict)
-    """By truck: where its energy comes from."""
+    energy_from: dict[str, str] = field(default_factory=dict)  # By truck: where its energy comes from
+    left_out: list[str] | None = None  # What the diagnosis says of it, where there was one
 
     @property
     def site(self) -> Site:
         """The dataset's site."""
         return self.dataset.site
+
+    @property
+    def currency(self) -> str:
+        """That of the tariff."""
+        return self.tariff.currency if self.tariff is not None and self.tariff.currency else "currency"
 
     def local(self, times: pd.Series) -> pd.Series:
         """Times as the clock on the site's wall shows them."""
@@ -66,14 +70,13 @@ class Facts:
 
 def gather(facts: Facts) -> Facts:
     """Run every analysis that the dataset can carry, and sum up the ledger."""
-    d = facts.dataset
+    d, truck = facts.dataset, facts.truck
     questions: dict[str, Callable[[], Result]] = {
         "utilisation": lambda: utilisation(d), "trips": lambda: trips(d, min_distance=SHORTEST_TRIP),
         "stops": lambda: stops(d), "heatmap": lambda: heatmap(d, quantity="passages", cell=_cell(d)),
         "density": lambda: density(d), "speeding": lambda: speeding(d), "near_misses": lambda: near_misses(d),
     }  # fmt: skip
-    if facts.truck is not None:
-        truck = facts.truck
+    if truck is not None:
         questions["energy"] = lambda: energy(d, truck)
     for number, (name, question) in enumerate(questions.items()):
         progress(f"{facts.name}: {name.replace('_', ' ')}", number / len(questions))
@@ -94,19 +97,16 @@ def _cell(dataset: Dataset) -> float:
 def _ledger(facts: Facts) -> Ledger:
     """(vehicle_id, start) with one column a sum; :mod:`fleetlog.report.figures` says what is made of them."""
     d, results = facts.dataset, facts.results
+    over, near = (results[name].places[name] for name in ("speeding", "near_misses"))
     parts = [_states(results["utilisation"].tables["states"]), _energy(facts)]
-    parts.append(_counted("tasks", tasks_done(d)))
+    parts.append(_summed("tasks", tasks_done(d), 1.0))
     trip = d.trips[d.trips["distance"] >= SHORTEST_TRIP] if len(d.trips) else d.trips
     if len(trip):
-        parts.append(_counted("trips", trip[["vehicle_id", "start"]]))
-    over = results["speeding"].places["speeding"]
-    parts.append(_summed("over_s", over["vehicle_id"], over["start"], over["duration"]))
-    near = results["near_misses"].places["near_misses"]
-    for column in ("vehicle_a", "vehicle_b"):
-        half = pd.Series(0.5, index=near.index)
-        parts.append(_summed("near_misses", near[column], near["start"], half))
+        parts.append(_summed("trips", trip, 1.0))
+    parts.append(_summed("over_s", over, over["duration"]))
+    parts += [_summed("near_misses", near, 0.5, who) for who in ("vehicle_a", "vehicle_b")]
     if "density" in results and len(late := results["density"].tables["tasks"]):
-        parts.append(_summed("delay_s", late["vehicle_id"], late["start"], late["delay"]))
+        parts.append(_summed("delay_s", late, late["delay"]))
     out = pd.concat(parts).groupby(level=["vehicle_id", "start"]).sum()
     # What the data cannot show is no zero.
     if not results["speeding"].summary["limited_s"]:
@@ -139,9 +139,9 @@ def _states(table: pd.DataFrame) -> Ledger:
 def _energy(facts: Facts) -> Ledger:
     """Kilometres and energy; without an electrical channel that of the truck's model, if there is one."""
     table = consumption(facts.dataset)
-    table["km"], table["measured_km"] = table["metres"] / 1000.0, table["measured_m"] / 1000.0
+    table["km"], table["energy_km"] = table["metres"] / 1000.0, table["measured_m"] / 1000.0
+    table["energy_h"] = table["measured_s"] / 3600.0
     measured = table.groupby("vehicle_id")["measured_s"].transform("sum") > 0.0
-    table["energy_km"], table["energy_h"] = table["measured_km"], table["measured_s"] / 3600.0
     facts.energy_from = dict.fromkeys(table.loc[measured, "vehicle_id"], "power")
     keep = ["km", "energy_km", "energy_h", "used_kwh", "charged_kwh"]
     out = table.set_index(["vehicle_id", "start"])[keep]
@@ -155,8 +155,7 @@ def _energy(facts: Facts) -> Ledger:
     facts.energy_from |= {str(v): "state of charge" if yes else "model" for v, yes in known.items()}
     extra = {"energy_km": model["distance_km"], "energy_h": model["duration_h"], "used_kwh": used,
              "charged_kwh": (-gauge).clip(lower=0.0).fillna(0.0)}  # fmt: skip
-    rows = [_summed(name, model["vehicle_id"], model["start"], values) for name, values in extra.items()]
-    return pd.concat([out, *rows])
+    return pd.concat([out, *(_summed(name, model, values) for name, values in extra.items())])
 
 
 def tasks_done(dataset: Dataset) -> pd.DataFrame:
@@ -172,12 +171,8 @@ def tasks_done(dataset: Dataset) -> pd.DataFrame:
     return pd.DataFrame({"vehicle_id": names, "start": when})
 
 
-def _counted(name: str, table: pd.DataFrame) -> Ledger:
-    return _summed(name, table["vehicle_id"], table["start"], pd.Series(1.0, index=table.index))
-
-
-def _summed(name: str, vehicle: pd.Series, start: pd.Series, values: pd.Series) -> Ledger:
+def _summed(name: str, table: pd.DataFrame, values: Any, vehicle: str = "vehicle_id") -> Ledger:
     """One column of the ledger; values of a time count for its quarter of an hour."""
-    quarter = pd.to_datetime(start, utc=True).dt.as_unit("us").dt.floor(f"{QUARTER // 60_000_000}min")
-    keys = [vehicle.astype(str).rename("vehicle_id"), quarter.rename("start")]
-    return values.astype(float).groupby(keys).sum().to_frame(name)
+    start = pd.to_datetime(table["start"], utc=True).dt.as_unit("us").dt.floor(f"{QUARTER // 60_000_000}min")
+    keys = [table[vehicle].astype(str).rename("vehicle_id"), start.rename("start")]
+    return table.assign(value=values)["value"].astype(float).groupby(keys).sum().to_frame(name)

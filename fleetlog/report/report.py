@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,9 @@ from fleetlog.core.truck import Truck
 from fleetlog.core.words import count
 from fleetlog.errors import ArgumentError, DataError
 from fleetlog.registry import added, part
-from fleetlog.report.comparison import Comparison
-from fleetlog.report.content import Part, Section, render
+from fleetlog.report.comparison import Row, changes, frame, page_table, rows_of
+from fleetlog.report.content import Part, render
+from fleetlog.report.diagnosis import in_short
 from fleetlog.report.facts import Facts, gather
 from fleetlog.report.sections import SECTIONS, answers, local_span, shapes
 from fleetlog.store import Dataset
@@ -59,45 +61,35 @@ def report(
     """
     if not 1 <= len(datasets) <= 2:
         raise ArgumentError(f"a report takes one or two datasets, not {len(datasets)}")
-    zone = _zone(timezone, datasets[0])
-    prices = None if tariff is None else load_tariff(tariff)
-    names = _names(datasets)
-    facts = [gather(Facts(n, d, zone, truck, prices)) for n, d in zip(names, datasets, strict=True)]
-    left_out = [_left_out(f) for f in facts] if diagnosis and truck is not None else []
-    found = Comparison(facts, left_out)
-    lead = found.changes() if found.two else answers(facts[0])
-    return Report(_page(found, lead), _summary(found, lead), _tables(found), lead, zone)
-
-
-def _zone(given: str | None, first: Dataset) -> str:
     try:
-        return time_zone(given or first.site.timezone)
+        zone = time_zone(timezone or datasets[0].site.timezone)
     except Wrong as wrong:
-        raise ArgumentError(f"{given!r} {wrong}", option="--timezone") from None
-
-
-def _names(datasets: Sequence[Dataset]) -> list[str]:
-    """Names of the folders; told apart by their number where they are the same."""
+        raise ArgumentError(f"{timezone!r} {wrong}", option="--timezone") from None
+    prices = None if tariff is None else load_tariff(tariff)
     names = [d.path.resolve().name for d in datasets]
-    return names if len(set(names)) == len(names) else [f"{n} ({i})" for i, n in enumerate(names, start=1)]
+    if len(set(names)) < len(names):
+        names = [f"{n} ({i})" for i, n in enumerate(names, start=1)]
+    facts = [gather(Facts(n, d, zone, truck, prices)) for n, d in zip(names, datasets, strict=True)]
+    if diagnosis and truck is not None:
+        for f in facts:
+            # A simulation leaves out nothing that its model has.
+            f.left_out = in_short(f) if f.dataset.kind == "recorded" else []
+    rows = rows_of(facts)
+    lead = changes(rows, names) if len(facts) == 2 else answers(facts[0])
+    return Report(_page(facts, rows, lead), _summary(facts, rows, lead), _tables(facts, rows), lead, zone)
 
 
-def _left_out(facts: Facts) -> list[str]:
-    """The diagnosis in three sentences; none for a simulation."""
-    from fleetlog.report.diagnosis import in_short
-
-    return in_short(facts) if facts.dataset.kind == "recorded" else []
-
-
-def _page(found: Comparison, lead: list[str]) -> str:
-    facts = found.facts
+def _page(facts: list[Facts], rows: list[Row], lead: list[str]) -> str:
     sites = list(dict.fromkeys(f.site.name if f.site.source else f.name for f in facts))
-    large = [(f, v[0]) for f, v in found.figures if f.title and np.isfinite(v[0])]
-    tiles = [(f.label, f.shown(v), "" if f.unit == "1/h" else found.unit(f)) for f, v in large]
+    tiles = [
+        (r.figure.label, r.figure.shown(r.values[0]), "" if r.figure.unit == "1/h" else r.unit)
+        for r in rows
+        if r.figure.title and len(facts) == 1
+    ]
     return render(
         "fleet.html", title=f"Fleet report: {' and '.join(sites)}", lead=lead,
-        about=[_about(f) for f in facts], tiles=[] if found.two else tiles, sections=_sections(found),
-        key=found.table(), version=__version__,
+        about=[_about(f) for f in facts], tiles=tiles, sections=_sections(facts),
+        key=page_table(rows, [f.name for f in facts]), version=__version__,
     )  # fmt: skip
 
 
@@ -113,26 +105,21 @@ def _about(f: Facts) -> list[tuple[str, str]]:
     ]  # fmt: skip
 
 
-def _sections(found: Comparison) -> list[Section]:
-    facts = found.facts
+def _sections(facts: list[Facts]) -> list[tuple[str, list[Part]]]:
+    """Title and a part for each dataset; at last the sentences of analyses that other packages add."""
     out = []
     for title, make in SECTIONS.items():
         shared = _common(title, facts)
-        out.append(Section(title, [replace(make(f, **shared), name=f.name) for f in facts]))
-        if title == "Energy" and any(found.left_out):
-            said = zip(facts, found.left_out, strict=True)
-            parts = [Part(lines, name=f.name) for f, lines in said if lines]
-            out.append(Section("What the truck model leaves out", parts))
-    return out + _added_sections(facts)
-
-
-def _added_sections(facts: list[Facts]) -> list[Section]:
-    """A section for each analysis that another package adds: its sentences."""
-    found: dict[str, list[Part]] = {}
+        out.append((title, [replace(make(f, **shared), name=f.name) for f in facts]))
+        if title == "Energy" and any(f.left_out for f in facts):
+            parts = [Part(f.left_out, name=f.name) for f in facts if f.left_out]
+            out.append(("What the truck model leaves out", parts))
+    more: dict[str, list[Part]] = {}
     for f in facts:
         for result in added_results(f.dataset, f.truck):
-            found.setdefault(result.name, []).append(Part(result.lines, name=f.name))
-    return [Section(name.replace("_", " ").capitalize(), parts) for name, parts in found.items()]
+            title = result.name.replace("_", " ").capitalize()
+            more.setdefault(title, []).append(Part(result.lines, name=f.name))
+    return [*out, *more.items()]
 
 
 def added_results(dataset: Dataset, truck: Truck | None = None) -> Iterator[Result]:
@@ -142,10 +129,8 @@ def added_results(dataset: Dataset, truck: Truck | None = None) -> Iterator[Resu
         needed = [p.name for p in inspect.signature(function).parameters.values() if p.default is p.empty][1:]
         options: dict[str, Any] = {} if truck is None or "truck" not in needed else {"truck": truck}
         if set(needed) <= options.keys():
-            try:
+            with suppress(DataError):  # these data cannot answer it
                 yield function(dataset, **options)
-            except DataError:  # these data cannot answer it
-                continue
 
 
 def _common(title: str, facts: list[Facts]) -> dict[str, Scale]:
@@ -155,21 +140,20 @@ def _common(title: str, facts: list[Facts]) -> dict[str, Scale]:
     return {"scale": scale_of(np.concatenate([np.ravel(s.values) for s in drawn]))} if len(drawn) > 1 else {}
 
 
-def _summary(found: Comparison, lead: list[str]) -> dict[str, Any]:
+def _summary(facts: list[Facts], rows: list[Row], lead: list[str]) -> dict[str, Any]:
     datasets = [
         {
             "name": f.name, "path": str(f.dataset.path), "kind": f.dataset.kind, "site": f.site.name,
             **{k: f.dataset.meta[k] for k in ("start", "end")}, "vehicles": len(f.dataset.vehicles),
-            "figures": {figure.name: values[k] for figure, values in found.figures},
-            "left_out": found.left_out[k] if found.left_out else None, "not_judged": f.missing,
+            "figures": {r.figure.name: r.values[k] for r in rows},
+            "left_out": f.left_out, "not_judged": f.missing,
         }
-        for k, f in enumerate(found.facts)
+        for k, f in enumerate(facts)
     ]  # fmt: skip
-    differences = {name: {**asdict(d), "p_value": p} for name, (d, p) in found.differences.items()}
-    units = {figure.name: found.unit(figure) for figure, _ in found.figures}
+    differences = {r.figure.name: asdict(r.difference) for r in rows if r.difference is not None}
     return {
-        "format_version": 1, "timezone": found.facts[0].zone, "datasets": datasets, "units": units,
-        "differences": differences or None, "answer": lead,
+        "format_version": 1, "timezone": facts[0].zone, "datasets": datasets,
+        "units": {r.figure.name: r.unit for r in rows}, "differences": differences or None, "answer": lead,
     }  # fmt: skip
 
 
@@ -177,15 +161,16 @@ PLACES = {"speeding": "speeding", "near_misses": "near_misses", "places": "stops
 """Tables of the report, and the result that each is of."""
 
 
-def _tables(found: Comparison) -> dict[str, pd.DataFrame]:
+def _tables(facts: list[Facts], rows: list[Row]) -> dict[str, pd.DataFrame]:
     """All tables; those of two datasets are one below the other, told apart by the column ``dataset``."""
     out: dict[str, list[pd.DataFrame]] = {}
-    for f in found.facts:
+    for f in facts:
         own = {"ledger": f.ledger.reset_index(), "states": f.results["utilisation"].tables["states"]}
         results = {name: f.results[of].places for name, of in PLACES.items() if of in f.results}
         own |= {name: tables[name] for name, tables in results.items() if name in tables}
         if "trips" in f.results:
             own["trips_between_places"] = f.results["trips"].tables["pairs"]
         for name, table in own.items():
-            out.setdefault(name, []).append(table.assign(dataset=f.name) if found.two else table)
-    return {"figures": found.frame(), **{n: pd.concat(t, ignore_index=True) for n, t in out.items()}}
+            out.setdefault(name, []).append(table.assign(dataset=f.name) if len(facts) > 1 else table)
+    figures = frame(rows, [f.name for f in facts])
+    return {"figures": figures, **{n: pd.concat(t, ignore_index=True) for n, t in out.items()}}

@@ -1,6 +1,6 @@
 """The sections of a fleet report, each a function of the facts of one dataset."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -9,21 +9,14 @@ import pandas as pd
 from fleetlog.analysis.utilisation import STATES, state_bars
 from fleetlog.core.result import Bars, EdgeValues, Grid, Marks, Result, Series
 from fleetlog.core.words import count, listed
-from fleetlog.report.battery import charge_curves, charge_table
-from fleetlog.report.content import Part, Picture, Table, number, table
+from fleetlog.report.condition import charge, data_quality
+from fleetlog.report.content import Part, number, picture, table
 from fleetlog.report.facts import Facts
 from fleetlog.report.figures import BY_NAME
-from fleetlog.report.quality import quality
-from fleetlog.view.picture import svg
 from fleetlog.view.scales import Scale
 
-Shape = Series | Bars | Grid | EdgeValues | None
 S = TypeVar("S", Bars, Grid, EdgeValues)
 # Heading, column and format of every table.
-DATA = (
-    "truck=vehicle_id; rows=rows .0f; interval [s]=interval_s .1f; no data=silent %; on a road=on_road %; "
-    "channels=channels"
-)
 WORK = (
     "truck=vehicle_id; hours=hours .2f; tasks=tasks .0f; per hour=tasks/h .1f; trips=trips .0f; "
     "per hour=trips/h .1f; km=km .2f; per hour=km/h .2f"
@@ -37,10 +30,6 @@ ENERGY = (
     "cost=cost .2f; CO2 [kg]=co2_kg .2f; from=source"
 )
 ENERGY_SUMS = ("used_kwh", "charged_kwh", "energy_km", "energy_h", "cost", "co2_kg")
-CHARGE = (
-    "truck=vehicle_id; at the start=first %; lowest=lowest %; at the end=last %; times charged=visits .0f; "
-    "hours charged=hours .2f"
-)
 BUSY = (
     "place=place; visits=visits .0f; trucks=vehicles .0f; median stop [s]=dwell_median .0f; "
     "truck hours=hours .2f; x [m]=x .1f; y [m]=y .1f"
@@ -56,25 +45,10 @@ OVER = (
 )
 
 
-def picture(
-    facts: Facts, shape: Shape, caption: str, result: Result | None = None, scale: Scale | None = None
-) -> Picture:
-    """One shape of a result as it stands on the page."""
-    whole = result or Result("picture", {}, shapes=[] if shape is None else [shape])
-    salt = f"{facts.name}/{whole.name}/{getattr(shape, 'name', 'map')}"
-    return Picture(svg(whole, facts.site, shape, salt=salt, scale=scale, zone=facts.zone), caption)
-
-
 def shapes(facts: Facts, name: str, kind: type[S]) -> list[S]:
     """The shapes of one kind of a result; none where the analysis could not be made."""
     result = facts.results.get(name)
     return [] if result is None else [s for s in result.shapes if isinstance(s, kind)]
-
-
-def data_quality(f: Facts) -> Part:
-    """How good the data are: rows, gaps, map matching, channels by truck."""
-    per_truck, lines = quality(f.dataset)
-    return Part(lines, [table(per_truck, DATA, "Data by truck")])
 
 
 def utilisation_part(f: Facts) -> Part:
@@ -91,14 +65,15 @@ def utilisation_part(f: Facts) -> Part:
     known = by_truck.drop(columns="no_data")
     total = known.sum(axis=1)
     share = known.div(total.clip(lower=1e-9), axis=0).assign(hours=total).reset_index()
-    seen = [f"{s.replace('_', ' ')}={s} %" for s in STATES if s in known and (known[s] > 0.0).any()]
+    seen = [f"{s.replace('_', ' ')}={s} %" for s in map(str, known) if (known[s] > 0.0).any()]
     columns = "; ".join(["truck=vehicle_id", "hours=hours .2f", *seen])
-    unknown = share.loc[share["driving"] > 0.0, "vehicle_id"]
-    lines = [
-        f"No load is recorded for {listed(unknown.tolist())}: driving empty cannot be told from driving "
-        "laden there, nor waiting from handling."
-    ] if len(unknown) else []  # fmt: skip
-    return Part(lines, [*blocks, table(share, columns, "Share of the time by truck")])
+    part = Part([], [*blocks, table(share, columns, "Share of the time by truck")])
+    if unknown := share.loc[share["driving"] > 0.0, "vehicle_id"].tolist():
+        part.lines.append(
+            f"No load is recorded for {listed(unknown)}: driving empty cannot be told from driving laden "
+            "there, nor waiting from handling."
+        )
+    return part
 
 
 def work(f: Facts) -> Part:
@@ -132,7 +107,7 @@ def energy_part(f: Facts) -> Part:
     trucks.loc[~known, [c for c in keep if c != "energy_h"]] = np.nan
     trucks["per_km"] = trucks["used_kwh"] / trucks["energy_km"].where(trucks["energy_km"] > 0.01)
     trucks["source"] = [f.energy_from.get(v, "unknown") for v in trucks["vehicle_id"]]
-    money = f" (cost in {_currency(f)})" if "cost" in trucks else ""
+    money = f" (cost in {f.currency})" if "cost" in trucks else ""
     part = Part([], [table(trucks, ENERGY, f"Energy by truck{money}")])
     if not known.all():
         part.lines.append(
@@ -140,17 +115,13 @@ def energy_part(f: Facts) -> Part:
             "channel. With --truck it is that of the truck's model."
         )
     if "energy" in f.results:
-        result = f.results["energy"]
-        part.lines += _model_lines(f, result)
-        for bars in shapes(f, "energy", Bars):
-            part.blocks.append(picture(f, bars, "Energy of the model by cause, all trucks"))
-        for roads in shapes(f, "energy", EdgeValues):
-            part.blocks.append(picture(f, roads, "Energy per metre of road, by direction"))
+        part.lines += _model_lines(f, f.results["energy"])
+        pictures: dict[str, Sequence[Bars | EdgeValues]] = {
+            "Energy of the model by cause, all trucks": shapes(f, "energy", Bars),
+            "Energy per metre of road, by direction": shapes(f, "energy", EdgeValues),
+        }
+        part.blocks += [picture(f, drawn, what) for what, found in pictures.items() for drawn in found]
     return part
-
-
-def _currency(f: Facts) -> str:
-    return f.tariff.currency if f.tariff is not None and f.tariff.currency else "currency"
 
 
 def _model_lines(f: Facts, result: Result) -> list[str]:
@@ -162,34 +133,15 @@ def _model_lines(f: Facts, result: Result) -> list[str]:
     trucks = trucks[trucks["vehicle_id"].map(f.energy_from) == "power"]
     measured, model = (float(trucks[c].sum()) for c in ("measured_kwh", "model_beside_measured_kwh"))
     if measured > 0.0:
-        how = "more" if model > measured else "less"
-        out.append(
-            f"Where power is recorded, the model gives {100.0 * abs(model / measured - 1.0):.1f} % {how} "
-            "than was measured."
-        )
+        more = f"{100.0 * abs(model / measured - 1.0):.1f} % {'more' if model > measured else 'less'}"
+        out.append(f"Where power is recorded, the model gives {more} than was measured.")
     return out
-
-
-def charge(f: Facts) -> Part:
-    """State of charge and charging, by truck."""
-    curves = charge_curves(f.dataset)
-    if curves is None:
-        return Part(["The log has no state of charge."])
-    trucks = charge_table(f, curves)
-    low = trucks.dropna(subset="lowest").nsmallest(1, "lowest")
-    lines = [f"Lowest state of charge: {100.0 * float(v):.0f} %." for v in low["lowest"]]
-    blocks: list[Table | Picture] = [
-        picture(f, curves.shape, "State of charge"),
-        table(trucks, CHARGE, "State of charge by truck"),
-    ]
-    return Part(lines, blocks)
 
 
 def places(f: Facts, scale: Scale | None = None) -> Part:
     """Where the trucks are: busiest places, passages over the floor."""
     part = Part()
-    if "stops" in f.results:
-        result = f.results["stops"]
+    if (result := f.results.get("stops")) is not None:
         busiest = result.places["places"].sort_values("dwell_total", ascending=False, kind="stable")
         busiest = busiest.assign(hours=busiest["dwell_total"] / 3600.0)
         if len(busiest):
@@ -208,39 +160,33 @@ def congestion(f: Facts, scale: Scale | None = None) -> Part:
         return Part([f"Congestion is not known: {f.missing.get('density', '')}."])
     result = f.results["density"]
     s, areas = result.summary, result.places.get("areas")
-    episodes = count(s["episodes"], "episode")
-    part = Part([f"{episodes} of congestion, {number(s['delay_s'])} s of delay in all."])
-    if areas is not None and len(areas):
+    part = Part(
+        [f"{count(s['episodes'], 'episode')} of congestion, {number(s['delay_s'])} s of delay in all."]
+    )
+    if areas is not None:
         part.blocks.append(table(areas, AREAS, "Where trucks lose most time", most=8))
         marks = [m for m in result.shapes if isinstance(m, Marks)]
-        for layer in [s for s in result.shapes if isinstance(s, EdgeValues)]:
+        caption = "Delay in congestion, with the areas that it adds up to"
+        for layer in shapes(f, "density", EdgeValues):
             only = Result("density", {}, shapes=[layer, *marks])
-            part.blocks.append(
-                picture(f, layer, "Delay in congestion, with the areas that it adds up to", only, scale)
-            )
+            part.blocks.append(picture(f, layer, caption, only, scale))
     return part
 
 
 def safety(f: Facts) -> Part:
     """Speeding and near misses."""
     part = Part()
-    for name, caption, heads, key in (
-        ("near_misses", "Near misses, the closest first", NEAR,
-         " (TTC: time to collision, PET: post-encroachment time)"),
-        ("speeding", "Longest drives above the limit", OVER, ""),
-    ):  # fmt: skip
-        result = f.results[name]
-        part.lines += result.lines
-        found = result.places[name]
-        if not len(found):
-            continue
-        if name == "near_misses":
-            found = found.assign(worst=found[["ttc_s", "pet_s"]].min(axis=1)).sort_values("worst")
-        found = found.assign(start=f.local(found["start"]))
-        part.blocks += [
-            table(found, heads, caption + key, most=10),
-            picture(f, None, f"{caption}: where", result),
-        ]
+    near, over = (f.results[name].places[name] for name in ("near_misses", "speeding"))
+    near = near.assign(worst=near[["ttc_s", "pet_s"]].min(axis=1)).sort_values("worst")
+    closest, longest = "Near misses, the closest first", "Longest drives above the limit"
+    for name, found, caption, key, heads in (
+        ("near_misses", near, closest, " (TTC: time to collision, PET: post-encroachment time)", NEAR),
+        ("speeding", over, longest, "", OVER),
+    ):
+        part.lines += f.results[name].lines
+        if len(found):
+            rows = table(found.assign(start=f.local(found["start"])), heads, caption + key, most=10)
+            part.blocks += [rows, picture(f, None, f"{caption}: where", f.results[name])]
     return part
 
 
@@ -270,13 +216,11 @@ def answers(f: Facts) -> list[str]:
         )
     if values["kwh"] > 0.0:
         out.append(f"The fleet used {of('kwh')} kWh, {of('kwh_per_km')} kWh per kilometre.")
-        cost = [f"cost {of('cost')} {_currency(f)}"] if values["cost"] > 0.0 else []
-        co2 = [f"emitted {of('co2_kg')} kg of CO2"] if values["co2_kg"] > 0.0 else []
-        if cost or co2:
-            out.append(f"That {listed(cost + co2)}.")
-    areas = f.results["density"].places.get("areas") if "density" in f.results else None
-    if areas is not None and len(areas):
-        first = areas.iloc[0]
+        told = {"cost": f"cost {of('cost')} {f.currency}", "co2_kg": f"emitted {of('co2_kg')} kg of CO2"}
+        if any(values[name] > 0.0 for name in told):
+            out.append(f"That {listed([said for name, said in told.items() if values[name] > 0.0])}.")
+    if "density" in f.results and "areas" in f.results["density"].places:
+        first = f.results["density"].places["areas"].iloc[0]
         out.append(f"Most time is lost to congestion on {first['roads']}: {number(first['delay'])} s.")
     return out + f.results["near_misses"].lines + f.results["speeding"].lines
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
 import pandas as pd
@@ -12,17 +13,7 @@ from fleetlog.store.output import atomic_output
 
 TEXT_ONLY = {"strings_to_formulas": False, "strings_to_urls": False, "strings_to_numbers": False}
 """A text that begins with = is a text."""
-MOST_ROWS = 1_000_000
-"""A sheet holds no more."""
-
-
-def check_workbook() -> None:
-    """Raise :class:`InputError` where workbooks cannot be written."""
-    try:
-        import xlsxwriter  # noqa: F401
-    except ImportError:
-        do = "install fleetlog[excel], or name a folder for Parquet files"
-        raise InputError("writing .xlsx needs another package", do=do) from None
+MOST_ROWS = 1_000_000  # A sheet holds no more
 
 
 @contextmanager
@@ -34,27 +25,27 @@ def held(
         yield lambda tables, zone: None
         return
     book = target.suffix.lower() == ".xlsx"
-    if book:
-        check_workbook()
+    if book and find_spec("xlsxwriter") is None:
+        do = "install fleetlog[excel], or name a folder for Parquet files"
+        raise InputError("writing .xlsx needs another package", do=do)
     with atomic_output(target, "report tables", overwrite=overwrite, folder=not book, inputs=inputs) as out:
-        yield lambda tables, zone: write_workbook(tables, out, zone) if book else write_parquet(tables, out)
 
+        def write(tables: dict[str, pd.DataFrame], zone: str) -> None:
+            if book:
+                write_workbook(tables, out, zone)
+                return
+            for name, table in tables.items():
+                table.to_parquet(out / f"{name}.parquet", index=False)
 
-def write_parquet(tables: dict[str, pd.DataFrame], folder: Path) -> None:
-    """``NAME.parquet`` for every table."""
-    for name, table in tables.items():
-        table.to_parquet(folder / f"{name}.parquet", index=False)
+        yield write
 
 
 def write_workbook(tables: dict[str, pd.DataFrame], path: Path, zone: str) -> None:
     """One sheet a table; times are those of the zone, as a sheet knows none."""
     with pd.ExcelWriter(path, engine="xlsxwriter", engine_kwargs={"options": TEXT_ONLY}) as book:
         for name, table in tables.items():
-            sheet, local = re.sub(r"[\[\]:*?/\\]", "_", name)[:31], _local(table.head(MOST_ROWS), zone)
+            sheet, rows = re.sub(r"[\[\]:*?/\\]", "_", name)[:31], table.head(MOST_ROWS)
+            times = rows.select_dtypes("datetimetz").columns
+            local = rows.assign(**{c: rows[c].dt.tz_convert(zone).dt.tz_localize(None) for c in times})
             local.to_excel(book, sheet_name=sheet, index=False, freeze_panes=(1, 0))
             book.sheets[sheet].autofit()
-
-
-def _local(table: pd.DataFrame, zone: str) -> pd.DataFrame:
-    times = table.select_dtypes("datetimetz").columns
-    return table.assign(**{c: table[c].dt.tz_convert(zone).dt.tz_localize(None) for c in times})

@@ -8,65 +8,51 @@ import numpy as np
 from fleetlog.core.network import Edge, Network
 from fleetlog.core.site import Frame
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats.base import Floats, RoadMap
+from fleetlog.roads.formats.base import Floats, Inverse, RoadMap
 from fleetlog.roads.segments import distance_to_segment
 
-SAME = 0.01
-"""Local metres of a map stay untouched where its frame reproduces them within this [m]."""
-FAR = 50_000.0
-"""Roads farther than this [m] from the frame's origin are in another frame than the site says."""
+SAME = 0.01  # local metres of a map stay untouched where its frame reproduces them within this [m]
+FAR = 50_000.0  # roads farther than this [m] from the frame's origin are in another frame than the site says
 
 
 def place_map(road_map: RoadMap, frame: Frame | None) -> tuple[list[Edge], Frame | None, list[str]]:
-    """Edges in the site frame, the frame, and what is worth saying.
-
-    Parameters
-    ----------
-    frame : the site's own; None takes the map's, or one about its centre.
-    """
+    """Edges in the site frame (None: the map's, or one about its centre), that frame, and notes."""
+    edges, earth = road_map.edges, road_map.geographic_of
+    points = np.concatenate([e.points for e in edges])
     if road_map.geographic:
-        points = np.concatenate([e.points for e in road_map.edges])
-        frame = frame or centre_frame(points[:, 1], points[:, 0])
-        return _moved(road_map.edges, *frame.to_local(points[:, 1], points[:, 0])), frame, []
-    if road_map.geographic_of is None:
+        frame = frame or _centre_frame(points[:, 1], points[:, 0])
+        return _moved(edges, *frame.to_local(points[:, 1], points[:, 0])), frame, []
+    if earth is None:
         note = ["the map's coordinates are taken as the local metres of the site's frame"] if frame else []
-        return road_map.edges, frame, note
-    return _place_local(road_map, frame)
-
-
-def _place_local(road_map: RoadMap, frame: Frame | None) -> tuple[list[Edge], Frame, list[str]]:
-    assert road_map.geographic_of is not None
-    points = np.concatenate([e.points for e in road_map.edges])
-    latitude, longitude = road_map.geographic_of(points[:, 0], points[:, 1])
+        return edges, frame, note
+    latitude, longitude = earth(points[:, 0], points[:, 1])
     if not (np.isfinite(latitude).all() and np.isfinite(longitude).all()):
         do = "correct the geoReference or the header's offset"
         raise SiteError("its projection does not reach its coordinates", do=do)
-    if frame is None:
-        frame = _own_frame(road_map, points)
+    frame = frame or _own_frame(earth, points)
     x, y = frame.to_local(latitude, longitude)
     moved = float(np.hypot(x - points[:, 0], y - points[:, 1]).max())
     if moved <= SAME:
-        return road_map.edges, frame, []
-    note = "coordinates are brought from the map's projection into the site frame"
-    return _moved(road_map.edges, x, y), frame, [f"{note}; the largest change is {moved:.2f} m"]
+        return edges, frame, []
+    how = "coordinates are brought from the map's projection into the site frame"
+    return _moved(edges, x, y), frame, [f"{how}; the largest change is {moved:.2f} m"]
 
 
-def _own_frame(road_map: RoadMap, points: Floats) -> Frame:
+def _own_frame(earth: Inverse, points: Floats) -> Frame:
     """A frame with the map's axes, about its (0, 0) where that is near the roads, else about their centre."""
-    assert road_map.geographic_of is not None
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     near = bool((np.maximum(np.abs(low), np.abs(high)) < FAR / 5).all())
     origin = np.zeros(2) if near else (low + high) / 2.0
     step = max(1.0, float((high - low).max()) / 2.0)
     axis = np.array([origin, [origin[0] + step, origin[1]]])
-    latitude, longitude = road_map.geographic_of(axis[:, 0], axis[:, 1])
+    latitude, longitude = earth(axis[:, 0], axis[:, 1])
     plain = Frame(float(latitude[0]), float(longitude[0]))
     east, north = plain.to_local(latitude, longitude)
     rotation = math.atan2(float(north[1] - north[0]), float(east[1] - east[0]))
     return replace(plain, rotation=rotation if abs(rotation) > 1e-9 else 0.0)
 
 
-def centre_frame(latitude: Floats, longitude: Floats) -> Frame:
+def _centre_frame(latitude: Floats, longitude: Floats) -> Frame:
     """A frame about the middle of the extent, rotation 0; :class:`SiteError` beyond the size of a region."""
     if np.ptp(latitude) > 5.0 or np.ptp(longitude) > 10.0:
         do = "cut the map to the site or correct its coordinates"

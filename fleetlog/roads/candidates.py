@@ -4,12 +4,9 @@ import weakref
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fleetlog.core.network import Network
-from fleetlog.roads.kernels.records import Candidates, Grid, Roads, Steps, Store
-
-Floats = NDArray[np.float64]
+from fleetlog.core.network import Floats, Network
+from fleetlog.roads.kernels.records import Candidates, Grid, Groups, Roads, Store
 
 MOST_CANDIDATES = 24
 """Candidates kept for one position, nearest first: more never changed a decision on aisle grids."""
@@ -37,13 +34,13 @@ class Prepared:
         total = found.ptr[-1]
         return Candidates(found.ptr, found.edge[:total].copy(), found.value[:, :total].copy())
 
-    def reach(self, near: Candidates, steps: Steps, beta: float) -> None:
+    def reach(self, near: Candidates, groups: Groups, beta: float) -> None:
         """Find the distances that the steps between candidates need."""
         from fleetlog.roads.kernels.decoding import ensure_all
         from fleetlog.roads.kernels.distances import roomier
 
         at = 0
-        while (at := ensure_all(self.store, self.roads, near, steps, beta, at)) < len(steps.chain):
+        while (at := ensure_all(self.store, self.roads, near, groups, beta, at)) < len(groups.t):
             self.store = roomier(self.store)
 
 
@@ -62,7 +59,6 @@ def prepare(network: Network) -> Prepared:
 
 
 def _prepare(network: Network) -> Prepared:
-    from fleetlog.roads.kernels.candidates import build_grid
     from fleetlog.roads.kernels.distances import new_store
 
     # equal alternatives are decided by the edges' names, so that the order of a map file means nothing
@@ -74,25 +70,46 @@ def _prepare(network: Network) -> Prepared:
         np.ascontiguousarray(v)
         for v in (network.points[:, 0], network.points[:, 1], network.distance, network.length)
     )
-    reverse, onward, follow = (
-        v.astype(np.int32) for v in (network.reverse, network.next_first, network.next_edges)
-    )
-    roads = Roads(x, y, first, away, owner, length, reverse, _twins(network), onward, follow, rank)
-    return Prepared(roads, build_grid(roads, _frame_of(network)), new_store(len(network), len(follow)))
-
-
-def _frame_of(network: Network) -> tuple[float, float, float, int, int]:
-    """Origin, cell size and cell counts: cells of 5 to 50 m, at most two million of them."""
-    xmin, ymin, xmax, ymax = network.extent
-    cell = float(np.clip(np.median(network.length), 5.0, 50.0))
-    cell = max(cell, float(np.sqrt((xmax - xmin + 1.0) * (ymax - ymin + 1.0) / 2e6)))
-    return xmin, ymin, cell, int((xmax - xmin) / cell) + 1, int((ymax - ymin) / cell) + 1
-
-
-def _twins(network: Network) -> NDArray[np.int32]:
-    """(E,) the reverse of an edge where it is the very same line, else -1."""
+    # the reverse of an edge where it is the very same line, else -1
     twin = np.full(len(network), -1, np.int32)
     for e, back in enumerate(network.reverse.tolist()):
         if back > e and np.array_equal(network.polyline(e), network.polyline(back)[::-1]):
             twin[e], twin[back] = back, e
-    return twin
+    reverse, onward, follow = (
+        v.astype(np.int32) for v in (network.reverse, network.next_first, network.next_edges)
+    )
+    roads = Roads(x, y, first, away, owner, length, reverse, twin, onward, follow, rank)
+    return Prepared(roads, _grid(roads), new_store(len(network), len(follow)))
+
+
+def _grid(roads: Roads) -> Grid:
+    """The segments of every cell that their bands cross, by first vertex; of twins only the first edge's.
+
+    Cells are 5 to 50 m wide, and at most two million.
+    """
+    k = np.flatnonzero(roads.owner[1:] == roads.owner[:-1])
+    twin = roads.twin[roads.owner[k]]
+    k = k[(twin < 0) | (twin >= roads.owner[k])]
+    low, high = np.array([[v.min(), v.max()] for v in (roads.px, roads.py)]).T
+    cell = float(np.clip(np.median(roads.length), 5.0, 50.0))
+    cell = max(cell, float(np.sqrt((high - low + 1.0).prod() / 2e6)))
+    nx, ny = ((high - low) / cell).astype(int) + 1
+    a, b = (np.column_stack([roads.px[n], roads.py[n]]) for n in (k, k + 1))
+    first, last = (((v - low) / cell).astype(np.int64) for v in (np.minimum(a, b), np.maximum(a, b)))
+    wide, tall = (last - first + 1).T
+    found = []
+    # by millions of cells, so that a map of long lines takes time and not memory
+    for some in np.split(np.arange(len(k)), np.flatnonzero(np.diff(np.cumsum(wide * tall) // 1_000_000)) + 1):
+        count = (wide * tall)[some]
+        which = np.repeat(some, count)
+        nth = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+        at = first[which] + np.column_stack([nth // tall[which], nth % tall[which]])
+        to_cell, along = low + (at + 0.5) * cell - a[which], (b - a)[which]
+        # the cell's half diagonal is 0.707
+        aside = np.abs(to_cell[:, 0] * along[:, 1] - to_cell[:, 1] * along[:, 0])
+        crossed = aside <= 0.75 * cell * np.hypot(*along.T)
+        found.append((at[crossed] @ [ny, 1], which[crossed]))
+    of, which = (np.concatenate(f) for f in zip(*found, strict=True))
+    order = np.argsort(of, kind="stable")
+    starts = np.searchsorted(of[order], np.arange(nx * ny + 1))
+    return Grid(float(low[0]), float(low[1]), cell, int(nx), int(ny), starts, k[which[order]])

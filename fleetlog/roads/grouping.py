@@ -1,95 +1,73 @@
 """Rows of a track, and the groups that one step of the matching model sees."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
-
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.network import Floats
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.roads.kernels.records import Groups, Track
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-STANDING_SPEED = 0.1
-"""A log speed below this is a standstill [m/s]."""
-MOST_ACCELERATION = 15.0
-"""No vehicle on wheels exceeds it [m/s2]."""
-LONGEST_SPAN = 2.0
-"""Longest motion that one group may hold [s]."""
-LONGEST_STEP = 3.0
-"""And the farthest [m]: longer ones would cut the corners of aisles."""
+STANDING_SPEED = 0.1  # a log speed below this is a standstill [m/s]
+MOST_ACCELERATION = 15.0  # no vehicle on wheels exceeds it [m/s2]
+LONGEST_SPAN = 2.0  # longest motion that one group may hold [s]
+LONGEST_STEP = 3.0  # and the farthest [m]: longer ones would cut the corners of aisles
 SHORTEST_STEP = 1.0
 """Dense rows of clean positions are grouped to this much motion [m]: more rows tell the model nothing new."""
 
 
-@dataclass(frozen=True)
-class Track:
-    """Rows with a position: s, m, speed [m/s] and heading [rad] of the log (NaN unknown), chain (gaps)."""
+def track_of(trajectory: Trajectory) -> tuple[Track, Ints, Ints]:
+    """The rows with a believable position, their indices, and those of rows out of line."""
+    t, (x, y) = trajectory.seconds(), (trajectory.floats(name) for name in ("x", "y"))
+    rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    spike = out_of_line(t[rows], x[rows], y[rows])
+    rows, outliers = rows[~spike], rows[spike]
+    speed, heading = (trajectory.floats(name)[rows] for name in ("speed", "heading"))
+    return Track(t[rows], x[rows], y[rows], speed, heading, np.zeros(len(rows), np.int64)), rows, outliers
 
-    t: Floats
-    x: Floats
-    y: Floats
-    speed: Floats
-    heading: Floats
-    chain: Ints
 
-    @classmethod
-    def of(cls, trajectory: Trajectory) -> tuple[Track, Ints, Ints]:
-        """The rows with a believable position, their indices, and those of rows out of line."""
-        x, y = trajectory.floats("x"), trajectory.floats("y")
-        rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
-        t = trajectory.seconds()
-        speed, heading = trajectory.floats("speed"), trajectory.floats("heading")
-        spike = out_of_line(t[rows], x[rows], y[rows])
-        rows, outliers = rows[~spike], rows[spike]
-        chain = np.zeros(len(rows), np.int64)
-        return cls(t[rows], x[rows], y[rows], speed[rows], heading[rows], chain), rows, outliers
+def usual_gap(track: Track) -> float:
+    """Silence that breaks a chain: 30 s, or ten usual intervals where the log is sparser [s]."""
+    return max(30.0, 10.0 * _interval(track)) if len(track.t) > 1 else 30.0
 
-    def __len__(self) -> int:
-        return len(self.t)
 
-    def __getitem__(self, index: Ints) -> Track:
-        return Track(*(column[index] for column in vars(self).values()))
+def with_gap(track: Track, gap: float) -> Track:
+    """Numbered anew: a chain ends where the log is silent for longer than ``gap``."""
+    return track._replace(chain=np.cumsum(np.diff(track.t, prepend=track.t[:1]) > gap))
 
-    def usual_gap(self) -> float:
-        """Silence that breaks a chain: 30 s, or ten usual intervals where the log is sparser [s]."""
-        return max(30.0, 10.0 * float(np.median(np.diff(self.t)))) if len(self) > 1 else 30.0
 
-    def with_gap(self, gap: float) -> Track:
-        """Numbered anew: a chain ends where the log is silent for longer than ``gap``."""
-        return replace(self, chain=np.cumsum(np.diff(self.t, prepend=self.t[:1]) > gap))
+def _interval(track: Track) -> float:
+    """Usual time between rows [s]."""
+    return float(np.median(np.diff(track.t))) if len(track.t) > 1 else 1.0
 
-    def interval(self) -> float:
-        """Usual time between rows [s]."""
-        return float(np.median(np.diff(self.t))) if len(self) > 1 else 1.0
 
-    def usual_speed(self, noise: float) -> float:
-        """Median speed while moving, from the log or from positions some noise apart [m/s]."""
-        known = self.speed[self.speed > 0.3]
-        if len(known) > 10:
-            return float(np.median(known))
-        if len(self) < 3:
-            return 1.0
-        apart = int(np.clip(round(max(2.0, 6.0 * noise) / self.interval()), 1, max(len(self) // 2, 1)))
-        h = self.t[apart:] - self.t[:-apart]
-        v = np.hypot(self.x[apart:] - self.x[:-apart], self.y[apart:] - self.y[:-apart]) / h
-        moving = v[v > max(0.3, 2.0 * noise / (apart * self.interval()))]
-        return float(np.median(moving)) if len(moving) > 3 else 1.0
+def _usual_speed(track: Track, noise: float) -> float:
+    """Median speed while moving, from the log or from positions some noise apart [m/s]."""
+    known, n, interval = track.speed[track.speed > 0.3], len(track.t), _interval(track)
+    if len(known) > 10:
+        return float(np.median(known))
+    if n < 3:
+        return 1.0
+    apart = int(np.clip(round(max(2.0, 6.0 * noise) / interval), 1, max(n // 2, 1)))
+    h, dx, dy = (column[apart:] - column[:-apart] for column in track[:3])
+    v = np.hypot(dx, dy) / h
+    moving = v[v > max(0.3, 2.0 * noise / (apart * interval))]
+    return float(np.median(moving)) if len(moving) > 3 else 1.0
 
-    def sample(self, groups: int, noise: float) -> Track:
-        """About ``groups`` groups' worth of rows in up to eight runs, each a chain of its own."""
-        rows = groups * max(1, round(group_span(self, noise) / self.interval()))
-        if rows >= len(self):
-            return self
-        runs = 8
-        starts = np.linspace(0, len(self) - rows // runs, runs).astype(int)
-        index = np.concatenate([np.arange(s, s + rows // runs) for s in starts])
-        picked = self[index]
-        run = np.repeat(np.arange(runs), rows // runs)
-        new = (np.diff(picked.chain, prepend=picked.chain[:1]) != 0) | (np.diff(run, prepend=0) != 0)
-        return replace(picked, chain=np.cumsum(new))
+
+def sample(track: Track, groups: int, noise: float) -> Track:
+    """About ``groups`` groups' worth of rows in up to eight runs, each a chain of its own."""
+    runs, n = 8, len(track.t)
+    rows = groups * max(1, round(group_span(track, noise) / _interval(track)))
+    if rows >= n:
+        return track
+    starts = np.linspace(0, n - rows // runs, runs).astype(int)
+    index = np.concatenate([np.arange(s, s + rows // runs) for s in starts])
+    picked = Track(*(column[index] for column in track))
+    run = np.repeat(np.arange(runs), rows // runs)
+    new = (np.diff(picked.chain, prepend=picked.chain[:1]) != 0) | (np.diff(run, prepend=0) != 0)
+    return picked._replace(chain=np.cumsum(new))
 
 
 def out_of_line(t: Floats, x: Floats, y: Floats) -> NDArray[np.bool_]:
@@ -114,7 +92,7 @@ def white_noise(track: Track) -> float:
     From third differences, which steady turning and speeding up hardly reach: their variance is 20 times that
     of white noise.  At long intervals motion adds to it, so it is an upper bound.
     """
-    if len(track) < 8:
+    if len(track.t) < 8:
         return 1.0
     whole = track.chain[3:] == track.chain[:-3]
     third = np.hypot(np.diff(track.x, 3), np.diff(track.y, 3))[whole]
@@ -127,46 +105,22 @@ def white_noise(track: Track) -> float:
 
 def group_span(track: Track, noise: float) -> float:
     """Seconds of motion in a group: a step twice the noise of the mean of its k rows, noise / sqrt(k)."""
-    h, v = track.interval(), track.usual_speed(noise)
+    h, v = _interval(track), _usual_speed(track, noise)
     rows = max((2.0 * noise / (v * h)) ** (2.0 / 3.0), 1.0)
     return float(min(max(rows * h, SHORTEST_STEP / v), LONGEST_SPAN, LONGEST_STEP / v))
 
 
-@dataclass(frozen=True)
-class Groups:
-    """G groups: first row of each (G + 1,), mean time, place, travelled distance to the next, heading's axis.
-
-    ``axis`` (2, G) is the strength-weighted unit vector of the double angle; 0 where the log has no heading.
-    """
-
-    first: Ints
-    t: Floats
-    x: Floats
-    y: Floats
-    moved: Floats
-    axis: Floats
-    still: NDArray[np.bool_]
-    chain: Ints
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def is_single(self, share: float) -> bool:
-        """Whether at least ``share`` of the groups that move hold one row."""
-        size = np.diff(self.first)[~self.still]
-        return bool(len(size) and np.mean(size == 1) >= share)
-
-    def direction(self, sigma: float) -> tuple[Floats, Floats]:
-        """(2, G) unit direction of motion, and how sharply it is known (0: not at all, at most 4)."""
-        g = np.arange(len(self))
-        before, after = np.maximum(g - 1, 0), np.minimum(g + 1, len(self) - 1)
-        before = np.where(self.chain[before] == self.chain, before, g)
-        after = np.where(self.chain[after] == self.chain, after, g)
-        dx, dy = self.x[after] - self.x[before], self.y[after] - self.y[before]
-        far = np.hypot(dx, dy)
-        unsure = (1.5 * sigma / np.maximum(far, 1e-9)) ** 2
-        sharp = np.where(self.still | (unsure > 0.5), 0.0, 1.0 / (unsure + 0.25))
-        return np.vstack([dx, dy]) / np.maximum(far, 1e-9), sharp
+def direction_of(groups: Groups, sigma: float) -> tuple[Floats, Floats]:
+    """(2, G) unit direction of motion, and how sharply it is known (0: not at all, at most 4)."""
+    g, chain = np.arange(len(groups.t)), groups.chain
+    before, after = np.maximum(g - 1, 0), np.minimum(g + 1, len(g) - 1)
+    before = np.where(chain[before] == chain, before, g)
+    after = np.where(chain[after] == chain, after, g)
+    dx, dy = groups.x[after] - groups.x[before], groups.y[after] - groups.y[before]
+    far = np.hypot(dx, dy)
+    unsure = (1.5 * sigma / np.maximum(far, 1e-9)) ** 2
+    sharp = np.where(groups.still | (unsure > 0.5), 0.0, 1.0 / (unsure + 0.25))
+    return np.vstack([dx, dy]) / np.maximum(far, 1e-9), sharp
 
 
 HEADING_WEIGHT = 1.0
@@ -179,13 +133,13 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
 
     span = group_span(track, noise)
     travelled = _travelled(track)
-    first, still = np.empty(len(track) + 1, np.int64), np.zeros(len(track), np.bool_)
-    count = group_points(track.t, track.speed, track.chain, span - 1e-6, STANDING_SPEED, first, still)
+    first, still = np.empty(len(track.t) + 1, np.int64), np.zeros(len(track.t), np.bool_)
+    count = group_points(track, span - 1e-6, STANDING_SPEED, first, still)
     if not np.isfinite(track.speed).any():
         _, x, y, *_ = _means(track, first[: count + 1], travelled)
         radius, points = 2.5 * sigma + 0.1, first[: count + 1].copy()
         still[:] = False
-        count = find_stops(points, track.t, x, y, track.chain, radius, max(5.0, 4.0 * radius), first, still)
+        count = find_stops(points, track, x, y, radius, max(5.0, 4.0 * radius), first, still)
     first, still = first[: count + 1].copy(), still[:count].copy()
     t, x, y, s, c2, s2 = _means(track, first, travelled)
     chord = np.hypot(np.diff(x), np.diff(y))
@@ -201,7 +155,7 @@ def _means(track: Track, first: Ints, travelled: Floats) -> Floats:
     from fleetlog.roads.kernels.grouping import group_means
 
     out = np.empty((6, len(first) - 1))
-    group_means(first, track.t, track.x, track.y, travelled, track.heading, out)
+    group_means(first, track, travelled, out)
     return out
 
 
@@ -209,7 +163,7 @@ def _travelled(track: Track) -> Floats:
     """(N,) distance from the log's speed, trapezoids [m]; NaN where more than a tenth of them is missing."""
     known = np.isfinite(track.speed)
     if known.mean() < 0.9:
-        return np.full(len(track), np.nan)
+        return np.full(len(track.t), np.nan)
     v = np.interp(track.t, track.t[known], track.speed[known])
     steps = 0.5 * (v[1:] + v[:-1]) * np.diff(track.t)
     return np.concatenate([[0.0], np.cumsum(steps)])

@@ -1,10 +1,8 @@
 """Sites: a site file with its map, or a map alone."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,48 +10,29 @@ from fleetlog.core.files import open_regular
 from fleetlog.core.frames import map_frames
 from fleetlog.core.network import Edge, LoadReport, Network, build_network
 from fleetlog.core.schema import Keys, anything, load_toml, table, text
-from fleetlog.core.site import Place, Site
+from fleetlog.core.site import Building, Place, Site, Zone
 from fleetlog.errors import REPORT, SiteError, fault
 from fleetlog.registry import parts
 from fleetlog.roads import _tables
 from fleetlog.roads._placing import distance_to_roads, place_map
-from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap
+from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, at
 from fleetlog.store.documents import digest as sha256
 
-HEAD = 4096
-"""Bytes that a format is recognised by."""
+HEAD = 4096  # bytes that a format is recognised by
 MOST_EDGES, MOST_VERTICES, LONGEST = 2_000_000, 20_000_000, 200_000.0
 """A map with more edges, more vertices, or an edge longer than this [m] is not that of a site."""
-OFF_ROADS = 10.0
-"""A place farther than this [m] from every road gets a warning."""
-TOP: Keys = {
-    "name": text,
-    **dict.fromkeys(
-        ("frame", "network", "place", "zone", "building", "map_frame", "break", "power"), anything
-    ),
-}
+OFF_ROADS = 10.0  # a place farther than this [m] from every road gets a warning
+TABLES = ("frame", "network", "place", "zone", "building", "map_frame", "break", "power")
+TOP: Keys = {"name": text, **dict.fromkeys(TABLES, anything)}
 
 
 def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
-    """Read a site file (TOML) with the map that it names, or a map of any format directly.
+    """The site of a file (TOML, or its folder) with the map that it names, or of a map of any format.
 
-    Parameters
-    ----------
-    path : a site file, its folder, or a map.
-
-    Returns
-    -------
-    The site, and a report for every map that was read (none for a site without roads).
-
-    Raises
-    ------
-    SiteError
-        One line that says which file, where in it, what is wrong and what to do.
-
-    Notes
-    -----
-    A map in degrees without a site file gets a frame about its centre, rotation 0.  Local metres stay as they
-    are, with the frame of the map's geoReference; without one the site has no frame.
+    With it comes a report for every map that was read.  A map in degrees without a site file gets a frame
+    about its centre, rotation 0.  Local metres stay as they are, with the frame of the map's geoReference;
+    without one the site has no frame.  :class:`SiteError` says in one line which file, where in it, what is
+    wrong and what to do.
     """
     path = Path(path)
     if path.is_dir():
@@ -61,24 +40,16 @@ def load_site(path: str | Path) -> tuple[Site, list[LoadReport]]:
     if not path.exists():
         raise SiteError("no such file", where=path, do="give a site file (.toml) or a map")
     try:
-        with _about(path):
-            return _load_toml(path) if path.suffix.lower() == ".toml" else _load_map(path)
+        with at(where=path):
+            if path.suffix.lower() != ".toml":
+                return _with_map(Site(path.stem), path, MapOptions())
+            return _load_toml(path)
     except OSError as error:
         raise SiteError(f"not readable: {error.strerror}", where=path) from None
     except SiteError:
         raise
     except Exception as error:
         raise SiteError(fault("the reader of maps", error), where=path, do=REPORT) from error
-
-
-@contextmanager
-def _about(path: Path) -> Iterator[None]:
-    """Say in a :class:`SiteError` that names no file that it is about this one."""
-    try:
-        yield
-    except SiteError as error:
-        where = path if error.where is None else error.where
-        raise SiteError(error.what, where=where, place=error.place, do=error.do) from None
 
 
 def readers() -> dict[str, Reader]:
@@ -93,62 +64,51 @@ def read_map(path: Path, options: MapOptions | None = None) -> RoadMap:
     if not head.strip():
         raise SiteError("the file is empty", where=path, do="give a map")
     suffix, known = path.suffix.lower(), readers().values()
-    found = [r for r in known if r.sniff(head)] or [r for r in known if suffix in r.suffixes]
+    found = [r for r in known if r.knows(head)] or [r for r in known if suffix in r.suffixes]
     if not found:
         suffixes = ", ".join(sorted({s for r in known for s in r.suffixes}))
         raise SiteError("not a map of a known format", where=path, do=f"known are {suffixes}")
     # Two formats can share an opening; the suffix then decides.
     reader = next((r for r in found if suffix in r.suffixes), found[0])
-    with _about(path):
+    with at(where=path):
         return reader.read(path, options or MapOptions())
-
-
-def _load_map(path: Path) -> tuple[Site, list[LoadReport]]:
-    road_map = read_map(path)
-    edges, frame, notes = place_map(road_map, None)
-    network = _network(edges, road_map)
-    source = {"network": {"file": path.name, "sha256": sha256(path)}}
-    traffic = road_map.traffic or "right"
-    site = Site(path.stem, frame, network, traffic, road_map.places, source=source)
-    return _checked(site, road_map.report, notes)
 
 
 def _load_toml(path: Path) -> tuple[Site, list[LoadReport]]:
     data = table(load_toml(path, SiteError), TOP, path, "", error=SiteError)
+    power = table(data.get("power", {}), _tables.POWER, path, "power", error=SiteError)
     site = Site(
         data.get("name", path.parent.resolve().name),
         _tables.frame(data, path),
-        places=_tables.places(data, path),
-        zones=_tables.zones(data, path),
-        buildings=_tables.buildings(data, path),
-        breaks=_tables.breaks(data, path),
-        power_limit=_tables.power_limit(data, path),
+        places=tuple(Place(**row) for row in _tables.rows(data, "place", path)),
+        zones=tuple(Zone(**row) for row in _tables.rows(data, "zone", path)),
+        buildings=tuple(Building(**row) for row in _tables.rows(data, "building", path)),
+        breaks=tuple((row["from"], row["until"]) for row in _tables.rows(data, "break", path)),
+        power_limit=power.get("limit", math.inf),
         map_frames=map_frames(data, path, SiteError),
         source={"site": {"file": path.name, "sha256": sha256(path)}},
     )
     if "network" not in data:
         return site, []
-    return _with_network(site, _tables.network(data, path), path)
-
-
-def _with_network(site: Site, settings: dict[str, Any], path: Path) -> tuple[Site, list[LoadReport]]:
-    file = _map_file(settings["file"], path)
+    settings = table(data["network"], _tables.NETWORK, path, "network", ("file",), SiteError)
     chosen = (frozenset(settings[k]) if k in settings else None for k in ("lane_types", "road_classes"))
-    options = MapOptions(settings.get("traffic"), *chosen)
+    return _with_map(site, _map_file(settings["file"], path), MapOptions(settings.get("traffic"), *chosen))
+
+
+def _with_map(site: Site, file: Path, options: MapOptions) -> tuple[Site, list[LoadReport]]:
     road_map = read_map(file, options)
     edges, frame, notes = place_map(road_map, site.frame)
-    with _about(file):
+    with at(where=file):
         network = _network(edges, road_map)
     known = {p.id for p in site.places}
-    site = replace(
-        site,
-        frame=frame,
-        network=network,
-        traffic=settings.get("traffic") or road_map.traffic or "right",
-        places=site.places + tuple(p for p in road_map.places if p.id not in known),
-        source={**site.source, "network": {"file": file.name, "sha256": sha256(file)}},
-    )
-    return _checked(site, road_map.report, notes)
+    places = site.places + tuple(p for p in road_map.places if p.id not in known)
+    traffic = options.traffic or road_map.traffic or "right"
+    source = {**site.source, "network": {"file": file.name, "sha256": sha256(file)}}
+    site = replace(site, frame=frame, network=network, traffic=traffic, places=places, source=source)
+    gaps = distance_to_roads(network, np.array([[p.x, p.y] for p in places]).reshape(-1, 2))
+    far = ((p.id, gap) for p, gap in zip(places, gaps, strict=True) if gap > OFF_ROADS)
+    strays = [f"place {name!r} is {gap:.0f} m from the nearest road" for name, gap in far]
+    return site, [replace(road_map.report, notes=(*road_map.report.notes, *notes, *strays))]
 
 
 def _network(edges: list[Edge], road_map: RoadMap) -> Network:
@@ -166,27 +126,12 @@ def _network(edges: list[Edge], road_map: RoadMap) -> Network:
 
 def _map_file(name: str, path: Path) -> Path:
     """The map that a site file names, by an absolute name or one that stays in the site's folder."""
-    folder, file = path.parent.resolve(), Path(name)
-    if not file.is_absolute():
-        file = path.parent / file
-        if not file.resolve().is_relative_to(folder):
-            raise SiteError(
-                f"{name!r} leads out of the site's folder", where=path, place="network.file",
-                do="put the map beside the site file or write its absolute path",
-            )  # fmt: skip
+    file = path.parent / name
+    if not Path(name).is_absolute() and not file.resolve().is_relative_to(path.parent.resolve()):
+        raise SiteError(
+            f"{name!r} leads out of the site's folder", where=path, place="network.file",
+            do="put the map beside the site file or write its absolute path",
+        )  # fmt: skip
     if not file.is_file():
         raise SiteError(f"no such file {name!r}", where=path, place="network.file", do="correct the name")
     return file
-
-
-def _checked(site: Site, report: LoadReport, notes: list[str]) -> tuple[Site, list[LoadReport]]:
-    notes = [*report.notes, *notes, *_strays(site.places, site)]
-    return site, [replace(report, notes=tuple(notes))]
-
-
-def _strays(places: tuple[Place, ...], site: Site) -> list[str]:
-    if not places or site.network is None:
-        return []
-    gaps = distance_to_roads(site.network, np.array([[p.x, p.y] for p in places]))
-    far = ((p.id, gap) for p, gap in zip(places, gaps, strict=True) if gap > OFF_ROADS)
-    return [f"place {name!r} is {gap:.0f} m from the nearest road" for name, gap in far]

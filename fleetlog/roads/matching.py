@@ -12,18 +12,17 @@ fixed-interval smoother on the route places the rows:
 5. the chosen candidates become routes, and the rows of each are smoothed along it.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Network
+from fleetlog.core.network import Floats, Network
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.roads import grouping
 from fleetlog.roads.candidates import Prepared, prepare
-from fleetlog.roads.grouping import Groups, Track, group_track, white_noise
-from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Noise, Placed, Rows, Steps
-
-Floats = NDArray[np.float64]
+from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Groups, Noise, Placed, Track
 
 REASONS: tuple[str, ...] = (
     "", "no road within reach", "no connected path", "against a one-way road", "standing off the road",
@@ -36,56 +35,35 @@ CHANCE_PERSISTENCE = 0.12
 """Correlation of successive groups that independent noise shows too, as the match bends towards it."""
 LEAST_WEIGHT = 0.35
 """Of the evidence of a group, however persistent the errors are: at a junction it is new all the same."""
-BLOCK, AHEAD = 1000, 60
-"""Groups that are decided together, and how far beyond them the model looks."""
 
 
 @dataclass(frozen=True)
 class MatchParameters:
-    """Parameters of the model; NaN is estimated from the data.
+    """Parameters of the model; NaN is estimated from the data."""
 
-    ``sigma`` [m] is the spread of a group's lateral distance, ``noise`` [m] that of a single position,
-    ``beta`` [m] the mean of |network distance - travelled distance| of a step, ``persistence`` the
-    correlation of the lateral distances of successive groups (tempers the evidence).  ``reach`` [m]: roads
-    farther away are not considered.  ``gap`` [s]: a longer silence breaks the chain.  ``turn`` is the cost of
-    a turn in mid edge, ``acceleration`` [m2/s3] the density of the white acceleration along the route,
-    ``speed_noise`` [m/s] the spread of the log's speed.
-    """
-
-    sigma: float = float("nan")
-    noise: float = float("nan")
-    beta: float = float("nan")
-    persistence: float = float("nan")
-    reach: float = float("nan")
-    gap: float = float("nan")
-    turn: float = 7.0
-    acceleration: float = 0.3
-    speed_noise: float = 0.3
+    sigma: float = math.nan  # spread of a group's lateral distance [m]
+    noise: float = math.nan  # that of a single position [m]
+    beta: float = math.nan  # mean of |network distance - travelled distance| of a step [m]
+    persistence: float = math.nan  # correlation of successive lateral distances; tempers the evidence
+    reach: float = math.nan  # roads farther away are not considered [m]
+    gap: float = math.nan  # a longer silence breaks the chain [s]
+    turn: float = 7.0  # cost of a turn in mid edge
+    acceleration: float = 0.3  # density of the white acceleration along the route [m2/s3]
+    speed_noise: float = 0.3  # spread of the log's speed [m/s]
 
 
 @dataclass(frozen=True)
 class Match:
-    """Rows on the roads; all arrays are (N,).
+    """Rows on the roads; all arrays are (N,)."""
 
-    Attributes
-    ----------
-    edge : int32 index of the directed edge, -1 off the roads.
-    offset : m along the edge;  lateral : m left (+) or right (-) of it; NaN off the roads.
-    confidence : probability that the edge is right; off the roads, that no road is.
-    reason : uint8 index into ``REASONS`` of why a row has no edge; 0 where it has one.
-    restart : uint8, where a chain starts anew at a row: ``REASONS`` of why (gap, no connected path), else 0.
-    standing : bool, rows of a standstill; they share one place.
-    parameters : as used.
-    """
-
-    edge: NDArray[np.int32]
-    offset: Floats
-    lateral: Floats
-    confidence: Floats
-    reason: NDArray[np.uint8]
-    restart: NDArray[np.uint8]
-    standing: NDArray[np.bool_]
-    parameters: MatchParameters
+    edge: NDArray[np.int32]  # index of the directed edge, -1 off the roads
+    offset: Floats  # along the edge [m], NaN off the roads
+    lateral: Floats  # left (+) or right (-) of it [m], NaN off the roads
+    confidence: Floats  # probability that the edge is right; off the roads, that no road is
+    reason: NDArray[np.uint8]  # index into REASONS of why a row has no edge; 0 where it has one
+    restart: NDArray[np.uint8]  # of why a chain starts anew at a row (gap, no connected path), else 0
+    standing: NDArray[np.bool_]  # rows of a standstill; they share one place
+    parameters: MatchParameters  # as used
 
     def __len__(self) -> int:
         return len(self.edge)
@@ -97,13 +75,13 @@ def match(trajectory: Trajectory, network: Network, parameters: MatchParameters 
     Parameters that are not given are estimated from the trajectory.  Every row gets an edge or a reason.
     """
     prepared = prepare(network)
-    track, rows, outliers = Track.of(trajectory)
+    track, rows, outliers = grouping.track_of(trajectory)
     wanted = parameters or MatchParameters()
-    if not len(track):
+    if not len(rows):
         return _nothing(len(trajectory), wanted)
     used = _estimated(track, prepared, wanted)
-    track = track.with_gap(used.gap)
-    groups = group_track(track, used.noise, used.sigma)
+    track = grouping.with_gap(track, used.gap)
+    groups = grouping.group_track(track, used.noise, used.sigma)
     found = _spread(_match_groups(track, groups, prepared, used), rows, len(trajectory))
     found.reason[outliers] = OUT_OF_LINE
     return found
@@ -113,30 +91,27 @@ def estimate_parameters(
     trajectory: Trajectory, network: Network, parameters: MatchParameters | None = None
 ) -> MatchParameters:
     """``parameters`` with everything that is NaN estimated from the trajectory, by match and residual."""
-    track, _, _ = Track.of(trajectory)
+    track, _, _ = grouping.track_of(trajectory)
     wanted = parameters or MatchParameters()
-    return _estimated(track, prepare(network), wanted) if len(track) else wanted
+    return _estimated(track, prepare(network), wanted) if len(track.t) else wanted
 
 
-SAMPLE_GROUPS = 2000
-"""Groups from which parameters are estimated, in up to eight runs spread over the track."""
+SAMPLE_GROUPS = 2000  # groups from which parameters are estimated, in up to eight runs spread over the track
 
 
 def _estimated(track: Track, prepared: Prepared, wanted: MatchParameters) -> MatchParameters:
     fixed = {k: v for k, v in vars(wanted).items() if not np.isnan(v)}
-    gap = fixed.get("gap", track.usual_gap())
-    noise = fixed.get("noise", white_noise(track.with_gap(gap)))
+    gap = fixed.get("gap", grouping.usual_gap(track))
+    noise = fixed.get("noise", grouping.white_noise(grouping.with_gap(track, gap)))
     guess = replace(wanted, gap=gap, noise=noise)
-    sample = track.with_gap(gap).sample(SAMPLE_GROUPS, noise)
-    sigma = fixed.get("sigma", _first_sigma(sample, prepared, noise))
+    some = grouping.sample(grouping.with_gap(track, gap), SAMPLE_GROUPS, noise)
+    sigma = fixed.get("sigma", _first_sigma(some, prepared, noise))
     guess = replace(guess, **{"sigma": sigma, "beta": sigma + 0.2, "persistence": 0.0, **fixed})
-    if {"sigma", "noise", "beta", "persistence"} <= fixed.keys():
-        return _with_reach(guess, wanted)
-    for _ in range(3):
+    for _ in range(0 if {"sigma", "noise", "beta", "persistence"} <= fixed.keys() else 3):
         guess = _with_reach(guess, wanted)
-        groups = group_track(sample, guess.noise, guess.sigma)
+        groups = grouping.group_track(some, guess.noise, guess.sigma)
         before = guess.sigma
-        guess = replace(guess, **{**_residual_estimates(sample, groups, prepared, guess), **fixed})
+        guess = replace(guess, **{**_residual_estimates(some, groups, prepared, guess), **fixed})
         if abs(guess.sigma - before) < 0.05 * before:
             break
     return _with_reach(guess, wanted)
@@ -148,7 +123,7 @@ def _with_reach(p: MatchParameters, wanted: MatchParameters) -> MatchParameters:
 
 def _first_sigma(track: Track, prepared: Prepared, noise: float) -> float:
     """From the distance to the nearest road [m], too small among dense roads: the iteration mends it."""
-    groups = group_track(track, noise, max(noise, 1.0))
+    groups = grouping.group_track(track, noise, max(noise, 1.0))
     ptr, _, value = prepared.candidates(groups.x, groups.y, 60.0, 0.0)
     some = np.diff(ptr) > 0
     if not some.any():
@@ -160,16 +135,16 @@ def _residual_estimates(
     track: Track, groups: Groups, prepared: Prepared, p: MatchParameters
 ) -> dict[str, float]:
     """sigma, noise, beta and persistence from the residuals of a match with ``p``."""
-    chain = _decode(groups, prepared, p)
-    on = chain.choice.chosen >= 0
+    near, choice, _ = _decode(groups, prepared, p)
+    on = choice.chosen >= 0
     if on.sum() < 8:
         return {}
-    edge, along, lateral = chain.near.edge[chain.choice.chosen], *chain.near.value[:2, chain.choice.chosen]
+    edge, along, lateral = near.edge[choice.chosen], *near.value[:2, choice.chosen]
     moving = on & ~groups.still
     use = lateral[moving if moving.sum() >= 8 else on]
     sigma = float(np.clip(1.4826 * np.median(np.abs(use)), 0.1, 30.0))
     out = {"sigma": sigma}
-    pair = np.flatnonzero(chain.choice.linked & ~groups.still)
+    pair = np.flatnonzero(choice.linked & ~groups.still)
     pair = pair[on[pair] & on[pair - 1] & ~groups.still[pair - 1]]
     same = pair[edge[pair] == edge[pair - 1]]
     if len(same) >= 8:
@@ -177,22 +152,14 @@ def _residual_estimates(
         out["beta"] = float(np.clip(np.mean(np.minimum(off, 8.0 * p.beta)), 0.2, 30.0))
         a, b = (np.clip(lateral[k], -3 * sigma, 3 * sigma) for k in (same, same - 1))
         out["persistence"] = float(np.clip(np.mean(a * b) / max(np.mean(a * a), 1e-9), 0.0, 0.95))
-    if groups.is_single(0.5):
+    if (np.diff(groups.first)[~groups.still] == 1).sum() >= 0.5 * (~groups.still).sum() > 0:
         # single positions: their lateral spread is the noise, or more than the noise
         out["noise"] = max(min(p.noise, sigma), 0.02)
     return out
 
 
-@dataclass(frozen=True)
-class Chain:
-    """A decoded sequence of groups; ``back`` [m] is how far noise may move a truck against its edge."""
-
-    near: Candidates
-    choice: Choice
-    back: float
-
-
-def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> Chain:
+def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> tuple[Candidates, Choice, float]:
+    """The candidates of groups, what is chosen, and how far noise may move a truck against its edge [m]."""
     from fleetlog.roads.kernels.costs import emission_costs
     from fleetlog.roads.kernels.decoding import decode, scratch
 
@@ -200,61 +167,60 @@ def _decode(groups: Groups, prepared: Prepared, p: MatchParameters) -> Chain:
     weight = max((1.0 - p.persistence) / (1.0 + p.persistence), LEAST_WEIGHT)
     spread = float(np.hypot(p.sigma, 0.1))
     emission, roads = np.empty(len(near.edge)), prepared.roads
-    emission_costs(near, *groups.direction(p.sigma), groups.axis, roads.reverse, spread, weight, emission)
+    emission_costs(
+        near, *grouping.direction_of(groups, p.sigma), groups.axis, roads.reverse, spread, weight, emission
+    )
     # off the roads costs as much as a road at the edge of what is believable, and never less than 5 sigma
     off = 3.0 * max(5.0, min(p.reach, 4.0) / spread) - 4.5
-    costs = Costs(p.beta, 3.0 * p.sigma + 0.3, p.turn, off, BLOCK, AHEAD)
-    steps = Steps(groups.chain, groups.moved, groups.still)
-    count = len(groups)
+    costs = Costs(p.beta, 3.0 * p.sigma + 0.3, p.turn, off)
+    count = len(groups.t)
     choice = Choice(np.full(count, -1), np.zeros(len(near.edge)), np.zeros(count), np.zeros(count, np.bool_))
-    prepared.reach(near, steps, costs.beta)
-    room = scratch(near, costs, len(roads.length))
-    decode(prepared.store, roads, near, emission, steps, costs, choice, room)
-    return Chain(near, choice, costs.back)
+    prepared.reach(near, groups, costs.beta)
+    room = scratch(near, len(roads.length))
+    decode(prepared.store, roads, near, emission, groups, costs, choice, room)
+    return near, choice, costs.back
 
 
 def _match_groups(track: Track, groups: Groups, prepared: Prepared, p: MatchParameters) -> Match:
-    from fleetlog.roads.kernels.placing import place_points, route_posterior
-    from fleetlog.roads.kernels.routes import build_routes
+    from fleetlog.roads.kernels.placing import place_points
+    from fleetlog.roads.kernels.routes import build_routes, route_posterior
 
-    chain, size = _decode(groups, prepared, p), np.diff(groups.first)
-    routes = build_routes(prepared.store, prepared.roads, chain.near, chain.choice, groups.moved, chain.back)
-    posterior = np.zeros(len(groups))
-    route_posterior(chain.choice, chain.near, routes, posterior)
-    n = len(track)
-    confidence = np.repeat(chain.choice.off, size)
-    placed = Placed(np.full(n, -1, np.int32), np.full(n, np.nan), np.full(n, np.nan), confidence)
+    (near, choice, back), size = _decode(groups, prepared, p), np.diff(groups.first)
+    routes = build_routes(prepared.store, prepared.roads, near, choice, groups.moved, back)
+    posterior = np.zeros(len(size))
+    route_posterior(choice, near, routes, posterior)
+    found = _nothing(len(track.t), p)
+    placed = Placed(found.edge, found.offset, found.lateral, found.confidence)
+    found.confidence[:] = np.repeat(choice.off, size)
     lasting = p.sigma**2 * max(p.persistence - CHANCE_PERSISTENCE, 0.0) / (1.0 - CHANCE_PERSISTENCE)
     noise = Noise(max(p.noise, 0.02) ** 2, lasting, p.speed_noise**2, p.acceleration)
-    group = np.repeat(np.arange(len(groups)), size)
-    rows = Rows(track.t, track.x, track.y, track.speed)
+    group = np.repeat(np.arange(len(size)), size)
     longest = int((groups.first[routes.spans[1] + 1] - groups.first[routes.spans[0]]).max(initial=0))
     place_points(
-        rows, group, groups.first, groups.t, groups.still, routes, prepared.roads, posterior, noise, placed,
-        np.zeros((13, longest)), np.zeros(2, np.int64),
+        track, groups, group, routes, prepared.roads, posterior, noise, placed, np.zeros((13, longest)),
+        np.zeros(2, np.int64),
     )  # fmt: skip
-    reason = np.repeat(_reasons(groups, chain, prepared, p), size).astype(np.uint8)
-    restart = np.zeros(n, np.uint8)
-    restart[groups.first[:-1][routes.spans[0]]] = NO_PATH
-    restart[np.flatnonzero(np.diff(track.chain)) + 1] = GAP
-    restart[0] = 0
-    return Match(*placed, reason, restart, np.repeat(groups.still, size), p)
+    found.reason[:] = np.repeat(_reasons(groups, near, choice, prepared, p), size)
+    found.restart[groups.first[:-1][routes.spans[0]]] = NO_PATH
+    found.restart[np.flatnonzero(np.diff(track.chain)) + 1] = GAP
+    found.restart[0] = 0
+    found.standing[:] = np.repeat(groups.still, size)
+    return found
 
 
-def _reasons(groups: Groups, chain: Chain, prepared: Prepared, p: MatchParameters) -> NDArray[np.uint8]:
+def _reasons(
+    groups: Groups, near: Candidates, choice: Choice, prepared: Prepared, p: MatchParameters
+) -> NDArray[np.uint8]:
     """(G,) why a group is off the roads, 0 where it is on one."""
-    reason = np.zeros(len(groups), np.uint8)
-    off = np.flatnonzero(chain.choice.chosen < 0)
-    direction, sharpness = groups.direction(p.sigma) if len(off) else (np.zeros((2, 0)), np.zeros(0))
-    for g in off:
-        rows = slice(chain.near.ptr[g], chain.near.ptr[g + 1])
-        near = np.abs(chain.near.value[1, rows]) < max(3.0 * p.sigma, 1.0)
-        edges, tangent = chain.near.edge[rows][near], chain.near.value[2:, rows][:, near]
-        if not len(near):
-            reason[g] = NO_ROAD
-        elif groups.still[g]:
+    reason = np.zeros(len(groups.t), np.uint8)
+    direction, sharpness = grouping.direction_of(groups, p.sigma)
+    for g in np.flatnonzero(choice.chosen < 0):
+        rows = slice(near.ptr[g], near.ptr[g + 1])
+        close = np.abs(near.value[1, rows]) < max(3.0 * p.sigma, 1.0)
+        edges, tangent = near.edge[rows][close], near.value[2:, rows][:, close]
+        if groups.still[g] and len(close):
             reason[g] = STANDING
-        elif not near.any():
+        elif not close.any():
             reason[g] = NO_ROAD
         else:
             against = sharpness[g] > 0.0 and (direction[:, g] @ tangent < -0.5).any()
@@ -264,10 +230,10 @@ def _reasons(groups: Groups, chain: Chain, prepared: Prepared, p: MatchParameter
 
 
 def _nothing(n: int, parameters: MatchParameters) -> Match:
-    nan = np.full(n, np.nan)
+    nan, none = np.full(n, np.nan), np.zeros(n, np.uint8)
     reason = np.full(n, NO_POSITION, np.uint8)
-    none, still = np.zeros(n, np.uint8), np.zeros(n, bool)
-    return Match(np.full(n, -1, np.int32), nan, nan.copy(), np.ones(n), reason, none, still, parameters)
+    edge = np.full(n, -1, np.int32)
+    return Match(edge, nan, nan.copy(), np.ones(n), reason, none, np.zeros(n, bool), parameters)
 
 
 def _spread(found: Match, rows: NDArray[np.int64], n: int) -> Match:

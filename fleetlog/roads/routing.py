@@ -1,48 +1,17 @@
-"""Ways through a network: the quickest route between edges, and distances within a bound."""
+"""Ways through a network: the quickest route between edges."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Network
+from fleetlog.core.network import Floats, Network
 from fleetlog.errors import DataError
 
-Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
-BOUNDS = 256
-"""Targets whose lower bounds are kept."""
-
-
-class Distances(NamedTuple):
-    """Driving distances from start to start, in compressed rows.
-
-    From the start of edge ``i`` (row i) the start of edge ``edge[k]`` is ``distance[k]`` metres away for k
-    in first[i]:first[i + 1], by the shortest chain of allowed turns.  Rows are sorted by distance, then by
-    edge; the first entry is the edge itself with 0.  From ``offset_from`` on edge i to ``offset_to`` on
-    another one it is ``distance - offset_from + offset_to``.
-    """
-
-    first: NDArray[np.int64]
-    edge: Index
-    distance: Floats
-
-
-def bounded_distances(network: Network, limit: float, sources: Index | None = None) -> Distances:
-    """Driving distances [m] from every edge to all edges at most ``limit`` [m] away, start to start.
-
-    ``sources`` (S,) are the edges to start from; all by default, then row i is edge i.
-    """
-    from fleetlog.roads.kernels import paths
-    from fleetlog.roads.kernels.distances import new_store
-
-    store = new_store(len(network), len(network.next_edges))
-    rows = np.arange(len(network), dtype=np.int32) if sources is None else np.asarray(sources, dtype=np.int32)
-    found = paths.bounded(store, network.next_first, network.next_edges, network.length, float(limit), rows)
-    return Distances(*found)
+BOUNDS = 256  # targets whose lower bounds are kept
 
 
 @dataclass(frozen=True)
@@ -83,8 +52,12 @@ class Router:
         self.speed = np.where(np.isfinite(limit) & (limit > 0.0), limit, default_speed)
         self.time = network.length / self.speed
         self._starts = network.points[network.first[:-1]]
-        self._jump = _widest_gap(network)
-        self._turn = _turn_costs(network, turn_time)
+        before = np.repeat(np.arange(len(network), dtype=np.int32), np.diff(network.next_first))
+        after = network.next_edges
+        gaps = network.points[network.first[1:] - 1][before] - self._starts[after]
+        self._jump = float(np.linalg.norm(gaps, axis=1).max(initial=0.0))
+        turn = network.heading(after, np.zeros(len(after))) - network.heading(before, network.length[before])
+        self._turn = turn_time * np.abs((turn + np.pi) % (2.0 * np.pi) - np.pi) / np.pi
         self._open = np.zeros(len(network), dtype=bool)
         self._bound = lru_cache(maxsize=BOUNDS)(self._bound_of)
 
@@ -117,27 +90,3 @@ class Router:
         straight = np.linalg.norm(self._starts - self._starts[target], axis=1)
         # A little less than the straight line: rounding must not make the bound inconsistent.
         return np.asarray(straight * (1.0 - 1e-9) / self.speed.max(), dtype=np.float64)
-
-
-def _owners(network: Network) -> NDArray[np.intp]:
-    return np.repeat(np.arange(len(network)), np.diff(network.next_first))
-
-
-def _widest_gap(network: Network) -> float:
-    """Largest distance between an edge's end and the start of one that follows [m]."""
-    if not len(network.next_edges):
-        return 0.0
-    ends = network.points[network.first[1:] - 1][_owners(network)]
-    starts = network.points[network.first[:-1]][network.next_edges]
-    return float(np.linalg.norm(ends - starts, axis=1).max())
-
-
-def _turn_costs(network: Network, turn_time: float) -> Floats:
-    """(len(next_edges),) time charged for each turn [s]."""
-    if not turn_time:
-        return np.zeros(len(network.next_edges))
-    every = np.arange(len(network), dtype=np.int32)
-    leave = network.heading(every, network.length)[_owners(network)]
-    enter = network.heading(every, np.zeros(len(network)))[network.next_edges]
-    turn = np.abs((enter - leave + np.pi) % (2.0 * np.pi) - np.pi)
-    return np.asarray(turn_time * turn / np.pi, dtype=np.float64)

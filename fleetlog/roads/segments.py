@@ -1,9 +1,8 @@
 """Distances from segments."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from fleetlog.core.network import Floats
 
 
 def distance_to_segment(points: Floats, a: Floats, b: Floats) -> Floats:

@@ -8,16 +8,12 @@ import numpy as np
 from fleetlog.core.site import Place
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Flags, Floats
+from fleetlog.simulate.doors import SHARES, Bay, Door, Stand, door_beside, opposite_spur, span
 from fleetlog.simulate.junctions import Junctions, half_box
-from fleetlog.simulate.paths import arc, even, moved
-from fleetlog.simulate.roadside import Stand, door_beside
-from fleetlog.simulate.spurs import SHARES, Bay, Door, opposite_spur, span
-from fleetlog.simulate.track import SPACING, Track
+from fleetlog.simulate.track import SPACING, Track, arc, even, moved
 
-OFF_ROADS = 15.0
-"""A place farther than this from every road is not on the site [m]."""
-REACH = 25.0
-"""A bay is drawn at most this far along the road from its place [m]."""
+OFF_ROADS = 15.0  # A place farther than this from every road is not on the site [m]
+REACH = 25.0  # A bay is drawn at most this far along the road from its place [m]
 STEP = 0.5
 
 
@@ -54,8 +50,7 @@ class BayMaker:
 
     def place(self, place: Place) -> Bay | None:
         """Where recorded trucks stood along the road; else a bay on the nearest free ground, rather one that
-        both lanes of its road lead to; or None.
-        """
+        both lanes of its road lead to; or None."""
         stand = self.stands.get(place.id)
         if stand is not None:
             near = self.lanes_near(stand.x, stand.y)
@@ -102,7 +97,10 @@ class BayMaker:
         return None if best is None else best[1]
 
     def _try(self, place: Place, lane: int, at: float, shift: float, both: bool) -> Door | None:
-        sides = (self.side,) if self._two_lanes(lane) else (self.side, -self.side)
+        # Lanes of one road lie beside its centre line all along, by the same distance.
+        middle = (self.track.first[lane] + self.track.first[lane + 1]) // 2
+        two_lanes = abs(float(self.track.lateral[middle])) > 0.3
+        sides = (self.side,) if two_lanes else (self.side, -self.side)
         for radius in self.radii:
             for centre in (at - shift, at + shift) if shift else (at,):
                 if both and not self.from_both(lane, centre, self.radii[-1]):
@@ -112,11 +110,6 @@ class BayMaker:
                     if door is not None and self._free(door) and (not both or self._opposite_free(door)):
                         return door
         return None
-
-    def _two_lanes(self, lane: int) -> bool:
-        # Lanes of one road lie beside its centre line all along, by the same distance.
-        middle = (self.track.first[lane] + self.track.first[lane + 1]) // 2
-        return abs(float(self.track.lateral[middle])) > 0.3
 
     def _shape(self, place: Place, lane: int, at: float, radius: float, side: float) -> Door | None:
         t, (low, high) = self.track, span(self.track, self.junctions, lane)
@@ -147,7 +140,7 @@ class Ground:
     """What trucks stand on and drive over, in cells."""
 
     def __init__(self, track: Track, safe: Flags, half: tuple[float, float]) -> None:
-        from fleetlog.simulate.kernels.ground import new_cells, put
+        from fleetlog.simulate.kernels.geometry import new_cells, put
 
         self.half, cell = half, 2.0 * float(np.hypot(*half))
         boxes = np.column_stack([track.x, track.y, track.heading])
@@ -160,14 +153,14 @@ class Ground:
 
     def is_free(self, path: Floats, lane: int, reverse: int) -> bool:
         """See ``spur_is_free``."""
-        from fleetlog.simulate.kernels.ground import spur_is_free
+        from fleetlog.simulate.kernels.geometry import spur_is_free
 
         cells = (self.every, self.safe, self.parked, self.swept)
         return bool(spur_is_free(path, *cells, *self.half, lane, reverse))
 
     def take(self, path: Floats) -> None:
         """A truck may stand at the end of ``path`` (n, 4) and drive over all of it."""
-        from fleetlog.simulate.kernels.ground import grown, put
+        from fleetlog.simulate.kernels.geometry import grown, put
 
         self.parked, self.swept = grown(self.parked, 1), grown(self.swept, len(path))
         put(self.parked, path[-1:], np.zeros(1, np.int32))

@@ -1,5 +1,7 @@
-"""Demand like a recording's: who carried what when, and tasks drawn like that."""
+"""Demand like a recording's: who carried what when, what trucks did next, and tasks drawn like that."""
 
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -7,16 +9,16 @@ import numpy as np
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Floats, Ints
-from fleetlog.simulate.itinerary import visits_of
+from fleetlog.simulate.doors import recorded_stands
 from fleetlog.simulate.places import Stands, clusters, find_stands, mined_site, place_table, with_room
-from fleetlog.simulate.reach import recorded_turns, with_turns
-from fleetlog.simulate.roadside import recorded_stands
-from fleetlog.simulate.tasks import Demand, Task
+from fleetlog.simulate.tasks import Demand, Task, Visit
+from fleetlog.simulate.ways import recorded_turns, with_turns
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.trips import MIN_LOAD_CHANGE
 
-JITTER = 120.0
-"""A drawn task comes this much earlier or later than the recorded one at most [s]."""
+JITTER = 120.0  # A drawn task comes this much earlier or later than the recorded one at most [s]
+DAY = 86_400.0
+NEARBY = 3600.0  # What was done within this time of day is drawn first [s]
 
 
 def carried(stands: Stands, cluster: Ints, names: list[str]) -> list[Task]:
@@ -85,10 +87,9 @@ def recorded_hours(dataset: Dataset) -> Floats:
     start, end = (np.datetime64(str(dataset.meta[k]).removesuffix("Z"), "us") for k in ("start", "end"))
     at, last = (float(t.astype(np.int64)) * 1e-6 for t in (start, end))
     out = np.zeros(24)
-    while at < last:
-        until = min((at // 3600.0 + 1.0) * 3600.0, last)
-        out[int(at // 3600.0) % 24] += (until - at) / 3600.0
-        at = until
+    hour = np.arange(at // 3600.0, -(-last // 3600.0))
+    hours = (np.minimum((hour + 1.0) * 3600.0, last) - np.maximum(hour * 3600.0, at)) / 3600.0
+    np.add.at(out, hour.astype(int) % 24, hours)
     return out
 
 
@@ -113,23 +114,100 @@ def like(
         notes.append(f"trucks turn round at the end of {len(turns)} lanes, as recorded")
     visits = visits_of(stands, cluster, names, [p.id for p in site.places if p.kind == "charge"])
     if same and any(v.next >= 0 for v in visits):
-        return (
-            site,
-            Demand(visits=visits, stands=recorded_stands(stands, cluster, names), endless=False),
-            [*notes, f"trucks go on as after {len(visits)} recorded visits"],
-        )
+        notes.append(f"trucks go on as after {len(visits)} recorded visits")
+        along = recorded_stands(stands, cluster, names)
+        return site, Demand(visits=visits, stands=along, endless=False), notes
     known = carried(stands, cluster, names)
     if not known:
-        return (
-            site,
-            Demand(),
-            [*notes, "the recording shows no load carried between two places: tasks are random"],
-        )
+        notes.append("the recording shows no load carried between two places: tasks are random")
+        return site, Demand(), notes
     day = float(start % 86_400_000_000) * 1e-6
     share = vehicles / max(len(dataset.vehicles), 1)
     tasks = demand_like(known, recorded_hours(dataset), day, duration, share, truck, seed)
-    return (
-        site,
-        Demand(tasks, endless=False),
-        [*notes, f"{len(tasks)} tasks drawn like the {len(known)} recorded ones"],
-    )
+    notes.append(f"{len(tasks)} tasks drawn like the {len(known)} recorded ones")
+    return site, Demand(tasks, endless=False), notes
+
+
+def visits_of(stands: Stands, cluster: Ints, names: Sequence[str], apart: Iterable[str]) -> tuple[Visit, ...]:
+    """The visits of all trucks, in order of truck and time.
+
+    Stops at the places ``apart`` are none (chargers: trucks charge when they must), nor are those with a load
+    that stays on the forks.
+    """
+    taken = np.where(stands.after > MIN_LOAD_CHANGE, stands.after - stands.before, 0.0)
+    taken = np.where((stands.before > MIN_LOAD_CHANGE) & (taken <= 0.0), -stands.before, taken)
+    carried = (stands.before > MIN_LOAD_CHANGE) & (stands.after > MIN_LOAD_CHANGE)
+    left_out = np.isin(cluster, [k for k, name in enumerate(names) if name in set(apart)])
+    kept = np.flatnonzero((cluster >= 0) & ~carried & ~left_out)
+    same = np.append(np.diff(stands.vehicle[kept]) == 0, False)
+    begin = (stands.start[kept] * 1e-6) % DAY
+    return tuple(
+        Visit(
+            names[cluster[i]], float(begin[k]), float(stands.dwell[i]), float(stands.height[i]),
+            float(taken[i]), k + 1 if same[k] else -1,
+        )
+        for k, i in enumerate(kept)
+    )  # fmt: skip
+
+
+def at_places(visits: Sequence[Visit], known: Collection[str]) -> tuple[Visit, ...]:
+    """The visits at ``known`` places; after one that is left out comes none."""
+    kept = [k for k, visit in enumerate(visits) if visit.place in known]
+    number = {k: i for i, k in enumerate(kept)}
+    return tuple(replace(visits[k], next=number.get(visits[k].next, -1)) for k in kept)
+
+
+class Itineraries:
+    """Draws the next visit of each truck from what recorded trucks did next at the same place, with as much
+    on the forks.
+
+    Of those that are possible now it is one that was drawn least, so that every recorded trip is driven
+    about equally often; first of those at this time of day.  ``of`` (V,) is the visit of each truck.
+    """
+
+    def __init__(self, visits: Sequence[Visit], trucks: int, seed: int, start: float) -> None:
+        self.visits, self.start = visits, start
+        self.of = np.full(trucks, -1, np.int64)
+        self._rng = np.random.Generator(np.random.PCG64([seed, 7]))
+        self._drawn = np.zeros(len(visits), np.int64)
+        self._after = defaultdict[tuple[str, bool], list[int]](list)
+        self._any = {
+            laden: [k for k, v in enumerate(visits) if (v.taken < 0.0) == laden] for laden in (False, True)
+        }
+        for visit in visits:
+            if visit.next >= 0 and (visits[visit.next].taken < 0.0) == visit.loads:
+                self._after[visit.place, visit.loads].append(visit.next)
+
+    def first(self, v: int, is_open: Callable[[str], bool]) -> Visit | None:
+        """Where truck ``v`` begins, and how long it still stays there."""
+        empty = [k for k in self._any[False] if not self.visits[k].loads]
+        return self._draw(v, 0.0, empty, is_open)
+
+    def next(self, v: int, now: float, is_open: Callable[[str], bool]) -> Visit | None:
+        """The next visit of truck ``v``, ``now`` [s] after the start; None while no place of one is open."""
+        return self._draw(v, now, self._options(v), is_open)
+
+    def places(self, v: int) -> set[str]:
+        """Where truck ``v`` may go next."""
+        return {self.visits[k].place for k in self._options(v)}
+
+    def _options(self, v: int) -> list[int]:
+        here = self.visits[self.of[v]] if self.of[v] >= 0 else None
+        found = self._after[here.place, here.loads] if here is not None else []
+        return found or self._any[here is not None and here.loads]
+
+    def _draw(self, v: int, now: float, options: list[int], is_open: Callable[[str], bool]) -> Visit | None:
+        possible = [k for k in options if is_open(self.visits[k].place)]
+        if not possible:
+            return None
+        time, chance = (self.start + now) % DAY, self._rng.random(len(possible))
+
+        def rank(i: int) -> tuple[bool, int, float]:
+            k = possible[i]
+            gap = abs(self.visits[k].begin - time)
+            return min(gap, DAY - gap) > NEARBY, int(self._drawn[k]), float(chance[i])
+
+        drawn = possible[min(range(len(possible)), key=rank)]
+        self.of[v] = drawn
+        self._drawn[drawn] += 1
+        return self.visits[drawn]

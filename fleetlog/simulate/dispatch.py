@@ -5,19 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from fleetlog.simulate.arrays import Floats
-from fleetlog.simulate.itinerary import Itineraries, Visit
+from fleetlog.simulate.demand import Itineraries
 from fleetlog.simulate.occupancy import Occupancy, Policy
 from fleetlog.simulate.state import DROP_PLACE, PICK_PLACE, Fleet, Mode, creep_speed
-from fleetlog.simulate.taskbook import TaskBook
-from fleetlog.simulate.tasks import ENGAGE, Demand, Task, TaskStream
+from fleetlog.simulate.tasks import ENGAGE, Demand, Task, TaskBook, TaskStream, Visit
 from fleetlog.simulate.world import World
 
-YIELD = 5.0
-"""A truck that waits this long for a place asks whoever stands idle there to leave [s]."""
-ASIDE = 30.0
-"""A truck that waits this long for a place, where another wants to be, makes room itself [s]."""
-DUE = 50
-"""Due tasks that a truck looks at."""
+YIELD = 5.0  # A truck that waits this long for a place asks whoever stands idle there to leave [s]
+ASIDE = 30.0  # A truck that waits this long for a place, where another wants to be, makes room itself [s]
+DUE = 50  # Due tasks that a truck looks at
 
 
 def spur_times(world: World) -> Floats:
@@ -27,7 +23,6 @@ def spur_times(world: World) -> Floats:
     ease = 1.0 / drive.max_acceleration + 1.0 / drive.max_deceleration
     length = np.array([d.length for d in world.doors])
     short = length < 0.5 * creep**2 * ease
-    # XX
     return np.where(short, np.sqrt(2.0 * length * ease), length / creep + 0.5 * creep * ease)
 
 
@@ -48,12 +43,9 @@ class Dispatcher(Occupancy):
         self._wanted_now: list[tuple[int, list[int]]] = []
         self.stream = TaskStream(seed, world.truck, len(self.places), demand.pause)
         times = spur_times(world)
-        self.manoeuvre = np.array(
-            [
-                0.0 if world.doors[b].passed else times[b] + times[d].max()
-                for b, d in enumerate(world.ways.of_bay)
-            ]
-        )
+        ways_in = enumerate(world.ways.of_bay)
+        spurs = [0.0 if world.doors[b].passed else times[b] + times[d].max() for b, d in ways_in]
+        self.manoeuvre = np.array(spurs)
         """(B,) seconds that the ways into a bay and out of it take."""
         self.itineraries = Itineraries(demand.visits, len(names), seed, start) if demand.visits else None
         self.settle(self._first)
@@ -302,6 +294,3 @@ class Dispatcher(Occupancy):
         )
         mine = (self._gaps(start, v)[0], v)
         return not any((self._gaps(start, u)[0], u) < mine for u in rivals)
-
-
-__all__ = ["Dispatcher", "Policy"]

@@ -1,14 +1,176 @@
-"""The ways into a bay: from its own lane, and across it from the opposite one, to turn round."""
+"""The ways into a bay: from its own lane, and across it from the opposite one, to turn round.
 
-from dataclasses import replace
+A recording that shows trucks stop in the direction of the road says that there is room beside them, wherever
+the map has it: no bay is drawn there, and others pass who stands.  Nothing of a way into a bay is in such
+trips, and the simulated ones must not have it either.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
+from fleetlog.core.site import Place
 from fleetlog.core.truck import Truck
-from fleetlog.simulate.junctions import Junctions, half_box
-from fleetlog.simulate.roadside import turning_door
-from fleetlog.simulate.spurs import SHARES, Bay, Door, opposite_spur
-from fleetlog.simulate.track import Track
+from fleetlog.simulate.arrays import Floats, Ints
+from fleetlog.simulate.junctions import START, Junctions, half_box
+from fleetlog.simulate.places import Stands
+from fleetlog.simulate.track import SPACING, Track, even, joined, moved
+
+SHARES = (1.0, 0.7, 0.5)
+"""Of the turn radius that the way into a bay is tried with, in this order; a truck creeps in there."""
+EDGE = 0.25  # Kept to the ends of a lane without a safe part [m]
+DEEPEST = 25.0  # A bay farther than this from the opposite lane has no way from there [m]
+ALONG = 0.7  # A truck that stops within this of the direction of the road stands along it [rad]
+BESIDE = 6.0  # A spot along the road is at most this far from a lane [m]
+LENGTH = 0.01  # Of a spur to where a truck stands on the road [m]
+
+
+@dataclass(frozen=True)
+class Door:
+    """A spur between a lane and a bay, driven forwards into it and backwards out of it.
+
+    It leaves ``lane`` at ``at`` [m]; ``path`` (n, 4) x, y, heading, curvature leads from there into bay
+    number ``bay``, ``length`` [m]; a truck on it can be met on the lane up to ``ahead`` [m] past ``at``.  It
+    crosses lane ``crosses`` (-1: none): no truck there is between ``low`` and ``high`` [m] meanwhile.
+    ``passed``: it leads to a spot along the road, where others pass who stands.
+    """
+
+    lane: int
+    at: float
+    path: Floats
+    length: float
+    ahead: float
+    bay: int = -1
+    crosses: int = -1
+    low: float = 0.0
+    high: float = 0.0
+    passed: bool = False
+
+
+class Bay(NamedTuple):
+    """A spot for one truck, and the door on the lane beside it."""
+
+    place: Place
+    door: Door
+    turns: bool = True  # Whether trucks turn round there, if they can
+
+
+def span(track: Track, j: Junctions, lane: int) -> tuple[float, float]:
+    """First and last offset [m] of a lane where a truck may stand; in a single-lane aisle, alone."""
+    low, high = float(j.clear[lane]), float(j.stop[lane])
+    if high < low:
+        low, high = EDGE, float(track.length[lane]) - EDGE
+    return max(low, START), high
+
+
+def opposite_spur(track: Track, j: Junctions, bay: Door, radius: float, half_width: float) -> Door | None:
+    """The spur, an arc of ``radius`` [m], from the opposite lane to a bay; None without room."""
+    lane = int(track.network.reverse[bay.lane])
+    if lane < 0:
+        return None
+    rows = slice(track.first[lane], track.first[lane + 1])
+    x, y, heading, _ = bay.path[-1]
+    dx, dy = x - track.x[rows], y - track.y[rows]
+    c, s = np.cos(track.heading[rows]), np.sin(track.heading[rows])
+    along, aside = dx * c + dy * s, dy * c - dx * s
+    fits = (along >= radius) & (np.abs(aside) < DEEPEST)
+    if not fits.any():
+        return None
+    nearest = int(np.argmin(np.where(fits, along, np.inf)))
+    k, ahead, left = rows.start + nearest, float(along[nearest]), float(aside[nearest])
+    at = (k - int(track.first[lane])) * float(track.spacing[lane])
+    low, high = span(track, j, lane)
+    if ahead > radius + 2.0 * SPACING or abs(left) < radius or not low <= at <= high:
+        return None
+    toward = float(track.heading[k])
+    turn = float(np.angle(np.exp(1j * (heading - toward))))
+    shape, length = _bow(round(ahead, 3), round(left, 3), round(turn, 4))
+    path = moved(shape, track.x[k], track.y[k], toward)
+    return Door(lane, at, path, length, ahead + half_width)
+
+
+@lru_cache(maxsize=4096)
+def _bow(ahead: float, left: float, turn: float) -> tuple[Floats, float]:
+    """The way from the origin along x to ``ahead``, ``left`` [m], turned by ``turn`` [rad]."""
+    return even(joined(np.zeros(2), 0.0, np.array([ahead, left]), turn), 0.5 * SPACING)
+
+
+class Stand(NamedTuple):
+    """Where recorded trucks stood and how they came [m, rad]; whether they mostly turned round there."""
+
+    x: float
+    y: float
+    heading: float
+    turns: bool
+
+
+def recorded_stands(stands: Stands, cluster: Ints, names: Sequence[str]) -> dict[str, Stand]:
+    """How trucks stood at each place to which at least half of them came in one direction."""
+    out = {}
+    for k, name in enumerate(names):
+        mine = np.flatnonzero((cluster == k) & np.isfinite(stands.into))
+        into = stands.into[mine]
+        alike = np.cos(into[:, None] - into) > np.cos(ALONG)
+        if not len(mine) or alike.sum(axis=1).max() < 0.5 * len(mine):
+            continue
+        mine = mine[alike[np.argmax(alike.sum(axis=1))]]
+        turn = np.cos(stands.out[mine] - stands.into[mine])
+        turns = bool(np.mean(turn[np.isfinite(turn)] < 0.0) > 0.5) if np.isfinite(turn).any() else False
+        x, y = np.median(stands.x[mine]), np.median(stands.y[mine])
+        heading = np.angle(np.exp(1j * stands.into[mine]).mean())
+        out[name] = Stand(float(x), float(y), float(heading), turns)
+    return out
+
+
+def door_beside(
+    track: Track, junctions: Junctions, truck: Truck, stand: Stand, near: Sequence[tuple[float, int, float]]
+) -> Door | None:
+    """The spot on the nearest lane that leads as trucks came; None where no lane ``near`` does."""
+    for gap, lane, at in near:
+        if gap > BESIDE:
+            break
+        low, high = span(track, junctions, lane)
+        k = int(track.first[lane] + round(float(np.clip(at, low, high)) / track.spacing[lane]))
+        if high < low or abs(np.angle(np.exp(1j * (track.heading[k] - stand.heading)))) > ALONG:
+            continue
+        x, y, heading = float(track.x[k]), float(track.y[k]), float(track.heading[k])
+        ahead = LENGTH * np.array([[0.0, 0.0], [np.cos(heading), np.sin(heading)]])
+        path = np.column_stack([ahead + np.array([x, y]), [heading, heading], [0.0, 0.0]])
+        on_lane = (k - track.first[lane]) * float(track.spacing[lane])
+        return Door(lane, on_lane, path, LENGTH, 0.5 * truck.chassis.length, passed=True)
+    return None
+
+
+def turning_door(track: Track, junctions: Junctions, truck: Truck, own: Door) -> Door | None:
+    """The half turn between where a truck stands and the opposite lane; None without one."""
+    lane = int(track.network.reverse[own.lane])
+    if lane < 0:
+        return None
+    rows, stands = slice(track.first[lane], track.first[lane + 1]), own.path[-1, :2]
+    k = int(np.argmin(np.hypot(track.x[rows] - stands[0], track.y[rows] - stands[1])))
+    at, (low, high) = k * float(track.spacing[lane]), span(track, junctions, lane)
+    start = np.array([track.x[rows][k], track.y[rows][k]])
+    side = stands - start
+    if not low <= at <= high or np.hypot(*side) < 2.0 * SPACING:
+        return None
+    path, length = _half_turn(start, stands, float(track.heading[rows][k]))
+    reach = 0.5 * (float(np.hypot(*side)) + truck.chassis.length)
+    crossed = own.lane if junctions.capacity[own.lane] > 0 else -1
+    return Door(
+        lane, at, path, length, reach, own.bay, crossed, max(own.at - reach, 0.0), own.at + reach, passed=True
+    )
+
+
+def _half_turn(start: Floats, end: Floats, heading: float) -> tuple[Floats, float]:
+    """The half circle from one point to another, begun along ``heading``."""
+    middle, arm = 0.5 * (start + end), 0.5 * (start - end)
+    left = np.array([-arm[1], arm[0]])
+    sign = 1.0 if left @ (np.cos(heading), np.sin(heading)) > 0.0 else -1.0
+    angle = np.linspace(0.0, np.pi, 33)[:, None]
+    return even(middle + np.cos(angle) * arm + sign * np.sin(angle) * left, 0.5 * SPACING)
 
 
 def all_doors(track: Track, junctions: Junctions, bays: list[Bay], truck: Truck) -> list[Door]:

@@ -2,29 +2,27 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.site import Site
-from fleetlog.core.truck import Drive, Truck
+from fleetlog.core.truck import Truck
 from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.simulate.arrays import Flags, Floats
-from fleetlog.simulate.junctions import SWING
-from fleetlog.simulate.state import PLAN
-from fleetlog.simulate.track import Track, build_track
+from fleetlog.simulate.state import DRIVER, PLAN
+from fleetlog.simulate.track import SWING, Track, build_track
 from fleetlog.store.dataset import Dataset
 
-LEAST = 30.0
-"""Seconds of cruising, of speeding up, of braking, of turning that tell what a driver does there."""
-STEADY, CHANGES = 0.08, 0.15
-"""Below the first a truck keeps its speed, above the second it changes it [m/s2]."""
+LEAST = 30.0  # Seconds of cruising, of speeding up, of braking, of turning that tell what a driver does there
+STEADY, CHANGES = 0.08, 0.15  # Below the first a truck keeps its speed, above the second it changes it [m/s2]
 STRAIGHT, TURNS = 0.03, 0.1
 """Below the first curvature a road is straight, above the second a truck turns [1/m]."""
 NEAR, FEW = 2.0, 10
 """A truck is slowest within so many seconds of where it goes over to the next edge; turns that are enough."""
-MOST = 16
-"""Drivers that are told apart; of more, neighbours in speed are one."""
+SHARE = 0.6  # A little above the middle: rows once a second round off the highest values
+MOST = 16  # Drivers that are told apart; of more, neighbours in speed are one
 
 
 def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[Truck, ...]:
@@ -33,11 +31,8 @@ def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[Truck, ...]:
     found = []
     for vehicle in dataset.vehicles:
         rows = measured_channels(dataset.read(vehicle), dataset.meta)
-        found.append(truck)
-        if len(rows) > 1:
-            found[-1] = driven(
-                reconstruct(rows, dataset.site.network, truck).motion, dataset.site, truck, track
-            )
+        one = reconstruct(rows, dataset.site.network, truck).motion if len(rows) > 1 else None
+        found.append(truck if one is None else driven(one, dataset.site, truck, track))
     out = list(found)
     by_speed = np.argsort([t.drive.speed_factor for t in found], kind="stable")
     for group in np.array_split(by_speed, min(len(found), MOST)):
@@ -92,22 +87,17 @@ def limits_along(motion: Motion, site: Site) -> Floats:
     return limit
 
 
-def _typical(values: Floats, chosen: Flags, weight: Floats, share: float = 0.6) -> float | None:
-    """What was chosen is below this for ``share`` of its time; None where it is too little.
-
-    A little above the middle: rows once a second round off the highest values.
-    """
+def _typical(values: Floats, chosen: Flags, weight: Floats) -> float | None:
+    """What was chosen is below this for ``SHARE`` of its time; None where it is too little."""
     order = np.argsort(values[chosen])
     time = np.cumsum(weight[chosen][order])
     if not len(time) or time[-1] < LEAST:
         return None
-    return round(float(values[chosen][order][np.searchsorted(time, share * time[-1])]), 3)
+    return round(float(values[chosen][order][np.searchsorted(time, SHARE * time[-1])]), 3)
 
 
 def middle(trucks: Sequence[Truck]) -> Truck:
     """The truck with the mean of what several drivers ask."""
     drives = [t.drive for t in trucks]
-    names = ("speed_factor", "max_acceleration", "max_deceleration", "max_lateral_acceleration")
-    mean: dict[str, float] = {n: float(np.mean([getattr(d, n) for d in drives])) for n in names}
-    drive: Drive = replace(drives[0], **mean)
-    return replace(trucks[0], drive=drive)
+    mean: dict[str, Any] = {n: float(np.mean([getattr(d, n) for d in drives])) for n in DRIVER}
+    return replace(trucks[0], drive=replace(drives[0], **mean))

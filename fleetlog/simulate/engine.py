@@ -11,29 +11,24 @@ from fleetlog.errors import DataError, SiteError
 from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.arrays import Index
-from fleetlog.simulate.crossings import Crossings
-from fleetlog.simulate.dispatch import Dispatcher, Policy
-from fleetlog.simulate.energy import Meter, locate
+from fleetlog.simulate.demand import at_places
+from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.events import EventLog
-from fleetlog.simulate.itinerary import at_places
 from fleetlog.simulate.junctions import GAP
-from fleetlog.simulate.limits import Tally
-from fleetlog.simulate.mixed import Trucks
-from fleetlog.simulate.record import Recorder, columns_of
-from fleetlog.simulate.state import STANDS, Mode, limits_of, log_of, new_fleet, new_log
-from fleetlog.simulate.summary import Summary
+from fleetlog.simulate.limits import Summary, Tally
+from fleetlog.simulate.occupancy import Policy
+from fleetlog.simulate.record import Meter, Recorder, columns_of, locate
+from fleetlog.simulate.state import STANDS, Mode, Trucks, limits_of, log_of, new_fleet, new_log
 from fleetlog.simulate.tasks import Demand, check_vehicles
-from fleetlog.simulate.world import World, build_world
+from fleetlog.simulate.world import Crossings, World, build_world
 from fleetlog.store.writer import DatasetWriter
 
 DEFAULT_START = 1_767_592_800_000_000
 """2026-01-05 06:00 UTC, a Monday: fixed, so that the same seed gives the same bytes [us]."""
-LONGEST = 2048
-"""Pieces in a route."""
+LONGEST = 2048  # Pieces in a route
 TOGETHER = 128
 """Trucks whose power is worked out at once: arrays that stay in the processor's cache take half the time."""
-BATCH = 10.0
-"""Power is worked out for so many seconds at once [s]."""
+BATCH = 10.0  # Power is worked out for so many seconds at once [s]
 IN_TRAFFIC = np.isin(np.arange(Mode.EMPTY + 1), (Mode.DRIVING, Mode.AT_BAY, Mode.WANTS_OUT))
 """By activity: a truck that stands meanwhile waits for others."""
 Progress = Callable[[float, float], None]
@@ -58,16 +53,10 @@ class Settings:
 
 
 def simulate(
-    site: Site,
-    truck: Truck | Sequence[Truck],
-    writer: DatasetWriter,
-    settings: Settings | None = None,
-    demand: Demand | None = None,
-    physics: Physics | None = None,
-    progress: Progress | None = None,
-    names: list[str] | None = None,
+    site: Site, truck: Truck | Sequence[Truck], writer: DatasetWriter, settings: Settings | None = None,
+    demand: Demand | None = None, physics: Physics | None = None, progress: Progress | None = None,
     mined: frozenset[str] = frozenset(),
-) -> Summary:
+) -> Summary:  # fmt: skip
     """Simulate a fleet on a site and write its trajectories.
 
     Parameters
@@ -76,7 +65,6 @@ def simulate(
     demand : tasks; by default endless ones between random places.
     physics : terms beyond the nominal model; each can be switched off in it.
     progress : called with seconds done and in all.
-    names : vehicle ids; by default T1, T2, ...
     mined : places that may be left out where there is no room beside the road.
 
     Raises
@@ -85,7 +73,7 @@ def simulate(
         For an unreachable place, one off the roads, more trucks than the site can hold.
     """
     settings, demand = settings or Settings(), demand or Demand()
-    names = names or vehicle_names(settings.vehicles)
+    names = vehicle_names(settings.vehicles)
     _check(settings)
     # Half the time of a large run is writing, and half of that is packing.
     writer.compression = "snappy"
@@ -223,31 +211,25 @@ class Run:
         self.charged -= float(np.minimum(charging, 0.0).sum()) * dt / 3600.0
         slow = (log.v < STANDS) & IN_TRAFFIC[log.mode]
         self.waiting += float(slow.sum()) * dt
-        self.recorder.add(which.start, log, place, energy)
+        self.recorder.add(which, log, place, energy)
 
     def _stop_empty(self) -> None:
         f = self.fleet
-        for v in np.flatnonzero((self.meter.soc <= 0.0) & (f.mode != Mode.EMPTY)):
-            if (
-                f.mode[v] in (Mode.PARKED, Mode.HANDLING, Mode.DRIVING, Mode.AT_BAY, Mode.WANTS_OUT)
-                and not f.entry[v]
-            ):
-                f.mode[v] = Mode.EMPTY
-                f.asks[f.asks == v] = -1
-                self.dispatcher.count.empty.append(self.names[v])
+        may = np.isin(f.mode, (Mode.PARKED, Mode.HANDLING, Mode.DRIVING, Mode.AT_BAY, Mode.WANTS_OUT))
+        for v in np.flatnonzero(may & (self.meter.soc <= 0.0) & ~f.entry):
+            f.mode[v] = Mode.EMPTY
+            f.asks[f.asks == v] = -1
+            self.dispatcher.count.empty.append(self.names[v])
 
     def _summary(self, total: int) -> Summary:
         d = self.dispatcher
         notes = list(self.world.notes)
         if not (d.kind == "charge").any():
             notes.append("the site has no charger: nobody charges")
-        open_tasks = d.count.tasks_given - d.count.tasks_done
+        rows = total // self.recorder.every * len(self.names)
         return Summary(
-            len(self.names), total * self.settings.step, self.recorder.written, total * len(self.names),
+            len(self.names), total * self.settings.step, rows, total * len(self.names),
             d.count, float(self.fleet.moved.sum()), self.used, self.charged, self.meter.soc.tolist(),
             self.soc_lowest, self.soc_sum / total,
-            self.tally.limits(self.waiting), d.watch.longest, open_tasks, notes,
+            self.tally.limits(self.waiting), d.watch.longest, notes,
         )  # fmt: skip
-
-
-__all__ = ["Settings", "SiteError", "Summary", "simulate"]

@@ -13,9 +13,9 @@ import numpy as np
 
 from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.errors import DataError, nearest
-from fleetlog.simulate.dispatch import Policy
+from fleetlog.simulate.limits import Summary
+from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.scenario import Scenario, run_all, with_plugs
-from fleetlog.simulate.summary import Summary
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,10 +26,8 @@ MEASURES = {
     "energy_per_task_wh": "energy per task done [Wh]",
 }  # fmt: skip
 """What is drawn and compared, and how it is called."""
-MOST = 10_000
-"""Variants of an experiment; a number of trucks, plugs or places is below a hundred thousand."""
-NONE = "none"
-"""The value of a factor that leaves the scenario as it is."""
+MOST = 10_000  # Variants of an experiment; a number of trucks, plugs or places is below a hundred thousand
+NONE = "none"  # The value of a factor that leaves the scenario as it is
 
 
 @dataclass(frozen=True)

@@ -15,18 +15,11 @@ from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.track import Track
 
-MARGIN = 0.15
-"""Kept free round every truck [m]."""
-GAP = 1.0
-"""Between standing trucks, bumper to bumper [m]."""
-STOP = 0.05
-"""A truck that waits keeps this far from the end of its lane [m]."""
-START = 0.2
-"""At the very start of a lane a truck would have to stop before it is on it [m]."""
-BEND = 0.02
-"""A connector that bends more than this takes one truck at a time [1/m]."""
-SWING = 1.8
-"""After a turn by more than this a truck may be beside the lane that it came from [rad]."""
+MARGIN = 0.15  # Kept free round every truck [m]
+GAP = 1.0  # Between standing trucks, bumper to bumper [m]
+STOP = 0.05  # A truck that waits keeps this far from the end of its lane [m]
+START = 0.2  # At the very start of a lane a truck would have to stop before it is on it [m]
+BEND = 0.02  # A connector that bends more than this takes one truck at a time [1/m]
 
 
 @dataclass(frozen=True)
@@ -41,7 +34,6 @@ class Junctions:
     resource : (S,) of every sample of the track, -1 on safe parts.
     conflict_first, conflicts : CSR over resources: those that exclude it, itself where it takes one truck at
         a time.
-    swings : (P,) whether a piece turns by more than ``SWING``.
     """
 
     clear: Floats
@@ -50,7 +42,6 @@ class Junctions:
     resource: Index
     conflict_first: Ints
     conflicts: Index
-    swings: Flags
 
 
 def half_box(truck: Truck) -> tuple[float, float]:
@@ -87,18 +78,12 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     first, conflicts = conflict_lists(
         np.concatenate([ra[keep], alone]), np.concatenate([rb[keep], alone]), count
     )
-    return Junctions(clear, stop, capacity, resource, first, conflicts, swinging(track))
-
-
-def swinging(track: Track) -> Flags:
-    """(P,) connectors that turn by more than ``SWING``: their two lanes lie side by side."""
-    turn = track.heading[track.first[1:] - 1] - track.heading[track.first[:-1]]
-    return np.asarray((np.abs(np.angle(np.exp(1j * turn))) > SWING) & (track.source >= 0))
+    return Junctions(clear, stop, capacity, resource, first, conflicts)
 
 
 def _turns(track: Track) -> Ints:
     """Number ``a * len(track) + b`` of all lanes a, b that follow each other and do not lie side by side."""
-    straight = (track.source >= 0) & ~swinging(track)
+    straight = (track.source >= 0) & ~track.swings
     return track.source[straight].astype(np.int64) * len(track) + track.target[straight]
 
 

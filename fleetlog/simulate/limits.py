@@ -1,18 +1,17 @@
-"""What limits a simulated fleet: how busy trucks, places, chargers and junctions are, and their queues."""
+"""What a simulation came to, and what limits the fleet: how busy its trucks, places and junctions are."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
-from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.state import CHARGER, DROP_PLACE, PICK_PLACE, STANDS, Mode
+from fleetlog.simulate.watch import Count
 
 MATERIAL = 0.1
 """Places, chargers or traffic limit a fleet that spends more than this share of its time waiting for them."""
-BUSY = 0.85
-"""Trucks limit a fleet that has work for more than this share of its time."""
+BUSY = 0.85  # Trucks limit a fleet that has work for more than this share of its time
 PLACES = {"pick places": PICK_PLACE, "drop places": DROP_PLACE, "chargers": CHARGER}
 KIND_OF = {"pick places": "pick", "drop places": "drop", "chargers": "charge"}
 
@@ -21,36 +20,22 @@ KIND_OF = {"pick places": "pick", "drop places": "drop", "chargers": "charge"}
 class Resource:
     """Something that trucks, or tasks, wait for."""
 
-    kind: str
-    """trucks, pick places, drop places, chargers or junctions."""
-    count: int
-    """Trucks, bays, plugs, or junctions."""
-    name: str | None
-    """The place or node that is waited for most; None where nobody waits."""
-    utilisation: float
-    """Share of the time for which the named one is taken, or all where none is named."""
-    queue: float
-    """Trucks (for trucks: tasks) that wait on average because of it."""
+    kind: str  # trucks, pick places, drop places, chargers or junctions
+    count: int  # Trucks, bays, plugs, or junctions
+    name: str | None  # The place or node that is waited for most; None where nobody waits
+    utilisation: float  # Share of the time for which the named one is taken, or all where none is named
+    queue: float  # Trucks (for trucks: tasks) that wait on average because of it
 
 
 @dataclass(frozen=True)
 class Limits:
     """How busy everything was; ``bottleneck`` is None where nothing but the demand limits the fleet."""
 
-    resources: tuple[Resource, ...]
     bottleneck: Resource | None
-    waiting_s: dict[str, float]
-    """Truck seconds by cause: traffic, pick places, drop places, chargers."""
+    resources: tuple[Resource, ...]
+    waiting_s: dict[str, float]  # Truck seconds by cause: traffic, pick places, drop places, chargers
     task_wait_s: dict[str, float]
     """Mean, p95 and longest time from when a task may be done until a truck takes it, or the end [s]."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return {
-            "bottleneck": None if self.bottleneck is None else _rounded(asdict(self.bottleneck)),
-            "resources": [_rounded(asdict(r)) for r in self.resources],
-            "waiting_s": _rounded(self.waiting_s), "task_wait_s": _rounded(self.task_wait_s),
-        }  # fmt: skip
 
     def lines(self) -> list[str]:
         """For the terminal."""
@@ -107,17 +92,20 @@ class Tally:
         """What the run came to; ``traffic`` truck seconds of waiting on the road and before bays."""
         d = self.dispatcher
         waiting = {"traffic": traffic, **{k: float(self.lacking[code]) for k, code in PLACES.items()}}
-        tasks = self._task_waits()
+        earliest, assigned = d.book.numbers("earliest"), d.book.numbers("assigned")
+        tasks = np.where(assigned < 0.0, float(self.seconds), assigned) - earliest
         found = [self._places(kind) for kind in PLACES if (d.kind == KIND_OF[kind]).any()]
-        found += [self._junctions(traffic), self._trucks(tasks)]
+        busy = 1.0 - self.idle / (len(d.names) * self.seconds)
+        trucks = Resource("trucks", len(d.names), None, busy, float(tasks.sum()) / self.seconds)
+        found += [self._junctions(traffic), trucks]
+        worst = max(found[:-1], key=lambda r: r.queue)
+        bottleneck = trucks if busy > BUSY else None
+        if worst.queue > MATERIAL * trucks.count:
+            bottleneck = worst
         some = tasks if len(tasks) else np.zeros(1)
-        waits = {"mean": some.mean(), "p95": np.quantile(some, 0.95), "longest": some.max()}
-        summary = {name: float(seconds) for name, seconds in waits.items()}
-        return Limits(tuple(found), self._bottleneck(found), waiting, summary)
-
-    def _task_waits(self) -> Floats:
-        earliest, assigned = self.dispatcher.book.taken()
-        return np.where(assigned < 0.0, float(self.seconds), assigned) - earliest
+        waits = (some.mean(), np.quantile(some, 0.95), some.max())
+        summary = dict(zip(("mean", "p95", "longest"), map(float, waits), strict=True))
+        return Limits(bottleneck, tuple(found), waiting, summary)
 
     def _places(self, kind: str) -> Resource:
         d = self.dispatcher
@@ -135,18 +123,79 @@ class Tally:
         count = int((self.crossed > 0.0).sum())
         return Resource("junctions", count, name, float(taken), traffic / self.seconds)
 
-    def _trucks(self, tasks: Floats) -> Resource:
-        trucks = len(self.dispatcher.names)
-        busy = 1.0 - self.idle / (trucks * self.seconds)
-        return Resource("trucks", trucks, None, busy, float(tasks.sum()) / self.seconds)
 
-    def _bottleneck(self, found: list[Resource]) -> Resource | None:
-        *others, trucks = found
-        worst = max(others, key=lambda r: r.queue)
-        if worst.queue > MATERIAL * trucks.count:
-            return worst
-        return trucks if trucks.utilisation > BUSY else None
+@dataclass
+class Summary:
+    """What was simulated."""
+
+    vehicles: int
+    duration_s: float
+    rows: int
+    vehicle_steps: int
+    count: Count
+    distance_m: float
+    energy_wh: float
+    charged_wh: float
+    soc_end: list[float]
+    soc_lowest: float
+    soc_mean: float
+    limits: Limits
+    longest_wait_s: float  # Longest time that a truck which wanted to move stood on end
+    notes: list[str]
+    one_more: dict[str, Any] = field(default_factory=dict)
+    """What one more of what limits brings; empty where that was not simulated."""
+
+    @property
+    def unfinished(self) -> int:
+        """Tasks that were given and are not done at the end."""
+        return self.count.tasks_given - self.count.tasks_done
+
+    @property
+    def waiting_s(self) -> float:
+        """Truck seconds of waiting of every kind."""
+        return sum(self.limits.waiting_s.values())
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        c = self.count
+        return {
+            "vehicles": self.vehicles, "duration_s": self.duration_s, "rows": self.rows,
+            "vehicle_steps": self.vehicle_steps, "tasks_given": c.tasks_given, "tasks_done": c.tasks_done,
+            "tasks_unfinished": self.unfinished, "distance_m": round(self.distance_m, 1),
+            "energy_wh": round(self.energy_wh, 2), "charged_wh": round(self.charged_wh, 2),
+            "soc_end": [round(s, 5) for s in self.soc_end], "soc_lowest": round(self.soc_lowest, 5),
+            "soc_mean": round(self.soc_mean, 5), "waiting_s": round(self.waiting_s, 1),
+            "longest_wait_s": round(self.longest_wait_s, 1),
+            "charges": c.charges, "deadlocks": c.deadlocks, "deadlocks_released": c.deadlocks_released,
+            "detours": c.detours, "made_room": c.made_room, "empty": c.empty,
+            "limits": {**_rounded(asdict(self.limits)), "one_more": self.one_more}, "notes": self.notes,
+        }  # fmt: skip
+
+    def lines(self) -> list[str]:
+        """For the terminal."""
+        c, hours = self.count, {k: s / 3600.0 for k, s in self.limits.waiting_s.items()}
+        kinds = ", ".join(f"{kind} {h:.2f}" for kind, h in hours.items())
+        out = [
+            f"{self.vehicles} trucks, {self.duration_s / 3600.0:.2f} h, {self.rows} rows,"
+            f" {self.distance_m / 1000.0:.1f} km",
+            f"tasks: {c.tasks_done} done of {c.tasks_given}, {self.unfinished} not finished at the end",
+            f"energy: {self.energy_wh / 1000.0:.2f} kWh used,"
+            f" {self.charged_wh / 1000.0:.2f} kWh charged in {c.charges} visits",
+            f"waiting: {sum(hours.values()):.2f} truck hours ({kinds})",
+            f"traffic: {self.longest_wait_s:.0f} s of waiting at most,"
+            f" {c.deadlocks} deadlocks ({c.deadlocks_released} released), {c.detours} detours",
+            *self.limits.lines(),
+        ]
+        if self.one_more:
+            out.append(str(self.one_more["statement"]))
+        if c.empty:
+            out.append(f"battery empty: {', '.join(c.empty)}")
+        return out
 
 
-def _rounded(values: dict[str, Any]) -> dict[str, Any]:
-    return {k: round(v, 4) if isinstance(v, float) else v for k, v in values.items()}
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _rounded(v) for k, v in value.items()}
+    if isinstance(value, tuple):
+        return [_rounded(v) for v in value]
+    return round(value, 4) if isinstance(value, float) else value

@@ -4,21 +4,31 @@ Each truck drives the recorded trips at the recorded times, as the model would: 
 differs from the recording, trip by trip, is the physics and not the traffic, or in one another's way.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError
 from fleetlog.physics.motion import measured_channels, reconstruct
+from fleetlog.physics.motion.legs import Leg, SpeedProfile
 from fleetlog.physics.power import Physics
-from fleetlog.simulate.retrace import VehicleReplay
+from fleetlog.simulate.arrays import Floats, Ints
+from fleetlog.simulate.junctions import half_box
+from fleetlog.simulate.places import touching
+from fleetlog.simulate.retrace import Trip, VehicleReplay
 from fleetlog.simulate.track import lane_shift
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.writer import DatasetWriter
 
 Progress = Callable[[float, float], None]
+WINDOW = 60.0  # Who would be at a place so much later than another does not meet it there [s]
+CLOSE = 6  # Touching nodes of two trucks so many nodes apart are one meeting
+AFTER = 6.0  # A truck that set off at most so long after the way ahead became free had stood for that [s]
+REACH = 12.0  # How far ahead of a standing truck that is looked for [m]
 
 
 @dataclass
@@ -31,12 +41,10 @@ class MissionSummary:
     distance_ratio: float
     duration_ratio: float
     energy_ratio: float
-    own_path: int
-    """Trips off the roads, which follow their recorded positions."""
+    own_path: int  # Trips off the roads, which follow their recorded positions
     lost_share: float | None = None
     """Of the travel time, lost to other trucks; None where each drives by itself."""
-    let_past: int | None = None
-    """How often a truck was let past another, as each waited for the other."""
+    let_past: int | None = None  # How often a truck was let past another, as each waited for the other
 
 
 def replay(
@@ -47,13 +55,13 @@ def replay(
 
     Rows come at the recorded interval.  Loads, fork heights, charging and temperature are the recorded ones,
     shifted to the simulated arrival; where a trip takes longer than it took, the next one sets off later.
-    ``together`` the trucks keep to their lanes and wait for one another (:mod:`fleetlog.simulate.together`).
+    ``together`` the trucks keep to their lanes and wait for one another.
     """
     replays = _replays(dataset, truck, writer, physics or Physics(truck))
     lost, past = None, None
     if together:
         replays = iter(found := list(replays))
-        lost, past = _together(found, truck)
+        lost, past = meet_again(found, truck)
     total, rows, trips, own = np.zeros(6), 0, 0, 0
     for i, one in enumerate(replays):
         one.run()
@@ -69,21 +77,157 @@ def replay(
     return MissionSummary(len(dataset.vehicles), trips, rows, distance, duration, energy, own, lost, past)
 
 
-def _replays(
-    dataset: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics
-) -> Iterator[VehicleReplay]:
-    site = dataset.site
-    for vehicle in dataset.vehicles:
-        recorded = dataset.read(vehicle)
+def _replays(data: Dataset, truck: Truck, writer: DatasetWriter, physics: Physics) -> Iterator[VehicleReplay]:
+    for vehicle in data.vehicles:
+        recorded = data.read(vehicle)
         if len(recorded) > 1:
-            found = reconstruct(measured_channels(recorded, dataset.meta), site.network, truck)
-            yield VehicleReplay(recorded, found, site, physics.of(vehicle, recorded.time[0] * 1e-6), writer)
+            found = reconstruct(measured_channels(recorded, data.meta), data.site.network, truck)
+            own = physics.of(vehicle, recorded.time[0] * 1e-6)
+            yield VehicleReplay(recorded, found, data.site, own, writer)
 
 
-def _together(replays: list[VehicleReplay], truck: Truck) -> tuple[float, int]:
-    from fleetlog.simulate.together import meet_again
+class Nodes(NamedTuple):
+    """(N,) nodes of all trips, truck after truck: where, when in the recording and when alone [s], whose."""
 
+    x: Floats
+    y: Floats
+    heading: Floats
+    recorded: Floats
+    alone: Floats
+    truck: Ints
+    trip: Ints
+
+
+def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, int]:
+    """Let trucks wait for one another: the share of travel time that they lose; how many were let past."""
     for one in replays:
         if one.site.network is not None:
             one.keep_to_lanes(lane_shift(one.site.network, truck, one.site.traffic))
-    return meet_again(replays, truck)
+    trips = [(u, trip) for u, r in enumerate(replays) for trip in r.trips if trip.leg is not None]
+    if not trips:
+        return 0.0, 0
+    start = min(r.recorded.time[0] for r in replays)
+    clock = [float(r.recorded.time[0] - start) * 1e-6 for r in replays]
+    first = np.cumsum([0, *(len(_leg(t).distance) for _, t in trips)])
+    half = half_box(truck)
+    nodes = _nodes(replays, trips, clock)
+    was = _gates(nodes._replace(alone=nodes.recorded), half)
+    for k, (u, trip) in enumerate(trips):
+        stops = _own_stops(_leg(trip), nodes, was, int(first[k]))
+        if len(stops) < len(_leg(trip).stops):
+            replays[u].drive_on(trip, replace(_leg(trip), stops=stops))
+    gates = _gates(_nodes(replays, trips, clock), half)
+    return _driven(replays, trips, clock, first, gates)
+
+
+def _leg(trip: Trip) -> Leg:
+    assert trip.leg is not None
+    return trip.leg
+
+
+def _nodes(
+    replays: Sequence[VehicleReplay], trips: Sequence[tuple[int, Trip]], clock: Sequence[float]
+) -> Nodes:
+    legs = [(u, _leg(trip)) for u, trip in trips]
+    x, y, heading = (np.concatenate([getattr(g.path, c) for _, g in legs]) for c in ("x", "y", "heading"))
+    recorded = np.concatenate([g.path.time + clock[u] for u, g in legs])
+    alone, ready = [], dict.fromkeys(range(len(replays)), -np.inf)
+    for u, trip in trips:
+        assert trip.drive is not None
+        begin = max(replays[u].earliest(trip), ready[u])
+        alone.append(begin + trip.drive.time + clock[u])
+        ready[u] = begin + trip.drive.duration + replays[u].work(trip)
+    trip_of = np.repeat(np.arange(len(legs)), [len(g.distance) for _, g in legs])
+    owner = np.array([u for u, _ in legs])[trip_of]
+    return Nodes(x, y, heading, recorded, np.concatenate(alone), owner, trip_of)
+
+
+def _gates(n: Nodes, half: tuple[float, float]) -> pd.DataFrame:
+    """A row a node and meeting: after ``truck``, node ``at`` is free when that has reached its ``node``.
+
+    ``side`` says which of the two trucks of ``meeting`` it is whose node ``at`` is.
+    """
+    pairs = _met(n, half)
+    meeting = _meetings(n, pairs)
+    parts = []
+    for side in (0, 1):
+        rows = pd.DataFrame({"at": pairs[:, side], "meeting": meeting, "node": pairs[:, 1 - side]})
+        rows = rows.groupby(["at", "meeting"])["node"].max().reset_index()
+        parts.append(rows.assign(side=side, truck=n.truck[rows.node]))
+    found = pd.concat(parts, ignore_index=True)
+    # Past the last node that is touched; who has arrived stands in nobody's way.
+    ahead = np.minimum(found.node + 1, len(n.x) - 1)
+    found["node"] = np.where(n.trip[ahead] == n.trip[found.node], ahead, found.node)
+    found["owner"] = n.truck[found["at"]]
+    found = found.sort_values(["at", "meeting"])
+    # What says no more than a gate before it is none.
+    of = [found.meeting, found.side]
+    before = found.groupby(of).node.cummax().groupby(of).shift(fill_value=-1)
+    return pd.DataFrame(found[found.node > before])
+
+
+def _met(n: Nodes, half: tuple[float, float]) -> Ints:
+    """(P, 2) nodes whose footprints touch, of two trucks that are there within ``WINDOW``."""
+    from fleetlog.simulate.kernels.geometry import meetings
+
+    found = [np.zeros((0, 2), np.int64)]
+    for begin in np.arange(n.alone.min(), n.alone.max() + 1e-3, WINDOW):
+        own = np.flatnonzero((n.alone >= begin) & (n.alone < begin + 2.0 * WINDOW))
+        flat, every, skip = np.zeros(len(own)), np.ones(len(own), bool), np.full(len(own), -1, np.int32)
+        if len(own):
+            trucks = n.truck[own].astype(np.int32)
+            found.append(own[meetings(n.x[own], n.y[own], flat, n.heading[own], trucks, every, *half, skip)])
+    return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
+
+
+def _meetings(n: Nodes, pairs: Ints) -> Ints:
+    """(P,) the meeting of two trips that each pair of touching nodes belongs to."""
+    # Nodes of different trips are never neighbours.
+    cells, of = np.unique((pairs + 3 * CLOSE * n.trip[pairs]) // CLOSE, axis=0, return_inverse=True)
+    return np.asarray(touching(cells)[of.ravel()])
+
+
+def _own_stops(leg: Leg, n: Nodes, gates: pd.DataFrame, first: int) -> dict[int, float]:
+    """The stops on the way at which no other truck was in the way."""
+    kept = {}
+    for k, seconds in leg.stops.items():
+        until = n.recorded[first + k] + seconds
+        end = first + int(np.searchsorted(leg.distance, leg.distance[k] + REACH))
+        low, high = np.searchsorted(gates["at"], [first + k, end])
+        opened = n.recorded[gates.node[low:high]]
+        if not ((opened > until - min(seconds, AFTER)) & (opened <= until + 1.0)).any():
+            kept[k] = seconds
+    return kept
+
+
+def _driven(
+    replays: Sequence[VehicleReplay], trips: Sequence[tuple[int, Trip]], clock: Sequence[float], first: Ints,
+    gates: pd.DataFrame,
+) -> tuple[float, int]:  # fmt: skip
+    """Give each hindered trip its beginning and its drive."""
+    from fleetlog.simulate.kernels.meet import Drives, Gates, meet, new_state
+
+    alone = [trip.drive for _, trip in trips if trip.drive is not None]
+    columns = (np.concatenate([getattr(p, c) for p in alone]) for c in ("distance", "speed", "time", "wait"))
+    leave = np.array([clock[u] + replays[u].earliest(trip) for u, trip in trips])
+    work = np.array([replays[u].work(trip) for u, trip in trips])
+    drives = Drives._make([*columns, first, leave, work])
+    trucks = np.arange(len(replays) + 1)
+    table = (gates[c].to_numpy(np.int64) for c in ("at", "truck", "node", "meeting", "side"))
+    closed = Gates._make([np.searchsorted(gates.owner, trucks), *table])
+    first_trip = np.searchsorted([u for u, _ in trips], trucks)
+    limits = [r.physics.actual_truck().drive for r in replays]
+    up, down = (np.array([getattr(d, f"max_{c}") for d in limits]) for c in ("acceleration", "deceleration"))
+    state = new_state(first_trip, drives, closed)
+    log = meet(first_trip, drives, closed, state, up, down)
+    log = log[np.argsort(log[:, 0], kind="stable")]
+    rows, lost = np.searchsorted(log[:, 0], np.arange(len(trips) + 1)), 0.0
+    for k in np.flatnonzero(state.hindered).tolist():
+        (u, trip), took = trips[k], float(state.took[k])
+        _, t, x, v = log[rows[k] : rows[k + 1]].T
+        on = slice(int(np.searchsorted(t, took - 1e-6)))
+        t, v = np.concatenate([[0.0], t[on], [took]]), np.concatenate([[0.0], v[on], [0.0]])
+        x = np.concatenate([[0.0], x[on], [_leg(trip).distance[-1]]])
+        trip.begin, trip.drive = float(state.begin[k] - clock[u]), SpeedProfile(x, v, t, np.zeros(len(t)))
+        lost += took - alone[k].duration
+    return lost / (sum(p.duration for p in alone) + lost), int(state.past[0])

@@ -12,7 +12,7 @@ from fleetlog.errors import InputError, nearest
 from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.simulate.state import CHARGER, Fleet, Mode
 from fleetlog.simulate.tasks import Drawn, Task
-from fleetlog.simulate.untangle import Untangler
+from fleetlog.simulate.watch import Untangler
 from fleetlog.simulate.world import World
 
 
@@ -83,12 +83,11 @@ class Occupancy(Untangler):
 
     def settle(self, wanted: Callable[[int], str | None]) -> None:
         """Put every truck into a bay of the place it wants, else to park, else anywhere but at a charger."""
-        order = np.concatenate([
-            np.flatnonzero(self.kind == "park"), np.flatnonzero(~np.isin(self.kind, ("park", "charge")))
-        ])  # fmt: skip
+        bays = np.flatnonzero(self.kind != "charge").tolist()
+        order = sorted(bays, key=lambda b: bool(self.kind[b] != "park"))
         for v in range(len(self.jobs)):
             own = self.bays_of.get(wanted(v) or "", ())
-            b = next(b for b in (*own, *order.tolist()) if self.owner[b] < 0)
+            b = next(b for b in (*own, *order) if self.owner[b] < 0)
             self.fleet.door[v] = self.home[v] = b
             self.fleet.spur[v] = self.world.bays[b].door.length
             self.owner[b] = v

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.errors import DataError
@@ -19,20 +20,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 COLUMNS = ("x", "y", "speed", "payload", "soc", "fork_height")
-MIN_DWELL = 8.0
-"""A shorter standstill is a wait on the way, unless the load changes [s]."""
-CELL = 2.0
-"""Stands in the same or in touching cells of this size belong to one place [m]."""
+MIN_DWELL = 8.0  # A shorter standstill is a wait on the way, unless the load changes [s]
+CELL = 2.0  # Stands in the same or in touching cells of this size belong to one place [m]
 MOVED, MOTION = 1.5, 50
 """Direction of motion before and after a stop is that of so many metres, within so many rows."""
-MIN_VISITS = 3
-"""A place was visited this often at least."""
-MIN_CHARGE = 0.005
-"""A state of charge that rises by more than this at a stand was charged."""
-KNOWN = 6.0
-"""A mined place this close to one of the site is that one [m]."""
-MAJORITY = 0.3
-"""A place where loads (or charge) change in more than this share of the visits is one for that."""
+MIN_VISITS = 3  # A place was visited this often at least
+MIN_CHARGE = 0.005  # A state of charge that rises by more than this at a stand was charged
+KNOWN = 6.0  # A mined place this close to one of the site is that one [m]
+MAJORITY = 0.3  # A place where loads (or charge) change in more than this share of the visits is one for that
 
 
 @dataclass(frozen=True)
@@ -109,28 +104,30 @@ def _direction(x: Floats, y: Floats) -> float:
     return float(np.arctan2(y[far[0]] - y[0], x[far[0]] - x[0])) if len(far) else float("nan")
 
 
+def touching(cells: NDArray[Any]) -> Ints:
+    """(N,) label of each of (N, 2) cells: those that touch, also at a corner, have the same."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    a, b = (cKDTree(cells).query_pairs(1.5, output_type="ndarray") if len(cells) else np.zeros((0, 2), int)).T
+    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(len(cells), len(cells)))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
 def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> Ints:
     """(N,) cluster of every stand, numbered from west to east, -1 where there are fewer than ``min_visits``.
 
     Touching occupied cells are one.  Time and memory grow linearly with the stands.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
     cell = np.floor(np.column_stack([stands.x, stands.y]) / CELL)
     cells, of, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
     of = of.ravel()
     # A lone stand between two places must not join them.
     firm = count >= max(2, min_visits // 2)
-    rows = np.flatnonzero(firm)
-    touching = (
-        cKDTree(cells[rows]).query_pairs(1.5, output_type="ndarray") if len(rows) else np.zeros((0, 2), int)
-    )
-    a, b = rows[touching].T
-    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(len(cells), len(cells)))
-    _, label = connected_components(graph, directed=False)
-    of_stand = np.where(firm[of], label[of], -1).astype(np.int64)
+    label = np.full(len(cells), -1)
+    label[firm] = touching(cells[firm])
+    of_stand = label[of]
     names, code, visits = np.unique(of_stand, return_inverse=True, return_counts=True)
     kept = np.flatnonzero((names >= 0) & (visits >= min_visits)).tolist()
     centre = {k: (np.median(stands.x[code == k]), np.median(stands.y[code == k])) for k in kept}

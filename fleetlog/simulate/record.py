@@ -1,23 +1,26 @@
-"""From steps to rows of the dataset, in bounded memory, written by threads as the fleet drives on."""
+"""From steps to power and charge, and to rows of the dataset, written by threads as the fleet drives on."""
 
-import math
 import os
-import threading
-from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
-from mmap import mmap
-from typing import Self
+from dataclasses import dataclass
+from typing import NamedTuple, Self
 
 import numpy as np
 
+from fleetlog.core.motion import Motion
 from fleetlog.core.trajectory import Labels, Trajectory, Values
-from fleetlog.simulate.arrays import Flags, Floats, Index
-from fleetlog.simulate.energy import Batch, Energy
-from fleetlog.simulate.state import Log
+from fleetlog.core.truck import Truck
+from fleetlog.physics.battery import BatteryModel, discharge
+from fleetlog.physics.power import Physics, battery_power, cell_power
+from fleetlog.simulate.arrays import Floats, Index, Modes
+from fleetlog.simulate.state import Log, Mode
+from fleetlog.simulate.track import Track
 from fleetlog.store.writer import DatasetWriter
 
-ROWS = 8_000_000
-"""Rows that are kept at most before they are written; some 50 bytes each."""
+CHARGE_RATE = 0.25  # Power of a charger that the site does not state, in battery capacities an hour
+TAPER_FROM = 0.8
+"""State of charge from which charging power falls, to a tenth when full: then voltage is constant."""
+ROWS = 8_000_000  # Rows that are kept at most before they are written; some 60 bytes each
 DIGITS = {
     "x": 3, "y": 3, "z": 3, "heading": 5, "speed": 4, "edge_offset": 3, "lateral_offset": 3, "payload": 1,
     "fork_height": 3, "battery_power": 2, "battery_voltage": 3, "battery_current": 3, "soc": 8,
@@ -25,61 +28,151 @@ DIGITS = {
 """Decimals that are written, so that files are small; rows wait as whole numbers of them."""
 MEANS = ("battery_power", "battery_voltage", "battery_current")
 """Columns of which a row has the mean over the time around it."""
-CODES = ("edge_id", "trip_id")
 NULL = int(np.iinfo(np.int32).min)
-TOGETHER = 16
-"""Trucks that are handed over to be written at once, where there are as many."""
-BEHIND = 8
-"""Such groups that may wait to be written; the fleet waits when there are more."""
+TOGETHER = 16  # Trucks that are written at once, where there are as many
+BEHIND = 8  # Such groups that may wait to be written; the fleet waits when there are more
+
+
+class Energy(NamedTuple):
+    """(V, K) battery power [W], charge at the start of each step, voltage [V], current [A] or None."""
+
+    power: Floats
+    soc: Floats
+    voltage: Floats | None
+    current: Floats | None
+
+
+class Batch(NamedTuple):
+    """(V, K) of a batch beside the log: place on the map."""
+
+    x: Floats
+    y: Floats
+    z: Floats
+    heading: Floats
+    curvature: Floats
+    slope: Floats
+    offset: Floats
+    lateral: Floats
+    edge: Index
+
+
+def locate(ground: Track, log: Log) -> Batch:
+    """Where on the map every logged state is."""
+    from fleetlog.simulate.kernels.geometry import expand
+
+    t, shape = ground, log.piece.shape
+    out, edge = expand(
+        log.piece.ravel(), log.s.ravel(), (log.mode == Mode.LEAVING).ravel(), t.first, t.spacing, t.x, t.y,
+        t.z, t.heading, t.curvature, t.slope, t.edge, t.offset, t.lateral,
+    )  # fmt: skip
+    return Batch._make([*out.reshape(-1, *shape), edge.reshape(shape)])
+
+
+@dataclass
+class Meter:
+    """Follows the charge of trucks; no ``battery``: nominal.
+
+    ``physics`` of each kind, ``of`` (V,) the kind of each truck; ``charger`` (B,) [W] of bays, NaN: none;
+    ``limit`` [W] of all chargers together.
+    """
+
+    physics: list[Physics]
+    of: Index
+    ground: Track
+    charger: Floats
+    dt: float
+    soc: Floats
+    temperature: float = 20.0
+    battery: BatteryModel | None = None
+    limit: float = np.inf
+    share: float = 1.0  # Of its power that each charger gives now
+
+    def share_site_power(self, mode: Modes, bay: Index) -> None:
+        """What each charger may give of its power, so that all together keep to the limit of the site."""
+        charging = np.flatnonzero(mode == Mode.CHARGING)
+        wanted = sum(float(self._charge_power(bay[v : v + 1], slice(v, v + 1))[0]) for v in charging.tolist())
+        self.share = min(1.0, self.limit / wanted) if wanted > 0.0 else 1.0
+
+    def batch(self, log: Log, place: Batch, bay: Index, step0: int, which: slice) -> Energy:
+        """Power and charge of ``which`` trucks, of one kind, from step ``step0``; ``bay`` (V,) of each."""
+        trucks, steps = log.piece.shape
+        n, first, physics = trucks * steps, which.start, self.physics[self.of[which.start]]
+        motion = Motion(
+            time=np.tile((step0 + np.arange(steps)) * self.dt, trucks), dt=np.full(n, self.dt),
+            speed=np.maximum(log.v + 0.5 * log.a * self.dt, 0.0).ravel(), acceleration=log.a.ravel(),
+            slope=place.slope.ravel(), curvature=place.curvature.ravel(), heading=place.heading.ravel(),
+            payload=log.load.ravel(), lift_speed=log.lift.ravel(), fork_height=log.height.ravel(),
+            x=place.x.ravel(), y=place.y.ravel(), edge=place.edge.ravel(), edge_offset=place.offset.ravel(),
+            ambient_temperature=np.full(n, self.temperature), soc=np.repeat(self.soc[which], steps),
+            vehicle=np.repeat(np.arange(first, first + trucks), steps),
+            trip=log.trip.ravel().astype(np.int64), power=np.zeros(n),
+        )  # fmt: skip
+        power = battery_power(motion, physics).reshape(trucks, steps)
+        charging = log.mode == Mode.CHARGING
+        if charging.any():
+            power = power - np.where(charging, self.share * self._charge_power(bay, which)[:, None], 0.0)
+        power[log.mode == Mode.EMPTY] = 0.0
+        return self._follow(power, which)
+
+    def _charge_power(self, bay: Index, which: slice) -> Floats:
+        truck = self.physics[self.of[which.start]].truck
+        rate = self.charger[bay]
+        rate = np.where(np.isfinite(rate), rate, CHARGE_RATE * truck.battery.capacity_wh)
+        taper = 1.0 - 0.9 * np.clip((self.soc[which] - TAPER_FROM) / (1.0 - TAPER_FROM), 0.0, 1.0)
+        return np.asarray(rate * taper)
+
+    def _follow(self, power: Floats, which: slice) -> Energy:
+        truck: Truck = self.physics[self.of[which.start]].actual_truck()
+        if self.battery is not None:
+            return self._chemistry(power, which)
+        soc = np.zeros((len(power), power.shape[1] + 1))
+        np.cumsum(cell_power(power, truck), axis=1, out=soc[:, 1:])
+        soc *= -self.dt / (3600.0 * truck.battery.capacity_wh)
+        soc += self.soc[which, None]
+        np.clip(soc, 0.0, 1.0, out=soc)
+        self.soc[which] = soc[:, -1]
+        return Energy(power, np.ascontiguousarray(soc[:, :-1]), None, None)
+
+    def _chemistry(self, power: Floats, which: slice) -> Energy:
+        assert self.battery is not None
+        soc, volts, amps = np.empty_like(power), np.empty_like(power), np.empty_like(power)
+        dt = np.full(power.shape[1], self.dt)
+        charge = self.soc[which]
+        for v in range(len(power)):
+            d = discharge(power[v], dt, self.battery, float(charge[v]), self.temperature)
+            soc[v, 0], soc[v, 1:] = charge[v], d.soc[:-1]
+            volts[v], amps[v], charge[v] = d.voltage, d.current, d.soc[-1]
+        return Energy(power, soc, volts, amps)
 
 
 class Recorder:
-    """Takes batches of steps, keeps every ``every``-th one as a row, and writes a truck's rows when enough
-    have come together.
+    """Takes batches of ``steps`` steps, keeps every ``every``-th one as a row, and writes a group of trucks'
+    rows when enough have come together, or the ``total`` of steps is reached.
 
     Power of a row is the mean over the ``every`` steps around it, so that power times the time between rows
-    adds up to the energy.  Groups of trucks are written in turn, each by one thread at a time: the same bytes
-    whatever the number of threads.  Leaving the block without :meth:`flush` gives up what is not written.
+    adds up to the energy.  Groups are written in turn, each by one thread at a time: the same bytes whatever
+    the number of threads.  Leaving the block without :meth:`flush` gives up what is not written.
     """
 
     def __init__(
-        self,
-        writer: DatasetWriter,
-        names: list[str],
-        edges: tuple[str, ...],
-        start: int,
-        dt: float,
-        every: int,
-        step: int,
-        total: int,
-        columns: tuple[str, ...],
-    ) -> None:
-        self.writer, self.names, self.edges = writer, names, edges
-        self.every, self.rows = every, step // every
-        self.interval = every * round(dt * 1e6)
+        self, writer: DatasetWriter, names: list[str], edges: tuple[str, ...], start: int, dt: float,
+        every: int, steps: int, total: int, columns: tuple[str, ...],
+    ) -> None:  # fmt: skip
+        self.writer, self.names, self.edges, self.columns = writer, names, edges, columns
+        self.every, self.interval = every, every * round(dt * 1e6)
         self.start = start + every // 2 * round(dt * 1e6)
-        self.columns = columns
-        self._scale = np.array([10.0 ** DIGITS[c] for c in columns])
-        self._mean = np.array([c in MEANS for c in columns])
-        trucks, total = len(names), total // step
-        self.together = min(TOGETHER, trucks)
-        groups = -(-trucks // self.together)
-        capacity = min(max(ROWS // trucks // self.rows, 1), total)
-        blocks = groups + min(groups, BEHIND)
-        self._kept = _untouched(blocks * self.together, capacity, len(columns) + len(CODES), self.rows)
-        self._free = deque(range(groups, blocks))
-        self._row = np.arange(trucks, dtype=np.int32)
-        # Trucks become due one after the other, the first when its rows are half of the most that are kept;
-        # where all rows can be kept, all trucks at the end.
-        share = (np.arange(trucks) // self.together + 1) / (groups + 1)
-        early = 1.0 if capacity == total else 0.5 + 0.5 * share
-        self._due = np.full(trucks, np.maximum(early * capacity, 1.0))
-        self._filled = np.zeros(trucks, np.int32)
-        self._written = np.zeros(trucks, np.int64)
+        trucks, batches = len(names), total // steps
+        groups = -(-trucks // min(TOGETHER, trucks))
+        self._most = min(max(ROWS * every // (trucks * steps), 1), batches)
+        # Groups become due one after the other, the first when its rows are half of the most that are kept;
+        # where all rows can be kept, all at the end.
+        share = 1.0 if self._most == batches else 0.5 + 0.5 * (np.arange(groups) + 1) / (groups + 1)
+        self._due = np.full(groups, np.maximum(share * self._most, 1.0)).astype(int)
+        self._batch = np.zeros((trucks, len(columns) + 2, steps // every), np.int32)
+        self._rows = np.zeros(groups, np.int64)
+        self._kept: list[list[Index]] = [[] for _ in range(groups)]
         self._pool = ThreadPoolExecutor(min(os.cpu_count() or 1, 4))
-        self._space = threading.local()
-        self._jobs: deque[tuple[Future[None], int]] = deque()
-        self._last: dict[int, Future[None]] = {}
+        self._jobs: dict[int, Future[None]] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -87,91 +180,64 @@ class Recorder:
     def __exit__(self, *error: object) -> None:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    @property
-    def written(self) -> int:
-        """Rows so far."""
-        return int(self._written.sum())
-
-    def add(self, first: int, log: Log, place: Batch, energy: Energy) -> None:
-        """One batch of trucks ``first`` ...; :meth:`next` when it was added for all of them."""
-        from fleetlog.simulate.kernels.pack import pack, pack_codes
-
+    def add(self, trucks: slice, log: Log, place: Batch, energy: Energy) -> None:
+        """One batch of some trucks; :meth:`next` when it was added for all of them."""
         known = {
             "x": place.x, "y": place.y, "z": place.z, "heading": place.heading, "speed": log.v,
             "edge_offset": place.offset, "lateral_offset": place.lateral, "payload": log.load,
             "fork_height": log.height, "battery_power": energy.power, "battery_voltage": energy.voltage,
             "battery_current": energy.current, "soc": energy.soc,
         }  # fmt: skip
-        trucks = slice(first, first + len(log.v))
-        row, at, values = self._row[trucks], self._filled[trucks], tuple(known[c] for c in self.columns)
-        pack(values, self._mean, self._scale, self.every, NULL, self._kept, row, at)
-        pack_codes((place.edge, log.trip), len(values), self.every, self._kept, row, at)
+        batch, middle = self._batch[trucks], self.every // 2
+        for k, name in enumerate(self.columns):
+            values = known[name]
+            assert values is not None
+            if name in MEANS:
+                rows = sum(values[:, i :: self.every] for i in range(self.every)) / self.every
+            else:
+                rows = values[:, middle :: self.every]
+            batch[:, k] = np.nan_to_num(np.rint(rows * 10.0 ** DIGITS[name]), nan=NULL)
+        batch[:, -2], batch[:, -1] = (codes[:, middle :: self.every] for codes in (place.edge, log.trip))
 
     def next(self) -> None:
-        """All trucks have had their batch: those that are due are written."""
-        self._filled += 1
-        self._hand_over(self._filled >= np.floor(self._due))
-        self._due[self._filled == 0] = self._kept.shape[1]
+        """All trucks have had their batch: groups that are due are written."""
+        for group, kept in enumerate(self._kept):
+            kept.append(self._batch[group * TOGETHER : (group + 1) * TOGETHER].copy())
+            if len(kept) >= self._due[group]:
+                self._hand_over(group)
+                self._due[group] = self._most
 
     def flush(self) -> None:
         """Write all that is left, and wait for it."""
-        self._hand_over(self._filled > 0)
-        while self._jobs:
-            self._wait()
+        for group, kept in enumerate(self._kept):
+            if kept:
+                self._hand_over(group)
+        for job in self._jobs.values():
+            job.result()
 
-    def _wait(self) -> None:
-        """Until what was handed over first is written: its rows can be filled again."""
-        job, block = self._jobs.popleft()
-        job.result()
-        self._free.append(block)
+    def _hand_over(self, group: int) -> None:
+        """Let the rows of a group be written, after those handed over earlier."""
+        while group in self._jobs or len(self._jobs) >= BEHIND:
+            self._jobs.pop(group if group in self._jobs else next(iter(self._jobs))).result()
+        rows = np.concatenate(self._kept[group], axis=2)
+        self._jobs[group] = self._pool.submit(self._write, group, rows, int(self._rows[group]))
+        self._rows[group] += rows.shape[2]
+        self._kept[group].clear()
 
-    def _hand_over(self, due: Flags) -> None:
-        """Let groups of trucks be written, and give them other rows to fill."""
-        for group in np.flatnonzero(due[:: self.together]).tolist():
-            if not self._free:
-                self._wait()
-            trucks = slice(group * self.together, (group + 1) * self.together)
-            rows = self._row[trucks]
-            kept = self._kept[rows[0] : rows[-1] + 1, : self._filled[trucks.start]]
-            # What was handed over earlier of this group has begun already: waiting for it cannot block.
-            job = self._pool.submit(self._write, trucks.start, kept, self._last.get(group))
-            self._last[group] = job
-            self._jobs.append((job, int(rows[0]) // self.together))
-            self._row[trucks] = self._free.popleft() * self.together + np.arange(len(rows))
-            self._filled[trucks] = 0
-
-    def _write(self, first: int, group: Index, before: Future[None] | None) -> None:
-        """(trucks, batches, columns, rows) of trucks ``first`` ..., after what was handed over ``before``."""
-        from fleetlog.simulate.kernels.pack import unpack
-
-        if before is not None:
-            before.result()
-        trucks, batches, _, rows = group.shape
-        if not hasattr(self._space, "values"):
-            # Each thread uses its memory again: fresh pages cost as much as what is done with them.
-            self._space.values = np.empty((len(self.columns), self.together * self._kept.shape[1] * rows))
-        values = self._space.values[:, : trucks * batches * rows]
-        unpack(group, self._scale, NULL, values)
-        edge, trip = np.moveaxis(group[:, :, len(self.columns) :], 2, 0).reshape(2, -1)
-        columns: dict[str, Values] = dict(zip(self.columns, values, strict=True))
-        columns["edge_id"], columns["trip_id"] = self._labels(edge), trip.astype(np.int64)
-        steps = self._written[first] + np.arange(batches * rows)
-        time = np.tile(self.start + steps * self.interval, trucks)
-        names = self.names[first : first + trucks]
+    def _write(self, group: int, whole: Index, before: int) -> None:
+        """(trucks, columns, rows) of a group that has so many rows ``before``."""
+        trucks, _, rows = whole.shape
+        columns: dict[str, Values] = {}
+        for k, name in enumerate(self.columns):
+            codes = whole[:, k].ravel()
+            columns[name] = np.where(codes == NULL, np.nan, codes / 10.0 ** DIGITS[name])
+        # Only the names of edges that occur: dictionaries stay small.
+        used, edge = np.unique(whole[:, -2], return_inverse=True)
+        columns["edge_id"] = Labels(edge.ravel().astype(np.int32), tuple(self.edges[i] for i in used))
+        columns["trip_id"] = whole[:, -1].ravel().astype(np.int64)
+        time = np.tile(self.start + (before + np.arange(rows)) * self.interval, trucks)
+        names = self.names[group * TOGETHER :][:trucks]
         self.writer.write_together(names, Trajectory(names[0], time, columns))
-        self._written[first : first + trucks] += batches * rows
-
-    def _labels(self, edge: Index) -> Labels:
-        """Only the names that occur: dictionaries stay small."""
-        count = np.bincount(edge, minlength=len(self.edges))
-        used = np.flatnonzero(count)
-        codes = np.cumsum(count > 0, dtype=np.int32) - 1
-        return Labels(codes[edge], tuple(self.edges[i] for i in used))
-
-
-def _untouched(*shape: int) -> Index:
-    """An array that takes memory only where it is filled; NumPy's would take most of it at once."""
-    return np.frombuffer(mmap(-1, 4 * math.prod(shape)), np.int32).reshape(shape)
 
 
 def rounded(columns: dict[str, Floats]) -> dict[str, Values]:

@@ -12,21 +12,17 @@ from fleetlog.errors import DataError
 from fleetlog.physics.battery import CHARGING
 from fleetlog.physics.motion import Reconstruction
 from fleetlog.physics.motion.channels import forks
-from fleetlog.physics.motion.legs import Leg, free_flow, joined, legs, speed_limits
-from fleetlog.physics.motion.profile import SpeedProfile
+from fleetlog.physics.motion.legs import Leg, SpeedProfile, free_flow, joined, legs, speed_limits
 from fleetlog.physics.power import Physics, battery_power, cell_power
-from fleetlog.simulate.arrays import Flags, Floats
+from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.record import rounded
 from fleetlog.simulate.state import creep_speed
 from fleetlog.store.trips import MAX_GAP
 from fleetlog.store.writer import DatasetWriter
 
-FINE = 0.1
-"""Length of the steps that power is worked out in [s]."""
-MOST = 100_000_000
-"""Rows of one truck between two of its trips."""
-ROUNDED = 9
-"""Nodes over which a truck goes from one lane over to the next."""
+FINE = 0.1  # Length of the steps that power is worked out in [s]
+MOST = 100_000_000  # Rows of one truck between two of its trips
+ROUNDED = 9  # Nodes over which a truck goes from one lane over to the next
 
 
 @dataclass
@@ -101,7 +97,11 @@ class VehicleReplay:
         return Trip(number, rows, leave, arrive, leg, self._free_flow(leg), payload, leave)
 
     def _free_flow(self, leg: Leg) -> SpeedProfile:
-        return free_flow(leg, self.physics.at(leg.path.time[0]), self._limits(leg.path))
+        """Speeds on a leg; into a bay and out of it a truck creeps."""
+        limit, off = speed_limits(self.site, leg.path), leg.path.edge < 0
+        slow = np.minimum(limit, creep_speed(self.physics.actual_truck()))
+        limit = np.where(off & (not off.all()), slow, limit)
+        return free_flow(leg, self.physics.at(leg.path.time[0]), limit)
 
     def drive_on(self, trip: Trip, leg: Leg) -> None:
         """Drive another leg on a trip."""
@@ -136,13 +136,6 @@ class VehicleReplay:
         path = p.replaced(x=np.where(p.edge >= 0, x, p.x), y=np.where(p.edge >= 0, y, p.y))
         return replace(leg, path=path)
 
-    def _limits(self, path: Motion) -> Floats:
-        limit, off = speed_limits(self.site, path), path.edge < 0
-        if not off.all():
-            # Into a bay and out of it a truck creeps.
-            limit = np.where(off, np.minimum(limit, creep_speed(self.physics.actual_truck())), limit)
-        return limit
-
     def work(self, trip: Trip) -> float:
         """Seconds after the arrival until loads and forks have come to rest."""
         time = (trip.rows.time - self.recorded.time[0]) * 1e-6 - trip.arrive
@@ -152,7 +145,10 @@ class VehicleReplay:
         return float(np.max(time[busy & (time >= 0.0)], initial=0.0))
 
     def _write(self, trip: Trip, leave: float, arrival: float, rows: Floats) -> None:
-        rows = rows[self._logged(rows, leave, arrival)]
+        # Near a recorded row, or on the way: where the log was silent overnight, so is the replay.
+        k = np.clip(np.searchsorted(self.time, rows), 1, len(self.time) - 1)
+        near = np.minimum(np.abs(rows - self.time[k - 1]), np.abs(rows - self.time[k])) <= MAX_GAP / 2.0
+        rows = rows[near | ((rows >= leave) & (rows <= arrival))]
         if not len(rows):
             return
         steps = max(round(self.interval / FINE), 1)
@@ -177,12 +173,6 @@ class VehicleReplay:
             joules = float(mean.sum() * self.interval) if trip.rows.has("battery_power") else 0.0
             self.totals[3:] += trip.leg.distance[-1], trip.drive.duration, joules
 
-    def _logged(self, rows: Floats, leave: float, arrival: float) -> Flags:
-        """Rows near a recorded one, or on the way: where the log was silent overnight, so is the replay."""
-        k = np.clip(np.searchsorted(self.time, rows), 1, len(self.time) - 1)
-        near = np.minimum(np.abs(rows - self.time[k - 1]), np.abs(rows - self.time[k])) <= MAX_GAP / 2.0
-        return np.asarray(near | ((rows >= leave) & (rows <= arrival)))
-
     def _motion(self, trip: Trip, time: Floats, leave: float, arrival: float) -> Motion:
         s, v, a = np.zeros((3, len(time)))
         if trip.leg is not None and trip.drive is not None:
@@ -191,17 +181,14 @@ class VehicleReplay:
         elif self.place is not None:
             s = s + self.place.distance[-1]
         dt = self.interval if len(time) < 2 else float(time[1] - time[0])
-        height, lift, payload, recorded = self._work_at(trip, time, dt, leave, arrival)
-        base = (
-            Motion.of(len(time), x=self._along("x", time), y=self._along("y", time))
-            if self.place is None
-            else self.place.at(s)
-        )
-        return base.replaced(
-            time=time, dt=np.full(len(time), dt), speed=v, acceleration=a, payload=payload,
-            fork_height=height,
-            lift_speed=lift, ambient_temperature=self._along("ambient_temperature", time), power=recorded,
-            soc=np.full(len(time), self.soc),
+        if self.place is None:
+            at = Motion.of(len(time), x=self._along("x", time), y=self._along("y", time))
+        else:
+            at = self.place.at(s)
+        return at.replaced(
+            time=time, dt=np.full(len(time), dt), speed=v, acceleration=a, soc=np.full(len(time), self.soc),
+            ambient_temperature=self._along("ambient_temperature", time),
+            **self._doing(trip, time, dt, leave, arrival),
         )  # fmt: skip
 
     def _along(self, name: str, time: Floats) -> Floats:
@@ -211,10 +198,8 @@ class VehicleReplay:
             return np.full(len(time), np.nan)
         return np.interp(time, self.time[good], values[good])
 
-    def _work_at(
-        self, trip: Trip, time: Floats, dt: float, leave: float, arrival: float
-    ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Fork height, its rate, load (on the way the trip's) and recorded power, as after the arrival."""
+    def _doing(self, trip: Trip, time: Floats, dt: float, leave: float, arrival: float) -> dict[str, Floats]:
+        """Forks, load (on the way the trip's) and recorded power, as after the arrival."""
         shift = np.where(time < leave, time - leave + trip.leave, time - arrival + trip.arrive)
         known = (trip.rows.time - self.recorded.time[0]) * 1e-6
         near = np.clip(np.searchsorted(known, shift), 0, len(known) - 1)
@@ -224,10 +209,10 @@ class VehicleReplay:
         payload = np.nan_to_num(trip.rows.floats("payload"))[near]
         power = np.where(inside, np.nan_to_num(trip.rows.floats("battery_power"))[near], 0.0)
         way = (time >= leave) & (time < arrival)
-        return (
-            np.where(way, 0.0, self.mast.at(shift)), np.where(way, 0.0, lift),
-            np.where(way, trip.payload, payload), np.where(way, 0.0, power),
-        )  # fmt: skip
+        return {
+            "fork_height": np.where(way, 0.0, self.mast.at(shift)), "lift_speed": np.where(way, 0.0, lift),
+            "payload": np.where(way, trip.payload, payload), "power": np.where(way, 0.0, power),
+        }  # fmt: skip
 
     def _emit(self, trip: Trip, rows: Floats, at: Motion, power: Floats, soc: Floats) -> None:
         columns = rounded({

@@ -12,8 +12,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import FleetlogError
 from fleetlog.physics.power import Physics
 from fleetlog.simulate.engine import Settings, simulate
-from fleetlog.simulate.limits import Resource
-from fleetlog.simulate.summary import Summary
+from fleetlog.simulate.limits import Resource, Summary
 from fleetlog.simulate.tasks import Demand
 from fleetlog.store.writer import DatasetWriter
 

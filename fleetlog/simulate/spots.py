@@ -5,9 +5,9 @@ import numpy as np
 from fleetlog.core.site import Place, Site
 from fleetlog.errors import SiteError
 from fleetlog.simulate.bays import OFF_ROADS, BayMaker
+from fleetlog.simulate.doors import Bay, span
 from fleetlog.simulate.junctions import GAP
-from fleetlog.simulate.reach import main_part
-from fleetlog.simulate.spurs import Bay, span
+from fleetlog.simulate.ways import main_part
 
 
 def lay_out(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str], spots: int) -> list[str]:

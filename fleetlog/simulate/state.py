@@ -1,6 +1,9 @@
-"""What the compiled loop of the simulator sees: the roads, and every truck, as arrays."""
+"""What the compiled loop of the simulator sees: the roads, and every truck, as arrays; types of trucks."""
 
-from collections.abc import Callable, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any, NamedTuple, get_args, get_type_hints
 
@@ -8,23 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.core.truck import Truck
+from fleetlog.errors import DataError
+from fleetlog.physics.power import Physics
 from fleetlog.simulate.arrays import Flags, Floats, Index, Ints, Modes
 
 
 class Mode(IntEnum):
     """What a truck does: it stands in a bay, works there, waits to leave it, backs out, drives, waits on the
-    road before its bay, goes in, charges, or stands with an empty battery.
-    """
+    road before its bay, goes in, charges, or stands with an empty battery."""
 
     PARKED, HANDLING, WANTS_OUT, LEAVING, DRIVING, AT_BAY, ENTERING, CHARGING, EMPTY = range(9)
 
 
-PICK_PLACE, DROP_PLACE, CHARGER = 1, 2, 3
-"""What a truck that stands in a bay waits for; 0: nothing."""
-PLAN = 0.9
-"""Share of its braking that a truck plans with."""
-STANDS = 0.05
-"""Slower than this a truck in traffic stands, and waits [m/s]."""
+PICK_PLACE, DROP_PLACE, CHARGER = 1, 2, 3  # What a truck that stands in a bay waits for; 0: nothing
+PLAN = 0.9  # Share of its braking that a truck plans with
+STANDS = 0.05  # Slower than this a truck in traffic stands, and waits [m/s]
 
 
 class Roads(NamedTuple):
@@ -37,10 +38,8 @@ class Roads(NamedTuple):
     cap: Floats
     """(2 K, S) highest speed of truck k without (row 2 k) and with a load (2 k + 1), braking ahead of every
     bend included [m/s]."""
-    walk_at: Floats
-    """(E,) where trucks stop when people cross the lane [m]; inf: nobody does."""
-    run_in: Floats
-    """(E,) metres in which any truck that comes onto a lane can stop."""
+    walk_at: Floats  # (E,) where trucks stop when people cross the lane [m]; inf: nobody does
+    run_in: Floats  # (E,) metres in which any truck that comes onto a lane can stop
     clear: Floats
     stop: Floats
     capacity: Index
@@ -62,21 +61,17 @@ class Limits(NamedTuple):
 
     length: float
     gap: float
-    cap: Index
-    """Row of a truck's speeds in ``Roads.cap``."""
+    cap: Index  # Row of a truck's speeds in ``Roads.cap``
     up: Floats
     down: Floats
-    plan: Floats
-    """Braking that a driver plans with; a little less than he has [m/s2]."""
+    plan: Floats  # Braking that a driver plans with; a little less than he has [m/s2]
     power: Floats
     rolling: Floats
     mass: Floats
-    creep: Floats
-    """On a spur [m/s]."""
+    creep: Floats  # On a spur [m/s]
     raises: Floats
     lowers: Floats
-    patience: float
-    """After this wait [s] a truck asks others for room."""
+    patience: float  # After this wait [s] a truck asks others for room
 
 
 class Fleet(NamedTuple):
@@ -88,10 +83,8 @@ class Fleet(NamedTuple):
     v: Floats
     a: Floats
     spur: Floats
-    door: Index
-    """Of its bay while it stands there, then the one that it goes to."""
-    goal: Index
-    """Door that it goes to when it has left its bay."""
+    door: Index  # Of its bay while it stands there, then the one that it goes to
+    goal: Index  # Door that it goes to when it has left its bay
     route: Index
     at: Index
     last: Index
@@ -117,24 +110,17 @@ class Fleet(NamedTuple):
     on: Index
     inbound: Index
     last_out: Index
-    asks: Index
-    """(E,) the truck for which others stop on a lane, -1: none."""
-    ask_at: Floats
-    """(E,) where they stop for it [m]."""
-    crossed: Index
-    """(E,) the truck that crosses a lane on its way into a bay or out of it, -1: none."""
-    walked: Flags
-    """(E,) whether people cross a lane now."""
-    entry: Flags
-    """Whether a truck on the road has the ground of its bay reserved."""
+    asks: Index  # (E,) the truck for which others stop on a lane, -1: none
+    ask_at: Floats  # (E,) where they stop for it [m]
+    crossed: Index  # (E,) the truck that crosses a lane on its way into a bay or out of it, -1: none
+    walked: Flags  # (E,) whether people cross a lane now
+    entry: Flags  # Whether a truck on the road has the ground of its bay reserved
     held: Index
     claimed: Ints
     round: Ints
-    why: Modes
-    """Why a truck waits: 0 does not, 1 others are in the way, 2 no room behind the junction."""
+    why: Modes  # Why a truck waits: 0 does not, 1 others are in the way, 2 no room behind the junction
     moved: Floats
-    line: Index
-    """Those who ask for a reservation, longest wait first."""
+    line: Index  # Those who ask for a reservation, longest wait first
 
 
 class Log(NamedTuple):
@@ -173,14 +159,10 @@ NOT_ZERO: dict[str, float] = {
 def new_fleet(trucks: int, lanes: int, pieces: int, resources: int, longest: int) -> Fleet:
     """Trucks that are nowhere yet, on empty roads; routes have at most ``longest`` pieces."""
     shape: dict[str, int | tuple[int, int]] = {
-        "route": (trucks, longest),
-        "hand_times": (trucks, 3),
-        "tail": pieces,
-        "held": resources,
-        "claimed": resources,
-        "round": 1,
+        "route": (trucks, longest), "hand_times": (trucks, 3), "tail": pieces, "held": resources,
+        "claimed": resources, "round": 1,
         **dict.fromkeys(("on", "inbound", "last_out", "asks", "ask_at", "crossed", "walked"), lanes),
-    }
+    }  # fmt: skip
     hints = get_type_hints(Fleet)
 
     def array(name: str) -> NDArray[Any]:
@@ -210,3 +192,57 @@ def limits_of(kinds: Sequence[Truck], of: Index, length: float, gap: float) -> L
         each(lambda t: t.chassis.mass), each(creep_speed), each(lambda t: t.lift.raise_speed),
         each(lambda t: t.lift.lower_speed), 15.0,
     )  # fmt: skip
+
+
+DRIVER = dict.fromkeys(
+    ("speed_factor", "max_acceleration", "max_deceleration", "max_lateral_acceleration"), 1.0
+)
+"""What a driver asks of a truck; power follows from the motion, whoever drives."""
+
+
+@dataclass(frozen=True)
+class Trucks:
+    """``kinds`` are the different trucks, with what their drivers ask of them; ``of`` (V,) which each has."""
+
+    kinds: tuple[Truck, ...]
+    of: Index
+
+    @classmethod
+    def given(cls, trucks: Truck | Sequence[Truck], vehicles: int) -> Trucks:
+        """One truck a vehicle; of one truck alone as many as there are, the last of them its ``others``."""
+        if isinstance(trucks, Truck):
+            others = [truck for truck, count in trucks.others for _ in range(count)]
+            if len(others) > vehicles:
+                raise DataError(
+                    f"{len(others)} trucks of other types are more than the {vehicles} vehicles",
+                    do="ask for more with --vehicles, or for fewer in the truck's [[fleet]]",
+                )
+            trucks = [replace(trucks, others=())] * (vehicles - len(others)) + others
+        kinds = tuple(dict.fromkeys(trucks))
+        return cls(kinds, np.array([kinds.index(trucks[v % len(trucks)]) for v in range(vehicles)], np.int32))
+
+    def __getitem__(self, v: int) -> Truck:
+        return self.kinds[int(self.of[v])]
+
+    @property
+    def envelope(self) -> Truck:
+        """The truck that roads and bays are laid out for: as long, wide and strong as any, and as hard to
+        turn."""
+
+        def most(name: str) -> float:
+            return max(truck.value(f"chassis.{name}") for truck in self.kinds)
+
+        sizes = {name: most(name) for name in ("length", "width", "turn_radius", "rated_load")}
+        return replace(self.kinds[0], chassis=replace(self.kinds[0].chassis, **sizes))
+
+    def physics(self, common: Physics) -> list[Physics]:
+        """Of each kind; ``common`` are the terms that hold for all."""
+        return [replace(common, truck=truck) for truck in self.kinds]
+
+    def alike(self, most: int) -> Iterator[slice]:
+        """Groups of at most so many trucks, one after the other, that take the same power to move alike."""
+        types = [replace(truck, drive=replace(truck.drive, **DRIVER)) for truck in self.kinds]
+        kind = np.array([types.index(t) for t in types])[self.of]
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(kind)) + 1, [len(kind)]])
+        for low, high in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
+            yield from (slice(k, min(k + most, high)) for k in range(low, high, most))

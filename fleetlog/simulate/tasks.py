@@ -1,27 +1,30 @@
-"""What trucks are asked to do: fetch a load at one place and set it down at another."""
+"""What trucks are asked to do, fetch a load at one place and set it down at another; what became of it."""
 
+import bisect
 import csv
 import difflib
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fleetlog.core.files import SETTINGS, read_whole
 from fleetlog.core.site import Site
+from fleetlog.core.trajectory import Labels
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
-from fleetlog.simulate.arrays import Floats
-from fleetlog.simulate.itinerary import Visit
-from fleetlog.simulate.roadside import Stand
+from fleetlog.simulate.arrays import Floats, Ints
+from fleetlog.simulate.doors import Stand
+from fleetlog.store.events import Columns
 
 COLUMNS = ("vehicle", "from", "to", "payload", "earliest")
-HEIGHTS = (0.3, 1.2, 2.4, 3.6)
-"""Of shelves that loads are taken from and set down on [m]."""
-ENGAGE = 6.0
-"""To drive the forks under a load or out of it [s]."""
+HEIGHTS = (0.3, 1.2, 2.4, 3.6)  # Of shelves that loads are taken from and set down on [m]
+ENGAGE = 6.0  # To drive the forks under a load or out of it [s]
+NONE = -1.0  # A time that has not come [s after the start]
+LATER, LEFT_OUT = "later", "left out"
 
 
 @dataclass(frozen=True)
@@ -43,14 +46,35 @@ class Task:
     on_road: bool = False
 
 
+@dataclass(frozen=True)
+class Visit:
+    """A recorded truck stood at a place.
+
+    ``begin`` time of day [s], ``dwell`` [s], ``height`` of the forks [m]; ``taken`` is the load that it took
+    up there [kg], negative where it set one down; ``next`` is the number of the visit that the same truck
+    made after it, -1: none.
+    """
+
+    place: str
+    begin: float
+    dwell: float
+    height: float
+    taken: float
+    next: int = -1
+
+    @property
+    def loads(self) -> bool:
+        """Whether the truck leaves with a load."""
+        return self.taken > 0.0
+
+
 @dataclass
 class Demand:
     """Tasks to do: ``given`` ones in order of time, and with ``endless`` new ones for whoever is idle."""
 
     given: list[Task] = field(default_factory=list)
     endless: bool = True
-    pause: float = 20.0
-    """Mean time between two endless tasks of a truck [s]."""
+    pause: float = 20.0  # Mean time between two endless tasks of a truck [s]
     visits: tuple[Visit, ...] = ()
     """Of a recorded fleet: each truck goes on as recorded ones did, and nothing else is asked of it."""
     stands: Mapping[str, Stand] = field(default_factory=dict)
@@ -64,16 +88,11 @@ def random_load(rng: np.random.Generator, truck: Truck) -> float:
     return round(float(rng.triangular(0.1, 0.5, 1.0)) * truck.chassis.rated_load, 1)
 
 
-def random_dwell(rng: np.random.Generator) -> float:
-    """Seconds at a pick or drop place: log-normal with a median of 22 s; 15 to 60 s are usual."""
-    return float(np.clip(rng.lognormal(np.log(22.0), 0.35), 12.0, 90.0))
-
-
 def random_visits(rng: np.random.Generator) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Dwell [s] and height of the shelf [m], each where a load is picked and where it is dropped."""
-    dwell = (random_dwell(rng), random_dwell(rng))
+    """Dwell [s], log-normal, and height of the shelf [m], where a load is picked and where it is dropped."""
+    stay, leave = (float(np.clip(rng.lognormal(np.log(22.0), 0.35), 12.0, 90.0)) for _ in range(2))
     pick, drop = (HEIGHTS[int(rng.integers(len(HEIGHTS)))] for _ in range(2))
-    return dwell, (pick, drop)
+    return (stay, leave), (pick, drop)
 
 
 @dataclass(frozen=True)
@@ -177,3 +196,62 @@ def check_vehicles(tasks: Sequence[Task], names: Sequence[str]) -> None:
                 f"a task is for vehicle {task.vehicle!r}, which is not simulated",
                 do=nearest(task.vehicle, names),
             )
+
+
+class TaskBook:
+    """One line a task, numbered as given; ``of`` (V,) is the number that each truck has, -1: none."""
+
+    def __init__(self, vehicles: Sequence[str]) -> None:
+        self.vehicles, self.of = tuple(vehicles), np.full(len(vehicles), -1, np.int64)
+        self.lines: list[dict[str, Any]] = []
+        self._open: dict[Task, list[int]] = {}
+
+    def give(self, task: Task, status: str = "waiting") -> None:
+        """A task can be done from now on."""
+        self._open.setdefault(task, []).append(len(self.lines))
+        places = {"from_place": task.source, "to_place": task.target}
+        self.lines.append({**places, "payload": task.payload, "earliest": task.earliest, "status": status})
+
+    def assign(self, v: int, task: Task, now: float) -> None:
+        """Truck ``v`` takes it."""
+        self.of[v] = n = self._open[task].pop(0)
+        self.lines[n] |= {"vehicle_id": self.vehicles[v], "status": "assigned", "assigned": now}
+
+    def give_back(self, v: int, task: Task) -> None:
+        """Truck ``v`` leaves it, not begun, to others."""
+        bisect.insort(self._open[task], int(self.of[v]))
+        self.lines[self.of[v]] |= {"vehicle_id": "", "status": "waiting", "assigned": NONE}
+        self.of[v] = -1
+
+    def heads_for(self, v: int, place: str) -> None:
+        """Truck ``v`` brings its load to a place."""
+        self.lines[self.of[v]]["to_place"] = place
+
+    def picked(self, v: int, now: float) -> None:
+        """Truck ``v`` has its load."""
+        self.lines[self.of[v]] |= {"status": "loaded", "picked": now}
+
+    def dropped(self, v: int, now: float) -> None:
+        """Truck ``v`` has set its load down."""
+        self.lines[self.of[v]] |= {"status": "done", "dropped": now}
+        self.of[v] = -1
+
+    def numbers(self, name: str) -> Floats:
+        """A column; times [s] are negative where they have not come."""
+        return np.array([line.get(name, NONE) for line in self.lines], dtype=np.float64)
+
+    def columns(self, start: int) -> Columns:
+        """The table of tasks; ``start`` of the simulation [us]."""
+
+        def text(name: str) -> Labels:
+            return Labels.of([line.get(name) or None for line in self.lines])
+
+        def time(name: str) -> Ints:
+            seconds = self.numbers(name)
+            return np.where(seconds < 0.0, -1, start + np.rint(seconds * 1e6).astype(np.int64))
+
+        return {
+            "task": np.arange(len(self.lines)), "payload": self.numbers("payload"),
+            **{name: text(name) for name in ("vehicle_id", "from_place", "to_place", "status")},
+            **{name: time(name) for name in ("earliest", "assigned", "picked", "dropped")},
+        }  # fmt: skip

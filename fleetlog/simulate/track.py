@@ -1,4 +1,7 @@
-"""The ways that trucks drive on, sampled: a lane for every directed edge, a connector for every turn."""
+"""The ways that trucks drive on, sampled: a lane for every directed edge, a connector for every turn.
+
+Their curves lie beside centre lines, with corners rounded.
+"""
 
 import itertools
 from dataclasses import dataclass
@@ -9,17 +12,119 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Network
 from fleetlog.core.truck import Truck
-from fleetlog.simulate.arrays import Floats, Index, Ints
-from fleetlog.simulate.paths import even, joined, rounded, shifted, simplified
+from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 
-SPACING = 0.5
-"""Between samples, at most [m]."""
-DEFAULT_WIDTH = 4.0
-"""Of a two-way road whose width the map does not give [m]."""
-CLEARANCE = 0.5
-"""Two trucks pass on a road that is this much wider than each of them [m]."""
-WIDEST_SHIFT = 1.5
-"""A lane is never farther than this from the centre line [m]."""
+BOW = 0.1
+"""A gentle kink is rounded as widely as it can be while the curve stays this close to the corner [m]."""
+FINE = 0.1  # Length of the chords that stand for a curve [m]
+SPACING = 0.5  # Between samples, at most [m]
+DEFAULT_WIDTH = 4.0  # Of a two-way road whose width the map does not give [m]
+CLEARANCE = 0.5  # Two trucks pass on a road that is this much wider than each of them [m]
+SWING = 1.8  # After a turn by more than this a truck may be beside the lane that it came from [rad]
+WIDEST_SHIFT = 1.5  # A lane is never farther than this from the centre line [m]
+
+
+def shifted(points: Floats, left: float) -> Floats:
+    """The (n, 2) polyline moved ``left`` metres to its left, corners mitred."""
+    if left == 0.0:
+        return points
+    step = np.diff(points, axis=0)
+    step = step / np.maximum(np.linalg.norm(step, axis=1), 1e-12)[:, None]
+    normal = np.column_stack([-step[:, 1], step[:, 0]])
+    at = np.concatenate([normal[:1], normal[:-1] + normal[1:], normal[-1:]])
+    size = np.linalg.norm(at, axis=1)
+    at = at / np.maximum(size, 1e-9)[:, None]
+    mitre = np.concatenate([[1.0], 2.0 / np.maximum(size[1:-1], 1.0), [1.0]])
+    return np.asarray(points + left * mitre[:, None] * at)
+
+
+def simplified(points: Floats) -> Floats:
+    """Without vertices that repeat the one before."""
+    x, y = points[:, 0], points[:, 1]
+    repeats = np.flatnonzero(np.hypot(x[1:] - x[:-1], y[1:] - y[:-1]) <= 1e-6) + 1
+    if not len(repeats):
+        return points
+    kept = np.delete(points, repeats, axis=0)
+    return kept if len(kept) >= 2 else points[[0, -1]]
+
+
+def rounded(points: Floats, radius: float) -> Floats:
+    """The (n, 2) polyline, corners rounded with ``radius`` or more as far as the legs are long enough."""
+    points = simplified(points)
+    if len(points) < 3:
+        return points
+    out = [points[:1]]
+    leg = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    for i in range(1, len(points) - 1):
+        a, b = (points[i] - points[i - 1]) / leg[i - 1], (points[i + 1] - points[i]) / leg[i]
+        turn = np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)
+        if abs(turn) < 1e-4 or abs(turn) > 3.0:
+            out.append(points[i : i + 1])
+            continue
+        half = np.tan(abs(turn) / 2.0)
+        reach = max(radius * half, BOW / np.tan(abs(turn) / 4.0))
+        out.append(arc(points[i], a, turn, min(reach, 0.499 * leg[i - 1], 0.499 * leg[i])))
+    return np.concatenate([*out, points[-1:]])
+
+
+def arc(corner: Floats, into: Floats, turn: float, reach: float) -> Floats:
+    """An arc that turns by ``turn`` [rad] from ``reach`` [m] before ``corner`` on, heading ``into``."""
+    radius = reach / np.tan(abs(turn) / 2.0)
+    begin = corner - reach * into
+    normal = np.array([-into[1], into[0]]) * np.sign(turn)
+    centre = begin + radius * normal
+    n = max(2, int(np.ceil(radius * abs(turn) / FINE)))
+    angle = np.linspace(0.0, turn, n + 1)
+    spoke = begin - centre
+    c, s = np.cos(angle), np.sin(angle)
+    return np.column_stack([centre[0] + c * spoke[0] - s * spoke[1], centre[1] + s * spoke[0] + c * spoke[1]])
+
+
+def joined(start: Floats, out: float, end: Floats, into: float) -> Floats:
+    """Straight, arc, straight from ``start`` heading ``out`` to ``end`` heading ``into``, else a cubic."""
+    a, b = np.array([np.cos(out), np.sin(out)]), np.array([np.cos(into), np.sin(into)])
+    gap = end - start
+    cross = a[0] * b[1] - a[1] * b[0]
+    turn = float(np.arctan2(cross, a @ b))
+    if abs(turn) < 1e-3 and abs(a[0] * gap[1] - a[1] * gap[0]) < 1e-3 * max(np.hypot(*gap), 1e-9):
+        return np.array([start, end])
+    if abs(cross) > 1e-6:
+        first = (gap[0] * b[1] - gap[1] * b[0]) / cross
+        last = (a[0] * gap[1] - a[1] * gap[0]) / cross
+        if first > 1e-3 and last > 1e-3 and abs(turn) < 2.6:
+            bow = arc(start + first * a, a, turn, min(first, last))
+            return np.concatenate([[start], bow, [end]])
+    return _cubic(start, a, end, b)
+
+
+def _cubic(start: Floats, a: Floats, end: Floats, b: Floats) -> Floats:
+    handle = max(0.65 * float(np.hypot(*(end - start))), 0.5)
+    u = np.linspace(0.0, 1.0, 41)[:, None]
+    p1, p2 = start + handle * a, end - handle * b
+    return np.asarray((1 - u) ** 3 * start + 3 * u * (1 - u) ** 2 * p1 + 3 * u**2 * (1 - u) * p2 + u**3 * end)
+
+
+def even(points: Floats, spacing: float) -> tuple[Floats, float]:
+    """(n, 4) x, y, heading, curvature evenly, at most ``spacing`` [m] apart, along a polyline; its length."""
+    x, y = simplified(points).T
+    dx, dy = np.diff(x), np.diff(y)
+    along = np.concatenate([[0.0], np.cumsum(np.sqrt(dx * dx + dy * dy))])
+    chord = np.arctan2(dy, dx)
+    chord[1:] -= 2.0 * np.pi * np.cumsum(np.round(np.diff(chord) / (2.0 * np.pi)))
+    length = max(float(along[-1]), 1e-3)
+    n = max(2, int(np.ceil(length / spacing)) + 1)
+    s = np.arange(n) * (length / (n - 1))
+    # A chord's direction is that of the curve at its middle.
+    heading = np.interp(s, 0.5 * (along[:-1] + along[1:]), chord)
+    curvature = np.gradient(heading, length / (n - 1))
+    return np.column_stack([np.interp(s, along, x), np.interp(s, along, y), heading, curvature]), length
+
+
+def moved(shape: Floats, x: float, y: float, heading: float) -> Floats:
+    """(n, 4) x, y, heading, curvature of a curve that begins at the origin along x, begun elsewhere."""
+    c, s = np.cos(heading), np.sin(heading)
+    along, left, turn, curvature = shape.T
+    return np.column_stack([x + c * along - s * left, y + s * along + c * left, turn + heading, curvature])
 
 
 @dataclass(frozen=True)
@@ -59,6 +164,12 @@ class Track:
         return np.repeat(np.arange(len(self), dtype=np.int32), np.diff(self.first))
 
     @cached_property
+    def swings(self) -> Flags:
+        """(P,) connectors that turn by more than ``SWING``: their two lanes lie side by side."""
+        turn = self.heading[self.first[1:] - 1] - self.heading[self.first[:-1]]
+        return np.asarray((np.abs(np.angle(np.exp(1j * turn))) > SWING) & (self.source >= 0))
+
+    @cached_property
     def _by_turn(self) -> dict[tuple[int, int], int]:
         turns = zip(self.source.tolist(), self.target.tolist(), strict=True)
         return {turn: p for p, turn in enumerate(turns) if turn[0] >= 0}
@@ -67,12 +178,12 @@ class Track:
         """The connector from one edge to another, -1: none."""
         return self._by_turn.get((a, b), -1)
 
-    def pieces(self, edges: NDArray[np.integer]) -> list[int]:
+    def pieces(self, edges: NDArray[np.integer]) -> Index:
         """Lanes and connectors along a chain of edges."""
         out = [int(edges[0])]
         for a, b in itertools.pairwise(edges):
             out += [self._by_turn[int(a), int(b)], int(b)]
-        return out
+        return np.array(out, dtype=np.int32)
 
 
 def lane_shift(network: Network, truck: Truck, traffic: str) -> Floats:
@@ -86,13 +197,15 @@ def lane_shift(network: Network, truck: Truck, traffic: str) -> Floats:
 def build_track(network: Network, truck: Truck, traffic: str = "right") -> Track:
     """Lanes, cut before junctions for the turns, and connectors that turn with the turn radius."""
     shift = lane_shift(network, truck, traffic)
-    before, after = _trims(network, truck.chassis.turn_radius, np.abs(shift))
     radius = truck.chassis.turn_radius
-    lanes = [_lane(network, e, shift[e], before[e], after[e], radius) for e in range(len(network))]
-    shapes = list(lanes)
+    before, after = _trims(network, radius, np.abs(shift))
+    shapes = []
+    for e in range(len(network)):
+        points = simplified(cut(network.polyline(e)[:, :2], before[e], after[e]))
+        shapes.append(even(rounded(shifted(points, shift[e]), radius), SPACING))
     owner = np.repeat(np.arange(len(network)), np.diff(network.next_first)).astype(np.int32)
     for a, b in zip(owner, network.next_edges, strict=True):
-        start, end = lanes[a][0][-1], lanes[b][0][0]
+        start, end = shapes[a][0][-1], shapes[b][0][0]
         shapes.append(even(joined(start[:2], start[2], end[:2], end[2]), SPACING))
     none = np.full(len(network), -1, np.int32)
     source, target = np.concatenate([none, owner]), np.concatenate([none, network.next_edges])
@@ -103,6 +216,8 @@ def assemble(
     network: Network, shapes: list[tuple[Floats, float]], source: Index, target: Index, lanes: Index
 ) -> Track:
     """The track of given shapes, each sample laid on its lane, of connectors on the nearer one."""
+    from fleetlog.simulate.kernels.geometry import project_points
+
     count = np.array([len(s) for s, _ in shapes])
     first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     length = np.array([size for _, size in shapes])
@@ -110,21 +225,13 @@ def assemble(
     piece = np.repeat(np.arange(len(count)), count)
     late = np.arange(len(x)) - first[piece] >= count[piece] / 2
     edge = np.where(source[piece] < 0, lanes[piece], np.where(late, target[piece], source[piece]))
-    offset, lateral = project(network, edge, x, y)
+    plane = np.ascontiguousarray(network.points[:, :2])
+    offset, lateral = project_points(plane, network.first, network.distance, edge, x, y)
     return Track(
         network, first, length / (count - 1), length, source.astype(np.int32), target.astype(np.int32), x, y,
         network.position(edge, offset)[:, 2], np.angle(np.exp(1j * heading)), curvature,
         network.slope(edge, offset), edge, offset, lateral,
     )  # fmt: skip
-
-
-def project(network: Network, edge: Index, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """(N,) offset along and distance left of given edges, for (N,) points."""
-    from fleetlog.simulate.kernels.geometry import project_points
-
-    plane = np.ascontiguousarray(network.points[:, :2])
-    out = project_points(plane, network.first, network.distance, edge, x, y)
-    return out[0], out[1]
 
 
 def _trims(network: Network, radius: float, shift: Floats) -> tuple[Floats, Floats]:
@@ -144,13 +251,6 @@ def _trims(network: Network, radius: float, shift: Floats) -> tuple[Floats, Floa
     np.maximum.at(before, network.next_edges, need)
     share = np.minimum(1.0, 0.9 * network.length / (before + after))
     return before * share, after * share
-
-
-def _lane(
-    network: Network, e: int, shift: float, before: float, after: float, radius: float
-) -> tuple[Floats, float]:
-    points = cut(network.polyline(e)[:, :2], before, after)
-    return even(rounded(shifted(simplified(points), shift), radius), SPACING)
 
 
 def cut(points: Floats, before: float, after: float) -> Floats:

@@ -1,12 +1,24 @@
-"""Who makes no progress, and for whom it waits: rings of trucks that wait for one another are deadlocks."""
+"""Who makes no progress, and for whom it waits: rings of trucks that wait for one another are deadlocks.
+
+They are found and released; others look for another way.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from fleetlog.simulate.arrays import Floats
+from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.state import Fleet, Mode, Roads
+from fleetlog.simulate.ways import Itinerary
+from fleetlog.simulate.world import World
 
-NEAR = 8.0
-"""A truck this close on a lane can be in the way of one that comes out onto it [m]."""
+NEAR = 8.0  # A truck this close on a lane can be in the way of one that comes out onto it [m]
+STUCK = 30.0
+"""Trucks that want to move and have not for so long are looked at: do they wait for one another? [s]"""
+PASS = 20.0  # After this wait a truck that cannot turn into its bay drives on to another door [s]
+CHANGE = 40.0  # After this wait a truck that cannot back out of its bay tries the other door [s]
+DETOUR = 45.0  # After this wait a truck tries another way [s]
 
 
 class Watch:
@@ -31,7 +43,8 @@ class Watch:
 
     def blockers(self, trucks: list[int]) -> dict[int, int]:
         """For each of the trucks the one that has to move first, -1 where none is found."""
-        holders = self._holders()
+        truck, way = holdings(self.roads, self.fleet)
+        holders = dict(zip(way.tolist(), truck.tolist(), strict=True))
         return {v: self._blocker(v, holders) for v in trucks}
 
     def _blocker(self, v: int, holders: dict[int, int]) -> int:
@@ -40,9 +53,12 @@ class Watch:
             if f.ahead[v] >= 0:
                 return int(f.ahead[v])
             if f.why[v] == 2:
-                return self._first_on(self.next_lane(v))
+                lane = self.next_lane(v)
+                first = self._between(lane, -np.inf, np.inf, -1)
+                return first if first >= 0 else int(f.asks[lane])
             if f.why[v] == 1:
-                return self._holder(self._passage(v, int(f.at[v]), self._end(v)), v, holders)
+                _, wanted = passages(r, f, np.array([v]), f.at[[v]], np.array([self._end(v)]))
+                return self._holder(wanted, v, holders)
             return self._in_front(v)
         door = int(f.door[v])
         found = self._holder([len(r.length) + 2 * len(r.clear) + door], v, holders)
@@ -65,27 +81,7 @@ class Watch:
                     return u
         return -1
 
-    def _holders(self) -> dict[int, int]:
-        """The truck that holds each reserved resource."""
-        f, spurs = self.fleet, len(self.roads.length) + 2 * len(self.roads.clear)
-        out = {
-            way: int(v)
-            for v in np.flatnonzero(f.held_to >= f.held_from)
-            for way in self._passage(int(v), int(f.held_from[v]), int(f.held_to[v]))
-        }
-        on_spur = np.isin(f.mode, (Mode.LEAVING, Mode.ENTERING)) | f.entry
-        return out | {spurs + int(f.door[v]): int(v) for v in np.flatnonzero(on_spur)}
-
-    def _passage(self, v: int, low: int, high: int) -> list[int]:
-        """Resources of route positions ``low`` to ``high``; see ``kernels.reserve.resource``."""
-        pieces, lanes = len(self.roads.length), len(self.roads.clear)
-        out: list[int] = self.fleet.route[v, low : high + 1].tolist()
-        for k, part in ((0, pieces), (-1, pieces + lanes)):
-            out[k] = int(self.fleet.route[v, (low, high)[k]])
-            out[k] += part if self._safe(out[k]) else 0
-        return out
-
-    def _holder(self, wanted: list[int], v: int, holders: dict[int, int]) -> int:
+    def _holder(self, wanted: Iterable[int], v: int, holders: dict[int, int]) -> int:
         r = self.roads
         for what in wanted:
             for other in r.conflicts[r.conflict_first[what] : r.conflict_first[what + 1]]:
@@ -93,41 +89,170 @@ class Watch:
                     return holders[int(other)]
         return -1
 
-    def _first_on(self, lane: int) -> int:
-        first = self._between(lane, -np.inf, np.inf, -1)
-        return first if first >= 0 else int(self.fleet.asks[lane])
-
     def _between(self, lane: int, low: float, high: float, v: int) -> int:
         f = self.fleet
         on = np.flatnonzero((f.piece == lane) & (f.s >= low) & (f.s <= high) & (np.arange(len(f.s)) != v))
         return int(on[np.argmax(f.s[on])]) if len(on) else -1
 
-    def _safe(self, piece: int) -> bool:
-        return bool(piece < len(self.roads.clear) and self.roads.capacity[piece] > 0)
-
     def _end(self, v: int) -> int:
         f = self.fleet
-        k = int(f.at[v]) + 1
-        while k < f.last[v] and not self._safe(int(f.route[v, k])):
-            k += 1
-        return min(k, int(f.last[v]))
+        ahead = np.arange(f.at[v] + 1, f.last[v])
+        safe = ahead[is_safe_lane(self.roads, f.route[v, ahead])]
+        return int(safe[0] if len(safe) else f.last[v])
 
     def next_lane(self, v: int) -> int:
         """The lane that truck ``v`` needs room on before it may go on."""
         return int(self.fleet.route[v, self._end(v)])
 
 
+def is_safe_lane(r: Roads, piece: Index) -> Flags:
+    """Whether trucks may wait on pieces."""
+    lanes = len(r.clear)
+    return np.asarray((piece < lanes) & (r.capacity[np.minimum(piece, lanes - 1)] > 0))
+
+
+def passages(r: Roads, f: Fleet, trucks: Ints, low: Index, high: Index) -> tuple[Ints, Ints]:
+    """Trucks and resources of positions ``low`` to ``high`` of routes: see ``kernels.lanes.resource``."""
+    count = np.maximum(high - low + 1, 0)
+    of = np.repeat(np.arange(len(trucks)), count)
+    k = np.arange(len(of)) - (np.cumsum(count) - count - low)[of]
+    way = f.route[trucks[of], k].astype(np.int64)
+    pieces, lanes = len(r.length), len(r.clear)
+    part = np.where(k == high[of], pieces + lanes, np.where(k == low[of], pieces, 0))
+    return trucks[of], way + np.where(is_safe_lane(r, way), part, 0)
+
+
+def holdings(r: Roads, f: Fleet) -> tuple[Ints, Ints]:
+    """Trucks and the resources that they have reserved, spurs included."""
+    truck, way = passages(r, f, np.arange(len(f.mode)), f.held_from, f.held_to)
+    on_spur = np.flatnonzero(np.isin(f.mode, (Mode.LEAVING, Mode.ENTERING)) | f.entry)
+    spurs = len(r.length) + 2 * len(r.clear) + f.door[on_spur]
+    return np.concatenate([truck, on_spur]), np.concatenate([way, spurs])
+
+
 def rings(blocker: dict[int, int]) -> list[list[int]]:
     """Trucks that wait for one another in a ring; each ring once."""
-    out: list[list[int]] = []
-    done: set[int] = set()
-    for start in blocker:
-        seen: list[int] = []
-        v = start
-        while v in blocker and v not in seen and v not in done:
-            seen.append(v)
-            v = blocker[v]
-        if v in seen:
-            out.append(seen[seen.index(v) :])
-        done |= set(seen)
-    return out
+    import networkx as nx
+
+    return list(nx.simple_cycles(nx.DiGraph(blocker.items())))
+
+
+@dataclass
+class Count:
+    """What happened."""
+
+    tasks_given: int = 0
+    tasks_done: int = 0
+    deadlocks: int = 0
+    deadlocks_released: int = 0
+    detours: int = 0
+    made_room: int = 0
+    charges: int = 0
+    empty: list[str] = field(default_factory=list)
+
+
+class Untangler:
+    """The part of a dispatcher that watches for standstill."""
+
+    def __init__(self, world: World, fleet: Fleet) -> None:
+        self.world, self.fleet, self.count = world, fleet, Count()
+        self.watch = Watch(world.roads, fleet)
+        self._changed: dict[int, float] = {}
+        """When a truck last tried another door [s]."""
+        self._known: dict[frozenset[int], bool] = {}
+        """Rings that stand at present, and whether they were broken already."""
+
+    def _take(self, v: int, way: Itinerary) -> None:
+        """Give a truck its way: out of a bay, or onward from the lane it is on."""
+        f = self.fleet
+        f.route[v, : len(way.pieces)] = way.pieces
+        f.last[v], f.at[v] = len(way.pieces) - 1, 0
+        f.goal[v] = way.door
+        if way.out < 0:
+            f.door[v] = way.door
+        else:
+            f.door[v], f.spur[v] = way.out, self.world.doors[way.out].length
+
+    def _closed(self) -> list[int]:
+        """Edges on which a truck with an empty battery stands."""
+        f = self.fleet
+        stands = f.piece[np.flatnonzero((f.mode == Mode.EMPTY) & (f.piece >= 0))]
+        return sorted({int(p) for p in stands if p < len(self.world.track.network)})
+
+    def _untangle(self, now: float) -> None:
+        """Look for trucks that make no progress: rings of them are broken, others look for another way."""
+        f = self.fleet
+        for v in np.flatnonzero((f.mode == Mode.AT_BAY) | (f.mode == Mode.WANTS_OUT)).tolist():
+            since = max(float(f.waits[v]), self._changed.get(v, 0.0))
+            # Twice as long at each door: on a full lane others need time to make room.
+            patience = PASS if f.mode[v] == Mode.AT_BAY else max(CHANGE, 0.5 * (now - float(f.waits[v])))
+            if now - since > patience:
+                self._changed[v] = now
+                self._other_door(v)
+        still = self.watch.still(now)
+        stuck: list[int] = np.flatnonzero(still > STUCK).tolist()
+        if not stuck:
+            self._known = {}
+            return
+        found = {frozenset(ring) for ring in rings(self.watch.blockers(stuck))}
+        for ring in sorted(found, key=min):
+            released = self._break(sorted(ring))
+            self.count.deadlocks += ring not in self._known
+            self.count.deadlocks_released += released and not self._known.get(ring, False)
+            self._known[ring] = released or self._known.get(ring, False)
+        self._known = {ring: done for ring, done in self._known.items() if ring in found}
+        for v in stuck:
+            if f.mode[v] == Mode.DRIVING and f.why[v] == 2 and now - f.waits[v] > DETOUR:
+                self._detour(v)
+
+    def _break(self, ring: list[int]) -> bool:
+        """Send one truck of a ring another way, or let all move up if all wait for room on full lanes."""
+        f = self.fleet
+        if any(self._other_door(v) if f.mode[v] != Mode.DRIVING else self._detour(v) for v in ring):
+            return True
+        full = any(f.why[v] == 2 for v in ring)
+        if full:
+            f.force[np.array(ring)] = True
+        return full
+
+    def _other_door(self, v: int) -> bool:
+        """Send who cannot get into its bay, or out of it, by another door; on the road it drives on."""
+        f, ways, door = self.fleet, self.world.ways, self.world.doors[self.fleet.door[v]]
+        if f.entry[v] or f.mode[v] not in (Mode.AT_BAY, Mode.WANTS_OUT):
+            return False
+        if f.held_to[v] >= f.held_from[v]:
+            # What it has reserved is counted along its old way.
+            return False
+        if f.mode[v] == Mode.WANTS_OUT:
+            others = [d for d in ways.of_bay[door.bay] if d != f.door[v]]
+            way = ways.between(door.bay, self.world.doors[f.goal[v]].bay, only=others[0]) if others else None
+        else:
+            way = ways.onward(int(f.piece[v]), float(f.s[v]), door.bay, self._closed())
+        if way is None:
+            return False
+        f.asks[f.asks == v] = -1
+        self._take(v, way)
+        if f.mode[v] == Mode.AT_BAY:
+            # In a bay it has not begun to wait anew: who waits longest asks first.
+            f.mode[v], f.waits[v] = Mode.DRIVING, np.inf
+        self.count.detours += 1
+        return True
+
+    def _detour(self, v: int) -> bool:
+        """Take another way where there is one that is not three times as long."""
+        f = self.fleet
+        if f.held_to[v] >= f.held_from[v] or f.ahead[v] >= 0 or f.at[v] == f.last[v]:
+            return False
+        lane, goal = int(f.piece[v]), self.world.doors[f.door[v]]
+        old = f.route[v, f.at[v] : f.last[v] + 1]
+        closed = sorted({self.watch.next_lane(v), *self._closed()})
+        if goal.lane in closed or lane == goal.lane:
+            return False
+        way = self.world.ways.onward(lane, float(f.s[v]), goal.bay, closed)
+        length = self.world.track.length
+        if way is None or length[way.pieces].sum() > 3.0 * length[old].sum() + 50.0:
+            return False
+        self._take(v, way)
+        f.waits[v] = np.inf
+        self.count.detours += 1
+        return True

@@ -1,20 +1,118 @@
-"""The quickest ways between bays, over all their doors."""
+"""Which lanes lead to one another, and the quickest ways between bays, over all their doors."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetlog.core.network import Network
+from fleetlog.core.site import Site
+from fleetlog.errors import SiteError
 from fleetlog.roads.routing import Router
-from fleetlog.simulate.arrays import Index
-from fleetlog.simulate.spurs import Door
+from fleetlog.simulate.arrays import Flags, Index, Ints
+from fleetlog.simulate.doors import Door
 from fleetlog.simulate.track import Track
+from fleetlog.store.dataset import Dataset
+from fleetlog.store.days import each_day
+from fleetlog.store.trips import STANDING_SPEED
 
-CROSSING = 3.0
-"""What crossing a lane on the way into a bay or out of it costs in choosing a way [s]."""
-AHEAD = 0.5
-"""A door this much farther along the lane can be reached without a way round [m]."""
+OPPOSITE = 2.4
+"""A lane whose heading differs by more than this from that of another leads the other way [rad]."""
+NODE, SEEN = 20.0, 2
+"""Who changes to the opposite edge within so many metres of its node turns round there, if seen so often."""
+TURN_REACH = 30.0
+"""A truck turns round at the open end of a lane onto lanes that begin at most this far away [m]."""
+CROSSING = 3.0  # What crossing a lane on the way into a bay or out of it costs in choosing a way [s]
+AHEAD = 0.5  # A door this much farther along the lane can be reached without a way round [m]
+
+
+def parts(network: Network) -> Ints:
+    """(E,) strongly connected part of every edge; -1 where none of the edges ahead leads back."""
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    size = len(network)
+    turns = np.ones(len(network.next_edges))
+    graph = csr_matrix((turns, network.next_edges, network.next_first), shape=(size, size))
+    _, label = connected_components(graph, directed=True, connection="strong")
+    lone = np.bincount(label)[label] == 1
+    into_itself = graph.diagonal() > 0.0
+    return np.where(lone & ~into_itself, -1, label).astype(np.int64)
+
+
+def main_part(network: Network, wanted: Iterable[NDArray[np.integer]]) -> Flags:
+    """(E,) the strongly connected part with most places, then longest; ``wanted``: edges near places."""
+    label = parts(network)
+    if (label < 0).all():
+        return np.zeros(len(network), dtype=bool)
+    length = np.bincount(label[label >= 0], network.length[label >= 0])
+    score = length / (length.sum() + 1.0)
+    for edges in wanted:
+        near = np.unique(label[edges])
+        score[near[near >= 0]] += 1.0
+    return np.asarray(label == int(np.argmax(score)))
+
+
+def turning_round(network: Network) -> tuple[Network, int]:
+    """The network with turns from lanes that lead nowhere to opposite lanes that begin there; how many."""
+    every = np.arange(len(network), dtype=np.int32)
+    leave, enter = network.heading(every, network.length), network.heading(every, np.zeros(len(network)))
+    starts, ends = network.points[network.first[:-1]], network.points[network.first[1:] - 1]
+    entered = np.isin(every, network.next_edges)
+    turns = []
+    for i in np.flatnonzero(np.diff(network.next_first) == 0).tolist():
+        near = np.linalg.norm(starts - ends[i], axis=1) <= TURN_REACH
+        back = np.abs(np.angle(np.exp(1j * (enter - leave[i])))) > OPPOSITE
+        turns += [(i, int(k)) for k in np.flatnonzero(~entered & near & back)]
+    return with_turns(network, turns), len({i for i, _ in turns})
+
+
+def with_turns(network: Network, turns: Iterable[tuple[int, int]]) -> Network:
+    """The network with further turns from one edge to another."""
+    every = range(len(network))
+    known = {(i, int(k)) for i in every for k in network.successors(i)}
+    pairs = np.array(sorted(known | set(turns)), dtype=np.int32).reshape(-1, 2)
+    first = np.searchsorted(pairs[:, 0], np.arange(len(network) + 1)).astype(np.int32)
+    return replace(network, next_first=first, next_edges=np.ascontiguousarray(pairs[:, 1]))
+
+
+def recorded_turns(dataset: Dataset, network: Network) -> list[tuple[int, int]]:
+    """Edges of a network at whose end recorded trucks turned round, each with the opposite edge."""
+    ids = np.array(dataset.site.roads().edge_ids)
+    found = [pairs for pairs in each_day(dataset, _half_turns, kinds=(), cost=0.2e-6) if len(pairs)]
+    if not found:
+        return []
+    pairs, count = np.unique(np.concatenate(found), axis=0, return_counts=True)
+    found_ids = ids[pairs[count >= SEEN]].tolist()
+    return [(network.index[a], network.index[b]) for a, b in found_ids if {a, b} <= network.index.keys()]
+
+
+def _half_turns(dataset: Dataset, vehicle: str, date: str) -> Ints:
+    """(n, 2) edges, each with the opposite one that a truck went over to at its node without a stop."""
+    t, network = dataset.read(vehicle, date, ("edge_id", "edge_offset", "speed")), dataset.site.roads()
+    edge, offset = t.labels("edge_id").recode(network.index), t.floats("edge_offset")
+    a, b = edge[:-1], edge[1:]
+    drives = np.minimum(t.floats("speed")[:-1], t.floats("speed")[1:]) > STANDING_SPEED
+    turned = (a >= 0) & (b >= 0) & (network.reverse[a] == b) & drives
+    turned &= network.length[a] - offset[:-1] + offset[1:] < NODE
+    return np.asarray(np.column_stack([a, b])[turned], dtype=np.int64)
+
+
+def with_loops(site: Site) -> tuple[Site, list[str]]:
+    """The site, with turning round at open ends where its map has no closed loop; and notes on it."""
+    network = site.roads()
+    if (parts(network) >= 0).any():
+        return site, []
+    network, count = turning_round(network)
+    if (parts(network) < 0).all():
+        raise SiteError(
+            "no lane of the map leads back to where it began: a truck that leaves a place could not return",
+            do="join the ends of the lanes, or draw roads in both directions",
+        )
+    note = f"no lane of the map leads back to where it began: trucks turn round at {count} open ends"
+    return replace(site, network=network), [note]
 
 
 class Itinerary(NamedTuple):
@@ -77,12 +175,9 @@ class Ways:
             return np.array([a], dtype=np.int32), float(time[a])
         if a != b:
             route = self.router.route(a, b, shut)
-            return None if route is None else (self._pieces(route.edges), route.cost)
+            return None if route is None else (self.track.pieces(route.edges), route.cost)
         options = [self.router.route(int(s), b, shut) for s in self.track.network.successors(a)]
         best = min((r for r in options if r is not None), key=lambda r: r.cost, default=None)
         if best is None:
             return None
-        return self._pieces(np.concatenate([[a], best.edges])), float(time[a]) + best.cost
-
-    def _pieces(self, edges: NDArray[np.integer]) -> Index:
-        return np.array(self.track.pieces(edges), dtype=np.int32)
+        return self.track.pieces(np.concatenate([[a], best.edges])), float(time[a]) + best.cost

@@ -1,4 +1,5 @@
-"""Everything that stays put in a simulation: lanes, junctions, bays, speed caps, ways between bays."""
+"""Everything that stays put in a simulation: lanes, junctions, bays, speed caps, ways between bays;
+and when people cross the roads."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -8,26 +9,21 @@ from typing import Any
 import numpy as np
 
 from fleetlog.core.motion import Motion
-from fleetlog.core.site import Site
+from fleetlog.core.site import Site, Zone
 from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
-from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
+from fleetlog.simulate.arrays import Flags, Floats, Ints
 from fleetlog.simulate.bays import BayMaker
-from fleetlog.simulate.crossings import stops_before
-from fleetlog.simulate.doors import all_doors
-from fleetlog.simulate.junctions import GAP, Junctions, conflict_lists, find_junctions, half_box, unique_pairs
-from fleetlog.simulate.mixed import Trucks
-from fleetlog.simulate.reach import with_loops
-from fleetlog.simulate.roadside import Stand
+from fleetlog.simulate.doors import Bay, Door, Stand, all_doors
+from fleetlog.simulate.junctions import Junctions, conflict_lists, find_junctions, half_box, unique_pairs
 from fleetlog.simulate.spots import lay_out
-from fleetlog.simulate.spurs import Bay, Door
-from fleetlog.simulate.state import PLAN, Roads, creep_speed
+from fleetlog.simulate.state import PLAN, Roads, Trucks, creep_speed
 from fleetlog.simulate.track import Track, assemble, build_track
-from fleetlog.simulate.ways import Ways
+from fleetlog.simulate.ways import Ways, with_loops
 
-TURN_TIME = 3.0
-"""What a half turn costs in choosing a route [s]."""
+SHORT = 0.5  # Trucks stop this far before a zone that people cross [m]
+TURN_TIME = 3.0  # What a half turn costs in choosing a route [s]
 
 
 @dataclass
@@ -42,14 +38,12 @@ class World:
     truck: Truck
     physics: list[Physics]
     track: Track
-    ground: Track
-    """The track with the spurs behind it: piece len(track) + d is the spur of door d."""
+    ground: Track  # The track with the spurs behind it: piece len(track) + d is the spur of door d
     bays: list[Bay]
     doors: list[Door]
     roads: Roads
     ways: Ways
-    walks: Floats
-    """(Z, E) where trucks stop before each zone that people cross [m]; inf: nowhere."""
+    walks: Floats  # (Z, E) where trucks stop before each zone that people cross [m]; inf: nowhere
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -62,14 +56,9 @@ class World:
 
 
 def build_world(
-    site: Site,
-    trucks: Trucks | Truck,
-    vehicles: int,
-    physics: Physics | None = None,
-    mined: frozenset[str] = frozenset(),
-    room: int = 0,
-    stands: Mapping[str, Stand] = MappingProxyType({}),
-) -> World:
+    site: Site, trucks: Trucks | Truck, vehicles: int, physics: Physics | None = None,
+    mined: frozenset[str] = frozenset(), room: int = 0, stands: Mapping[str, Stand] = MappingProxyType({}),
+) -> World:  # fmt: skip
     """Lay out a site, ``mined`` places if there is room; :class:`SiteError` if it cannot hold the trucks."""
     site, notes = with_loops(site)
     network = site.roads()
@@ -120,16 +109,16 @@ def speed_limits(site: Site, track: Track) -> Floats:
     return limit
 
 
-def caps(site: Site, track: Track, physics: Physics, swings: Flags) -> Floats:
+def caps(site: Site, track: Track, physics: Physics) -> Floats:
     """(2, S) highest speed [m/s] without and with a load, by limits, truck, turns and the terms on speed.
 
     On pieces that swing round a truck creeps, as into a bay.
     """
-    from fleetlog.simulate.kernels.profile import brake_ahead
+    from fleetlog.simulate.kernels.geometry import brake_ahead
 
     truck = physics.actual_truck()
     allowed = np.minimum(speed_limits(site, track) * truck.drive.speed_factor, truck.drive.max_speed)
-    creep = np.where(swings[track.owner], creep_speed(truck), np.inf)
+    creep = np.where(track.swings[track.owner], creep_speed(truck), np.inf)
     out = np.empty((2, len(track.x)))
     for laden, payload in enumerate((0.0, 0.5 * truck.chassis.rated_load)):
         motion = Motion.of(
@@ -149,15 +138,9 @@ def run_in(cap: Floats, track: Track, physics: list[Physics]) -> Floats:
 
 
 def _roads(
-    site: Site,
-    track: Track,
-    j: Junctions,
-    doors: list[Door],
-    ground: Track,
-    truck: Truck,
-    physics: list[Physics],
-    walks: Floats,
-) -> Roads:
+    site: Site, track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck,
+    physics: list[Physics], walks: Floats,
+) -> Roads:  # fmt: skip
     pieces, lanes = len(track), len(track.network)
     pairs = _spur_conflicts(track, j, doors, ground, truck)
     count = pieces + 2 * lanes + len(doors)
@@ -166,18 +149,15 @@ def _roads(
         np.concatenate([old, pairs[:, 0]]), np.concatenate([j.conflicts, pairs[:, 1]]), count
     )
 
-    cap = np.concatenate([caps(site, track, p, j.swings) for p in physics])
-
-    def ints(name: str) -> Index:
-        return np.array([getattr(d, name) for d in doors], dtype=np.int32)
-
-    def floats(name: str) -> Floats:
-        return np.array([getattr(d, name) for d in doors], dtype=np.float64)
-
+    cap = np.concatenate([caps(site, track, p) for p in physics])
+    kinds = {"lane": np.int32, "crosses": np.int32}
+    by_door: dict[str, Any] = {
+        f"door_{name}": np.array([getattr(d, name) for d in doors], kinds.get(name, np.float64))
+        for name in ("lane", "at", "length", "ahead", "crosses", "low", "high")
+    }
     return Roads(
         track.first, track.spacing, track.length, track.slope, cap, walks.min(axis=0, initial=np.inf),
-        run_in(cap, track, physics), j.clear, j.stop, j.capacity, j.swings, first, conflicts, ints("lane"),
-        floats("at"), floats("length"), floats("ahead"), ints("crosses"), floats("low"), floats("high"),
+        run_in(cap, track, physics), j.clear, j.stop, j.capacity, track.swings, first, conflicts, **by_door,
     )  # fmt: skip
 
 
@@ -203,4 +183,40 @@ def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], ground: Track
     return np.asarray(found[~follows])
 
 
-__all__ = ["GAP", "World", "build_world", "caps", "speed_limits", "with_spurs"]
+def stops_before(site: Site, track: Track, length: float) -> Floats:
+    """(Z, E) where trucks of a length stop on each lane before each zone that closes [m]; inf: nowhere."""
+    lanes = len(track.network)
+    samples = slice(0, track.first[lanes])
+    zones = closing(site)
+    out = np.full((len(zones), lanes), np.inf)
+    for row, zone in zip(out, zones, strict=True):
+        inside = np.flatnonzero(zone.contains(track.x[samples], track.y[samples]))
+        lane = track.owner[inside]
+        np.minimum.at(row, lane, (inside - track.first[lane]) * track.spacing[lane])
+        row -= 0.5 * length + SHORT
+        # Who cannot stand before the zone on its lane goes through.
+        row[row <= 0.0] = np.inf
+    return out
+
+
+def closing(site: Site) -> list[Zone]:
+    """Zones that close at times."""
+    return [zone for zone in site.zones if zone.closed_every > 0.0]
+
+
+class Crossings:
+    """When people cross: after exponential times of a mean, each for as long; a function of the seed."""
+
+    def __init__(self, site: Site, stops: Floats, seed: int) -> None:
+        self._zones, self._lanes = closing(site), np.isfinite(stops)
+        self._rng = [np.random.Generator(np.random.PCG64([seed, 11, k])) for k in range(len(self._zones))]
+        self._begin = [r.exponential(z.closed_every) for r, z in zip(self._rng, self._zones, strict=True)]
+
+    def tick(self, now: float, closed: Flags) -> None:
+        """Mark the lanes that are ``closed`` (E,) at ``now`` [s]."""
+        closed[:] = False
+        for k, zone in enumerate(self._zones):
+            while self._begin[k] + zone.closed_for <= now:
+                self._begin[k] += zone.closed_for + self._rng[k].exponential(zone.closed_every)
+            if self._begin[k] <= now:
+                closed |= self._lanes[k]

@@ -41,13 +41,11 @@ class Dataset:
         with _undamaged(description):
             self._text = description.read_text(encoding="utf-8")
             self.meta: dict[str, Any] = json.loads(self._text)
-            version = self.meta["format_version"]
-        if version != FORMAT_VERSION:
-            what = f"format version {version}, this fleetlog reads {FORMAT_VERSION}"
-            raise InputError(what, where=description)
-        for key, kind in DESCRIPTION.items():
-            if not isinstance(self.meta.get(key), kind):
-                raise InputError(f"damaged: {key} is missing or wrong", where=description, do=REMAKE)
+            if (version := self.meta["format_version"]) != FORMAT_VERSION:
+                what = f"format version {version}, this fleetlog reads {FORMAT_VERSION}"
+                raise InputError(what, where=description)
+            if wrong := [k for k, kind in DESCRIPTION.items() if not isinstance(self.meta.get(k), kind)]:
+                raise InputError(f"damaged: {wrong[0]} is missing or wrong", where=description, do=REMAKE)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For another process: by its name; the description tells a dataset that was made again."""
@@ -109,21 +107,17 @@ class Dataset:
     def site(self) -> Site:
         """The site that it was made with."""
         with _undamaged(self.path / "site.json"):
-            return site_from_dict(json.loads(self._site_text))
+            return site_from_dict(json.loads(self.site_text))
 
     @cached_property
-    def _site_text(self) -> str:
+    def site_text(self) -> str:
+        """The file of the site."""
         with _undamaged(self.path / "site.json"):
             return (self.path / "site.json").read_text(encoding="utf-8")
 
-    @property
-    def site_digest(self) -> str:
-        """The digest of the site."""
-        return hashlib.sha256(self._site_text.encode()).hexdigest()
-
     @cached_property
     def trips(self) -> pd.DataFrame:
-        """One row a trip; see :func:`fleetlog.store.trips.trip_table`."""
+        """One row a trip; see :func:`fleetlog.store.trips.trip_columns`."""
         import pandas as pd
 
         file = self.path / "trips.parquet"
@@ -139,17 +133,16 @@ class Dataset:
 
     def read(self, vehicle: str, date: str | None = None, columns: Sequence[str] | None = None) -> Trajectory:
         """All rows of a vehicle (of one day); ``columns`` to read only some beside the time."""
-        pieces = [p for p in (read_part(f, vehicle, columns) for f in self.parts(vehicle, date)) if len(p)]
-        if not pieces:
-            return Trajectory(vehicle, np.zeros(0, np.int64))
-        return concatenate(pieces)
+        files = self.parts(vehicle, date)
+        pieces = [piece for file in files for piece in _pieces(file, vehicle, columns) if len(piece)]
+        return concatenate(pieces) if pieces else Trajectory(vehicle, np.zeros(0, np.int64))
 
     def pieces(
         self, vehicle: str, date: str, columns: Sequence[str] | None = None, rows: int = 100_000
     ) -> Iterator[Trajectory]:
         """The rows of a vehicle's day in whole trips, about ``rows`` at a time unless a trip is longer."""
         rest: list[Trajectory] = []
-        for batch in (b for f in self.parts(vehicle, date) for b in read_batches(f, vehicle, columns, rows)):
+        for batch in (b for file in self.parts(vehicle, date) for b in _pieces(file, vehicle, columns, rows)):
             piece = concatenate([*rest, batch])
             begins = np.flatnonzero(np.diff(piece.trip_ids()))
             cut = int(begins[-1]) + 1 if len(begins) else 0
@@ -180,31 +173,19 @@ def _undamaged(path: Path) -> Iterator[None]:
     except (FleetlogError, MemoryError):
         raise
     except Exception as error:
-        what = (
-            f"damaged: {type(error).__name__} {error}"
-            if isinstance(error, LookupError)
-            else f"damaged: {error}"
-        )
-        raise InputError(what, where=path, do=REMAKE) from None
+        kind = f"{type(error).__name__} " if isinstance(error, LookupError) else ""
+        raise InputError(f"damaged: {kind}{error}", where=path, do=REMAKE) from None
 
 
-@contextmanager
-def _part(path: Path, columns: Sequence[str] | None) -> Iterator[tuple[Any, list[str] | None]]:
-    """A Parquet file of a dataset, and those of the wanted columns that it has, with the time."""
+def _pieces(
+    path: Path, vehicle: str, columns: Sequence[str] | None, rows: int | None = None
+) -> Iterator[Trajectory]:
+    """The rows of one Parquet file, ``rows`` at a time or all at once; of ``columns`` those that it has."""
     with _undamaged(path), path.open("rb") as stream, pq.ParquetFile(stream) as file:
         have = {*file.schema_arrow.names, "timestamp"}
-        wanted = None if columns is None else dict.fromkeys(["timestamp", *columns])
-        yield file, None if wanted is None else [c for c in wanted if c in have]
-
-
-def read_batches(path: Path, vehicle: str, columns: Sequence[str] | None, rows: int) -> Iterator[Trajectory]:
-    """The rows of one Parquet file of a dataset, at most ``rows`` at a time."""
-    with _part(path, columns) as (file, wanted):
-        for batch in file.iter_batches(rows, columns=wanted):
-            yield from_arrow(pa.Table.from_batches([batch]), vehicle)
-
-
-def read_part(path: Path, vehicle: str, columns: Sequence[str] | None = None) -> Trajectory:
-    """The rows of one Parquet file of a dataset."""
-    with _part(path, columns) as (file, wanted):
-        return from_arrow(file.read(columns=wanted), vehicle)
+        wanted = None if columns is None else [c for c in dict.fromkeys(["timestamp", *columns]) if c in have]
+        if rows is None:
+            yield from_arrow(file.read(columns=wanted), vehicle)
+        else:
+            for batch in file.iter_batches(rows, columns=wanted):
+                yield from_arrow(pa.Table.from_batches([batch]), vehicle)

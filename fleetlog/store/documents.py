@@ -1,12 +1,19 @@
-"""The one way to JSON: no NaN, no infinity, unknown is null; and the digest of a file."""
+"""The one way to JSON: no NaN, no infinity, unknown is null; and where a result came from."""
 
 import hashlib
 import json
+import shlex
+import sys
+from collections.abc import Iterable
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from fleetlog.version import __version__
+
+ENGINE = ("--workers", "--scheduler")  # Options that say where jobs run: no result depends on them
 
 
 def plain(value: Any) -> Any:
@@ -36,3 +43,15 @@ def digest(path: Path) -> str:
     """The SHA-256 of a file in hexadecimal digits."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def provenance(inputs: Iterable[Path] = (), seed: int | None = None, **more: Any) -> dict[str, Any]:
+    """Command line, version, inputs with their digests, seed."""
+    files = [{"file": p.name, "bytes": p.stat().st_size, "sha256": digest(p)} for p in inputs if p.is_file()]
+    given = sys.argv[1:]
+    words = [
+        word for word, before in zip(given, ["", *given], strict=False)
+        if before not in ENGINE and word.partition("=")[0] not in ENGINE
+    ]  # fmt: skip
+    command = shlex.join(["fleetlog", *words])
+    return {"command": command, "version": __version__, "inputs": files, "seed": seed, **more}

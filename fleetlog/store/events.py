@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -35,8 +36,7 @@ class Lines(NamedTuple):
 
 Columns = Mapping[str, NDArray[Any] | Labels | Lines]
 """Of some rows: numbers, times [us] and -1 for null, labels, or polylines."""
-KEPT = 1 << 17
-"""Rows of a table that are kept before they are written."""
+KEPT = 1 << 17  # Rows of a table that are kept before they are written
 
 TABLES: dict[Name, tuple[Column, ...]] = {
     "tasks": (
@@ -111,18 +111,16 @@ class Tables:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.rows: dict[Name, int] = {}
-        self._kept: dict[Name, list[pa.Table]] = {}
+        self._rows: Counter[Name] = Counter()
+        self._kept: dict[Name, list[pa.Table]] = defaultdict(list)
         self._writers: dict[Name, Any] = {}
 
     def add(self, name: Name, columns: Columns) -> None:
         """Append rows; they are written when enough have come together."""
         arrays = [_array(columns[c.name], c.kind) for c in TABLES[name]]
-        table = pa.Table.from_arrays(arrays, schema=schema(name))
-        self.rows[name] = self.rows.get(name, 0) + len(table)
-        kept = self._kept.setdefault(name, [])
-        kept.append(table)
-        if sum(len(t) for t in kept) >= KEPT:
+        self._kept[name].append(pa.Table.from_arrays(arrays, schema=_schema(name)))
+        self._rows[name] += len(arrays[0])
+        if sum(map(len, self._kept[name])) >= KEPT:
             self._write(name)
 
     def _write(self, name: Name) -> None:
@@ -134,16 +132,14 @@ class Tables:
 
     def close(self) -> dict[str, dict[str, Any]]:
         """Write what is kept; file and rows of every table, for the description of the dataset."""
-        for name in TABLES:
-            if name in self.rows:
-                if name in self._kept:
-                    self._write(name)
-                self._writers[name].close()
-        return {name: {"file": f"{name}.parquet", "rows": n} for name, n in self.rows.items()}
+        for name in [*self._kept]:
+            self._write(name)
+        for writer in self._writers.values():
+            writer.close()
+        return {name: {"file": f"{name}.parquet", "rows": n} for name, n in self._rows.items()}
 
 
-def schema(name: Name) -> pa.Schema:
-    """Of a table; the fields carry ``unit`` and ``meaning``."""
+def _schema(name: Name) -> pa.Schema:
     kinds = ARROW | {"label": pa.string()}
     return pa.schema(
         pa.field(c.name, kinds[c.kind], metadata={"unit": c.unit, "meaning": c.meaning}) for c in TABLES[name]
@@ -169,9 +165,8 @@ def read_table(dataset: Dataset, name: Name, *, compact: bool = False) -> pd.Dat
     if entry is None:
         return None
     path = dataset.path / str(entry["file"])
+    labels = [c.name for c in TABLES[name] if c.kind == "label"] if compact else []
     try:
-        labels = [c.name for c in TABLES[name] if c.kind == "label"] if compact else []
-        frame: pd.DataFrame = pq.read_table(path, read_dictionary=labels).to_pandas()
+        return pq.read_table(path, read_dictionary=labels).to_pandas()  # type: ignore[no-any-return]
     except (OSError, pa.ArrowInvalid) as error:
         raise InputError(f"damaged: {error}", where=path, do="simulate again") from None
-    return frame

@@ -22,26 +22,20 @@ from fleetlog.store.documents import digest, write_json
 
 MARK = ".fleetlog"
 """In a folder: its kind and the names written into it.  ``.NAME.fleetlog`` beside a file: kind and digest."""
-PARTIALS = ".partials"
-"""In a dataset: partial results of questions asked of it."""
+PARTIALS = ".partials"  # In a dataset: partial results of questions asked of it
 REMADE = frozenset({MARK, "recording.rrd", ".recording.rrd.partial", PARTIALS})
 """Names in an output that fleetlog may add later."""
 NOREPLACE, EXCHANGE = 1, 2
-_held: set[int] = set()
-"""Descriptors of the locks of this process."""
+_held: set[int] = set()  # Descriptors of the locks of this process
 AT_FDCWD = -100
 NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
 
 
 @contextmanager
 def atomic_output(
-    target: str | Path,
-    kind: str,
-    *,
-    overwrite: bool = False,
-    folder: bool = True,
+    target: str | Path, kind: str, *, overwrite: bool = False, folder: bool = True,
     inputs: Iterable[Path] = (),
-) -> Iterator[Path]:
+) -> Iterator[Path]:  # fmt: skip
     """A scratch folder (or the name of a scratch file) that becomes ``target`` when the block ends well.
 
     Parameters
@@ -63,8 +57,14 @@ def atomic_output(
         new = scratch / "new"
         if folder:
             new.mkdir()
-        with _full_disk(given):
+        try:
             yield new
+        except OSError as error:
+            if error.filename is not None or error.errno not in NO_ROOM:
+                raise
+            # Libraries that write leave the name of the output out.
+            what, do = f"not written: {os.strerror(error.errno)}", "make room or write to another disk"
+            raise OutputError(what, where=given, do=do) from error
         mark = _mark(new, kind, target)
         _sync(new)
         with interrupt.held():
@@ -72,18 +72,6 @@ def atomic_output(
             if mark is not None:
                 mark.replace(_mark_of(target))
             _swap(new, target)
-
-
-@contextmanager
-def _full_disk(target: str | Path) -> Iterator[None]:
-    """Say which output has no room; libraries that write leave its name out."""
-    try:
-        yield
-    except OSError as error:
-        if error.filename is not None or error.errno not in NO_ROOM:
-            raise
-        what, do = f"not written: {os.strerror(error.errno or 0)}", "make room or write to another disk"
-        raise OutputError(what, where=target, do=do) from error
 
 
 @contextmanager
@@ -157,18 +145,19 @@ def _same(a: Path, b: Path) -> bool:
 
 def _foreign(target: Path, kind: str) -> str | None:
     """Why an existing output is not to be replaced by one of this kind; None where it is."""
-    names = set(_names(target)) if target.is_dir() else None
-    if names is not None and not names:
+    folder = target.is_dir()
+    names = set(_names(target)) if folder else set()
+    if folder and not names:
         return None
     try:
         mark: dict[str, Any] = json.loads(_mark_of(target).read_bytes())
-        made, known = str(mark["kind"]), set(mark["names" if names is not None else "sha256"])
+        made, known = str(mark["kind"]), set(mark["names" if folder else "sha256"])
     except (OSError, ValueError, TypeError, KeyError):
         return "was not made by fleetlog"
     if made != kind:
         return f"is the output of another command ({made}, not {kind})"
-    if names is None:
-        return None if digest(target) in known else "was changed since fleetlog wrote it"
+    if not folder and digest(target) not in known:
+        return "was changed since fleetlog wrote it"
     more = sorted(names - known - REMADE)
     return f"holds {more[0]!r}, which fleetlog did not write" if more else None
 
@@ -281,11 +270,9 @@ def _clear(scratch: Path, target: Path) -> None:
     if (old := scratch / "old").exists() and not target.exists():
         old.rename(target)
     for path in scratch.iterdir():
-        if path.name == "lock":
-            continue
         if path.is_dir():
             shutil.rmtree(path, ignore_errors=True)
-        else:
+        elif path.name != "lock":
             path.unlink(missing_ok=True)
 
 
@@ -295,13 +282,12 @@ def _swap(new: Path, target: Path) -> None:
     Where the system cannot exchange two folders, the older one is set aside in the scratch folder for a
     moment; a run that dies in it leaves it there, and the next one to this target puts it back.
     """
-    if not os.path.lexists(target):
-        if not _renameat2(new, target, NOREPLACE):
-            new.rename(target)
-    elif target.is_file():
+    older = os.path.lexists(target)
+    if target.is_file():
         new.replace(target)
-    elif not _renameat2(new, target, EXCHANGE):
-        target.rename(new.with_name("old"))
+    elif not _renameat2(new, target, EXCHANGE if older else NOREPLACE):
+        if older:
+            target.rename(new.with_name("old"))
         new.rename(target)
 
 

@@ -2,17 +2,17 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fleetlog.core.network import Network
-from fleetlog.core.site import Frame, Place, Site, Zone
+from fleetlog.core.site import Building, Frame, Place, Site, Zone
 from fleetlog.store.documents import plain, write_json
 
-NOWHERE = Frame(0.0, 0.0)
-"""The frame of a site of unknown place: GeoJSON knows degrees only."""
+NOWHERE = Frame(0.0, 0.0)  # The frame of a site of unknown place: GeoJSON knows degrees only
 
 
 def write_site(site: Site, folder: Path, more: Mapping[str, Mapping[str, Any]] | None = None) -> None:
@@ -29,41 +29,35 @@ def write_site(site: Site, folder: Path, more: Mapping[str, Mapping[str, Any]] |
 
 
 def _tables(site: Site, frame: Frame) -> dict[str, Any]:
-    own = {
-        k: v for k, v in frame.to_dict().items() if v not in (0.0, "UTC") or k in ("latitude", "longitude")
-    }
+    own = {k: v for k, v in asdict(frame).items() if v not in (0.0, "UTC") or k in ("latitude", "longitude")}
     out: dict[str, Any] = {"name": site.name, "frame": own}
     if site.network is not None:
         out["network"] = {"file": "roads.geojson", "traffic": site.traffic}
-    tables = {
-        "place": [_place(p) for p in site.places],
-        "zone": [_zone(z) for z in site.zones],
-        "break": [{"from": _clock(a), "until": _clock(b)} for a, b in site.breaks],
-        "building": [{"id": b.id, "polygon": b.polygon.tolist(), "height": b.height} for b in site.buildings],
-    }
     if math.isfinite(site.power_limit):
         out["power"] = {"limit": site.power_limit}
-    return {**out, **{name: rows for name, rows in tables.items() if rows}}
+    tables = {
+        "place": [_told(place) for place in site.places],
+        "zone": [_told(zone) for zone in site.zones],
+        "break": [{"from": _clock(a), "until": _clock(b)} for a, b in site.breaks],
+        "building": [_told(building) for building in site.buildings],
+    }
+    return out | {name: rows for name, rows in tables.items() if rows}
 
 
 def _clock(seconds: float) -> str:
     return f"{int(seconds // 3600):02d}:{int(seconds % 3600 // 60):02d}"
 
 
-def _place(p: Place) -> dict[str, Any]:
-    out = {"id": p.id, "kind": p.kind, "x": round(p.x, 3), "y": round(p.y, 3)}
-    if p.plugs != 1:
-        out["plugs"] = p.plugs
-    return out if math.isnan(p.power) else {**out, "power": p.power}
-
-
-def _zone(z: Zone) -> dict[str, Any]:
-    out: dict[str, Any] = {"id": z.id, "polygon": np.round(z.polygon, 3).tolist()}
-    if not math.isnan(z.speed_limit):
-        out["speed_limit"] = z.speed_limit
-    if z.closed_every:
-        out |= {"closed_every": z.closed_every, "closed_for": z.closed_for}
-    return {**out, "covered": True} if z.covered else out
+def _told(item: Place | Zone | Building) -> dict[str, Any]:
+    """What of a part of the site is known and no default, to the millimetre."""
+    out: dict[str, Any] = {}
+    for f in fields(item):
+        value = getattr(item, f.name)
+        if isinstance(value, np.ndarray):
+            out[f.name] = np.round(value, 3).tolist()
+        elif value == value and value != f.default:
+            out[f.name] = round(value, 3) if isinstance(value, float) else value
+    return out
 
 
 def roads_geojson(network: Network, frame: Frame, more: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
@@ -71,11 +65,9 @@ def roads_geojson(network: Network, frame: Frame, more: Mapping[str, Mapping[str
     features = []
     for i, edge in enumerate(network.edge_ids):
         back = int(network.reverse[i])
-        if back >= 0 and (edge.startswith("-") or _differ(network, i, back)):
-            if _differ(network, i, back):
-                features.append(_feature(network, i, True, frame, more))
-            continue
-        features.append(_feature(network, i, back < 0, frame, more))
+        oneway = back < 0 or _differ(network, i, back)
+        if oneway or not edge.startswith("-"):
+            features.append(_feature(network, i, oneway, frame, more))
     return {"type": "FeatureCollection", "features": features}
 
 

@@ -13,14 +13,10 @@ from fleetlog.core.trajectory import Trajectory
 if TYPE_CHECKING:
     import pandas as pd
 
-STANDING_SPEED = 0.2
-"""Below this a truck stands [m/s]."""
-MIN_STOP = 15.0
-"""A shorter standstill does not end a trip: it is a wait on the way [s]."""
-MAX_GAP = 60.0
-"""A longer silence of the log ends a trip [s]."""
-MIN_LOAD_CHANGE = 25.0
-"""A change of payload at a standstill ends a trip, however short the stop [kg]."""
+STANDING_SPEED = 0.2  # Below this a truck stands [m/s]
+MIN_STOP = 15.0  # A shorter standstill does not end a trip: it is a wait on the way [s]
+MAX_GAP = 60.0  # A longer silence of the log ends a trip [s]
+MIN_LOAD_CHANGE = 25.0  # A change of payload at a standstill ends a trip, however short the stop [kg]
 
 LAST = ("last_speed", "last_power", "last_payload")
 """Of a piece of a trip, beside its columns: the time to the next piece is driven with them."""
@@ -36,17 +32,14 @@ def trip_ids(trajectory: Trajectory, first: int = 0) -> Ints:
     a gap of ``MAX_GAP``; the standstill at its end belongs to it, so that lifting and waiting there are part
     of its energy and the trips of a vehicle cover all its rows.
     """
-    n = len(trajectory)
-    if n == 0:
-        return np.zeros(0, np.int64)
-    t = trajectory.seconds()
-    speed = trajectory.floats("speed")
-    moving = np.nan_to_num(speed, nan=1.0) > STANDING_SPEED
-    begins = np.zeros(n, dtype=bool)
-    begins[1:] |= np.diff(t) > MAX_GAP
+    n, t = len(trajectory), trajectory.seconds()
+    moving = np.nan_to_num(trajectory.floats("speed"), nan=1.0) > STANDING_SPEED
+    begins = np.diff(t, prepend=t[:1]) > MAX_GAP
+    load = trajectory.floats("payload")
     for start, stop in runs(~moving):
         if start > 0 and stop < n:
-            begins[stop] |= t[stop] - t[start] >= MIN_STOP or _load_changes(trajectory, start, stop)
+            loads = abs(load[stop] - load[start - 1]) > MIN_LOAD_CHANGE
+            begins[stop] |= t[stop] - t[start] >= MIN_STOP or loads
     return np.asarray(first + np.cumsum(begins), dtype=np.int64)
 
 
@@ -56,26 +49,13 @@ def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))
 
 
-def _load_changes(t: Trajectory, start: int, stop: int) -> bool:
-    payload = t.columns.get("payload")
-    if payload is None:
-        return False
-    load = np.asarray(payload, dtype=np.float64)
-    return bool(abs(load[stop] - load[max(start - 1, 0)]) > MIN_LOAD_CHANGE)
-
-
-def trip_table(*trajectories: Trajectory) -> pd.DataFrame:
-    """One row a trip; see :func:`trip_columns`."""
-    return table_of([trip_columns(t) for t in trajectories]).drop(columns=list(LAST), errors="ignore")
-
-
 def table_of(trips: list[dict[str, NDArray[Any]]]) -> pd.DataFrame:
     """One table of all trips that :func:`trip_columns` gave, since making one is slow."""
     import pandas as pd
 
     trips = [t for t in trips if t]
     if not trips:
-        return pd.DataFrame()
+        return pd.DataFrame({"vehicle_id": [], "trip_id": []})
     out = pd.DataFrame({name: np.concatenate([t[name] for t in trips]) for name in trips[0]})
     for name in ("start", "end"):
         out[name] = pd.to_datetime(out[name], unit="us", utc=True)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
-from functools import lru_cache, partial
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import quote
 
 import numpy as np
@@ -25,17 +25,42 @@ from fleetlog.store.documents import write_json
 from fleetlog.store.events import Tables
 from fleetlog.store.output import PARTIALS, atomic_output, share
 from fleetlog.store.places import is_url, located, uploaded
-from fleetlog.store.trips import table_of, trip_columns
-from fleetlog.store.written import Before, Written, before_of
+from fleetlog.store.trips import merge_split_trips, table_of, trip_columns
 from fleetlog.version import FORMAT_VERSION
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Kind = Literal["recorded", "simulated"]
 DAY = 86_400_000_000
 ROW_GROUP, BATCH = 1 << 17, 1 << 13
-REPEATED = {"payload", "fork_height", "ambient_temperature"}
-"""Numbers that stay the same for many rows."""
+REPEATED = {"payload", "fork_height", "ambient_temperature"}  # Numbers that stay the same for many rows
 SELECTED = ["timestamp", "x", "y", "edge_id", "trip_id"]
 """Columns by which rows are selected: statistics of all columns would cost a fifth of writing."""
+
+
+@dataclass
+class Written:
+    """What is known of some rows, by vehicle; times [us]."""
+
+    rows: dict[str, int] = field(default_factory=dict)
+    first: dict[str, int] = field(default_factory=dict)
+    last: dict[str, int] = field(default_factory=dict)
+    columns: dict[str, str] = field(default_factory=dict)  # The unit of every column
+    trips: list[dict[str, NDArray[Any]]] = field(default_factory=list)
+    """Of rows that were just written; those of a dataset are in its table."""
+    next_trip: dict[str, int] = field(default_factory=dict)
+    """The first trip id that a vehicle of a dataset has not had."""
+    parts: dict[tuple[str, str], int] = field(default_factory=dict)  # Files by vehicle and date
+
+    def add(self, other: Written) -> None:
+        """Take in what another writer has written, of other vehicles or later."""
+        for vehicle, rows in other.rows.items():
+            self.rows[vehicle] = self.rows.get(vehicle, 0) + rows
+        self.first = {**other.first, **self.first}
+        self.last |= other.last
+        self.columns |= {name: unit for name, unit in other.columns.items() if name not in self.columns}
+        self.trips += other.trips
 
 
 class DatasetWriter:
@@ -46,9 +71,11 @@ class DatasetWriter:
     out the same.
     """
 
-    def __init__(self, path: Path, kind: Kind, site: Site, before: Before | None = None) -> None:
-        self.before = before or Before()
+    def __init__(self, path: Path, kind: Kind, site: Site, before: Written | None = None) -> None:
         self.path, self.kind, self.site = path, kind, site
+        self.old: Dataset | None = None
+        """The dataset that is added to; ``before`` is what it holds."""
+        self.before = before or Written()
         self.compression: Literal["zstd", "snappy"] = "zstd"
         self.provenance: dict[str, Any] = {}
         self.summary: dict[str, Any] = {}
@@ -59,14 +86,9 @@ class DatasetWriter:
     @classmethod
     @contextmanager
     def create(
-        cls,
-        target: str | Path,
-        kind: Kind,
-        site: Site,
-        *,
-        overwrite: bool = False,
+        cls, target: str | Path, kind: Kind, site: Site, *, overwrite: bool = False,
         inputs: Iterable[Path] = (),
-    ) -> Iterator[DatasetWriter]:
+    ) -> Iterator[DatasetWriter]:  # fmt: skip
         """A writer whose dataset appears as ``target`` when the block ends well; ``inputs`` are read."""
         if is_url(target):
             place = uploaded(located(target), overwrite=overwrite)
@@ -88,13 +110,16 @@ class DatasetWriter:
         old = Dataset(target)
         if old.kind != "recorded":
             raise DataError(f"is {old.kind}, not recorded: nothing can be added", where=target)
-        before, remote = before_of(old), is_url(target)
-        local = partial(atomic_output, target, "recorded dataset", overwrite=True, inputs=inputs)
-        with uploaded(old.path, new=False) if remote else local() as scratch:
-            if not remote:
+        if is_url(target):
+            place = uploaded(old.path, new=False)
+        else:
+            place = atomic_output(target, "recorded dataset", overwrite=True, inputs=inputs)
+        with place as scratch:
+            if not is_url(target):
                 for name in ("trajectories", PARTIALS):
                     share(old.path / name, scratch / name)
-            writer = cls(scratch, "recorded", old.site, before)
+            writer = cls(scratch, "recorded", old.site, _before(old))
+            writer.old = old
             yield writer
             writer.finish()
 
@@ -111,12 +136,15 @@ class DatasetWriter:
         for vehicle, piece in zip(vehicles, pieces, strict=True):
             self._check(replace(rows, vehicle_id=vehicle)[piece])
         table = to_arrow(rows, part=True)
-        self._name_columns(table.schema)
+        for one in table.schema:
+            self.written.columns.setdefault(one.name, (one.metadata or {}).get(b"unit", b"").decode())
         for vehicle, piece in zip(vehicles, pieces, strict=True):
             time = rows.time[piece]
-            for begin, end in _day_ranges(time):
-                rows_of_day = table[piece.start + begin : piece.start + end]
-                self._write_part(vehicle, int(time[begin]) // DAY, rows_of_day)
+            cuts = [0, *(np.flatnonzero(np.diff(time // DAY)) + 1).tolist(), each]
+            for begin, end in itertools.pairwise(cuts):
+                self._write_part(
+                    vehicle, int(time[begin]) // DAY, table[piece.start + begin : piece.start + end]
+                )
             self.written.first.setdefault(vehicle, int(time[0]))
             self.written.last[vehicle] = int(time[-1])
             self.written.rows[vehicle] = self.written.rows.get(vehicle, 0) + each
@@ -126,24 +154,18 @@ class DatasetWriter:
     def _check(self, piece: Trajectory) -> None:
         piece.check()
         vehicle = piece.vehicle_id
+        if vehicle == HIVE_NULL:
+            do = "rename it: readers take it for unknown"
+            raise DataError(f"no vehicle can be called {HIVE_NULL}", do=do)
         if piece.time[0] <= self.written.last.get(vehicle, self.before.last.get(vehicle, -(1 << 62))):
             raise DataError(f"vehicle {vehicle}: rows are not later than those already written")
-
-    def _name_columns(self, schema: pa.Schema) -> None:
-        for name in schema.names:
-            if name not in self.written.columns:
-                self.written.columns[name] = (schema.field(name).metadata or {}).get(b"unit", b"").decode()
 
     def _write_part(self, vehicle: str, day: int, table: pa.Table) -> None:
         date = str(np.datetime64(day, "D"))
         folder = self.path / "trajectories" / f"date={date}" / f"vehicle_id={quote(vehicle, safe='')}"
         number = self._parts.get((vehicle, date), self.before.parts.get((vehicle, date), 0))
         self._parts[vehicle, date] = number + 1
-        if number == self.before.parts.get((vehicle, date), 0):
-            if vehicle == HIVE_NULL:
-                do = "rename it: readers take it for unknown"
-                raise DataError(f"no vehicle can be called {HIVE_NULL}", do=do)
-            folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         with pa.OSFile(str(folder / f"part-{number:05d}.parquet"), "wb") as file:
             pq.write_table(
                 table, file, compression=self.compression, row_group_size=ROW_GROUP,
@@ -153,38 +175,52 @@ class DatasetWriter:
 
     def finish(self) -> None:
         """Write trips, site and description; :meth:`create` calls it."""
-        self._write_trips()
+        self._trips().to_parquet(self.path / "trips.parquet", index=False)
         write_json(self.path / "site.json", site_to_dict(self.site))
-        before, written = self.before, self.written
-        columns = {"vehicle_id": "", **before.columns, **written.columns}
-        rows = {v: before.rows.get(v, 0) + written.rows.get(v, 0) for v in {**before.rows, **written.rows}}
-        first = [*written.first.values(), *([] if before.first is None else [before.first])]
-        last = [*written.last.values(), *before.last.values()]
-        start, end = (_iso(min(first)), _iso(max(last))) if rows else (None, None)
-        frame = None if self.site.frame is None else self.site.frame.to_dict()
-        edges = 0 if self.site.network is None else len(self.site.network)
+        whole, site = Written(columns={"vehicle_id": ""}), self.site
+        whole.add(self.before)
+        whole.add(self.written)
+        ends = (min(whole.first.values()), max(whole.last.values())) if whole.rows else ()
+        start, end = (f"{np.datetime64(time, 'us')}Z" for time in ends) if ends else (None, None)
+        frame = None if site.frame is None else asdict(site.frame)
+        edges = 0 if site.network is None else len(site.network)
         description = {
             "format_version": FORMAT_VERSION, "kind": self.kind,
-            "site": {"name": self.site.name, "frame": frame, "edges": edges},
-            "vehicles": dict(sorted(rows.items())), "start": start, "end": end, "rows": sum(rows.values()),
-            "columns": columns, "provenance": self.provenance, "summary": self.summary,
+            "site": {"name": site.name, "frame": frame, "edges": edges},
+            "vehicles": dict(sorted(whole.rows.items())), "start": start, "end": end,
+            "rows": sum(whole.rows.values()), "columns": whole.columns, "provenance": self.provenance,
+            "summary": self.summary,
         }  # fmt: skip
         if tables := self.tables.close():
             description["tables"] = tables
         # Written last: a folder without it is no dataset.
         write_json(self.path / "dataset.json", description, indent=1)
 
-    def _write_trips(self) -> None:
+    def _trips(self) -> pd.DataFrame:
+        """All trips, those of the dataset that is added to among them."""
         import pandas as pd
 
-        from fleetlog.store.trips import merge_split_trips
+        new = table_of(self.written.trips)
+        new = merge_split_trips(new) if len(new) else new
+        if self.old is None or not len(self.old.trips):
+            return new
+        trips = pd.concat([self.old.trips, new]) if len(new) else self.old.trips
+        return trips.sort_values(["vehicle_id", "trip_id"], ignore_index=True)
 
-        table = table_of(self.written.trips)
-        trips = merge_split_trips(table) if len(table) else pd.DataFrame({"vehicle_id": [], "trip_id": []})
-        if self.before.trips is not None and len(self.before.trips):
-            trips = pd.concat([self.before.trips, trips]) if len(trips) else self.before.trips
-            trips = trips.sort_values(["vehicle_id", "trip_id"], ignore_index=True)
-        trips.to_parquet(self.path / "trips.parquet", index=False)
+
+def _before(dataset: Dataset) -> Written:
+    """What is known of a dataset before rows are added to it."""
+    rows, start = dict(dataset.meta["vehicles"]), dataset.meta["start"]
+    out = Written(rows, columns=dataset.meta["columns"])
+    out.parts = {day: len(dataset.parts(*day)) for day in dataset.vehicle_days}
+    if start is not None:
+        out.first = dict.fromkeys(rows, int(np.datetime64(start[:-1], "us").astype(np.int64)))
+    if len(dataset.trips):
+        by_vehicle = dataset.trips.groupby("vehicle_id")
+        end = by_vehicle.end.max().dt.tz_localize(None).astype("datetime64[us]").astype(np.int64)
+        out.last = dict(zip(end.index, end.tolist(), strict=True))
+        out.next_trip = dict(zip(end.index, (by_vehicle.trip_id.max() + 1).tolist(), strict=True))
+    return out
 
 
 @lru_cache(maxsize=64)
@@ -192,14 +228,3 @@ def _repeated(schema: pa.Schema) -> list[str]:
     """Columns worth a dictionary: one of measured numbers, all different, costs more than it saves."""
     measured = ("double", "timestamp[us, tz=UTC]")
     return [f.name for f in schema if f.name in REPEATED or str(f.type) not in measured]
-
-
-def _day_ranges(time: NDArray[np.int64]) -> list[tuple[int, int]]:
-    if time[0] // DAY == time[-1] // DAY:
-        return [(0, len(time))]
-    cuts = [0, *(np.flatnonzero(np.diff(time // DAY)) + 1).tolist(), len(time)]
-    return list(itertools.pairwise(cuts))
-
-
-def _iso(microseconds: int) -> str:
-    return str(np.datetime64(microseconds, "us")) + "Z"

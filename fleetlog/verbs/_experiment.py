@@ -8,7 +8,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from fleetlog.api.signature import REQUIRED
 from fleetlog.core.schema import load_toml
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.listening import progress
@@ -33,22 +32,19 @@ def settings_file(given: dict[str, Any]) -> dict[str, Any]:
     table = {name.replace("-", "_"): _as_typed(value) for name, value in table.items()}
     known = {o.name: o for o in simulate.options}  # type: ignore[attr-defined]
     for name, value in table.items():
-        wrong = f"unknown key {name!r}; {nearest(name, known)}" if name not in known else ""
-        if name in known and isinstance(value, list) and not known[name].many:
-            wrong = f"{name} takes one value"
-        if wrong:
-            raise ArgumentError(f"{path}: {wrong}", option="--experiment")
+        if name not in known:
+            what = f"{path}: unknown key {name!r}; {nearest(name, known)}"
+            raise ArgumentError(what, option="--experiment")
+        if isinstance(value, list) and not known[name].many:
+            raise ArgumentError(f"{path}: {name} takes one value", option="--experiment")
     for name in table.keys() & {*FILES}:
         with suppress(OSError, ValueError):  # what cannot be a name is none of a file
             (path.parent / str(table[name])).stat()
             table[name] = str(path.parent / str(table[name]))
     if vary:
-        table["vary"] = tuple(f"{k}={_values(v)}" for k, v in vary.items())
-    merged = {**table, **given}
-    for name in (n for n, o in known.items() if o.default is REQUIRED and n not in merged):
-        do = f"add {name} = ... or give --{name}"
-        raise ArgumentError(f"{path}: {name} is missing", option="--experiment", do=do)
-    return merged
+        several = {k: v if isinstance(v, list) else [v] for k, v in vary.items()}
+        table["vary"] = tuple(f"{k}={','.join(map(str, v))}" for k, v in several.items())
+    return {**table, **given}
 
 
 def _as_typed(value: Any) -> Any:
@@ -56,10 +52,6 @@ def _as_typed(value: Any) -> Any:
     if isinstance(value, bool):
         return value
     return [str(v) for v in value] if isinstance(value, list) else str(value)
-
-
-def _values(value: Any) -> str:
-    return ",".join(str(v) for v in value) if isinstance(value, list) else str(value)
 
 
 def is_experiment(asked: SimpleNamespace) -> bool:

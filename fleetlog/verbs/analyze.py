@@ -1,14 +1,12 @@
 """Trips, stops, energy, density, heat maps, chargers of a dataset."""
 
-import inspect
 from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 from fleetlog.api.answer import Answer, destination
 from fleetlog.api.inputs import as_dataset, as_physics, as_truck, files_of
-from fleetlog.api.signature import SHARED, Option, options_of
-from fleetlog.api.verb import JOBS, Verb, on_engine
+from fleetlog.api.verb import JOBS, SHARED, Option, Verb
 from fleetlog.core.arguments import Named
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.registry import part, part_lines
@@ -29,21 +27,17 @@ class Analysis(Verb):
     def run(self, given: dict[str, Any]) -> Answer:
         """Answer the question; write the answer to ``output`` where one is given."""
         output, overwrite = given.pop("output", None), given.pop("overwrite", False)
-        inputs = files_of(*(given[o.name] for o in self.options if o.name in given and o.is_input))
-        with on_engine(given), destination(output, "analysis", overwrite, inputs) as keep:
-            loaded = self._loaded(given)
-            return keep(Answer.of(self.function(**loaded), loaded["dataset"].site))
-
-    def _loaded(self, given: dict[str, Any]) -> dict[str, Any]:
-        """Paths as what they hold; physics last, as it is read for a truck and a map."""
-        kinds = {o.name: o.type.__name__ for o in options_of(self.function) if inspect.isclass(o.type)}
-        loaded = dict(given)
-        for name, load in (("Dataset", as_dataset), ("Truck", as_truck)):
-            loaded |= {k: load(v) for k, v in loaded.items() if kinds.get(k) == name and v is not None}
-        for k, v in given.items():
-            if kinds.get(k) == "Physics" and v is not None:
-                loaded[k] = as_physics(v, loaded["truck"], loaded["dataset"].site.network)
-        return loaded
+        options = {o.name: o for o in self.options}
+        inputs = files_of(*(value for name, value in given.items() if options[name].is_path))
+        loads: dict[str, Callable[[Any], Any]] = {
+            "Dataset": as_dataset, "Truck": as_truck,
+            "Physics": lambda value: as_physics(value, given["truck"], given["dataset"].site.network),
+        }  # fmt: skip
+        with destination(output, "analysis", overwrite, inputs) as keep:
+            for kind, load in loads.items():  # physics last: they are read for a truck and a map
+                of_kind = [n for n in given if getattr(options[n].type, "__name__", "") == kind]
+                given |= {n: load(given[n]) for n in of_kind if given[n] is not None}
+            return keep(Answer.of(self.function(**given), given["dataset"].site))
 
 
 class Analyses:
@@ -59,7 +53,7 @@ class Analyses:
         return answer
 
     def __getattr__(self, name: str) -> Analysis:
-        if name.startswith("_") or name not in self.lines():
+        if name not in self.lines():
             raise AttributeError(f"no analysis {name!r}; {nearest(name, self.lines())}")
         return self.named(name)
 
@@ -81,5 +75,4 @@ class Analyses:
         return f"<fleetlog.analyze: {', '.join(self.lines())}>"
 
 
-analyze = Analyses()
-"""The analyses; see :class:`Analyses`."""
+analyze = Analyses()  # The analyses; see :class:`Analyses`

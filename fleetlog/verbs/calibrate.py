@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from typing import cast
 
 from fleetlog.api.answer import Answer, destination
-from fleetlog.api.inputs import as_csv, as_dataset, as_physics, as_truck, files_of
+from fleetlog.api.inputs import as_csv, as_physics, as_truck, files_of
 from fleetlog.api.kinds import DatasetLike, MeasurementsLike, PathLike, PhysicsLike, TruckLike
 from fleetlog.api.verb import verb
 
 
-@verb
+@verb()
 def calibrate(
     measurements: MeasurementsLike, *, truck: TruckLike, physics: PhysicsLike | None = None,
     output: PathLike | None = None, overwrite: bool = False,
@@ -25,23 +25,15 @@ def calibrate(
     physics : model with terms known beforehand (model.toml).
     output : truck file to write.
     """
-    from fleetlog.calibrate.calibrate import calibrate as fitted
+    from fleetlog.calibrate.fit import calibrate as fitted
     from fleetlog.calibrate.report import lines, summary, truck_toml
 
     nominal = as_truck(truck)
     known = None if physics is None else as_physics(physics, nominal)
     inputs = files_of(measurements, truck, physics)
     with destination(output, "calibrated truck", overwrite, inputs, folder=False) as keep:
-        fit = fitted([_path(m) for m in cast("Sequence[DatasetLike]", measurements)], nominal, known)
+        paths = [str(as_csv(m)) for m in cast("Sequence[DatasetLike]", measurements)]
+        fit = fitted(paths, nominal, known)
         answer = Answer("calibrate", summary(fit), lines=lines(fit), value=fit)
         answer.write = lambda file: file.write_text(truck_toml(fit), encoding="utf-8")
         return keep(answer)
-
-
-def _path(value: DatasetLike) -> str:
-    """The path of a table or of a dataset's folder."""
-    from fleetlog.store import Dataset
-
-    if isinstance(value, Dataset) or hasattr(value, "dataset"):
-        return str(as_dataset(value).path)
-    return str(as_csv(value))

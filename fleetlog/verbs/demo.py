@@ -32,7 +32,7 @@ def sample_folder() -> Path:
     return inside if inside.is_dir() else package.parent / "sample_data"
 
 
-@verb
+@verb()
 def demo(
     *, data: PathLike | None = None, output: PathLike = "fleetlog-demo", overwrite: bool = False
 ) -> Answer:
@@ -46,18 +46,15 @@ def demo(
     if data is not None:
         return _data(as_path(data), overwrite)
     target = as_path(output)
-    lines: list[str] = []
     with atomic_output(target, "demo", overwrite=overwrite) as scratch, contextlib.chdir(scratch):
         for number, (what, name, given, options) in enumerate(steps(sample_folder()), start=1):
+            verb_, _, analysis = name.replace("import", "import_").partition(" ")
             for line in ("", f"{number}. {what}", f"$ fleetlog {command_line(name, given, options)}"):
                 notice(line)
-            verb_, _, analysis = name.replace("import", "import_").partition(" ")
-            lines = getattr(getattr(fleetlog, verb_), analysis or "__call__")(*given, **options).lines
-            for line in lines:
+            for line in getattr(getattr(fleetlog, verb_), analysis or "__call__")(*given, **options).lines:
                 notice(line)
     notice("")
-    where = [f"  {target / path!s:40s} {what}" for path, what in WHERE.items()]
-    lines = ["Where to look", *where]
+    lines = ["Where to look", *(f"  {target / path!s:40s} {what}" for path, what in WHERE.items())]
     return Answer("demo", {"output": str(target)}, lines=lines, output=target, kind="demo")
 
 
@@ -94,7 +91,7 @@ def command_line(name: str, given: tuple[Any, ...], options: dict[str, Any]) -> 
     """What a person would type, with the folder of the sample data as SAMPLE."""
     words = [*name.split(), *(str(v) for g in given for v in (g if isinstance(g, tuple) else (g,)))]
     for option, value in options.items():
-        dashes = "-" if len(option) == 1 or option == "output" else "--"
-        words.append(dashes + ("o" if option == "output" else option.replace("_", "-")))
+        spelled = "o" if option == "output" else option.replace("_", "-")
+        words.append(f"{'-' if len(spelled) == 1 else '--'}{spelled}")
         words += [] if value is True else [str(value)]
     return shlex.join(words).replace(str(sample_folder()), "SAMPLE")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 from fleetlog.api.answer import Answer, destination
 from fleetlog.api.inputs import as_dataset, as_site, as_truck, files_of
 from fleetlog.api.kinds import DatasetLike, PathLike, SiteLike, TruckLike
-from fleetlog.api.verb import verb_with_jobs
+from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Names, Seed
 from fleetlog.errors import EXIT_DONE, EXIT_INPUT, ArgumentError, nearest
 from fleetlog.listening import notice, progress
@@ -16,18 +16,13 @@ from fleetlog.listening import notice, progress
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from fleetlog.core.site import Site
-    from fleetlog.discovery.diagnose import Diagnosis
     from fleetlog.discovery.report.finding import Verdict
 
-List = Annotated[tuple[str, ...], Names()]
-CHANNELS = ("battery_power", "soc", "speed")
 
-
-@verb_with_jobs
+@verb(jobs=True)
 def diagnose(
     dataset: DatasetLike, *, truck: TruckLike, site: SiteLike | None = None,
-    against: DatasetLike | None = None, channels: List = (), terms: List = (),
+    against: DatasetLike | None = None, channels: Names = (), terms: Names = (),
     holdout: Literal["trips", "vehicles", "days"] = "trips", gate: bool = False, seed: Seed = 0,
     output: PathLike | None = None, overwrite: bool = False,
 ) -> Answer:  # fmt: skip
@@ -48,11 +43,22 @@ def diagnose(
     seed : seed of the cross-validation splits.
     output : folder to write.
     """
+    from fleetlog.discovery.channels.choose import CHANNELS
     from fleetlog.discovery.diagnose import diagnose as diagnosed
+    from fleetlog.discovery.report.output import as_result, write_diagnosis
     from fleetlog.physics.power import all_terms
+    from fleetlog.report.diagnosis import diagnosis_page
+    from fleetlog.view.results import write_result_recording
 
-    _check("--channels", channels, CHANNELS)
-    _check("--terms", terms, all_terms())
+    for option, names, known in (("channels", channels, CHANNELS), ("terms", terms, all_terms())):
+        for name in (n for n in names if n not in known):
+            raise ArgumentError(f"unknown {name!r}", option=f"--{option}", do=nearest(name, known))
+
+    def write(folder: Path) -> None:
+        write_diagnosis(found, folder)
+        (folder / "report.html").write_text(diagnosis_page(found, place), encoding="utf-8")
+        write_result_recording(as_result(found), place, folder / "recording.rrd")
+
     recording, nominal = as_dataset(dataset), as_truck(truck)
     given = None if site is None else as_site(site)
     simulated = None if against is None else as_dataset(against)
@@ -61,38 +67,14 @@ def diagnose(
             recording, nominal, site=given, against=simulated, channels=channels, terms=terms,
             holdout=holdout, seed=seed, progress=lambda step: progress(step, 0.0),
         )  # fmt: skip
-        return keep(_answer(found, given or recording.site, gate, channels))
-
-
-def _answer(found: Diagnosis, site: Site, gate: bool, channels: tuple[str, ...]) -> Answer:
-    from fleetlog.discovery.report.output import as_result, write_diagnosis
-    from fleetlog.report.diagnosis import diagnosis_page
-    from fleetlog.view.results import write_result_recording
-
-    def write(folder: Path) -> None:
-        write_diagnosis(found, folder)
-        (folder / "report.html").write_text(diagnosis_page(found, site), encoding="utf-8")
-        write_result_recording(as_result(found), site, folder / "recording.rrd")
-
-    status = gate_status(found.verdict, channels) if gate else EXIT_DONE
-    return Answer.of(as_result(found), site, value=found, write=write, status=status)
-
-
-def gate_status(verdict: Verdict, wanted: Collection[str]) -> int:
-    """Return 0 if every channel was judged and nothing is missing, else 1."""
-    missing = unjudged(verdict, wanted)
-    if missing:
-        notice(f"the gate stays shut: {', '.join(missing)} could not be judged")
-    return EXIT_INPUT if missing or not verdict.passes else EXIT_DONE
+        place = given or recording.site
+        if missing := unjudged(found.verdict, channels) if gate else []:
+            notice(f"the gate stays shut: {', '.join(missing)} could not be judged")
+        status = EXIT_INPUT if gate and (missing or not found.verdict.passes) else EXIT_DONE
+        return keep(Answer.of(as_result(found), place, value=found, write=write, status=status))
 
 
 def unjudged(verdict: Verdict, wanted: Collection[str]) -> list[str]:
     """Return the channels that the recording has or the user wants, and that lack a figure."""
     judged = {c.name for c in verdict.channels if c.judged}
     return [n for n in dict.fromkeys([*(c.name for c in verdict.channels), *wanted]) if n not in judged]
-
-
-def _check(option: str, names: Collection[str], known: Collection[str]) -> None:
-    for name in names:
-        if name not in known:
-            raise ArgumentError(f"unknown {name!r}", option=option, do=nearest(name, known))

@@ -9,7 +9,7 @@ from fleetlog.api.verb import verb
 from fleetlog.core.arguments import PartOf
 
 
-@verb
+@verb()
 def export(
     dataset: DatasetLike, *, to: Annotated[str, PartOf("fleetlog.exporters", "EXPORTER")], output: PathLike,
     vehicle: tuple[str, ...] = (), overwrite: bool = False,

@@ -1,26 +1,18 @@
 """Read logs, match them to the roads, write a dataset and its replay."""
 
-from __future__ import annotations
-
-from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from collections.abc import Sequence
+from typing import Annotated, Any, cast
 
 from fleetlog.api.answer import Answer, dataset_answer
 from fleetlog.api.inputs import as_path, as_site, existing, files_of, temporary
 from fleetlog.api.kinds import LogsLike, PathLike, SiteLike
-from fleetlog.api.verb import verb_with_jobs
+from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between, PartOf
 from fleetlog.errors import ArgumentError
 from fleetlog.listening import progress
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
 
-    from fleetlog.store import DatasetWriter
-
-
-@verb_with_jobs
+@verb(jobs=True)
 def import_(
     logs: LogsLike, *, site: SiteLike | None = None,
     format: Annotated[str, PartOf("fleetlog.importers", "IMPORTER")] | None = None,
@@ -65,14 +57,26 @@ def import_(
 
         shown = preview(paths, **read)
         return Answer("import", shown.to_dict(), lines=shown.lines(), status=shown.exit_status)
+    from fleetlog.core.site import Site
     from fleetlog.ingest.files import expanded
     from fleetlog.ingest.pipeline import import_logs
+    from fleetlog.store import DatasetWriter
 
     target = temporary() / "dataset" if output is None else as_path(output)
-    with _writer(target, site, append, overwrite, files_of(*expanded(paths), site, profile)) as writer:
+    inputs = files_of(*expanded(paths), site, profile)
+    if append:
+        writing = DatasetWriter.append(target, inputs=inputs)
+    else:
+        place = Site() if site is None else as_site(site)
+        writing = DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs)
+    with writing as writer:
         summary = import_logs(paths, writer.site, writer, progress=progress, align=align, **read)
         if recording and not append:
-            _replay(writer, rate)
+            from fleetlog.view.recording import write_recording
+
+            progress("writing the replay", 1.0)
+            writer.finish()
+            write_recording(writer.path, writer.path / "recording.rrd", rate_hz=rate)
     if summary.rejected_file:
         summary.rejected_file = str(target / summary.rejected_file)
     where = None if output is None else target
@@ -81,23 +85,3 @@ def import_(
         kept = summary.rejected_file or target
         answer.warning = f"{summary.rows_rejected:,} rows were rejected or damaged; see {kept}"
     return answer
-
-
-def _writer(
-    target: Path, site: SiteLike | None, append: bool, overwrite: bool, inputs: list[Path]
-) -> AbstractContextManager[DatasetWriter]:
-    from fleetlog.core.site import Site
-    from fleetlog.store import DatasetWriter
-
-    if append:
-        return DatasetWriter.append(target, inputs=inputs)
-    place = Site() if site is None else as_site(site)
-    return DatasetWriter.create(target, "recorded", place, overwrite=overwrite, inputs=inputs)
-
-
-def _replay(writer: DatasetWriter, rate: float) -> None:
-    from fleetlog.view.recording import write_recording
-
-    progress("writing the replay", 1.0)
-    writer.finish()
-    write_recording(writer.path, writer.path / "recording.rrd", rate_hz=rate)

@@ -1,8 +1,7 @@
 """Learn roads, places and zones from traces alone."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import Annotated
 
 from fleetlog.api.answer import Answer, destination
 from fleetlog.api.inputs import as_dataset, as_site, files_of
@@ -10,15 +9,10 @@ from fleetlog.api.kinds import DatasetLike, PathLike, SiteLike
 from fleetlog.api.verb import verb
 from fleetlog.core.arguments import Between
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from fleetlog.learn.learn import Learned
-
 Passes = Annotated[int, Between(1, 1_000_000, whole=True)]
 
 
-@verb
+@verb()
 def learn(
     dataset: DatasetLike, *, site: SiteLike | None = None, lane: Annotated[float, Between(0.5, 20.0)] = 2.3,
     spur: Annotated[float, Between(0.0, 200.0)] = 7.0, min_passes: Passes = 1, min_visits: Passes = 3,
@@ -36,20 +30,16 @@ def learn(
     output : folder of the site.
     """
     from fleetlog.learn.learn import learn as learned
+    from fleetlog.learn.learn import write_learned
     from fleetlog.learn.roads import Settings
+    from fleetlog.view.picture import write_picture
+
+    def write(folder: Path) -> None:
+        write_learned(found, result, folder)
+        write_picture(result, found, folder / "learn.png")
 
     settings = Settings(lane, spur, min_passes)
     with destination(output, "site", overwrite, files_of(dataset, site)) as keep:
         known = None if site is None else as_site(site)
-        found = learned(as_dataset(dataset), site=known, settings=settings, min_visits=min_visits)
-        answer = Answer.of(found.result, found.site, kind="site", value=found.site)
-        answer.write = lambda folder: _write(found, folder)
-        return keep(answer)
-
-
-def _write(found: Learned, folder: Path) -> None:
-    from fleetlog.learn.write import write_learned
-    from fleetlog.view.picture import write_picture
-
-    write_learned(found, folder)
-    write_picture(found.result, found.site, folder / "learn.png")
+        found, result = learned(as_dataset(dataset), site=known, settings=settings, min_visits=min_visits)
+        return keep(Answer.of(result, found, kind="site", value=found, write=write))

@@ -10,7 +10,7 @@ from fleetlog.core.arguments import Between, Named
 from fleetlog.listening import notice
 
 
-@verb
+@verb()
 def record(
     url: Annotated[str, Named("mqtt://HOST[:PORT]/TOPIC")], *, output: PathLike,
     duration: Annotated[float, Between(0.0, 1e9, above=True)] | None = None,

@@ -6,10 +6,10 @@ from typing import cast
 from fleetlog.api.answer import Answer, destination
 from fleetlog.api.inputs import as_dataset, as_path, as_truck, existing, files_of
 from fleetlog.api.kinds import DatasetLike, DatasetsLike, PathLike, TruckLike
-from fleetlog.api.verb import verb_with_jobs
+from fleetlog.api.verb import verb
 
 
-@verb_with_jobs
+@verb(jobs=True)
 def report(
     datasets: DatasetsLike, *, truck: TruckLike | None = None, tariff: PathLike | None = None,
     timezone: str | None = None, diagnosis: bool = True, tables: PathLike | None = None,

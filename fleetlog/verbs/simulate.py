@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from fleetlog.api import inputs
 from fleetlog.api.answer import Answer, dataset_answer, destination
-from fleetlog.api.inputs import (
-    as_csv,
-    as_dataset,
-    as_path,
-    as_physics,
-    as_site,
-    as_truck,
-    files_of,
-    temporary,
-)
 from fleetlog.api.kinds import DatasetLike, PathLike, PhysicsLike, SiteLike, TableLike, TruckLike
-from fleetlog.api.verb import filled
-from fleetlog.core.arguments import Between, Counts, Duration, Seed, Share
+from fleetlog.api.verb import verb
+from fleetlog.core.arguments import Between, Counts, Duration, Seed, Share, seconds
 from fleetlog.errors import ArgumentError, nearest
 from fleetlog.listening import notice, progress
 from fleetlog.verbs._experiment import is_experiment, run_experiment, settings_file
@@ -34,14 +24,13 @@ if TYPE_CHECKING:
     from fleetlog.simulate.scenario import Scenario
     from fleetlog.store import Dataset, DatasetWriter
 
-Asked = SimpleNamespace
-"""The arguments of :func:`simulate`, converted."""
+Asked = SimpleNamespace  # The arguments of :func:`simulate`, converted
 
 
-@filled(settings_file)
+@verb(jobs=True, fill=settings_file)
 def simulate(
-    *, site: SiteLike | None = None, truck: TruckLike, vehicles: Annotated[int | str | None, Counts()] = None,
-    duration: Annotated[float | str, Duration()] = "1h", like: DatasetLike | None = None,
+    *, site: SiteLike | None = None, truck: TruckLike, vehicles: Counts | None = None,
+    duration: Duration = "1h", like: DatasetLike | None = None,
     same_mission: bool = False, together: bool = False, tasks: TableLike | None = None,
     cycle: Literal["vdi2198"] | None = None,
     close: tuple[str, ...] = (), physics: PhysicsLike | None = None, without: tuple[str, ...] = (),
@@ -93,17 +82,30 @@ def simulate(
     >>> fleet.summary["rows"], fleet.dataset.vehicles
     (900, ['T1', 'T2', 'T3'])
     """
+    from fleetlog.store import DatasetWriter
+    from fleetlog.store.documents import provenance
+
     asked = Asked(**locals())
-    asked.duration, asked.truck = Duration()(duration), as_truck(truck)
-    asked.like = None if like is None else as_dataset(like)
+    asked.duration, asked.truck = seconds(duration), inputs.as_truck(truck)
+    asked.like = None if like is None else inputs.as_dataset(like)
     _check(asked)
     asked.site = _site(asked)
     asked.physics = _physics(asked)
-    inputs = files_of(site, truck, like, tasks, physics, experiment)
+    read = inputs.files_of(site, truck, like, tasks, physics, experiment)
     if is_experiment(asked):
-        return _experiment(asked, inputs)
-    digested = [p for p in files_of(site, truck, tasks, physics) if p.is_file()]
-    return _simulated(asked, inputs, digested, None if like is None else str(as_path(like)))
+        return _experiment(asked, read)
+    digested = [p for p in inputs.files_of(site, truck, tasks, physics) if p.is_file()]
+    target = inputs.temporary() / "dataset" if output is None else inputs.as_path(output)
+    create = partial(DatasetWriter.create, overwrite=overwrite, inputs=read)
+    with create(target, "simulated", asked.site) as writer:
+        writer.provenance = provenance(
+            digested, seed, like=None if like is None else str(inputs.as_path(like))
+        )
+        run = _cycle if cycle else _mission if same_mission else _fleet
+        writer.summary, lines = run(asked, writer)
+        if recording:
+            _replay(writer, asked.like)
+    return dataset_answer("simulate", target, target if output else None, writer.summary, lines)
 
 
 def _check(asked: Asked) -> None:
@@ -125,7 +127,7 @@ def _site(asked: Asked) -> Site:
         return strip()
     if asked.site is None and asked.like is None:
         raise ArgumentError("a simulation needs a site", do="name one with --site, or a dataset with --like")
-    site: Site = asked.like.site if asked.site is None else as_site(asked.site)
+    site: Site = asked.like.site if asked.site is None else inputs.as_site(asked.site)
     return replace(site, network=site.roads().without(asked.close)) if asked.close else site
 
 
@@ -134,15 +136,15 @@ def _physics(asked: Asked) -> Physics:
 
     physics = Physics(asked.truck)
     if asked.physics is not None:
-        physics = as_physics(asked.physics, asked.truck, asked.site.network)
+        physics = inputs.as_physics(asked.physics, asked.truck, asked.site.network)
     for name in asked.without:
         if name not in all_terms():
             raise ArgumentError(f"unknown term {name!r}", option="--without", do=nearest(name, all_terms()))
     return replace(physics, off=physics.off | frozenset(asked.without))
 
 
-def _experiment(asked: Asked, inputs: list[Path]) -> Answer:
-    with destination(asked.output, "analysis", asked.overwrite, inputs) as keep:
+def _experiment(asked: Asked, read: list[Path]) -> Answer:
+    with destination(asked.output, "analysis", asked.overwrite, read) as keep:
         made = [_scenario(asked, seed) for seed in range(asked.seed, asked.seed + asked.runs)]
         for note in made[0][1]:
             notice(note)
@@ -150,27 +152,11 @@ def _experiment(asked: Asked, inputs: list[Path]) -> Answer:
         return keep(Answer.of(result, asked.site))
 
 
-def _simulated(asked: Asked, inputs: list[Path], digested: list[Path], like: str | None) -> Answer:
-    from fleetlog.store import DatasetWriter
-    from fleetlog.store.provenance import provenance
-
-    target = temporary() / "dataset" if asked.output is None else as_path(asked.output)
-    create = partial(DatasetWriter.create, overwrite=asked.overwrite, inputs=inputs)
-    with create(target, "simulated", asked.site) as writer:
-        writer.provenance = provenance(digested, asked.seed, like=like)
-        run = _cycle if asked.cycle else _mission if asked.same_mission else _fleet
-        summary, lines = run(asked, writer)
-        writer.summary = summary
-        if asked.recording:
-            _replay(writer, asked.like)
-    return dataset_answer("simulate", target, None if asked.output is None else target, summary, lines)
-
-
 def _fleet(asked: Asked, writer: DatasetWriter) -> tuple[dict[str, Any], list[str]]:
     from fleetlog.simulate.scenario import one_more
 
     scenario, notes = _scenario(asked, asked.seed)
-    summary = scenario.write(writer, _share("simulating"))
+    summary = scenario.write(writer, _told)
     if asked.shadow:
         summary.one_more = one_more(scenario, summary)
     for note in (*notes, *summary.notes):
@@ -178,39 +164,37 @@ def _fleet(asked: Asked, writer: DatasetWriter) -> tuple[dict[str, Any], list[st
     return {**summary.to_dict(), "notes": [*notes, *summary.notes]}, summary.lines()
 
 
-def _share(text: str) -> Callable[[float, float], None]:
-    return lambda done, total: progress(text, done / total)
+def _told(done: float, total: float) -> None:
+    progress("simulating", done / total)
 
 
 def _scenario(asked: Asked, seed: int) -> tuple[Scenario, list[str]]:
     """What the arguments ask for, with one seed; and notes on it."""
     from fleetlog.physics.battery import battery_of
     from fleetlog.simulate.demand import like as take_over
-    from fleetlog.simulate.dispatch import Policy
     from fleetlog.simulate.drivers import recorded_drivers
     from fleetlog.simulate.engine import Settings
+    from fleetlog.simulate.occupancy import Policy
     from fleetlog.simulate.scenario import Scenario
     from fleetlog.simulate.tasks import Demand, read_tasks
 
     site, truck, like = asked.site, asked.truck, asked.like
     # Where the size of the fleet varies, the tasks are those of the recorded fleet.
-    fleet = asked.vehicles if isinstance(asked.vehicles, int) else None
-    vehicles = fleet if fleet is not None else (len(like.vehicles) if like else 8)
-    start, demand, notes = _start(asked.start, like), Demand(), list[str]()
-    driven = truck
+    recorded = len(like.vehicles) if like else 8
+    vehicles = asked.vehicles if isinstance(asked.vehicles, int) else recorded
+    start, demand, notes, driven = _start(asked.start, like), Demand(), list[str](), truck
     own = {p.id for p in site.places}
     if like is not None:
         # Another fleet than the recorded one shares the tasks in its own way.
-        same = vehicles == len(like.vehicles) and not is_experiment(asked)
+        same = vehicles == recorded and not is_experiment(asked)
         driven = recorded_drivers(like, truck) if same else truck
         site, demand, notes = take_over(like, site, truck, vehicles, start, asked.duration, seed, same)
     if asked.tasks is not None:
-        demand = Demand(read_tasks(as_csv(asked.tasks), site, truck, seed), endless=False)
+        demand = Demand(read_tasks(inputs.as_csv(asked.tasks), site, truck, seed), endless=False)
     battery = None if asked.chemistry == "constant" else battery_of(truck, asked.chemistry)
-    rate = asked.rate if asked.rate > 0.0 else 1e-9
     settings = Settings(
-        vehicles, asked.duration, asked.step, 1.0 / rate, start, seed, asked.soc, asked.temperature,
-        Policy.named(asked.policy, asked.charge_below), battery,
+        vehicles, asked.duration, asked.step, 1.0 / (asked.rate or 1e-9), start, seed, asked.soc,
+        asked.temperature, Policy.named(asked.policy, asked.charge_below), battery,
     )  # fmt: skip
     mined = frozenset(p.id for p in site.places) - own
     return Scenario(site, driven, settings, demand, asked.physics, mined), notes
@@ -220,7 +204,7 @@ def _mission(asked: Asked, writer: DatasetWriter) -> tuple[dict[str, Any], list[
     from fleetlog.simulate.mission import replay
 
     writer.site = asked.like.site
-    summary = replay(asked.like, asked.truck, writer, asked.physics, _share("simulating"), asked.together)
+    summary = replay(asked.like, asked.truck, writer, asked.physics, _told, asked.together)
     lines = [
         f"{summary.trips} trips of {summary.vehicles} trucks driven again, {summary.rows} rows",
         f"simulated / recorded: distance {summary.distance_ratio:.3f}, driving {summary.duration_ratio:.3f}, "
@@ -251,11 +235,12 @@ def _start(text: str | None, like: Dataset | None) -> int:
     if given is None:
         return DEFAULT_START
     try:
-        start = np.datetime64(str(given).removesuffix("Z"), "us")
+        start: Any = np.datetime64(str(given).removesuffix("Z"), "us")
     except ValueError:
-        raise ArgumentError(f"{given!r} is not a time; write 2026-01-05T06:00", option="--start") from None
+        start = np.datetime64("NaT")
     if not np.datetime64("1970-01-01") <= start < np.datetime64("2200-01-01"):  # NaT is not either
-        raise ArgumentError(f"{given!r} is not between the years 1970 and 2200", option="--start")
+        what = f"{given!r} is no time between the years 1970 and 2200; write 2026-01-05T06:00"
+        raise ArgumentError(what, option="--start")
     return int(start.astype(np.int64))
 
 
@@ -266,7 +251,7 @@ def _replay(writer: DatasetWriter, recorded: Dataset | None) -> None:
 
     writer.finish()
     target = writer.path / "recording.rrd"
-    if recorded is not None:
-        write_comparison(recorded.path, writer.path, target)
-    else:
+    if recorded is None:
         write_recording(writer.path, target)
+    else:
+        write_comparison(recorded.path, writer.path, target)

@@ -13,7 +13,7 @@ from fleetlog.errors import ArgumentError, InputError
 from fleetlog.listening import notice
 
 
-@verb
+@verb()
 def view(
     path: DatasetLike, *, beside: DatasetLike | None = None, save: PathLike | None = None,
     screenshot: PathLike | None = None, at: str | None = None,
@@ -35,48 +35,43 @@ def view(
     rate : samples per second when the replay is made again.
     day : show this day of a dataset only (UTC, YYYY-MM-DD).
     """
+    from fleetlog.store.output import atomic_output
+    from fleetlog.view import headless, viewer
+    from fleetlog.view.comparison import write_comparison
+    from fleetlog.view.recording import RATE
+
+    def written(target: PathLike | None, kind: str) -> AbstractContextManager[Path | None]:
+        if target is None:
+            return nullcontext()
+        return atomic_output(as_path(target), kind, overwrite=overwrite, folder=False, inputs=inputs)
+
     if save is not None and beside is None:
         raise ArgumentError("--save goes with --beside")
-    from fleetlog.view import headless, viewer
-
     when = None if at is None else viewer.nanoseconds_of(at)
     source, inputs = existing(path), files_of(path, beside)
     if day is not None and not (source / "dataset.json").is_file():
         raise ArgumentError(f"goes with a dataset, and {source} is none", option="--day")
-    with (
-        _written(screenshot, "picture", overwrite, inputs) as picture,
-        _written(save, "recording", overwrite, inputs) as kept,
-    ):
-        if beside is None:
+    with written(screenshot, "picture") as picture, written(save, "recording") as kept:
+        if beside is not None:
+            notice("making the comparison")
+            rrd = kept or temporary() / "comparison.rrd"
+            write_comparison(source, existing(beside), rrd, rate_hz=rate or RATE, day=day)
+        else:
             drawn = source.is_file() and source.suffix.lower() != ".rrd"
             rrd = _drawn(source) if drawn else viewer.recording_of(source, rate_hz=rate, day=day, say=notice)
-        else:
-            rrd = _comparison(source, existing(beside), kept, rate, day)
         if picture is not None:
             headless.screenshot(rrd, picture, at=when)
         elif kept is None:
             viewer.show(rrd)
     wrote = [str(as_path(p)) for p in (screenshot, save) if p is not None]
-    lines = [f"wrote {name}" for name in wrote]
-    return Answer("view", {"path": str(source), "wrote": wrote}, lines=lines)
-
-
-def _written(
-    target: PathLike | None, kind: str, overwrite: bool, inputs: list[Path]
-) -> AbstractContextManager[Path | None]:
-    """The scratch file of an output that was asked for."""
-    from fleetlog.store.output import atomic_output
-
-    if target is None:
-        return nullcontext()
-    return atomic_output(as_path(target), kind, overwrite=overwrite, folder=False, inputs=inputs)
+    return Answer("view", {"path": str(source), "wrote": wrote}, lines=[f"wrote {name}" for name in wrote])
 
 
 def _drawn(path: Path) -> Path:
     """The recording of a map, a site or a log."""
     from fleetlog.core.result import Result
-    from fleetlog.verbs._describe import describe
     from fleetlog.verbs.import_ import import_
+    from fleetlog.verbs.info import describe
     from fleetlog.view.results import write_result_recording
 
     summary, lines = describe(path)
@@ -88,14 +83,3 @@ def _drawn(path: Path) -> Path:
     site = as_site(path)
     target = temporary() / "site.rrd"
     return write_result_recording(Result(site.name, {}, lines=[line.strip() for line in lines]), site, target)
-
-
-def _comparison(path: Path, beside: Path, kept: Path | None, rate: float | None, day: str | None) -> Path:
-    """Make the recording of two datasets."""
-    from fleetlog.view.comparison import write_comparison
-    from fleetlog.view.recording import RATE
-
-    notice("making the comparison")
-    both = kept or temporary() / "comparison.rrd"
-    write_comparison(path, beside, both, rate_hz=rate or RATE, day=day)
-    return both

@@ -25,13 +25,10 @@ from fleetlog.view.meshes import LOAD_CENTRE, LOAD_HALF, box, mesh3d, truck_body
 from fleetlog.view.palette import Colour
 from fleetlog.view.stream import Stream, entity, ui_points
 
-Singles = NDArray[Any]
-"""float32: what the viewer keeps of a position anyway."""
+Singles = NDArray[Any]  # float32: what the viewer keeps of a position anyway
 FIELDS = ("x", "y", "z", "heading", "speed", "battery_power", "soc", "payload", "fork_height")
-RATE = 1.0
-"""Steps a second at most."""
-BLOCK = 400_000
-"""Positions held in memory at once."""
+RATE = 1.0  # Steps a second at most
+BLOCK = 400_000  # Positions held in memory at once
 MOVING = 0.2
 TRAIL_EVERY, MAP_EVERY = 2, 4
 PALE: Colour = (205, 210, 218)

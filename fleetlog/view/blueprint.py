@@ -12,17 +12,14 @@ from fleetlog.core.trajectory import Floats
 from fleetlog.view.extent import around
 from fleetlog.view.stream import TIMELINE, Stream
 
-FIELD_OF_VIEW = np.radians(55.0)
-"""Of the viewer's eye, in height."""
-ASPECT = 1.9
-"""Width by height of a view of the floor in a window of 16:9."""
+FIELD_OF_VIEW = np.radians(55.0)  # Of the viewer's eye, in height
+ASPECT = 1.9  # Width by height of a view of the floor in a window of 16:9
 LONG, WINDOW = 900.0, (-240.0, 60.0)
 """From what duration on plots show a window only, and from where to where about the cursor [s]."""
 CURVE_NAMES = {"speed": "Speed [m/s]", "power": "Battery power [kW]", "soc": "State of charge [%]"}
 
 
-TRAIL = 40.0
-"""Of the way behind a truck so much is shown [s]."""
+TRAIL = 40.0  # Of the way behind a truck so much is shown [s]
 
 
 @dataclass
@@ -34,8 +31,7 @@ class Screen:
     signals: set[str] = field(default_factory=set)
     trails: list[str] = field(default_factory=list)
     legend: bool = True
-    lanes: int = 0
-    """Trucks that have a lane of their states."""
+    lanes: int = 0  # Trucks that have a lane of their states
     start: int | None = None
     duration: float = 0.0
     timeline: str = TIMELINE
@@ -80,8 +76,7 @@ def fitted(outline: Floats, azimuth: float, elevation: float, aspect: float) -> 
 
 NO_LEGEND = "Open tasks (dark: being fetched, light: on the forks)"
 """Title where there is no room for a legend in the plot."""
-ON_FLOOR = ("trucks", "trail", "tasks", "reserved", "charging")
-"""What a fleet has on the floor."""
+ON_FLOOR = ("trucks", "trail", "tasks", "reserved", "charging")  # What a fleet has on the floor
 FLAT = tuple(f"- /site/buildings/{part}/**" for part in ("roofs", "walls", "frames"))
 """What a plan leaves out: all of a building but its outline."""
 

@@ -9,12 +9,10 @@ from fleetlog.core.trajectory import Ints
 from fleetlog.errors import InputError
 from fleetlog.store import Dataset
 
-SKIPPED = "gaps skipped"
-"""Name of the timeline without silences: weeks play as their shifts."""
+SKIPPED = "gaps skipped"  # Name of the timeline without silences: weeks play as their shifts
 MINUTE, QUIET, DAY = 60_000_000, 30, 86_400_000_000
 """A silence of the whole fleet longer than so many minutes is skipped; a minute and a day [us]."""
-MOST_LINES, MOST_DAYS = 20, 7
-"""Periods that the summary names, and days that an error names."""
+MOST_LINES, MOST_DAYS = 20, 7  # Periods that the summary names, and days that an error names
 
 
 class OneDay(Dataset):

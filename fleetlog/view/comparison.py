@@ -33,8 +33,7 @@ TOTALS = {
     "distance": "Distance so far, all trucks [km]",
     "used": "Energy so far, all trucks [kWh]",
 }
-BIN = 10_000_000
-"""Step of the totals [us]."""
+BIN = 10_000_000  # Step of the totals [us]
 SLOW = frozenset({"energy", "soc", "distance", "used"})
 """Shown from the first to the last, also in a long recording."""
 

@@ -39,18 +39,12 @@ from fleetlog.view.stream import Stream, entity, ui_points
 if TYPE_CHECKING:
     import pandas as pd
 
-NEVER = np.iinfo(np.int64).max
-"""A time that has not come [us]."""
-TRUE, CORNERS = 0.08, 4
-"""How true ways are drawn for a small fleet [m], and points of each for a large one."""
-STATES = 20
-"""Trucks up to which each has a lane of its states."""
-STEP = 2_000_000
-"""Between two rows of the reservations of a large fleet [us]."""
-BLOCK = 200_000
-"""Lines held in memory at once."""
-MOST_WAITING = 60
-"""Arcs of waiting tasks that are drawn at most."""
+NEVER = np.iinfo(np.int64).max  # A time that has not come [us]
+TRUE, CORNERS = 0.08, 4  # How true ways are drawn for a small fleet [m], and points of each for a large one
+STATES = 20  # Trucks up to which each has a lane of its states
+STEP = 2_000_000  # Between two rows of the reservations of a large fleet [us]
+BLOCK = 200_000  # Lines held in memory at once
+MOST_WAITING = 60  # Arcs of waiting tasks that are drawn at most
 CURVE_POINTS = 120
 """Of a curve, each a mean over the time to the next: trucks of a long shift would else make a band of it."""
 FLOOR, UP = np.array([0.0, 0.0, 0.14]), np.array([0.0, 0.0, 0.6])

@@ -11,8 +11,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Floats
 from fleetlog.store import Dataset
 
-Extent = tuple[float, float, float, float]
-"""xmin, ymin, xmax, ymax [m]."""
+Extent = tuple[float, float, float, float]  # xmin, ymin, xmax, ymax [m]
 
 
 def around(outline: Floats) -> Extent:

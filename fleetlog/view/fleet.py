@@ -28,14 +28,10 @@ CURVES = {"speed": ("speed", 1.0), "battery_power": ("power", 1e-3), "soc": ("so
 BAR_HALF, BAR_UP, BAR_NORTH = 1.6, 3.4, 2.2
 EMPTY = np.array([58, 60, 66], np.uint8)
 TRAIL_STEP = 4
-SOC_RATE = 0.2
-"""Samples a second of the SOC curve at most."""
-STEP = 0.03
-"""A truck is drawn anew when it has moved this far [m]: less is noise that nobody sees."""
-FAR_FROM_FLOOR = 10.0
-"""[m]"""
-MIN_LOAD = 1.0
-"""Payload [kg] above which a load is drawn."""
+SOC_RATE = 0.2  # Samples a second of the SOC curve at most
+STEP = 0.03  # A truck is drawn anew when it has moved this far [m]: less is noise that nobody sees
+FAR_FROM_FLOOR = 10.0  # [m]
+MIN_LOAD = 1.0  # Payload [kg] above which a load is drawn
 COLUMNS = (
     "x", "y", "z", "heading", "speed", "edge_id", "edge_offset", "payload", "fork_height", "battery_power",
     "soc",

@@ -142,8 +142,7 @@ def _draw_lines(axes: Axes, shape: MovingLines) -> None:
         axes.add_collection(LineCollection(list(strips), colors=colour, linewidths=0.9, **look))
 
 
-Box = tuple[float, float, float, float]
-"""Left, bottom, right, top [m]."""
+Box = tuple[float, float, float, float]  # Left, bottom, right, top [m]
 
 
 def _draw_marks(axes: Axes, marks: Marks, taken: list[Box]) -> None:

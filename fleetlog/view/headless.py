@@ -18,8 +18,7 @@ import numpy as np
 from fleetlog.errors import FleetlogError
 from fleetlog.view.stream import TIMELINE
 
-WAIT = 60.0
-"""Longest wait for the viewer [s]."""
+WAIT = 60.0  # Longest wait for the viewer [s]
 
 
 class ViewerError(FleetlogError):

@@ -9,8 +9,7 @@ import rerun as rr
 from fleetlog.core.trajectory import Floats
 from fleetlog.view.palette import Colour
 
-Painted = tuple[Floats, Colour]
-"""Triangles (m, 3, 3) [m] of one colour."""
+Painted = tuple[Floats, Colour]  # Triangles (m, 3, 3) [m] of one colour
 
 
 def mesh3d(parts: Sequence[Painted], alpha: int = 255) -> rr.Mesh3D:

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 
 SOFT, GRID = "#5a5f66", "#e3e6ea"
 MAX_BARS, MAX_LABEL = 40, 28
-SILENCE = 20.0
-"""A gap in a curve this many times its usual step is left out of the time axis."""
+SILENCE = 20.0  # A gap in a curve this many times its usual step is left out of the time axis
 
 
 def draw_series(axes: Axes, series: Series, zone: str = "UTC") -> None:

@@ -22,8 +22,7 @@ Layer = Grid | EdgeValues
 WIDTH, DPI = 10.0, 150
 PANEL_HEIGHT = 2.4
 MAX_MAPS, MAX_PANELS = 24, 6
-ON_PAGE = 5.6
-"""Width of a picture on a page [inches]: its text stays readable on a phone."""
+ON_PAGE = 5.6  # Width of a picture on a page [inches]: its text stays readable on a phone
 STYLE: Any = {
     "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 10.5, "axes.titlelocation": "left",
     "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#5a5f66",

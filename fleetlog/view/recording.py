@@ -14,10 +14,8 @@ from fleetlog.view.meshes import mesh3d, truck_body, truck_fork
 from fleetlog.view.scene import log_site, log_ways, ways_of
 from fleetlog.view.stream import Stream, entity, open_stream, verbatim
 
-RATE = 2.0
-"""Samples a second that are kept by default."""
-MANY = 60
-"""From this many vehicles on they are drawn together, one row a time step for all."""
+RATE = 2.0  # Samples a second that are kept by default
+MANY = 60  # From this many vehicles on they are drawn together, one row a time step for all
 MANY_LABELS, LONG_LEGEND = 24, 12
 FIGURES: dict[str, tuple[str, float]] = {
     "trips": ("trips: {:,.0f}", 1.0), "matched": ("on a road: {:.1f} % of the rows", 100.0),

@@ -23,8 +23,7 @@ MARK_COLOURS = {
     "point": (240, 240, 245), **palette.PLACES,
 }  # fmt: skip
 MAX_MAPS = 9
-WIDE = 2.5
-"""Width by height of one of two maps above one another."""
+WIDE = 2.5  # Width by height of one of two maps above one another
 
 
 def write_result_recording(result: Result, site: Site, out_rrd: str | Path) -> Path:

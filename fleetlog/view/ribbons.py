@@ -1,17 +1,13 @@
 """Shapes on the floor: roads as ribbons, arrows along them, discs and extruded polygons as triangles
-(m, 3, 3), arcs, rings and bolts as lines, in metres.
-"""
+(m, 3, 3), arcs, rings and bolts as lines, in metres."""
 
 import numpy as np
 
 from fleetlog.core.trajectory import Floats, Ints
 
-POINTS, DASH = 25, 1.6
-"""Points of an arc, and length of the dashes of a broken one [m]."""
-RISE, LOWEST, HIGHEST = 0.16, 1.5, 11.0
-"""Height of an arc over its span, and its bounds [m]."""
-HEAD = 1.3
-"""Length of an arrow's head [m]."""
+POINTS, DASH = 25, 1.6  # Points of an arc, and length of the dashes of a broken one [m]
+RISE, LOWEST, HIGHEST = 0.16, 1.5, 11.0  # Height of an arc over its span, and its bounds [m]
+HEAD = 1.3  # Length of an arrow's head [m]
 
 
 def side_vectors(points: Floats) -> Floats:

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 PAPER, SCREEN, DIVERGING = "magma_r", "inferno", "RdBu_r"
 SIGNS = ((120, 200, 255), (50, 120, 220), (104, 107, 113), (225, 90, 50), (255, 180, 120))
 """Below zero, zero and above on the dark ground: bright is far from zero."""
-SKEWED = 8.0
-"""Where the largest values are this many times the median, colours follow their logarithm."""
+SKEWED = 8.0  # Where the largest values are this many times the median, colours follow their logarithm
 
 
 @dataclass(frozen=True)

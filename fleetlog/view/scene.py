@@ -12,13 +12,11 @@ from fleetlog.view import palette, ribbons, thin
 from fleetlog.view.meshes import mesh3d
 from fleetlog.view.stream import Stream, entity, ui_points
 
-DEFAULT_WIDTH = 3.5
-"""Drawn width of a road [m] whose map gives none."""
+DEFAULT_WIDTH = 3.5  # Drawn width of a road [m] whose map gives none
 MANY_LABELS, MANY_PLACES = 30, 8
 """From here on labels would hide the floor; they are then shown under the pointer only."""
 POINTS_A_DAY = 4000
-BREAK = 200.0
-"""A step longer than this [m] is a jump of the log, not a way."""
+BREAK = 200.0  # A step longer than this [m] is a jump of the log, not a way
 RAISED = np.array([0.0, 0.0, 0.05])
 """Lines lie this much over the surfaces, so that they are not hidden in them [m]."""
 

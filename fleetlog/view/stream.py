@@ -20,10 +20,8 @@ from fleetlog.view.clock import SKIPPED, Clock
 
 APPLICATION, TIMELINE = "fleetlog", "utc"
 _FOOTER = struct.Struct("<QQI8sI")
-CHUNK = 32_768
-"""Rows a chunk: 8 to 65 thousand open fast and keep the viewer's memory low."""
-ui_points = rr.Radius.ui_points
-"""A radius in points of the screen."""
+CHUNK = 32_768  # Rows a chunk: 8 to 65 thousand open fast and keep the viewer's memory low
+ui_points = rr.Radius.ui_points  # A radius in points of the screen
 
 
 def entity(*names: str) -> str:

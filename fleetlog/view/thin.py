@@ -6,8 +6,7 @@ import numpy as np
 
 from fleetlog.core.trajectory import Floats, Ints, Trajectory
 
-GAP = 10_000_000
-"""A silence longer than this [us], and than five sampling intervals, is shown as a gap."""
+GAP = 10_000_000  # A silence longer than this [us], and than five sampling intervals, is shown as a gap
 
 
 def rows_at_rate(time: Ints, rate_hz: float) -> Ints:

@@ -35,9 +35,18 @@ def labels(network, edge, offset, threshold):
     return cluster_steps(edge, offset, network.length, *near, threshold)[0]
 
 
+def line_graph(network):
+    """Edge to edge; an arc has the length of the edge that it leaves."""
+    graph = nx.DiGraph()
+    graph.add_nodes_from(range(len(network)))
+    for i in range(len(network)):
+        graph.add_edges_from(((i, int(j)) for j in network.successors(i)), length=float(network.length[i]))
+    return graph
+
+
 def plain(network, edge, offset, threshold):
     """The rule, word by word."""
-    graph = network.to_networkx()  # arcs carry the length of the edge that they leave
+    graph = line_graph(network)
     onward = dict(nx.all_pairs_dijkstra_path_length(graph, weight="length"))
     out = np.full(edge.shape, -1)
     for t in range(len(edge)):
@@ -148,7 +157,7 @@ def test_u_turns_at_vertices_are_not_implied():
 def test_distances_are_bounded_dijkstra():
     n = random_network(3, nodes=14)
     first, edges, d, skip = distance_lists(n, 35.0)
-    graph = n.to_networkx()
+    graph = line_graph(n)
     for i in range(len(n)):
         want = {}
         for f in n.successors(i):

@@ -148,7 +148,7 @@ def test_large_instances_state_a_small_proven_gap():
 
 
 def test_plugs_at_the_peak():
-    assert peak([(0, 10), (5, 8), (8, 12), (20, 30)]) == 2
+    assert peak([(0, 0, 10), (1, 5, 8), (0, 8, 12), (0, 20, 30)]) == 2
     assert peak([]) == 0
 
 

@@ -1,4 +1,4 @@
-"""Episodes followed in pieces and joined are those followed in one go, wherever the hours are cut."""
+"""Episodes found at once are those of a plain reading, step by step, and hours that are joined change none."""
 
 from itertools import pairwise
 
@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fleetlog.analysis.clusters.crowds import Crowds, together
-from fleetlog.analysis.clusters.tracking import episodes, follow
+from fleetlog.analysis.clusters.tracking import JACCARD, LEAVE, episodes
 
 LIMIT, STEP, TRUCKS = 1.0, 1_000_000, 6
 NAMES = tuple(f"T{k}" for k in range(TRUCKS))
@@ -27,11 +27,47 @@ def crowds(steps):
     )  # fmt: skip
 
 
-def found(pieces):
-    whole = together(pieces, NAMES)
-    begins = np.cumsum([0, *map(len, pieces)]).tolist()
-    parts = [(b, follow(p, LIMIT, STEP)) for b, p in zip(begins, pieces, strict=False)]
-    return [(e.clusters, e.born, e.died) for e in episodes(whole, parts, LIMIT, STEP, 1)]
+def found(*pieces):
+    return [(e.clusters, e.born, e.died) for e in episodes(together(pieces, NAMES), LIMIT, STEP, 1)]
+
+
+def plain(steps):
+    """The rule, word by word."""
+    out, live, before, number = [], [], None, 0
+    for time, groups in steps:
+        if before is None or time - before != 1:
+            live = []
+        shares = sorted(
+            (-len(g & b) / len(g | b), i, j)
+            for i, (g, _) in enumerate(groups) for j, (b, _) in enumerate(live) if g & b
+        )  # fmt: skip
+        parent = {}
+        for share, i, j in shares:
+            if -share >= JACCARD and i not in parent and j not in parent.values():
+                parent[i] = j
+        now = []
+        for i, (g, speed) in enumerate(groups):
+            episode = live[parent[i]][1] if i in parent else None
+            if speed >= (LIMIT * LEAVE if episode else LIMIT):
+                episode = None
+            elif episode is None:
+                heirs = sum(bool(g & b) for b, _ in live)
+                born = "merge" if heirs > 1 else "split" if heirs == 1 and i not in parent else "born"
+                episode = [[], born, "died"]
+                out.append(episode)
+            if episode:
+                episode[0].append(number)
+            now.append((g, episode))
+            number += 1
+        going = [id(e) for _, e in now if e]
+        for b, episode in live:
+            if episode and id(episode) not in going:
+                heirs = [g for g, _ in now if g & b]
+                episode[2] = (
+                    "split" if len(heirs) > 1 else "merge" if len(heirs) == 1 and b < heirs[0] else "died"
+                )
+        live, before = now, time
+    return sorted(map(tuple, out), key=lambda e: e[0])
 
 
 @st.composite
@@ -50,8 +86,13 @@ def histories(draw):
     return steps
 
 
+@given(histories())
+def test_episodes_are_those_of_the_plain_reading(steps):
+    assert sorted(found(crowds(steps)), key=lambda e: e[0]) == plain(steps)
+
+
 @given(histories(), st.sets(st.integers(1, 60), max_size=4))
 def test_where_hours_are_cut_makes_no_difference(steps, cuts):
     edges = [0, *sorted(cuts), 100]
     pieces = [[s for s in steps if a <= s[0] < b] for a, b in pairwise(edges)]
-    assert found([crowds(p) for p in pieces]) == found([crowds(steps)])
+    assert found(*map(crowds, pieces)) == found(crowds(steps))

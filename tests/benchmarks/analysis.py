@@ -48,7 +48,7 @@ def density() -> None:
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components, dijkstra
 
-    from fleetlog.analysis.clusters.kernels import cluster_speeds, cluster_steps
+    from fleetlog.analysis.clusters.kernels import cluster_steps
     from fleetlog.analysis.clusters.steps import distance_lists
 
     limit = 15.0
@@ -57,20 +57,18 @@ def density() -> None:
     )
     for name, n in (("200 nodes", grid(20, 10, 6.0)), ("5,000 nodes", grid(100, 50, 20.0))):
         near = distance_lists(n, limit)
-        graph = n.to_networkx()
         src = np.repeat(np.arange(len(n)), np.diff(n.next_first))
         line = sparse.csr_array((n.length[src], (src, n.next_edges)), shape=(len(n), len(n)))
+        graph = nx.from_scipy_sparse_array(line, create_using=nx.DiGraph, edge_attribute="length")
         per = {}
         for trucks in (20, 100, 500):
             rng = np.random.default_rng(trucks)
             steps = 400
             edge = rng.integers(0, len(n), (steps, trucks)).astype(np.int32)
             offset = rng.random((steps, trucks)) * n.length[edge]
-            speed = rng.random((steps, trucks)) * 3
 
             def ours():
-                labels, _, _ = cluster_steps(edge, offset, n.length, *near, limit)
-                cluster_speeds(labels, speed, 1.39)
+                cluster_steps(edge, offset, n.length, *near, limit)
 
             def theirs_nx(t=0):
                 arcs = nx.Graph()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from fleetlog.calibrate.calibrate import calibrate
+from fleetlog.calibrate.fit import calibrate
 from fleetlog.cli.main import cli
 from fleetlog.core.truck import load_truck
 

@@ -1,5 +1,6 @@
 """Partial results beside a dataset: found again, never trusted blindly, bounded, and plain data only."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +12,8 @@ from hypothesis.extra import numpy as some
 from fleetlog.analysis.density import density
 from fleetlog.analysis.energy import energy
 from fleetlog.store import Dataset, partials
-from fleetlog.store.encoding import encode, pack, unpack, whole
 from fleetlog.store.output import share
+from fleetlog.store.partials import encode, pack, unpack
 
 
 @dataclass(frozen=True)
@@ -41,8 +42,7 @@ plain = st.recursive(
 
 @given(plain)
 def test_what_is_packed_comes_back(value):
-    data = pack(value)
-    assert whole(data) and encode(unpack(data, [Thing])) == encode(value)
+    assert encode(unpack(pack(value), [Thing])) == encode(value)
 
 
 @given(plain, st.data())
@@ -50,7 +50,8 @@ def test_damage_is_seen(value, data):
     packed = bytearray(pack(value))
     at = data.draw(st.integers(0, len(packed) - 1))
     packed[at] ^= 1 << data.draw(st.integers(0, 7))
-    assert not whole(bytes(packed))
+    with suppress(ValueError):  # a flip of the bits that fill the last byte changes nothing
+        assert encode(unpack(bytes(packed), [Thing])) == encode(value)
 
 
 def test_sets_have_one_encoding():

@@ -156,7 +156,7 @@ def test_diagnose(how, diagnosed_alone, fleet, truck, tmp_path, monkeypatch, req
 
 
 def test_the_command_that_made_a_dataset_names_no_engine(monkeypatch):
-    from fleetlog.store.provenance import provenance
+    from fleetlog.store.documents import provenance
 
     told = []
     for more in ([], ["--workers", "4"], ["--workers=2"], ["--scheduler", "tcp://a:1"]):

@@ -12,7 +12,7 @@ from fleetlog.cli.commands import load_verb
 from fleetlog.errors import FleetlogError
 from fleetlog.exporters.base import exporters
 from fleetlog.importers.base import importers
-from fleetlog.verbs._describe import describe
+from fleetlog.verbs.info import describe
 
 FORMATS = sorted(exporters())
 

@@ -466,7 +466,7 @@ def _parquet() -> Iterator[Case]:
     yield case(
         "time null",
         3,
-        "without a time",
+        "the time is missing",
         ROWS - 1,
         timestamp=pa.array([*micro[:-1], None], pa.timestamp("us")),
     )
@@ -474,11 +474,7 @@ def _parquet() -> Iterator[Case]:
     yield case("no time", 1, "a time", 0, timestamp=None)
     yield case("no position", 1, "a position", 0, x=None)
     yield case(
-        "x of infinity",
-        3,
-        "position is not a number",
-        ROWS - 1,
-        x=np.where(np.arange(ROWS) == 5, np.inf, 1.0),
+        "x of infinity", 3, "x is not a number", ROWS - 1, x=np.where(np.arange(ROWS) == 5, np.inf, 1.0)
     )
     yield case("vehicle null", 0, "", ROWS, vehicle_id=[None, *["T"] * (ROWS - 1)])
     yield case("vehicle as int", 0, "", ROWS, vehicle_id=[7] * ROWS)

@@ -115,7 +115,7 @@ def test_an_osi_trace_that_is_cut_off_gives_what_is_whole(tmp_path: Path) -> Non
     path.write_bytes(data[:-3])
     batches, report = read(path)
     check_osi(batches, 4)
-    assert report.damage == ["the trace breaks off or is wrong after 4 messages"]
+    assert report.damage == ["the file breaks off or is wrong after 4 records"]
 
 
 def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

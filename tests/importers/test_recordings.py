@@ -14,7 +14,7 @@ from log_reading import read_log
 
 from fleetlog.errors import FleetlogError
 from fleetlog.importers import mcap as mcap_importer
-from fleetlog.importers._bounded import Damaged, unpack
+from fleetlog.importers._open import Damaged, unpack
 
 START = 1_772_431_200  # 2026-03-02T06:00:00Z
 HEADER = "std_msgs/Header header\n"

@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 
 from fleetlog.core.trajectory import Labels, Trajectory
 from fleetlog.ingest import clean
-from fleetlog.ingest.channels import CHANNEL, interpolated, join_channels
-from fleetlog.ingest.fixes import HELD, fill_positions, release_held
+from fleetlog.ingest.between import fill_positions, interpolated, join_channels, release_held
 from fleetlog.ingest.order import Order, run_starts
 from fleetlog.ingest.rejects import Rejects
-from fleetlog.ingest.rows import FILE, RECORD, join
+from fleetlog.ingest.rows import CHANNEL, FILE, HELD, RECORD, join
 
 SECOND = 1_000_000
 
@@ -158,7 +157,7 @@ def sifted(seconds: list[float], size: int) -> tuple[list[int], list[int]]:
         good, bad = order.sift(rows[i : i + size])
         kept += good.time.tolist()
         gone += bad.time.tolist()
-    for good, bad in [order.flush() or (rows[:0], rows[:0])]:
+    for good, bad in order.flush():
         kept += good.time.tolist()
         gone += bad.time.tolist()
     return [k // SECOND for k in kept], [g // SECOND for g in gone]

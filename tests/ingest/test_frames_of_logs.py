@@ -54,6 +54,17 @@ def test_a_frame_drawn_at_random_is_found(seed):
     assert abs(np.degrees(found.frame.rotation - truth.rotation)) < 0.2
 
 
+def test_a_place_off_the_site_neither_moves_the_frame_nor_fills_memory():
+    truth = MapFrame("t", (40.0, -25.0), 0.7)
+    xy = np.concatenate([drive(COURSE, 0.3, k) for k in range(4)])
+    x, y = seen_from(truth, xy)
+    plain = align([(x, y)], network(COURSE, False)).frame
+    x[len(x) // 2] = 1e9
+    wild = align([(x, y)], network(COURSE, False)).frame
+    assert np.hypot(*(np.array(wild.shift) - plain.shift)) < 0.05
+    assert abs(wild.rotation - plain.rotation) < 1e-3
+
+
 def test_a_rectangle_that_fits_either_way_round_is_refused():
     ring = [(0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0), (0.0, 0.0)]
     xy = np.concatenate([drive(ring, 0.2, k) for k in range(3)])

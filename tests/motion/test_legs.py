@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from recorded import Logger, drives, logged
 
 from fleetlog.analysis.energy import energy
-from fleetlog.calibrate.calibrate import of_dataset
+from fleetlog.calibrate.observe import of_dataset
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.physics.motion import reconstruct

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Edge, Network, build_network, reversed_edge
@@ -14,15 +12,7 @@ from fleetlog.errors import InputError
 from fleetlog.physics.field import Field, stretches
 from fleetlog.physics.model import load_physics, save_physics
 from fleetlog.physics.own import Own
-from fleetlog.physics.power import (
-    Physics,
-    all_terms,
-    allowed_speed,
-    battery_power,
-    cell_ledger,
-    cell_power,
-    ledger,
-)
+from fleetlog.physics.power import Physics, all_terms, allowed_speed, battery_power
 
 TRUCK = Truck(Chassis(4000.0), name="t")
 
@@ -61,7 +51,7 @@ def test_every_term_of_the_vocabulary_is_a_file() -> None:
     for name, term in all_terms().items():
         assert term.name == name
         only_truck = bool(term.parameters) and all(p.truck_key for p in term.parameters)
-        assert term.function is not None or term.acts in ("wait", "traffic") or only_truck, name
+        assert term.function is not None or term.acts in ("wait", "traffic", "sensor") or only_truck, name
         for p in term.parameters:
             assert p.low <= p.nominal(TRUCK) <= p.high, (name, p.name)
 
@@ -155,17 +145,6 @@ def test_a_field_of_another_site_is_refused(tmp_path) -> None:
         load_physics(tmp_path, TRUCK, other)
 
 
-@given(st.floats(0.0, 0.5), st.floats(-20000, 20000))
-def test_the_cell_ledger_adds_up_to_what_the_state_of_charge_pays(resistance: float, power: float) -> None:
-    truck = TRUCK.with_value("battery.internal_resistance", resistance).with_value(
-        "auxiliary.power", abs(power)
-    )
-    motion = Motion.of(3, speed=[0.0, 1.0, 3.0], acceleration=[0.0, 0.5, -1.0])
-    physics = Physics(truck)
-    total = sum(cell_ledger(motion, physics).values())
-    assert total == pytest.approx(cell_power(sum(ledger(motion, physics).values()), truck), rel=1e-12)
-
-
 def test_the_lowest_of_the_allowed_speeds_counts() -> None:
     network = road()
     motion = on(network, "a", [5.0, 20.0, 50.0]).replaced(
@@ -193,7 +172,7 @@ def test_what_some_vehicles_and_hours_have_of_their_own_is_read_as_written(tmp_p
         ("from = 2026-03-14T09:00:00Z\nuntil = 2026-03-14T08:00:00Z", "no time lies between"),
         ("drift = true", "no time lies between"),
         ("since = 3", "unknown key"),
-        ("[own.term.rolling_resistance]\ncoeficient = 0.01", "unknown parameter"),
+        ("[own.term.rolling_resistance]\ncoeficient = 0.01", "did you mean 'coefficient'"),
     ],
 )
 def test_a_wrong_scope_is_named(lines: str, complaint: str, tmp_path) -> None:

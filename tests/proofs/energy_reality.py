@@ -117,7 +117,7 @@ def calibrated(trips: list[Trip], truck: Truck, altitude: bool) -> Physics:
     sigma = np.full(len(measured), float(np.std(measured - nominal)))
     seen = Observations(
         measured, sigma, tuple(map(str, range(len(measured)))),
-        lambda physics: joined(lambda t: t.predicted(physics, altitude)),
+        lambda physics: joined(lambda t: t.predicted(physics, altitude)), np.zeros((len(measured), 0)),
     )  # fmt: skip
     return Physics(fit(seen, Physics(truck)).truck)
 

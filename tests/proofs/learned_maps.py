@@ -177,7 +177,7 @@ def matched(dataset: Dataset, truth: Dataset, network: Network) -> float:
 def judged(dataset: Dataset, noise: float, folder: Path) -> str:
     log = noisy(dataset, noise, folder / "log")
     true = dataset.site.roads()
-    learned = learn(log).site.roads()
+    learned = learn(log)[0].roads()
     driven, count = driven_edges(dataset, true)
     near = driven.near(mine := Stations.of(learned))
     share = np.bincount(driven.line[near], minlength=len(true)) / np.maximum(count, 1)

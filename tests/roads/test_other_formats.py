@@ -128,7 +128,7 @@ def test_a_projected_graph_is_brought_to_the_ground(tmp_path):
 @pytest.mark.parametrize(
     "edges, crs, why",
     [
-        ('<edge source="1" target="7"/>', "epsg:4326", "there is no node 7"),
+        ('<edge source="1" target="7"/>', "epsg:4326", "there is no node '7'"),
         ("", "epsg:4326", "no road in it: 0 edges"),
         ('<edge source="1" target="2"><data key="g">POINT (1 2)</data></edge>', "epsg:4326", "is no LINESTRING"),
         ('<edge source="1" target="2"><data key="g">LINESTRING (1 2)</data></edge>', "epsg:4326", "LINESTRING is broken"),

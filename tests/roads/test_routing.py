@@ -1,4 +1,4 @@
-"""Routes and bounded distances against networkx on random networks with one-way roads and forbidden turns."""
+"""Routes against networkx on random networks with one-way roads and forbidden turns."""
 
 import networkx as nx
 import numpy as np
@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.errors import DataError
-from fleetlog.roads.routing import Router, bounded_distances
+from fleetlog.roads.routing import Router
 
 
 def random_network(seed, nodes=12, roads=24):
@@ -62,33 +62,6 @@ def test_a_star_is_as_quick_as_dijkstra(seed):
             assert all(b in network.successors(a) for a, b in zip(route.edges, route.edges[1:], strict=False))
             assert not closed & set(route.edges[1:].tolist())
             assert route.length == pytest.approx(network.length[route.edges].sum())
-
-
-@given(seeds, st.floats(0, 250))
-@settings(deadline=None, max_examples=40)
-def test_bounded_distances_are_those_of_dijkstra(seed, limit):
-    network = random_network(seed)
-    found = bounded_distances(network, limit)
-    reference = graph(network, network.length)
-    assert len(found.first) == len(network) + 1 and found.first[-1] == len(found.edge) == len(found.distance)
-    for i in range(len(network)):
-        row = slice(found.first[i], found.first[i + 1])
-        expected = nx.single_source_dijkstra_path_length(reference, i, cutoff=limit, weight="w")
-        assert dict(zip(found.edge[row].tolist(), found.distance[row], strict=True)) == pytest.approx(
-            expected
-        )
-        assert found.edge[row][0] == i and bool((np.diff(found.distance[row]) >= 0).all())
-
-
-def test_rows_are_those_of_the_sources_asked_for():
-    network = random_network(3)
-    every, some = bounded_distances(network, 90.0), bounded_distances(network, 90.0, np.array([7, 2]))
-    for row, source in enumerate((7, 2)):
-        a, b = (
-            slice(some.first[row], some.first[row + 1]),
-            slice(every.first[source], every.first[source + 1]),
-        )
-        assert (some.edge[a] == every.edge[b]).all() and (some.distance[a] == every.distance[b]).all()
 
 
 @given(seeds)

@@ -9,9 +9,9 @@ from fleetlog.core.network import Edge, build_network
 from fleetlog.core.site import Site
 from fleetlog.errors import SiteError
 from fleetlog.simulate.junctions import find_junctions
-from fleetlog.simulate.reach import main_part, parts
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.simulate.track import build_track
+from fleetlog.simulate.ways import main_part, parts
 
 
 def line(*points):

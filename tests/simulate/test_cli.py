@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from fleetlog.cli.commands import load_verb
 from fleetlog.errors import FleetlogError
 from fleetlog.store import Dataset
-from fleetlog.verbs._describe import describe
+from fleetlog.verbs.info import describe
 
 
 @pytest.fixture

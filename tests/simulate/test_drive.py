@@ -7,12 +7,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fleetlog.core.motion import Motion
 from fleetlog.core.truck import truck_from_dict
-from fleetlog.physics.motion.profile import speed_profile
+from fleetlog.physics.motion.legs import Leg, free_flow
+from fleetlog.physics.power import Physics
 
 
 def truck(**drive):
     return truck_from_dict({"chassis": {"mass": 4900.0}, "drive": drive})
+
+
+def speed_profile(distance, limit, truck, stops=(), **path):
+    """How a truck drives a path of nodes with a limit at each."""
+    n = len(distance)
+    leg = Leg(distance, Motion.of(n, **path), np.arange(n), np.nan, True, dict(stops))
+    return free_flow(leg, Physics(truck), np.broadcast_to(limit, n))
 
 
 STRONG = truck(max_power=1e9)

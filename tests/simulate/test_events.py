@@ -8,11 +8,10 @@ import pytest
 from simulated_sites import TRUCK, aisle, grid, place
 
 from fleetlog.simulate import engine
-from fleetlog.simulate.dispatch import Policy
 from fleetlog.simulate.engine import DEFAULT_START, Settings, simulate
+from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.state import Mode
-from fleetlog.simulate.taskbook import LEFT_OUT, TaskBook
-from fleetlog.simulate.tasks import Demand, Task
+from fleetlog.simulate.tasks import LEFT_OUT, Demand, Task, TaskBook
 from fleetlog.simulate.world import build_world
 from fleetlog.store import Dataset, DatasetWriter
 from fleetlog.store.events import ACTIVITIES, TABLES, WAYS, read_table
@@ -272,7 +271,7 @@ def test_a_task_that_is_given_back_keeps_its_number():
     book.assign(0, same, 10.0)
     book.picked(1, 20.0)
     book.dropped(1, 30.0)
-    book.never([Task(None, "gone", "drop0", 1.0, 0.0)], LEFT_OUT)
+    book.give(Task(None, "gone", "drop0", 1.0, 0.0), LEFT_OUT)
     columns = book.columns(0)
     assert columns["vehicle_id"].strings() == ["b", "a", None]
     assert columns["status"].strings() == ["done", "assigned", "left out"]

@@ -12,7 +12,7 @@ from fleetlog.core.site import Zone, site_from_dict, site_to_dict
 from fleetlog.core.truck import load_truck
 from fleetlog.errors import DataError, SiteError, TruckError
 from fleetlog.roads.load import load_site
-from fleetlog.simulate.mixed import Trucks
+from fleetlog.simulate.state import Trucks
 from fleetlog.simulate.tasks import Demand, Task
 from fleetlog.store.events import read_table
 from fleetlog.store.site_files import write_site

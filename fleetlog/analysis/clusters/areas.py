@@ -1,7 +1,7 @@
 """Episodes gathered to critical areas of the road network, ranked by delay."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -14,30 +14,12 @@ from fleetlog.core.network import Network
 from fleetlog.core.result import Series
 from fleetlog.core.trajectory import Floats, Ints
 
-BIN = 5.0
-"""Length of road that is counted as one place [m]."""
+BIN = 5.0  # Length of road that is counted as one place [m]
 
-PLACES = 100_000
-"""A place's code is this times the edge, plus the number of the stretch."""
-MARGIN = 10.0
-"""An episode this far outside an area's radius belongs to none [m]."""
-SHOWN, MOST_POINTS = 5, 200_000
-"""Areas with a curve of their own, and points of a curve."""
-SHARE = 0.8
-"""Areas are made of the fewest places that carry this share of the delay."""
-
-
-@dataclass(frozen=True)
-class Samples:
-    """One row for every truck and step inside an episode."""
-
-    episode: Ints
-    truck: Ints
-    time: Ints
-    edge: NDArray[np.int32]
-    offset: Floats
-    delay: Floats
-    """dt (1 - v / v_free), clipped at 0 [s]."""
+PLACES = 100_000  # A place's code is this times the edge, plus the number of the stretch
+MARGIN = 10.0  # An episode this far outside an area's radius belongs to none [m]
+SHOWN, MOST_POINTS = 5, 200_000  # Areas with a curve of their own, and points of a curve
+SHARE = 0.8  # Areas are made of the fewest places that carry this share of the delay
 
 
 @dataclass(frozen=True)
@@ -60,65 +42,67 @@ class Watched:
         return -(-(self.stop - self.start) // self.step) * self.seconds / 3600.0
 
 
-def samples(c: Crowds, found: list[Episode], free_speed: Floats, step: float) -> Samples:
-    """The truck-steps of all episodes; ``free_speed`` (E,) is that of an undisturbed truck [m/s]."""
+def samples(
+    c: Crowds, found: list[Episode], network: Network, free_speed: Floats, step: float
+) -> pd.DataFrame:
+    """One row for every truck and step inside an episode: episode, truck, time, edge, offset, place, delay.
+
+    ``place`` is a code, see :func:`places`; ``delay`` is dt (1 - v / v_free), clipped at 0 [s], where
+    ``free_speed`` (E,) is that of an undisturbed truck [m/s].
+    """
     cluster = np.array([k for e in found for k in e.clusters], dtype=np.int64)
     number = np.repeat(np.arange(len(found)), [len(e.clusters) for e in found])
     size = c.size[cluster]
     begin = np.cumsum(size) - size
     member = np.repeat(c.first[cluster] - begin, size) + np.arange(int(size.sum()))
-    edge = c.edge[member]
-    delay = step * np.clip(1.0 - c.speed[member] / free_speed[edge], 0.0, 1.0)
-    time = np.repeat(c.time[cluster], size)
-    return Samples(np.repeat(number, size), c.truck[member], time, edge, c.offset[member], delay)
+    edge, offset = c.edge[member], c.offset[member]
+    return pd.DataFrame({
+        "episode": np.repeat(number, size), "truck": c.truck[member],
+        "time": np.repeat(c.time[cluster], size),
+        "edge": edge, "offset": offset, "place": places(network, edge, offset),
+        "delay": step * np.clip(1.0 - c.speed[member] / free_speed[edge], 0.0, 1.0),
+    })  # fmt: skip
 
 
-def bins(network: Network, edge: NDArray[np.int32], offset: Floats) -> Ints:
-    """Place codes: road and 5 m stretch of it, the same for both directions of a road."""
+def places(network: Network, edge: NDArray[np.int32], offset: Floats) -> Ints:
+    """Place codes: road and stretch of ``BIN`` metres of it, the same for both directions of a road."""
     other = network.reverse[edge]
     canonical = np.where((other >= 0) & (other < edge), other, edge)
     along = np.where(canonical == edge, offset, network.length[edge] - offset)
     return canonical.astype(np.int64) * PLACES + (np.clip(along, 0, None) // BIN).astype(np.int64)
 
 
-def bin_centres(network: Network, codes: Ints) -> Floats:
-    """(N, 2) middle of each place [m]."""
-    edge = (codes // PLACES).astype(np.int32)
-    middle = np.minimum((codes % PLACES + 0.5) * BIN, network.length[edge])
-    return network.position(edge, middle)[:, :2]
-
-
-def critical_areas(network: Network, s: Samples, watched: Watched, seed: int = 0) -> pd.DataFrame:
+def critical_areas(network: Network, s: pd.DataFrame, watched: Watched, seed: int = 0) -> pd.DataFrame:
     """Connected places with critical delay, most delay first.
 
     Columns: area, x, y [m], delay [s], vehicle_seconds [s], episodes, vehicles, episodes_per_hour, roads,
     radius [m], delay_low, delay_high [s] (90 % interval by resampling whole days, or trucks where there are
     fewer than five days), first_share (share of the resamples in which the area ranks first).
     """
-    if not len(s.delay):
+    if not len(s):
         return pd.DataFrame()
-    codes, delay = delay_by_place(network, s)
-    hot = _carrying(delay, SHARE)
-    places, xy = codes[hot], bin_centres(network, codes[hot])
-    s, inverse = _at(s, bins(network, s.edge, s.offset), places)
+    hot = _carrying(*delay_by_place(s))
+    edge = (hot // PLACES).astype(np.int32)
+    xy = network.position(edge, np.minimum((hot % PLACES + 0.5) * BIN, network.length[edge]))[:, :2]
     group = _connected(xy)
-    area, areas = group[inverse], int(group.max()) + 1
+    s = s[s["place"].isin(hot)]
+    index = np.searchsorted(hot, s["place"])
     days = (watched.stop - 1 - watched.start) // DAY + 1
-    unit, units = ((s.time - watched.start) // DAY, days) if days >= 5 else (s.truck, len(watched.vehicles))
-    low, high, first = _resampled(area, unit, units, s.delay, areas, seed)
+    by_day = (s["time"].to_numpy() - watched.start) // DAY
+    unit, units = (by_day, days) if days >= 5 else (s["truck"].to_numpy(), len(watched.vehicles))
+    low, high, first = _resampled(group[index], unit, units, s["delay"].to_numpy(), seed)
     rows = []
-    for a in range(areas):
-        mine, here = area == a, group == a
-        weight = np.bincount(inverse[mine], weights=s.delay[mine] + 1e-9, minlength=len(places))[here]
+    for a, (_, own) in enumerate(s.groupby(group[index])):
+        here, delay = group == a, own["delay"].to_numpy()
+        weight = np.bincount(index[group[index] == a], delay + 1e-9, len(hot))[here]
         x, y = np.average(xy[here], axis=0, weights=weight)
         spread = np.average(((xy[here] - (x, y)) ** 2).sum(axis=1), weights=weight)
-        episodes = len(np.unique(s.episode[mine]))
+        episodes = own["episode"].nunique()
         rows.append({
-            "x": x, "y": y, "delay": s.delay[mine].sum(),
-            "vehicle_seconds": float(mine.sum()) * watched.seconds, "episodes": episodes,
-            "vehicles": len(np.unique(s.truck[mine])),
+            "x": x, "y": y, "delay": delay.sum(), "vehicle_seconds": len(own) * watched.seconds,
+            "episodes": episodes, "vehicles": own["truck"].nunique(),
             "episodes_per_hour": episodes / max(watched.hours, 1e-9),
-            "roads": ", ".join(sorted({network.roads[int(c // PLACES)] for c in places[here]})),
+            "roads": ", ".join(sorted({network.roads[e] for e in edge[here]})),
             "radius": float(np.sqrt(spread)) + BIN / 2, "delay_low": low[a], "delay_high": high[a],
             "first_share": first[a],
         })  # fmt: skip
@@ -127,26 +111,17 @@ def critical_areas(network: Network, s: Samples, watched: Watched, seed: int = 0
     return table
 
 
-def delay_by_place(network: Network, s: Samples) -> tuple[Ints, Floats]:
+def delay_by_place(s: pd.DataFrame) -> tuple[Ints, Floats]:
     """Place codes, sorted, and the delay in each [s]."""
-    codes, inverse = np.unique(bins(network, s.edge, s.offset), return_inverse=True)
-    return codes, np.asarray(np.bincount(inverse, weights=s.delay, minlength=len(codes)), dtype=np.float64)
+    codes, inverse = np.unique(s["place"], return_inverse=True)
+    return codes, np.asarray(np.bincount(inverse, s["delay"], len(codes)), dtype=np.float64)
 
 
-def _carrying(values: Floats, share: float) -> NDArray[np.bool_]:
-    """The fewest entries that carry ``share`` of the sum."""
-    order = np.argsort(-values, kind="stable")
-    count = int(np.searchsorted(np.cumsum(values[order]), share * values.sum() * (1 - 1e-12))) + 1
-    out = np.zeros(len(values), np.bool_)
-    out[order[:count]] = True
-    return out
-
-
-def _at(s: Samples, codes: Ints, places: Ints) -> tuple[Samples, NDArray[np.intp]]:
-    """The samples whose place ``codes`` (N,) are among ``places`` (sorted), and which place each has."""
-    index = np.minimum(np.searchsorted(places, codes), len(places) - 1)
-    here = places[index] == codes
-    return Samples(*(getattr(s, f.name)[here] for f in fields(s))), index[here]
+def _carrying(codes: Ints, delay: Floats) -> Ints:
+    """The fewest places, sorted, that carry ``SHARE`` of the delay."""
+    order = np.argsort(-delay, kind="stable")
+    count = int(np.searchsorted(np.cumsum(delay[order]), SHARE * delay.sum() * (1 - 1e-12))) + 1
+    return np.sort(codes[order[:count]])
 
 
 def _connected(xy: Floats) -> Ints:
@@ -160,17 +135,14 @@ def _connected(xy: Floats) -> Ints:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _resampled(
-    area: Ints, unit: Ints, units: int, delay: Floats, n: int, seed: int
-) -> tuple[Floats, Floats, Floats]:
+def _resampled(area: Ints, unit: Ints, units: int, delay: Floats, seed: int) -> tuple[Floats, ...]:
     """90 % interval of every area's delay and its share of first ranks, over 500 resamples of all units."""
-    table = np.zeros((units, n))
+    table = np.zeros((units, int(area.max()) + 1))
     np.add.at(table, (unit, area), delay)
     rng = np.random.default_rng(seed)
-    draws = rng.multinomial(len(table), np.full(len(table), 1 / len(table)), size=500) @ table
-    first = np.bincount(draws.argmax(axis=1), minlength=n) / len(draws)
-    low, high = np.quantile(draws, [0.05, 0.95], axis=0)
-    return low, high, first
+    draws = rng.multinomial(units, np.full(units, 1 / units), size=500) @ table
+    first = np.bincount(draws.argmax(axis=1), minlength=table.shape[1]) / len(draws)
+    return (*np.quantile(draws, [0.05, 0.95], axis=0), first)
 
 
 def area_of(table: pd.DataFrame, areas: pd.DataFrame) -> Ints:
@@ -193,10 +165,10 @@ def timeline(c: Crowds, watched: Watched, found: list[Episode], area: Ints, date
     width = watched.step * max(1, -(-steps // MOST_POINTS))
     time = np.arange(watched.start, watched.stop, width, dtype=np.int64)
     seen = np.isin(time // DAY, np.array(dates, "datetime64[D]").astype(np.int64))
-    shown = np.where((area > 0) & (area <= SHOWN), area, 0)
+    shown = np.where((area > 0) & (area <= SHOWN), area, 0).tolist()
     curves: dict[str, Floats] = {}
-    for number in [*sorted({*shown.tolist()} - {0}), 0]:
-        of = [k for e, a in zip(found, shown.tolist(), strict=True) if a == number for k in e.clusters]
+    for number in [*sorted({*shown} - {0}), 0]:
+        of = [k for e, a in zip(found, shown, strict=True) if a == number for k in e.clusters]
         at, inverse = np.unique(c.time[of], return_inverse=True)
         curve = np.zeros(len(time))
         np.maximum.at(curve, (at - watched.start) // width, np.bincount(inverse, c.size[of], len(at)))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from fleetlog.analysis.clusters.steps import Fleet, Index, distance_lists, on_grid
@@ -12,15 +13,13 @@ from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.store import Dataset
 
-HALT = 1.39
-"""A truck slower than this counts as slow: SUMO's lane-area detector calls it halting [m/s]."""
+HALT = 1.39  # A truck slower than this counts as slow: SUMO's lane-area detector calls it halting [m/s]
 
 
 @dataclass(frozen=True)
 class Rule:
     """What a cluster is: driving distance within which trucks belong together [m], mean speed under which
-    it is critical [m/s], time step [us], and whether trucks that stand by count.
-    """
+    it is critical [m/s], time step [us], and whether trucks that stand by count."""
 
     threshold: float
     limit: float
@@ -66,10 +65,6 @@ class Crowds:
         """(C,) trucks in each."""
         return np.diff(self.first)
 
-    def members(self, cluster: int) -> slice:
-        """The members of a cluster."""
-        return slice(int(self.first[cluster]), int(self.first[cluster + 1]))
-
 
 COUNTS = ("several", "critical", "trucks", "largest", "mean_speed", "median_speed", "slow_share")
 """Clusters of several trucks; of these the critical ones, their trucks, and sums of their speeds and slow
@@ -87,66 +82,62 @@ def find_crowds(dataset: Dataset, date: str, start: int, stop: int, rule: Rule) 
 
 def _clusters(fleet: Fleet, network: Network, rule: Rule, *, mask: bool) -> Crowds:
     """Clusters at every step; ``mask`` leaves out trucks that stand by."""
-    from fleetlog.analysis.clusters.kernels import cluster_speeds, cluster_steps
+    from fleetlog.analysis.clusters.kernels import cluster_steps
 
     near = distance_lists(network, rule.threshold)
     edge = np.where(fleet.standing_by, np.int32(-1), fleet.edge) if mask else fleet.edge
     labels, arcs, arc_first = cluster_steps(edge, fleet.offset, network.length, *near, rule.threshold)
-    size, mean, share = cluster_speeds(labels, fleet.speed, HALT)
-    step, label = np.nonzero(size >= 2)
-    # The members of a cluster stand together, in the order of the trucks.
-    cluster = np.full(labels.shape, -1, np.int64)
-    cluster[step, label] = np.arange(len(step))
+    trucks = labels.shape[1]
     row, truck = np.nonzero(labels >= 0)
-    of = cluster[row, labels[row, truck]]
-    order = np.flatnonzero(of >= 0)[np.argsort(of[of >= 0], kind="stable")]
+    cluster, speed = row * trucks + labels[row, truck], fleet.speed[row, truck]
+    size = np.bincount(cluster, minlength=labels.size)
+    each = np.maximum(size, 1)
+    mean, slow = (np.bincount(cluster, of, labels.size) / each for of in (speed, speed < HALT))
+    several = np.flatnonzero(size >= 2)
+    step, label = np.divmod(several, trucks)
+    # The members of a cluster stand together, in the order of the trucks.
+    order = np.argsort(cluster, kind="stable")
+    order = order[size[cluster[order]] >= 2]
     row, truck = row[order], truck[order]
     at = np.repeat(np.arange(len(arc_first) - 1), np.diff(arc_first))
     ends = [network.position(fleet.edge[at, v], fleet.offset[at, v])[:, :2] for v in arcs.T]
     return Crowds(
-        fleet.vehicles, fleet.time[step], label, mean[step, label], share[step, label],
-        np.concatenate([[0], np.cumsum(size[step, label])]), truck, fleet.edge[row, truck],
-        fleet.offset[row, truck], fleet.speed[row, truck], fleet.time[at], np.stack(ends, axis=1),
-        mean[at, labels[at, arcs[:, 0]]] < rule.limit, {}, int((fleet.edge >= 0).any(axis=1).sum()),
+        fleet.vehicles, fleet.time[step], label, mean[several], slow[several],
+        np.concatenate([[0], np.cumsum(size[several])]), truck, fleet.edge[row, truck],
+        fleet.offset[row, truck], speed[order], fleet.time[at], np.stack(ends, axis=1),
+        mean[at * trucks + labels[at, arcs[:, 0]]] < rule.limit, {},
+        int((fleet.edge >= 0).any(axis=1).sum()),
     )  # fmt: skip
 
 
 def _counts(c: Crowds, limit: float) -> dict[str, float]:
     critical = c.mean_speed < limit
+    medians = pd.Series(c.speed).groupby(np.repeat(np.arange(len(c)), c.size)).median().to_numpy()
     values = (
         len(c), int(critical.sum()), int(c.size[critical].sum()), int(c.size.max(initial=0)),
-        c.mean_speed[critical].sum(), _medians(c)[critical].sum(), c.slow_share[critical].sum(),
+        c.mean_speed[critical].sum(), medians[critical].sum(), c.slow_share[critical].sum(),
     )  # fmt: skip
     return dict(zip(COUNTS, map(float, values), strict=True))
 
 
-def _medians(c: Crowds) -> Floats:
-    """(C,) median speed of the members of each cluster."""
-    order = np.lexsort((c.speed, np.repeat(np.arange(len(c)), c.size)))
-    speed = c.speed[order]
-    low, high = c.first[:-1] + (c.size - 1) // 2, c.first[:-1] + c.size // 2
-    return np.asarray(0.5 * (speed[low] + speed[high]))
+JOINED = (
+    "time", "label", "mean_speed", "slow_share", "edge", "offset", "speed", "arc_time", "arc_ends",
+    "arc_critical",
+)  # fmt: skip
 
 
 def together(pieces: Sequence[Crowds], vehicles: Sequence[str]) -> Crowds:
     """Pieces, in order of time, as one; trucks are numbered as in ``vehicles``."""
     number = {v: k for k, v in enumerate(vehicles)}
-    codes = [np.array([number[v] for v in p.vehicles], np.int64)[p.truck] for p in pieces]
+    truck = np.concatenate([np.array([number[v] for v in p.vehicles], np.int64)[p.truck] for p in pieces])
     first = np.concatenate([[0], np.cumsum(np.concatenate([p.size for p in pieces]))])
-    joined = {
-        name: np.concatenate([getattr(p, name) for p in pieces])
-        for name in (
-            "time", "label", "mean_speed", "slow_share", "edge", "offset", "speed",
-            "arc_time", "arc_ends", "arc_critical",
-        )
-    }  # fmt: skip
-    counts = {way: _sum([p.counts[way] for p in pieces]) for way in pieces[0].counts}
-    truck, seen = np.concatenate(codes), sum(p.seen for p in pieces)
+    joined = {name: np.concatenate([getattr(p, name) for p in pieces]) for name in JOINED}
+    counts = {
+        way: {n: (max if n == "largest" else sum)(p.counts[way][n] for p in pieces) for n in COUNTS}
+        for way in pieces[0].counts
+    }
+    seen = sum(p.seen for p in pieces)
     return Crowds(vehicles=tuple(vehicles), first=first, truck=truck, counts=counts, seen=seen, **joined)
-
-
-def _sum(counts: Sequence[dict[str, float]]) -> dict[str, float]:
-    return {n: (max if n == "largest" else sum)(c[n] for c in counts) for n in COUNTS}
 
 
 def as_figures(counts: dict[str, float], step: float) -> dict[str, Any]:

@@ -3,17 +3,16 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.compiling import kernel
 from fleetlog.core.trajectory import Floats, Ints
-from fleetlog.roads.kernels.distances import forget, search
-from fleetlog.roads.kernels.growing import longer
+from fleetlog.roads.kernels.distances import forget, longer, search
 
 Index = NDArray[np.int32]
 
 
-@njit(cache=True)
+@kernel()
 def reachable(
     length: Floats, next_first: Index, next_edges: Index, limit: float
 ) -> tuple[Ints, Index, Floats, Index]:
@@ -49,7 +48,7 @@ def reachable(
     return first, edges[:used].copy(), distances[:used].copy(), skip[:used].copy()
 
 
-@njit(cache=True)
+@kernel()
 def _preorder(
     tree_e: Index, tree_d: Floats, parent: Index, n: int, edges: Index, distances: Floats, skip: Index,
     at: int,
@@ -71,7 +70,7 @@ def _preorder(
         edges[here], distances[here], skip[here] = tree_e[i], tree_d[i], below[i]
 
 
-@njit(cache=True)
+@kernel()
 def _root(parent: Index, i: int) -> int:
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -79,7 +78,7 @@ def _root(parent: Index, i: int) -> int:
     return i
 
 
-@njit(cache=True)
+@kernel()
 def cluster_steps(
     edge: Index, offset: Floats, length: Floats, first: Ints, edges: Index, distances: Floats,
     skip: Index, limit: float,
@@ -165,7 +164,7 @@ def cluster_steps(
     return labels, arcs[:used].copy(), arc_first
 
 
-@njit(cache=True)
+@kernel()
 def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
     ra, rb = _root(parent, a), _root(parent, b)
     if a != b:
@@ -175,28 +174,7 @@ def _join(parent: Index, arcs: Index, used: int, a: int, b: int) -> int:
     return used
 
 
-@njit(cache=True)
-def cluster_speeds(labels: Index, speed: Floats, slow: float) -> tuple[Index, Floats, Floats]:
-    """(T, V) each, at the label of a cluster: its size, mean speed [m/s] and share slower than ``slow``."""
-    steps, trucks = labels.shape
-    size = np.zeros((steps, trucks), np.int32)
-    mean = np.zeros((steps, trucks))
-    share = np.zeros((steps, trucks))
-    for t in range(steps):
-        for v in range(trucks):
-            c = labels[t, v]
-            if c >= 0:
-                size[t, c] += 1
-                mean[t, c] += speed[t, v]
-                share[t, c] += speed[t, v] < slow
-        for c in range(trucks):
-            if size[t, c]:
-                mean[t, c] /= size[t, c]
-                share[t, c] /= size[t, c]
-    return size, mean, share
-
-
-@njit(cache=True)
+@kernel()
 def resample_along(
     time: Ints, edge: Index, offset: Floats, speed: Floats, masked: NDArray[np.bool_],
     grid: Ints, max_gap: int, length: Floats, next_first: Index, next_edges: Index,

@@ -23,8 +23,7 @@ from fleetlog.store.trips import STANDING_SPEED
 Index = NDArray[np.int32]
 
 DAY = 86_400_000_000
-MAX_GAP = 15_000_000
-"""A truck that has been silent for longer is absent [us]."""
+MAX_GAP = 15_000_000  # A truck that has been silent for longer is absent [us]
 COLUMNS = ("edge_id", "edge_offset", "speed", "trip_id")
 
 

@@ -1,36 +1,27 @@
-"""The books as tables: by trip, vehicle, shift, hour, stretch of road and zone."""
+"""The books as tables: by trip, vehicle, shift, hour, stretch of road and zone; how sure their energy is."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from fleetlog.analysis.energybook.book import HOUR, STRETCH, SUMS, Book
+from fleetlog.analysis.energybook.book import HOUR, STRETCH
+from fleetlog.calibrate.parameters import UNKNOWNS
 from fleetlog.core.network import Network
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
+from fleetlog.physics.power import Physics, all_terms
 
 KWH = 3.6e6
+SUMS = (
+    "seconds", "metres", "kilogram_metres", "returned", "traction", "braking", "loss", "measured",
+    "beside_measured", "raising", "motion_variance", "collapsed", "empty",
+)  # fmt: skip
 ENDS = {
     "peak": "max", "lowest": "min", "start": "min", "end": "max", "soc_start": "first", "soc_end": "last",
     "soc_end_model": "last",
 }  # fmt: skip
 """Of several segments: which value is theirs."""
-
-
-def segment_table(books: Sequence[Book], terms: Sequence[str]) -> pd.DataFrame:
-    """One row a segment: keys, joules by term, sums, peak, battery, first and last time."""
-    pieces = []
-    for b in books:
-        known = {f"J_{t}": b.energy[:, b.terms.index(t)] if t in b.terms else 0.0 for t in terms}
-        pieces.append(pd.DataFrame({
-            "vehicle_id": b.vehicle, "trip_id": b.trip, "hour": b.hour, **known,
-            **{s: b.sums[s] for s in SUMS}, "peak": b.peak, "soc_start": b.soc[:, 0], "soc_end": b.soc[:, 1],
-            "soc_end_model": b.cells.soc_end, "lowest": b.cells.lowest, "collapsed": b.cells.collapsed,
-            "empty": b.cells.empty, "start": b.span[:, 0], "end": b.span[:, 1], "source": b.source,
-        }))  # fmt: skip
-    return pd.concat(pieces, ignore_index=True)
 
 
 def with_soc(segments: pd.DataFrame, truck: Truck) -> pd.DataFrame:
@@ -53,15 +44,11 @@ def with_soc(segments: pd.DataFrame, truck: Truck) -> pd.DataFrame:
     return segments
 
 
-def summed(segments: pd.DataFrame, by: list[str], variance: Any) -> pd.DataFrame:
-    """Segments grouped ``by`` columns, in kWh, km and h; ``variance`` is that of the truck's numbers."""
-    add = [c for c in segments.columns if c.startswith("J_") or c in (*SUMS, "collapsed", "empty")]
+def summed(segments: pd.DataFrame, by: list[str], physics: Physics) -> pd.DataFrame:
+    """Segments grouped ``by`` columns, in kWh, km and h."""
+    add = [c for c in segments.columns if c.startswith("J_") or c in SUMS]
     grouped = segments.groupby(by, sort=True, dropna=False)
-    return figures(grouped[add].sum().join(grouped.agg(ENDS)), variance).reset_index()
-
-
-def figures(total: pd.DataFrame, variance: Any) -> pd.DataFrame:
-    """What a reader asks for, from sums in SI."""
+    total = grouped[add].sum().join(grouped.agg(ENDS))
     terms = [c for c in total.columns if c.startswith("J_")]
     energy = total[terms].sum(axis=1)
     km, tkm = total["metres"] / 1000.0, total["kilogram_metres"] / 1e6
@@ -73,7 +60,7 @@ def figures(total: pd.DataFrame, variance: Any) -> pd.DataFrame:
         "start": start, "end": end, "duration_h": total["seconds"] / 3600.0, "distance_km": km,
         "energy_kwh": energy / KWH,
         "kwh_per_km": energy / KWH / km.where(km > 0.01), "kwh_per_tkm": energy / KWH / tkm.where(tkm > 1e-4),
-        "deviation_kwh": np.sqrt(variance(total) + total["motion_variance"]) / KWH,
+        "deviation_kwh": np.sqrt(_variance(total, physics) + total["motion_variance"]) / KWH,
         "measured_kwh": measured / KWH,
         "model_beside_measured_kwh": (total["beside_measured"] / KWH).where(known),
         "difference_kwh": (total["beside_measured"] - measured) / KWH,
@@ -82,8 +69,44 @@ def figures(total: pd.DataFrame, variance: Any) -> pd.DataFrame:
         "soc_start": total["soc_start"], "soc_end": total["soc_end"], "soc_end_model": total["soc_end_model"],
         "lowest_voltage_v": total["lowest"], "collapsed_s": total["collapsed"], "empty_s": total["empty"],
     })  # fmt: skip
-    ledger = total[terms] / KWH
-    return out.join(ledger.rename(columns=lambda c: f"{c.removeprefix('J_')}_kwh"))
+    ledger = (total[terms] / KWH).rename(columns=lambda c: f"{c.removeprefix('J_')}_kwh")
+    return out.join(ledger).reset_index()
+
+
+def _variance(total: pd.DataFrame, physics: Physics) -> pd.Series:
+    """Variance of each row's energy [J2] by the truck's numbers: first-order propagation of their spreads.
+
+    Every sensitivity is a sum that the books hold already.  At the switch from traction to braking the drive
+    power is zero, so its move adds nothing to first order, and with E the energy of a group
+
+        dE/d ln(efficiency) = -E_traction    dE/d ln(regeneration) = E_braking    dE/d ln(rolling) = E_rolling
+    """
+    truck = physics.actual_truck()
+    spread = relative_spreads(truck, physics)
+    none, raising = pd.Series(0.0, index=total.index), total["raising"]
+    load = total["kilogram_metres"] / total["metres"].where(total["metres"] > 0.0)
+    carriage = truck.lift.carriage_mass
+    slopes = {
+        "drive.efficiency": -total["traction"], "drive.regeneration": total["braking"],
+        "resistance.rolling": total.get("J_rolling_resistance", none),
+        "resistance.drag_area": total.get("J_aerodynamic_drag", none), "lift.efficiency": -raising,
+        "lift.recuperation": total.get("J_lift_efficiency", none) - raising,
+        "auxiliary.power": total.get("J_auxiliary_load", none),
+        "lift.carriage_mass": raising * (carriage / (carriage + load.fillna(0.0) + 1e-9)),
+    }  # fmt: skip
+    parts = [np.square(slope * spread.get(key, 0.0)) for key, slope in slopes.items()]
+    return pd.Series(np.sum(parts, axis=0), index=total.index)
+
+
+def relative_spreads(truck: Truck, physics: Physics) -> dict[str, float]:
+    """Relative standard deviation of each number: from the physics' own interval, else from the prior."""
+    spreads = {u.key: u.deviation(truck) / truck.value(u.key) for u in UNKNOWNS if truck.value(u.key) > 0.0}
+    for name, parameters in physics.intervals.items():
+        for parameter, (low, high) in parameters.items():
+            key = all_terms()[name].by_name[parameter].truck_key
+            if key is not None and truck.value(key) > 0.0:
+                spreads[key] = (high - low) / (2.0 * 1.96) / truck.value(key)
+    return spreads
 
 
 def shift_names(hour: pd.Series, starts: Sequence[int]) -> pd.Series:
@@ -94,16 +117,11 @@ def shift_names(hour: pd.Series, starts: Sequence[int]) -> pd.Series:
     return pd.Series([names[k] for k in number], index=hour.index)
 
 
-def stretch_table(books: Sequence[Book], network: Network | None) -> pd.DataFrame:
+def stretch_table(stretches: pd.DataFrame, network: Network | None) -> pd.DataFrame:
     """Joules, metres and energy per metre of every stretch of directed edge that was driven."""
     if network is None:
         return pd.DataFrame()
-    keys = np.concatenate([b.stretch for b in books])
-    sums = np.concatenate([b.stretch_sums for b in books])
-    table = pd.DataFrame(keys, columns=["edge", "number"]).join(
-        pd.DataFrame(sums, columns=["joules", "metres"])
-    )
-    table = table.groupby(["edge", "number"], as_index=False).sum()
+    table = stretches.groupby(["edge", "number"], as_index=False).sum()
     table["from"] = table["number"] * STRETCH
     table["to"] = np.minimum(table["from"] + STRETCH, network.length[table["edge"]])
     table["joules_per_metre"] = table["joules"] / table["metres"]
@@ -113,16 +131,13 @@ def stretch_table(books: Sequence[Book], network: Network | None) -> pd.DataFram
     return table[table["to"] > table["from"]].drop(columns="number").reset_index(drop=True)
 
 
-def zone_table(books: Sequence[Book], terms: Sequence[str], site: Site) -> pd.DataFrame:
+def zone_table(zones: pd.DataFrame, terms: Sequence[str], site: Site) -> pd.DataFrame:
     """Energy by zone of the site, with the ledger."""
     if not site.zones:
         return pd.DataFrame()
-    out = np.zeros((len(site.zones), len(terms) + 2))
-    for book in books:
-        column = [terms.index(t) for t in book.terms]
-        out[:, column] += book.zones[:, : len(column)]
-        out[:, len(terms) :] += book.zones[:, len(column) :]
-    energy, km = out[:, : len(terms)].sum(axis=1) / KWH, out[:, -2] / 1000.0
-    table = {"zone": [z.id for z in site.zones], "duration_h": out[:, -1] / 3600.0, "distance_km": km}
+    names = [f"J_{t}" for t in terms]
+    total = {n: np.bincount(zones["zone"], zones[n], len(site.zones)) for n in (*names, "metres", "seconds")}
+    energy, km = np.stack([total[n] for n in names], axis=1).sum(axis=1) / KWH, total["metres"] / 1000.0
+    table = {"zone": [z.id for z in site.zones], "duration_h": total["seconds"] / 3600.0, "distance_km": km}
     table |= {"energy_kwh": energy, "kwh_per_km": energy / np.where(km > 0.01, km, np.nan)}
-    return pd.DataFrame(table | {f"{t}_kwh": out[:, k] / KWH for k, t in enumerate(terms)})
+    return pd.DataFrame(table | {f"{t}_kwh": total[f"J_{t}"] / KWH for t in terms})

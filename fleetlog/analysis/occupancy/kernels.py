@@ -1,15 +1,15 @@
 """Numba kernels of the heat map."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetlog.compiling import kernel
 from fleetlog.core.trajectory import Floats, Ints
 
 Mask = NDArray[np.bool_]
 
 
-@njit(cache=True)
+@kernel()
 def accumulate(
     x: Floats, y: Floats, time: Ints, speed: Floats, power: Floats, standing: float, use: Mask,
     x0: float, y0: float, cell: float, max_gap: float, out: Floats,
@@ -41,7 +41,7 @@ def accumulate(
             last = here
 
 
-@njit(cache=True)
+@kernel()
 def along_edges(
     edge: NDArray[np.int32], offset: Floats, time: Ints, speed: Floats, power: Floats, standing: float,
     use: Mask, first_bin: Ints, size: float, max_gap: float, out: Floats,
@@ -59,7 +59,7 @@ def along_edges(
         last = here
 
 
-@njit(cache=True)
+@kernel()
 def _add(out: Floats, here: int, last: int, dt: float, v: float, w: float, standing: float) -> None:
     """Add a time to the cell ``here`` (-1 for none), with speed and power where these are not NaN."""
     if here < 0:

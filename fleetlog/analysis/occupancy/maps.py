@@ -6,7 +6,7 @@ A map is a sum over rows, so maps over the same cells add: of days, of vehicles,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +32,7 @@ MAX_CELLS = 25_000_000
 LADEN = 25.0
 
 COLUMNS = ("x", "y", "speed", "battery_power", "edge_id", "edge_offset", "payload")
-ROW_COST = 1e-6
-"""What the sums of a row cost [s]."""
+ROW_COST = 1e-6  # What the sums of a row cost [s]
 
 Box = tuple[float, float, float, float]
 
@@ -47,6 +46,10 @@ class Cells:
     cell: float
     rows: int
     columns: int
+
+    def middle(self, row: Any, column: Any) -> tuple[Any, Any]:
+        """East and north of the middle of cells [m]."""
+        return self.x0 + (column + 0.5) * self.cell, self.y0 + (row + 0.5) * self.cell
 
 
 @dataclass
@@ -67,28 +70,27 @@ class HeatMap:
             raise DataError("maps over different cells do not add")
         return HeatMap(self.cells, self.grid + other.grid, self.edges + other.edges, self.units + other.units)
 
+    def add(self, p: Patch) -> None:
+        """Add the sums of a vehicle-day."""
+        c = self.cells
+        row, column = p.row - round(c.y0 / c.cell), p.column - round(c.x0 / c.cell)
+        inside = (row >= 0) & (row < c.rows) & (column >= 0) & (column < c.columns)
+        cell, sums = (row * c.columns + column)[inside], p.grid[:, inside]
+        self.grid.reshape(6, -1)[:, cell] += sums
+        self.edges[:, p.stretch] += p.edges
+        self.units.append((cell, sums[0]))
+
 
 @dataclass(frozen=True)
 class Patch:
     """The sums of one vehicle-day: (k,) rows and columns of cells, counted from the origin, with their (6, k)
-    sums; the same of stretches.
-    """
+    sums; the same of stretches."""
 
     row: Ints
     column: Ints
     grid: Floats
     stretch: Ints
     edges: Floats
-
-    def add_to(self, m: HeatMap) -> None:
-        """Add the sums to a map."""
-        c = m.cells
-        row, column = self.row - round(c.y0 / c.cell), self.column - round(c.x0 / c.cell)
-        inside = (row >= 0) & (row < c.rows) & (column >= 0) & (column < c.columns)
-        cell, sums = (row * c.columns + column)[inside], self.grid[:, inside]
-        m.grid.reshape(6, -1)[:, cell] += sums
-        m.edges[:, self.stretch] += self.edges
-        m.units.append((cell, sums[0]))
 
 
 def values(layers: Floats, quantity: Quantity, area: float) -> Floats:
@@ -103,6 +105,11 @@ def values(layers: Floats, quantity: Quantity, area: float) -> Floats:
     else:
         per = (time if quantity == "occupancy" else standing) / area
     return np.asarray(np.where(time > 0, per, np.nan), dtype=np.float64)
+
+
+def by_name(layers: Floats) -> dict[str, Floats]:
+    """The layers by name; energy is NaN where no power was known."""
+    return {**dict(zip(LAYERS, layers, strict=True)), "energy": known_energy(layers)}
 
 
 def known_energy(layers: Floats) -> Floats:
@@ -131,12 +138,8 @@ def extent(dataset: Dataset) -> Box:
 
 
 def _box(dataset: Dataset, vehicle: str, date: str) -> Box | None:
-    return _box_of(dataset.read(vehicle, date, ("x", "y")))
-
-
-def _box_of(t: Trajectory) -> Box | None:
     """The extent of the positions of one vehicle-day."""
-    x, y = t.floats("x"), t.floats("y")
+    x, y = (dataset.read(vehicle, date, ("x", "y")).floats(c) for c in ("x", "y"))
     if not np.isfinite(x).any():
         return None
     return float(np.nanmin(x)), float(np.nanmin(y)), float(np.nanmax(x)), float(np.nanmax(y))
@@ -162,12 +165,9 @@ def select(t: Trajectory, hours: tuple[int, int] | None, state: str) -> NDArray[
     return use
 
 
-def compute(
-    dataset: Dataset, cells: Cells, hours: tuple[int, int] | None = None, vehicles: tuple[str, ...] = (),
-    state: str = "all",
-) -> HeatMap:  # fmt: skip
-    """The sums of a dataset over given cells, vehicle-day by vehicle-day."""
-    return compute_by(dataset, cells, None, hours, vehicles, state).get("all", _empty(dataset, cells))
+def compute(dataset: Dataset, cells: Cells, **chosen: Any) -> HeatMap:
+    """The sums of a dataset over given cells; what is ``chosen`` as in :func:`compute_by`."""
+    return compute_by(dataset, cells, None, **chosen).get("all", _empty(dataset, cells))
 
 
 def compute_by(
@@ -176,11 +176,10 @@ def compute_by(
 ) -> dict[str, HeatMap]:  # fmt: skip
     """One map a group, in one pass over the rows; the groups' maps add up to the map of all."""
     out: dict[str, HeatMap] = {}
-    for patches in each_day(
-        dataset, _patches, cells.cell, by, hours, state, kinds=(Patch,), vehicles=vehicles, cost=ROW_COST
-    ):
+    asked = cells.cell, by, hours, state
+    for patches in each_day(dataset, _patches, *asked, kinds=(Patch,), vehicles=vehicles, cost=ROW_COST):
         for name, patch in patches.items():
-            patch.add_to(out.setdefault(name, _empty(dataset, cells)))
+            out.setdefault(name, _empty(dataset, cells)).add(patch)
     return dict(sorted(out.items()))
 
 
@@ -194,32 +193,28 @@ def _patches(
     hours: tuple[int, int] | None, state: str,
 ) -> dict[str, Patch]:  # fmt: skip
     """The sums of one vehicle-day, by group."""
-    t = dataset.read(vehicle, date, COLUMNS)
-    use, box = select(t, hours, state), _box_of(t)
+    t, box = dataset.read(vehicle, date, COLUMNS), _box(dataset, vehicle, date)
     if box is None:
         return {}
-    cells, network = cells_of([box], cell), dataset.site.network
+    use, network = select(t, hours, state), dataset.site.network
     groups = ((name, use & mine) for name, mine in _groups(t, by))
-    return {name: _patch(t, rows, cells, network) for name, rows in groups if rows.any()}
+    return {name: _patch(t, rows, cells_of([box], cell), network) for name, rows in groups if rows.any()}
 
 
 def _patch(t: Trajectory, use: NDArray[np.bool_], c: Cells, network: Network | None) -> Patch:
     from fleetlog.analysis.occupancy.kernels import accumulate, along_edges
 
-    x, y, speed, power, offset = (
-        t.floats(name) for name in ("x", "y", "speed", "battery_power", "edge_offset")
-    )
     first = stretches(network)
     grid, edges = np.zeros((6, c.rows, c.columns)), np.zeros((6, int(first[-1])))
-    step = t.time, speed, power, STANDING_SPEED, use
-    accumulate(x, y, *step, c.x0, c.y0, c.cell, MAX_GAP, grid)
+    step = t.time, t.floats("speed"), t.floats("battery_power"), STANDING_SPEED, use
+    accumulate(t.floats("x"), t.floats("y"), *step, c.x0, c.y0, c.cell, MAX_GAP, grid)
     if network is not None:
-        edge = t.labels("edge_id").recode(network.index)
-        along_edges(edge, np.nan_to_num(offset), *step, first, STRETCH, MAX_GAP, edges)
-    seen, driven = np.flatnonzero(grid[0] > 0.0), np.flatnonzero(edges[0] > 0.0)
-    row, column = np.divmod(seen, c.columns)
-    row, column = row + round(c.y0 / c.cell), column + round(c.x0 / c.cell)
-    return Patch(row, column, grid.reshape(6, -1)[:, seen], driven, edges[:, driven])
+        edge, offset = t.labels("edge_id").recode(network.index), np.nan_to_num(t.floats("edge_offset"))
+        along_edges(edge, offset, *step, first, STRETCH, MAX_GAP, edges)
+    row, column = np.nonzero(grid[0] > 0.0)
+    driven = np.flatnonzero(edges[0] > 0.0)
+    origin = round(c.y0 / c.cell), round(c.x0 / c.cell)
+    return Patch(row + origin[0], column + origin[1], grid[:, row, column], driven, edges[:, driven])
 
 
 def _groups(t: Trajectory, by: Grouping | None) -> list[tuple[str, NDArray[np.bool_]]]:
@@ -228,7 +223,6 @@ def _groups(t: Trajectory, by: Grouping | None) -> list[tuple[str, NDArray[np.bo
         hour = t.time // HOUR % 24
         return [(f"hour_{h:02d}", hour == h) for h in np.unique(hour).tolist()]
     if by == "load":
-        payload = t.floats("payload")
-        laden, empty = payload > LADEN, payload <= LADEN
+        laden, empty = select(t, None, "laden"), select(t, None, "empty")
         return [("laden", laden), ("empty", empty), ("load_unknown", ~(laden | empty))]
     return [(t.vehicle_id if by == "vehicle" else "all", np.ones(len(t), np.bool_))]

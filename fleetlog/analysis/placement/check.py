@@ -9,8 +9,8 @@ import pandas as pd
 from fleetlog.core.site import Place, Site
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.engine import DEFAULT_START, Settings
+from fleetlog.simulate.limits import Summary
 from fleetlog.simulate.scenario import Scenario
-from fleetlog.simulate.summary import Summary
 from fleetlog.store import Dataset
 
 
@@ -34,7 +34,9 @@ def try_plan(dataset: Dataset, sites: pd.DataFrame, trial: Trial) -> dict[str, A
     """
     from fleetlog.simulate.demand import like
 
-    start = DEFAULT_START if dataset.kind == "simulated" else _start(dataset)
+    start = DEFAULT_START
+    if dataset.kind == "recorded":
+        start = int(np.datetime64(str(dataset.meta["start"]).rstrip("Z"), "us").astype(np.int64))
     own = {p.id for p in dataset.site.places}
     site, demand, notes = like(
         dataset, dataset.site, trial.truck, trial.vehicles, start, trial.duration, trial.seed
@@ -72,10 +74,6 @@ def with_chargers(site: Site, sites: pd.DataFrame) -> Site:
                 name += "p"
             new.append(Place(name, "charge", float(x), float(y), power=power))
     return replace(site, places=(*new, *kept))
-
-
-def _start(dataset: Dataset) -> int:
-    return int(np.datetime64(str(dataset.meta["start"]).rstrip("Z"), "us").astype(np.int64))
 
 
 def _compared(summary: Summary, plugs: int) -> dict[str, Any]:

@@ -12,10 +12,8 @@ from fleetlog.errors import DataError
 
 Metric = Literal["distance", "time", "energy"]
 UNITS = {"distance": "m", "time": "s", "energy": "Wh"}
-USUAL_SPEED = 2.5
-"""Where a road states no limit and no truck is given [m/s]."""
-PIECE = 2.0
-"""Length over which speed and slope are taken as constant [m]."""
+USUAL_SPEED = 2.5  # Where a road states no limit and no truck is given [m/s]
+PIECE = 2.0  # Length over which speed and slope are taken as constant [m]
 
 
 def driving_costs(network: Network, metric: Metric, truck: Truck | None = None) -> Floats:

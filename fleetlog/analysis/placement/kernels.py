@@ -1,71 +1,13 @@
-"""Numba kernels of the site selection."""
+"""The Numba kernel of the site selection."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from fleetlog.core.trajectory import Floats, Ints
+from fleetlog.compiling import kernel
+from fleetlog.core.trajectory import Floats
 
 
-@njit(cache=True)
-def interchange(cost: Floats, sites: Ints, fixed: NDArray[np.bool_], max_rounds: int) -> tuple[Ints, float]:
-    """p-median by best-improvement interchange (Teitz and Bart 1968, with Whitaker's bookkeeping).
-
-    cost : (m, n) weighted distance of demand i to site j;  sites : (k,) start;  fixed : (n,) sites that may
-        not leave.
-    For each candidate the saving of adding it and the loss of dropping each open site come from nearest and
-    second-nearest sites, so one round is m n operations.  Returns the sites and the total cost.
-    """
-    m, n = cost.shape
-    k = len(sites)
-    chosen = sites.copy()
-    where = np.full(n, -1, np.int64)
-    for a in range(k):
-        where[chosen[a]] = a
-    near, second = np.empty(m, np.int64), np.empty(m)
-    first = np.empty(m)
-    loss_base, loss = np.empty(k), np.empty(k)
-    for _ in range(max_rounds):
-        for i in range(m):
-            d1, d2, a1 = np.inf, np.inf, 0
-            for a in range(k):
-                d = cost[i, chosen[a]]
-                if d < d1:
-                    d2, d1, a1 = d1, d, a
-                elif d < d2:
-                    d2 = d
-            first[i], second[i], near[i] = d1, d2, a1
-        loss_base[:] = 0.0
-        for i in range(m):
-            loss_base[near[i]] += second[i] - first[i]
-        best, best_in, best_out = -1e-9, -1, -1
-        for j in range(n):
-            if where[j] >= 0:
-                continue
-            gain = 0.0
-            loss[:] = loss_base
-            for i in range(m):
-                d = cost[i, j]
-                if d < first[i]:
-                    gain += first[i] - d
-                    loss[near[i]] -= second[i] - first[i]
-                elif d < second[i]:
-                    loss[near[i]] -= second[i] - d
-            for a in range(k):
-                if not fixed[chosen[a]] and loss[a] - gain < best:
-                    best, best_in, best_out = loss[a] - gain, j, a
-        if best_in < 0:
-            break
-        where[chosen[best_out]] = -1
-        chosen[best_out] = best_in
-        where[best_in] = best_out
-    total = 0.0
-    for i in range(m):
-        total += cost[i][chosen].min()
-    return np.sort(chosen), total
-
-
-@njit(cache=True)
+@kernel()
 def lagrangian(
     cost: Floats, k: int, forced: NDArray[np.bool_], upper: float, rounds: int, stop: float
 ) -> float:

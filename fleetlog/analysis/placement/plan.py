@@ -16,13 +16,14 @@ from fleetlog.errors import DataError
 Method = Literal["pmedian", "spaced", "topk", "cover"]
 Variant = Literal["flow", "vote", "urgency"]
 Demand = Literal["urgency", "standing", "visits", "rank", "loading"]
-EMPTY = {
-    "urgency": "no truck stood with less than 50 % charge", "standing": "no truck stood for long enough",
-}  # fmt: skip
+NEXT_BEST = {
+    "urgency": ("no truck stood with less than 50 % charge", "standing"),
+    "standing": ("no truck stood for long enough", "visits"),
+}
+"""Where there is no demand of a kind: why, and what is taken in its place."""
 NOTHING = "nothing of the kind in the data"
 VOTE_LENGTH = 30.0
-MAX_LEFT_OUT = 30
-"""So many days or trucks are left out in turn, to see how stable a choice is."""
+MAX_LEFT_OUT = 30  # So many days or trucks are left out in turn, to see how stable a choice is
 
 
 @dataclass(frozen=True)
@@ -57,43 +58,29 @@ class Weighed:
 
 def weigh(units: list[Unit], q: Question) -> Weighed:
     """Share, rank and demand from vehicle-days."""
-    share = visit_share([s for u in units for s in u.visits], len(q.network.node_ids))
-    ranks = _ranks(units, share, q)
-    weight, used, notices = _weights(units, ranks, share, q.demand)
-    return Weighed(share, ranks, weight, used, notices)
-
-
-def _ranks(units: list[Unit], share: Floats, q: Question) -> Floats:
-    counts = flow_counts([s for u in units for s in u.visits], len(share))
-    if q.variant == "flow":
-        return rank(counts, q.alpha)
+    visits, n = [s for u in units for s in u.visits], len(q.network.node_ids)
+    share, urgent = visit_share(visits, n), total(units, "urgent")
     if q.variant == "vote":
-        d = vertex_distances(q.network)
-        return vote_scores(share, np.where(np.isfinite(d), d, 1e9), VOTE_LENGTH)
-    urgent = total(units, "urgent")
-    return rank(counts, q.alpha, urgent if urgent.any() else None)
+        ranks = vote_scores(share, vertex_distances(q.network), VOTE_LENGTH)
+    else:
+        teleport = urgent if q.variant == "urgency" and urgent.any() else None
+        ranks = rank(flow_counts(visits, n), q.alpha, teleport)
+    options = {
+        "urgency": urgent, "standing": total(units, "standing"), "visits": share, "rank": ranks,
+        "loading": total(units, "loading"),
+    }  # fmt: skip
+    used, notices = str(q.demand), []
+    while used in NEXT_BEST and not options[used].any():
+        why, used = NEXT_BEST[used]
+        notices.append(f"{why}, so sites are chosen by {'visits' if used == 'visits' else 'standing time'}")
+    if not options[used].any():
+        raise DataError(f"demand {q.demand!r} is empty: {NOTHING}", do="choose another --demand")
+    return Weighed(share, ranks, options[used], used, notices)
 
 
 def total(units: list[Unit], what: str) -> Floats:
     """(n,) sum of one quantity over vehicle-days."""
     return np.asarray(np.sum([getattr(u, what) for u in units], axis=0), dtype=np.float64)
-
-
-def _weights(
-    units: list[Unit], ranks: Floats, share: Floats, demand: Demand
-) -> tuple[Floats, str, list[str]]:
-    notices: list[str] = []
-    options = {
-        "urgency": total(units, "urgent"), "standing": total(units, "standing"), "visits": share,
-        "rank": ranks, "loading": total(units, "loading"),
-    }  # fmt: skip
-    next_best = ["urgency", "standing", "visits"]
-    for name in next_best[next_best.index(demand) :] if demand in next_best[:2] else [demand]:
-        if options[name].any():
-            return options[name], name, notices
-        then = "standing time" if name == "urgency" else "visits"
-        notices.append(f"{EMPTY.get(name, NOTHING)}, so sites are chosen by {then}")
-    raise DataError(f"demand {demand!r} is empty: {NOTHING}", do="choose another --demand")
 
 
 def choose(w: Weighed, q: Question) -> Choice:

@@ -17,8 +17,7 @@ from scipy import sparse
 from fleetlog.core.network import Network
 from fleetlog.core.trajectory import Floats, Ints
 
-ALPHA = 0.85
-"""The usual damping of PageRank."""
+ALPHA = 0.85  # The usual damping of PageRank
 
 
 def link_matrix(counts: sparse.csr_array) -> tuple[sparse.csc_array, NDArray[np.bool_]]:

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from fleetlog.analysis.placement.costs import UNITS
 from fleetlog.analysis.placement.demand import Unit, peak
@@ -15,8 +14,7 @@ from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.core.words import count, listed, percent
 
 DRAWS = 200
-MOST = 4
-"""Sites in the first sentence."""
+MOST = 4  # Sites in the first sentence
 
 
 def reach(weight: Floats, cost: Floats, sites: Ints) -> dict[str, float]:
@@ -58,7 +56,7 @@ def summarise(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> dic
         "proven_gap": choice.gap, "reach": reach(w.weight, q.cost, choice.sites), "baselines": baselines,
         "rank_heat_spearman": float(spearmanr(w.ranks, w.share).statistic),
         "rank_heat_note": flow if q.variant == "flow" else None, "vehicle_days": len(units),
-        "plugs_peak": peak([s for u in units for s in u.open_spells]), "notices": notices,
+        "plugs_peak": peak(s for u in units for s in u.spells), "notices": notices,
     }  # fmt: skip
 
 
@@ -70,7 +68,9 @@ def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd
     if served is None:
         served = np.bincount(to, weights=w.weight, minlength=len(sites)) / w.weight.sum()
     hours = np.bincount(to, weights=total(units, "urgent"), minlength=len(sites)) / 3600
-    plugs = _plugs(units, to, len(sites))
+    # The most trucks that stood in need of charge at once nearest to each site; one at least.
+    spells = [s for u in units for s in u.spells if s[0] >= 0]
+    plugs = np.array([max(1, peak(s for s in spells if to[s[0]] == k)) for k in range(len(sites))])
     xy = q.network.node_points[sites]
     return pd.DataFrame({
         "site": np.arange(1, len(sites) + 1), "vertex": [q.network.node_ids[i] for i in sites], "x": xy[:, 0],
@@ -78,16 +78,6 @@ def site_table(units: list[Unit], q: Question, w: Weighed, choice: Choice) -> pd
         "urgent_hours": hours, "plugs": plugs, "urgent_hours_per_plug": hours / plugs,
         "label": [f"{i + 1} ({percent(s)})" for i, s in enumerate(served)],
     })  # fmt: skip
-
-
-def _plugs(units: list[Unit], to: NDArray[np.intp], sites: int) -> Ints:
-    """The most trucks that stood in need of charge at once nearest to each site; one at least."""
-    spells: list[list[tuple[int, int]]] = [[] for _ in range(sites)]
-    for u in units:
-        for spell, vertex in zip(u.open_spells, u.spell_vertices, strict=True):
-            if vertex >= 0:
-                spells[int(to[vertex])].append(spell)
-    return np.array([max(1, peak(s)) for s in spells], dtype=np.int64)
 
 
 def vertex_table(network: Network, w: Weighed) -> pd.DataFrame:
@@ -101,16 +91,16 @@ def vertex_table(network: Network, w: Weighed) -> pd.DataFrame:
 
 def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
     """The answer for the terminal."""
-    unit, r, b = s["unit"], s["reach"], s["baselines"]
+    unit, r, b, st = s["unit"], s["reach"], s["baselines"], s["stability"]
     rows: list[Any] = list(sites.itertuples())
     loading = s["demand"] == "loading"
     plugs = {row.site: "" if loading else count(row.plugs, "plug") for row in rows}
-    new, kept = [r for r in rows if not r.existing], [r for r in rows if r.existing]
+    new = [row for row in rows if not row.existing]
     where = [row.vertex if loading else f"{row.vertex} ({plugs[row.site]})" for row in new[:MOST]]
     more = [count(len(new) - MOST, "more place")] if len(new) > MOST else []
     what = "Place pick and drop spots" if loading else "Install chargers"
     out = [f"{what} at {listed([*where, *more])}."] if new else []
-    out += [f"Keep {row.existing} ({plugs[row.site]} needed)." for row in kept]
+    out += [f"Keep {row.existing} ({plugs[row.site]} needed)." for row in rows if row.existing]
     out += [
         f"  {row.site}: {row.vertex} at ({row.x:.0f}, {row.y:.0f}) m serves {percent(row.served_share)} of "
         f"the demand{'' if loading else ', '}{plugs[row.site]}"
@@ -123,31 +113,27 @@ def lines_of(s: dict[str, Any], sites: pd.DataFrame) -> list[str]:
         f"{b['hottest']['mean']:.1f} {unit}."
         + (f" This choice is {gap}." if s["method"] == "pmedian" else "")
     )
-    st = s["stability"]
     if st["runs"]:
         mean, worst = percent(st["mean_kept_share"]), percent(st["worst_kept_share"])
-        unit = st["left_out"].replace("vehicle", "truck")
-        out.append(f"If one {unit} is left out, {mean} of the sites stay (worst case {worst}).")
-    if "check" in s:
-        out += _check_lines(s["check"])
-    return out + [f"Note: {n}." for n in s["notices"]]
+        left = st["left_out"].replace("vehicle", "truck")
+        out.append(f"If one {left} is left out, {mean} of the sites stay (worst case {worst}).")
+    return out + (_check_lines(s["check"]) if "check" in s else []) + [f"Note: {n}." for n in s["notices"]]
 
 
 def _check_lines(c: dict[str, Any]) -> list[str]:
-    rows = [(c["before"], "present"), (c["after"], "planned")]
-    trucks, soc = count(c["vehicles"], "truck"), percent(c["soc_start"])
-    time = f"{c['hours']:g} h" if c["hours"] >= 1.0 else f"{60.0 * c['hours']:.0f} min"
     before, after = c["before"], c["after"]
+    time = f"{c['hours']:g} h" if c["hours"] >= 1.0 else f"{60.0 * c['hours']:.0f} min"
     more = after["tasks_done"] - before["tasks_done"]
     tasks = f"{count(abs(more), 'task')} {'more' if more > 0 else 'fewer'}" if more else "as many tasks"
     answer = (
         f"With the planned chargers the fleet does {tasks} and ends with {percent(after['soc_end_mean'])} "
-        f"charge instead of {percent(before['soc_end_mean'])} (simulated: {trucks}, {time}, from {soc})."
+        f"charge instead of {percent(before['soc_end_mean'])} (simulated: {count(c['vehicles'], 'truck')}, "
+        f"{time}, from {percent(c['soc_start'])})."
     )
     return [answer] + [
         f"  {name} chargers ({count(r['plugs'], 'plug')}): lowest charge {percent(r['soc_lowest'])}, "
         f"mean {percent(r['soc_mean'])}, at the end {percent(r['soc_end_mean'])}; "
         f"{r['waiting_for_plug_h']:.1f} h waiting for a plug; {count(r['empty_trucks'], 'truck')} empty; "
         f"{r['tasks_done']} of {count(r['tasks_given'], 'task')} done"
-        for r, name in rows
+        for r, name in ((before, "present"), (after, "planned"))
     ]

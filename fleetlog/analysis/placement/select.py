@@ -15,9 +15,8 @@ from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.core.words import percent
 from fleetlog.errors import DataError
 
-STARTS = 10
-EXACT_CELLS = 20_000
-"""Up to so many demand-site pairs HiGHS settles the p-median when the bound leaves a gap."""
+STARTS, MOST_ROUNDS = 10, 10_000
+EXACT_CELLS = 20_000  # Up to so many demand-site pairs HiGHS settles the p-median when the bound leaves a gap
 CAPACITY_CELLS = 200_000
 PATIENCE = 60.0
 """HiGHS works so long on a p-median with capacities, then its best answer and its gap are taken [s]."""
@@ -52,7 +51,7 @@ def p_median(
     instance HiGHS.  The objective is the weighted mean distance.  ``capacity`` is the largest share of all
     demand that one site may serve; then HiGHS solves it whole, and demand may go past its nearest site.
     """
-    from fleetlog.analysis.placement.kernels import interchange, lagrangian
+    from fleetlog.analysis.placement.kernels import lagrangian
 
     n = distance.shape[1]
     forced = np.zeros(0, np.int64) if forced is None else np.asarray(forced, np.int64)
@@ -72,7 +71,7 @@ def p_median(
     rng = np.random.default_rng(seed)
     drawn = (rng.choice(free, k - len(fixed), replace=False) for _ in range(STARTS - 1))
     starts = (np.concatenate([fixed, rest]).astype(np.int64) for rest in (greedy(cost, fixed, k), *drawn))
-    found = [interchange(cost, start, is_forced, 10_000) for start in starts]
+    found = [interchange(cost, start, is_forced) for start in starts]
     chosen, value = min(found, key=lambda f: (round(f[1], 12), tuple(f[0])))
     bound = lagrangian(np.ascontiguousarray(cost.T), k, is_forced, value, 3000, 1e-9)
     if value - bound > 1e-9 * max(value, 1e-300) and cost.size <= EXACT_CELLS:
@@ -98,6 +97,31 @@ def greedy(cost: Floats, fixed: Ints, k: int) -> Ints:
         out.append(int(totals.argmin()))
         best = np.minimum(best, cost[:, out[-1]])
     return np.array(out, dtype=np.int64)
+
+
+def interchange(cost: Floats, sites: Ints, fixed: NDArray[np.bool_]) -> tuple[Ints, float]:
+    """p-median by best-improvement interchange (Teitz and Bart 1968, with Whitaker's bookkeeping).
+
+    ``cost`` (m, n) is the weighted distance of demand i to site j, ``sites`` (k,) the start, ``fixed`` (n,)
+    sites that may not leave.  Where a site leaves, its demand goes to the second-nearest one or to the new
+    one, so all exchanges together are two comparisons of the costs.  Returns the sites and the total cost.
+    """
+    chosen, demand = sites.copy(), np.arange(len(cost))
+    for _ in range(MOST_ROUNDS):
+        away = cost[:, chosen]
+        near = away.argmin(axis=1)
+        first = away[demand, near]
+        away[demand, near] = np.inf
+        added = np.minimum(cost, first[:, None])
+        left = np.minimum(cost, away.min(axis=1, keepdims=True)) - added
+        of = sparse.csr_array((np.ones(len(cost)), (near, demand)), shape=(len(chosen), len(cost)))
+        total = of @ left + added.sum(axis=0)
+        total[fixed[chosen]], total[:, chosen] = np.inf, np.inf
+        new, out = np.unravel_index(total.T.argmin(), total.T.shape)
+        if total[out, new] >= first.sum() - 1e-9:
+            break
+        chosen[out] = new
+    return np.sort(chosen), float(np.cumsum(cost[:, chosen].min(axis=1))[-1])
 
 
 def _exact(cost: Floats, k: int, forced: NDArray[np.bool_]) -> tuple[float, Ints]:

@@ -70,8 +70,7 @@ class Channel(ABC):
     base: Model
     model_error: float = field(default=0.0, init=False)
     """Share of a window's quantity that any model may miss."""
-    place_error: float = field(default=0.0, init=False)
-    """The same share at some places, where it gathers."""
+    place_error: float = field(default=0.0, init=False)  # The same share at some places, where it gathers
     _kept: list[Unit] = field(default_factory=list, init=False)
     _passes: dict[str, Ints] = field(default_factory=dict, init=False)
 

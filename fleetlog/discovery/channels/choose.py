@@ -17,15 +17,12 @@ from fleetlog.discovery.settings import Settings
 CHANNELS = ("battery_power", "soc", "speed")
 QUANTA = 8.0
 """Steps in a window of a stepped state of charge on average: its error is then a twentieth of its energy."""
-WIDEST = 600.0
-"""Of a window [s]: a stretch of road is no longer seen in a wider one."""
-ROWS = 3.0
-"""Rows in a window at least."""
+WIDEST = 600.0  # Of a window [s]: a stretch of road is no longer seen in a wider one
+ROWS = 3.0  # Rows in a window at least
 DILUTED = 0.002
 """Power that is measured with errors of this share of its square makes whatever is proportional to it look
 smaller by the same share (regression dilution); wider windows average the errors."""
-ENOUGH = 4.0
-"""Times the fewest windows that a channel is judged by."""
+ENOUGH = 4.0  # Times the fewest windows that a channel is judged by
 
 
 def present(fleet: Fleet, wanted: Sequence[str]) -> list[str]:

@@ -30,10 +30,8 @@ Ints = NDArray[np.int64]
 STANDS, PASSING, LIFTS, LOADED = 0.9, 0.15, 250.0, 0.3
 """Share of a window from which on it is a standstill, and up to which it is none; power above the usual that
 shows hydraulics [W]; a usual load that nobody weighed, as a share of the truck at most."""
-LEAST_SWING = 1.0
-"""Rows that scatter by less than this [W] are as good as a logger writes them."""
-LEAP = 0.005
-"""A rise of the charge from row to row that no braking gives."""
+LEAST_SWING = 1.0  # Rows that scatter by less than this [W] are as good as a logger writes them
+LEAP = 0.005  # A rise of the charge from row to row that no braking gives
 ERRORS = (ErrorSource("sampling", 0.5), ErrorSource("ripple", 2.0), ErrorSource("lag", 0.15))
 """What sampling hides: accelerations between rows (0: what is expected, 1: what is likeliest), power that
 swings within them (1: as far as from row to row), and a clock a little late [s]."""
@@ -49,8 +47,7 @@ class EnergyChannel(Channel):
     seconds: float
     places: Cells | None
     measured: bool = False
-    charge_step: float = 0.0
-    """Step in which the state of charge is logged."""
+    charge_step: float = 0.0  # Step in which the state of charge is logged
 
     @property
     def metric(self) -> str:

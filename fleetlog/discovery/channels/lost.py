@@ -16,8 +16,7 @@ Mask = NDArray[np.bool_]
 
 OWN = 60.0
 """Undisturbed driving after which a stretch of lane is known by itself, and no longer by all others [s]."""
-MODEL = 0.01
-"""Share of the time by which the free drive may be off on all stretches alike."""
+MODEL = 0.01  # Share of the time by which the free drive may be off on all stretches alike
 
 
 @dataclass(frozen=True)
@@ -25,10 +24,8 @@ class Lost:
     """Time lost to other trucks.
 
     ``share`` of the travel time and its standard ``error``; ``touched`` the share of the time with another
-    truck in the way;
-    (C,) by stretch of lane: seconds ``lost`` with their ``spread``, ``time`` spent there [s] and
-    ``passages``;
-    ``p_value`` that as much is lost by chance.
+    truck in the way; (C,) by stretch of lane: seconds ``lost`` with their ``spread``, ``time`` spent there
+    [s] and ``passages``; ``p_value`` that as much is lost by chance.
     """
 
     share: float

@@ -25,8 +25,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-SHORTEST = 8.0
-"""A shorter leg says nothing of how fast one drives [m]."""
+SHORTEST = 8.0  # A shorter leg says nothing of how fast one drives [m]
 
 
 @dataclass(frozen=True)
@@ -79,8 +78,7 @@ class Drive:
     leg: Leg
     behind: Mask
     astray: Mask
-    wait: float
-    """Seconds of the standstill after it that served no purpose."""
+    wait: float  # Seconds of the standstill after it that served no purpose
 
 
 @dataclass(frozen=True)

@@ -26,11 +26,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-FEW = 3
-"""Stops from which on trucks wait at a place."""
+FEW = 3  # Stops from which on trucks wait at a place
 
-GATHERS = 2.0
-"""The profile's error makes up so much more at some places: 6 % at most on clean recordings."""
+GATHERS = 2.0  # The profile's error makes up so much more at some places: 6 % at most on clean recordings
 
 ERRORS = (ErrorSource("setting off", 0.25), ErrorSource("stopping", 0.25), ErrorSource("slowing down", 0.25))
 """Nobody sets off, stops or takes a slow corner as sharply as constant accelerations would [s each]."""

@@ -19,10 +19,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-SLOWEST = 0.05
-"""Speed that every cap leaves [m/s]."""
-STEP = 0.02
-"""Finite differences, as a share of a parameter's range."""
+SLOWEST = 0.05  # Speed that every cap leaves [m/s]
+STEP = 0.02  # Finite differences, as a share of a parameter's range
 
 
 def drive_times(path: Path, physics: Physics) -> tuple[Floats, Mask]:

@@ -1,10 +1,9 @@
 """Free curves: force or power as any smooth function of a recorded variable.
 
 They keep the named hypotheses honest, which must say what the best curve says, and they say what an unknown
-mismatch follows.
-A ``force`` curve acts through the drive, a ``drive`` curve on what the drive draws, a ``power`` curve on
-the battery, a ``moving`` curve on it while the truck moves; hat functions make the curve (cubic ones would
-swing beside steps).
+mismatch follows. A ``force`` curve acts through the drive, a ``drive`` curve on what the drive draws, a
+``power`` curve on the battery, a ``moving`` curve on it while the truck moves; hat functions make the curve
+(cubic ones would swing beside steps).
 """
 
 from collections.abc import Iterator, Mapping

@@ -18,11 +18,9 @@ from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
 
-SHAPES = 13
-"""Values of a shape parameter that are scanned; the joint fit refines the best."""
+SHAPES = 13  # Values of a shape parameter that are scanned; the joint fit refines the best
 
-TIME = 4.0
-"""Logarithm of the number of moments at which something may begin, or end."""
+TIME = 4.0  # Logarithm of the number of moments at which something may begin, or end
 
 
 @dataclass(frozen=True)
@@ -42,10 +40,9 @@ class Pattern:
 class Hypothesis:
     """One explanation.
 
-    ``knobs`` turn together (numbers of a term, of the fleet or one vehicle, with the ``setting`` of its
-    shape parameters);
-    ``patterns`` or the whole ``field`` over the cells, of a term or of free power; or a free ``curve``.
-    ``variance`` is that of the prior of a field's or curve's coefficients.
+    ``knobs`` turn together (numbers of a term, of the fleet or one vehicle, with the ``setting`` of its shape
+    parameters); ``patterns`` or the whole ``field`` over the cells, of a term or of free power; or a free
+    ``curve``. ``variance`` is that of the prior of a field's or curve's coefficients.
     """
 
     term: str | None = None
@@ -55,8 +52,7 @@ class Hypothesis:
     field: bool = False
     curve: FreeCurve | None = None
     variance: float = 1.0
-    when: Scope = FLEET
-    """Of a field: the part of the time that it is there."""
+    when: Scope = FLEET  # Of a field: the part of the time that it is there
 
     @property
     def places(self) -> bool:

@@ -42,8 +42,7 @@ class ErrorSource:
     spread: float
 
 
-Source = KnobSource | FieldSource | FreeCurve | ErrorSource
-"""A free curve has one column a knot."""
+Source = KnobSource | FieldSource | FreeCurve | ErrorSource  # A free curve has one column a knot
 
 
 @dataclass(frozen=True)

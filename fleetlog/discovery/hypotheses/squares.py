@@ -14,12 +14,9 @@ from fleetlog.discovery.hypotheses.stretches import Cells, Index, Part
 
 Floats = NDArray[np.float64]
 
-SMALLEST = 8.0
-"""Side of a square [m]."""
-MOST = 350
-"""More squares than this are made larger instead."""
-REACH = 3.0
-"""Distance over which neighbours resemble each other, in sides of a square."""
+SMALLEST = 8.0  # Side of a square [m]
+MOST = 350  # More squares than this are made larger instead
+REACH = 3.0  # Distance over which neighbours resemble each other, in sides of a square
 COARSE = 0.95
 """Share of the prior's variance that is kept: half the columns at no loss, measured on roads with hills."""
 

@@ -17,15 +17,11 @@ from fleetlog.core.network import Network
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int32]
-Part = tuple[Index, Floats]
-"""(N,) number of a field's value, -1 for none, and (N,) its weight."""
+Part = tuple[Index, Floats]  # (N,) number of a field's value, -1 for none, and (N,) its weight
 
-LENGTH = 8.0
-"""Of a stretch, before edges are divided evenly [m]."""
-REACH = 40.0
-"""Distance over which neighbouring stretches of one road resemble each other, in the prior [m]."""
-MOST = 300
-"""More stretches than this are made longer instead: products of their columns are kept by fold."""
+LENGTH = 8.0  # Of a stretch, before edges are divided evenly [m]
+REACH = 40.0  # Distance over which neighbouring stretches of one road resemble each other, in the prior [m]
+MOST = 300  # More stretches than this are made longer instead: products of their columns are kept by fold
 
 
 @dataclass(frozen=True)
@@ -33,8 +29,7 @@ class Cells(ABC):
     """C pieces of the floor that a field has values on, with the ``middle`` (C, 2) of each [m]."""
 
     middle: Floats
-    odd: bool = field(default=False, kw_only=True)
-    """Whether the field is odd in the direction of travel."""
+    odd: bool = field(default=False, kw_only=True)  # Whether the field is odd in the direction of travel
     _roots: dict[bool, tuple[Floats, Floats]] = field(default_factory=dict, kw_only=True, compare=False)
 
     def __len__(self) -> int:
@@ -102,8 +97,7 @@ class Stretches(Cells):
     first: Index
     count: Index
     sign: Floats
-    alike: bool = True
-    """Whether neighbours resemble each other."""
+    alike: bool = True  # Whether neighbours resemble each other
 
     def at(self, motion: Motion) -> tuple[Index, Floats]:
         """(N,) stretch of each sample, -1 off the map, and (N,) +1 or -1: driven as counted or against."""

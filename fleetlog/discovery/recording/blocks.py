@@ -19,14 +19,10 @@ from fleetlog.physics.motion import Reconstruction, reconstruct
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-DAY = 86_400_000_000
-"""Microseconds."""
-TRIP = 1_000_000
-"""Trip codes count on from this much of each vehicle."""
-EXACT = ("time", "x", "y")
-"""What of a motion is kept in double precision: it may be far from its origin."""
-WHOLE = ("vehicle", "day", "recipe", "fresh")
-"""What of a block is no array."""
+DAY = 86_400_000_000  # Microseconds
+TRIP = 1_000_000  # Trip codes count on from this much of each vehicle
+EXACT = ("time", "x", "y")  # What of a motion is kept in double precision: it may be far from its origin
+WHOLE = ("vehicle", "day", "recipe", "fresh")  # What of a block is no array
 
 
 def picked(table: Any, index: Any, *but: str) -> dict[str, Any]:

@@ -23,16 +23,12 @@ WIDTH, ABREAST = 2.0, 1.2
 """Two trucks cannot be at places nearer than this at once; than that, where they meet head-on [m]."""
 BODY, REACTION = 6.0, 2.0
 """Length of a truck with the gap that it keeps [m], and the headway that drivers keep [s]."""
-CLOSE = 3.0
-"""A driver heeds a truck that passes the crossing so soon after him [s]."""
+CLOSE = 3.0  # A driver heeds a truck that passes the crossing so soon after him [s]
 ALONG, AGAINST = 0.7, -0.7
 """Cosine of the angle between two courses above which one follows, below which they meet head-on."""
-RELEASE = 6.0
-"""Whoever waits for another sets off so soon after the way is free [s]."""
-FARTHEST = 60.0
-"""No truck is heeded from farther away [m]."""
-PASSING = 2.0
-"""Who is at a place for longer stands there [s]."""
+RELEASE = 6.0  # Whoever waits for another sets off so soon after the way is free [s]
+FARTHEST = 60.0  # No truck is heeded from farther away [m]
+PASSING = 2.0  # Who is at a place for longer stands there [s]
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,7 @@ COLUMNS = (
 
 SELDOM, SEVERAL = 5.0, 2.5
 """Seconds and rows between updates of positions from which on these are too few to hold a speed against."""
-FEWEST_ROWS = 8
-"""A shorter vehicle-day says nothing."""
+FEWEST_ROWS = 8  # A shorter vehicle-day says nothing
 
 
 @dataclass(frozen=True)

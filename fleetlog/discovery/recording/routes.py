@@ -16,14 +16,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-PURPOSE = 90.0
-"""A longer standstill has a purpose of its own [s]."""
-LOAD, LIFT = 25.0, 0.08
-"""Change of payload [kg] and fork height [m] that show a purpose."""
-APART = 1000.0
-"""Between the ways of two errands, so that nothing reaches from one into the other [m]."""
-BESIDE = 6.0
-"""So far off its road, in a bay or a turn, a truck is told by the road before or behind [m]."""
+PURPOSE = 90.0  # A longer standstill has a purpose of its own [s]
+LOAD, LIFT = 25.0, 0.08  # Change of payload [kg] and fork height [m] that show a purpose
+APART = 1000.0  # Between the ways of two errands, so that nothing reaches from one into the other [m]
+BESIDE = 6.0  # So far off its road, in a bay or a turn, a truck is told by the road before or behind [m]
 
 
 @dataclass(frozen=True)

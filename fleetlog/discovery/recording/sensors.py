@@ -25,24 +25,17 @@ from fleetlog.physics.term import Term
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-LONGEST = 40.0
-"""Largest shift that is tried [s]: clocks of two loggers that are set by hand."""
+LONGEST = 40.0  # Largest shift that is tried [s]: clocks of two loggers that are set by hand
 ALIKE = 0.01
 """Correlations this close to the best are as good: work that repeats itself matches at many shifts."""
-SURE = 4.0
-"""Standard errors that a fault must reach."""
-END = 6.0
-"""Metres at the ends of an edge where corners are cut."""
-SHORTEST = 12.0
-"""Metres of progress that are worth comparing."""
-MISMATCHED = 0.25
-"""A ratio of speed to progress that is off by this is a wrong match."""
-MANY = 2000
-"""Rows that show well enough which shift to look at closely."""
+SURE = 4.0  # Standard errors that a fault must reach
+END = 6.0  # Metres at the ends of an edge where corners are cut
+SHORTEST = 12.0  # Metres of progress that are worth comparing
+MISMATCHED = 0.25  # A ratio of speed to progress that is off by this is a wrong match
+MANY = 2000  # Rows that show well enough which shift to look at closely
 INTERVALS = np.linspace(0.85, 1.15, 13)
 """Intervals of a mean that are tried, over twice the shift that fits best."""
-PIECE = 200
-"""Rows of a piece whose clock is looked at by itself."""
+PIECE = 200  # Rows of a piece whose clock is looked at by itself
 
 
 @dataclass(frozen=True)
@@ -69,8 +62,7 @@ class _Look:
     before: float
     after: float
     interval: float
-    averaged: float
-    """The same with the mean over the last ``interval`` seconds."""
+    averaged: float  # The same with the mean over the last ``interval`` seconds
 
 
 def examine(fleet: Fleet, split: Split, only: tuple[str, ...] = ()) -> tuple[Fleet, list[Fault]]:

@@ -20,22 +20,15 @@ Ints = NDArray[np.int64]
 Days = Sequence[tuple[int, Trajectory]]
 Kind = Literal["trips", "stretches", "vehicles", "days"]
 
-HELD_OUT = -1
-"""Fold number of what nothing but the final scores reads."""
-FEWEST = 20
-"""Trips from which on they are the unit of what is held out: two for each fold."""
-PIECES = 60
-"""Stretches into which a recording of few trips is cut."""
-SLOW = 36
-"""Stretches of time that are the independent samples of what changes over hours."""
-SHORTEST, LONGEST = 3.0, 86400.0
-"""Of a stretch: windows, and seconds."""
+HELD_OUT = -1  # Fold number of what nothing but the final scores reads
+FEWEST = 20  # Trips from which on they are the unit of what is held out: two for each fold
+PIECES = 60  # Stretches into which a recording of few trips is cut
+SLOW = 36  # Stretches of time that are the independent samples of what changes over hours
+SHORTEST, LONGEST = 3.0, 86400.0  # Of a stretch: windows, and seconds
 FEW, MANY = 6, 150
 """Trips that may each have something of their own: fewer say little, more are no longer one column each."""
-LONG = 30.0
-"""Mean seconds of a trip that can be judged by its own parts."""
-RETURN = 10
-"""Windows after which a truck that is at a place again has come back to it."""
+LONG = 30.0  # Mean seconds of a trip that can be judged by its own parts
+RETURN = 10  # Windows after which a truck that is at a place again has come back to it
 
 
 @dataclass(frozen=True)
@@ -49,8 +42,7 @@ class Split:
     held_out: float
     seed: int
     test_units: frozenset[int] = frozenset()
-    once: bool = False
-    """Whether pieces are held out that only their neighbours speak for."""
+    once: bool = False  # Whether pieces are held out that only their neighbours speak for
 
     def unit(self, w: Windows) -> Ints:
         """Return the code of what is held out together, (W,)."""

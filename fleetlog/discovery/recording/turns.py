@@ -18,23 +18,16 @@ from fleetlog.physics.motion.legs import Leg
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Way = tuple[int, int]
-"""Edges before and behind a junction."""
+Way = tuple[int, int]  # Edges before and behind a junction
 
-FEWEST = 3
-"""Passages from which on a way over a junction is known."""
-REACH = 10.0
-"""Half the way on which a junction is crossed [m]."""
-CLEAR = 14.0
-"""Nearer to a stop, the speed at a junction is that of setting off or stopping [m]."""
-BEND, BACK = 0.6, 2.6
-"""A smaller turn is none; a larger one is a turn on the spot [rad]."""
+FEWEST = 3  # Passages from which on a way over a junction is known
+REACH = 10.0  # Half the way on which a junction is crossed [m]
+CLEAR = 14.0  # Nearer to a stop, the speed at a junction is that of setting off or stopping [m]
+BEND, BACK = 0.6, 2.6  # A smaller turn is none; a larger one is a turn on the spot [rad]
 DRIVEN = 0.7
 """Quantile of undisturbed speeds that is the one intended: some dawdle, or meet what nobody recorded."""
-SHORTEST = 1.0
-"""Shortest bend [m]; and a quarter of one where a truck goes straight on."""
-BLUR = 1.0 / 3.0
-"""Variance of the stretch over which a course is taken here [m2]."""
+SHORTEST = 1.0  # Shortest bend [m]; and a quarter of one where a truck goes straight on
+BLUR = 1.0 / 3.0  # Variance of the stretch over which a course is taken here [m2]
 EXPLAINED = 0.25
 """Share of the square by which free speed misses that of turns, that corners of the map explain at least."""
 ALIKE = 0.65

@@ -51,8 +51,7 @@ class Windows:
     """W windows; all arrays are (W,).
 
     ``trip``, ``vehicle``, ``day``, ``edge`` are codes (edge -1 off the map), ``duration`` [s], ``distance``
-    [m],
-    ``x``, ``y`` [m] and ``time`` [s] of the middle.
+    [m], ``x``, ``y`` [m] and ``time`` [s] of the middle.
     """
 
     trip: Ints

@@ -20,10 +20,8 @@ Floats = NDArray[np.float64]
 
 LARGE = 0.35
 """Values with this share of the largest belong to where the effect is: less is the fringe of the prior."""
-FEW = 3
-"""Windows that must touch a piece before it may be named."""
-DRAWS = 400
-"""Of the field, for what picking the largest of its values costs."""
+FEW = 3  # Windows that must touch a piece before it may be named
+DRAWS = 400  # Of the field, for what picking the largest of its values costs
 
 
 @dataclass(frozen=True)
@@ -39,8 +37,7 @@ class Values:
     samples: NDArray[np.int64]
     basis: Floats
     covariance: Floats
-    widening: float = 1.0
-    """Of the standard errors that these hold."""
+    widening: float = 1.0  # Of the standard errors that these hold
 
 
 def large(v: Values) -> NDArray[np.bool_]:

@@ -6,8 +6,7 @@ from typing import Any
 
 from fleetlog.physics import term
 
-NORMAL = 1.959964
-"""Standard errors on either side of which 95 % of a normal variable lies."""
+NORMAL = 1.959964  # Standard errors on either side of which 95 % of a normal variable lies
 
 
 @dataclass
@@ -68,8 +67,7 @@ class Finding:
     parameters: list[Parameter]
     evidence: dict[str, Any]
     fit: dict[str, Any]
-    strength: float = 0.0
-    """Share of the energy (or time) that it makes up, for the order; not written."""
+    strength: float = 0.0  # Share of the energy (or time) that it makes up, for the order; not written
 
 
 @dataclass
@@ -99,8 +97,7 @@ class Verdict:
     findings: list[Finding]
     adjustments: list[dict[str, Any]]
     """Small corrections within the tolerance of truck file or logger, of one vehicle or all."""
-    unexplained: list[str] = field(default_factory=list)
-    """Channels whose error stays above the noise floor."""
+    unexplained: list[str] = field(default_factory=list)  # Channels whose error stays above the noise floor
     notes: list[str] = field(default_factory=list)
 
     @property

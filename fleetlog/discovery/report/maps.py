@@ -12,10 +12,8 @@ from fleetlog.discovery.model import Model
 
 Floats = NDArray[np.float64]
 
-FEWEST = 10.0
-"""Seconds of driving behind a value that is drawn."""
-LONG = 300
-"""Rows of a trip that is drawn at most."""
+FEWEST = 10.0  # Seconds of driving behind a value that is drawn
+LONG = 300  # Rows of a trip that is drawn at most
 
 
 def shapes(e: Explained) -> list[Shape]:

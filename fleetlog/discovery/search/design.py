@@ -19,10 +19,8 @@ from fleetlog.discovery.search.sums import Sums
 
 Floats = NDArray[np.float64]
 
-CERTAIN = 2.0
-"""A tolerance is stated at this many standard deviations."""
-ALIKE = 0.5
-"""Trucks of a fleet differ by this share of the tolerance of the truck file."""
+CERTAIN = 2.0  # A tolerance is stated at this many standard deviations
+ALIKE = 0.5  # Trucks of a fleet differ by this share of the tolerance of the truck file
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,7 @@ class Rival:
 
     hypothesis: Hypothesis
     behind: float
-    share: float
-    """Share of the finding's gain on unseen trips that it reaches."""
+    share: float  # Share of the finding's gain on unseen trips that it reaches
 
 
 @dataclass
@@ -140,8 +139,7 @@ def _in_its_time(problem: Problem, now: Joint, joint: Joint) -> Joint | None:
     return timed if joint.score - timed.score > problem.settings.evidence else None
 
 
-MOST = 0.7
-"""Share of what speaks for free time by place that a name must reach to go before it."""
+MOST = 0.7  # Share of what speaks for free time by place that a name must reach to go before it
 NUMBERS, OTHERS = 0.1, 0.3
 """Hypotheses of this share of the best gain are fitted exactly: a number's linear gain may be too small."""
 

@@ -16,8 +16,7 @@ from fleetlog.discovery.search.sums import Sums
 Floats = NDArray[np.float64]
 
 MOST_STEPS = 4
-SETTLED = 0.02
-"""Steps end when every number moves by less than this share of its tolerance or range."""
+SETTLED = 0.02  # Steps end when every number moves by less than this share of its tolerance or range
 SHARES = (1.0, 0.25)
 """A truck file that is right leaves its tolerances unused; one share for all its numbers is fitted."""
 VARIANCES = (0.03, 0.3, 3.0, 30.0)
@@ -37,8 +36,7 @@ class Joint:
     chosen: tuple[Hypothesis, ...]
     losses: Floats
     score: float
-    energy: float
-    """Weighted square of the recorded quantity, in the unit of the losses."""
+    energy: float  # Weighted square of the recorded quantity, in the unit of the losses
     design: Design
     fitted: Fitted
 

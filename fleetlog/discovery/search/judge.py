@@ -21,8 +21,7 @@ Ints = NDArray[np.int64]
 
 FEWEST_CLUSTERS = 3
 NEIGHBOURS = 10
-FEWEST = 50
-"""Windows from which on a noise floor is told."""
+FEWEST = 50  # Windows from which on a noise floor is told
 
 
 def judge(

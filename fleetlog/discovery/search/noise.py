@@ -20,12 +20,9 @@ from fleetlog.discovery.settings import Settings
 Floats = NDArray[np.float64]
 
 CLASSES = 12
-FREE = 0.02
-"""Ridge of the freest model, as a share of each column's own square: idle columns stay small."""
-HUBER = 4.0
-"""Standard deviations beyond which a window counts less (Huber 1964, doi 10.1214/aoms/1177703732)."""
-MEDIAN = 2.198
-"""The mean square of a normal variable over the median of its square."""
+FREE = 0.02  # Ridge of the freest model, as a share of each column's own square: idle columns stay small
+HUBER = 4.0  # Standard deviations beyond which a window counts less (Huber 1964, doi 10.1214/aoms/1177703732)
+MEDIAN = 2.198  # The mean square of a normal variable over the median of its square
 FEWEST = 5
 EXPONENTS = np.linspace(0.0, 2.0, 9)
 """Of the scatter of rows in windows' variance: 0 where rows telescope, 2 where each errs by itself."""
@@ -65,8 +62,7 @@ class Noise:
         return np.asarray(1.0 / (rate * seconds + (self.model_error * level) ** 2 + unit.noise))
 
 
-Table = tuple[Unit, Floats, Columns]
-"""A unit, its modelled quantity (W,), and columns (W, P)."""
+Table = tuple[Unit, Floats, Columns]  # A unit, its modelled quantity (W,), and columns (W, P)
 
 
 def learn(

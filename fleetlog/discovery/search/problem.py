@@ -21,8 +21,7 @@ class Problem:
     split: Split
     settings: Settings
     rest: tuple[Hypothesis, ...]
-    noise: Noise = field(init=False)
-    """What :meth:`learn` measured."""
+    noise: Noise = field(init=False)  # What :meth:`learn` measured
 
     def layout(self, hypotheses: Sequence[Hypothesis]) -> Layout:
         """Return the columns of the base and of hypotheses."""

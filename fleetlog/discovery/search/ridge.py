@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-ROUNDS = 12
-"""Rounds of holding coefficients on their bounds; the set settles in two or three."""
+ROUNDS = 12  # Rounds of holding coefficients on their bounds; the set settles in two or three
 
 
 @dataclass(frozen=True)

@@ -23,14 +23,10 @@ from fleetlog.discovery.search.screen import Screened
 
 Floats = NDArray[np.float64]
 
-SLOTS = 48
-"""Of the recorded time: a change is placed within a hundredth of it."""
-GROUPS = 600
-"""Trucks times slots at most: of large fleets the slots are wider."""
-SHORTEST = 3
-"""Slots that a period lasts at least: a sixteenth of the recording."""
-DISTINCT = 1e-3
-"""Share of a column's square that the model must leave of it: of less, nothing is learnt."""
+SLOTS = 48  # Of the recorded time: a change is placed within a hundredth of it
+GROUPS = 600  # Trucks times slots at most: of large fleets the slots are wider
+SHORTEST = 3  # Slots that a period lasts at least: a sixteenth of the recording
+DISTINCT = 1e-3  # Share of a column's square that the model must leave of it: of less, nothing is learnt
 ANYTHING = Prior(np.zeros(1), np.zeros(1), np.array([-np.inf]), np.array([np.inf]))
 OWN = 0.5
 """Share of a column's square that must lie within the classes (trips) that are known to differ each by
@@ -93,8 +89,7 @@ class Slotted:
     beta: Floats
     knobs: tuple[Knob | None, ...]
     unit: float
-    by_class: bool
-    """Whether the model has a value for each class, of trips or days."""
+    by_class: bool  # Whether the model has a value for each class, of trips or days
     _models: dict[bytes, Beside] = field(default_factory=dict, repr=False)
 
     def column(self, j: int, loose: Knob | None = None) -> Column:

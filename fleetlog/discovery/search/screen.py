@@ -17,8 +17,7 @@ from fleetlog.discovery.search.sums import Sums
 
 Floats = NDArray[np.float64]
 
-TOGETHER = 100
-"""Columns that are looked at together: many small products cost time, very large ones room."""
+TOGETHER = 100  # Columns that are looked at together: many small products cost time, very large ones room
 
 
 @dataclass(frozen=True)

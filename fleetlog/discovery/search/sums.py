@@ -19,8 +19,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Rows = NDArray[np.float32]
 
-ENOUGH = 4096
-"""Windows that are multiplied at once."""
+ENOUGH = 4096  # Windows that are multiplied at once
 
 
 @dataclass
@@ -35,8 +34,7 @@ class Sums:
     fold: Floats
     slow: Floats
     own: Floats
-    energy: float = 0.0
-    """Weighted square of the recorded quantity, over all windows."""
+    energy: float = 0.0  # Weighted square of the recorded quantity, over all windows
     _waiting: list[tuple[NDArray[Any], ...]] = field(default_factory=list)
 
     @classmethod

@@ -5,25 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Trajectory
 
-Floats = NDArray[np.float64]
-LONGEST_HOLD = 60.0
-"""A load is held through a silence of its channel up to this [s]."""
-
-
-def held(t: Floats, value: Floats, longest: float = LONGEST_HOLD) -> Floats:
-    """The last known value where it is unknown, for at most ``longest`` seconds; NaN beyond."""
-    from fleetlog.physics.motion.kernels.rows import hold
-
-    return np.asarray(hold(t, value, longest))
+LONGEST_HOLD = 60.0  # A load is held through a silence of its channel up to this [s]
 
 
 def payload(t: Floats, trajectory: Trajectory) -> Floats:
     """(N,) kg; held through short silences, 0 where nothing is known."""
-    if not trajectory.has("payload"):
-        return np.zeros(len(t))
-    return np.maximum(np.nan_to_num(held(t, trajectory.floats("payload"))), 0.0)
+    value = trajectory.floats("payload")
+    last = np.maximum.accumulate(np.where(np.isnan(value), 0, np.arange(len(t))))
+    held = np.where(t - t[last] <= LONGEST_HOLD, value[last], 0.0)
+    return np.asarray(np.maximum(np.nan_to_num(held), 0.0))
 
 
 @dataclass(frozen=True)
@@ -43,10 +35,7 @@ class Forks:
         return np.asarray(np.interp(moment, self.time, self.height))
 
     def speed(self, low: Floats, dt: Floats) -> Floats:
-        """(n,) mean lifting speed [m/s] over ``dt`` from ``low`` on.
-
-        ``sum(speed dt)`` is the change of height.
-        """
+        """(n,) mean lifting speed [m/s] over ``dt`` from ``low`` on; ``sum(speed dt)`` is the rise."""
         return np.where(dt > 0.0, self.at(low + dt) - self.at(low), 0.0) / np.maximum(dt, 1e-9)
 
 
@@ -56,7 +45,7 @@ def forks(t: Floats, trajectory: Trajectory) -> Forks:
     Between two rows they move at their usual speed. A lift that begins or ends between two rows takes its
     share of the time: it joins the lift in the interval before or after it, or else lies in the middle.
     """
-    from fleetlog.physics.motion.kernels.rows import dead_band
+    from fleetlog.physics.motion.kernels.way import dead_band
 
     height = trajectory.floats("fork_height")
     known = np.isfinite(height)
@@ -82,19 +71,13 @@ def forks(t: Floats, trajectory: Trajectory) -> Forks:
 
 
 def _usual(rate: Floats) -> float:
-    """The usual one [m/s] of positive rates.
-
-    Of those above half of the highest, nine tenths are no higher; 0 where none is.
-    """
+    """Of the rates above half of the highest [m/s], nine tenths are no higher; 0 where none is positive."""
     highest = float(rate.max(initial=0.0))
     return float(np.quantile(rate[rate > 0.5 * highest], 0.9)) if highest > 0.0 else 0.0
 
 
 def _jitter(height: Floats) -> float:
-    """Half-width of the band that noise and quantisation fill [m].
-
-    What most successive differences stay below.
-    """
+    """Half-width of the band that noise and quantisation fill [m]: most successive differences are less."""
     steps = np.abs(np.diff(height))
     steps = steps[steps > 1e-9]
     if len(steps) < 10 or len(steps) < 0.3 * len(height):
@@ -119,18 +102,14 @@ def slope_from_height(coordinate: Floats, z: Floats, breaks: NDArray[np.bool_]) 
     long as it takes for the noise of the heights to leave the slope good to about half a per cent, at least
     10 m.
     """
-    known = np.isfinite(z)
-    out = np.zeros(len(z))
-    chain = np.cumsum(breaks)
+    known, chain, out = np.isfinite(z), np.cumsum(breaks), np.zeros(len(z))
     for c in np.unique(chain[known]):
-        rows = np.flatnonzero(known & (chain == c))
-        if len(rows) >= 5:
+        there = chain == c
+        s, heights = coordinate[there & known], z[there & known]
+        if len(s) >= 5:
             # A receiver often repeats a height for many rows of a faster log: between the known ones the
             # slope goes over.
-            there = chain == c
-            out[there] = np.interp(
-                coordinate[there], coordinate[rows], _running_slope(coordinate[rows], z[rows])
-            )
+            out[there] = np.interp(coordinate[there], s, _running_slope(s, heights))
     return out
 
 
@@ -144,9 +123,7 @@ def _running_slope(s: Floats, z: Floats) -> Floats:
     row = np.arange(len(s))
     lo, hi = np.maximum(np.minimum(lo, row - 1), 0), np.minimum(np.maximum(hi, row + 2), len(s))
     s0 = s - s[0]
-    zero = np.zeros(1)
-    n, ss, zz, sz, s2 = hi - lo, *(np.concatenate([zero, np.cumsum(v)]) for v in (s0, z, s0 * z, s0 * s0))
-    ms, mz = (ss[hi] - ss[lo]) / n, (zz[hi] - zz[lo]) / n
-    spread = (s2[hi] - s2[lo]) / n - ms**2
-    shared = (sz[hi] - sz[lo]) / n - ms * mz
+    sums = (np.append(0.0, np.cumsum(v)) for v in (s0, z, s0 * s0, s0 * z))
+    ms, mz, s2, sz = ((v[hi] - v[lo]) / (hi - lo) for v in sums)
+    spread, shared = s2 - ms**2, sz - ms * mz
     return np.asarray(np.arctan(np.where(spread > 0.1, shared / np.maximum(spread, 0.1), 0.0)))

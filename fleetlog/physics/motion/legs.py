@@ -1,24 +1,19 @@
-"""Legs: what a truck drives from one standstill to the next, as nodes along its path."""
+"""Legs: what a truck drives from one standstill to the next, as nodes along its path; and how fast it can."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fleetlog.core.motion import Motion, join
 from fleetlog.core.site import Site
-from fleetlog.physics.motion.profile import SpeedProfile, speed_profile
+from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.physics.motion.reconstruction import Reconstruction
 from fleetlog.physics.power import Physics, allowed_speed
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-STEP = 0.5
-"""Between the nodes of a leg, at most [m]."""
-BRIEFEST = 0.5
-"""A shorter standstill is the doubt about a slow moment, not a stop [s]."""
-SHORTEST = 0.5
-"""A shorter leg is the doubt about a standstill [m]."""
+STEP = 0.5  # Between the nodes of a leg, at most [m]
+BRIEFEST = 0.5  # A shorter standstill is the doubt about a slow moment, not a stop [s]
+SHORTEST = 0.5  # A shorter leg is the doubt about a standstill [m]
 
 
 @dataclass(frozen=True)
@@ -67,6 +62,45 @@ class Leg:
         )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class SpeedProfile:
+    """Speed and time along a path.
+
+    Attributes
+    ----------
+    distance : (N,) nodes along the path [m], growing.
+    speed : (N,) [m/s] at the nodes; its square is linear in between.
+    time : (N,) arrival [s] after setting off at node 0;  wait : (N,) [s] standing at the node before
+        going on.
+    """
+
+    distance: Floats
+    speed: Floats
+    time: Floats
+    wait: Floats
+
+    @property
+    def duration(self) -> float:
+        """Time to the last node, its own wait left out [s]."""
+        return float(self.time[-1])
+
+    def at(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Distance [m], speed [m/s] and acceleration [m/s2] at (M,) times [s] after setting off; at rest
+        outside."""
+        t, leave = np.asarray(time, dtype=np.float64), self.time + self.wait
+        i = np.clip(np.searchsorted(leave, t, side="right") - 1, 0, max(len(leave) - 2, 0))
+        span = self.time[i + 1] - leave[i]
+        since = np.clip(t - leave[i], 0.0, span)
+        v0, v1 = self.speed[i], self.speed[i + 1]
+        a = np.where(span > 0.0, (v1 - v0) / np.maximum(span, 1e-12), 0.0)
+        s = self.distance[i] + v0 * since + 0.5 * a * since**2
+        moving = (t >= leave[i]) & (t < self.time[i + 1])
+        ends = np.where((t < leave[i]) | (span <= 0.0), v0, v1)
+        rest = (t < leave[0]) | (t > self.time[-1])
+        speed = np.where(moving, v0 + a * since, ends)
+        return s, np.where(rest, 0.0, speed), np.where(moving & ~rest, a, 0.0)
+
+
 def legs(found: Reconstruction) -> list[Leg]:
     """The legs of one vehicle in order of time, each within one stretch of the log."""
     m = found.motion
@@ -74,40 +108,31 @@ def legs(found: Reconstruction) -> list[Leg]:
         return []
     # Moments of neighbours are no farther apart than both last, but across a silence.
     gap = np.append(False, np.diff(m.time) > m.dt[1:] + m.dt[:-1] + 1e-3)
-    runs = _runs(m, _brief_stops_driven(m, ~found.standing, gap), gap)
-    return [leg for leg in (_leg(found, *run) for run in runs) if leg is not None]
-
-
-def _brief_stops_driven(m: Motion, moving: NDArray[np.bool_], gap: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """``moving`` with standstills shorter than ``BRIEFEST`` counted as driving."""
-    begin = np.flatnonzero(np.append(True, (np.diff(moving.astype(np.int8)) != 0) | gap[1:]))
-    lasts = np.add.reduceat(m.dt, begin)
-    inner = np.ones(len(begin), bool)
-    inner[[0, -1]] = False
-    kept = moving[begin] | ((lasts < BRIEFEST) & inner & ~gap[begin])
-    return np.repeat(kept, np.diff(np.append(begin, len(moving))))
-
-
-def _runs(m: Motion, moving: NDArray[np.bool_], gap: NDArray[np.bool_]) -> list[tuple[int, int, float, bool]]:
-    """Every drive: its first sample and the one behind its last, and what is known of its ends.
-
-    Seconds of the standstill after it (NaN unknown), and whether both ends are standstills.
-    """
-    piece = np.cumsum(gap)
-    new = np.append(True, (np.diff(moving.astype(np.int8)) != 0) | gap[1:])
-    begin = np.flatnonzero(new)
-    end = np.append(begin[1:], len(m))
-    lasts = np.add.reduceat(m.dt, begin)
+    moving = ~found.standing
+    begin = _changes(moving, gap)
+    # A standstill shorter than ``BRIEFEST`` within a drive counts as driving.
+    brief = (np.add.reduceat(m.dt, begin) < BRIEFEST) & ~gap[begin]
+    brief[[0, -1]] = False
+    moving = np.repeat(moving[begin] | brief, np.diff(begin, append=len(m)))
+    begin = _changes(moving, gap)
+    lasts, piece = np.add.reduceat(m.dt, begin), np.cumsum(gap)[begin]
     out = []
     for k in np.flatnonzero(moving[begin]).tolist():
-        stood = [0 <= j < len(begin) and piece[begin[j]] == piece[begin[k]] for j in (k - 1, k + 1)]
-        ended = stood[1] and k + 2 < len(begin) and piece[begin[k + 2]] == piece[begin[k]]
-        out.append((int(begin[k]), int(end[k]), float(lasts[k + 1]) if ended else np.nan, all(stood)))
-    return out
+        # What lies before, behind and behind that, in the same stretch of the log.
+        stood, stands, goes_on = (0 <= j < len(begin) and piece[j] == piece[k] for j in (k - 1, k + 1, k + 2))
+        wait = float(lasts[k + 1]) if stands and goes_on else np.nan
+        end = begin[k + 1] if k + 1 < len(begin) else len(m)
+        out.append(_leg(found, slice(begin[k], end), wait, bool(stood and stands)))
+    return [leg for leg in out if leg is not None]
 
 
-def _leg(found: Reconstruction, begin: int, end: int, wait: float, whole: bool) -> Leg | None:
-    m = found.motion[begin:end]
+def _changes(moving: NDArray[np.bool_], gap: NDArray[np.bool_]) -> Ints:
+    """Where driving, standing or another stretch begins."""
+    return np.flatnonzero(np.append(True, (moving[1:] != moving[:-1]) | gap[1:]))
+
+
+def _leg(found: Reconstruction, samples: slice, wait: float, whole: bool) -> Leg | None:
+    m = found.motion[samples]
     step = m.speed * m.dt
     length = float(step.sum())
     if length < SHORTEST:
@@ -130,7 +155,7 @@ def _leg(found: Reconstruction, begin: int, end: int, wait: float, whole: bool) 
         edge_offset=np.maximum(m.edge_offset[near] + ahead, 0.0), acceleration=np.zeros(n),
         lift_speed=np.zeros(n),
     )  # fmt: skip
-    return Leg(s, path, found.row[begin:end][near], wait, whole, {})
+    return Leg(s, path, found.row[samples][near], wait, whole, {})
 
 
 def joined(parts: list[Leg]) -> Leg:
@@ -169,19 +194,32 @@ def speed_limits(site: Site, path: Motion) -> Floats:
 
 
 def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
-    """How a truck alone on its path drives a leg from rest to rest; terms that act on speed included.
+    """The quickest drive of a leg from rest to rest that keeps every limit, alone on its path.
 
-    ``limit`` (N,) [m/s], inf where there is none; a driver uses the truck's ``speed_factor`` of it.
+    ``limit`` (N,) [m/s], inf where there is none; a driver uses the truck's ``speed_factor`` of it.  Terms
+    that act on speed count, and stops on the way.
+
+    Time-optimal along a fixed path: one pass forward under acceleration, one backward under braking
+    (Bobrow, Dubowsky and Gibson 1985).  Gathering speed is limited by max_power at the wheel less rolling
+    and slope; braking is not.
     """
-    truck = physics.actual_truck()
-    allowed = np.minimum(limit * truck.drive.speed_factor, truck.drive.max_speed)
-    cap = np.maximum(allowed_speed(leg.path.replaced(speed=allowed), physics), 0.05)
+    from fleetlog.physics.motion.kernels.profile import clock, passes
+
+    truck, path = physics.actual_truck(), leg.path
+    drive, wait = truck.drive, np.zeros(len(path))
+    allowed = np.minimum(limit * drive.speed_factor, drive.max_speed)
+    cap = np.maximum(allowed_speed(path.replaced(speed=allowed), physics), 0.05)
+    cap = np.minimum(cap, drive.max_speed)
     stops = dict(leg.stops)
     if "waiting" in physics.fields and "waiting" not in physics.off:
-        stops.update(waits(physics.fields["waiting"].along(leg.path, 0.0)))
-    return speed_profile(
-        leg.distance, np.nan, truck, slope=leg.path.slope, payload=leg.path.payload, stops=stops, extra=cap
-    )
+        stops.update(waits(physics.fields["waiting"].along(path, 0.0)))
+    for node, seconds in stops.items():
+        cap[node], wait[node] = 0.0, seconds
+    cap[[0, -1]] = 0.0
+    up, down = drive.max_acceleration, drive.max_deceleration
+    mass, rolling = truck.chassis.mass + path.payload, truck.resistance.rolling
+    speed = passes(leg.distance, cap, path.slope, mass, up, down, drive.max_power, rolling)
+    return SpeedProfile(leg.distance, speed, clock(leg.distance, speed, wait, up, down), wait)
 
 
 def waits(seconds: Floats) -> dict[int, float]:

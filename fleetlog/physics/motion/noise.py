@@ -11,38 +11,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from fleetlog.core.trajectory import Floats, Ints
 
-SAMPLE = 12_000
-"""Rows on which the noise is measured, in up to six runs."""
+SAMPLE = 12_000  # Rows on which the noise is measured, in up to six runs
 PERSISTENCE = 3.0
-"""An acceleration lasts for about as long as a truck takes to gather speed [s]; so the jerk is the same
-at every rate."""
-COARSE = 0.5
-"""Of a denser log so much is enough to see how strong the jerk is [s]."""
+"""An acceleration lasts as long as a truck takes to gather speed [s]: the jerk is the same at every rate."""
+COARSE = 0.5  # Of a denser log so much is enough to see how strong the jerk is [s]
 ROUNDS = 3
-"""Of expectation and maximisation for the strength of the jerk: a fourth changes no energy by a
-thousandth."""
-ENCODER = 0.03
-"""Noise of a usual speed channel, 1 % of a truck's speed [m/s]."""
+"""Of expectation and maximisation for the jerk's strength: a fourth changes no energy by a thousandth."""
+ENCODER = 0.03  # Noise of a usual speed channel, 1 % of a truck's speed [m/s]
 PATH = 1.0
-"""The way through a corner is known to about this, whatever the positions [m]: a speed channel knows
-better ..."""
-SELDOM = 2.0
-"""... where its rows are closer than this [s]."""
-NORMAL_QUARTER = 0.3186
-"""A quarter of normal variables are no larger than this many standard deviations."""
-BENDS = 0.03
-"""A mean speed is off that of the middle of its step by so much a second of it [m/s2]."""
+"""The way through a corner is known to about this [m], whatever the positions: speed knows better ..."""
+SELDOM = 2.0  # ... where its rows are closer than this [s].
+NORMAL_QUARTER = 0.3186  # A quarter of normal variables are no larger than this many standard deviations
+BENDS = 0.03  # A mean speed is off that of the middle of its step by so much a second of it [m/s2]
 BOUNDS = {"jerk": (1e-4, 30.0), "position": (0.003, 30.0), "speed": (0.003, 2.0)}
 
 
 @dataclass(frozen=True)
 class Noise:
-    """White jerk density ``jerk`` [m2/s5].
-
-    Standard deviations of a measured ``position`` [m] and ``speed`` [m/s].
-    """
+    """White jerk density [m2/s5], standard deviations of a measured ``position`` [m] and ``speed`` [m/s]."""
 
     jerk: float = 0.1
     position: float = 0.3
@@ -51,10 +39,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Observed:
-    """What the filter sees.
-
-    Seconds, path coordinate [m] and speed [m/s] (NaN unknown), rest, and how rows follow.
-    """
+    """What the filter sees: time [s], way [m] and speed [m/s] (NaN unknown), rest, how rows follow."""
 
     t: Floats
     seen: Floats
@@ -64,16 +49,15 @@ class Observed:
 
     def sample(self, rows: int) -> Observed:
         """Some runs of rows, each after a break."""
-        n = len(self.t)
-        if n <= rows:
+        if len(self.t) <= rows:
             return self
-        runs = 6
-        starts = np.linspace(0, n - rows // runs, runs).astype(int)
-        part = self.taken(np.concatenate([np.arange(s, s + rows // runs) for s in starts]))
-        part.link[:: rows // runs] = 2
+        size = rows // 6
+        starts = np.linspace(0, len(self.t) - size, 6).astype(int)
+        part = self.taken((starts[:, None] + np.arange(size)).ravel())
+        part.link[::size] = 2
         return part
 
-    def at(self, moments: Floats) -> tuple[Observed, NDArray[np.int64]]:
+    def at(self, moments: Floats) -> tuple[Observed, Ints]:
         """With further moments between its own, in each of which nothing is seen; and the index of each.
 
         Between two rows at rest the truck rests.
@@ -88,16 +72,21 @@ class Observed:
         before = np.searchsorted(own, np.arange(len(t)), side="right") - 1
         return Observed(t, seen, speed, self.rest[after] & self.rest[before], link), inverse[len(self.t) :]
 
+    def with_mean_speed(self) -> Observed:
+        """Of rows whose speed is the mean since the row before: it is that of the middle of the step."""
+        joined = np.flatnonzero(self.link[1:] != 2) + 1
+        kept = replace(self, speed=np.where(self.link == 2, self.speed, np.nan))
+        out, middle = kept.at(0.5 * (self.t[joined] + self.t[joined - 1]))
+        out.speed[middle] = self.speed[joined]
+        return out
+
     def taken(self, rows: NDArray[np.intp]) -> Observed:
         """Some of the rows."""
         return Observed(self.t[rows], self.seen[rows], self.speed[rows], self.rest[rows], self.link[rows])
 
 
-def estimate_noise(observed: Observed, start: Noise, least: float = 0.0) -> Noise:
-    """The likeliest noise, from ``start``; what is not observed keeps its start value.
-
-    That of speed is ``least`` at least.
-    """
+def estimate_noise(observed: Observed, start: Noise, mean_over: float = 0.0) -> Noise:
+    """The likeliest noise, from ``start``, which stays where nothing is seen; ``mean_over`` of speeds [s]."""
     sample = observed.sample(SAMPLE)
     names = ["jerk"]
     if np.isfinite(sample.seen).sum() > 20:
@@ -107,7 +96,7 @@ def estimate_noise(observed: Observed, start: Noise, least: float = 0.0) -> Nois
     # Trucks gather and shed speed at nearly constant rates, with sharp bends between; a Gaussian jerk
     # cannot follow these and the likelihood would put them down to the speed channel, whose noise shows in
     # its third differences.
-    noise, bounds = replace(start, speed=max(speed_noise(sample), least)), BOUNDS
+    noise, bounds = replace(start, speed=max(speed_noise(sample), BENDS * mean_over)), BOUNDS
     if np.isfinite(sample.speed).mean() > 0.9 and np.median(np.diff(sample.t)) < SELDOM:
         noise, bounds = replace(noise, position=PATH), {**BOUNDS, "position": (PATH, BOUNDS["position"][1])}
     best = _likelihood(sample, noise)
@@ -125,8 +114,7 @@ def speed_noise(o: Observed) -> float:
     """Standard deviation of the speed channel [m/s] from the quieter third differences of driven rows.
 
     Where a truck begins to brake or to gather speed they show that; a quarter of the rows lies between.
-    Where rows are so far apart that the speed itself changes in bends between them, that of
-    a usual wheel encoder.
+    Where rows are so far apart that the speed itself bends between them, that of a usual wheel encoder.
     """
     third = o.speed[3:] - 3.0 * o.speed[2:-1] + 3.0 * o.speed[1:-2] - o.speed[:-3]
     lowest = np.min([o.speed[k : len(o.speed) - 3 + k] for k in range(4)], axis=0)
@@ -152,64 +140,43 @@ def _line(
 
 
 def _likelihood(o: Observed, noise: Noise) -> float:
-    return _forward(o, noise, None, np.empty((0, 3)), np.empty((0, 6)))
+    return _filtered(o, noise, np.full(len(o.t), noise.jerk), np.empty((0, 3)), np.empty((0, 6)))
 
 
-def _forward(o: Observed, noise: Noise, jerk: Floats | None, mean: Floats, cov: Floats) -> float:
-    """Run the filter, keep its states where there is room for them, and return the logarithm of the
-    likelihood."""
+def _filtered(o: Observed, noise: Noise, jerk: Floats, mean: Floats, cov: Floats) -> float:
+    """The logarithm of the likelihood; the filter's states where there is room for them."""
     from fleetlog.physics.motion.kernels.filter import filter_forward
 
-    jerk = np.full(len(o.t), noise.jerk) if jerk is None else jerk
     return float(filter_forward(
         o.t, o.seen, noise.position**2, o.speed, noise.speed**2, o.rest, o.link, jerk, 1.0 / PERSISTENCE,
         mean, cov,
     ))  # fmt: skip
 
 
-def with_mean_speed(o: Observed) -> Observed:
-    """Rows whose speed is the mean since the row before: it is that of the middle of the step."""
-    joined = np.flatnonzero(o.link[1:] != 2) + 1
-    out, middle = Observed(o.t, o.seen, np.where(o.link == 2, o.speed, np.nan), o.rest, o.link).at(
-        0.5 * (o.t[joined] + o.t[joined - 1])
-    )
-    out.speed[middle] = o.speed[joined]
-    return out
-
-
 @dataclass(frozen=True)
 class Smoothed:
-    """The states at N moments.
-
-    ``mean`` (N, 3) way, speed, acceleration; ``cov`` (N, 6) ss, sv, sa, vv, va, aa; ``gain`` (N, 9).
-    """
+    """At N moments: (N, 3) way, speed, acceleration; (N, 6) ss, sv, sa, vv, va, aa; (N, 9) gains."""
 
     mean: Floats
     cov: Floats
     gain: NDArray[np.float32]
 
 
-def smooth(o: Observed, noise: Noise, jerk: Floats | None = None, *, gains: bool = False) -> Smoothed:
-    """The smoothed states.
-
-    ``gains`` keeps those of the backward pass, which tie the states of different times.
-    """
+def smooth(o: Observed, noise: Noise, jerk: Floats | None = None) -> Smoothed:
+    """The smoothed states, and the gains of the backward pass, which tie the states of different times."""
     from fleetlog.physics.motion.kernels.filter import smooth_backward
 
     n = len(o.t)
     jerk = np.full(n, noise.jerk) if jerk is None else jerk
-    mean, cov, gain = np.empty((n, 3)), np.empty((n, 6)), np.zeros((n if gains else 0, 9), np.float32)
-    _forward(o, noise, jerk, mean, cov)
+    mean, cov, gain = np.empty((n, 3)), np.empty((n, 6)), np.zeros((n, 9), np.float32)
+    _filtered(o, noise, jerk, mean, cov)
     smooth_backward(o.t, o.link, jerk, 1.0 / PERSISTENCE, mean, cov, gain)
     return Smoothed(mean, cov, gain)
 
 
 def jerk_strength(o: Observed, noise: Noise) -> Floats:
-    """(N,) density [m2/s5] of the jerk in the step to each row.
-
-    Little in a cruise, much where a truck begins to brake. Of rows seconds apart it cannot be told, and is
-    the same for all.
-    """
+    """(N,) density [m2/s5] of the jerk in the step to a row, the same for all where rows are seconds apart;
+    little in a cruise, much where a truck begins to brake."""
     from fleetlog.physics.motion.kernels.filter import jerk_scales
 
     if len(o.t) < 2 or np.median(np.diff(o.t)) > SELDOM + COARSE:
@@ -219,6 +186,6 @@ def jerk_strength(o: Observed, noise: Noise) -> Floats:
     c = o.taken(few)
     scale, jerk = noise.jerk, np.full(len(few), noise.jerk)
     for _ in range(ROUNDS):
-        s = smooth(c, noise, jerk, gains=True)
+        s = smooth(c, noise, jerk)
         scale = jerk_scales(c.t, c.link, c.rest, scale, 1.0 / PERSISTENCE, s.mean, s.cov, s.gain, jerk)
     return jerk[np.minimum(np.searchsorted(few, np.arange(len(o.t))), len(few) - 1)]

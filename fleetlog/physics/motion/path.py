@@ -10,23 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Network
-from fleetlog.physics.motion.plane import Plane
+from fleetlog.core.network import Floats, Index, Network
+from fleetlog.physics.motion.plane import Plane, mean_curvature
 from fleetlog.physics.motion.rows import Rows
 
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
-Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-RADIUS = 2.5
-"""Of a corner [m], where no truck says otherwise."""
+RADIUS = 2.5  # Of a corner [m], where no truck says otherwise
 BOW = 0.1
 """A gentle kink is rounded as widely as it can be while the curve stays this close to the corner [m]."""
-STEERING = 0.85
-"""Half the length over which the wheel is turned [m]: curvature is a mean over it."""
-SHARPEST = 3.0
-"""A sharper angle is a turn on the spot, not a bend [rad]."""
+STEERING = 0.85  # Half the length over which the wheel is turned [m]: curvature is a mean over it
+SHARPEST = 3.0  # A sharper angle is a turn on the spot, not a bend [rad]
 MOST_ALONG = 10.0
 """A position farther than this along the edge from its place there does not correct the place [m]."""
 
@@ -63,8 +57,10 @@ class Bends:
 
     def curvature(self, way: Floats, half: Floats) -> Floats:
         """Mean curvature of the way from ``half`` m before to ``half`` m after [1/m], left positive."""
-        low, high = (np.interp(way + side * half, self.driven, self.turned) for side in (-1.0, 1.0))
-        return np.asarray((high - low) / (2.0 * half))
+        return mean_curvature(way, half, self.driven, self.turned)
+
+
+STRAIGHT = Bends(np.zeros(1), np.zeros(1), np.zeros(1))
 
 
 def _along(at: Floats, knots: Floats, values: Floats) -> Floats:
@@ -96,20 +92,15 @@ def follow(
 ) -> Path:
     """The path of some rows; marks jumps in ``link``.
 
-    Offsets are smoothed already by the matching; what a position says beyond them is added back, so that
-    the noise is that of the positions again.
+    The matching has smoothed the offsets: what a position says beyond them is added back.
     """
     from fleetlog.physics.motion.kernels.way import path_coordinate
 
-    edge, offset, x, y, n = rows.edge, rows.offset, rows.x, rows.y, len(rows.t)
-    place, ahead = np.zeros(n), np.zeros(n)
-    step = np.zeros(n) if plane is None else np.diff(plane.way, prepend=plane.way[:1])
-    if network is None:
-        place, visits = (
-            np.cumsum(step),
-            Visits(np.full(1, -1, np.int32), np.zeros(1), np.zeros(1), np.zeros(1, bool)),
-        )
-    else:
+    edge, offset, x, y = rows.edge, rows.offset, rows.x, rows.y
+    step = np.zeros(len(x)) if plane is None else np.diff(plane.way, prepend=plane.way[:1])
+    visits = Visits(np.full(1, -1, np.int32), np.zeros(1), np.zeros(1), np.zeros(1, bool))
+    place, ahead = np.cumsum(step), np.zeros(len(x))
+    if network is not None:
         visits = Visits(*path_coordinate(
             edge, offset, x, y, step, network.next_first, network.next_edges, network.length,
             network.reverse, 5.0, link, place,
@@ -125,12 +116,9 @@ def follow(
 
 
 def _rounded(network: Network | None, visits: Visits, stood: Floats, radius: float) -> Bends:
-    """The bends of all visits as arcs.
-
-    At a junction where the truck ``stood`` (places in order) it set off anew and drove none.
-    """
+    """The bends of all visits as arcs; a truck that ``stood`` (places in order) at a junction drove none."""
     if network is None or not (visits.edge >= 0).any():
-        return Bends(np.zeros(1), np.zeros(1), np.zeros(1))
+        return STRAIGHT
     where, angle, leg, join = _vertices(network, visits)
     size = np.minimum(np.abs(angle), 2.8)
     reach = np.maximum(radius * np.tan(size / 2.0), BOW / np.tan(np.maximum(size, 1e-6) / 4.0))
@@ -149,16 +137,13 @@ def _rounded(network: Network | None, visits: Visits, stood: Floats, radius: flo
         for rate in (angle / (2.0 * reach), saved)
     )
     if not len(knots):
-        return Bends(np.zeros(1), np.zeros(1), np.zeros(1))
+        return STRAIGHT
     driven = np.maximum.accumulate(knots - np.minimum(lost, knots - knots[0]))
     return Bends(knots, turned, driven)
 
 
 def _vertices(network: Network, v: Visits) -> tuple[Floats, Floats, Floats, Flags]:
-    """Map coordinate, angle [rad] and shorter leg [m] of every corner passed.
-
-    In the edges and (True) between them.
-    """
+    """Map coordinate, angle [rad] and shorter leg [m] of every corner passed; whether between edges."""
     on = np.flatnonzero(v.edge >= 0)
     e = v.edge[on]
     inner = np.maximum(network.first[e + 1] - network.first[e] - 2, 0)
@@ -184,21 +169,17 @@ def _between(a: Floats, b: Floats) -> Floats:
 
 
 def by_second(t: Floats, seen: Floats, link: NDArray[np.uint8]) -> Floats:
-    """(N,) positions along the path as one mean a second, at the row in its middle.
-
-    Errors of a receiver and of the path itself last about as long: more rows say no more.
-    """
+    """(N,) positions along the path as one mean a second: the errors last so long."""
     known = np.flatnonzero(np.isfinite(seen))
     if not len(known):
         return seen
     block = np.cumsum(link != 0)[known] * 1e9 + np.floor(t[known] + 1e-6)
     first = np.flatnonzero(np.diff(block, prepend=-1.0))
     last = np.append(first[1:], len(known)) - 1
-    count = last - first + 1
-    middle = known[(first + last) // 2]
+    count, middle = last - first + 1, known[(first + last) // 2]
     mean_t, mean = (np.add.reduceat(v[known], first) / count for v in (t, seen))
-    span = np.maximum(t[known[last]] - t[known[first]], 1e-9)
-    pace = np.where(count > 1, (seen[known[last]] - seen[known[first]]) / span, 0.0)
+    span, way = (v[known[last]] - v[known[first]] for v in (t, seen))
+    pace = np.where(count > 1, way / np.maximum(span, 1e-9), 0.0)
     out = np.full(len(seen), np.nan)
     out[middle] = mean + pace * (t[middle] - mean_t)
     return out
@@ -207,11 +188,8 @@ def by_second(t: Floats, seen: Floats, link: NDArray[np.uint8]) -> Floats:
 def edge_shape(
     network: Network, edge: Index, offset: Floats, x: Floats, y: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Heading and slope of the edge [rad] at places on it, and how far ahead of them (x, y) lies [m].
-
-    0 off the map.
-    """
-    from fleetlog.physics.motion.kernels.rows import on_edges
+    """Heading and slope of the edge [rad] at places on it, how far ahead (x, y) lies [m]; 0 off the map."""
+    from fleetlog.physics.motion.kernels.way import on_edges
 
     ahead, heading, slope = np.zeros((3, len(edge)))
     on_edges(edge, offset, x, y, network.points, network.first, network.distance, ahead, heading, slope)

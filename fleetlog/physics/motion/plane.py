@@ -3,16 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetlog.core.motion import Floats
 from fleetlog.physics.motion.noise import Noise, Observed, estimate_noise, smooth
 from fleetlog.physics.motion.rows import Rows
 
-Floats = NDArray[np.float64]
 TRACK = 2.5
 """Half the length of track whose turning is taken together [m]: noise of the positions is divided by it."""
-HELD = 0.2
-"""Below this speed noisy positions have no direction: the last one holds [m/s]."""
+HELD = 0.2  # Below this speed noisy positions have no direction: the last one holds [m/s]
 
 
 @dataclass(frozen=True)
@@ -31,9 +29,13 @@ class Plane:
     def curvature(self, way: Floats, half: Floats) -> Floats:
         """Mean curvature from ``half`` m before, or ``TRACK``, to as much after [1/m], left positive."""
         half = np.maximum(half, TRACK)
-        growing = self.way + 1e-6 * np.arange(len(self.way))
-        low, high = (np.interp(way + side * half, growing, self.turned) for side in (-1.0, 1.0))
-        return np.asarray((high - low) / (2.0 * half))
+        return mean_curvature(way, half, self.way + 1e-6 * np.arange(len(self.way)), self.turned)
+
+
+def mean_curvature(way: Floats, half: Floats, driven: Floats, turned: Floats) -> Floats:
+    """Angle turned from ``half`` m before to ``half`` m after a way, over that length [1/m]."""
+    low, high = (np.interp(way + side * half, driven, turned) for side in (-1.0, 1.0))
+    return np.asarray((high - low) / (2.0 * half))
 
 
 def plane_track(rows: Rows) -> Plane:

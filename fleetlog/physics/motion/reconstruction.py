@@ -16,35 +16,17 @@ from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.network import Network
-from fleetlog.core.trajectory import Trajectory
+from fleetlog.core.trajectory import Floats, Ints, Trajectory
 from fleetlog.core.truck import Truck
-from fleetlog.physics.motion.assemble import assembled, placed
+from fleetlog.physics.motion.assemble import assembled
 from fleetlog.physics.motion.channels import forks
 from fleetlog.physics.motion.grid import quiet_rows, row_spans, sample_grid
-from fleetlog.physics.motion.noise import (
-    BENDS,
-    Noise,
-    Observed,
-    Smoothed,
-    estimate_noise,
-    jerk_strength,
-    smooth,
-    with_mean_speed,
-)
+from fleetlog.physics.motion.noise import Noise, Observed, Smoothed, estimate_noise, jerk_strength, smooth
 from fleetlog.physics.motion.path import RADIUS, by_second, follow
 from fleetlog.physics.motion.plane import plane_track
-from fleetlog.physics.motion.rows import (
-    STANDING,
-    lost_ways,
-    metres_per_metre,
-    position_noise,
-    read_rows,
-    speed_is_mean,
-)
+from fleetlog.physics.motion.rows import STANDING, against_odometer, read_rows, speed_is_mean
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Numbers = NDArray[np.int32] | NDArray[np.int64]
+Numbers = NDArray[np.int32] | Ints
 Flags = NDArray[np.bool_]
 
 
@@ -87,8 +69,7 @@ class Reconstruction:
     def likeliest(self) -> Motion:
         """The motion without the spread of its accelerations.
 
-        What power costs less on it is what sampling hides, and as sure as its own size: no noise that
-        averages out.
+        What power costs less on it is what sampling hides: no noise that averages out.
         """
         mean = np.where(self.standing, 0.0, self.states.mean[self.node, 2])
         return self.motion.replaced(acceleration=mean)
@@ -102,45 +83,35 @@ class Reconstruction:
         """
         from fleetlog.physics.motion.kernels.filter import energy_variance
 
-        by_speed = self._secant(power, "speed", self.speed_sd)
-        by_acceleration = self._secant(power, "acceleration", self.acceleration_sd)
-        nodes = len(self.states.cov)
-        slopes = np.zeros((2, nodes))
-        slopes[0, self.node], slopes[1, self.node] = (
-            by_speed * self.motion.dt,
-            by_acceleration * self.motion.dt,
-        )
-        near = np.minimum(np.searchsorted(self.node, np.arange(nodes)), len(self.node) - 1)
-        count = int(window.max(initial=-1)) + 1
-        moved = energy_variance(self.states.cov, self.states.gain, slopes[0], slopes[1], window[near], count)
+        nodes, count = len(self.states.cov), int(window.max(initial=-1)) + 1
+        by_speed, by_acceleration = np.zeros((2, nodes))
+        by_speed[self.node] = self._secant(power, "speed", self.speed_sd) * self.motion.dt
+        by_change = self._secant(power, "acceleration", self.acceleration_sd)
+        by_acceleration[self.node] = by_change * self.motion.dt
+        near = window[np.minimum(np.searchsorted(self.node, np.arange(nodes)), len(self.node) - 1)]
+        cov, gain = self.states.cov, self.states.gain
+        moved = energy_variance(cov, gain, by_speed, by_acceleration, near, count)
         return np.asarray(moved + self._lift_variance(power, window, count))
 
     def _lift_variance(self, power: Callable[[Motion], Floats], window: Numbers, count: int) -> Floats:
-        """(W,) that of lifts between the last row of a window and the first of the next.
-
-        Either may have them.
-        """
+        """(W,) that of lifts between the last row of a window and the first of the next, either's."""
         if not self.lift_doubt.any():
             return np.zeros(count)
         lifting = power(self.motion) - power(self.motion.replaced(lift_speed=np.zeros(len(self.motion))))
-        joules = (
-            np.bincount(self.interval, lifting * self.motion.dt, len(self.dt_row) + 1)[1:-1] * self.lift_doubt
-        )
+        lifted = np.bincount(self.interval, lifting * self.motion.dt, len(self.dt_row) + 1)[1:-1]
         of_row = np.full(len(self.dt_row), -1)
         of_row[self.row] = window
         before, after = of_row[:-1], of_row[1:]
         cut = before != after
         out = np.zeros(count + 1)
         for side in (before, after):
-            np.add.at(out, side[cut], joules[cut] ** 2)
+            np.add.at(out, side[cut], (lifted * self.lift_doubt)[cut] ** 2)
         return out[:count]
 
     def _secant(self, power: Callable[[Motion], Floats], name: str, size: Floats) -> Floats:
         size = np.where(self.standing, 0.0, np.maximum(size, 1e-4))
         value = self.states.mean[self.node, 1 if name == "speed" else 2]
-        high, low = value + size, value - size
-        if name == "speed":
-            low = np.maximum(low, 1e-3)
+        high, low = value + size, np.maximum(value - size, 1e-3 if name == "speed" else -np.inf)
         change = power(self.motion.replaced(**{name: high})) - power(self.motion.replaced(**{name: low}))
         return np.where(self.standing, 0.0, change / np.maximum(high - low, 1e-6))
 
@@ -170,25 +141,21 @@ def reconstruct(
         return _nothing(noise or Noise())
     rows = read_rows(trajectory, network, scale)
     breaks, link = rows.link == 2, rows.link.copy()
-    plane = None
-    if trajectory.has("x") and (rows.edge < 0).any():
-        plane = plane_track(rows)
+    plane = plane_track(rows) if trajectory.has("x") and (rows.edge < 0).any() else None
     path = follow(network, rows, plane, link, RADIUS if truck is None else truck.chassis.turn_radius)
-    longer = metres_per_metre(rows, path.seen, link != 0)
-    lost = lost_ways(rows, path.seen / longer, position_noise(rows.x, rows.y))
+    longer, lost = against_odometer(rows, path.seen, link != 0)
     link[lost & (link == 0)] = 1
     seen = by_second(rows.t, np.where(rows.fresh, path.seen / longer, np.nan), link)
     observed = Observed(rows.t, seen, rows.speed, rows.rest, link)
-    is_mean = speed_is_mean(rows, path.seen)
-    observed = with_mean_speed(observed) if is_mean else observed
-    noise = noise or estimate_noise(
-        observed, Noise(), BENDS * float(np.median(np.diff(rows.t))) if is_mean else 0.0
-    )
+    mean_over = 0.0
+    if speed_is_mean(rows, path.seen):
+        observed, mean_over = observed.with_mean_speed(), float(np.median(np.diff(rows.t)))
+    noise = noise or estimate_noise(observed, Noise(), mean_over)
     mast = forks(rows.t, trajectory)
     grid = sample_grid(rows.t, breaks, quiet_rows(rows.rest, breaks, mast.at(rows.t)), lag)
     nodes, node = observed.at(grid.moment)
     jerk = jerk_strength(observed, noise)[np.searchsorted(observed.t, nodes.t)]
-    states = smooth(nodes, noise, jerk, gains=True)
+    states = smooth(nodes, noise, jerk)
     standing = nodes.rest[node] | (states.mean[node, 1] < STANDING)
     speed_sd, acceleration_sd = (
         np.where(standing, 0.0, np.sqrt(np.maximum(states.cov[node, k], 0.0))) for k in (3, 5)
@@ -196,8 +163,10 @@ def reconstruct(
     way, speed, acceleration = states.mean[node].T
     speed = np.where(standing, 0.0, speed)
     acceleration = np.where(standing, 0.0, acceleration + _spread(acceleration_sd))
-    places = placed(trajectory, network, rows, path, plane, grid, way * longer, speed)
-    motion = assembled(trajectory, rows, grid, mast, places, speed, acceleration, load_lags=load_lags)
+    motion = assembled(
+        trajectory, network, rows, path, plane, mast, grid, way * longer, speed, acceleration,
+        load_lags=load_lags,
+    )  # fmt: skip
     before, after = row_spans(rows.t, breaks)
     interval = grid.row + (grid.time > rows.t[grid.row])
     return Reconstruction(

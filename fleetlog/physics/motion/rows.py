@@ -1,7 +1,4 @@
-"""What a log says of the motion, row by row.
-
-Clean positions and speeds, where it is silent, and when the truck stands.
-"""
+"""What a log says of the motion, row by row: positions, speeds, silences and standstills."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,41 +7,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetlog.core.network import Network
+from fleetlog.core.network import Floats, Index, Network
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
 
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-SHORTEST_GAP = 10.0
-"""A silence of this and of five usual intervals ends a stretch [s]."""
+SHORTEST_GAP = 10.0  # A silence of this and of five usual intervals ends a stretch [s]
 STANDING = 0.05
 """Below this the log's speed is a standstill [m/s]: the creep and the noise of a speed sensor at rest."""
 UNSURE_END = 1.5
 """Both ends of a standstill that only positions show are left to the smoother for this long [s]."""
-OFF_LANE = 2.0
-"""Farther than this from the middle of its road, and than its noise, a truck is beside it [m]."""
-CHANGES = 0.2
-"""A change of speed from row to row that shows whether it is a mean [m/s]."""
-LONG = 50.0
-"""A way over which an odometer and the map are compared [m]."""
-LOST = 2.0
-"""So much and four times their noise may positions be off the way that the speed channel says from row
-to row [m]."""
-MOVED = 0.5
-"""Metres that a vehicle has driven by its speed while its position stayed the same: then that was not an
-update."""
+OFF_LANE = 2.0  # Farther than this from the middle of its road, and than its noise, a truck is beside it [m]
+CHANGES = 0.2  # A change of speed from row to row that shows whether it is a mean [m/s]
+LONG = 50.0  # A way over which an odometer and the map are compared [m]
+LOST = 2.0  # So much and four times their noise may positions be off the way by the speed from row to row [m]
+MOVED = 0.5  # A position that stayed the same while the speed channel drove so far was not measured again [m]
 
 
 @dataclass(frozen=True)
 class Rows:
     """The rows of a log, (N,) each.
 
-    ``t`` [s]; ``x``, ``y`` [m], interpolated where unknown; ``fresh``, whether that was
-    measured then;
-    ``speed`` [m/s] (NaN unknown), ``link`` 0 or 2 after a silence, ``edge`` (-1 off the map), ``offset``
-    [m], ``rest``.
+    ``t`` [s]; ``x``, ``y`` [m], interpolated where unknown; ``fresh``, whether they were measured then;
+    ``speed`` [m/s] (NaN unknown); ``link`` 0 or 2 after a silence; ``edge`` (-1 off the map), ``offset`` [m].
     """
 
     t: Floats
@@ -53,16 +39,13 @@ class Rows:
     fresh: Flags
     speed: Floats
     link: NDArray[np.uint8]
-    edge: NDArray[np.int32]
+    edge: Index
     offset: Floats
     rest: Flags
 
 
 def measured_channels(trajectory: Trajectory, meta: Mapping[str, Any]) -> Trajectory:
-    """The trajectory without a speed that import derived from the positions.
-
-    It says nothing beside them, and its noise is theirs.
-    """
+    """The trajectory without a speed that import derived from positions, as it says nothing beside them."""
     derived = meta.get("summary", {}).get("derived_by_vehicle", {}).get(trajectory.vehicle_id, ())
     if "speed" not in derived or not trajectory.has("x"):
         return trajectory
@@ -99,22 +82,17 @@ def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
     speed, one that is repeated no longer than twice as long as is usual in this log.
     """
     known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
-    fresh = np.zeros(len(x), bool)
-    if len(known) < 2:
-        fresh[known] = True
-        return fresh
+    fresh = np.isfinite(x) & np.isfinite(y)
     new = np.append(True, (np.diff(x[known]) != 0.0) | (np.diff(y[known]) != 0.0))
-    run = np.cumsum(new) - 1
     if new.all():
-        fresh[known] = True
         return fresh
+    run = np.cumsum(new) - 1
     way = _driven(t, speed)[known]
     moved = np.abs(way[np.append(np.flatnonzero(new)[1:], len(known) - 1)] - way[new])[run] > MOVED
     lasts = np.diff(np.append(t[known][new], t[known][-1]))
     brief = (lasts <= 2.0 * np.median(lasts))[run]
-    fresh[known] = new | ~np.where(
-        np.isfinite(speed[known]), moved, brief & (np.median(np.bincount(run)) > 1)
-    )
+    brief &= np.median(np.bincount(run)) > 1
+    fresh[known] = new | ~np.where(np.isfinite(speed[known]), moved, brief)
     return fresh
 
 
@@ -131,9 +109,7 @@ def _filled(t: Floats, value: Floats) -> Floats:
     return np.interp(t, t[known], value[known]) if known.any() else np.zeros(len(t))
 
 
-def _matched(
-    trajectory: Trajectory, network: Network | None, noise: float
-) -> tuple[NDArray[np.int32], Floats]:
+def _matched(trajectory: Trajectory, network: Network | None, noise: float) -> tuple[Index, Floats]:
     """Edge and offset of the rows that lie on their road; in a bay beside it the positions are the path."""
     if network is None:
         return np.full(len(trajectory), -1, np.int32), np.full(len(trajectory), np.nan)
@@ -144,13 +120,10 @@ def _matched(
 
 
 def _standing(
-    t: Floats, x: Floats, y: Floats, speed: Floats, edge: NDArray[np.int32], offset: Floats,
+    t: Floats, x: Floats, y: Floats, speed: Floats, edge: Index, offset: Floats,
     link: NDArray[np.uint8]
 ) -> Flags:  # fmt: skip
-    """Rows of a standstill.
-
-    The log's speed says so, else the match put them on one spot, else the positions stay.
-    """
+    """Rows of a standstill: the speed says so, else the match put them on one spot, else positions stay."""
     from fleetlog.physics.motion.kernels.way import stays
 
     known = np.isfinite(speed)
@@ -186,9 +159,8 @@ def position_noise(x: Floats, y: Floats) -> float:
 def speed_is_mean(rows: Rows, way: Floats) -> bool:
     """Whether the speed of a row is the mean since the row before, judged by the ``way`` (N,) seen.
 
-    Then the way between two rows is its speed times the step;
-    else it is the mean of both rows' speeds times the step. What decides lies where the truck gathers or
-    sheds speed.
+    Then the way between two rows is its speed times the step; else it is the mean of both rows' speeds times
+    the step.  What decides lies where the truck gathers or sheds speed.
     """
     step, change = np.diff(rows.t), np.diff(rows.speed)
     later = 0.5 * step * change
@@ -203,42 +175,24 @@ def speed_is_mean(rows: Rows, way: Floats) -> bool:
     return share > 0.5 and share > 5.0 * error
 
 
-def driven_way(rows: Rows) -> Floats:
-    """(N,) metres driven by the speed channel; NaN all where the log has none."""
-    if not np.isfinite(rows.speed).any():
-        return np.full(len(rows.t), np.nan)
-    v = np.nan_to_num(rows.speed)
-    return np.append(0.0, np.cumsum(0.5 * np.diff(rows.t) * (v[1:] + v[:-1])))
+def against_odometer(rows: Rows, way: Floats, jumps: Flags) -> tuple[float, Flags]:
+    """Metres of ``way`` (N,) that positions show for a metre by the speed channel, 1 where unknown; and the
+    (N,) rows whose way since the last known row is not what it says then: a wrong match, or a bay.
 
-
-def metres_per_metre(rows: Rows, way: Floats, jumps: Flags) -> float:
-    """Metres of ``way`` (N,) that the positions show for a metre by the speed channel; 1 where unknown.
-
-    An odometer and a map differ by a per cent or two; the smoother is to know of
-    one length only, that of the speed channel.
+    An odometer and a map differ by a per cent or two; the smoother is to know of that of the speed channel.
     """
-    driven = driven_way(rows)
-    known = np.flatnonzero(np.isfinite(way) & rows.fresh & np.isfinite(driven))
-    if not len(known):
-        return 1.0
+    lost, v = np.zeros(len(way), bool), np.nan_to_num(rows.speed)
+    known = np.flatnonzero(np.isfinite(way) & rows.fresh)
+    if not len(known) or not np.isfinite(rows.speed).any():
+        return 1.0, lost
+    way, driven = way[known], np.append(0.0, np.cumsum(0.5 * np.diff(rows.t) * (v[1:] + v[:-1])))[known]
     piece = np.cumsum(jumps | ~np.isfinite(rows.speed))[known]
-    part = np.floor(driven[known] / LONG) + piece * 1e6
-    first = np.flatnonzero(np.diff(part, prepend=-1.0))
+    first = np.flatnonzero(np.diff(np.floor(driven / LONG) + piece * 1e6, prepend=-1.0))
     last = np.append(first[1:], len(known)) - 1
-    seen, said = (x[known[last]] - x[known[first]] for x in (way, driven))
+    seen, said = way[last] - way[first], driven[last] - driven[first]
     good = said > 0.5 * LONG
-    ratio = float(np.median(seen[good] / said[good])) if good.sum() >= 5 else 1.0
-    return ratio if 0.8 < ratio < 1.25 else 1.0
-
-
-def lost_ways(rows: Rows, way: Floats, noise: float) -> Flags:
-    """(N,) rows whose ``way`` since the last known row is not what the speed channel says.
-
-    A wrong match, or a bay.
-    """
-    driven = driven_way(rows)
-    known = np.flatnonzero(np.isfinite(way) & rows.fresh & np.isfinite(driven))
-    out = np.zeros(len(way), bool)
-    apart = np.abs(np.diff(way[known]) - np.diff(driven[known]))
-    out[known[1:][apart > LOST + 4.0 * noise]] = True
-    return out
+    longer = float(np.median(seen[good] / said[good])) if good.sum() >= 5 else 1.0
+    longer = longer if 0.8 < longer < 1.25 else 1.0
+    apart = np.abs(np.diff(way / longer) - np.diff(driven))
+    lost[known[1:][apart > LOST + 4.0 * position_noise(rows.x, rows.y)]] = True
+    return longer, lost

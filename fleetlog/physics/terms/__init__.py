@@ -1,3 +1,1 @@
-"""One file a term.  A term is a plain function of the motion and the truck;
-see :mod:`fleetlog.physics.term`.
-"""
+"""One file a term, which is a plain function of motion and truck; see :mod:`fleetlog.physics.term`."""

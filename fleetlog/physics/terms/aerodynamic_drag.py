@@ -1,8 +1,6 @@
 """Aerodynamic drag in still air."""
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import AIR_DENSITY, Floats, Parameter, Term, Values
+from fleetlog.physics.term import AIR_DENSITY, Floats, Motion, Parameter, Term, Truck, Values
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
@@ -11,16 +9,11 @@ def force(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 TERM = Term(
-    "aerodynamic_drag",
-    "force",
-    "air drag is larger than the truck file says",
-    (Parameter("drag_area", "m2", 0.0, 40.0, truck_key="resistance.drag_area", tolerance=0.1),),
-    force,
-    nominal=True,
-    depends_on=("speed",),
+    "aerodynamic_drag", "force", "air drag is larger than the truck file says",
+    (Parameter("drag_area", "m2", 0.0, 40.0, truck_key="resistance.drag_area", tolerance=0.1),), force,
+    nominal=True, depends_on=("speed",),
     sentence="Air drag acts on an area (c_d A) of {drag_area.value:.1f} m2 ({drag_area.low:.1f} to "
-    "{drag_area.high:.1f}); "
-    "the truck file has {drag_area.nominal:.1f} m2",
+    "{drag_area.high:.1f}); the truck file has {drag_area.nominal:.1f} m2",
     needs="drive the same road at three speeds, the highest included",
     advice="Enter the drag area in the truck file",
-)
+)  # fmt: skip

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import Floats, Parameter, Term, Values
+from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
 
 def power(motion: Motion, truck: Truck, values: Values) -> Floats:
@@ -13,15 +11,11 @@ def power(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 TERM = Term(
-    "auxiliary_load",
-    "power",
-    "something draws constant power, driving or standing",
-    (Parameter("power", "W", 0.0, 6000.0, truck_key="auxiliary.power", tolerance=0.1, added=True),),
-    power,
+    "auxiliary_load", "power", "something draws constant power, driving or standing",
+    (Parameter("power", "W", 0.0, 6000.0, truck_key="auxiliary.power", tolerance=0.1, added=True),), power,
     nominal=True,
     sentence="Auxiliary consumers draw {power.value:.0f} W ({power.low:.0f} to {power.high:.0f}) at all "
-    "times; "
-    "the truck file has {power.nominal:.0f} W",
+    "times; the truck file has {power.nominal:.0f} W",
     needs="record the truck standing with the key on",
     advice="Switch off heater, lights, fan and terminal one by one with the key on, and watch the current",
-)
+)  # fmt: skip

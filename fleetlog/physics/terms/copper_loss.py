@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import Floats, Parameter, Term, Values
+from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
 
 def power(motion: Motion, truck: Truck, values: Values) -> Floats:
@@ -18,14 +16,10 @@ def power(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 TERM = Term(
-    "copper_loss",
-    "drive",
-    "drive and cables lose power with the square of the wheel's force",
-    (Parameter("k", "W/N2", 0.0, 0.01),),
-    power,
-    depends_on=("acceleration", "payload"),
+    "copper_loss", "drive", "drive and cables lose power with the square of the wheel's force",
+    (Parameter("k", "W/N2", 0.0, 0.01),), power, depends_on=("acceleration", "payload"),
     sentence="Drive and cables lose {k.value:.2e} W for every N2 of wheel force ({k.low:.2e} to "
     "{k.high:.2e})",
     needs="record strong and gentle starts at one load",
     advice="Check the power cables and connectors for heat",
-)
+)  # fmt: skip

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import GRAVITY, Floats, Parameter, Term, Values, total_mass
+from fleetlog.physics.term import GRAVITY, Floats, Motion, Parameter, Term, Truck, Values, total_mass
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
@@ -19,14 +17,10 @@ def force(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 TERM = Term(
-    "cornering_resistance",
-    "force",
-    "turning costs extra force, as tyres scrub",
-    (Parameter("k", "m", 0.0, 2.0),),
-    force,
-    depends_on=("curvature",),
+    "cornering_resistance", "force", "turning costs extra force, as tyres scrub",
+    (Parameter("k", "m", 0.0, 2.0),), force, depends_on=("curvature",),
     sentence="Turning costs extra force, as tyre scrub does: k = {k.value:.3f} m ({k.low:.3f} to "
     "{k.high:.3f})",
     needs="drive circles of two radii at one speed",
     advice="Check the tyres and the steering geometry",
-)
+)  # fmt: skip

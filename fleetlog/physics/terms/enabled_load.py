@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import Floats, Parameter, Term, Values
+from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
 
 def power(motion: Motion, truck: Truck, values: Values) -> Floats:
@@ -27,15 +25,11 @@ def enabled(motion: Motion, hold: float) -> Floats:
 
 
 TERM = Term(
-    "enabled_load",
-    "power",
-    "the enabled drive draws power while the truck moves and for some seconds after",
-    (Parameter("power", "W", 0.0, 6000.0), Parameter("hold", "s", 0.0, 60.0, neutral=5.0, shape=True)),
-    power,
+    "enabled_load", "power", "the enabled drive draws power while the truck moves and for some seconds after",
+    (Parameter("power", "W", 0.0, 6000.0), Parameter("hold", "s", 0.0, 60.0, neutral=5.0, shape=True)), power,
     depends_on=("standing",),
     sentence="The enabled drive draws {power.value:.0f} W ({power.low:.0f} to {power.high:.0f}) while the "
-    "truck moves "
-    "and for {hold.value:.0f} s after",
+    "truck moves and for {hold.value:.0f} s after",
     needs="record stops of different length with the key on",
     advice="Shorten the time after which the drive switches itself off",
-)
+)  # fmt: skip

@@ -2,33 +2,22 @@
 
 import numpy as np
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import GRAVITY, Floats, Parameter, Term, Values, total_mass
+from fleetlog.physics.term import GRAVITY, Floats, Motion, Parameter, Term, Truck, Values, total_mass
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
     """F = m g sin(theta) [N], theta the map's slope along the motion plus what was found (``slope``: tan
-    theta).
-    """
+    theta)."""
     theta = motion.slope + np.arctan(values.get("slope", 0.0))
     return total_mass(motion, truck) * GRAVITY * np.sin(theta)
 
 
 TERM = Term(
-    "grade",
-    "force",
-    "the road climbs or falls where the map is level",
-    (Parameter("slope", "1", -0.3, 0.3, usual=0.03),),
-    force,
-    nominal=True,
-    field=True,
-    odd=True,
-    depends_on=("x", "y", "heading"),
+    "grade", "force", "the road climbs or falls where the map is level",
+    (Parameter("slope", "1", -0.3, 0.3, usual=0.03),), force, nominal=True, field=True, odd=True,
+    depends_on=("x", "y", "heading"), extreme="max_grade",
     sentence="The road climbs or falls by up to {max_grade.value:.1%} ({max_grade.low:.1%} to "
-    "{max_grade.high:.1%}) {where}; "
-    "the map is level there. Add the elevation to the map",
-    extreme="max_grade",
+    "{max_grade.high:.1%}) {where}; the map is level there. Add the elevation to the map",
     needs="drive these roads in both directions, or survey their elevation",
     advice="Enter the slope in the map; plan batteries and brakes with it until then",
-)
+)  # fmt: skip

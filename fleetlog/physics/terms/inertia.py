@@ -1,8 +1,6 @@
 """Acceleration of the mass."""
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import Floats, Term, Values, total_mass
+from fleetlog.physics.term import Floats, Motion, Term, Truck, Values, total_mass
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:

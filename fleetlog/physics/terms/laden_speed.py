@@ -2,44 +2,31 @@
 
 import numpy as np
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import Floats, Parameter, Term, Values
+from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
-LADEN = 25.0
-"""Less than this on the forks is no load [kg]."""
+LADEN = 25.0  # Less than this on the forks is no load [kg]
 
 
 def speed(motion: Motion, truck: Truck, values: Values) -> Floats:
     """Where there is a load, ``factor`` times the speed that the road allows (``motion.speed``), and no
-    more than the share ``top`` of the truck's top speed; inf elsewhere [m/s].
-    """
+    more than the share ``top`` of the truck's top speed; inf elsewhere [m/s]."""
     cap = np.minimum(values.get("factor", 1.0) * motion.speed, values.get("top", 1.0) * truck.drive.max_speed)
     return np.where(motion.payload > LADEN, cap, np.inf)
 
 
 TERM = Term(
-    "laden_speed",
-    "speed",
-    "trucks drive more slowly with a load",
+    "laden_speed", "speed", "trucks drive more slowly with a load",
     (
         Parameter("factor", "1", 0.1, 2.0, neutral=1.0, tolerance=0.03, inverse=True, ceiling=True),
         Parameter(
-            "top",
-            "1",
-            0.1,
-            1.05,
-            neutral=1.0,
-            inverse=True,
-            reach=0.4,
-            sentence="With a load, trucks drive at no "
-            "more than {top.value:.0%} ({top.low:.0%} to {top.high:.0%}) of their top speed",
+            "top", "1", 0.1, 1.05, neutral=1.0, inverse=True, reach=0.4,
+            sentence="With a load, trucks drive at no more than {top.value:.0%} ({top.low:.0%} to "
+            "{top.high:.0%}) of their top speed",
         ),
     ),
-    speed,
-    depends_on=("payload",),
+    speed, depends_on=("payload",),
     sentence="With a load, trucks drive at {factor.value:.0%} ({factor.low:.0%} to {factor.high:.0%}) of "
     "their unladen speed",
     needs="drive the same roads with and without a load",
     advice="Compare the laden speed limit of the drive controller with the truck file",
-)
+)  # fmt: skip

@@ -1,8 +1,6 @@
 """The load that is really on the forks."""
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import Floats, Parameter, Term, Values
+from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
 
 def load(motion: Motion, truck: Truck, values: Values) -> Floats:
@@ -11,14 +9,10 @@ def load(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 TERM = Term(
-    "payload",
-    "load",
-    "the true load differs from the recorded one",
-    (Parameter("factor", "1", 0.1, 5.0, neutral=1.0, tolerance=0.05),),
-    load,
-    depends_on=("payload",),
-    sentence="The true load is {factor.value:.2f} times the recorded one "
-    "({factor.low:.2f} to {factor.high:.2f}). Check the load sensor",
+    "payload", "load", "the true load differs from the recorded one",
+    (Parameter("factor", "1", 0.1, 5.0, neutral=1.0, tolerance=0.05),), load, depends_on=("payload",),
+    sentence="The true load is {factor.value:.2f} times the recorded one ({factor.low:.2f} to "
+    "{factor.high:.2f}). Check the load sensor",
     needs="weigh a few loads",
     advice="Check the load cell with a known weight",
-)
+)  # fmt: skip

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import GRAVITY, Floats, Parameter, Term, Values, total_mass
+from fleetlog.physics.term import GRAVITY, Floats, Motion, Parameter, Term, Truck, Values, total_mass
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
@@ -18,17 +16,12 @@ def force(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 TERM = Term(
-    "rolling_resistance",
-    "force",
-    "tyres roll harder or easier than the truck file says, everywhere",
-    (Parameter("coefficient", "1", 0.001, 0.15, truck_key="resistance.rolling", tolerance=0.1),),
-    force,
-    nominal=True,
-    depends_on=("payload",),
+    "rolling_resistance", "force", "tyres roll harder or easier than the truck file says, everywhere",
+    (Parameter("coefficient", "1", 0.001, 0.15, truck_key="resistance.rolling", tolerance=0.1),), force,
+    nominal=True, depends_on=("payload",),
     sentence="The rolling resistance coefficient is {coefficient.value:.4f} ({coefficient.low:.4f} to "
-    "{coefficient.high:.4f}); "
-    "the truck file has {coefficient.nominal:.4f}. Check tyres and brakes",
+    "{coefficient.high:.4f}); the truck file has {coefficient.nominal:.4f}. Check tyres and brakes",
     needs="let a truck coast to a stop, with and without a load",
-    advice="Lift the truck and turn every wheel by hand: a dragging brake or a worn bearing "
-    "resists. Check the tyres",
-)
+    advice="Lift the truck and turn every wheel by hand: a dragging brake or a worn bearing resists. Check "
+    "the tyres",
+)  # fmt: skip

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import Floats, Parameter, Term, Values
+from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
 
 def speed(motion: Motion, truck: Truck, values: Values) -> Floats:
@@ -13,16 +11,12 @@ def speed(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 TERM = Term(
-    "speed_zone",
-    "speed",
-    "trucks drive more slowly than the limit on some roads",
-    (Parameter("factor", "1", 0.05, 1.05, neutral=1.0, inverse=True),),
-    speed,
-    field=True,
+    "speed_zone", "speed", "trucks drive more slowly than the limit on some roads",
+    (Parameter("factor", "1", 0.05, 1.05, neutral=1.0, inverse=True),), speed, field=True,
     depends_on=("x", "y"),
     sentence="Trucks drive at {factor.value:.0%} ({factor.low:.0%} to {factor.high:.0%}) of the permitted "
     "speed {where}",
     needs="record these roads without other traffic",
-    advice="Find out what slows trucks there: people, the floor, a blind corner, or a limit that "
-    "the map lacks",
-)
+    advice="Find out what slows trucks there: people, the floor, a blind corner, or a limit that the map "
+    "lacks",
+)  # fmt: skip

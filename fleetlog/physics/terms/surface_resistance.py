@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import GRAVITY, Floats, Parameter, Term, Values, total_mass
+from fleetlog.physics.term import GRAVITY, Floats, Motion, Parameter, Term, Truck, Values, total_mass
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
@@ -21,16 +19,11 @@ def force(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 TERM = Term(
-    "surface_resistance",
-    "force",
-    "the floor rolls harder on some roads, the same in both directions",
-    (Parameter("factor", "1", 0.2, 10.0, neutral=1.0),),
-    force,
-    field=True,
-    depends_on=("x", "y"),
+    "surface_resistance", "force", "the floor rolls harder on some roads, the same in both directions",
+    (Parameter("factor", "1", 0.2, 10.0, neutral=1.0),), force, field=True, depends_on=("x", "y"),
     sentence="Rolling resistance {where} is {factor.value:.2f} times the value in the truck file "
     "({factor.low:.2f} to {factor.high:.2f}), in both directions. Inspect the floor there",
     needs="drive these roads in both directions",
-    advice="Walk these roads: look for a worn or soft floor, an open joint, dirt. Repair it, or "
-    "lead traffic around it",
-)
+    advice="Walk these roads: look for a worn or soft floor, an open joint, dirt. Repair it, or lead traffic "
+    "around it",
+)  # fmt: skip

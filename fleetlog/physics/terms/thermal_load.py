@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import Floats, Parameter, Term, Values
+from fleetlog.physics.term import Floats, Motion, Parameter, Term, Truck, Values
 
 
 def power(motion: Motion, truck: Truck, values: Values) -> Floats:
@@ -20,19 +18,14 @@ def power(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 TERM = Term(
-    "thermal_load",
-    "power",
-    "heating or cooling follows the outside temperature",
+    "thermal_load", "power", "heating or cooling follows the outside temperature",
     (
-        Parameter("heating", "W/K", 0.0, 1000.0),
-        Parameter("cooling", "W/K", 0.0, 1000.0),
+        Parameter("heating", "W/K", 0.0, 1000.0), Parameter("cooling", "W/K", 0.0, 1000.0),
         Parameter("threshold", "degC", -20.0, 40.0, neutral=15.0, shape=True, bounds="ambient_temperature"),
     ),
-    power,
-    depends_on=("ambient_temperature",),
+    power, depends_on=("ambient_temperature",),
     sentence="Heating draws {heating.value:.0f} W and cooling {cooling.value:.0f} W more for every kelvin "
-    "below or above "
-    "{threshold.value:.0f} degC outside",
+    "below or above {threshold.value:.0f} degC outside",
     needs="record days of different outside temperature",
     advice="Check the settings of heating and cooling",
-)
+)  # fmt: skip

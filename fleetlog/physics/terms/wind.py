@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from fleetlog.core.motion import Motion
-from fleetlog.core.truck import Truck
-from fleetlog.physics.term import AIR_DENSITY, Floats, Parameter, Term, Values
+from fleetlog.physics.term import AIR_DENSITY, Floats, Motion, Parameter, Term, Truck, Values
 
 
 def force(motion: Motion, truck: Truck, values: Values) -> Floats:
@@ -20,16 +18,12 @@ def force(motion: Motion, truck: Truck, values: Values) -> Floats:
 
 
 TERM = Term(
-    "wind",
-    "force",
-    "a steady wind blows over the site",
-    (Parameter("wind_east", "m/s", -25.0, 25.0), Parameter("wind_north", "m/s", -25.0, 25.0)),
-    force,
-    vector=True,
-    depends_on=("heading", "speed"),
+    "wind", "force", "a steady wind blows over the site",
+    (Parameter("wind_east", "m/s", -25.0, 25.0), Parameter("wind_north", "m/s", -25.0, 25.0)), force,
+    vector=True, depends_on=("heading", "speed"),
     sentence="A steady wind blows {wind_east.value:+.1f} m/s to the east ({wind_east.low:+.1f} to "
-    "{wind_east.high:+.1f}) and "
-    "{wind_north.value:+.1f} m/s to the north ({wind_north.low:+.1f} to {wind_north.high:+.1f})",
+    "{wind_east.high:+.1f}) and {wind_north.value:+.1f} m/s to the north ({wind_north.low:+.1f} to "
+    "{wind_north.high:+.1f})",
     needs="record the same roads on another, calm day",
     advice="Compare with a calm day; nothing is wrong with the trucks",
-)
+)  # fmt: skip

@@ -5,20 +5,16 @@ one another where they share the end points of both bounds.  Positions are the l
 file.  Limits are those that the map states; changes between lanes are left out.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats.base import KMH, Floats, RoadMap, Tally
-
-if TYPE_CHECKING:
-    from lxml.etree import _Element as Element
+from fleetlog.roads.formats._documents import Element
+from fleetlog.roads.formats.base import KMH, RoadMap, Tally
 
 
 def holds_lanelets(root: Element) -> bool:
@@ -28,15 +24,6 @@ def holds_lanelets(root: Element) -> bool:
 
 def read(path: Path) -> RoadMap:
     """Read the lanelets of a map; see the module."""
-    tally = Tally()
-    lanelets, projector, rules = _loaded(path, tally)
-    edges = [edge for lanelet in lanelets for edge in _edges(lanelet, projector, rules, tally)]
-    if not edges:
-        raise SiteError(f"no lanelet that vehicles may use ({tally.read} read)", do="tag them for vehicles")
-    return RoadMap(edges, tally.report("Lanelet2"), geographic=True)
-
-
-def _loaded(path: Path, tally: Tally) -> tuple[list[Any], Any, Any]:
     try:
         from lanelet2 import io, projection, traffic_rules
     except ImportError:
@@ -49,46 +36,30 @@ def _loaded(path: Path, tally: Tally) -> tuple[list[Any], Any, Any]:
     except (RuntimeError, ValueError) as error:
         why = " ".join(str(error).split())[:120]
         raise SiteError(f"cannot be read as a Lanelet2 map ({why})", do="correct the file") from None
-    tally.notes += [" ".join(str(e).split())[:160] for e in list(errors)[:5]]
+    tally = Tally(notes=[" ".join(str(e).split())[:160] for e in list(errors)[:5]])
     rules = traffic_rules.create(traffic_rules.Locations.Germany, traffic_rules.Participants.Vehicle)
-    return sorted(found.laneletLayer, key=lambda lanelet: lanelet.id), projector, rules
+    for lanelet in sorted(found.laneletLayer, key=lambda lanelet: lanelet.id):
+        if len(lanelet.centerline) < 2 or not rules.canPass(lanelet):
+            tally.dropped["not for vehicles" if len(lanelet.centerline) > 1 else "without length"] += 1
+            continue
+        edge = _edge(lanelet, projector, rules)
+        tally.keep(edge, *([] if rules.isOneWay(lanelet) else [reversed_edge(edge)]))
+    nothing, do = f"no lanelet that vehicles may use ({tally.read} read)", "tag them for vehicles"
+    return tally.road_map("Lanelet2", nothing, do, geographic=True)
 
 
-def _edges(lanelet: Any, projector: Any, rules: Any, tally: Tally) -> list[Edge]:
-    tally.read += 1
-    line = _line(lanelet, projector)
-    if not rules.canPass(lanelet) or len(line) < 2:
-        tally.drop("not for vehicles" if len(line) > 1 else "without length")
-        return []
-    tally.kept += 1
-    start, end = _nodes(lanelet.leftBound, lanelet.rightBound)
-    name = str(lanelet.id)
-    edge = Edge(name, start, end, line, name, _limit(lanelet, rules))
-    return [edge] if rules.isOneWay(lanelet) else [edge, reversed_edge(edge)]
-
-
-def _nodes(left: Any, right: Any) -> tuple[str, str]:
-    """The nodes between lanelets: the points at which both bounds begin and end."""
-    return f"{left[0].id}-{right[0].id}", f"{left[len(left) - 1].id}-{right[len(right) - 1].id}"
-
-
-def _line(lanelet: Any, projector: Any) -> Floats:
-    """(n, 3) longitude, latitude [degrees], height [m] of the centre line."""
-    from lanelet2.core import BasicPoint3d
+def _edge(lanelet: Any, projector: Any, rules: Any) -> Edge:
+    """A lanelet along its centre line; its nodes are the points at which both bounds begin and end."""
+    from lanelet2.core import BasicPoint3d, SpeedLimit
 
     back = [projector.reverse(BasicPoint3d(p.x, p.y, p.z)) for p in lanelet.centerline]
     line = np.array([(g.lon, g.lat, g.alt) for g in back]).reshape(-1, 3)
     if not np.isfinite(line).all():
         raise SiteError("a position is not a number", place=f"lanelet {lanelet.id}", do="correct the map")
-    return (
-        line[np.append(True, np.abs(np.diff(line[:, :2], axis=0)).max(axis=1) > 0.0)] if len(line) else line
-    )
-
-
-def _limit(lanelet: Any, rules: Any) -> float:
-    """The limit that the map states [m/s]; the defaults of a country are not the plant's."""
-    from lanelet2.core import SpeedLimit
-
+    # The defaults of a country are not the plant's.
     stated = "speed_limit" in lanelet.attributes
     stated = stated or any(isinstance(r, SpeedLimit) for r in lanelet.regulatoryElements)
-    return float(rules.speedLimit(lanelet).speedLimit) * KMH if stated else math.nan
+    limit = float(rules.speedLimit(lanelet).speedLimit) * KMH if stated else math.nan
+    left, right, name = lanelet.leftBound, lanelet.rightBound, str(lanelet.id)
+    start, end = (f"{left[k].id}-{right[m].id}" for k, m in ((0, 0), (len(left) - 1, len(right) - 1)))
+    return Edge(name, start, end, line, name, limit)

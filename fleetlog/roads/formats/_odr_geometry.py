@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -18,8 +17,7 @@ Curve = Callable[[Floats], tuple[Floats, Floats, Floats]]
 
 _NODES, _WEIGHTS = leggauss(12)
 _TABLE = 513
-MOST = 200_000
-"""Vertices of one line."""
+MOST = 200_000  # vertices of one line
 
 
 def line(ds: Floats) -> tuple[Floats, Floats, Floats]:
@@ -93,8 +91,7 @@ def _arc_length(grid: Floats, du: Polynomial, dv: Polynomial) -> Floats:
     return np.concatenate([[0.0], np.cumsum(cells)])
 
 
-@dataclass(frozen=True)
-class Piece:
+class Piece(NamedTuple):
     """One geometry record: where it starts, and its curve."""
 
     s: float
@@ -105,21 +102,15 @@ class Piece:
     curve: Curve
 
 
-@dataclass(frozen=True)
-class Plan:
+class Plan(NamedTuple):
     """The reference line of a road seen from above."""
 
     pieces: tuple[Piece, ...]
 
-    @cached_property
+    @property
     def starts(self) -> Floats:
         """s [m] at the start of every piece."""
         return np.array([p.s for p in self.pieces], dtype=np.float64)
-
-    @property
-    def end(self) -> float:
-        """s [m] at the end of the last piece."""
-        return self.pieces[-1].s + self.pieces[-1].length
 
     def at(self, s: Floats) -> tuple[Floats, Floats, Floats]:
         """x, y [m] and heading [rad] at s [m], (N,) each; beyond a piece's length its end counts."""
@@ -134,13 +125,11 @@ class Plan:
         return x, y, h
 
 
-@dataclass(frozen=True)
-class Cubics:
+class Cubics(NamedTuple):
     """A quantity given by records a + b ds + c ds^2 + d ds^3, each from its own s to the next one's."""
 
     starts: Floats
-    coefficients: Floats
-    """(n, 4)"""
+    coefficients: Floats  # (n, 4)
 
     def at(self, s: Floats) -> Floats:
         """(N,) values at s [m]; 0 without records; before the first record its first value."""

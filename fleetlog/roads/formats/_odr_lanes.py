@@ -2,82 +2,78 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from fleetlog.core.network import reverse_id
+from fleetlog.core.network import Edge, Floats, reverse_id
 from fleetlog.roads.formats._odr_geometry import sample
-from fleetlog.roads.formats._odr_parse import End, Lane, Road, Section, stations
-from fleetlog.roads.formats.base import Floats, Tally
+from fleetlog.roads.formats._odr_parse import End, Lane, Road, Section
+from fleetlog.roads.formats.base import Tally
 
 DRIVEN = frozenset({
     "driving", "bidirectional", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane",
     "mwyEntry", "mwyExit",
 })  # fmt: skip
 """Lane types that are driven unless the user says otherwise."""
-CHORD = 0.005
-"""Largest distance [m] of a lane's centre line from its polyline."""
-MICRO = 1e-3
-"""A lane section shorter than this [m] is no edge; its links are carried through."""
-THIN = 0.05
-"""A lane that is nowhere wider than this [m] is not there."""
-
-LaneKey = tuple[str, int, int]
-"""Road, section, lane."""
-LaneEnd = tuple[str, int, int, End]
+CHORD = 0.005  # largest distance [m] of a lane's centre line from its polyline
+MICRO = 1e-3  # a lane section shorter than this [m] is no edge; its links are carried through
+THIN = 0.05  # a lane that is nowhere wider than this [m] is not there
+BEFORE_END = 1e-7
+"""Records that start at the end of a section speak of the next one: it is read this far before it [m]."""
+ENDS: tuple[End, End] = ("start", "end")
 
 
-@dataclass(frozen=True)
-class LaneEdge:
-    """One direction of one lane section; it leaves at the lane end ``leaves`` and enters at ``enters``."""
+class LaneEnd(NamedTuple):
+    """One end of a lane of a section."""
 
-    id: str
-    key: LaneKey
-    enters: LaneEnd
-    leaves: LaneEnd
-    points: Floats
-    speed_limit: float
-    width: float
+    road: str
+    section: int
+    lane: int
+    end: End
+
+    def __str__(self) -> str:
+        return f"{self.road}:{self.section}:{self.lane}:{self.end}"
 
 
 def lane_edges(
     road: Road, driven: frozenset[str], left: bool, tally: Tally, skipped: dict[str, float]
-) -> Iterator[LaneEdge]:
-    """The edges of a road; ``skipped`` gathers the lengths [m] of the lanes left out, by type."""
+) -> Iterator[Edge]:
+    """The edges of a road, from lane end to lane end; ``skipped`` gathers the metres left out, by type."""
     for k, section in enumerate(road.sections):
         length = section.end - section.start
         for lane in section.lanes.values():
             if lane.id == 0:
                 continue
-            tally.read += 1
+            inner, outer = _sides(
+                road, section, lane, np.linspace(section.start, section.end - BEFORE_END, 9)
+            )
+            widths = np.abs(outer - inner)
             if lane.type not in driven:
-                tally.drop(f"lane type {lane.type}")
+                tally.dropped[f"lane type {lane.type}"] += 1
                 skipped[lane.type] = skipped.get(lane.type, 0.0) + length
             elif length < MICRO:
-                tally.drop("shorter than 1 mm")
-            elif (widths := _widths(road, section, lane)).max() < THIN:
-                tally.drop("without width")
+                tally.dropped["shorter than 1 mm"] += 1
+            elif widths.max() < THIN:
+                tally.dropped["without width"] += 1
             else:
                 tally.kept += 1
                 yield from _directed(road, k, lane, left, float(widths.mean()))
 
 
-def _directed(road: Road, k: int, lane: Lane, left: bool, width: float) -> Iterator[LaneEdge]:
+def _directed(road: Road, k: int, lane: Lane, left: bool, width: float) -> Iterator[Edge]:
     section = road.sections[k]
-    points = centre_line(road, section, lane)
-    limit = speed_limit(road, section, lane)
-    key: LaneKey = (road.id, k, lane.id)
-    low: LaneEnd = (*key, "start")
-    high: LaneEnd = (*key, "end")
-    name = f"{road.id}:{k}:{lane.id}"
-    for edge_id, forward in zip((name, reverse_id(name)), directions(lane, left), strict=False):
-        ends, line = ((low, high), points) if forward else ((high, low), points[::-1].copy())
-        yield LaneEdge(edge_id, key, *ends, line, limit, width)
+    points, name = _centre_line(road, section, lane), f"{road.id}:{k}:{lane.id}"
+    # The limit on the greatest part of the section, the lane's or else the road's.
+    limit = _lasting(lane.speeds or road.speeds, section)
+    low, high = (str(LaneEnd(road.id, k, lane.id, end)) for end in ENDS)
+    for edge_id, forward in zip((name, reverse_id(name)), _directions(lane, left), strict=False):
+        start, end, line = (low, high, points) if forward else (high, low, points[::-1].copy())
+        yield Edge(edge_id, start, end, line, name, limit, width)
 
 
-def directions(lane: Lane, left: bool) -> tuple[bool, ...]:
+def _directions(lane: Lane, left: bool) -> tuple[bool, ...]:
     """Whether the lane is driven along s (True) or against it; two-way lanes both, the usual way first."""
     usual = (lane.id < 0) != left
     if lane.direction in ("+s", "-s"):
@@ -87,14 +83,17 @@ def directions(lane: Lane, left: bool) -> tuple[bool, ...]:
     return (not usual,) if lane.direction == "reversed" else (usual,)
 
 
-def centre_line(road: Road, section: Section, lane: Lane) -> Floats:
-    """(n, 3) centre of a lane [m] along s; chords within 5 mm of it."""
+def _inward(section: Section, lane: Lane) -> list[Lane]:
+    """The lanes from the centre to this one, itself included."""
     side = 1 if lane.id > 0 else -1
-    inward = [section.lanes[i] for i in range(side, lane.id + side, side)]
+    return [section.lanes[i] for i in range(side, lane.id + side, side)]
+
+
+def _centre_line(road: Road, section: Section, lane: Lane) -> Floats:
+    """(n, 3) centre of a lane [m] along s; chords within 5 mm of it."""
 
     def at(s: Floats) -> Floats:
-        # Records that start at the end of the section speak of the next one.
-        s = np.minimum(s, section.end - 1e-7)
+        s = np.minimum(s, section.end - BEFORE_END)
         x, y, heading = road.plan.at(s)
         t = np.mean(_sides(road, section, lane, s), axis=0)
         roll = road.superelevation.at(s)
@@ -102,15 +101,27 @@ def centre_line(road: Road, section: Section, lane: Lane) -> Floats:
         z = road.elevation.at(s) + t * np.sin(roll)
         return np.column_stack([x - flat * np.sin(heading), y + flat * np.cos(heading), z])
 
-    return at(sample(at, stations(road, section, inward), CHORD))
+    return at(sample(at, _stations(road, section, _inward(section, lane)), CHORD))
+
+
+def _stations(road: Road, section: Section, lanes: list[Lane]) -> Floats:
+    """s [m] of a section's ends, of every record that starts inside it, and at most 25 m apart."""
+    cubics = [road.elevation, road.superelevation, road.offset]
+    cubics += [table for lane in lanes for table in (lane.widths, lane.borders)]
+    marks = np.concatenate([road.plan.starts, *(table.starts for table in cubics)])
+    inner = marks[(marks > section.start + 1e-6) & (marks < section.end - 1e-6)]
+    pieces = max(1, math.ceil((section.end - section.start) / 25.0))
+    s = np.unique(np.concatenate([inner, np.linspace(section.start, section.end, 1 + pieces)]))
+    keep = np.append(True, np.diff(s) > 1e-6)
+    keep[-1] = True
+    return np.asarray(s[keep], dtype=np.float64)
 
 
 def _sides(road: Road, section: Section, lane: Lane, s: Floats) -> tuple[Floats, Floats]:
     """(N,) lateral places t [m] of the inner and outer border of a lane, left positive."""
     side = 1 if lane.id > 0 else -1
     inner = outer = offset = road.offset.at(s)
-    for i in range(side, lane.id + side, side):
-        inward = section.lanes[i]
+    for inward in _inward(section, lane):
         inner = outer
         if len(inward.widths.starts) or not len(inward.borders.starts):
             outer = inner + side * np.maximum(inward.widths.at(s), 0.0)
@@ -119,18 +130,8 @@ def _sides(road: Road, section: Section, lane: Lane, s: Floats) -> tuple[Floats,
     return inner, outer
 
 
-def _widths(road: Road, section: Section, lane: Lane) -> Floats:
-    """Width [m] at nine places along a lane section."""
-    inner, outer = _sides(road, section, lane, np.linspace(section.start, section.end - 1e-7, 9))
-    return np.asarray(np.abs(outer - inner), dtype=np.float64)
-
-
-def speed_limit(road: Road, section: Section, lane: Lane) -> float:
-    """Limit [m/s] on the greatest part of the lane section, the lane's or else the road's; NaN unknown."""
-    return _lasting(lane.speeds, section) if lane.speeds else _lasting(road.speeds, section)
-
-
 def _lasting(records: tuple[tuple[float, float], ...], section: Section) -> float:
+    """Of (s, limit) the limit on the greatest part of a section [m/s]; NaN unknown."""
     best, longest = math.nan, 0.0
     rows = [*sorted(records, key=lambda r: r[0]), (math.inf, math.nan)]
     for (s, limit), (until, _) in pairwise(rows):

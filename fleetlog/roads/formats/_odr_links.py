@@ -1,145 +1,144 @@
 """OpenDRIVE connectivity: which lane ends touch, from lane links, road links and junctions.
 
-Links name neighbours in the direction of s, not of travel.  Written as a relation between *lane ends* they
-need no case for left lanes, left-hand traffic or reference lines that meet head to head: an edge leaves at
-one lane end, and may be followed by every edge that enters at a lane end which touches it.
+Links name neighbours in the direction of s, not of travel.  Written as a graph of *lane ends* they need no
+case for left lanes, left-hand traffic or reference lines that meet head to head: an edge leaves at one lane
+end, and may be followed by every edge that enters at a lane end which touches it.
 """
 
-from __future__ import annotations
-
+from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from itertools import chain, pairwise, product
 
+import networkx as nx
 import numpy as np
 
-from fleetlog.roads.formats._odr_lanes import MICRO, LaneEdge, LaneEnd
+from fleetlog.core.network import Edge, Floats
+from fleetlog.roads.formats._documents import Element
+from fleetlog.roads.formats._odr_lanes import ENDS, MICRO, LaneEnd
 from fleetlog.roads.formats._odr_parse import End, Road, contact
-from fleetlog.roads.formats.base import Floats, Tally, at, number
+from fleetlog.roads.formats.base import Tally, at, number
 
-if TYPE_CHECKING:
-    from lxml.etree import _Element as Element
-
-Pair = tuple[LaneEnd, LaneEnd]
-ENDS: tuple[End, End] = ("start", "end")
+Pair = tuple[LaneEnd, LaneEnd] | None
+"""Two lane ends that a link joins; None where one of their roads does not exist."""
 GAP, BEND = 0.5, np.radians(20.0)
 """Edges that follow one another but lie farther apart [m] or turn more sharply [rad] are told of."""
 
 
-@dataclass
-class Touching:
-    """The symmetric relation; ``said`` keeps from which side each pair was named, for the notes."""
+def connect(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> list[tuple[str, str]]:
+    """The allowed turns, (edge id, next edge id), of the tally's lanes, whose nodes are lane ends.
 
-    roads: dict[str, Road]
-    neighbours: dict[LaneEnd, set[LaneEnd]] = field(default_factory=dict)
-    said: set[Pair] = field(default_factory=set)
-    odd: int = 0
+    Lane ends that touch become one node; gaps, kinks and dead ends are noted.
+    """
+    lanes = tally.edges
+    touching = _touching(roads, junctions, tally)
+    spots = [spot for lane in lanes for spot in (lane.start, lane.end)]
+    touching.add_nodes_from(spots)
+    nodes: dict[str, str] = {}
+    for spot in spots:
+        if spot not in nodes:
+            nodes |= dict.fromkeys(nx.node_connected_component(touching, spot), spot)
+    tally.edges = [replace(lane, start=nodes[lane.start], end=nodes[lane.end]) for lane in lanes]
+    entering: dict[str, list[Edge]] = defaultdict(list)
+    for lane in lanes:
+        entering[lane.start].append(lane)
+    follow = {lane.id: [f for end in touching[lane.end] for f in entering[end]] for lane in lanes}
+    pairs = [(lane, f) for lane in lanes for f in follow[lane.id]]
+    broken = [(a.id, b.id) for a, b in pairs if not _joins(a.points, b.points)]
+    if broken:
+        first = " to ".join(broken[0])
+        what = f"a gap over {GAP:g} m or a kink over 20 degrees, the first {first}"
+        tally.notes.append(f"{len(broken)} turns have {what}")
+    if dead := sum(not after for after in follow.values()):
+        tally.notes.append(f"{dead} lanes end with no lane to follow")
+    return [(a.id, b.id) for a, b in pairs]
 
-    def add(self, a: LaneEnd, b: LaneEnd) -> None:
-        """a names b."""
-        if not self._is_there(b):
-            self.odd += 1
-        elif a != b:
-            self.said.add((a, b))
-            self.neighbours.setdefault(a, set()).add(b)
-            self.neighbours.setdefault(b, set()).add(a)
 
-    def _is_there(self, spot: LaneEnd) -> bool:
-        road = self.roads.get(spot[0])
-        return road is not None and spot[2] in road.sections[spot[1]].lanes
-
-    def one_sided(self) -> int:
-        """How many pairs are named from one side only, though the other could name them."""
-        return sum((b, a) not in self.said and not _at_junction(self.roads, b) for a, b in self.said)
+def _joins(a: Floats, b: Floats) -> bool:
+    p, q = a[-1] - a[-2], b[1] - b[0]
+    turn = np.arctan2(p[0] * q[1] - p[1] * q[0], p[0] * q[0] + p[1] * q[1])
+    return bool(np.linalg.norm(a[-1] - b[0]) <= GAP and abs(turn) <= BEND)
 
 
-def touching(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> Touching:
-    """All lane ends that touch."""
-    relation = Touching(roads)
-    for road in roads.values():
-        for a, b in _inside(road):
-            relation.add(a, b)
-        _between(road, relation)
-    for junction in junctions:
-        _junction(junction, roads, relation, tally)
-    if one := relation.one_sided():
+def _touching(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> "nx.Graph[str]":
+    """All lane ends that touch, whichever of them says so."""
+    said: nx.DiGraph[str] = nx.DiGraph()
+    odd = 0
+    in_roads = (pair for road in roads.values() for pair in _links_of(road, roads))
+    in_junctions = (pair for junction in junctions for pair in _links_in(junction, roads, tally.notes))
+    for pair in chain(in_roads, in_junctions):
+        if pair is None or not all(s.lane in roads[s.road].sections[s.section].lanes for s in pair):
+            odd += 1
+        elif pair[0] != pair[1]:
+            said.add_edge(*map(str, pair), answers=not _at_junction(roads[pair[1].road], pair[1]))
+    if one := sum(said.edges[a, b]["answers"] and not said.has_edge(b, a) for a, b in said.edges):
         what = "given in one direction only; they are taken to hold in both"
         tally.notes.append(f"{one} lane links are {what}")
-    if relation.odd:
-        tally.notes.append(f"{relation.odd} links name roads or lanes that do not exist and are left out")
-    _bridge(roads, relation)
-    return relation
+    if odd:
+        tally.notes.append(f"{odd} links name roads or lanes that do not exist and are left out")
+    touching = said.to_undirected()
+    # Sections too short to be edges are passed through.
+    short = ((r, k, s) for r in roads.values() for k, s in enumerate(r.sections) if s.end - s.start < MICRO)
+    for road, k, section in short:
+        for lane in section.lanes:
+            both = (str(LaneEnd(road.id, k, lane, end)) for end in ENDS)
+            sides = (list(touching.adj.get(end, ())) for end in both)
+            touching.add_edges_from((a, b) for a, b in product(*sides) if a != b)
+    return touching
 
 
-def _at_junction(roads: dict[str, Road], spot: LaneEnd) -> bool:
+def _at_junction(road: Road, spot: LaneEnd) -> bool:
     """Whether the road meets a junction at this end, which then lists the links in its stead."""
-    road = roads.get(spot[0])
-    link = road.links.get(spot[3]) if road else None
-    outermost = road is not None and spot[1] == _outermost(road, spot[3])
-    return outermost and link is not None and link.kind == "junction"
-
-
-def _inside(road: Road) -> Iterator[Pair]:
-    for k, section in enumerate(road.sections):
-        for lane in section.lanes.values():
-            if k + 1 < len(road.sections):
-                for i in lane.successors:
-                    yield (road.id, k, lane.id, "end"), (road.id, k + 1, i, "start")
-            if k:
-                for i in lane.predecessors:
-                    yield (road.id, k, lane.id, "start"), (road.id, k - 1, i, "end")
-
-
-def _between(road: Road, relation: Touching) -> None:
-    for end, link in road.links.items():
-        other = relation.roads.get(link.id)
-        if link.kind != "road":
-            continue
-        if other is None:
-            relation.odd += 1
-            continue
-        there = link.contact or _nearest_end(other, _end_point(road, end))
-        for lane in road.sections[_outermost(road, end)].lanes.values():
-            for i in lane.predecessors if end == "start" else lane.successors:
-                relation.add(_outer(road, lane.id, end), _outer(other, i, there))
-
-
-def _outermost(road: Road, end: End) -> int:
-    """The section at an end of a road."""
-    return 0 if end == "start" else len(road.sections) - 1
+    link = road.links.get(spot.end)
+    return link is not None and link.kind == "junction" and spot == _outer(road, spot.lane, spot.end)
 
 
 def _outer(road: Road, lane: int, end: End) -> LaneEnd:
-    return road.id, _outermost(road, end), lane, end
+    """The end of a lane at an end of its road."""
+    return LaneEnd(road.id, 0 if end == "start" else len(road.sections) - 1, lane, end)
 
 
-def _junction(e: Element, roads: dict[str, Road], relation: Touching, tally: Tally) -> None:
-    name = e.get("id", "?")
-    if e.get("type") in ("virtual", "crossing"):
-        tally.notes.append(f"junction {name} is {e.get('type')} and is not routed over")
+def _links_of(road: Road, roads: dict[str, Road]) -> Iterator[Pair]:
+    """What the lanes of a road say, from section to section and to the roads at its ends."""
+    for k, (before, after) in enumerate(pairwise(road.sections)):
+        for lane in before.lanes.values():
+            high = LaneEnd(road.id, k, lane.id, "end")
+            yield from ((high, LaneEnd(road.id, k + 1, i, "start")) for i in lane.links["end"])
+        for lane in after.lanes.values():
+            low = LaneEnd(road.id, k + 1, lane.id, "start")
+            yield from ((low, LaneEnd(road.id, k, i, "end")) for i in lane.links["start"])
+    for end, link in road.links.items():
+        other = roads.get(link.id)
+        if link.kind != "road":
+            continue
+        if other is None:
+            yield None
+            continue
+        there = link.contact or _nearest_end(other, _end_point(road, end))
+        for lane in road.sections[0 if end == "start" else -1].lanes.values():
+            yield from ((_outer(road, lane.id, end), _outer(other, i, there)) for i in lane.links[end])
+
+
+def _links_in(junction: Element, roads: dict[str, Road], notes: list[str]) -> Iterator[Pair]:
+    name = junction.get("id", "?")
+    if junction.get("type") in ("virtual", "crossing"):
+        notes.append(f"junction {name} is {junction.get('type')} and is not routed over")
         return
-    for c in e.iterfind("connection"):
+    for c in junction.iterfind("connection"):
         incoming = roads.get(c.get("incomingRoad", ""))
         onward = roads.get(c.get("connectingRoad") or c.get("linkedRoad") or "")
         if incoming is None or onward is None:
-            relation.odd += 1
+            yield None
             continue
         with at(f"junction {name}, connection {c.get('id')}"):
             there = contact(c) or "start"
-        end = _incoming_end(incoming, name, onward, there)
-        for link in c.iterfind("laneLink"):
-            a, b = (int(number(link.get(k), f"junction {name}, laneLink")) for k in ("from", "to"))
-            here = _outer(incoming, a, end)
-            if a in incoming.sections[here[1]].lanes:
-                relation.add(here, _outer(onward, b, there))
-            else:
-                relation.odd += 1
-
-
-def _incoming_end(road: Road, junction: str, onward: Road, there: End) -> End:
-    """The end of the incoming road at the junction: by its links, by nearness where they do not decide."""
-    meets = [end for end, link in road.links.items() if link.kind == "junction" and link.id == junction]
-    return meets[0] if len(meets) == 1 else _nearest_end(road, _end_point(onward, there))
+            lanes = [
+                [int(number(e.get(k), "laneLink")) for k in ("from", "to")] for e in c.iterfind("laneLink")
+            ]
+        # By the links of the incoming road, by nearness where they do not decide.
+        meets = [end for end, link in incoming.links.items() if link.kind == "junction" and link.id == name]
+        here = meets[0] if len(meets) == 1 else _nearest_end(incoming, _end_point(onward, there))
+        yield from ((_outer(incoming, a, here), _outer(onward, b, there)) for a, b in lanes)
 
 
 def _nearest_end(road: Road, spot: Floats) -> End:
@@ -150,60 +149,3 @@ def _nearest_end(road: Road, spot: Floats) -> End:
 def _end_point(road: Road, end: End) -> Floats:
     x, y, _ = road.plan.at(np.array([0.0 if end == "start" else road.length]))
     return np.array([x[0], y[0]])
-
-
-def _bridge(roads: dict[str, Road], relation: Touching) -> None:
-    """Carry the links through sections too short to be edges."""
-    for road in roads.values():
-        for k, section in enumerate(road.sections):
-            if section.end - section.start >= MICRO:
-                continue
-            for lane in section.lanes:
-                low: LaneEnd = (road.id, k, lane, "start")
-                high: LaneEnd = (road.id, k, lane, "end")
-                for a in sorted(relation.neighbours.get(low, ())):
-                    for b in sorted(relation.neighbours.get(high, ())):
-                        relation.add(a, b)
-
-
-def turns(edges: list[LaneEdge], relation: Touching, tally: Tally) -> list[tuple[str, str]]:
-    """(edge id, next edge id) of every allowed turn; gaps and kinks between them are noted."""
-    entering: dict[LaneEnd, list[LaneEdge]] = {}
-    for edge in edges:
-        entering.setdefault(edge.enters, []).append(edge)
-    out, broken, dead = [], [], 0
-    for edge in edges:
-        after = [f for end in sorted(relation.neighbours.get(edge.leaves, ())) for f in entering.get(end, ())]
-        dead += not after
-        out += [(edge.id, f.id) for f in after]
-        broken += [(edge.id, f.id) for f in after if not _joins(edge, f)]
-    if broken:
-        a, b = broken[0]
-        tally.notes.append(
-            f"{len(broken)} turns have a gap over {GAP:g} m or a kink over 20 degrees, the first {a} to {b}"
-        )
-    if dead:
-        tally.notes.append(f"{dead} lanes end with no lane to follow")
-    return out
-
-
-def _joins(a: LaneEdge, b: LaneEdge) -> bool:
-    p, q = a.points[-1] - a.points[-2], b.points[1] - b.points[0]
-    turn = np.arctan2(p[0] * q[1] - p[1] * q[0], p[0] * q[0] + p[1] * q[1])
-    return bool(np.linalg.norm(a.points[-1] - b.points[0]) <= GAP and abs(turn) <= BEND)
-
-
-def node_names(edges: list[LaneEdge], relation: Touching) -> dict[LaneEnd, str]:
-    """A node for every group of touching lane ends."""
-    names: dict[LaneEnd, str] = {}
-    for edge in edges:
-        for end in (edge.enters, edge.leaves):
-            if end in names:
-                continue
-            name, todo = f"{end[0]}:{end[1]}:{end[2]}:{end[3]}", [end]
-            while todo:
-                spot = todo.pop()
-                if spot not in names:
-                    names[spot] = name
-                    todo += relation.neighbours.get(spot, ())
-    return names

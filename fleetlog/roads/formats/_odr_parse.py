@@ -1,42 +1,37 @@
 """OpenDRIVE elements as checked records.  Source: ASAM OpenDRIVE 1.8, chapters 9 to 12, and 1.4 to 1.7."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats import _odr_geometry as geo
-from fleetlog.roads.formats.base import SPEED_UNITS, Floats, at, number
-
-if TYPE_CHECKING:
-    from lxml.etree import _Element as Element
+from fleetlog.roads.formats._documents import Element
+from fleetlog.roads.formats.base import SPEED_UNITS, at, number
 
 End = Literal["start", "end"]
+SIDES: tuple[tuple[End, str], ...] = (("start", "link/predecessor"), ("end", "link/successor"))
 LONGEST, TIGHTEST = 1e6, 100.0
 """A road longer than this [m] or a turn of more than this [rad] in one piece is a wrong number."""
+AGAIN = "correct the map"
 
 
-@dataclass(frozen=True)
-class Lane:
-    """One lane of one section; ``predecessors`` and ``successors`` are lane ids in the direction of s."""
+class Lane(NamedTuple):
+    """One lane of one section; ``links`` are the lane ids at its start and end in the direction of s."""
 
     id: int
     type: str
     direction: str
     widths: geo.Cubics
     borders: geo.Cubics
-    predecessors: tuple[int, ...]
-    successors: tuple[int, ...]
+    links: dict[End, tuple[int, ...]]
     speeds: tuple[tuple[float, float], ...]
 
 
-@dataclass(frozen=True)
-class Section:
+class Section(NamedTuple):
     """Lanes from s ``start`` to ``end`` [m], by id."""
 
     start: float
@@ -44,8 +39,7 @@ class Section:
     lanes: dict[int, Lane]
 
 
-@dataclass(frozen=True)
-class RoadLink:
+class RoadLink(NamedTuple):
     """What a road meets at one end: ``kind`` road or junction."""
 
     kind: str
@@ -53,15 +47,13 @@ class RoadLink:
     contact: End | None
 
 
-@dataclass(frozen=True)
-class Road:
+class Road(NamedTuple):
     """One road; ``speeds`` are (s, limit [m/s] or NaN), ``rule`` RHT, LHT or None."""
 
     id: str
-    length: float
-    junction: str
     rule: str | None
     plan: geo.Plan
+    length: float
     elevation: geo.Cubics
     superelevation: geo.Cubics
     offset: geo.Cubics
@@ -71,37 +63,30 @@ class Road:
 
 
 def parse_road(element: Element) -> Road | None:
-    """A road, or None where it has no lanes."""
-    name = element.get("id")
-    if name is None:
-        raise SiteError("a road has no id", place=f"line {element.sourceline}", do="correct the map")
-    with at(f"road {name}"):
-        return _road(name, element)
-
-
-def _road(name: str, element: Element) -> Road | None:
+    """A road, or None where it has no lanes; the caller says which one it is."""
     plan = geo.Plan(tuple(_piece(g) for g in element.iterfind("planView/geometry")))
     lanes = element.find("lanes")
     if not plan.pieces or lanes is None or lanes.find("laneSection") is None:
         return None
     if bool((np.diff(plan.starts) < 0).any()):
-        raise SiteError("the geometry records run backwards in s", do="correct the map")
-    length = min(number(element.get("length"), "length"), plan.end)
+        raise SiteError("the geometry records run backwards in s", do=AGAIN)
+    length = min(number(element.get("length"), "length"), plan.pieces[-1].s + plan.pieces[-1].length)
     if not 0.0 < length <= LONGEST:
-        raise SiteError(f"length is {length:g} m", do="correct the map")
-    heights = _cubics(element.iterfind("elevationProfile/elevation"))
-    return Road(
-        name, length, element.get("junction", "-1"), _rule(element), plan, heights,
-        _cubics(element.iterfind("lateralProfile/superelevation")), _cubics(lanes.iterfind("laneOffset")),
-        _sections(lanes, length), _links(element), _type_speeds(element),
-    )  # fmt: skip
-
-
-def _rule(element: Element) -> str | None:
-    rule: str | None = element.get("rule")
+        raise SiteError(f"length is {length:g} m", do=AGAIN)
+    rule = element.get("rule")
     if rule not in (None, "RHT", "LHT"):
         raise SiteError(f"rule is {rule!r}", do="write RHT or LHT")
-    return rule
+    profiles = ("elevationProfile/elevation", "lateralProfile/superelevation", "lanes/laneOffset")
+    heights, rolls, offset = (_cubics(element.iterfind(profile)) for profile in profiles)
+    limits = ((kind, kind.find("speed")) for kind in element.iterfind("type"))
+    speeds = tuple((_floats(k, "s")[0], math.nan if limit is None else _speed(limit)) for k, limit in limits)
+    linked = ((end, element.find(tag)) for end, tag in SIDES)
+    links: dict[End, RoadLink] = {
+        end: RoadLink(link.get("elementType", "road"), link.get("elementId", ""), contact(link))
+        for end, link in linked if link is not None and "elementId" in link.attrib
+    }  # fmt: skip
+    sections = _sections(lanes, length)
+    return Road(str(element.get("id")), rule, plan, length, heights, rolls, offset, sections, links, speeds)
 
 
 def _floats(element: Element, *names: str) -> list[float]:
@@ -112,26 +97,22 @@ def _piece(element: Element) -> geo.Piece:
     with at(f"line {element.sourceline}"):
         s, x, y, heading, length = _floats(element, "s", "x", "y", "hdg", "length")
         if not 0.0 <= length <= LONGEST:
-            raise SiteError(f"length is {length:g} m", do="correct the map")
+            raise SiteError(f"length is {length:g} m", do=AGAIN)
         shape = next((child for child in element if child.tag in _SHAPES), None)
         if shape is None:
             raise SiteError("a geometry has no known shape", do=f"known are {', '.join(_SHAPES)}")
         return geo.Piece(s, x, y, heading, length, _SHAPES[str(shape.tag)](shape, max(length, 1e-9)))
 
 
-def _turn(curvature: float, length: float) -> float:
+def _curvature(e: Element, name: str, length: float) -> float:
+    curvature = _floats(e, name)[0]
     if abs(curvature) * length > TIGHTEST:
-        raise SiteError(f"curvature {curvature:g} 1/m over {length:g} m", do="correct the map")
+        raise SiteError(f"curvature {curvature:g} 1/m over {length:g} m", do=AGAIN)
     return curvature
 
 
-def _arc(e: Element, length: float) -> geo.Curve:
-    return geo.arc(_turn(_floats(e, "curvature")[0], length))
-
-
 def _spiral(e: Element, length: float) -> geo.Curve:
-    start, end = (_turn(k, length) for k in _floats(e, "curvStart", "curvEnd"))
-    return geo.spiral(start, end, length)
+    return geo.spiral(_curvature(e, "curvStart", length), _curvature(e, "curvEnd", length), length)
 
 
 def _param_poly3(e: Element, length: float) -> geo.Curve:
@@ -140,13 +121,13 @@ def _param_poly3(e: Element, length: float) -> geo.Curve:
     if kind not in ("arcLength", "normalized"):
         raise SiteError(f"pRange is {kind!r}", do="write arcLength or normalized")
     if not (np.any(u[1:]) or np.any(v[1:])):
-        raise SiteError("a paramPoly3 does not leave its start", do="correct the map")
+        raise SiteError("a paramPoly3 does not leave its start", do=AGAIN)
     return geo.param_poly3(u, v, length, length if kind == "arcLength" else 1.0)
 
 
 _SHAPES: dict[str, Callable[[Element, float], geo.Curve]] = {
     "line": lambda e, length: geo.line,
-    "arc": _arc,
+    "arc": lambda e, length: geo.arc(_curvature(e, "curvature", length)),
     "spiral": _spiral,
     "poly3": lambda e, length: geo.poly3(np.array(_floats(e, *"abcd")), length),
     "paramPoly3": _param_poly3,
@@ -163,25 +144,22 @@ def _sections(lanes: Element, length: float) -> tuple[Section, ...]:
     elements = lanes.findall("laneSection")
     starts = [_floats(e, "s")[0] for e in elements]
     if starts != sorted(starts):
-        raise SiteError("its lane sections run backwards in s", do="correct the map")
+        raise SiteError("its lane sections run backwards in s", do=AGAIN)
     out = []
-    for k, (element, start, end) in enumerate(zip(elements, starts, [*starts[1:], length], strict=True)):
+    for k, (element, (start, end)) in enumerate(zip(elements, pairwise([*starts, length]), strict=True)):
         with at(f"lane section {k}"):
             out.append(Section(start, min(end, length), _lanes(element, start)))
     return tuple(out)
 
 
 def _lanes(section: Element, start: float) -> dict[int, Lane]:
-    out: dict[int, Lane] = {}
-    for element in section.iterfind("*/lane"):
-        lane = _lane(element, start)
-        if lane.id in out:
-            raise SiteError(f"two lanes {lane.id}", do="correct the map")
-        out[lane.id] = lane
-    sides = [sorted((i for i in out if side * i > 0), key=abs) for side in (1, -1)]
-    for ids in sides:
-        if [abs(i) for i in ids] != list(range(1, len(ids) + 1)):
-            raise SiteError(f"lane ids {ids} do not count up from the centre", do="correct the map")
+    lanes = [_lane(element, start) for element in section.iterfind("*/lane")]
+    out = {lane.id: lane for lane in lanes}
+    if len(out) < len(lanes):
+        raise SiteError("two lanes have one id", do=AGAIN)
+    for ids in ([i for i in out if i > 0], [-i for i in out if i < 0]):
+        if sorted(ids) != list(range(1, len(ids) + 1)):
+            raise SiteError(f"lane ids {sorted(out)} do not count up from the centre", do=AGAIN)
     return out
 
 
@@ -190,29 +168,25 @@ TRAVEL = {"forward": "+s", "backward": "-s", "bidirectional": "both"}
 
 
 def _lane(e: Element, start: float) -> Lane:
-    key = _whole(e.get("id"))
-    travel = e.find("userData/vectorLane")
+    key, travel = _whole(e.get("id")), e.find("userData/vectorLane")
     direction = e.get("direction", "")
     if travel is not None and not direction:
         direction = TRAVEL.get(travel.get("travelDir", ""), "")
     with at(f"lane {key}"):
-        before, after = (
-            tuple(_whole(x.get("id")) for x in e.iterfind(f"link/{side}"))
-            for side in ("predecessor", "successor")
-        )
-        speeds = tuple((start + _floats(x, "sOffset")[0], speed(x)) for x in e.iterfind("speed"))
+        links = {end: tuple(_whole(x.get("id")) for x in e.iterfind(tag)) for end, tag in SIDES}
+        speeds = tuple((start + _floats(x, "sOffset")[0], _speed(x)) for x in e.iterfind("speed"))
         widths, borders = (_cubics(e.iterfind(kind), "sOffset", start) for kind in ("width", "border"))
-    return Lane(key, e.get("type", "none"), direction, widths, borders, before, after, speeds)
+    return Lane(key, e.get("type", "none"), direction, widths, borders, links, speeds)
 
 
 def _whole(text: Any) -> int:
     value = number(text, "lane id")
     if value != int(value):
-        raise SiteError(f"{text!r} is not a lane id", do="correct the map")
+        raise SiteError(f"{text!r} is not a lane id", do=AGAIN)
     return int(value)
 
 
-def speed(element: Element) -> float:
+def _speed(element: Element) -> float:
     """Limit [m/s] of a <speed>; NaN for "no limit" and "undefined"; without a known unit it is m/s."""
     text = (element.get("max") or "").strip()
     if text in ("no limit", "undefined", ""):
@@ -223,38 +197,10 @@ def speed(element: Element) -> float:
     return value if 0.0 < value < 200.0 else math.nan
 
 
-def _type_speeds(element: Element) -> tuple[tuple[float, float], ...]:
-    limits = ((kind, kind.find("speed")) for kind in element.iterfind("type"))
-    return tuple((_floats(k, "s")[0], math.nan if limit is None else speed(limit)) for k, limit in limits)
-
-
-def _links(element: Element) -> dict[End, RoadLink]:
-    out: dict[End, RoadLink] = {}
-    sides: tuple[tuple[End, str], ...] = (("start", "link/predecessor"), ("end", "link/successor"))
-    for end, tag in sides:
-        link = element.find(tag)
-        other = None if link is None else link.get("elementId")
-        if link is not None and other is not None:
-            out[end] = RoadLink(link.get("elementType", "road"), other, contact(link))
-    return out
-
-
 def contact(element: Element) -> End | None:
     """The contact point of a link, None where it has none."""
-    text = element.get("contactPoint")
+    text: Any = element.get("contactPoint")
     if text not in (None, "start", "end"):
         raise SiteError(f"contactPoint is {text!r}", do="write start or end")
-    return None if text is None else "start" if text == "start" else "end"
-
-
-def stations(road: Road, section: Section, lanes: Iterable[Lane]) -> Floats:
-    """s [m] of a section's ends, of every record that starts inside it, and at most 25 m apart."""
-    tables = [road.plan.starts, road.elevation.starts, road.superelevation.starts, road.offset.starts]
-    tables += [t for lane in lanes for t in (lane.widths.starts, lane.borders.starts)]
-    marks = np.concatenate(tables)
-    inner = marks[(marks > section.start + 1e-6) & (marks < section.end - 1e-6)]
-    pieces = max(1, math.ceil((section.end - section.start) / 25.0))
-    s = np.unique(np.concatenate([inner, np.linspace(section.start, section.end, 1 + pieces)]))
-    keep = np.concatenate([[True], np.diff(s) > 1e-6])
-    keep[-1] = True
-    return np.asarray(s[keep], dtype=np.float64)
+    end: End | None = text
+    return end

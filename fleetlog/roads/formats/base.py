@@ -2,9 +2,10 @@
 
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,112 +26,125 @@ SPEED_UNITS: dict[str, float] = {"m/s": 1.0, "km/h": KMH, "kmh": KMH, "kph": KMH
 
 @dataclass(frozen=True)
 class MapOptions:
-    """What the user chose about reading a map; None takes the format's documented default.
-
-    Driven are the ``lane_types`` of OpenDRIVE and the ``road_classes`` (tag ``highway``) of OSM.
-    """
+    """What the user chose about reading a map; None takes the format's documented default."""
 
     traffic: Literal["right", "left"] | None = None
-    lane_types: frozenset[str] | None = None
-    road_classes: frozenset[str] | None = None
+    lane_types: frozenset[str] | None = None  # driven ones of OpenDRIVE
+    road_classes: frozenset[str] | None = None  # driven ones (tag highway) of OSM
 
 
 @dataclass(frozen=True)
 class RoadMap:
-    """The roads of one file, before they are placed in a site's frame.
+    """The roads of one file, before they are placed in a site's frame."""
 
-    Attributes
-    ----------
-    edges : directed; points are longitude, latitude [degrees], height [m] where ``geographic``, else [m].
-    report : what came in and what is kept.
-    geographic_of : for local metres of a known place on earth.
-    turns : the allowed (edge id, next edge id); None: all that the nodes allow except ``forbidden``.
-    has_elevation : whether the heights mean anything; None: where they differ.
-    places : places that the map itself names, local metres.
-    traffic : the side of the road, where the map says it.
-    """
-
-    edges: list[Edge]
+    edges: list[Edge]  # points are longitude, latitude [degrees], height [m] where geographic, else [m]
     report: LoadReport
     geographic: bool = False
-    geographic_of: Inverse | None = None
-    turns: list[tuple[str, str]] | None = None
+    geographic_of: Inverse | None = None  # for local metres of a known place on earth
+    turns: list[tuple[str, str]] | None = None  # (edge id, next edge id); None: all but the forbidden ones
     forbidden: frozenset[tuple[str, str]] = frozenset()
-    has_elevation: bool | None = None
-    places: tuple[Place, ...] = ()
-    traffic: Literal["right", "left"] | None = None
+    has_elevation: bool | None = None  # whether the heights mean anything; None: where they differ
+    places: tuple[Place, ...] = ()  # that the map itself names, local metres
+    traffic: Literal["right", "left"] | None = None  # the side of the road, where the map says it
 
 
 @dataclass(frozen=True)
 class Reader:
     """A map format.
 
-    Attributes
-    ----------
-    name : as it stands in reports.
-    suffixes : lower case, with the dot.
-    sniff : whether the first bytes of a file are of this format.
-    read : the file as a :class:`RoadMap`; :class:`SiteError` says the place in it, the caller adds the file.
+    ``read`` gives a file as a :class:`RoadMap`; its :class:`SiteError` says the place in it, the caller adds
+    the file.
     """
 
     name: str
-    suffixes: tuple[str, ...]
-    sniff: Callable[[bytes], bool]
+    suffixes: tuple[str, ...]  # lower case, with the dot
+    opening: str  # regular expression that is found in the first kilobytes of a file of this format
     read: Callable[[Path, MapOptions], RoadMap]
+
+    def knows(self, head: bytes) -> bool:
+        """Whether the first bytes of a file, in UTF-8 or UTF-16, are of this format."""
+        text = head.replace(b"\0", b"").decode("latin-1").lstrip("\xff\xfe\xef\xbb\xbf \r\n\t")
+        return re.search(self.opening, text, re.DOTALL | re.MULTILINE) is not None
 
 
 @dataclass
 class Tally:
-    """Counts for a load report while a map is read."""
+    """The edges of a map while it is read, how many of its roads are kept, and why others are not."""
 
-    read: int = 0
+    edges: list[Edge] = field(default_factory=list)
     kept: int = 0
-    dropped: dict[str, int] = field(default_factory=dict)
+    dropped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
 
-    def drop(self, reason: str, count: int = 1) -> None:
-        """Count roads that are left out."""
-        self.dropped[reason] = self.dropped.get(reason, 0) + count
+    @property
+    def read(self) -> int:
+        """Roads that were read."""
+        return self.kept + self.dropped.total()
 
-    def report(self, name: str) -> LoadReport:
-        """The finished report."""
-        return LoadReport(name, self.read, self.kept, dict(sorted(self.dropped.items())), tuple(self.notes))
+    def keep(self, *directions: Edge, shortest: float = 1e-9) -> None:
+        """Take in a road by the directions in which it is driven, or count it as dropped without length.
+
+        Vertices no farther than ``shortest`` from the one before them, in the unit of the points, go.
+        """
+        edges = [replace(e, points=distinct(e.points, shortest)) for e in directions]
+        if any(len(e.points) < 2 for e in edges):
+            self.dropped["without length"] += 1
+            return
+        self.kept += 1
+        self.edges += edges
+
+    def road_map(self, name: str, nothing: str, do: str, **more: Any) -> RoadMap:
+        """What was read; :class:`SiteError` that says so and what to ``do`` where that is no edge."""
+        if not self.edges:
+            raise SiteError(nothing, do=do)
+        dropped = dict(sorted(self.dropped.items()))
+        return RoadMap(self.edges, LoadReport(name, self.read, self.kept, dropped, tuple(self.notes)), **more)
 
 
-HUGE = 1e9
-"""No coordinate, coefficient or count of a map is larger."""
+class Nodes(dict[str, Floats]):
+    """(3,) positions of a map's nodes by name; :class:`SiteError` for one that is not there."""
+
+    def __missing__(self, name: str) -> Floats:
+        raise SiteError(f"there is no node {name!r}", do="correct the map")
+
+
+HUGE = 1e9  # no coordinate, coefficient or count of a map is larger
 
 
 def number(text: Any, place: str | None = None) -> float:
     """A finite number of a map's text; :class:`SiteError` with the place otherwise."""
     try:
         value = float(text)
-    except OverflowError:
-        value = math.inf
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise SiteError(f"{shown(text)} is not a number", place=place, do="correct the map") from None
-    if abs(value) <= HUGE:
-        return value
-    what = "larger than any number of a map" if math.isfinite(value) else "not a finite number"
-    raise SiteError(f"{shown(text)} is {what}", place=place, do="correct the map")
+    if not abs(value) <= HUGE:
+        what = f"{shown(text)} is not a finite number of a map, at most {HUGE:g}"
+        raise SiteError(what, place=place, do="correct the map")
+    return value
 
 
 @contextmanager
-def at(place: str) -> Iterator[None]:
-    """Say in every :class:`SiteError` of this block which place it is about, outer places first."""
+def at(place: str | None = None, where: Path | None = None) -> Iterator[None]:
+    """Say in a :class:`SiteError` of this block which place it is about, outer places first, and the file."""
     try:
         yield
     except SiteError as error:
-        inner = place if error.place is None else f"{place}, {error.place}"
-        raise SiteError(error.what, where=error.where, place=inner, do=error.do) from None
+        places = ", ".join(p for p in (place, error.place) if p)
+        raise SiteError(error.what, where=error.where or where, place=places or None, do=error.do) from None
 
 
-def without_repeats(points: Floats, tolerance: float = 1e-9) -> Floats:
+def distinct(points: Floats, tolerance: float = 1e-9) -> Floats:
     """Vertices without those that repeat the one before them ((n, 3), the unit of ``points``)."""
     keep = np.ones(len(points), dtype=bool)
     # Heights may be unknown (NaN); they then tell no two vertices apart.
     keep[1:] = np.abs(np.nan_to_num(np.diff(points, axis=0))).max(axis=1) > tolerance
     return points[keep]
+
+
+def osm_width(text: str) -> float:
+    """Width [m] of an OSM ``width`` text, NaN where unknown or no road's."""
+    found = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*m?\s*", text)
+    return float(found[1]) if found and 0.0 < float(found[1]) < 100.0 else math.nan
 
 
 _SPEED = re.compile(r"^\s*(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph|knots)?\s*$")

@@ -9,52 +9,47 @@ road has a vertex too.
 import difflib
 import math
 from collections import Counter
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fleetlog.core.network import Edge, reversed_edge
+from fleetlog.core.network import Edge, Floats, reversed_edge
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats._joints import Line, join_lines
-from fleetlog.roads.formats._json import read_json
-from fleetlog.roads.formats.base import (
-    Floats,
-    MapOptions,
-    Reader,
-    RoadMap,
-    Tally,
-    at,
-    number,
-    without_repeats,
-)
+from fleetlog.roads.formats._documents import read_json
+from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, at, distinct, number
 
 KNOWN = ("id", "from", "to", "oneway", "speed_limit", "width")
+TOLERANCE = 0.1  # vertices nearer than this [m] are one place; well under half the width of any road
 TRUTH = {None: False, False: False, True: True, "no": False, "yes": True, "false": False, "true": True}
-
-
-def sniff(head: bytes) -> bool:
-    """A JSON object that says Feature."""
-    return head.lstrip().startswith(b"{") and b'"Feature' in head
 
 
 def read(path: Path, options: MapOptions) -> RoadMap:
     """Read a file of roads; see the module."""
     tally = Tally()
-    roads = _roads(_document(path), tally)
-    if not roads:
-        why = ", ".join(f"{count} {reason}" for reason, count in tally.dropped.items())
-        what = f"no road in it: {tally.read} features" + (f" ({why})" if why else "")
-        raise SiteError(what, do="give roads as LineStrings with an id")
-    lines, edges = _with_nodes(roads, tally), []
-    heights = _has_heights(roads, tally)
-    for line in lines:
-        points = line.points if heights else np.column_stack([line.points[:, :2], np.zeros(len(line.points))])
-        limit, width, oneway = line.traits
-        edge = Edge(line.id, line.start, line.end, points, line.id, limit, width)
-        edges += [edge] if oneway else [edge, reversed_edge(edge)]
-    tally.kept = len(roads)
-    return RoadMap(edges, tally.report("GeoJSON"), geographic=True, has_elevation=heights)
+    raw = _document(path)
+    lines, oneway = _roads(raw, tally)
+    why = ", ".join(f"{count} {reason}" for reason, count in tally.dropped.items())
+    nothing = f"no road in it: {len(raw)} features" + (f" ({why})" if why else "")
+    flat = sum(not np.isfinite(road.points[:, 2]).all() for road in lines)
+    nameless = sum(not (road.start and road.end) for road in lines)
+    if 0 < flat < len(lines):
+        tally.notes.append(f"{flat} of {len(lines)} roads have no heights, so no height is used")
+    if 0 < nameless < len(lines):
+        what = "name no nodes; theirs are found by coinciding ends"
+        tally.notes.append(f"{nameless} of {len(lines)} roads {what}")
+    heights = not flat
+    for line in _join_lines(lines, nameless == len(lines), tally.notes) if nameless else lines:
+        if not heights:
+            line.points[:, 2] = 0.0
+        edge = replace(line, road=line.id)
+        tally.edges += [edge] if line.road in oneway else [edge, reversed_edge(edge)]
+    return tally.road_map(
+        "GeoJSON", nothing, "give roads as LineStrings with an id", geographic=True, has_elevation=heights
+    )
 
 
 def _document(path: Path) -> list[Any]:
@@ -70,17 +65,17 @@ def _document(path: Path) -> list[Any]:
     return list(data["features"])
 
 
-def _roads(raw: list[Any], tally: Tally) -> list[Line]:
-    """The roads of all features; nodes "" where not named, heights NaN where the file has none."""
-    out: dict[str, Line] = {}
+def _roads(raw: list[Any], tally: Tally) -> tuple[list[Edge], set[str]]:
+    """Roads as drawn, nodes "" where not named, heights NaN where the file has none; and the one-way ones."""
+    out: dict[str, Edge] = {}
+    oneway: set[str] = set()
     unread: Counter[str] = Counter()
     unnamed = 0
     for n, item in enumerate(raw):
-        tally.read += 1
         with at(f"feature {n}"):
             properties, parts = _pieces(item)
             if not parts:
-                tally.drop("not a line")
+                tally.dropped["not a line"] += 1
                 continue
             unread.update(set(properties) - set(KNOWN))
             name = properties.get("id", item.get("id"))
@@ -88,26 +83,36 @@ def _roads(raw: list[Any], tally: Tally) -> list[Line]:
                 unnamed, name = unnamed + 1, f"road{n}"
             for k, part in enumerate(parts):
                 road = str(name) if len(parts) == 1 else f"{name}:part{k}"
-                points = without_repeats(_points(part))
+                points = distinct(_points(part))
                 if len(points) < 2:
-                    tally.drop("without length")
-                elif road in out:
+                    tally.dropped["without length"] += 1
+                    continue
+                if road in out:
                     raise SiteError(f"the id {road!r} occurs twice", do="give every road its own")
-                else:
-                    out[road] = _road(road, points, properties, whole=len(parts) == 1)
-    _say_unread(unread, unnamed, tally)
-    return list(out.values())
+                tally.kept += 1
+                named = properties if len(parts) == 1 else {}
+                start, end = (str(named.get(k)) if named.get(k) is not None else "" for k in ("from", "to"))
+                limit, width = (_positive(properties.get(k), k) for k in ("speed_limit", "width"))
+                out[road] = Edge(road, start, end, points, road, limit, width)
+                if _truth(properties.get("oneway")):
+                    oneway.add(road)
+    if unnamed:
+        tally.notes.append(f"{unnamed} roads have no id and are numbered by their place in the file")
+    for key, count in sorted(unread.items()):
+        if close := difflib.get_close_matches(key.lower(), KNOWN, n=1, cutoff=0.75):
+            tally.notes.append(f"property {key!r} of {count} roads is not read; did you mean {close[0]!r}?")
+    return list(out.values()), oneway
 
 
 def _pieces(item: Any) -> tuple[dict[str, Any], list[Any]]:
+    """Properties of a feature, and the coordinates of its lines."""
     if not isinstance(item, dict) or not isinstance(item.get("geometry") or {}, dict):
         raise SiteError("is not a feature")
-    geometry = item.get("geometry") or {}
-    coordinates = geometry.get("coordinates") or []
-    parts = {"LineString": [coordinates], "MultiLineString": coordinates}.get(str(geometry.get("type")), [])
-    properties = item.get("properties") or {}
+    geometry, properties = item.get("geometry") or {}, item.get("properties") or {}
     if not isinstance(properties, dict):
         raise SiteError("its properties are not an object")
+    coordinates = geometry.get("coordinates") or []
+    parts = {"LineString": [coordinates], "MultiLineString": coordinates}.get(str(geometry.get("type")), [])
     return properties, list(parts)
 
 
@@ -118,18 +123,12 @@ def _points(raw: Any) -> Floats:
             raise SiteError(f"{vertex!r} is not a position", do="write [lon, lat]")
         rows.append([*map(number, vertex[:3]), math.nan][:3])
     points = np.array(rows, dtype=np.float64).reshape(-1, 3)
-    if len(points) and (np.abs(points[:, :2]).max(axis=0) > [180.0, 90.0]).any():
+    if (np.abs(points[:, :2]) > [180.0, 90.0]).any():
         raise SiteError(
             "coordinates are not longitude and latitude in degrees",
             do="export the roads in degrees (RFC 7946); local metres belong into an OpenDRIVE or LIF file",
         )
     return points
-
-
-def _road(name: str, points: Floats, p: dict[str, Any], whole: bool) -> Line:
-    start, end = (str(p[k]) if whole and p.get(k) is not None else "" for k in ("from", "to"))
-    limit, width = (_positive(p.get(k), k) for k in ("speed_limit", "width"))
-    return Line(name, points, start, end, (limit, width, _truth(p.get("oneway"))))
 
 
 def _positive(value: Any, key: str) -> float:
@@ -147,32 +146,57 @@ def _truth(value: Any) -> bool:
     return TRUTH[key]
 
 
-def _has_heights(roads: list[Line], tally: Tally) -> bool:
-    known = [bool(np.isfinite(road.points[:, 2]).all()) for road in roads]
-    missing = len(known) - sum(known)
-    if missing and any(known):
-        tally.notes.append(f"{missing} of {len(known)} roads have no heights, so no height is used")
-    return not missing
+def _join_lines(lines: list[Edge], split: bool, notes: list[str]) -> list[Edge]:
+    """Lines in degrees with the nodes "" named; ``road`` stays.
+
+    Inner vertices that lie on a vertex of another road split theirs where ``split``.
+    """
+    first = np.concatenate([[0], np.cumsum([len(line.points) for line in lines])])
+    owner = np.repeat(np.arange(len(lines)), np.diff(first))
+    place = _places(np.concatenate([line.points for line in lines]), owner, first)
+    names = {int(place[first[k]]): line.start for k, line in enumerate(lines) if line.start}
+    names |= {int(place[first[k + 1] - 1]): line.end for k, line in enumerate(lines) if line.end}
+    # A place is shared where vertices of two roads fall together.
+    low, high = np.full(place.max() + 1, len(lines)), np.full(place.max() + 1, -1)
+    np.minimum.at(low, place, owner)
+    np.maximum.at(high, place, owner)
+    shared = (low != high) & split
+    out: list[Edge] = []
+    divided = 0
+    for k, line in enumerate(lines):
+        own = place[first[k] : first[k + 1]]
+        cut = shared[own] & (own != own[0]) & (own != own[-1])
+        cut[1:] &= own[1:] != own[:-1]
+        bounds = [0, *np.flatnonzero(cut).tolist(), len(own) - 1]
+        divided += len(bounds) > 2
+        nodes = [names.get(p, f"@{p}") for p in own[bounds].tolist()]
+        nodes[0], nodes[-1] = line.start or nodes[0], line.end or nodes[-1]
+        for n, ((a, b), (start, end)) in enumerate(zip(pairwise(bounds), pairwise(nodes), strict=True)):
+            name = f"{line.id}:{n}" if len(bounds) > 2 else line.id
+            out.append(replace(line, id=name, points=line.points[a : b + 1], start=start, end=end))
+    if divided:
+        where = "where a vertex of another road lies on one of theirs"
+        notes.append(f"{divided} roads are split, as ID:0, ID:1 ..., {where}")
+    return out
 
 
-def _with_nodes(roads: list[Line], tally: Tally) -> list[Line]:
-    missing = sum(not (road.start and road.end) for road in roads)
-    if not missing:
-        return roads
-    if missing < len(roads):
-        tally.notes.append(
-            f"{missing} of {len(roads)} roads name no nodes; theirs are found by coinciding ends"
-        )
-    return join_lines(roads, split=missing == len(roads), notes=tally.notes)
+def _places(points: Floats, owner: NDArray[np.intp], first: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(P,) place of each vertex: groups within the tolerance, of several roads or of road ends."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    # Rough metres about the first vertex; good to a per mille, enough to see which vertices coincide.
+    degree = 111_200.0
+    scale = np.array([degree * np.cos(np.radians(points[0, 1])), degree, 1.0])
+    metres = np.nan_to_num((points - points[0]) * scale)
+    end = np.zeros(len(points), dtype=bool)
+    end[first[:-1]] = end[first[1:] - 1] = True
+    a, b = cKDTree(metres).query_pairs(TOLERANCE, output_type="ndarray").T
+    # A densely drawn road must not shrink into one place: its own vertices join only at its two ends.
+    keep = (owner[a] != owner[b]) | (end[a] & end[b])
+    graph = coo_matrix((np.ones(keep.sum()), (a[keep], b[keep])), shape=(len(points),) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _say_unread(unread: Counter[str], unnamed: int, tally: Tally) -> None:
-    if unnamed:
-        tally.notes.append(f"{unnamed} roads have no id and are numbered by their place in the file")
-    for key, count in sorted(unread.items()):
-        close = difflib.get_close_matches(key.lower(), KNOWN, n=1, cutoff=0.75)
-        if close:
-            tally.notes.append(f"property {key!r} of {count} roads is not read; did you mean {close[0]!r}?")
-
-
-READER = Reader("GeoJSON", (".geojson",), sniff, read)
+READER = Reader("GeoJSON", (".geojson",), r'\A\{.*"Feature', read)

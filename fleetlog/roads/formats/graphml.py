@@ -5,112 +5,80 @@ edges ``u_v_key`` (as OSM digitised it) and ``-u_v_key``.  Speed is ``maxspeed``
 ``speed_kph``; heights come from node ``elevation`` where every node has one.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fleetlog.core.frames import geographic
-from fleetlog.core.network import Edge, reverse_id
+from fleetlog.core.network import Edge, Floats, reverse_id
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats._xml import looks_like, parse_xml
+from fleetlog.roads.formats._documents import Element, parse_xml
 from fleetlog.roads.formats.base import (
-    Floats,
-    Inverse,
+    KMH,
     MapOptions,
+    Nodes,
     Reader,
     RoadMap,
     Tally,
     at,
     number,
     osm_speed,
-    without_repeats,
+    osm_width,
 )
 
-if TYPE_CHECKING:
-    from lxml.etree import _Element as Element
-
-    Attributes = dict[str, str]
-
-
-def sniff(head: bytes) -> bool:
-    """A GraphML root."""
-    return looks_like(head, "graphml")
+Attributes = dict[str, str]
 
 
 def read(path: Path, options: MapOptions) -> RoadMap:
     """Read a street network; see the module."""
+    from pyproj import CRS
+    from pyproj.exceptions import ProjError
+
     tally = Tally()
     root = parse_xml(path, "graphml", tally.notes)
     names = {str(k.get("id")): str(k.get("attr.name")) for k in root.iterfind("key")}
     graph = root.find("graph")
     if graph is None:
         raise SiteError("has no graph", do="save it with OSMnx's save_graphml")
-    nodes = {str(n.get("id")): _attributes(n, names) for n in graph.iterfind("node")}
-    spots = {name: _spot(name, a) for name, a in nodes.items()}
-    heights = bool(spots) and all(math.isfinite(p[2]) for p in spots.values())
-    if not heights:
-        spots = {name: np.array([*p[:2], 0.0]) for name, p in spots.items()}
-    edges = _paired(_edges(graph, names, spots, tally))
-    if not edges:
-        raise SiteError(f"no road in it: {tally.read} edges", do="save a street network with OSMnx")
-    tally.kept = len(edges)
-    local = _projection(_attributes(graph, names).get("crs", "epsg:4326"))
-    report = tally.report("GraphML, directed")
-    return RoadMap(edges, report, local is None, geographic_of=local, has_elevation=heights)
+    nodes = Nodes((str(n.get("id")), _spot(n, names)) for n in graph.iterfind("node"))
+    heights = all(math.isfinite(p[2]) for p in nodes.values())
+    for spot in nodes.values():
+        spot[2] = spot[2] if heights else 0.0
+    against: set[str] = set()
+    for n, element in enumerate(graph.iterfind("edge")):
+        u, v = str(element.get("source")), str(element.get("target"))
+        name, a = f"{u}_{v}_{element.get('id', n)}", _attributes(element, names)
+        with at(f"edge {u} to {v}"):
+            line = _line(a.get("geometry", ""), nodes[u], nodes[v])
+            limit = osm_speed(a.get("maxspeed", ""))
+            if math.isnan(limit) and a.get("speed_kph"):
+                limit = number(a["speed_kph"]) * KMH
+            tally.keep(Edge(name, u, v, line, name, limit, osm_width(a.get("width", ""))))
+        against |= {name} if a.get("reversed") == "True" else set()
+    tally.edges = _paired(tally.edges, against)
+    crs = _attributes(graph, names).get("crs", "epsg:4326")
+    try:
+        degrees = CRS.from_user_input(crs).is_geographic
+    except ProjError:
+        raise SiteError(f"crs {crs!r} is not known", place="graph", do="save it in epsg:4326") from None
+    return tally.road_map(
+        "GraphML, directed", f"no road in it: {tally.read} edges", "save a street network with OSMnx",
+        geographic=degrees, geographic_of=None if degrees else partial(geographic, crs),
+        has_elevation=heights,
+    )  # fmt: skip
 
 
 def _attributes(element: Element, names: dict[str, str]) -> Attributes:
     return {names.get(str(d.get("key")), ""): d.text or "" for d in element.iterfind("data")}
 
 
-def _spot(name: str, a: Attributes) -> Floats:
-    place = f"node {name}"
-    if "x" not in a or "y" not in a:
-        raise SiteError("has no x or no y", place=place, do="save the graph with OSMnx")
+def _spot(node: Element, names: dict[str, str]) -> Floats:
+    place, a = f"node {node.get('id')}", _attributes(node, names)
     height = number(a["elevation"], place) if a.get("elevation") else math.nan
-    return np.array([number(a["x"], place), number(a["y"], place), height])
-
-
-def _edges(
-    graph: Element, names: dict[str, str], spots: dict[str, Floats], tally: Tally
-) -> list[tuple[Edge, bool]]:
-    """Edges named ``u_v_key``, and whether OSM digitised them the other way round."""
-    out = []
-    for n, element in enumerate(graph.iterfind("edge")):
-        tally.read += 1
-        u, v = str(element.get("source")), str(element.get("target"))
-        with at(f"edge {u} to {v}"):
-            for end in (u, v):
-                if end not in spots:
-                    raise SiteError(f"there is no node {end}", do="save the graph again")
-            a = _attributes(element, names)
-            points = without_repeats(_line(a.get("geometry", ""), spots[u], spots[v]))
-            if len(points) < 2:
-                tally.drop("without length")
-                continue
-            name = f"{u}_{v}_{element.get('id', n)}"
-            edge = Edge(name, u, v, points, name, _limit(a), _width(a.get("width", "")))
-            out.append((edge, a.get("reversed") == "True"))
-    return out
-
-
-def _limit(a: Attributes) -> float:
-    limit = osm_speed(a.get("maxspeed", ""))
-    return number(a["speed_kph"]) / 3.6 if math.isnan(limit) and a.get("speed_kph") else limit
-
-
-def _width(text: str) -> float:
-    try:
-        width = float(text)
-    except ValueError:
-        return math.nan
-    return width if 0.0 < width < 100.0 else math.nan
+    return np.array([number(a.get("x"), place), number(a.get("y"), place), height])
 
 
 def _line(text: str, start: Floats, end: Floats) -> Floats:
@@ -129,35 +97,21 @@ def _line(text: str, start: Floats, end: Floats) -> Floats:
     return np.column_stack([flat, start[2] + share * (end[2] - start[2])])
 
 
-def _paired(edges: list[tuple[Edge, bool]]) -> list[Edge]:
-    """Twins along one line become the two directions of one road."""
+def _paired(edges: list[Edge], against: set[str]) -> list[Edge]:
+    """Twins along one line become the two directions of one road, named after that not ``against`` OSM's."""
     by_line: dict[tuple[str, str, bytes], list[int]] = {}
-    for k, (edge, _) in enumerate(edges):
+    for k, edge in enumerate(edges):
         by_line.setdefault((edge.start, edge.end, edge.points.tobytes()), []).append(k)
-    out: list[Edge] = [edge for edge, _ in edges]
-    taken: set[int] = set()
-    for k, (edge, against) in enumerate(edges):
+    out, taken = list(edges), set[int]()
+    for k, edge in enumerate(edges):
         twins = by_line.get((edge.end, edge.start, edge.points[::-1].tobytes()), [])
         twin = next((t for t in twins if t not in taken and t != k), None)
         if k in taken or twin is None:
             continue
         taken |= {k, twin}
-        first, second = (twin, k) if against else (k, twin)
-        name = edges[first][0].id
-        out[second] = replace(edges[second][0], id=reverse_id(name), road=name)
+        first, second = (twin, k) if edge.id in against else (k, twin)
+        out[second] = replace(edges[second], id=reverse_id(edges[first].id), road=edges[first].id)
     return out
 
 
-def _projection(crs: str) -> Inverse | None:
-    """None for degrees; else x, y [m] to latitude, longitude."""
-    from pyproj import CRS
-    from pyproj.exceptions import ProjError
-
-    try:
-        system = CRS.from_user_input(crs)
-    except ProjError:
-        raise SiteError(f"crs {crs!r} is not known", place="graph", do="save it in epsg:4326") from None
-    return None if system.is_geographic else partial(geographic, crs)
-
-
-READER = Reader("GraphML", (".graphml",), sniff, read)
+READER = Reader("GraphML", (".graphml",), "<graphml", read)

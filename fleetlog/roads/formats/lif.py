@@ -7,6 +7,8 @@ layouts are kept in one network; a transition between floors is an edge.  Source
 """
 
 import math
+from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,139 +17,137 @@ import numpy as np
 from fleetlog.core.network import Edge
 from fleetlog.core.site import Place, PlaceKind
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats._json import read_json
-from fleetlog.roads.formats._nurbs import nurbs
-from fleetlog.roads.formats.base import (
-    Floats,
-    MapOptions,
-    Reader,
-    RoadMap,
-    Tally,
-    at,
-    number,
-    without_repeats,
-)
+from fleetlog.roads.formats._documents import read_json
+from fleetlog.roads.formats._odr_geometry import sample
+from fleetlog.roads.formats.base import Floats, MapOptions, Nodes, Reader, RoadMap, Tally, at, number
+
+Item = dict[str, Any]
 
 KINDS: tuple[tuple[str, PlaceKind], ...] = (
     ("startCharging", "charge"), ("pick", "pick"), ("drop", "drop"), ("park", "park"),
 )  # fmt: skip
-CHORD = 0.01
-"""Largest distance [m] of a trajectory from its polyline."""
-
-
-def sniff(head: bytes) -> bool:
-    """A JSON object with LIF's opening keys."""
-    keys = b'"lifVersion"' in head or b'"layouts"' in head
-    return keys and head.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"{")
+CHORD = 0.01  # largest distance [m] of a trajectory from its polyline
+LEAST, APART = 1e-6, 1e-9
+"""Smallest weight of a control point, and distance of two different knots, as a share of all."""
 
 
 def read(path: Path, options: MapOptions) -> RoadMap:
     """Read a layout; see the module."""
-    tally = Tally()
-    layouts = _layouts(path)
-    nodes = {str(n.get("nodeId")): n for layout in layouts for n in _list(layout, "nodes")}
-    spots = {name: _spot(node.get("nodePosition"), f"node {name}") for name, node in nodes.items()}
-    found = [_edge(raw, spots, tally) for layout in layouts for raw in _list(layout, "edges")]
-    edges = [edge for edge in found if edge is not None]
-    if not edges:
-        raise SiteError(f"no road in it: {tally.read} edges", do="export the layout with its edges")
-    tally.kept = len(edges)
-    places = _places(layouts, nodes, spots, tally)
-    report, forbidden = tally.report("LIF, directed"), _about_turns(edges)
-    return RoadMap(edges, report, places=places, forbidden=forbidden, has_elevation=False)
-
-
-def _layouts(path: Path) -> list[dict[str, Any]]:
-    data = read_json(path)
+    tally, data = Tally(), read_json(path)
     if not isinstance(data, dict) or not isinstance(data.get("layouts"), list):
         raise SiteError("has no layouts", do="give a LIF file")
-    return _list(data, "layouts")
+    nodes, edges, stations = (
+        [item for layout in _list(data, "layouts") for item in _list(layout, key)]
+        for key in ("nodes", "edges", "stations")
+    )
+    spots = Nodes((str(node.get("nodeId")), _spot(node)) for node in nodes)
+    for raw in edges:
+        with at(f"edge {raw.get('edgeId')}"):
+            tally.keep(_edge(raw, spots), shortest=1e-6)
+    kinds = {str(node.get("nodeId")): _per_type(node, "Node") for node in nodes}
+    places, forbidden = tuple(_places(stations, kinds, spots, tally.notes)), _about_turns(tally.edges)
+    nothing, do = f"no road in it: {tally.read} edges", "export the layout with its edges"
+    more: Item = {"places": places, "forbidden": forbidden, "has_elevation": False}
+    return tally.road_map("LIF, directed", nothing, do, **more)
 
 
-def _list(item: dict[str, Any], key: str) -> list[dict[str, Any]]:
+def _list(item: Item, key: str) -> list[Item]:
     rows = item.get(key) or []
-    if not isinstance(rows, list):
-        raise SiteError("is not a list", place=key, do="export it again")
-    if not all(isinstance(row, dict) for row in rows):
-        raise SiteError("holds something that is not an object", place=key, do="export it again")
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise SiteError("is not a list, or an entry is not an object", place=key, do="export it again")
     return rows
 
 
-def _per_type(item: dict[str, Any], what: str) -> list[dict[str, Any]]:
+def _per_type(item: Item, what: str) -> list[Item]:
     """The properties for each vehicle type; version 2 calls vehicles mobile robots."""
     return [p for kind in ("vehicle", "mobileRobot") for p in _list(item, f"{kind}Type{what}Properties")]
 
 
-def _spot(raw: Any, place: str) -> Floats:
+def _spot(node: Item) -> Floats:
+    raw, place = node.get("nodePosition"), f"node {node.get('nodeId')}"
     if not isinstance(raw, dict):
         raise SiteError("has no position", place=place, do="export the layout with positions")
     return np.array([number(raw.get("x"), place), number(raw.get("y"), place), 0.0])
 
 
-def _edge(raw: dict[str, Any], spots: dict[str, Floats], tally: Tally) -> Edge | None:
-    tally.read += 1
+def _edge(raw: Item, spots: Nodes) -> Edge:
     name, start, end = (str(raw.get(key)) for key in ("edgeId", "startNodeId", "endNodeId"))
-    kinds = _per_type(raw, "Edge")
-    with at(f"edge {name}"):
-        for node in (start, end):
-            if node not in spots:
-                raise SiteError(f"there is no node {node!r}", do="correct the layout")
-        points = without_repeats(_line(kinds, spots[start], spots[end]), 1e-6)
-        if len(points) < 2:
-            tally.drop("without length")
-            return None
-        # Version 2 spells the word out.
-        given = (k.get(word) for k in kinds for word in ("maxSpeed", "maximumSpeed"))
-        speeds = [number(v) for v in given if v is not None]
+    kinds, points = _per_type(raw, "Edge"), np.array([spots[start], spots[end]])
+    if line := next((k["trajectory"] for k in kinds if k.get("trajectory")), None):
+        inner = _nurbs(line)[1:-1]
+        points = np.insert(points, 1, np.column_stack([inner, np.zeros(len(inner))]), axis=0)
+    # Version 2 spells the word out.
+    given = (k.get(word) for k in kinds for word in ("maxSpeed", "maximumSpeed"))
+    speeds = [number(v) for v in given if v is not None]
     # A log does not tell the type of its vehicle, so the highest of several limits bounds them all.
     limit = max((v for v in speeds if v > 0.0), default=math.nan)
     return Edge(name, start, end, points, "|".join(sorted((start, end))), limit)
 
 
-def _line(kinds: list[dict[str, Any]], start: Floats, end: Floats) -> Floats:
-    line = next((k["trajectory"] for k in kinds if k.get("trajectory")), None)
-    if line is None:
-        return np.array([start, end])
-    inner = nurbs(line, CHORD)[1:-1]
-    return np.vstack([start, np.column_stack([inner, np.zeros(len(inner))]), end])
+def _nurbs(raw: Any) -> Floats:
+    """(n, 2) vertices [m] of {degree, knotVector, controlPoints}; chords within ``CHORD``.
+
+    Without a degree it is 1; a control point without a weight weighs 1.  Piegl and Tiller, The NURBS Book.
+    """
+    from scipy.interpolate import BSpline
+
+    again, given = "export it again", raw if isinstance(raw, dict) else {}
+    points, vector = given.get("controlPoints"), given.get("knotVector") or []
+    if not isinstance(points, list) or not all(isinstance(p, dict) for p in points):
+        raise SiteError("its trajectory has no controlPoints", do=again)
+    if not isinstance(vector, list):
+        raise SiteError("its knotVector is no list", do=again)
+    degree = int(number(given.get("degree", 1), "degree"))
+    knots = np.array([number(k, "knotVector") for k in vector])
+    named = ({"weight": 1.0, **p} for p in points)
+    rows = [[number(p.get(key), "controlPoints") for key in ("x", "y", "weight")] for p in named]
+    x, y, weight = np.array(rows).reshape(-1, 3).T
+    gaps = np.diff(knots)
+    short = not 1 <= degree < len(x)
+    if short or len(knots) != len(x) + degree + 1 or bool((gaps < 0).any()):
+        raise SiteError(
+            f"its trajectory of degree {degree} has {len(knots)} knots for {len(x)} control points",
+            do="there must be points + degree + 1 knots in rising order",
+        )
+    close = bool(((gaps > 0.0) & (gaps < APART * np.ptp(knots))).any())
+    if close or knots[degree] == knots[len(x)] or bool((weight < LEAST).any()):
+        raise SiteError(
+            f"its knots nearly coincide or leave no curve, or a weight is below {LEAST:g}", do=again
+        )
+    spline = BSpline(knots, np.column_stack([x * weight, y * weight, weight]), degree)
+
+    def at(u: Floats) -> Floats:
+        p = spline(u)
+        return np.column_stack([p[:, :2] / p[:, 2:], np.zeros(len(u))])
+
+    return at(sample(at, np.unique(knots[degree : len(knots) - degree]), CHORD))[:, :2]
 
 
 def _about_turns(edges: list[Edge]) -> frozenset[tuple[str, str]]:
     """Turning round on the spot is left out wherever another edge leads on."""
-    leaving: dict[str, list[Edge]] = {}
+    leaving: dict[str, list[Edge]] = defaultdict(list)
     for edge in edges:
-        leaving.setdefault(edge.start, []).append(edge)
-    out = set()
-    for edge in edges:
-        onward = leaving.get(edge.end, ())
-        if any(f.end != edge.start for f in onward):
-            out |= {(edge.id, f.id) for f in onward if f.end == edge.start}
-    return frozenset(out)
+        leaving[edge.start].append(edge)
+    leads_on = (e for e in edges if any(f.end != e.start for f in leaving[e.end]))
+    return frozenset((e.id, f.id) for e in leads_on for f in leaving[e.end] if f.end == e.start)
 
 
 def _places(
-    layouts: list[dict[str, Any]], nodes: dict[str, dict[str, Any]], spots: dict[str, Floats], tally: Tally
-) -> tuple[Place, ...]:
-    out, unknown = [], 0
-    for station in (s for layout in layouts for s in _list(layout, "stations")):
+    stations: list[Item], kinds: dict[str, list[Item]], spots: Nodes, notes: list[str]
+) -> Iterator[Place]:
+    unknown = 0
+    for station in stations:
         named = station.get("interactionNodeIds")
         served = [str(n) for n in named if str(n) in spots] if isinstance(named, list) else []
-        kind = _kind([p for n in served for p in _per_type(nodes[n], "Node")])
+        properties = (p for n in served for p in kinds[n])
+        actions = {str(action.get("actionType")) for p in properties for action in _list(p, "actions")}
+        kind = next((kind for action, kind in KINDS if action in actions), None)
         if kind is None:
             unknown += 1
         else:
-            x, y, _ = spots[served[0]].tolist()
-            out.append(Place(str(station.get("stationId")), kind, x, y))
+            yield Place(str(station.get("stationId")), kind, *spots[served[0]][:2].tolist())
     if unknown:
-        why = "no action at their nodes says what is done there"
-        tally.notes.append(f"{unknown} stations are left out: {why}")
-    return tuple(out)
+        notes.append(f"{unknown} stations are left out: no action at their nodes says what is done there")
 
 
-def _kind(properties: list[dict[str, Any]]) -> PlaceKind | None:
-    """Of a station, from the actions at the nodes that serve it."""
-    actions = {str(action.get("actionType")) for p in properties for action in _list(p, "actions")}
-    return next((kind for action, kind in KINDS if action in actions), None)
-
-
-READER = Reader("LIF", (".json", ".lif"), sniff, read)
+READER = Reader("LIF", (".json", ".lif"), r'\A\{.*"(lifVersion|layouts)"', read)

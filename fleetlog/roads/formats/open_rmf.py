@@ -18,38 +18,33 @@ from fleetlog.core.site import Place, PlaceKind
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats.base import Floats, MapOptions, Reader, RoadMap, Tally, at, number
 
+Level = dict[str, Any]
+
 MARKS: tuple[tuple[str, PlaceKind], ...] = (
     ("is_charger", "charge"), ("pickup_dispenser", "pick"), ("dropoff_ingestor", "drop"),
     ("is_parking_spot", "park"),
 )  # fmt: skip
 
 
-def sniff(head: bytes) -> bool:
-    """YAML whose top has levels, with lanes or a drawing."""
-    lines = head.splitlines()
-    tops = (b"levels:", b"building_name:", b"coordinate_system:", b"crowd_sim:", b"doors:", b"graphs:")
-    return sum(line.startswith(tops) for line in lines) >= 1 and not head.lstrip().startswith((b"{", b"<"))
-
-
 def read(path: Path, options: MapOptions) -> RoadMap:
     """Read a graph or a building; see the module."""
     levels = _levels(path)
     tally = Tally()
-    edges: list[Edge] = []
     places: dict[str, Place] = {}
     for name, level in levels.items():
         front = f"{name}/" if len(levels) > 1 else ""
         with at(f"level {name}"):
             spots, words = _vertices(level)
-        edges += _lanes(level, spots, front, tally)
-        for place in _places(spots, words, front):
-            places.setdefault(place.id, place)
-    if not edges:
-        raise SiteError(f"no lane in it: {len(levels)} levels", do="export it with its lanes")
-    return RoadMap(edges, tally.report("Open-RMF"), places=tuple(places.values()), has_elevation=False)
+        _add_lanes(level, spots, front, tally)
+        for k, (spot, said) in enumerate(zip(spots, words, strict=True)):
+            if kind := next((kind for mark, kind in MARKS if said.get(mark)), None):
+                place = Place(f"{front}{said.get('name') or k}", kind, *spot[:2].tolist())
+                places.setdefault(place.id, place)
+    nothing, do = f"no lane in it: {len(levels)} levels", "export it with its lanes"
+    return tally.road_map("Open-RMF", nothing, do, places=tuple(places.values()), has_elevation=False)
 
 
-def _levels(path: Path) -> dict[str, dict[str, Any]]:
+def _levels(path: Path) -> dict[str, Level]:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
@@ -64,7 +59,7 @@ def _levels(path: Path) -> dict[str, dict[str, Any]]:
     return {str(k): v for k, v in levels.items()}
 
 
-def _rows(level: dict[str, Any], key: str, least: int) -> list[list[Any]]:
+def _rows(level: Level, key: str, least: int) -> list[list[Any]]:
     rows = level.get(key) or []
     if not isinstance(rows, list) or not all(isinstance(r, list) and len(r) >= least for r in rows):
         raise SiteError(f"{key} is not a list of lists", place=key, do="export it again")
@@ -77,7 +72,7 @@ def _options(row: list[Any]) -> dict[str, Any]:
     return {str(k): v[1] if isinstance(v, list) and len(v) == 2 else v for k, v in last.items()}
 
 
-def _vertices(level: dict[str, Any]) -> tuple[Floats, list[dict[str, Any]]]:
+def _vertices(level: Level) -> tuple[Floats, list[dict[str, Any]]]:
     """Positions [m] and what is said of each vertex."""
     rows = _rows(level, "vertices", 2)
     spots = np.array([[number(r[0]), number(r[1]), 0.0] for r in rows]).reshape(-1, 3)
@@ -87,7 +82,7 @@ def _vertices(level: dict[str, Any]) -> tuple[Floats, list[dict[str, Any]]]:
     return spots * [1.0, -1.0, 1.0] * _scale(level, spots), words
 
 
-def _scale(level: dict[str, Any], spots: Floats) -> float:
+def _scale(level: Level, spots: Floats) -> float:
     """Metres a pixel: the mean over the measured lines."""
     found = []
     for row in _rows(level, "measurements", 3):
@@ -107,34 +102,22 @@ def _index(value: Any, count: int) -> int:
     return value
 
 
-def _lanes(level: dict[str, Any], spots: Floats, front: str, tally: Tally) -> list[Edge]:
-    edges: dict[str, Edge] = {}
+def _add_lanes(level: Level, spots: Floats, front: str, tally: Tally) -> None:
+    seen: set[str] = set()
     for k, row in enumerate(_rows(level, "lanes", 2)):
-        tally.read += 1
         said = _options(row)
         with at(f"lane {k}"):
             a, b = (_index(v, len(spots)) for v in row[:2])
             limit = number(said.get("speed_limit") or 0.0)
-        if np.hypot(*(spots[b] - spots[a])[:2]) < 1e-3:
-            tally.drop("without length")
-            continue
-        tally.kept += 1
         low, high = min(a, b), max(a, b)
         road = f"{front}{low}-{high}"
         edge = Edge(road, f"{front}{low}", f"{front}{high}", spots[[low, high]], road, limit or math.nan)
         drawn, against = (edge, reversed_edge(edge)) if a < b else (reversed_edge(edge), edge)
-        for one in (drawn, against) if said.get("bidirectional") is True else (drawn,):
-            edges.setdefault(one.id, one)
-    return list(edges.values())
+        both = (drawn, against) if said.get("bidirectional") is True else (drawn,)
+        tally.keep(*(e for e in both if e.id not in seen), shortest=1e-3)
+        seen |= {e.id for e in both}
 
 
-def _places(spots: Floats, words: list[dict[str, Any]], front: str) -> list[Place]:
-    out = []
-    for k, (spot, said) in enumerate(zip(spots, words, strict=True)):
-        kind = next((kind for mark, kind in MARKS if said.get(mark)), None)
-        if kind is not None:
-            out.append(Place(f"{front}{said.get('name') or k}", kind, float(spot[0]), float(spot[1])))
-    return out
-
-
-READER = Reader("Open-RMF", (".yaml", ".yml"), sniff, read)
+# YAML whose top has levels, with lanes or a drawing.
+TOPS = r"^(levels|building_name|coordinate_system|crowd_sim|doors|graphs):"
+READER = Reader("Open-RMF", (".yaml", ".yml"), rf"\A(?![{{<]).*?{TOPS}", read)

@@ -6,29 +6,22 @@ the offset of the header.  Left out: virtual junctions, road shape and surface, 
 included files.
 """
 
-from __future__ import annotations
-
+import math
+import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from fleetlog.core.network import Edge
+from fleetlog.core.frames import geographic
+from fleetlog.core.network import Floats
 from fleetlog.errors import SiteError
-from fleetlog.roads.formats._odr_lanes import DRIVEN, LaneEdge, lane_edges
-from fleetlog.roads.formats._odr_links import node_names, touching, turns
+from fleetlog.roads.formats._documents import Element, parse_xml
+from fleetlog.roads.formats._odr_lanes import DRIVEN, lane_edges
+from fleetlog.roads.formats._odr_links import connect
 from fleetlog.roads.formats._odr_parse import Road, parse_road
-from fleetlog.roads.formats._odr_place import earth
-from fleetlog.roads.formats._xml import looks_like, parse_xml
-from fleetlog.roads.formats.base import HUGE, MapOptions, Reader, RoadMap, Tally, number
+from fleetlog.roads.formats.base import HUGE, Inverse, MapOptions, Reader, RoadMap, Tally, at, number
 
-if TYPE_CHECKING:
-    from lxml.etree import _Element as Element
-
-
-def sniff(head: bytes) -> bool:
-    """An OpenDRIVE root."""
-    return looks_like(head, "OpenDRIVE")
+NOWHERE = "so the map has no place on earth"
 
 
 def read(path: Path, options: MapOptions) -> RoadMap:
@@ -36,26 +29,17 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     tally = Tally()
     root = parse_xml(path, "OpenDRIVE", tally.notes)
     version = _version(root)
-    roads = _roads(root, tally)
-    lanes = _lanes(roads, options, tally)
-    if not lanes:
-        kinds = ", ".join(f"{n} {why}" for why, n in tally.dropped.items())
-        raise SiteError(
-            f"no driven lane in {tally.read} lanes" + (f" ({kinds})" if kinds else ""),
-            do="name the driven types as lane_types under [network] in a site.toml",
-        )
-    for found in lanes:
-        if float(np.abs(found.points).max()) > HUGE:
-            place = f"road {found.key[0]}"
-            raise SiteError("its lanes lie beyond the earth", place=place, do="correct the map")
-    relation = touching(roads, root.findall("junction"), tally)
-    nodes = node_names(lanes, relation)
-    edges = [_edge(lane, nodes[lane.enters], nodes[lane.leaves]) for lane in lanes]
-    allowed = turns(lanes, relation, tally)
-    inverse = earth(root, tally.notes)
-    return RoadMap(
-        edges, tally.report(f"OpenDRIVE {version} ({len(roads)} roads, counted lane by lane)"),
-        geographic_of=inverse, turns=allowed, traffic=_traffic(roads),
+    roads = _roads(root, tally.notes)
+    _add_lanes(roads, options, tally)
+    allowed = connect(roads, root.findall("junction"), tally)
+    rules = [road.rule for road in roads.values() if road.rule]
+    kinds = ", ".join(f"{n} {why}" for why, n in tally.dropped.items())
+    nothing = f"no driven lane in {tally.read} lanes" + (f" ({kinds})" if kinds else "")
+    do = "name the driven types as lane_types under [network] in a site.toml"
+    return tally.road_map(
+        f"OpenDRIVE {version} ({len(roads)} roads, counted lane by lane)", nothing, do, turns=allowed,
+        traffic=("left" if 2 * rules.count("LHT") > len(rules) else "right") if rules else None,
+        geographic_of=_earth(root, tally.notes),
         has_elevation=any(len(road.elevation.starts) for road in roads.values()),
     )  # fmt: skip
 
@@ -68,11 +52,12 @@ def _version(root: Element) -> str:
     return f"{major}.{minor}"
 
 
-def _roads(root: Element, tally: Tally) -> dict[str, Road]:
+def _roads(root: Element, notes: list[str]) -> dict[str, Road]:
     roads: dict[str, Road] = {}
     bare = 0
     for element in root.iterfind("road"):
-        road = parse_road(element)
+        with at(f"road {element.get('id')}"):
+            road = parse_road(element)
         if road is None:
             bare += 1
         elif road.id in roads:
@@ -80,19 +65,22 @@ def _roads(root: Element, tally: Tally) -> dict[str, Road]:
         else:
             roads[road.id] = road
     if bare:
-        tally.notes.append(f"{bare} roads have no geometry or no lanes and are left out")
+        notes.append(f"{bare} roads have no geometry or no lanes and are left out")
     if root.find(".//include") is not None:
-        tally.notes.append("included files are not read")
+        notes.append("included files are not read")
     return roads
 
 
-def _lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> list[LaneEdge]:
+def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> None:
     skipped: dict[str, float] = {}
     default = "LHT" if options.traffic == "left" else "RHT"
     driven = options.lane_types or DRIVEN
-    lanes: list[LaneEdge] = []
     for road in roads.values():
-        lanes += lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped)
+        for edge in lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped):
+            if float(np.abs(edge.points).max()) > HUGE:
+                place = f"road {road.id}"
+                raise SiteError("its lanes lie beyond the earth", place=place, do="correct the map")
+            tally.edges.append(edge)
     if skipped:
         parts = ", ".join(f"{kind} {length:.0f} m" for kind, length in sorted(skipped.items()))
         tally.notes.append(f"length of the lanes that are left out, by type: {parts}")
@@ -100,19 +88,59 @@ def _lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> list[La
     if options.traffic and against:
         what = f"a rule of their own that differs from traffic = {options.traffic!r}; it holds there"
         tally.notes.append(f"{against} roads have {what}")
-    return lanes
 
 
-def _traffic(roads: dict[str, Road]) -> Literal["right", "left"] | None:
-    rules = [road.rule for road in roads.values() if road.rule]
-    if not rules:
+def _earth(root: Element, notes: list[str]) -> Inverse | None:
+    """Where on earth a map lies; None, and why among the notes, where the file does not say."""
+    text = " ".join((root.findtext("header/geoReference") or "").split())
+    if "+proj" not in text and "+lat_0" in text and "+lon_0" in text:
+        how = "read as transverse Mercator about its lat_0 and lon_0"
+        notes.append(f"the geoReference names no projection; it is {how}")
+        text = f"+proj=tmerc {text}"
+    # Vertical grids are not part of an installation and do not move anything in the plane.
+    plain = re.sub(r"\+(geoidgrids|vunits)=\S+", "", text) if text.startswith("+") else text
+    if why := _no_place(plain):
+        notes.append(why)
         return None
-    return "left" if 2 * rules.count("LHT") > len(rules) else "right"
+    offset = root.find("header/offset")
+    by = [
+        0.0 if offset is None else number(offset.get(k, "0"), f"header offset, {k}")
+        for k in ("x", "y", "hdg")
+    ]
+
+    def inverse(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        return geographic(plain, *moved(x, y, *by))
+
+    if not np.isfinite(inverse(np.zeros(1), np.zeros(1))).all():
+        notes.append(f"the geoReference does not reach the map's coordinates, {NOWHERE}")
+        return None
+    return inverse
 
 
-def _edge(lane: LaneEdge, start: str, end: str) -> Edge:
-    road = ":".join(str(part) for part in lane.key)
-    return Edge(lane.id, start, end, lane.points, road, lane.speed_limit, lane.width)
+def moved(x: Floats, y: Floats, east: float, north: float, heading: float) -> tuple[Floats, Floats]:
+    """Map coordinates [m] with the header's offset [m], [rad], as the projection takes them:
+    X = x cos h - y sin h + x_off, Y = x sin h + y cos h + y_off."""
+    c, s = math.cos(heading), math.sin(heading)
+    return x * c - y * s + east, x * s + y * c + north
 
 
-READER = Reader("OpenDRIVE", (".xodr",), sniff, read)
+def _no_place(text: str) -> str:
+    """Why PROJ makes no projection to metres of a geoReference; empty where it does."""
+    from pyproj import CRS
+    from pyproj.exceptions import ProjError
+
+    if not text:
+        return f"there is no geoReference, {NOWHERE}; state [frame] in a site.toml to give it one"
+    zone, longitude = re.search(r"\+zone=(\d+)", text), re.search(r"\+lon_0=(-?[\d.]+)", text)
+    if "+proj=utm" in text and zone and longitude and abs(6 * int(zone[1]) - 183 - float(longitude[1])) > 6.0:
+        fault = f"UTM zone {zone[1]} and lon_0 {longitude[1]}"
+        return f"the geoReference contradicts itself ({fault}), {NOWHERE}"
+    try:
+        crs = CRS.from_user_input(text)
+        geographic(text, [], [])
+    except ProjError as error:
+        return f"the geoReference is not understood ({str(error).splitlines()[0]}), {NOWHERE}"
+    return "" if crs.is_projected else f"the geoReference is no projection to metres, {NOWHERE}"
+
+
+READER = Reader("OpenDRIVE", (".xodr",), "<OpenDRIVE", read)

@@ -6,22 +6,17 @@ straight line: the drawing of a layout is no measure of the floor, so the line i
 places by the operations that their type allows.  Source: the schemas of the openTCS project.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fleetlog.core.network import Edge, reverse_id
+from fleetlog.core.network import Edge, reversed_edge
 from fleetlog.core.site import Place, PlaceKind
-from fleetlog.errors import SiteError
-from fleetlog.roads.formats._xml import looks_like, parse_xml
-from fleetlog.roads.formats.base import Floats, MapOptions, Reader, RoadMap, Tally, at, number
-
-if TYPE_CHECKING:
-    from lxml.etree import _Element as Element
+from fleetlog.roads.formats._documents import Element, parse_xml
+from fleetlog.roads.formats.base import Floats, MapOptions, Nodes, Reader, RoadMap, Tally, at, number
 
 MILLI = 1e-3
 WORDS: tuple[tuple[str, PlaceKind], ...] = (
@@ -31,21 +26,21 @@ WORDS: tuple[tuple[str, PlaceKind], ...] = (
 """Openings of the names of operations; the first that fits counts."""
 
 
-def sniff(head: bytes) -> bool:
-    """A model with points."""
-    return looks_like(head, "model") and any(looks_like(head, tag) for tag in ("point ", "path ", "vehicle"))
-
-
 def read(path: Path, options: MapOptions) -> RoadMap:
     """Read a plant model; see the module."""
     tally = Tally()
     model = parse_xml(path, "model", tally.notes)
-    spots = {str(p.get("name")): _spot(p) for p in model.iterfind("point")}
-    edges = [edge for element in model.iterfind("path") for edge in _path(element, spots, tally)]
-    if not edges:
-        raise SiteError(f"no path that may be driven in it ({tally.read} read)", do="unlock its paths")
-    places = tuple(_places(model, spots, tally))
-    return RoadMap(edges, tally.report("openTCS"), places=places, has_elevation=False)
+    points = {str(p.get("name")): p for p in model.iterfind("point")}
+    spots = Nodes((name, _spot(p)) for name, p in points.items())
+    for element in model.iterfind("path"):
+        with at(f"path {element.get('name')}"):
+            _add_path(element, spots, tally)
+    parking = (name for name, p in points.items() if p.get("type") == "PARK_POSITION")
+    places = {p.id: p for p in _locations(model, spots, tally.notes)}
+    for name in parking:
+        places.setdefault(name, Place(name, "park", *spots[name][:2].tolist()))
+    nothing, do = f"no path that may be driven in it ({tally.read} read)", "unlock its paths"
+    return tally.road_map("openTCS", nothing, do, places=tuple(places.values()), has_elevation=False)
 
 
 def _spot(element: Element) -> Floats:
@@ -55,53 +50,38 @@ def _spot(element: Element) -> Floats:
     return np.array([x * MILLI, y * MILLI, 0.0])
 
 
-def _path(element: Element, spots: dict[str, Floats], tally: Tally) -> list[Edge]:
-    tally.read += 1
-    name, locked = str(element.get("name")), element.get("locked") == "true"
-    start, end = str(element.get("sourcePoint")), str(element.get("destinationPoint"))
-    with at(f"path {name}"):
-        for point in (start, end):
-            if point not in spots:
-                raise SiteError(f"there is no point {point!r}", do="correct the model")
-        points = np.array([spots[start], spots[end]])
-        if locked or np.hypot(*(points[1] - points[0])[:2]) < MILLI:
-            tally.drop("locked" if locked else "without length")
-            return []
-        speeds = (element.get(key, "0") for key in ("maxVelocity", "maxReverseVelocity"))
-        there, back = (number(v) * MILLI for v in speeds)
-    tally.kept += 1
-    edges = [Edge(name, start, end, points, name, there or math.nan)] if there > 0.0 or back <= 0.0 else []
+def _add_path(element: Element, spots: Nodes, tally: Tally) -> None:
+    name, start, end = (str(element.get(key)) for key in ("name", "sourcePoint", "destinationPoint"))
+    there, back = (number(element.get(k, "0")) * MILLI for k in ("maxVelocity", "maxReverseVelocity"))
+    edge = Edge(name, start, end, np.array([spots[start], spots[end]]), name, there or math.nan)
+    directions = [edge] if there > 0.0 or back <= 0.0 else []
     if back > 0.0:
-        edges.append(Edge(reverse_id(name), end, start, points[::-1].copy(), name, back))
-    return edges
+        directions.append(replace(reversed_edge(edge), speed_limit=back))
+    if element.get("locked") == "true":
+        tally.dropped["locked"] += 1
+    else:
+        tally.keep(*directions, shortest=MILLI)
 
 
-def _places(model: Element, spots: dict[str, Floats], tally: Tally) -> list[Place]:
-    allowed = {str(t.get("name")): _operations(t) for t in model.iterfind("locationType")}
-    out: list[Place] = []
+def _locations(model: Element, spots: Nodes, notes: list[str]) -> Iterator[Place]:
+    allowed = {str(t.get("name")): _kind([t]) for t in model.iterfind("locationType")}
     unknown = 0
     for location in model.iterfind("location"):
         links = [link for link in location.iterfind("link") if str(link.get("point")) in spots]
-        words = [w for link in links for w in _operations(link)] or allowed.get(str(location.get("type")), [])
-        kind = _kind(words)
+        kind = _kind(links) or allowed.get(str(location.get("type")))
         if kind is None:
             unknown += 1
             continue
         x, y, _ = (spots[str(links[0].get("point"))] if links else _spot(location)).tolist()
-        out.append(Place(str(location.get("name")), kind, x, y))
+        yield Place(str(location.get("name")), kind, x, y)
     if unknown:
-        tally.notes.append(f"{unknown} locations are left out: no operation says what is done there")
-    known = {p.id for p in out}
-    parking = (str(p.get("name")) for p in model.iterfind("point") if p.get("type") == "PARK_POSITION")
-    return out + [Place(n, "park", *spots[n][:2].tolist()) for n in parking if n not in known]
+        notes.append(f"{unknown} locations are left out: no operation says what is done there")
 
 
-def _operations(element: Element) -> list[str]:
-    return [str(o.get("name", "")).lower() for o in element.iterfind("allowedOperation")]
+def _kind(elements: list[Element]) -> PlaceKind | None:
+    """What is done, by the operations that elements allow."""
+    names = [str(o.get("name", "")).lower() for e in elements for o in e.iterfind("allowedOperation")]
+    return next((kind for word, kind in WORDS if any(n.startswith(word) for n in names)), None)
 
 
-def _kind(operations: list[str]) -> PlaceKind | None:
-    return next((kind for word, kind in WORDS if any(o.startswith(word) for o in operations)), None)
-
-
-READER = Reader("openTCS", (".xml",), sniff, read)
+READER = Reader("openTCS", (".xml",), r"<model\b.*<(point |path |vehicle)", read)

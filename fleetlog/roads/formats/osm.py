@@ -4,26 +4,18 @@ A way ``123`` that meets no other in its middle is the road ``123``, else its pa
 ...  Source of the tags: wiki.openstreetmap.org, Key:highway, Key:oneway, Relation:restriction.
 """
 
-from __future__ import annotations
-
-import math
-from collections import Counter
-from dataclasses import dataclass
+from collections import Counter, defaultdict
 from itertools import groupby, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fleetlog.core.network import Edge, reversed_edge
-from fleetlog.errors import SiteError
 from fleetlog.roads.formats import _lanelets
-from fleetlog.roads.formats._osm_restrictions import forbidden_turns, tags
-from fleetlog.roads.formats._xml import looks_like, parse_xml
-from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, number, osm_speed
+from fleetlog.roads.formats._documents import Element, parse_xml
+from fleetlog.roads.formats.base import MapOptions, Reader, RoadMap, Tally, number, osm_speed, osm_width
 
-if TYPE_CHECKING:
-    from lxml.etree import _Element as Element
+Tags = dict[str, str]
 
 DRIVEN = frozenset({
     "motorway", "motorway_link", "trunk", "trunk_link", "primary", "primary_link", "secondary",
@@ -31,22 +23,6 @@ DRIVEN = frozenset({
     "road",
 })  # fmt: skip
 """Classes that are driven unless the user says otherwise."""
-
-
-@dataclass(frozen=True)
-class Way:
-    """A driven way; ``direction`` 1 one-way as drawn, -1 against it, 0 both."""
-
-    id: str
-    nodes: tuple[str, ...]
-    direction: int
-    speed_limit: float
-    width: float
-
-
-def sniff(head: bytes) -> bool:
-    """An OSM root."""
-    return looks_like(head, "osm")
 
 
 def read(path: Path, options: MapOptions) -> RoadMap:
@@ -57,17 +33,19 @@ def read(path: Path, options: MapOptions) -> RoadMap:
         return _lanelets.read(path)
     spots = {str(n.get("id")): _spot(n) for n in root.iterfind("node") if _alive(n)}
     ways = _ways(root, options.road_classes or DRIVEN, spots, tally)
-    if not ways:
-        raise SiteError(
-            f"no driven road in {tally.read} ways with a highway tag",
-            do="name the driven classes as road_classes under [network] in a site.toml",
-        )
     tally.kept = len(ways)
-    uses = Counter(node for way in ways for node in way.nodes)
-    found = [(way.id, _edges(way, uses, spots)) for way in ways]
-    edges = [edge for _, parts in found for edge in parts]
-    forbidden = forbidden_turns(root, dict(found), edges, tally)
-    return RoadMap(edges, tally.report("OSM XML"), geographic=True, forbidden=forbidden, has_elevation=False)
+    uses = Counter(node for _, chain, _ in ways for node in chain)
+    parts = {name: _edges(name, chain, tags, uses, spots) for name, chain, tags in ways}
+    tally.edges += [edge for name, _, _ in ways for edge in parts[name]]
+    forbidden = _forbidden(root, parts, tally)
+    nothing = f"no driven road in {tally.read} ways with a highway tag"
+    do = "name the driven classes as road_classes under [network] in a site.toml"
+    more = {"geographic": True, "forbidden": forbidden, "has_elevation": False}
+    return tally.road_map("OSM XML", nothing, do, **more)
+
+
+def _tags(element: Element) -> Tags:
+    return {str(t.get("k")): t.get("v") or "" for t in element.iterfind("tag")}
 
 
 def _alive(element: Element) -> bool:
@@ -81,61 +59,82 @@ def _spot(node: Element) -> tuple[float, float]:
 
 def _ways(
     root: Element, driven: frozenset[str], spots: dict[str, tuple[float, float]], tally: Tally
-) -> list[Way]:
+) -> list[tuple[str, list[str], Tags]]:
+    """Id, nodes and tags of the driven ways."""
     out, cut = [], 0
     for element in root.iterfind("way"):
-        tag = tags(element)
-        if "highway" not in tag or not _alive(element):
+        tags = _tags(element)
+        if "highway" not in tags or not _alive(element):
             continue
-        tally.read += 1
         nodes = [str(nd.get("ref")) for nd in element.iterfind("nd")]
-        known = [n for n in nodes if n in spots]
-        cut += len(known) < len(nodes)
-        if reason := _reason(tag, driven):
-            tally.drop(reason)
-        elif len(set(known)) < 2:
-            tally.drop("without nodes in the file")
+        chain = [n for n, _ in groupby(n for n in nodes if n in spots)]
+        cut += not spots.keys() >= set(nodes)
+        reason = _reason(tags, driven) or ("" if len(set(chain)) > 1 else "without nodes in the file")
+        if reason:
+            tally.dropped[reason] += 1
         else:
-            chain, limit = tuple(n for n, _ in groupby(known)), osm_speed(tag.get("maxspeed", ""))
-            out.append(Way(str(element.get("id")), chain, _direction(tag), limit, _width(tag)))
+            out.append((str(element.get("id")), chain, tags))
     if cut:
-        what = "ways name nodes that are not in the file; they are drawn through those that are"
-        tally.notes.append(f"{cut} {what}")
+        what = "that are not in the file; they are drawn through those that are"
+        tally.notes.append(f"{cut} ways name nodes {what}")
     return out
 
 
-def _width(tag: dict[str, str]) -> float:
-    width = tag.get("width", "").removesuffix("m").strip()
-    return float(width) if width.replace(".", "", 1).isdigit() and float(width) > 0.0 else math.nan
-
-
-def _reason(tag: dict[str, str], driven: frozenset[str]) -> str:
+def _reason(tags: Tags, driven: frozenset[str]) -> str:
     """Why a way is left out; empty where it is kept."""
-    if tag["highway"] not in driven:
-        return f"class {tag['highway']}"
-    if tag.get("area") == "yes":
+    if tags["highway"] not in driven:
+        return f"class {tags['highway']}"
+    if tags.get("area") == "yes":
         return "area"
-    closed = "no" in (tag.get("access"), tag.get("vehicle"), tag.get("motor_vehicle"))
+    closed = "no" in (tags.get("access"), tags.get("vehicle"), tags.get("motor_vehicle"))
     return "closed to traffic" if closed else ""
 
 
-def _direction(tag: dict[str, str]) -> int:
-    implied = "yes" if tag.get("junction") == "roundabout" or tag["highway"] == "motorway" else "no"
-    return {"yes": 1, "true": 1, "1": 1, "-1": -1, "reverse": -1}.get(tag.get("oneway", implied), 0)
-
-
-def _edges(way: Way, uses: Counter[str], spots: dict[str, tuple[float, float]]) -> list[Edge]:
-    inner = [k for k in range(1, len(way.nodes) - 1) if uses[way.nodes[k]] > 1]
-    bounds = [0, *inner, len(way.nodes) - 1]
+def _edges(
+    way: str, chain: list[str], tags: Tags, uses: Counter[str], spots: dict[str, tuple[float, float]]
+) -> list[Edge]:
+    """The parts of a way between the nodes that it shares, in the directions in which they are driven."""
+    implied = "yes" if tags.get("junction") == "roundabout" or tags["highway"] == "motorway" else "no"
+    oneway = tags.get("oneway", implied)
+    limit, width = osm_speed(tags.get("maxspeed", "")), osm_width(tags.get("width", ""))
+    inner = [k for k in range(1, len(chain) - 1) if uses[chain[k]] > 1]
     out = []
-    for k, (a, b) in enumerate(pairwise(bounds)):
-        chain = way.nodes[a : b + 1]
-        points = np.array([(*spots[n], 0.0) for n in chain])
-        name = f"{way.id}:{k}" if inner else way.id
-        edge = Edge(name, chain[0], chain[-1], points, name, way.speed_limit, way.width)
-        both = [edge, reversed_edge(edge)]
-        out += both if way.direction == 0 else both[:1] if way.direction > 0 else both[1:]
+    for k, (a, b) in enumerate(pairwise([0, *inner, len(chain) - 1])):
+        points = np.array([(*spots[n], 0.0) for n in chain[a : b + 1]])
+        name = f"{way}:{k}" if inner else way
+        edge = Edge(name, chain[a], chain[b], points, name, limit, width)
+        out += [] if oneway in ("-1", "reverse") else [edge]
+        out += [] if oneway in ("yes", "true", "1") else [reversed_edge(edge)]
     return out
 
 
-READER = Reader("OSM XML", (".osm",), sniff, read)
+def _forbidden(root: Element, parts: dict[str, list[Edge]], tally: Tally) -> frozenset[tuple[str, str]]:
+    """(edge id, next edge id) that ``no_*`` relations at nodes forbid or ``only_*`` ones do not allow."""
+    leaving: dict[str, set[str]] = defaultdict(set)
+    for edge in tally.edges:
+        leaving[edge.start].add(edge.id)
+    out: set[tuple[str, str]] = set()
+    unread = 0
+    for relation in root.iterfind("relation"):
+        tags = _tags(relation)
+        rule = tags.get("restriction", "")
+        if tags.get("type") != "restriction" or not rule.startswith(("no_", "only_")):
+            continue
+        members = {str(m.get("role")): m for m in relation.iterfind("member")}
+        refs = {role: str(member.get("ref")) for role, member in members.items()}
+        node = refs.get("via")
+        if node is None or members["via"].get("type") != "node":
+            unread += 1
+            continue
+        incoming = [e.id for e in parts.get(refs.get("from", ""), ()) if e.end == node]
+        onward = {e.id for e in parts.get(refs.get("to", ""), ()) if e.start == node}
+        if rule.startswith("only_"):
+            # Without the way that it leads to (beyond the extract) the rule would close the road.
+            onward = leaving[node] - onward if onward else set()
+        out |= {(a, b) for a in incoming for b in onward}
+    if unread:
+        tally.notes.append(f"{unread} turn restrictions that lead over ways are not read")
+    return frozenset(out)
+
+
+READER = Reader("OSM XML", (".osm",), "<osm", read)

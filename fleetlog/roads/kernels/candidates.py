@@ -1,4 +1,4 @@
-"""Segments in a grid, and the edges near a position."""
+"""The edges near a position."""
 
 import math
 from typing import Any
@@ -7,55 +7,6 @@ import numpy as np
 
 from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
 from fleetlog.roads.kernels.records import Candidates, Floats, Grid, Index, Roads, Wide
-
-Frame = tuple[float, float, float, int, int]
-"""Origin x, y and side [m] of cells, and their numbers along x and y."""
-
-
-@fast_inner
-def _cell_range(low: float, high: float, origin: float, cell: float, count: int) -> Any:
-    return max(int((low - origin) / cell), 0), min(int((high - origin) / cell), count - 1) + 1
-
-
-@fast_outer
-def _visit_cells(roads: Roads, frame: Frame, counts: Wide, items: Wide) -> None:
-    """Enter every segment in ``items`` of every cell that its band crosses; without items, count only.
-
-    Of twins only the first edge is entered.
-    """
-    x0, y0, cell, nx, ny = frame
-    px, py = roads.px, roads.py
-    for e in range(len(roads.length)):
-        if 0 <= roads.twin[e] < e:
-            continue
-        for k in range(roads.first[e], roads.first[e + 1] - 1):
-            ax, ay, bx, by = px[k], py[k], px[k + 1], py[k + 1]
-            i0, i1 = _cell_range(min(ax, bx), max(ax, bx), x0, cell, nx)
-            j0, j1 = _cell_range(min(ay, by), max(ay, by), y0, cell, ny)
-            dx, dy = bx - ax, by - ay
-            length = np.hypot(dx, dy)
-            for i in range(i0, i1):
-                for j in range(j0, j1):
-                    if length > 0.0 and i1 - i0 > 1 and j1 - j0 > 1:
-                        cx, cy = x0 + (i + 0.5) * cell - ax, y0 + (j + 0.5) * cell - ay
-                        if abs(cx * dy - cy * dx) / length > 0.75 * cell:  # the cell's half diagonal is 0.707
-                            continue
-                    c = i * ny + j
-                    if len(items):
-                        items[counts[c]] = k
-                    counts[c] += 1
-
-
-def build_grid(roads: Roads, frame: Frame) -> Grid:
-    """The segments of every cell, by their first vertex."""
-    x0, y0, cell, nx, ny = frame
-    counts = np.zeros(nx * ny, np.int64)
-    _visit_cells(roads, frame, counts, np.empty(0, np.int64))
-    starts = np.append(0, np.cumsum(counts))
-    items = np.empty(starts[-1], np.int64)
-    if len(items):
-        _visit_cells(roads, frame, starts[:-1].copy(), items)
-    return Grid(x0, y0, cell, nx, ny, starts, items)
 
 
 @fast_inner
@@ -116,11 +67,8 @@ def find_candidates(
             value[2, total], value[3, total] = dx * scale, dy * scale
             total += 1
             if roads.twin[e] >= 0:
-                edge[total], value[0, total], value[1, total] = (
-                    roads.twin[e],
-                    roads.length[e] - offset,
-                    -aside,
-                )
+                edge[total], value[0, total] = roads.twin[e], roads.length[e] - offset
+                value[1, total] = -aside
                 value[2, total], value[3, total] = -dx * scale, -dy * scale
                 total += 1
         ptr[p + 1] = total

@@ -7,11 +7,11 @@ kernels, which other kernels alone call, have no entrance from Python, which wou
 
 from typing import Any
 
-from numba import njit
+from fleetlog.compiling import kernel
 
-_OPTIONS: dict[str, Any] = {"cache": True, "_nrt": False, "error_model": "numpy", "no_cfunc_wrapper": True}
+_OPTIONS: dict[str, Any] = {"_nrt": False, "error_model": "numpy", "no_cfunc_wrapper": True}
 
-outer = njit(**_OPTIONS)
-inner = njit(**_OPTIONS, no_cpython_wrapper=True)
-fast_outer = njit(**_OPTIONS, fastmath=True)
-fast_inner = njit(**_OPTIONS, fastmath=True, no_cpython_wrapper=True)
+outer = kernel(**_OPTIONS)
+inner = kernel(**_OPTIONS, no_cpython_wrapper=True)
+fast_outer = kernel(**_OPTIONS, fastmath=True)
+fast_inner = kernel(**_OPTIONS, fastmath=True, no_cpython_wrapper=True)

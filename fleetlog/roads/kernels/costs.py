@@ -8,16 +8,13 @@ import numpy as np
 from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
 from fleetlog.roads.kernels.records import Candidates, Costs, Floats, Index, Roads, Store, Wide
 
-JUMP = 12.0
-"""Cost of two groups on roads that no path connects: the chain starts anew."""
+JUMP = 12.0  # cost of two groups on roads that no path connects: the chain starts anew
 RARE = np.exp(-JUMP)
-LEAVE = 4.0
-"""Cost of leaving the roads, and of coming back."""
+LEAVE = 4.0  # cost of leaving the roads, and of coming back
 LEFT = np.exp(-LEAVE)
 SLACK = 5.0
 """A way this much longer than the travelled distance is always tried [m]: two corners, taken short."""
-CHANGE = 0.5
-"""Cost of entering another edge: of two routes that fit alike the plainer one."""
+CHANGE = 0.5  # cost of entering another edge: of two routes that fit alike the plainer one
 IDLE_CHANGE = 2.0
 """Cost of entering another edge only to stand there: a truck at a node has not left its edge yet."""
 CHAIN_END = -2

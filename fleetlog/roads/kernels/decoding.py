@@ -12,13 +12,15 @@ import numpy as np
 from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
 from fleetlog.roads.kernels.costs import BY_JUMP, CHAIN_END, JUMP, LEAVE, LEFT, RARE, reach_of, step_costs
 from fleetlog.roads.kernels.distances import ensure
-from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Floats, Roads, Steps, Store, Wide
+from fleetlog.roads.kernels.records import Candidates, Choice, Costs, Floats, Groups, Roads, Store, Wide
+
+BLOCK, AHEAD = 1000, 60  # groups that are decided together, and how far beyond them the model looks
 
 
 @fast_outer
-def ensure_all(store: Store, roads: Roads, near: Candidates, groups: Steps, beta: float, begin: int) -> Any:
+def ensure_all(store: Store, roads: Roads, near: Candidates, groups: Groups, beta: float, begin: int) -> Any:
     """Store what the steps from group ``begin`` on need; the first group for which there is no room."""
-    chain, moved, _ = groups
+    chain, moved = groups.chain, groups.moved
     for g in range(begin, len(chain) - 1):
         if chain[g + 1] != chain[g]:
             continue
@@ -31,30 +33,27 @@ def ensure_all(store: Store, roads: Roads, near: Candidates, groups: Steps, beta
 
 
 class Scratch(NamedTuple):
-    """For blocks of at most B groups with W states: (B W W,) probabilities of ``steps``, where those of a
-    group begin ``at``, where its ``states`` begin; (B W,) values of states; ``cost`` (W, W) of one step; (W,)
-    ``alpha0`` of the group before a block, ``beta`` and ``later``; (E,) ``slot`` of edges, -1.
-    """
+    """For blocks of at most B groups with at most W states."""
 
-    steps: Floats
-    at: Wide
-    states: Wide
+    steps: Floats  # (B W W,) probabilities of steps
+    at: Wide  # where those of a group begin
+    states: Wide  # where its states begin in the (B W,) values of states
     delta: Floats
     alpha: Floats
     gamma: Floats
     own: Floats
     came: Wide
-    cost: Floats
-    alpha0: Floats
+    cost: Floats  # (W, W) of one step
+    alpha0: Floats  # (W,) of the group before a block
     beta: Floats
     later: Floats
-    slot: Wide
+    slot: Wide  # (E,) state of an edge, -1
 
 
-def scratch(near: Candidates, costs: Costs, edges: int) -> Scratch:
+def scratch(near: Candidates, edges: int) -> Scratch:
     """Room for decoding."""
     widest = int(np.diff(near.ptr).max()) + 1
-    groups = min(len(near.ptr), costs.block + costs.ahead + 1)
+    groups = min(len(near.ptr), BLOCK + AHEAD + 1)
     delta, alpha, gamma, own = np.empty((4, groups * widest))
     alpha0, beta, later = np.empty((3, widest))
     return Scratch(
@@ -66,7 +65,7 @@ def scratch(near: Candidates, costs: Costs, edges: int) -> Scratch:
 
 @fast_outer
 def decode(
-    store: Store, roads: Roads, near: Candidates, emission: Floats, groups: Steps, costs: Costs, out: Choice,
+    store: Store, roads: Roads, near: Candidates, emission: Floats, groups: Groups, costs: Costs, out: Choice,
     room: Scratch,
 ) -> None:  # fmt: skip
     """Likeliest state of every group, and every state's posterior, into ``out``.
@@ -74,7 +73,7 @@ def decode(
     Works through blocks of groups and looks ahead beyond each, so memory does not grow with the track.
     """
     ptr = near.ptr
-    chain, moved, still = groups
+    chain, moved, still = groups.chain, groups.moved, groups.still
     chosen, posterior, off_posterior, linked = out
     _, at, states, delta, alpha, gamma, own, came, cost, alpha0, _, _, slot = room
     off = costs.off
@@ -84,10 +83,10 @@ def decode(
     while start < count:
         begin = start - 1 if fixed >= 0 else start
         end = begin + 1
-        while end < count and chain[end] == chain[begin] and end - start < costs.block + costs.ahead:
+        while end < count and chain[end] == chain[begin] and end - start < BLOCK + AHEAD:
             end += 1
         whole = end == count or chain[end] != chain[begin]
-        commit = end if whole else start + costs.block
+        commit = end if whole else start + BLOCK
         at[0] = states[0] = 0
         for g in range(begin, end):
             states[g - begin + 1] = states[g - begin] + ptr[g + 1] - ptr[g] + 1

@@ -4,9 +4,43 @@ from typing import Any
 
 import numpy as np
 
+from fleetlog.compiling import kernel
 from fleetlog.roads.kernels.compiling import inner
-from fleetlog.roads.kernels.heap import pop, push
 from fleetlog.roads.kernels.records import Floats, Index, Roads, Store
+
+
+@inner
+def _push(heap_d: Floats, heap_e: Index, size: int, d: float, e: int) -> Any:
+    """Add edge ``e`` at distance ``d`` to a heap of ``size`` entries; returns its new size."""
+    i = size
+    while i > 0:
+        up = (i - 1) >> 1
+        if heap_d[up] <= d:
+            break
+        heap_d[i], heap_e[i] = heap_d[up], heap_e[up]
+        i = up
+    heap_d[i], heap_e[i] = d, e
+    return size + 1
+
+
+@inner
+def _pop(heap_d: Floats, heap_e: Index, size: int) -> Any:
+    """Drop the top, which the caller has read; returns the new size."""
+    size -= 1
+    d, e = heap_d[size], heap_e[size]
+    i = 0
+    while True:
+        child = 2 * i + 1
+        if child >= size:
+            break
+        if child + 1 < size and heap_d[child + 1] < heap_d[child]:
+            child += 1
+        if heap_d[child] >= d:
+            break
+        heap_d[i], heap_e[i] = heap_d[child], heap_e[child]
+        i = child
+    heap_d[i], heap_e[i] = d, e
+    return size
 
 
 @inner
@@ -19,31 +53,24 @@ def search(
     ``best`` (E,) is infinite on entry; :func:`forget` makes it so again.  ``before`` holds the previous
     edge of the path.  Returns how many were found.
     """
-    size = 0
-    count = 0
-    for q in range(next_first[source], next_first[source + 1]):
-        f = next_edges[q]
-        if best[f] > 0.0:
-            best[f] = 0.0
-            before[f] = source
-            size = push(heap_d, heap_e, size, 0.0, f)
-    while size > 0:
-        d, e = heap_d[0], heap_e[0]
-        size = pop(heap_d, heap_e, size)
-        if d > best[e]:
-            continue
+    size = count = 0
+    e, through = source, 0.0
+    while True:
+        if through <= bound:
+            for q in range(next_first[e], next_first[e + 1]):
+                f = next_edges[q]
+                if through < best[f]:
+                    best[f], before[f] = through, e
+                    size = _push(heap_d, heap_e, size, through, f)
+        while size > 0 and heap_d[0] > best[heap_e[0]]:
+            size = _pop(heap_d, heap_e, size)
+        if size == 0:
+            return count
+        e = heap_e[0]
+        through = heap_d[0] + length[e]
+        size = _pop(heap_d, heap_e, size)
         found[count] = e
         count += 1
-        through = d + length[e]
-        if through > bound:
-            continue
-        for q in range(next_first[e], next_first[e + 1]):
-            f = next_edges[q]
-            if through < best[f]:
-                best[f] = through
-                before[f] = e
-                size = push(heap_d, heap_e, size, through, f)
-    return count
 
 
 @inner
@@ -115,3 +142,12 @@ def path_between(store: Store, source: int, goal: int, path: Index) -> Any:
         path[m] = at
         m += 1
     return -1
+
+
+@kernel()
+def longer(array: Any, size: int) -> Any:
+    """A copy of an array (n,) with room for ``size`` values, by a loop: numpy's own compiles for seconds."""
+    out = np.empty(size, array.dtype)
+    for i in range(min(len(array), size)):
+        out[i] = array[i]
+    return out

@@ -3,24 +3,18 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.roads.kernels.compiling import outer
-
-Floats = NDArray[np.float64]
-Wide = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+from fleetlog.roads.kernels.records import Flags, Floats, Track, Wide
 
 
 @outer
-def group_points(
-    t: Floats, speed: Floats, chain: Wide, span: float, standing_speed: float, first: Wide, still: Flags
-) -> Any:
+def group_points(track: Track, span: float, standing_speed: float, first: Wide, still: Flags) -> Any:
     """First row of every group into ``first`` (G + 1,), whether it stands into ``still``; their number G.
 
-    A group is at most ``span`` seconds of motion, or one whole standstill that the log's speed shows;
-    ``chain`` (N,) counts up at gaps, ``speed`` is NaN where unknown.
+    A group is at most ``span`` seconds of motion, or one whole standstill that the log's speed shows.
     """
+    t, speed, chain = track.t, track.speed, track.chain
     n = len(t)
     count = 0
     for i in range(n):
@@ -36,10 +30,9 @@ def group_points(
 
 
 @outer
-def group_means(
-    first: Wide, t: Floats, x: Floats, y: Floats, travelled: Floats, heading: Floats, out: Floats
-) -> None:
+def group_means(first: Wide, track: Track, travelled: Floats, out: Floats) -> None:
     """Means into ``out`` (6, G): time, x, y, travelled distance, cos and sin of twice the log's heading."""
+    t, x, y, heading = track.t, track.x, track.y, track.heading
     for g in range(len(first) - 1):
         a, b = first[g], first[g + 1]
         st = sx = sy = sd = c = s = 0.0
@@ -62,10 +55,11 @@ def group_means(
 
 @outer
 def find_stops(
-    first: Wide, t: Floats, gx: Floats, gy: Floats, chain: Wide, radius: float, min_duration: float,
-    merged: Wide, still: Flags,
+    first: Wide, track: Track, gx: Floats, gy: Floats, radius: float, min_duration: float, merged: Wide,
+    still: Flags,
 ) -> Any:  # fmt: skip
     """First rows of groups, those merged that stay within ``radius`` of their mean; which stand; how many."""
+    t, chain = track.t, track.chain
     count = len(first) - 1
     out = 0
     g = 0

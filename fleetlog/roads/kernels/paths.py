@@ -1,54 +1,15 @@
-"""Searches on directed edges, compiled.  Ties are broken by edge number, so one input has one answer."""
+"""The search for one route, compiled.  Ties are broken by edge number, so one input has one answer."""
 
 from heapq import heappop, heappush
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from fleetlog.roads.kernels.distances import forget, search
-from fleetlog.roads.kernels.growing import longer
-from fleetlog.roads.kernels.records import Store
-
-Floats = NDArray[np.float64]
-Index = NDArray[np.int32]
+from fleetlog.compiling import kernel
+from fleetlog.roads.kernels.records import Floats, Index
 
 
-@njit(cache=True)
-def bounded(
-    s: Store, next_first: Index, next_edges: Index, length: Floats, limit: float, sources: Index
-) -> tuple[NDArray[np.int64], Index, Floats]:
-    """CSR of the distances [m] from the start of each source to the starts of the edges within ``limit``.
-
-    Row k holds the reached edges in the order of distance, then of edge number, the source itself first;
-    ``s`` is an empty store.
-    """
-    first = np.zeros(len(sources) + 1, dtype=np.int64)
-    edges, away = np.empty(0, dtype=np.int32), np.empty(0)
-    end = 0
-    for row in range(len(sources)):
-        source, start = sources[row], first[row]
-        rest = limit - length[source]
-        count = 0
-        if rest >= 0.0:
-            count = search(
-                source, rest, next_first, next_edges, length, s.best, s.before, s.heap_d, s.heap_e, s.found
-            )
-        if start + count + 1 > len(edges):
-            edges, away = longer(edges, 2 * (start + count + 1)), longer(away, 2 * (start + count + 1))
-        edges[start], away[start] = source, 0.0
-        end = start + 1
-        reached = np.sort(s.found[:count])
-        for e in reached[np.argsort(s.best[reached], kind="mergesort")]:
-            if e != source:
-                edges[end], away[end] = e, length[source] + s.best[e]
-                end += 1
-        forget(source, count, next_first, next_edges, s.best, s.found)
-        first[row + 1] = end
-    return first, edges[:end].copy(), away[:end].copy()
-
-
-@njit(cache=True)
+@kernel()
 def astar(
     next_first: Index, next_edges: Index, cost: Floats, turn_cost: Floats, closed: NDArray[np.bool_],
     bound: Floats, source: np.int32, target: np.int32,

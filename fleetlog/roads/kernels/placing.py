@@ -4,18 +4,7 @@ import math
 from typing import Any
 
 from fleetlog.roads.kernels.compiling import inner, outer
-from fleetlog.roads.kernels.records import (
-    Candidates,
-    Choice,
-    Flags,
-    Floats,
-    Noise,
-    Placed,
-    Roads,
-    Routes,
-    Rows,
-    Wide,
-)
+from fleetlog.roads.kernels.records import Floats, Groups, Noise, Placed, Roads, Routes, Track, Wide
 
 
 @inner
@@ -109,17 +98,17 @@ def _locate(where: float, piece: int, lo: int, hi: int, routes: Routes, roads: R
 
 @outer
 def place_points(
-    rows: Rows, group: Wide, first_row: Wide, group_time: Floats, still: Flags, routes: Routes, roads: Roads,
-    near: Floats, noise: Noise, out: Placed, room: Floats, cursor: Wide,
+    track: Track, groups: Groups, group: Wide, routes: Routes, roads: Roads, near: Floats, noise: Noise,
+    out: Placed, room: Floats, cursor: Wide,
 ) -> None:  # fmt: skip
-    """Edge, offset, lateral offset and confidence of every row that a stretch covers, into ``out``.
+    """Place every row that a stretch covers, into ``out``; ``group`` (N,) is that of each row.
 
     Two passes: the coordinate interpolated between groups, then the smoothed one, is where a row is
-    projected onto the tangent of the route.  ``group`` (N,) is that of each row, ``near`` (G,) the
-    posterior of the route about it; ``room`` (13, n) is for the rows of one stretch, ``cursor`` (2,)
-    for the search along it.
+    projected onto the tangent of the route.  ``near`` (G,) is the posterior of the route about a group;
+    ``room`` (13, n) is for the rows of one stretch, ``cursor`` (2,) for the search along it.
     """
-    t, x, y, speed = rows
+    t, x, y, speed = track.t, track.x, track.y, track.speed
+    first_row, still = groups.first, groups.still
     spans, firsts, place_of, p_value = routes.spans, routes.firsts, routes.place, routes.value
     for s in range(spans.shape[1]):
         g0, g1 = spans[0, s], spans[1, s]
@@ -129,7 +118,7 @@ def place_points(
         n = b - a
         work = room[:, :n]
         where, sd, seen, var, v, v_var = work[0], work[1], work[2], work[3], work[4], work[5]
-        _interpolate(t, a, g0, g1, group, group_time, place_of, still, where)
+        _interpolate(t, a, g0, g1, group, groups, place_of, where)
         for _ in range(2):
             piece, cursor[0] = lo, -1
             for i in range(n):
@@ -146,9 +135,8 @@ def place_points(
         for i in range(n):
             if still[group[a + i]]:
                 where[i] = place_of[group[a + i]]
-        make_monotone(
-            where, work[11], work[12]
-        )  # a truck does not slide back on its route: a turn would be a piece of its own
+        # a truck does not slide back on its route: a turn would be a piece of its own
+        make_monotone(where, work[11], work[12])
         piece, cursor[0] = lo, -1
         for i in range(n):
             g = group[a + i]
@@ -190,11 +178,10 @@ def make_monotone(values: Floats, mean: Floats, size: Floats) -> None:
 
 @inner
 def _interpolate(
-    t: Floats, a: int, g0: int, g1: int, group: Wide, group_time: Floats, place_of: Floats, still: Flags,
-    where: Floats,
+    t: Floats, a: int, g0: int, g1: int, group: Wide, groups: Groups, place_of: Floats, where: Floats,
 ) -> None:  # fmt: skip
     """Path coordinate of rows between the groups' centres, carried on with the nearest slope at both ends."""
-    g = g0
+    g, group_time, still = g0, groups.t, groups.still
     for i in range(a, a + len(where)):
         while g < g1 - 1 and t[i] > group_time[g + 1]:
             g += 1
@@ -203,21 +190,3 @@ def _interpolate(
             continue
         slope = (place_of[g + 1] - place_of[g]) / max(group_time[g + 1] - group_time[g], 1e-9)
         where[i - a] = place_of[g] + slope * (t[i] - group_time[g])
-
-
-@outer
-def route_posterior(choice: Choice, near: Candidates, routes: Routes, out: Floats) -> None:
-    """Posterior (G,) of the candidates on the previous, same and following piece of the route."""
-    chosen, posterior, firsts = choice.chosen, choice.posterior, routes.firsts
-    for g in range(len(chosen)):
-        if chosen[g] < 0:
-            continue
-        p, s = routes.piece[g], routes.of[g]
-        lo, hi = max(p - 1, firsts[s]), min(p + 2, firsts[s + 1])
-        total = 0.0
-        for c in range(near.ptr[g], near.ptr[g + 1]):
-            for q in range(lo, hi):
-                if routes.edge[q] == near.edge[c]:
-                    total += posterior[c]
-                    break
-        out[g] = min(total, 1.0)

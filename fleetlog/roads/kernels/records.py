@@ -12,63 +12,51 @@ Flags = NDArray[np.bool_]
 
 
 class Roads(NamedTuple):
-    """A network: edge e owns vertices first[e]:first[e + 1], ``dist`` [m] along it, and may be followed by
-    next_edges[next_first[e]:next_first[e + 1]].
+    """A network of E edges and P vertices."""
 
-    ``owner`` is the edge of a vertex, ``reverse`` an edge's other direction, ``twin`` that where it is the
-    very same line (-1: none), ``rank`` the order in which equal alternatives are taken.
-    """
-
-    px: Floats
+    px: Floats  # (P,) [m]
     py: Floats
-    first: Wide
-    dist: Floats
-    owner: Index
-    length: Floats
-    reverse: Index
-    twin: Index
-    next_first: Index
+    first: Wide  # (E + 1,): edge e owns vertices first[e]:first[e + 1]
+    dist: Floats  # (P,) along its edge [m]
+    owner: Index  # (P,) the edge of a vertex
+    length: Floats  # (E,) [m]
+    reverse: Index  # (E,) an edge's other direction, -1 without
+    twin: Index  # (E,) that where it is the very same line, else -1
+    next_first: Index  # (E + 1,): edge e may be followed by next_edges[next_first[e]:next_first[e + 1]]
     next_edges: Index
-    rank: Wide
+    rank: Wide  # (E,) the order in which equal alternatives are taken
 
 
 class Grid(NamedTuple):
-    """Cells of a plane, column after column; of cell c the segments items[starts[c]:starts[c + 1]]."""
+    """Square cells of a plane, column after column."""
 
-    x0: float
+    x0: float  # origin [m]
     y0: float
-    cell: float
+    cell: float  # side [m]
     nx: int
     ny: int
-    starts: Wide
+    starts: Wide  # of cell c the segments items[starts[c]:starts[c + 1]]
     items: Wide
 
 
 class Candidates(NamedTuple):
-    """The edges near every group g: rows ptr[g]:ptr[g + 1] of ``edge`` (C,) and ``value`` (4, C).
+    """The C edges near every group: those of group g are rows ptr[g]:ptr[g + 1]."""
 
-    ``value`` is offset and lateral distance [m] (left positive), tangent x and y.
-    """
-
-    ptr: Wide
-    edge: Index
-    value: Floats
+    ptr: Wide  # (G + 1,)
+    edge: Index  # (C,)
+    value: Floats  # (4, C) offset and lateral distance [m] (left positive), tangent x and y
 
 
 class Store(NamedTuple):
-    """Distances found so far, and the scratch arrays of the search.
+    """Distances found so far, and the scratch arrays of the search."""
 
-    ``known`` (E,) is the bound up to which an edge's reach is stored (-1: not at all), ``begin`` and
-    ``reached`` its rows in ``target``, ``previous`` and ``away``; ``used`` (1,) is how many rows are taken.
-    """
-
-    known: Floats
-    begin: Wide
-    reached: Wide
+    known: Floats  # (E,) bound up to which an edge's reach is stored, -1: not at all [m]
+    begin: Wide  # (E,) its first row in the three below
+    reached: Wide  # (E,) how many rows
     target: Index
     previous: Index
     away: Floats
-    used: Wide
+    used: Wide  # (1,) how many rows are taken
     best: Floats
     before: Index
     heap_d: Floats
@@ -77,80 +65,72 @@ class Store(NamedTuple):
 
 
 class Costs(NamedTuple):
-    """The model: spread of steps ``beta`` and how far noise moves a truck ``back`` against its edge [m].
+    """The model."""
 
-    ``turn`` is the cost of a turn in mid edge, ``off`` that of a group off the roads; ``block`` groups are
-    decided together, looking ``ahead`` beyond them.
-    """
-
-    beta: float
-    back: float
-    turn: float
-    off: float
-    block: int
-    ahead: int
+    beta: float  # spread of steps [m]
+    back: float  # how far noise moves a truck against its edge [m]
+    turn: float  # cost of a turn in mid edge
+    off: float  # cost of a group off the roads
 
 
-class Steps(NamedTuple):
-    """(G,) of every group its chain, the distance travelled to the next [m], and whether it stands."""
+class Track(NamedTuple):
+    """N rows with a position."""
 
-    chain: Wide
-    moved: Floats
+    t: Floats  # [s]
+    x: Floats  # [m]
+    y: Floats
+    speed: Floats  # of the log [m/s], NaN unknown
+    heading: Floats  # of the log [rad], NaN unknown
+    chain: Wide  # counts up at gaps
+
+
+class Groups(NamedTuple):
+    """G groups of rows."""
+
+    first: Wide  # (G + 1,) first rows
+    t: Floats  # mean time [s]
+    x: Floats  # mean place [m]
+    y: Floats
+    moved: Floats  # travelled distance to the next [m]
+    axis: Floats  # (2, G) unit vector of twice the log's heading, weighted by its strength; 0 without
     still: Flags
+    chain: Wide
 
 
 class Choice(NamedTuple):
-    """(G,) the chosen candidate (-1 off the roads), (C,) posteriors of the candidates, (G,) that of being
-    off, and (G,) whether the step into a group is connected to the group before.
-    """
+    """What is decided about G groups and their C candidates."""
 
-    chosen: Wide
-    posterior: Floats
-    off: Floats
-    linked: Flags
+    chosen: Wide  # (G,) candidate, -1 off the roads
+    posterior: Floats  # (C,) of the candidates
+    off: Floats  # (G,) posterior of being off the roads
+    linked: Flags  # (G,) whether the step into a group is connected to the group before
 
 
 class Routes(NamedTuple):
-    """Pieces of all stretches, end to end.
+    """P pieces of S stretches, end to end."""
 
-    (P,) ``edge`` and (3, P) ``value``: from, to (offsets on it), coordinate of its begin; (S + 1,) ``firsts``
-    pieces and (2, S) ``spans`` of groups of every stretch; (G,) stretch ``of``, ``piece`` and path coordinate
-    ``place`` of every group (-1 off the roads).
-    """
-
-    edge: Index
-    value: Floats
-    firsts: Wide
-    spans: Wide
-    of: Wide
-    piece: Wide
-    place: Floats
-
-
-class Rows(NamedTuple):
-    """(N,) seconds, metres and speed [m/s] (NaN unknown) of the log."""
-
-    t: Floats
-    x: Floats
-    y: Floats
-    speed: Floats
+    edge: Index  # (P,)
+    value: Floats  # (3, P) from, to (offsets on the edge), coordinate of the begin [m]
+    firsts: Wide  # (S + 1,) first pieces
+    spans: Wide  # (2, S) first and last group
+    of: Wide  # (G,) stretch of every group
+    piece: Wide  # (G,) and its piece
+    place: Floats  # (G,) and path coordinate (-1 off the roads) [m]
 
 
 class Noise(NamedTuple):
-    """Variances of a position, of errors that last from group to group [m2] and of the log's speed [m2/s2];
-    density of the acceleration along the route [m2/s3].
-    """
+    """Variances and the like."""
 
-    position: float
-    lasting: float
-    speed: float
-    acceleration: float
+    position: float  # of a position [m2]
+    lasting: float  # of errors that last from group to group [m2]
+    speed: float  # of the log's speed [m2/s2]
+    acceleration: float  # density along the route [m2/s3]
 
 
 class Placed(NamedTuple):
-    """(N,) where each row is: edge, offset, lateral offset [m] and confidence."""
+    """Where each of N rows is."""
 
     edge: Index
-    offset: Floats
-    lateral: Floats
+    offset: Floats  # [m]
+    lateral: Floats  # [m]
     confidence: Floats

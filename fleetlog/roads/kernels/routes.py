@@ -8,8 +8,7 @@ from fleetlog.roads.kernels.compiling import inner, outer
 from fleetlog.roads.kernels.distances import path_between
 from fleetlog.roads.kernels.records import Candidates, Choice, Floats, Index, Roads, Routes, Store
 
-LONGEST = 4096
-"""Edges of a path between two groups at most."""
+LONGEST = 4096  # edges of a path between two groups at most
 
 
 def build_routes(
@@ -99,3 +98,21 @@ def _kind(store: Store, roads: Roads, a: int, s: float, b: int, t: float, moved:
     if roads.reverse[a] == b and (by_path == np.inf or abs(abs(length[a] - s - t) - moved) + 1.0 < by_path):
         return 2
     return 1
+
+
+@outer
+def route_posterior(choice: Choice, near: Candidates, routes: Routes, out: Floats) -> None:
+    """Posterior (G,) of the candidates on the previous, same and following piece of the route."""
+    chosen, posterior, firsts = choice.chosen, choice.posterior, routes.firsts
+    for g in range(len(chosen)):
+        if chosen[g] < 0:
+            continue
+        p, s = routes.piece[g], routes.of[g]
+        lo, hi = max(p - 1, firsts[s]), min(p + 2, firsts[s + 1])
+        total = 0.0
+        for c in range(near.ptr[g], near.ptr[g + 1]):
+            for q in range(lo, hi):
+                if routes.edge[q] == near.edge[c]:
+                    total += posterior[c]
+                    break
+        out[g] = min(total, 1.0)

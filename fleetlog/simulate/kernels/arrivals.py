@@ -2,15 +2,11 @@
 
 import numpy as np
 
-from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.kernels.lanes import drop, is_safe_lane, push
-from fleetlog.simulate.kernels.reserve import release
+from fleetlog.simulate.kernels.lanes import drop, inner, is_safe_lane, push, release
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
-NEAR = 0.02
-"""At rest this close to its mark a truck is there [m]."""
-REST = 0.01
-"""Slower than this it is at rest [m/s]."""
+NEAR = 0.02  # At rest this close to its mark a truck is there [m]
+REST = 0.01  # Slower than this it is at rest [m/s]
 
 
 @inner

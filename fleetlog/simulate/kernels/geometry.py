@@ -1,14 +1,14 @@
-"""Rectangles that meet, points laid on lines."""
+"""Rectangles that meet, free ground beside the roads, points laid on lines, places along a track."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from fleetlog.simulate.arrays import Flags, Floats, Index
+from fleetlog.compiling import kernel
+from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 
 
-@njit(cache=True)
+@kernel()
 def project_points(points: Floats, first: Index, distance: Floats, edge: Index, x: Floats, y: Floats) -> Any:
     """(N,) offset along the polyline of each point's edge, and distance left of it."""
     n = len(x)
@@ -32,22 +32,16 @@ def project_points(points: Floats, first: Index, distance: Floats, edge: Index, 
     return offset, lateral
 
 
-@njit(cache=True)
+@kernel()
 def boxes_meet(
-    xa: float, ya: float, ha: float, xb: float, yb: float, hb: float, half_l: float, half_w: float
-) -> bool:
-    """Whether two rectangles of one size meet: no separating axis (Gottschalk, Lin and Manocha 1996)."""
-    dx, dy = xb - xa, yb - ya
-    if dx * dx + dy * dy > 4.0 * (half_l * half_l + half_w * half_w):
-        return False
-    return turned_boxes_meet(dx, dy, np.cos(ha), np.sin(ha), np.cos(hb), np.sin(hb), half_l, half_w)
-
-
-@njit(cache=True)
-def turned_boxes_meet(
     dx: float, dy: float, ca: float, sa: float, cb: float, sb: float, half_l: float, half_w: float
 ) -> bool:
-    """The same of boxes ``dx`` and ``dy`` apart, by the cosines and sines of their headings."""
+    """Whether two rectangles of one size meet: no separating axis (Gottschalk, Lin and Manocha 1996).
+
+    They are ``dx`` and ``dy`` apart; cosines and sines of their headings.
+    """
+    if dx * dx + dy * dy > 4.0 * (half_l * half_l + half_w * half_w):
+        return False
     c, s = abs(ca * cb + sa * sb), abs(ca * sb - sa * cb)
     along, across = half_l + half_l * c + half_w * s, half_w + half_l * s + half_w * c
     if abs(dx * ca + dy * sa) > along or abs(-dx * sa + dy * ca) > across:
@@ -55,35 +49,70 @@ def turned_boxes_meet(
     return not (abs(dx * cb + dy * sb) > along or abs(-dx * sb + dy * cb) > across)
 
 
-@njit(cache=True)
-def grid_of(x: Floats, y: Floats, cell: float) -> Any:
-    """Points in square cells: order, start of each cell in it, west and south edge, columns, rows."""
-    x0, y0 = x.min(), y.min()
-    columns, rows = int((x.max() - x0) / cell) + 1, int((y.max() - y0) / cell) + 1
-    count = np.zeros(columns * rows + 1, np.int64)
-    where = np.empty(len(x), np.int64)
-    for i in range(len(x)):
-        where[i] = int((y[i] - y0) / cell) * columns + int((x[i] - x0) / cell)
-        count[where[i] + 1] += 1
-    start = np.cumsum(count)
-    fill = start.copy()
-    order = np.empty(len(x), np.int64)
-    for i in range(len(x)):
-        order[fill[where[i]]] = i
-        fill[where[i]] += 1
-    return order, start, x0, y0, columns, rows
+class Cells(NamedTuple):
+    """Boxes of one size in square cells: ``head`` (cells,) is the last box of a cell, ``after`` (N,) the one
+    before it, -1: none.
+
+    ``shape`` x0, y0, cell [m], columns, rows;  ``box`` (N, 3) x, y, heading;  ``group`` (N,) what a box
+    belongs to;  ``size`` (1,) boxes in use.  Boxes outside the cells lie in the nearest one.
+    """
+
+    shape: Floats
+    head: Ints
+    after: Ints
+    box: Floats
+    group: Index
+    size: Ints
 
 
-@njit(cache=True)
-def twice(pairs: Index) -> Index:
-    """The same pairs, with room for as many more."""
-    out = np.empty((2 * len(pairs), 2), np.int32)
-    for k in range(len(pairs)):
-        out[k, 0], out[k, 1] = pairs[k, 0], pairs[k, 1]
-    return out
+@kernel()
+def new_cells(x: Floats, y: Floats, cell: float, room: int) -> Cells:
+    """Empty cells over the extent of points (x, y), for up to ``room`` boxes."""
+    columns, rows = int(np.ptp(x) / cell) + 1, int(np.ptp(y) / cell) + 1
+    shape = np.array([x.min(), y.min(), cell, columns, rows], dtype=np.float64)
+    head, after = np.full(columns * rows, -1, np.int64), np.full(room, -1, np.int64)
+    return Cells(shape, head, after, np.zeros((room, 3)), np.zeros(room, np.int32), np.zeros(1, np.int64))
 
 
-@njit(cache=True)
+def grown(c: Cells, more: int) -> Cells:
+    """The same cells with room for ``more`` boxes."""
+    if c.size[0] + more <= len(c.after):
+        return c
+    room = len(c.after) + more
+    after, group = np.full(room, -1, np.int64), np.zeros(room, np.int32)
+    return c._replace(
+        after=np.concatenate([c.after, after]), box=np.concatenate([c.box, np.zeros((room, 3))]),
+        group=np.concatenate([c.group, group]),
+    )  # fmt: skip
+
+
+@kernel()
+def _at(value: float, low: float, cell: float, count: int) -> int:
+    return min(max(int(np.floor((value - low) / cell)), 0), count - 1)
+
+
+@kernel()
+def put(c: Cells, boxes: Floats, group: Index) -> None:
+    """Add (n, 3+) boxes of (n,) groups; there must be room."""
+    columns, rows = int(c.shape[3]), int(c.shape[4])
+    for i in range(len(boxes)):
+        k = c.size[0]
+        c.size[0] += 1
+        column = _at(boxes[i, 0], c.shape[0], c.shape[2], columns)
+        where = _at(boxes[i, 1], c.shape[1], c.shape[2], rows) * columns + column
+        c.box[k, 0], c.box[k, 1], c.box[k, 2] = boxes[i, 0], boxes[i, 1], boxes[i, 2]
+        c.group[k], c.after[k], c.head[where] = group[i], c.head[where], k
+
+
+@kernel()
+def cells_near(c: Cells, x: float, y: float) -> Any:
+    """Rows and columns of the cells round a point, from the first to the one behind the last."""
+    columns, rows = int(c.shape[3]), int(c.shape[4])
+    column, row = _at(x, c.shape[0], c.shape[2], columns), _at(y, c.shape[1], c.shape[2], rows)
+    return max(row - 1, 0), min(row + 2, rows), max(column - 1, 0), min(column + 2, columns)
+
+
+@kernel()
 def meetings(
     x: Floats, y: Floats, z: Floats, heading: Floats, owner: Index, ask: Flags, half_l: float,
     half_w: float, skip: Index,
@@ -92,28 +121,119 @@ def meetings(
 
     Those in ``ask`` pass over the owner ``skip`` (N,), -1 where they pass over none.
     """
-    cell = 2.0 * np.sqrt(half_l * half_l + half_w * half_w)
-    order, start, x0, y0, columns, rows = grid_of(x, y, cell)
+    c = new_cells(x, y, 2.0 * np.sqrt(half_l * half_l + half_w * half_w), len(x))
+    put(c, np.column_stack((x, y, heading)), owner)
     cos, sin = np.cos(heading), np.sin(heading)
     out, n = np.empty((1024, 2), np.int32), 0
-    for a in range(len(x)):
-        if not ask[a]:
-            continue
-        column, row = int((x[a] - x0) / cell), int((y[a] - y0) / cell)
-        left, right = max(column - 1, 0), min(column + 1, columns - 1)
-        for r in range(max(row - 1, 0), min(row + 2, rows)):
-            # Cells of a row lie one after the other.
-            for k in range(start[r * columns + left], start[r * columns + right + 1]):
-                b = order[k]
-                if (ask[b] and b <= a) or owner[a] == owner[b] or owner[b] == skip[a]:
-                    continue
-                dx, dy = x[b] - x[a], y[b] - y[a]
-                if dx * dx + dy * dy > cell * cell or abs(z[a] - z[b]) > 2.5:
-                    continue
-                if not turned_boxes_meet(dx, dy, cos[a], sin[a], cos[b], sin[b], half_l, half_w):
-                    continue
-                if n == len(out):
-                    out = twice(out)
-                out[n, 0], out[n, 1] = min(a, b), max(a, b)
-                n += 1
+    for a in np.flatnonzero(ask):
+        low, high, left, right = cells_near(c, x[a], y[a])
+        for r in range(low, high):
+            for q in range(left, right):
+                b = c.head[r * int(c.shape[3]) + q]
+                while b >= 0:
+                    dx, dy, dz = x[b] - x[a], y[b] - y[a], abs(z[b] - z[a])
+                    counts = (not ask[b] or b > a) and owner[a] != owner[b] != skip[a] and dz <= 2.5
+                    if counts and boxes_meet(dx, dy, cos[a], sin[a], cos[b], sin[b], half_l, half_w):
+                        if n == len(out):
+                            out = np.concatenate((out, np.empty_like(out)))
+                        out[n, 0], out[n, 1] = min(a, b), max(a, b)
+                        n += 1
+                    b = c.after[b]
     return out[:n]
+
+
+@kernel()
+def meets_group(
+    c: Cells, x: float, y: float, heading: float, half_l: float, half_w: float, one: int, other: int
+) -> bool:
+    """Whether a box meets one of a group other than ``one`` and ``other``; cells are wider than two boxes."""
+    cos, sin = np.cos(heading), np.sin(heading)
+    low, high, left, right = cells_near(c, x, y)
+    for r in range(low, high):
+        for q in range(left, right):
+            k = c.head[r * int(c.shape[3]) + q]
+            while k >= 0:
+                if c.group[k] != one and c.group[k] != other:
+                    bx, by, turn = c.box[k]
+                    if boxes_meet(bx - x, by - y, cos, sin, np.cos(turn), np.sin(turn), half_l, half_w):
+                        return True
+                k = c.after[k]
+    return False
+
+
+@kernel()
+def spur_is_free(
+    path: Floats, every: Cells, safe: Cells, parked: Cells, swept: Cells, half_l: float, half_w: float,
+    lane: int, reverse: int
+) -> bool:  # fmt: skip
+    """Whether a spur (n, 4) touches no parked truck and no safe part of other lanes than ``lane`` and
+    ``reverse``, its end nothing.
+
+    From the bay outwards: most ground that is taken is taken there.
+    """
+    last = len(path) - 1
+    x, y, h = path[last, 0], path[last, 1], path[last, 2]
+    for taken in (every, swept):
+        if meets_group(taken, x, y, h, half_l, half_w, -1, -1):
+            return False
+    for i in range(last, -1, -1):
+        x, y, h = path[i, 0], path[i, 1], path[i, 2]
+        if meets_group(parked, x, y, h, half_l, half_w, -1, -1):
+            return False
+        if i < last and meets_group(safe, x, y, h, half_l, half_w, lane, reverse):
+            return False
+    return True
+
+
+@kernel()
+def brake_ahead(cap: Floats, first: Ints, spacing: Floats, down: float) -> Floats:
+    """(S,) caps lowered so that on every piece each can be reached from the one before by braking."""
+    out = cap.copy()
+    for p in range(len(first) - 1):
+        for i in range(first[p + 1] - 2, first[p] - 1, -1):
+            reach = np.sqrt(out[i + 1] * out[i + 1] + 2.0 * down * spacing[p])
+            out[i] = min(out[i], reach)
+    return out
+
+
+@kernel(nogil=True)
+def expand(
+    piece: Index, s: Floats, back: Flags, first: Ints, spacing: Floats,
+    x: Floats, y: Floats, z: Floats, heading: Floats, curvature: Floats, slope: Floats,
+    edge: Index, offset: Floats, lateral: Floats,
+) -> tuple[Floats, Index]:  # fmt: skip
+    """(8, N) x, y, z, heading, curvature, slope, offset, lateral, (N,) edge at places; ``back``: backing."""
+    n = len(piece)
+    out = np.empty((8, n))
+    where = np.empty(n, np.int32)
+    for k in range(n):
+        if k and piece[k] == piece[k - 1] and s[k] == s[k - 1] and back[k] == back[k - 1]:
+            # Half of a fleet stands.
+            where[k] = where[k - 1]
+            for c in range(8):
+                out[c, k] = out[c, k - 1]
+            continue
+        p = piece[k]
+        at = max(s[k], 0.0) / spacing[p]
+        i = first[p] + min(int(at), first[p + 1] - first[p] - 2)
+        t = min(at - (i - first[p]), 1.0)
+        out[0, k] = x[i] + t * (x[i + 1] - x[i])
+        out[1, k] = y[i] + t * (y[i + 1] - y[i])
+        out[2, k] = z[i] + t * (z[i + 1] - z[i])
+        turn = heading[i + 1] - heading[i]
+        turn -= 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
+        h = heading[i] + t * turn
+        sign = -1.0 if back[k] else 1.0
+        if back[k]:
+            h += np.pi
+        out[3, k] = h - 2.0 * np.pi * np.round(h / (2.0 * np.pi))
+        out[4, k] = sign * (curvature[i] + t * (curvature[i + 1] - curvature[i]))
+        out[5, k] = sign * (slope[i] + t * (slope[i + 1] - slope[i]))
+        if edge[i] == edge[i + 1]:
+            where[k] = edge[i]
+            out[6, k] = offset[i] + t * (offset[i + 1] - offset[i])
+            out[7, k] = lateral[i] + t * (lateral[i + 1] - lateral[i])
+        else:
+            j = i if t < 0.5 else i + 1
+            where[k], out[6, k], out[7, k] = edge[j], offset[j], lateral[j]
+    return out, where

@@ -1,9 +1,17 @@
-"""Lanes and pieces of road: how fast on them, who is in line there, how far ahead one must know."""
+"""Lanes and junctions: how fast on them, who is in line there; passages are reserved whole or not at all."""
 
 import numpy as np
 
-from fleetlog.simulate.kernels.inner import inner
+from fleetlog.compiling import kernel
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
+
+inner = kernel(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""How kernels are compiled that only other kernels call.
+
+Nothing in them allocates, so counting references of sixty arrays at every access, which would take most of
+the time, is switched off; and without an entrance from Python, which would unpack them all, a third of the
+time of compiling is saved.
+"""
 
 
 @inner
@@ -75,3 +83,136 @@ def front(r: Roads, f: Fleet, v: int, x: Limits) -> float:
     if f.mode[v] == Mode.LEAVING or f.mode[v] == Mode.ENTERING:
         reach = max(reach, r.door_ahead[f.door[v]])
     return f.s[v] + reach
+
+
+@inner
+def resource(r: Roads, f: Fleet, v: int, k: int, low: int, high: int) -> int:
+    """Resource that position ``k`` of a truck's route stands for in the passage ``low`` to ``high``."""
+    p = f.route[v, k]
+    if is_safe_lane(r, p):
+        # The last lane first: when the rest is given back it is the only one.
+        if k == high:
+            return len(r.length) + len(r.clear) + p
+        if k == low:
+            return len(r.length) + p
+    return p
+
+
+@inner
+def holds(r: Roads, f: Fleet, v: int, what: int) -> bool:
+    """Whether truck ``v`` itself holds a resource."""
+    for k in range(f.held_from[v], f.held_to[v] + 1):
+        if resource(r, f, v, k, f.held_from[v], f.held_to[v]) == what:
+            return True
+    return False
+
+
+@inner
+def held_by_others(r: Roads, f: Fleet, v: int, what: int) -> int:
+    """How often a resource is held, but for truck ``v`` itself."""
+    others = f.held[what]
+    return others - 1 if others > 0 and holds(r, f, v, what) else others
+
+
+@inner
+def is_free(r: Roads, f: Fleet, v: int, what: int) -> bool:
+    """Whether nobody else holds or has claimed what excludes resource ``what``."""
+    for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
+        q = r.conflicts[i]
+        if held_by_others(r, f, v, q) > 0 or f.claimed[q] == f.round[0]:
+            return False
+    return True
+
+
+@inner
+def is_free_ahead(r: Roads, f: Fleet, v: int, what: int) -> bool:
+    """Whether only trucks behind ``v`` on its piece, who stay there, hold what excludes ``what``."""
+    for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
+        q = r.conflicts[i]
+        others = held_by_others(r, f, v, q)
+        u = f.behind[v]
+        while others > 0 and u >= 0:
+            if holds(r, f, u, q):
+                others -= 1
+            u = f.behind[u]
+        if others > 0:
+            return False
+    return True
+
+
+@inner
+def passage_end(r: Roads, f: Fleet, v: int, low: int) -> int:
+    """Route position of the next lane with a safe part after ``low``, or of the last piece."""
+    k = low + 1
+    while k < f.last[v] and not is_safe_lane(r, f.route[v, k]):
+        k += 1
+    return min(k, f.last[v])
+
+
+@inner
+def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
+    """Whether one more can stand on a lane; room is kept for one who asked to come out of a bay."""
+    room = r.capacity[lane]
+    asker = f.asks[lane]
+    if asker >= 0 and asker != v:
+        if r.door_lane[f.door[asker]] == lane:
+            room -= 1
+        # Who could not stop there any more would go first, and after it the next one.
+        if f.ask_at[lane] < max(r.clear[lane] + 0.5, r.run_in[lane]) and not f.force[v]:
+            return False
+    if f.force[v]:
+        room += 1
+    return f.on[lane] + f.inbound[lane] < room
+
+
+@inner
+def ends_here(r: Roads, f: Fleet, piece: int) -> bool:
+    """Whether somebody on a piece goes into a bay there: a reservation beyond it could be in his way."""
+    u = f.tail[piece]
+    while u >= 0:
+        if f.at[u] == f.last[u]:
+            return True
+        u = f.ahead[u]
+    return False
+
+
+@inner
+def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int:
+    """Reserve the way to the next safe lane, whole: 0 done, 1 others are in the way, 2 no room there."""
+    high = passage_end(r, f, v, low)
+    ends_safe = is_safe_lane(r, f.route[v, high])
+    if ends_safe and high > low and not has_room(r, f, v, f.route[v, high], x):
+        return 2
+    for k in range(low + 1, high):
+        if ends_here(r, f, f.route[v, k]):
+            return 1
+    if f.mode[v] == Mode.WANTS_OUT and f.held[f.route[v, low]] > 0:
+        # Who comes along a single-lane aisle may have a reservation beyond it already: it goes first.
+        if claim:
+            f.claimed[f.route[v, low]] = f.round[0]
+        return 1
+    for k in range(low, high + 1):
+        if not is_free(r, f, v, resource(r, f, v, k, low, high)):
+            if claim:
+                for j in range(low, high + 1):
+                    f.claimed[resource(r, f, v, j, low, high)] = f.round[0]
+            return 1
+    f.held_from[v], f.held_to[v] = low, high
+    for k in range(low, high + 1):
+        f.held[resource(r, f, v, k, low, high)] += 1
+    if ends_safe and high > low:
+        f.inbound[f.route[v, high]] += 1
+    f.force[v] = False
+    return 0
+
+
+@inner
+def release(r: Roads, f: Fleet, v: int, upto: int) -> None:
+    """Give back the passage up to (not with) route position ``upto``."""
+    low, high = f.held_from[v], f.held_to[v]
+    for k in range(low, min(upto, high + 1)):
+        f.held[resource(r, f, v, k, low, high)] -= 1
+    if upto > high:
+        f.held_from[v], f.held_to[v] = 0, -1
+    elif upto > low:
+        f.held_from[v] = upto

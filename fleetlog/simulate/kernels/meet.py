@@ -3,22 +3,16 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fleetlog.compiling import kernel
 from fleetlog.simulate.arrays import Flags, Floats, Ints
-from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.kernels.lanes import safe
+from fleetlog.simulate.kernels.lanes import inner, safe
 
-STEP = 0.1
-"""[s]"""
-BEFORE = 0.3
-"""A truck waits this far before the first node that it may not reach [m]."""
-FAR = 2.0
-"""What lies so far beyond its braking distance does not concern a truck yet [m]."""
-NEAR = 0.05
-"""A node this close ahead is reached [m]; slower than this a truck stands [m/s]."""
-PATIENCE = 60.0
-"""A truck that has stood so long for one that stands for another is let past [s]."""
+STEP = 0.1  # [s]
+BEFORE = 0.3  # A truck waits this far before the first node that it may not reach [m]
+FAR = 2.0  # What lies so far beyond its braking distance does not concern a truck yet [m]
+NEAR = 0.05  # A node this close ahead is reached [m]; slower than this a truck stands [m/s]
+PATIENCE = 60.0  # A truck that has stood so long for one that stands for another is let past [s]
 STANDS, ALONE, HINDERED = range(3)
 
 
@@ -205,7 +199,7 @@ def arrives(d: Drives, s: State, u: int, now: float) -> bool:
     return True
 
 
-@njit(cache=True)
+@kernel()
 def meet(first_trip: Ints, d: Drives, g: Gates, s: State, up: Floats, down: Floats) -> Floats:
     """Drive all trips, those of truck v being ``first_trip[v]:first_trip[v + 1]``.
 

@@ -1,18 +1,15 @@
 """The fixed step of all trucks: speeds, moves, arrivals, the log of it."""
 
 import numpy as np
-from numba import njit
 
+from fleetlog.compiling import kernel
 from fleetlog.simulate.kernels.arrivals import REST, arrive, cross, end_spur, let_go, roll_in
-from fleetlog.simulate.kernels.gates import may_ask, past_door
-from fleetlog.simulate.kernels.inner import inner
-from fleetlog.simulate.kernels.lanes import cap_at, is_safe_lane, safe
-from fleetlog.simulate.kernels.rounds import reservations
+from fleetlog.simulate.kernels.gates import may_ask, past_door, reservations
+from fleetlog.simulate.kernels.lanes import cap_at, inner, is_safe_lane, safe
 from fleetlog.simulate.state import Fleet, Limits, Log, Mode, Roads
 
 GRAVITY = 9.81
-ROUND = 5
-"""Steps between two rounds of reservations."""
+ROUND = 5  # Steps between two rounds of reservations
 
 
 @inner
@@ -108,11 +105,9 @@ def forks(f: Fleet, x: Limits, v: int, since: float) -> float:
     up, hold, down = f.hand_times[v, 0], f.hand_times[v, 1], f.hand_times[v, 2]
     if since < up:
         return max(since, 0.0) * x.raises[v]
-    return (
-        max(f.hand_height[v] - max(since - up - hold, 0.0) * x.lowers[v], 0.0)
-        if since < up + hold + down
-        else 0.0
-    )
+    if since >= up + hold + down:
+        return 0.0
+    return max(f.hand_height[v] - max(since - up - hold, 0.0) * x.lowers[v], 0.0)
 
 
 @inner
@@ -138,7 +133,7 @@ def write(r: Roads, f: Fleet, log: Log, v: int, column: int) -> None:
 
 
 # As in inner: nothing allocates, references need no counting.
-@njit(cache=True, _nrt=False, nogil=True)
+@kernel(_nrt=False, nogil=True)
 def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, step0: int, dt: float) -> None:
     """``steps`` steps of ``dt`` [s] from step number ``step0``, logged from ``column`` on."""
     trucks = len(f.mode)

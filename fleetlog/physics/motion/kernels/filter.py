@@ -8,8 +8,9 @@ manned maneuvering targets, IEEE Trans. Aerospace and Electronic Systems 6 (1970
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetlog.compiling import kernel
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -17,11 +18,12 @@ Codes = NDArray[np.uint8]
 Index = NDArray[np.int32]
 Ints = NDArray[np.int64]
 Singles = NDArray[np.float32]
+State = tuple[float, float, float]  # Of way, speed and acceleration
+Covariance = tuple[float, float, float, float, float, float]  # ss, sv, sa, vv, va, aa
 
 ON, JUMP, BREAK = 0, 1, 2
 """How a row follows the one before: on the same coordinate; on a new one, at the same speed; after a gap."""
-BLOCK = 1.0
-"""The jerk of a truck is as strong as it is for about this long [s]."""
+BLOCK = 1.0  # The jerk of a truck is as strong as it is for about this long [s]
 FREEDOM = 1.0
 """Of the jerk's strength: nearly none while a truck cruises, a hundred times the usual where it begins
 to brake."""
@@ -30,35 +32,22 @@ NEW_COORDINATE_VAR = 1e4
 REST_SPEED_VAR, REST_ACCEL_VAR = 4e-4, 2.5e-3
 
 
-@njit(cache=True)
-def transition(
-    h: float, q: float, decay: float
-) -> tuple[float, float, float, float, float, float, float, float, float]:
+@kernel()
+def transition(h: float, q: float, decay: float) -> tuple[State, Covariance]:
     """How acceleration acts on way, speed and itself over a step ``h``, and what covariance is added.
 
-    Acceleration decays at ``decay`` [1/s] under white jerk of density ``q``; the covariance is ss, sv, sa,
-    vv, va, aa.  For short steps the limit, in which nothing cancels (Bar-Shalom, Li and Kirubarajan 2001,
-    Estimation with Applications to Tracking and Navigation, sections 6.2.3 and 8.2.3).
+    Acceleration decays at ``decay`` [1/s] under white jerk of density ``q``.  For short steps the limit, in
+    which nothing cancels (Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications to Tracking and
+    Navigation, sections 6.2.3 and 8.2.3).
     """
     x = decay * h
     if x < 0.02:
-        h2, h3 = 0.5 * h * h, q * h * h * h
-        r = 1.0 - x
-        return (
-            h2 * (1.0 - x / 3.0),
-            h * (1.0 - 0.5 * x),
-            r,
-            h3 * h * h / 20.0,
-            h3 * h / 8.0,
-            h3 / 6.0,
-            h3 / 3.0,
-            q * h2,
-            q * h * r,
-        )
+        h2, h3, r = 0.5 * h * h, q * h * h * h, 1.0 - x
+        move = h2 * (1.0 - x / 3.0), h * (1.0 - 0.5 * x), r
+        return move, (h3 * h * h / 20.0, h3 * h / 8.0, h3 / 6.0, h3 / 3.0, q * h2, q * h * r)
     e = math.exp(-x)
     e2, c = e * e, 0.5 * q / decay
-    return (
-        (x - 1.0 + e) / decay**2, (1.0 - e) / decay, e,
+    return ((x - 1.0 + e) / decay**2, (1.0 - e) / decay, e), (
         c * (1.0 - e2 + 2.0 * x + x * x * (2.0 * x / 3.0 - 2.0) - 4.0 * x * e) / decay**4,
         c * (e2 + 1.0 - 2.0 * e + 2.0 * x * e - 2.0 * x + x * x) / decay**3,
         c * (1.0 - e2 - 2.0 * x * e) / decay**2,
@@ -66,122 +55,94 @@ def transition(
     )  # fmt: skip
 
 
-@njit(cache=True)
+@kernel()
+def corrected(x: State, p: Covariance, row: State, r: float, c: float) -> tuple[State, Covariance]:
+    """State and covariance after an innovation ``r`` of variance ``c`` in the state whose row is given."""
+    s, v, a = row
+    ks, kv, ka = s / c, v / c, a / c
+    return (x[0] + ks * r, x[1] + kv * r, x[2] + ka * r), (
+        p[0] - ks * s, p[1] - ks * v, p[2] - ks * a, p[3] - kv * v, p[4] - kv * a, p[5] - ka * a,
+    )  # fmt: skip
+
+
+@kernel()
 def filter_forward(
     t: Floats, seen: Floats, seen_var: float, speed: Floats, speed_var: float, rest: Flags, link: Codes,
-    jerk: Floats,
-    decay: float, mean: Floats, cov: Floats,
+    jerk: Floats, decay: float, mean: Floats, cov: Floats,
 ) -> float:  # fmt: skip
     """Kalman filter: the log likelihood of the innovations.
 
-    Writes filtered means (N, 3) and covariances (N, 6: ss, sv, sa, vv, va, aa); empty arrays keep nothing.
-    ``seen`` and ``speed`` are NaN where not measured.  At ``rest`` speed and acceleration are observed to
-    be zero.  ``jerk`` is its density in the step to each row.
+    Writes filtered means (N, 3) and covariances (N, 6); empty arrays keep nothing.  ``seen`` and ``speed``
+    are NaN where not measured.  At ``rest`` speed and acceleration are observed to be zero.  ``jerk`` is its
+    density in the step to each row.
     """
-    n = len(t)
-    keep = len(mean) == n
-    total = 0.0
-    s = v = a = ss = sv = sa = vv = va = aa = 0.0
-    last = lastq = -1.0
-    fs = fv = fa = q0 = q1 = q2 = q3 = q4 = q5 = 0.0
-    for i in range(n):
-        if link[i] == BREAK or i == 0:
-            s, v, a = 0.0 if math.isnan(seen[i]) else seen[i], 0.0, 0.0
-            ss, sv, sa, vv, va, aa = NEW_COORDINATE_VAR, 0.0, 0.0, START_SPEED_VAR, 0.0, START_ACCEL_VAR
+    keep = len(mean) == len(t)
+    total, last, lastq = 0.0, -1.0, -1.0
+    for i in range(len(t)):
+        first = link[i] == BREAK or i == 0
+        if first:
+            x = (0.0 if math.isnan(seen[i]) else seen[i], 0.0, 0.0)
+            p = (NEW_COORDINATE_VAR, 0.0, 0.0, START_SPEED_VAR, 0.0, START_ACCEL_VAR)
         else:
             h, q = t[i] - t[i - 1], jerk[i]
             if h != last or q != lastq:
-                fs, fv, fa, q0, q1, q2, q3, q4, q5 = transition(h, q, decay)
+                (fs, fv, fa), added = transition(h, q, decay)
                 last, lastq = h, q
-            ss += 2.0 * (h * sv + fs * sa) + h * h * vv + 2.0 * h * fs * va + fs * fs * aa + q0
-            sv += h * vv + fs * va + fv * (sa + h * va + fs * aa) + q1
-            sa = fa * (sa + h * va + fs * aa) + q2
-            vv += 2.0 * fv * va + fv * fv * aa + q3
-            va = fa * (va + fv * aa) + q4
-            aa = fa * fa * aa + q5
-            s += h * v + fs * a
-            v += fv * a
-            a *= fa
+            (s, v, a), (ss, sv, sa, vv, va, aa) = x, p
+            moved, gone = h * v + fs * a, sa + h * va + fs * aa
+            x = (s + moved, v + fv * a, a * fa)
+            p = (
+                ss + (2.0 * (h * sv + fs * sa) + h * h * vv + 2.0 * h * fs * va + fs * fs * aa + added[0]),
+                sv + (h * vv + fs * va + fv * gone + added[1]),
+                fa * gone + added[2],
+                vv + (2.0 * fv * va + fv * fv * aa + added[3]),
+                fa * (va + fv * aa) + added[4],
+                fa * fa * aa + added[5],
+            )
             if link[i] == JUMP:
-                s = s if math.isnan(seen[i]) else seen[i]
-                ss, sv, sa = NEW_COORDINATE_VAR, 0.0, 0.0
-        fresh = link[i] != ON or i == 0
+                x = (x[0] if math.isnan(seen[i]) else seen[i], x[1], x[2])
+                p = (NEW_COORDINATE_VAR, 0.0, 0.0, p[3], p[4], p[5])
         if not math.isnan(seen[i]):
-            r = seen[i] - s
-            c = ss + seen_var
-            if not fresh:
+            r, c = seen[i] - x[0], p[0] + seen_var
+            if link[i] == ON and not first:
                 total -= 0.5 * (math.log(c) + r * r / c)
-            ks, kv, ka = ss / c, sv / c, sa / c
-            s += ks * r
-            v += kv * r
-            a += ka * r
-            aa -= ka * sa
-            va -= kv * sa
-            vv -= kv * sv
-            sa -= ks * sa
-            sv -= ks * sv
-            ss -= ks * ss
-        for kind in range(3):
-            if kind == 0:
-                if math.isnan(speed[i]) or rest[i]:
-                    continue
-                r, var = speed[i] - v, speed_var
-            elif not rest[i]:
-                break
-            elif kind == 1:
-                r, var = -v, REST_SPEED_VAR
-            else:
-                c = aa + REST_ACCEL_VAR
-                ks, kv, ka = sa / c, va / c, aa / c
-                s -= ks * a
-                v -= kv * a
-                a -= ka * a
-                ss -= ks * sa
-                sv -= ks * va
-                vv -= kv * va
-                sa -= ks * aa
-                va -= kv * aa
-                aa -= ka * aa
-                break
-            c = vv + var
-            if kind == 0 and link[i] != BREAK and i > 0:
+            x, p = corrected(x, p, (p[0], p[1], p[2]), r, c)
+        if rest[i]:
+            x, p = corrected(x, p, (p[1], p[3], p[4]), -x[1], p[3] + REST_SPEED_VAR)
+            x, p = corrected(x, p, (p[2], p[4], p[5]), -x[2], p[5] + REST_ACCEL_VAR)
+        elif not math.isnan(speed[i]):
+            r, c = speed[i] - x[1], p[3] + speed_var
+            if not first:
                 total -= 0.5 * (math.log(c) + r * r / c)
-            ks, kv, ka = sv / c, vv / c, va / c
-            s += ks * r
-            v += kv * r
-            a += ka * r
-            ss -= ks * sv
-            sa -= ks * va
-            aa -= ka * va
-            va -= kv * va
-            sv -= ks * vv
-            vv -= kv * vv
+            x, p = corrected(x, p, (p[1], p[3], p[4]), r, c)
         if keep:
-            mean[i, 0], mean[i, 1], mean[i, 2] = s, v, a
-            cov[i, 0], cov[i, 1], cov[i, 2], cov[i, 3], cov[i, 4], cov[i, 5] = ss, sv, sa, vv, va, aa
+            mean[i], cov[i] = x, p
     return total
 
 
-@njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
+@kernel(fastmath={"contract", "reassoc", "nsz"})
+def times(row: State, m: Covariance) -> State:
+    """A row by a symmetric matrix."""
+    a, b, c = row
+    return a * m[0] + b * m[1] + c * m[2], a * m[1] + b * m[3] + c * m[4], a * m[2] + b * m[4] + c * m[5]
+
+
+@kernel(fastmath={"contract", "reassoc", "nsz"})
 def smooth_backward(
     t: Floats, link: Codes, jerk: Floats, decay: float, mean: Floats, cov: Floats, gain: Singles
 ) -> None:
     """Rauch, Tung and Striebel's backward pass.
 
-    Filtered means and covariances become smoothed ones, in place.  ``gain`` (N, 9) takes the smoother's
-    gains; with (0, 9) they are not kept.
+    Filtered means and covariances become smoothed ones, in place.  ``gain`` (N, 9) takes the gains.
     """
-    keep = len(gain) == len(t)
     last = lastq = -1.0
-    fs = fv = fa = q0 = q1 = q2 = q3 = q4 = q5 = 0.0
     for i in range(len(t) - 2, -1, -1):
         if link[i + 1] == BREAK:
-            if keep:
-                gain[i] = 0.0
+            gain[i] = 0.0
             continue
         h, q = t[i + 1] - t[i], jerk[i + 1]
         if h != last or q != lastq:
-            fs, fv, fa, q0, q1, q2, q3, q4, q5 = transition(h, q, decay)
+            (fs, fv, fa), (q0, q1, q2, q3, q4, q5) = transition(h, q, decay)
             last, lastq = h, q
         ss, sv, sa, vv, va, aa = cov[i, 0], cov[i, 1], cov[i, 2], cov[i, 3], cov[i, 4], cov[i, 5]
         # columns of P F': covariance of the state now with the coordinate, speed and acceleration to come
@@ -200,46 +161,23 @@ def smooth_backward(
         i00, i01, i02 = p11 * p22 - p12 * p12, p02 * p12 - p01 * p22, p01 * p12 - p02 * p11
         i11, i12, i22 = p00 * p22 - p02 * p02, p01 * p02 - p00 * p12, p00 * p11 - p01 * p01
         one = 1.0 / (p00 * i00 + p01 * i01 + p02 * i02)
-        g00, g01, g02 = (
-            (a0 * i00 + a1 * i01 + a2 * i02) * one,
-            (a0 * i01 + a1 * i11 + a2 * i12) * one,
-            (a0 * i02 + a1 * i12 + a2 * i22) * one,
-        )
-        g10, g11, g12 = (
-            (b0 * i00 + b1 * i01 + b2 * i02) * one,
-            (b0 * i01 + b1 * i11 + b2 * i12) * one,
-            (b0 * i02 + b1 * i12 + b2 * i22) * one,
-        )
-        g20, g21, g22 = (
-            (c0 * i00 + c1 * i01 + c2 * i02) * one,
-            (c0 * i01 + c1 * i11 + c2 * i12) * one,
-            (c0 * i02 + c1 * i12 + c2 * i22) * one,
-        )
+        inverse = (i00, i01, i02, i11, i12, i22)
+        g00, g01, g02 = times((a0, a1, a2), inverse)
+        g10, g11, g12 = times((b0, b1, b2), inverse)
+        g20, g21, g22 = times((c0, c1, c2), inverse)
+        g00, g01, g02 = g00 * one, g01 * one, g02 * one
+        g10, g11, g12 = g10 * one, g11 * one, g12 * one
+        g20, g21, g22 = g20 * one, g21 * one, g22 * one
         r0, r1, r2 = mean[i + 1, 0] - m0, mean[i + 1, 1] - m1, mean[i + 1, 2] - m2
         mean[i, 0] += g00 * r0 + g01 * r1 + g02 * r2
         mean[i, 1] += g10 * r0 + g11 * r1 + g12 * r2
         mean[i, 2] += g20 * r0 + g21 * r1 + g22 * r2
-        if keep:
-            gain[i, 0], gain[i, 1], gain[i, 2] = g00, g01, g02
-            gain[i, 3], gain[i, 4], gain[i, 5] = g10, g11, g12
-            gain[i, 6], gain[i, 7], gain[i, 8] = g20, g21, g22
-        d00, d01, d02 = cov[i + 1, 0] - p00, cov[i + 1, 1] - p01, cov[i + 1, 2] - p02
-        d11, d12, d22 = cov[i + 1, 3] - p11, cov[i + 1, 4] - p12, cov[i + 1, 5] - p22
-        e00, e01, e02 = (
-            g00 * d00 + g01 * d01 + g02 * d02,
-            g00 * d01 + g01 * d11 + g02 * d12,
-            g00 * d02 + g01 * d12 + g02 * d22,
-        )
-        e10, e11, e12 = (
-            g10 * d00 + g11 * d01 + g12 * d02,
-            g10 * d01 + g11 * d11 + g12 * d12,
-            g10 * d02 + g11 * d12 + g12 * d22,
-        )
-        e20, e21, e22 = (
-            g20 * d00 + g21 * d01 + g22 * d02,
-            g20 * d01 + g21 * d11 + g22 * d12,
-            g20 * d02 + g21 * d12 + g22 * d22,
-        )
+        gain[i] = (g00, g01, g02, g10, g11, g12, g20, g21, g22)
+        n = cov[i + 1]
+        change = (n[0] - p00, n[1] - p01, n[2] - p02, n[3] - p11, n[4] - p12, n[5] - p22)
+        e00, e01, e02 = times((g00, g01, g02), change)
+        e10, e11, e12 = times((g10, g11, g12), change)
+        e20, e21, e22 = times((g20, g21, g22), change)
         cov[i, 0] = ss + e00 * g00 + e01 * g01 + e02 * g02
         cov[i, 1] = sv + e00 * g10 + e01 * g11 + e02 * g12
         cov[i, 2] = sa + e00 * g20 + e01 * g21 + e02 * g22
@@ -248,18 +186,11 @@ def smooth_backward(
         cov[i, 5] = aa + e20 * g20 + e21 * g21 + e22 * g22
 
 
-@njit(cache=True)
+@kernel()
 def jerk_scales(
-    t: Floats,
-    link: Codes,
-    rest: Flags,
-    q: float,
-    decay: float,
-    mean: Floats,
-    cov: Floats,
-    gain: Singles,
+    t: Floats, link: Codes, rest: Flags, q: float, decay: float, mean: Floats, cov: Floats, gain: Singles,
     jerk: Floats,
-) -> float:
+) -> float:  # fmt: skip
     """One step of expectation and maximisation for a jerk of varying strength.
 
     Its density is q / w, with w random and constant for ``BLOCK`` seconds: Student's t with ``FREEDOM``
@@ -271,23 +202,22 @@ def jerk_scales(
     for i in range(1, len(t) + 1):
         if i == len(t) or link[i] == BREAK or t[i] - t[first - 1] > BLOCK + 1e-6:
             w = (FREEDOM + inside) / (FREEDOM + squares / q)
-            for j in range(first, i):
-                jerk[j] = q / w
+            jerk[first:i] = q / w
             total += w * squares
             steps += inside
             inside, squares, first = 0, 0.0, i
         if i < len(t) and link[i] != BREAK and not (rest[i] and rest[i - 1]):
-            step = transition(t[i] - t[i - 1], 1.0, decay)
-            fa, gained = step[2], step[8]
-            g, now, before = gain[i - 1], cov[i], cov[i - 1]
+            move, added = transition(t[i] - t[i - 1], 1.0, decay)
+            fa, g, now, before = move[2], gain[i - 1], cov[i], cov[i - 1]
             shared = g[6] * now[2] + g[7] * now[4] + g[8] * now[5]
             change = mean[i, 2] - fa * mean[i - 1, 2]
-            squares += (change * change + max(now[5] + fa * fa * before[5] - 2.0 * fa * shared, 0.0)) / gained
+            spread = max(now[5] + fa * fa * before[5] - 2.0 * fa * shared, 0.0)
+            squares += (change * change + spread) / added[5]
             inside += 1
     return total / steps if steps else q
 
 
-@njit(cache=True)
+@kernel()
 def energy_variance(
     cov: Floats, gain: Singles, by_speed: Floats, by_acceleration: Floats, window: Ints | Index, count: int
 ) -> Floats:

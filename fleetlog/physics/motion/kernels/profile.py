@@ -1,16 +1,16 @@
 """Forward and backward passes over a path."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetlog.compiling import kernel
 
 Floats = NDArray[np.float64]
 GRAVITY = 9.81
-AT_REST = 0.02
-"""A speed at a node under this means a stop [m/s]."""
+AT_REST = 0.02  # A speed at a node under this means a stop [m/s]
 
 
-@njit(cache=True)
+@kernel()
 def passes(
     distance: Floats, cap: Floats, slope: Floats, mass: Floats, up: float, down: float, power: float,
     rolling: float
@@ -35,7 +35,7 @@ def passes(
     return np.sqrt(square)
 
 
-@njit(cache=True)
+@kernel()
 def clock(distance: Floats, speed: Floats, wait: Floats, up: float, down: float) -> Floats:
     """(N,) arrival times [s]; ``wait`` is spent at a node before going on.
 

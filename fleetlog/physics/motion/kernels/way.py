@@ -1,17 +1,11 @@
-"""The way along matched edges, and standstills of positions; imported only where they run."""
+"""Loops along matched edges, and over rows: standstills, dead bands; imported only where they run."""
 
 import math
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
-from fleetlog.physics.motion.kernels.filter import BREAK, JUMP, ON
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Codes = NDArray[np.uint8]
-Index = NDArray[np.int32]
+from fleetlog.compiling import kernel
+from fleetlog.physics.motion.kernels.filter import BREAK, JUMP, ON, Codes, Flags, Floats, Index
 
 MOST_EXTRA = 8.0
 """Length that a way may exceed twice the distance of the positions by [m]: noise, and corners."""
@@ -19,15 +13,8 @@ NEAR_REACH = 3
 """Edges between two rows at most that the walk below finds; farther apart the coordinate starts anew."""
 
 
-@njit(cache=True)
-def way_between(
-    a: int,
-    b: int,
-    next_first: NDArray[np.int32],
-    next_edges: NDArray[np.int32],
-    length: Floats,
-    between: NDArray[np.int32],
-) -> int:
+@kernel()
+def way_between(a: int, b: int, next_first: Index, next_edges: Index, length: Floats, between: Index) -> int:
     """The shortest way from the end of edge a to the start of b over at most ``NEAR_REACH`` edges.
 
     Its edges into ``between``.  Returns how many edges lie between, -1 where there is no such way.
@@ -36,9 +23,7 @@ def way_between(
     for i in range(next_first[a], next_first[a + 1]):
         e = next_edges[i]
         if e == b:
-            return 0
-    for i in range(next_first[a], next_first[a + 1]):
-        e = next_edges[i]
+            best, count = 0.0, 0
         for j in range(next_first[e], next_first[e + 1]):
             f = next_edges[j]
             if f == b and length[e] < best:
@@ -52,7 +37,7 @@ def way_between(
     return count
 
 
-@njit(cache=True)
+@kernel()
 def path_coordinate(
     edge: Index, offset: Floats, x: Floats, y: Floats, step: Floats, next_first: Index, next_edges: Index,
     length: Floats, reverse: Index, back: float, link: Codes, place: Floats,
@@ -106,7 +91,7 @@ def path_coordinate(
     return v_edge[:k], v_origin[:k], v_length[:k], v_joined[:k]
 
 
-@njit(cache=True)
+@kernel()
 def stays(t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_duration: float) -> Flags:
     """Rows of a standstill: runs within ``radius`` of their running mean for ``min_duration``."""
     n = len(t)
@@ -127,4 +112,56 @@ def stays(t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_durat
             i = j
         else:
             i += max((j - i) // 8, 1)
+    return out
+
+
+@kernel()
+def on_edges(
+    edge: Index, offset: Floats, x: Floats, y: Floats, points: Floats, first: Index, distance: Floats,
+    along: Floats, heading: Floats, slope: Floats,
+) -> None:  # fmt: skip
+    """How far each position lies ahead of its place on the edge [m], and the edge's shape there.
+
+    Heading and slope [rad].  Rows off the map (edge -1) are left as they are.
+    """
+    last, k = -1, 0
+    for i in range(len(edge)):
+        e = edge[i]
+        if e < 0:
+            continue
+        top = first[e + 1] - 2
+        if e != last or offset[i] < distance[k]:
+            last, k = e, first[e]
+        while k < top and distance[k + 1] <= offset[i]:
+            k += 1
+        dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        flat = math.hypot(dx, dy)
+        run = distance[k + 1] - distance[k]
+        share = min(max((offset[i] - distance[k]) / run, 0.0), 1.0) if run > 0.0 else 0.0
+        heading[i] = math.atan2(dy, dx)
+        slope[i] = math.atan2(points[k + 1, 2] - points[k, 2], max(flat, 1e-9))
+        if flat > 0.0:
+            along[i] = (
+                (x[i] - points[k, 0] - share * dx) * dx + (y[i] - points[k, 1] - share * dy) * dy
+            ) / flat
+
+
+@kernel()
+def dead_band(value: Floats, band: float) -> Floats:
+    """``value`` without its jitter.
+
+    It is followed only where it leaves a band of half-width ``band`` (NaN stays).
+    """
+    out = value.copy()
+    held = math.nan
+    for i in range(len(value)):
+        if math.isnan(value[i]):
+            continue
+        if math.isnan(held):
+            held = value[i]
+        elif value[i] > held + band:
+            held = value[i] - band
+        elif value[i] < held - band:
+            held = value[i] + band
+        out[i] = held
     return out

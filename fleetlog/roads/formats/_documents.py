@@ -1,18 +1,19 @@
-"""XML from outside, parsed without entities, external files or network."""
+"""XML and JSON from outside; XML is parsed without entities, external files or network."""
 
-from __future__ import annotations
-
+import json
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
+
+from lxml import etree
+from lxml.etree import _Element as Element
 
 from fleetlog.core.files import read_whole
 from fleetlog.errors import SiteError
 
-if TYPE_CHECKING:
-    from lxml.etree import _Element as Element
+__all__ = ["Element", "parse_xml", "read_json"]
 
-_BLANKS = re.compile(rb"\s*")
+_COMMENTS = re.compile(rb"\s*(?:<!--.*?-->\s*)+", re.DOTALL)
 _DECLARATION = re.compile(rb"<\?xml[^>]{0,400}\?>")
 
 
@@ -22,16 +23,14 @@ def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
     Files that declare entities are refused: a map has no use for them.  An XML declaration behind a comment,
     which some tools write, is passed over and noted.
     """
-    from lxml import etree
-
     data = read_whole(path, error=SiteError)
     encoding = None
-    behind = _behind_comments(data)
-    if behind and (late := _DECLARATION.match(data, behind)):
+    comments = _COMMENTS.match(data)
+    if comments and (late := _DECLARATION.match(data, comments.end())):
         notes.append("the XML declaration stands behind a comment and is passed over")
         found = re.search(rb"encoding=[\"']([\w.-]+)", late[0])
         encoding = found[1].decode() if found else None
-        data = data[:behind] + data[late.end() :]
+        data = comments[0] + data[late.end() :]
     if b"<!ENTITY" in data:
         raise SiteError("declares XML entities, which are not read", do="remove its DOCTYPE")
     try:
@@ -45,23 +44,20 @@ def parse_xml(path: Path, root: str, notes: list[str]) -> Element:
         raise SiteError(f"not well-formed XML: {text}", do="export the map again") from None
     if top.getroottree().docinfo.internalDTD is not None:
         raise SiteError("has a DOCTYPE with declarations, which is not read", do="remove its DOCTYPE")
-    for element in top.iter():
-        if isinstance(element.tag, str) and element.tag.startswith("{"):
-            element.tag = element.tag.rpartition("}")[2]
+    for element in top.iter("{*}*"):
+        element.tag = etree.QName(element).localname
     if top.tag != root:
         raise SiteError(f"its root is <{top.tag}>, not <{root}>", do="check the suffix of the file")
     return top
 
 
-def _behind_comments(data: bytes) -> int:
-    """Where the text goes on after the blanks and comments that it begins with."""
-    at = _BLANKS.match(data, 0).end()  # type: ignore[union-attr]  # matches anywhere
-    while data.startswith(b"<!--", at) and (stop := data.find(b"-->", at)) >= 0:
-        at = _BLANKS.match(data, stop + 3).end()  # type: ignore[union-attr]
-    return at
-
-
-def looks_like(head: bytes, root: str) -> bool:
-    """Whether ``<root`` stands in the first bytes of a file, in UTF-8 or UTF-16."""
-    mark = f"<{root}"
-    return any(mark.encode(code) in head for code in ("utf-8", "utf-16-le", "utf-16-be"))
+def read_json(path: Path) -> Any:
+    """What a file says, or a :class:`SiteError` that names the line."""
+    data = read_whole(path, error=SiteError)
+    try:
+        return json.loads(data.decode("utf-8-sig"))
+    except json.JSONDecodeError as error:
+        what = f"not valid JSON: {error.msg}"
+        raise SiteError(what, place=f"line {error.lineno}", do="correct the file") from None
+    except (ValueError, RecursionError) as error:
+        raise SiteError(f"not readable as JSON: {str(error)[:120]}", do="correct the file") from None

@@ -1,0 +1,36 @@
+"""How kernels are compiled: kept on disk until numba or any kernel changes.
+
+numba itself looks only at the file that a kernel is in.  Not at the kernels in other files that were compiled
+into it, and not at the records that it takes, whose old names it would fail to find after an upgrade.
+"""
+
+import hashlib
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+from numba import njit
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def kernel(**options: Any) -> Callable[[F], F]:
+    """Return the decorator of a kernel; ``options`` are those of ``numba.njit``."""
+
+    def compiled(function: F) -> F:
+        made = njit(cache=True, **options)(function)
+        kept = getattr(getattr(made, "_cache", None), "_cache_file", None)
+        if kept is not None:  # numba can be told not to compile
+            kept._version = f"{kept._version} {stamp(Path(__file__).parent)}"
+        return made  # type: ignore[no-any-return]
+
+    return compiled
+
+
+@lru_cache
+def stamp(package: Path) -> str:
+    """Return what changes with any file of kernels below a folder."""
+    files = sorted(p for p in package.rglob("*.py") if "kernels" in f"{p.parent.name} {p.stem}")
+    seen = [f"{p.relative_to(package)} {p.stat().st_mtime_ns} {p.stat().st_size}" for p in files]
+    return hashlib.sha256("\n".join(seen).encode()).hexdigest()[:16]

@@ -1,0 +1,145 @@
+"""Arrow tables to batches: known columns, times, units, and the rows that do not fit."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from fleetlog.core.trajectory import Ints, Labels, Values
+from fleetlog.importers._csv_cells import Floats, Mask, degrees, numbers
+from fleetlog.importers._csv_clock import Clock
+from fleetlog.importers._fields import Fields
+from fleetlog.importers._profile import Source
+from fleetlog.importers._report import ReadReport
+from fleetlog.importers._rows import REJECT_TEXT, renamed
+from fleetlog.importers._times import MISSING, NONE, SKIPPED, UNREADABLE
+from fleetlog.importers._units import KINDS
+from fleetlog.importers.base import GEOGRAPHIC, LOCAL, RawBatch, Reject
+
+Masks = dict[str, Mask]
+_MUST = (*GEOGRAPHIC, *LOCAL)
+"""A row whose position is not a number is refused; of other columns only the value is."""
+
+
+class TableRows:
+    """The rows of one file's tables, in their order; columns are figures or text.
+
+    ``vehicle`` is that of every row where no column says it, ``decimal`` the decimal point of figures written
+    as text, ``angles`` the columns that may hold degrees and minutes.
+    """
+
+    def __init__(self, fields: Fields, vehicle: str, angles: set[str], decimal: str = ".") -> None:
+        self.fields, self.vehicle, self.angles, self.decimal = fields, vehicle, angles, decimal
+        self.report: ReadReport = fields.report
+        self.clock = Clock(fields)
+        self._missing = Source("", sentinels=fields.profile.sentinels)
+        self._percent = False
+        self._figures_of: dict[str, bool] = {}
+        """Whether an own column holds figures; it is not known before its first value."""
+
+    def batch(
+        self, table: pa.Table, record: Ints, texts: Callable[[list[int]], list[str]],
+        rejects: list[Reject], progress: float,
+    ) -> RawBatch:  # fmt: skip
+        """The rows of a table by their numbers; ``texts`` gives those of some of them as they are written."""
+        bad: Masks = {}
+        columns = self._columns(table, bad)
+        vehicle = self._vehicles(table)
+        time = self.clock.times(table, vehicle)
+        reason = self._reasons(table, time, vehicle, bad)
+        for name in bad.keys() - {*_MUST}:
+            rejects += _refused(record, bad[name] & (reason == ""), f"{name} is not a number", texts, False)
+        keep = reason == ""
+        for why in set(reason[~keep].tolist()):
+            rejects += _refused(record, reason == why, why, texts)
+        if not keep.all():
+            columns = {n: v[keep] for n, v in columns.items()}
+            vehicle, time, record = vehicle[keep], time[keep], record[keep]
+        return RawBatch(vehicle, time, columns, record, sorted(rejects), progress)
+
+    def _columns(self, table: pa.Table, bad: Masks) -> dict[str, Values]:
+        columns: dict[str, Values] = {}
+        for target, source in self.fields.columns.items():
+            chunk = table.column(source.column)
+            if target in KINDS:
+                columns[target] = self._si(target, source, self._figures(chunk, source.column, target, bad))
+            elif target == "trip_id":
+                trip = self._figures(chunk, source.column, target, bad)
+                columns[target] = np.where(np.isfinite(trip), trip, -1).astype(np.int64)
+            else:
+                columns[target] = labels(chunk)
+        for name in self.fields.kept:
+            chunk = table.column(name)
+            if name not in self._figures_of and chunk.null_count < len(chunk):
+                text = pa.types.is_dictionary(chunk.type) or self._read(chunk, name)[1].any()
+                self._figures_of[name] = not text
+            figures = self._figures_of.get(name, True)
+            columns[name] = self._figures(chunk, name, name, bad) if figures else labels(chunk)
+        return columns
+
+    def _figures(self, chunk: pa.ChunkedArray, name: str, target: str, bad: Masks) -> Floats:
+        values, wrong = self._read(chunk, name)
+        wrong |= np.isinf(values)
+        if wrong.any():
+            bad[target] = wrong
+            values = np.where(wrong, np.nan, values)
+        return self._missing.known(values)
+
+    def _read(self, chunk: pa.ChunkedArray, name: str) -> tuple[Floats, Mask]:
+        """Figures of a column, NaN for unknown, and which cells are none."""
+        if pa.types.is_null(chunk.type) or pa.types.is_floating(chunk.type):
+            known = chunk.cast(pa.float64()).fill_null(np.nan) if chunk.null_count else chunk
+            return np.array(known, dtype=np.float64), np.zeros(len(chunk), bool)
+        text = labels(chunk)
+        read = degrees if name in self.angles else numbers
+        values, wrong = read(pa.array(text.names, pa.string()), self.decimal)
+        return np.append(values, np.nan)[text.codes], np.append(wrong, False)[text.codes]
+
+    def _si(self, target: str, source: Source, values: Floats) -> Floats:
+        """In SI; a state of charge without a unit is in per cent where it goes beyond 1; said aloud."""
+        values = source.known(values)
+        if target == "soc" and source.unit is None:
+            if not self._percent and len(values) and np.nanmax(values, initial=0.0) > 1.5:
+                self._percent = True
+                self.report.recognised[source.column] = "soc, from % (it goes beyond 1)"
+            values = values / 100.0 if self._percent else values
+        return source.to_si(values)
+
+    def _vehicles(self, table: pa.Table) -> Labels:
+        if self.fields.vehicle is None:
+            return Labels(np.zeros(table.num_rows, np.int32), (self.vehicle,))
+        found = labels(table.column(self.fields.vehicle))
+        return renamed(found, [name.strip() or None for name in found.names])
+
+    def _reasons(self, table: pa.Table, time: Ints, vehicle: Labels, bad: Masks) -> NDArray[np.str_]:
+        """Why each row is refused; empty where it is not."""
+        reason = np.full(len(time), "", dtype="<U64")
+        reason[vehicle.codes < 0] = "the vehicle id is missing"
+        reason[time == NONE] = UNREADABLE
+        reason[(time == NONE) & self.clock.missing] = MISSING
+        reason[(time == NONE) & self.clock.skipped] = SKIPPED
+        for name in bad.keys() & {*_MUST}:
+            reason[bad[name]] = f"{name} is not a number"
+        again = np.ones(len(time), bool)
+        for name in self.fields.names:
+            chunk = table.column(name)
+            if again.any():
+                text = pa.types.is_string(chunk.type)
+                again &= np.asarray(chunk.to_pandas() == name, dtype=bool) if text else False
+        reason[again] = "the header line again"
+        return reason
+
+
+def _refused(
+    record: Ints, which: Mask, why: str, texts: Callable[[list[int]], list[str]], whole: bool = True
+) -> list[Reject]:
+    gone = record[which].tolist()
+    return [Reject(n, why, text[:REJECT_TEXT], whole) for n, text in zip(gone, texts(gone), strict=True)]
+
+
+def labels(chunk: pa.ChunkedArray) -> Labels:
+    """The texts of a column."""
+    array = chunk.combine_chunks().dictionary_encode()
+    codes = np.asarray(array.indices.fill_null(-1), dtype=np.int32)
+    return Labels(codes, tuple(str(n) for n in array.dictionary.to_pylist()))

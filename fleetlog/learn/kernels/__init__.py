@@ -1,1 +1,0 @@
-"""Loops that numpy cannot express."""

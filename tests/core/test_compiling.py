@@ -1,0 +1,60 @@
+"""Kernels on disk are those of this version, whatever was installed before."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+from fleetlog.compiling import stamp
+
+KERNEL = """
+from fleetlog.compiling import kernel
+from records import Record{name}
+
+@kernel()
+def value(record):
+    return record.one
+"""
+CALL = "from own import value; from records import Record{name}; print(value(Record{name}(7)))"
+
+
+def run(folder: Path, name: str) -> str:
+    """Compile or load a kernel over a record of that name, in a process of its own."""
+    (folder / "records.py").write_text(
+        f"from typing import NamedTuple\nclass Record{name}(NamedTuple):\n    one: int\n"
+    )
+    own = folder / "own.py"
+    own.write_text(KERNEL.format(name=name))
+    os.utime(own, (1e9, 1e9))
+    code = f"import fleetlog.compiling as c; c.stamp = lambda package: {name!r}; " + CALL.format(name=name)
+    path = os.pathsep.join([str(folder), *sys.path])
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_a_record_that_was_renamed_does_not_end_the_next_version(tmp_path: Path) -> None:
+    assert run(tmp_path, "A") == "7"
+    (index,) = (tmp_path / "__pycache__").glob("*.nbi")
+    with index.open("rb") as f:
+        assert pickle.load(f).endswith(" A")
+    assert run(tmp_path, "B") == "7"
+
+
+def test_any_file_of_kernels_counts(tmp_path: Path) -> None:
+    files = [
+        tmp_path / name for name in ("a/kernels/one.py", "a/kernels.py", "b/kernels/two.py", "b/other.py")
+    ]
+    for file in files:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("x = 1\n")
+    stamps = [stamp.__wrapped__(tmp_path)]
+    for file in files:
+        file.write_text("x = 12\n")
+        stamps.append(stamp.__wrapped__(tmp_path))
+    assert len(set(stamps)) == 4 and stamps[-1] == stamps[-2]
