@@ -138,6 +138,8 @@ def covariance(problem: Problem, joint: Joint) -> Floats:
     inner = gram + np.diag(prior.precision)
     bread[np.ix_(free, free)] = np.linalg.pinv(inner[np.ix_(free, free)])
     out = problem.settings.widening**2 * (bread @ (meat + np.diag(prior.precision)) @ bread)
+    # The model may be off by its own error in all windows alike: by so much all numbers move together.
+    out += np.outer(bread @ shift, bread @ shift)
     # The model's own error differs from place to place, so each place may be off by it alone.
     placed = np.array([a.owner is not None and bool(a.owner.patterns) for a in design.atoms])
     out += np.diag(np.where(placed, np.diag(bread) * shift, 0.0) ** 2)

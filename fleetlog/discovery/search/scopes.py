@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 SLOTS = 48  # Of the recorded time: a change is placed within a hundredth of it
 GROUPS = 600  # Trucks times slots at most: of large fleets the slots are wider
-SHORTEST = 3  # Slots that a period lasts at least: a sixteenth of the recording
+SHORTEST = 3  # Slots that a period, and what is left of the recording, last at least: a sixteenth of it
 DISTINCT = 1e-3  # Share of a column's square that the model must leave of it: of less, nothing is learnt
 ANYTHING = Prior(np.zeros(1), np.zeros(1), np.array([-np.inf]), np.array([np.inf]))
 OWN = 0.5
@@ -215,7 +215,7 @@ def _parts(column: Column, edges: Floats, who: tuple[int, ...]) -> list[tuple[fl
     """The likeliest part of the time in some trucks, and a drift: gain less its choice, scope, weight."""
     _, vehicles, slots = column.along.shape
     first, last = np.triu_indices(slots + 1, SHORTEST)
-    part = (first > 0) | (last < slots)
+    part = last - first <= slots - SHORTEST
     first, last, number = first[part], last[part], np.arange(slots)
     there = (number >= first[:, None]) & (number < last[:, None])
     ramp = (number + 0.5) / slots
