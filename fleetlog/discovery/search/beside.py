@@ -39,8 +39,10 @@ class Left(NamedTuple):
 
     def step(self, at: slice, prior: Prior) -> Floats:
         """Return the likeliest coefficients of some of the columns alone."""
-        right = self.moment[at] + prior.precision * prior.centre
-        return np.clip(np.linalg.solve(stiff(self.product[at, at], prior), right), prior.low, prior.high)
+        right, product = self.moment[at] + prior.precision * prior.centre, stiff(self.product[at, at], prior)
+        # Most are one number, for which the general way takes ten times as long.
+        likeliest = right / product[0] if len(right) == 1 else np.linalg.solve(product, right)
+        return np.clip(likeliest, prior.low, prior.high)
 
 
 @dataclass(frozen=True)
