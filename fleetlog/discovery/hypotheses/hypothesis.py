@@ -18,7 +18,7 @@ from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
 
-SHAPES = 13  # Values of a shape parameter that are scanned; the joint fit refines the best
+SHAPES = 13  # Values of a shape parameter that are scanned; steps between them refine the best
 
 TIME = 4.0  # Logarithm of the number of moments at which something may begin, or end
 
@@ -82,6 +82,15 @@ class Hypothesis:
         if self.curve is not None:
             return (self.curve,)
         return (FieldSource(self.term, self.when),)
+
+    def nearby(self, share: float) -> Iterator[Hypothesis]:
+        """Yield the same with one shape parameter moved by a share of the step in which it is scanned."""
+        for i, (name, value) in enumerate(self.setting):
+            p = all_terms()[self.term or ""].by_name[name]
+            for step in (-share, share):
+                moved = value + step * (p.high - p.low) / (SHAPES - 1)
+                if p.low <= moved <= p.high:
+                    yield replace(self, setting=(*self.setting[:i], (name, moved), *self.setting[i + 1 :]))
 
     @property
     def depends_on(self) -> tuple[str, ...]:

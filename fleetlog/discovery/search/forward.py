@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
-from fleetlog.discovery.model import Model, field_values
+from fleetlog.discovery.model import Knob, Model, field_values
 from fleetlog.discovery.search.joint import Joint, refit, scored, tightened, tuned, verified
 from fleetlog.discovery.search.places import pattern_hypotheses
 from fleetlog.discovery.search.problem import Problem
@@ -51,7 +51,7 @@ def search(problem: Problem, nominal: Model) -> Search:
                 found.joint = refit(problem, found.joint.model, now.chosen)
             break
         found.joint = better
-    return _pruned(problem, found)
+    return _shaped(problem, _pruned(problem, found))
 
 
 def _step(problem: Problem, sums: Sums, now: Joint, found: Search) -> Joint | None:
@@ -296,4 +296,19 @@ def _pruned(problem: Problem, found: Search) -> Search:
         if best.score - found.joint.score > problem.settings.evidence:
             break
         found.joint = best
+    return found
+
+
+def _shaped(problem: Problem, found: Search) -> Search:
+    """Set shapes between the values that were scanned, in halved steps, as long as that predicts better."""
+    for h in [h for h in found.joint.chosen if h.setting]:
+        own = h
+        for share in (0.5, 0.25, 0.125):
+            for near in list(own.nearby(share)):
+                set_before = {*own.knobs, *(Knob(own.term or "", n) for n, _ in own.setting)}
+                chosen = [near if c is own else c for c in found.joint.chosen]
+                tried = refit(problem, found.joint.model.without(set_before, set()), chosen, 2)
+                if tried.score < found.joint.score:
+                    found.joint, own = tried, near
+        found.rivals[own.kind] = found.rivals.pop(h.kind, [])
     return found
