@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fleetlog.discovery.channels.base import Channel
 from fleetlog.discovery.hypotheses.curves import UNIT
-from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, hypotheses
+from fleetlog.discovery.hypotheses.hypothesis import Hypothesis, hypotheses, scanned
 from fleetlog.discovery.model import Knob, Model
 from fleetlog.discovery.recording.splits import HELD_OUT
 from fleetlog.discovery.report import fields, others, words
@@ -94,7 +94,7 @@ def _with_traffic(problem: Problem, model: Model, fit: ChannelFit, p_value: floa
     """The error on held-out trips with the windows in which other vehicles were in the way, and without."""
     off, size = 0.0, 0.0
     for unit in problem.channel.units():
-        use = (problem.split.fold(unit.windows) == HELD_OUT) & (unit.recorded > 0.0)
+        use = (problem.folds(unit) == HELD_OUT) & (unit.recorded > 0.0)
         off += float(((unit.recorded - problem.channel.predict(unit, model))[use] ** 2).sum())
         size += float((unit.recorded[use] ** 2).sum())
     return Errors(fit.metric, float(np.sqrt(off / size)) if size else None, fit.after, p_value)
@@ -191,12 +191,11 @@ def _where(
     if h.field or h.patterns:
         return fields.told(problem.channel.cells(term), values[term.name], term, h)
     out = [numbers[k] for k in h.knobs if k in numbers]
-    for name, _ in h.setting:
-        p = term.by_name[name]
-        value = found.joint.model.value(Knob(term.name, name))
-        half = 0.5 * (p.high - p.low) / 12.0
+    for knob in h.shapes:
+        p, value = knob.definition, found.joint.model.value(knob)
+        half = 0.5 * scanned(p)
         out.append(
-            Parameter(name, value, max(value - half, p.low), min(value + half, p.high), p.unit, p.neutral)
+            Parameter(p.name, value, max(value - half, p.low), min(value + half, p.high), p.unit, p.neutral)
         )
     for k in h.knobs:
         p, n = k.definition, numbers.get(k)

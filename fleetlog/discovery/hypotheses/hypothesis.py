@@ -14,13 +14,18 @@ from fleetlog.discovery.hypotheses.scope import FLEET, Scope
 from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource, Source
 from fleetlog.discovery.model import Knob
 from fleetlog.physics.power import all_terms
-from fleetlog.physics.term import Term
+from fleetlog.physics.term import Parameter, Term
 
 Floats = NDArray[np.float64]
 
 SHAPES = 13  # Values of a shape parameter that are scanned; steps between them refine the best
 
 TIME = 4.0  # Logarithm of the number of moments at which something may begin, or end
+
+
+def scanned(p: Parameter) -> float:
+    """Return the step between the values of a shape parameter that are scanned."""
+    return (p.high - p.low) / (SHAPES - 1)
 
 
 @dataclass(frozen=True)
@@ -83,12 +88,17 @@ class Hypothesis:
             return (self.curve,)
         return (FieldSource(self.term, self.when),)
 
+    @property
+    def shapes(self) -> dict[Knob, float]:
+        """The numbers that its setting fixes."""
+        return {Knob(self.term or "", name): value for name, value in self.setting}
+
     def nearby(self, share: float) -> Iterator[Hypothesis]:
         """Yield the same with one shape parameter moved by a share of the step in which it is scanned."""
         for i, (name, value) in enumerate(self.setting):
             p = all_terms()[self.term or ""].by_name[name]
-            for step in (-share, share):
-                moved = value + step * (p.high - p.low) / (SHAPES - 1)
+            for step in (-share * scanned(p), share * scanned(p)):
+                moved = value + step
                 if p.low <= moved <= p.high:
                     yield replace(self, setting=(*self.setting[:i], (name, moved), *self.setting[i + 1 :]))
 

@@ -19,6 +19,7 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.discovery.recording.blocks import TRIP, Block
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.splits import HELD_OUT, Split
+from fleetlog.physics.motion.rows import metres_driven
 from fleetlog.physics.power import Physics, all_terms, battery_power
 from fleetlog.physics.term import Term
 
@@ -263,7 +264,7 @@ def _edge_pairs(trajectory: Trajectory, fleet: Fleet) -> Iterator[tuple[int, flo
     network = fleet.network
     edge = trajectory.labels("edge_id").recode(network.index)
     offset, time = trajectory.floats("edge_offset"), trajectory.seconds()
-    travelled = _travelled(time, trajectory.floats("speed"))
+    travelled = metres_driven(time, np.nan_to_num(trajectory.floats("speed")))
     length = network.length[np.maximum(edge, 0)]
     inside = (edge >= 0) & (offset > END) & (offset < length - END) & np.isfinite(offset)
     begin = np.flatnonzero(np.concatenate([[True], np.diff(edge) != 0]))
@@ -280,7 +281,7 @@ def _chord_pairs(trajectory: Trajectory) -> Iterator[tuple[int, float, float]]:
     """Yield row, integrated speed and chord [m] of straight runs, for logs without a map."""
     x, y = trajectory.floats("x"), trajectory.floats("y")
     new = np.concatenate([[True], (np.diff(x) != 0) | (np.diff(y) != 0)]) & np.isfinite(x)
-    travelled = _travelled(trajectory.seconds(), trajectory.floats("speed"))
+    travelled = metres_driven(trajectory.seconds(), np.nan_to_num(trajectory.floats("speed")))
     rows = np.flatnonzero(new)
     if len(rows) < 50:
         return
@@ -297,8 +298,3 @@ def _chord_pairs(trajectory: Trajectory) -> Iterator[tuple[int, float, float]]:
         if chord > 0.5 * reach and halves < 1.002 * chord:
             yield int(a), float(s[j] - s[i]), chord
         i = j
-
-
-def _travelled(time: Floats, speed: Floats) -> Floats:
-    v = np.nan_to_num(speed)
-    return np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(time))])

@@ -104,7 +104,7 @@ def beside(
     ]
     own = Design(tuple(a for a, k in zip(joint.design.atoms, known, strict=True) if k))
     prior, beta = own.prior, joint.fitted.beta[known]
-    base = np.flatnonzero((beta > prior.low) & (beta < prior.high))
+    base = np.flatnonzero(prior.within(beta))
     held = beta.copy()
     held[base] = 0.0
     model = None

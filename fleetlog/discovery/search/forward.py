@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
-from fleetlog.discovery.model import Knob, Model, field_values
+from fleetlog.discovery.model import Model, field_values
 from fleetlog.discovery.search.joint import Joint, refit, scored, tightened, tuned, verified
 from fleetlog.discovery.search.places import pattern_hypotheses
 from fleetlog.discovery.search.problem import Problem
@@ -304,10 +304,9 @@ def _shaped(problem: Problem, found: Search) -> Search:
     for h in [h for h in found.joint.chosen if h.setting]:
         own = h
         for share in (0.5, 0.25, 0.125):
-            for near in list(own.nearby(share)):
-                set_before = {*own.knobs, *(Knob(own.term or "", n) for n, _ in own.setting)}
+            for near in own.nearby(share):
                 chosen = [near if c is own else c for c in found.joint.chosen]
-                tried = refit(problem, found.joint.model.without(set_before, set()), chosen, 2)
+                tried = refit(problem, without(found.joint, own), chosen, 2)
                 if tried.score < found.joint.score:
                     found.joint, own = tried, near
         found.rivals[own.kind] = found.rivals.pop(h.kind, [])

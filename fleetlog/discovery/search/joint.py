@@ -101,8 +101,7 @@ def moved(joint: Joint, problem: Problem) -> tuple[Model, float]:
             fields[atom.owner.term] = fields.get(atom.owner.term, 0.0) + float(step) * shape
     model = joint.model.moved(steps)
     for h in joint.chosen:
-        for name, value in h.setting:
-            knob = Knob(h.term or "", name)
+        for knob, value in h.shapes.items():
             if knob not in model.at:
                 model = replace(model, at={**model.at, knob: knob.definition.scaled(value)})
     for term, deviation in fields.items():
@@ -133,7 +132,7 @@ def covariance(problem: Problem, joint: Joint) -> Floats:
     """
     design, prior, beta = joint.design, joint.design.prior, joint.fitted.beta
     gram, meat, shift = _products(problem, joint)
-    free = (beta > prior.low) & (beta < prior.high)
+    free = prior.within(beta)
     bread = np.zeros_like(gram)
     inner = gram + np.diag(prior.precision)
     bread[np.ix_(free, free)] = np.linalg.pinv(inner[np.ix_(free, free)])

@@ -100,7 +100,7 @@ def _floor(problem: Problem, before: Model) -> float | None:
         features.append(problem.channel.features(unit, before)[use])
         residual.append((unit.recorded - problem.channel.predict(unit, before))[use])
         trip.append(problem.split.unit(unit.windows)[use])
-        wanted.append((problem.split.fold(unit.windows) == HELD_OUT)[use])
+        wanted.append((problem.folds(unit) == HELD_OUT)[use])
     parts = [np.concatenate(p) for p in (features, residual, trip, wanted)]
     repeated = noise_floor(*parts)
     if repeated is None:
@@ -115,8 +115,8 @@ def noise_floor(features: Floats, residual: Floats, trip: Ints, wanted: NDArray[
 
     Windows that are alike (place, direction, load, pace) differ by noise alone.  Half the mean square of the
     difference of their residuals, extrapolated to windows that are alike in everything, is its variance (the
-    gamma test: Stefánsson, Končar and Jones 1997, doi 10.1007/BF01413858).  ``features`` (W, d), ``residual``
-    (W,), ``trip`` (W,): windows of one trip share its noise and are not compared.
+    gamma test: Stefánsson, Končar and Jones 1997, doi 10.1007/BF01413858).  ``features`` (W, d),
+    ``residual`` (W,), ``trip`` (W,): windows of one trip share its noise and are not compared.
     """
     if len(residual) < FEWEST or wanted.sum() < NEIGHBOURS:
         return None

@@ -3,6 +3,9 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fleetlog.discovery.channels.base import Channel, Unit
 from fleetlog.discovery.hypotheses.hypothesis import Hypothesis
 from fleetlog.discovery.hypotheses.sources import FieldSource, KnobSource, Layout, Source, lay_out
@@ -11,6 +14,8 @@ from fleetlog.discovery.recording.splits import HELD_OUT, Split
 from fleetlog.discovery.search.noise import Noise, Table, learn
 from fleetlog.discovery.search.sums import Sums
 from fleetlog.discovery.settings import Settings
+
+Ints = NDArray[np.int64]
 
 
 @dataclass
@@ -22,6 +27,7 @@ class Problem:
     settings: Settings
     rest: tuple[Hypothesis, ...]
     noise: Noise = field(init=False)  # What :meth:`learn` measured
+    _folds: dict[tuple[int, float], Ints] = field(default_factory=dict, init=False)
 
     def layout(self, hypotheses: Sequence[Hypothesis]) -> Layout:
         """Return the columns of the base and of hypotheses."""
@@ -30,15 +36,21 @@ class Problem:
         sources.sort(key=lambda s: isinstance(s, FieldSource) - isinstance(s, KnobSource))
         return lay_out(sources, [self.channel.width(s) for s in sources])
 
+    def folds(self, unit: Unit) -> Ints:
+        """Return the fold of every window of a unit, (W,), which is dealt once for all passes."""
+        if unit.key not in self._folds:
+            self._folds[unit.key] = self.split.fold(unit.windows)
+        return self._folds[unit.key]
+
     def training(self) -> Iterator[Unit]:
         """Yield the units with what is held out marked as not whole."""
         for unit in self.channel.units():
-            yield replace(unit, whole=unit.whole & (self.split.fold(unit.windows) != HELD_OUT))
+            yield replace(unit, whole=unit.whole & (self.folds(unit) != HELD_OUT))
 
     def held_out(self) -> Iterator[Unit]:
         """Yield the units with all but what is held out marked as not whole."""
         for unit in self.channel.units():
-            use = unit.whole & (self.split.fold(unit.windows) == HELD_OUT)
+            use = unit.whole & (self.folds(unit) == HELD_OUT)
             if use.any():
                 yield replace(unit, whole=use)
 
@@ -64,7 +76,7 @@ class Problem:
             if len(w):
                 sums.add(
                     x[use], (unit.recorded - modelled)[use], unit.recorded[use], self.noise.weight(unit)[use],
-                    self.split.fold(w), self.split.slow_fold(w), w.vehicle,
+                    self.folds(unit)[use], self.split.slow_fold(w), w.vehicle,
                 )  # fmt: skip
         sums.flush()
         return sums

@@ -23,6 +23,10 @@ class Prior:
         """Return that of some coefficients."""
         return Prior(self.precision[which], self.centre[which], self.low[which], self.high[which])
 
+    def within(self, beta: Floats) -> NDArray[np.bool_]:
+        """Return which coefficients stand on no bound."""
+        return np.asarray((beta > self.low) & (beta < self.high))
+
     def penalty(self, beta: Floats) -> float:
         """Return half the sum of squared standard deviations from the centre."""
         return float(0.5 * np.sum(self.precision * (beta - self.centre) ** 2))

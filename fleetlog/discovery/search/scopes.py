@@ -94,8 +94,9 @@ class Slotted:
 
     def column(self, j: int, loose: Knob | None = None) -> Column:
         """Return one column; the model's coefficients on a bound stay, but those of the ``loose`` number."""
-        within = (self.beta > self.prior.low) & (self.beta < self.prior.high)
-        free = within | [loose is not None and k is not None and k.fleet == loose for k in self.knobs]
+        free = self.prior.within(self.beta) | [
+            loose is not None and k is not None and k.fleet == loose for k in self.knobs
+        ]
         held, cross = np.where(free, 0.0, self.beta), self.cross[..., j, :]
         if free.tobytes() not in self._models:
             moment = (self.moment - self.gram @ held)[:, free]

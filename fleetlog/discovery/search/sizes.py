@@ -56,7 +56,9 @@ def size_of(problem: Problem, now: Joint, joint: Joint) -> Size:
 
 def without(joint: Joint, h: Hypothesis) -> Model:
     """Return the model with one hypothesis taken out and everything else in place."""
-    return joint.model.without(set(h.knobs), {h.term} if (h.field or h.patterns) and h.term else set())
+    return joint.model.without(
+        {*h.knobs, *h.shapes}, {h.term} if (h.field or h.patterns) and h.term else set()
+    )
 
 
 def predicted(problem: Problem, unit: Unit, joint: Joint) -> Floats:

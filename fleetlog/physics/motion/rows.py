@@ -68,7 +68,7 @@ def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> 
     link[:1] = 2
     fresh = updates(t, raw_x, raw_y, speed)
     # Between two updates a vehicle moved along the line between them as far as its speed says.
-    driven = t if not np.isfinite(speed).any() else _driven(t, speed) + 1e-6 * t
+    driven = t if not np.isfinite(speed).any() else metres_driven(t, speed) + 1e-6 * t
     x, y = (_filled(driven, np.where(fresh, v, np.nan)) for v in (raw_x, raw_y))
     edge, offset = _matched(trajectory, network, position_noise(x, y))
     rest = _standing(t, x, y, speed, edge, offset, link)
@@ -87,7 +87,7 @@ def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
     if new.all():
         return fresh
     run = np.cumsum(new) - 1
-    way = _driven(t, speed)[known]
+    way = metres_driven(t, speed)[known]
     moved = np.abs(way[np.append(np.flatnonzero(new)[1:], len(known) - 1)] - way[new])[run] > MOVED
     lasts = np.diff(np.append(t[known][new], t[known][-1]))
     brief = (lasts <= 2.0 * np.median(lasts))[run]
@@ -96,8 +96,8 @@ def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
     return fresh
 
 
-def _driven(t: Floats, speed: Floats) -> Floats:
-    """Metres since the first row by the speed channel."""
+def metres_driven(t: Floats, speed: Floats) -> Floats:
+    """Return the (N,) metres since the first row by the speed channel."""
     return np.cumsum(np.append(0.0, np.nan_to_num(0.5 * (speed[1:] + speed[:-1])) * np.diff(t)))
 
 
@@ -181,11 +181,11 @@ def against_odometer(rows: Rows, way: Floats, jumps: Flags) -> tuple[float, Flag
 
     An odometer and a map differ by a per cent or two; the smoother is to know of that of the speed channel.
     """
-    lost, v = np.zeros(len(way), bool), np.nan_to_num(rows.speed)
+    lost = np.zeros(len(way), bool)
     known = np.flatnonzero(np.isfinite(way) & rows.fresh)
     if not len(known) or not np.isfinite(rows.speed).any():
         return 1.0, lost
-    way, driven = way[known], np.append(0.0, np.cumsum(0.5 * np.diff(rows.t) * (v[1:] + v[:-1])))[known]
+    way, driven = way[known], metres_driven(rows.t, np.nan_to_num(rows.speed))[known]
     piece = np.cumsum(jumps | ~np.isfinite(rows.speed))[known]
     first = np.flatnonzero(np.diff(np.floor(driven / LONG) + piece * 1e6, prepend=-1.0))
     last = np.append(first[1:], len(known)) - 1
