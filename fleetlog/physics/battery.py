@@ -32,26 +32,16 @@ COLDEST = 0.2
 
 @dataclass(frozen=True)
 class BatteryModel:
-    """One battery.
+    """One battery."""
 
-    Attributes
-    ----------
-    capacity_ah : charge at the rated current and 20 degC [Ah].
-    soc, voltage : knots of the open-circuit voltage: (K,) shares, growing from 0 to 1, and (K,) volts.
-    resistance : inner resistance at 20 degC [ohm].
-    peukert : exponent k, 1 where rate does not matter;  rated_hours : discharge time that the capacity is
-        rated at [h].
-    capacity_per_kelvin, resistance_per_kelvin : shares lost, gained per kelvin below 20 degC.
-    """
-
-    capacity_ah: float
-    soc: tuple[float, ...]
-    voltage: tuple[float, ...]
-    resistance: float = 0.0
-    peukert: float = 1.0
-    rated_hours: float = 5.0
-    capacity_per_kelvin: float = 0.0
-    resistance_per_kelvin: float = 0.0
+    capacity_ah: float  # Charge at the rated current and 20 degC [Ah]
+    soc: tuple[float, ...]  # Knots of the open-circuit voltage: (K,) shares, growing from 0 to 1 ...
+    voltage: tuple[float, ...]  # ... and (K,) volts
+    resistance: float = 0.0  # At 20 degC [ohm]
+    peukert: float = 1.0  # Exponent k, 1 where rate does not matter
+    rated_hours: float = 5.0  # Discharge time that the capacity is rated at [h]
+    capacity_per_kelvin: float = 0.0  # Share lost per kelvin below 20 degC
+    resistance_per_kelvin: float = 0.0  # Share gained per kelvin below 20 degC
 
     def __post_init__(self) -> None:
         if self.resistance > 0.0 and self.peukert != 1.0:
@@ -59,8 +49,6 @@ class BatteryModel:
                 "the battery has a resistance and a Peukert exponent, which describe the same loss",
                 do="set one of them to 0 or 1",
             )
-        if len(self.soc) != len(self.voltage) or np.any(np.diff(self.soc) <= 0.0):
-            raise TruckError("the open-circuit voltage needs growing states of charge, one voltage each")
 
 
 # Volts per nominal volt over state of charge; estimates typical of the chemistry.

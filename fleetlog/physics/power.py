@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from types import MappingProxyType
 
 import numpy as np
@@ -20,7 +21,7 @@ import numpy as np
 from fleetlog.core.motion import Motion
 from fleetlog.core.truck import Truck
 from fleetlog.physics.field import Field
-from fleetlog.physics.own import Own
+from fleetlog.physics.own import Own, share
 from fleetlog.physics.term import Floats, Term, Values
 from fleetlog.registry import parts
 
@@ -75,13 +76,9 @@ class Physics:
         """
         out = [(np.ones(len(time)), self.fleet)]
         for o in self.own:
-            part = o.share(time)
-            parts = [
-                (w * s, q)
-                for w, p in out
-                for s, q in ((1.0 - part, p), (part, p.changed(o.values, o.fields)))
-            ]
-            out = [(w, p) for w, p in parts if w.any()]
+            part = share(time, o.begin, o.until, o.drift)
+            split = [[(w * (1.0 - part), p), (w * part, p.changed(o.values, o.fields))] for w, p in out]
+            out = [(w, p) for w, p in chain.from_iterable(split) if w.any()]
         return out
 
     def at(self, time: float) -> Physics:
@@ -90,11 +87,9 @@ class Physics:
 
     def active(self) -> list[Term]:
         """Nominal terms and added ones, in the order of their names."""
-        return [
-            t
-            for n, t in sorted(all_terms().items())
-            if (t.nominal or n in self.values or n in self.fields) and n not in self.off
-        ]
+        used = {*self.values, *self.fields}
+        known = sorted(all_terms().items())
+        return [t for n, t in known if (t.nominal or n in used) and n not in self.off]
 
     def values_along(self, term: Term, motion: Motion) -> Values:
         """The values of a term's parameters, its field looked up along the motion."""

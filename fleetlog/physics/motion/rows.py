@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from fleetlog.core.trajectory import Trajectory
 from fleetlog.errors import DataError
 
 Flags = NDArray[np.bool_]
+Codes = NDArray[np.uint8]
 
 SHORTEST_GAP = 10.0  # A silence of this and of five usual intervals ends a stretch [s]
 STANDING = 0.05
@@ -27,21 +29,36 @@ MOVED = 0.5  # A position that stayed the same while the speed channel drove so 
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of a log, (N,) each.
+    """The rows of a log, (N,) each."""
 
-    ``t`` [s]; ``x``, ``y`` [m], interpolated where unknown; ``fresh``, whether they were measured then;
-    ``speed`` [m/s] (NaN unknown); ``link`` 0 or 2 after a silence; ``edge`` (-1 off the map), ``offset`` [m].
-    """
-
-    t: Floats
-    x: Floats
+    t: Floats  # [s]
+    x: Floats  # [m], interpolated where unknown
     y: Floats
-    fresh: Flags
-    speed: Floats
-    link: NDArray[np.uint8]
-    edge: Index
-    offset: Floats
-    rest: Flags
+    fresh: Flags  # Whether the position was measured then
+    speed: Floats  # [m/s], NaN unknown
+    breaks: Flags  # After a silence
+    edge: Index  # -1 off the map
+    offset: Floats  # [m]
+
+    @cached_property
+    def link(self) -> Codes:
+        """How a row follows the one before: 0, or 2 after a silence."""
+        return np.where(self.breaks, 2, 0).astype(np.uint8)
+
+    @cached_property
+    def rest(self) -> Flags:
+        """Of a standstill: the speed says so, else the match put them on one spot, else positions stay."""
+        from fleetlog.physics.motion.kernels.way import stays
+
+        known = np.isfinite(self.speed)
+        rest = known & (self.speed < STANDING)
+        if known.all():
+            return rest
+        equal = (np.diff(self.edge) == 0) & (np.diff(self.offset) == 0.0) & ~self.breaks[1:]
+        same = np.append(equal, False) | np.append(False, equal)
+        noise = position_noise(self.x, self.y)
+        by_place = stays(self.t, self.x, self.y, self.link, 3.0 * noise + 0.1, max(5.0, 12.0 * noise))
+        return np.where(known, rest, _inner(self.t, np.where(self.edge >= 0, same, by_place)))
 
 
 def measured_channels(trajectory: Trajectory, meta: Mapping[str, Any]) -> Trajectory:
@@ -62,17 +79,14 @@ def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> 
             f"vehicle {trajectory.vehicle_id} has neither positions nor speeds",
             do="map one of them in a profile",
         )
-    link = np.zeros(len(t), np.uint8)
     step = np.diff(t)
-    link[1:][step > max(SHORTEST_GAP, 5.0 * float(np.median(step))) if len(step) else []] = 2
-    link[:1] = 2
+    breaks = np.append(True, step > max(SHORTEST_GAP, 5.0 * float(np.median(step)) if len(step) else 0.0))
     fresh = updates(t, raw_x, raw_y, speed)
     # Between two updates a vehicle moved along the line between them as far as its speed says.
     driven = t if not np.isfinite(speed).any() else metres_driven(t, speed) + 1e-6 * t
     x, y = (_filled(driven, np.where(fresh, v, np.nan)) for v in (raw_x, raw_y))
-    edge, offset = _matched(trajectory, network, position_noise(x, y))
-    rest = _standing(t, x, y, speed, edge, offset, link)
-    return Rows(t, x, y, fresh, speed, link, edge, np.nan_to_num(offset), rest)
+    edge = _matched(trajectory, network, position_noise(x, y))
+    return Rows(t, x, y, fresh, speed, breaks, edge, np.nan_to_num(trajectory.floats("edge_offset")))
 
 
 def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
@@ -109,33 +123,11 @@ def _filled(t: Floats, value: Floats) -> Floats:
     return np.interp(t, t[known], value[known]) if known.any() else np.zeros(len(t))
 
 
-def _matched(trajectory: Trajectory, network: Network | None, noise: float) -> tuple[Index, Floats]:
-    """Edge and offset of the rows that lie on their road; in a bay beside it the positions are the path."""
-    if network is None:
-        return np.full(len(trajectory), -1, np.int32), np.full(len(trajectory), np.nan)
-    edge = trajectory.labels("edge_id").recode(network.index).astype(np.int32)
-    offset = trajectory.floats("edge_offset")
+def _matched(trajectory: Trajectory, network: Network | None, noise: float) -> Index:
+    """Edge of the rows that lie on their road, else -1: in a bay beside it the positions are the path."""
+    edge = trajectory.labels("edge_id").recode({} if network is None else network.index)
     beside = np.abs(np.nan_to_num(trajectory.floats("lateral_offset"))) > max(OFF_LANE, 4.0 * noise)
-    return np.where(np.isfinite(offset) & ~beside, edge, -1).astype(np.int32), offset
-
-
-def _standing(
-    t: Floats, x: Floats, y: Floats, speed: Floats, edge: Index, offset: Floats,
-    link: NDArray[np.uint8]
-) -> Flags:  # fmt: skip
-    """Rows of a standstill: the speed says so, else the match put them on one spot, else positions stay."""
-    from fleetlog.physics.motion.kernels.way import stays
-
-    known = np.isfinite(speed)
-    rest = known & (speed < STANDING)
-    if known.all():
-        return rest
-    equal = (np.diff(edge) == 0) & (np.diff(offset) == 0.0) & (link[1:] != 2)
-    same = np.append(equal, False) | np.append(False, equal)
-    noise = position_noise(x, y)
-    by_place = stays(t, x, y, link, 3.0 * noise + 0.1, max(5.0, 12.0 * noise))
-    found = _inner(t, np.where(edge >= 0, same, by_place))
-    return np.where(known, rest, found)
+    return np.where(np.isfinite(trajectory.floats("edge_offset")) & ~beside, edge, -1).astype(np.int32)
 
 
 def _inner(t: Floats, rest: Flags) -> Flags:
@@ -165,7 +157,7 @@ def speed_is_mean(rows: Rows, way: Floats) -> bool:
     step, change = np.diff(rows.t), np.diff(rows.speed)
     later = 0.5 * step * change
     over = np.diff(way) - step * (rows.speed[1:] - 0.5 * change)
-    use = (rows.link[1:] == 0) & rows.fresh[1:] & rows.fresh[:-1] & (np.abs(change) > CHANGES)
+    use = ~rows.breaks[1:] & rows.fresh[1:] & rows.fresh[:-1] & (np.abs(change) > CHANGES)
     use &= np.isfinite(over) & (np.abs(over) < 2.0 * np.abs(later) + MOVED)
     if use.sum() < 30:
         return False
