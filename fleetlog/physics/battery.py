@@ -15,6 +15,7 @@ estimates of ours, typical of the chemistry and no maker's data.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +25,8 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import TruckError, nearest
 
 REFERENCE_TEMPERATURE = 20.0  # At which capacity and resistance are stated [degC]
-CHARGING = -300.0
-"""A standing truck whose battery takes more than this is being charged [W]: no wheel gave it."""
-COLDEST = 0.2
-"""Share of capacity that remains however cold it is; keeps the linear law from going through zero."""
+CHARGING = -300.0  # A standing truck whose battery takes more is being charged [W]: no wheel gave it
+COLDEST = 0.2  # Share of capacity that remains however cold it is: the linear law would go through zero
 
 
 @dataclass(frozen=True)
@@ -80,26 +79,14 @@ def battery_of(truck: Truck, chemistry: str = "constant", peukert: float = 1.0) 
     )
 
 
-@dataclass(frozen=True)
-class Discharge:
-    """What a battery did: (N,) state of charge after each sample, terminal voltage [V],
-    current [A] and two alarms."""
+class Discharge(NamedTuple):
+    """What a battery did, (N,) each."""
 
-    soc: Floats
-    voltage: Floats
-    current: Floats
+    soc: Floats  # State of charge after each sample
+    voltage: Floats  # At the terminals [V]
+    current: Floats  # [A]
     collapsed: NDArray[np.bool_]  # The power asked for is more than the battery can give
     empty: NDArray[np.bool_]  # Charge is at 0 and more is drawn
-
-    def line(self, dt: Floats) -> str | None:
-        """The alarms as a sentence, None where there are none."""
-        parts = []
-        if self.collapsed.any():
-            lowest = self.voltage[self.collapsed].min()
-            parts.append(f"the voltage collapses (to {lowest:.1f} V) for {dt[self.collapsed].sum():.1f} s")
-        if self.empty.any():
-            parts.append(f"the battery is empty for {dt[self.empty].sum():.0f} s")
-        return " and ".join(parts) or None
 
 
 def discharge(

@@ -37,13 +37,9 @@ from fleetlog.physics.term import Term, Values
 
 FILE = "model.toml"
 KEYS = {
-    "format_version": whole(),
-    "truck": text,
-    "off": list_of(text),
-    "term": tables,
-    "interval": tables,
+    "format_version": whole(), "truck": text, "off": list_of(text), "term": tables, "interval": tables,
     "own": list_of(anything),
-}
+}  # fmt: skip
 OWN_KEYS = {"vehicles": list_of(text, 1), "from": moment, "until": moment, "drift": flag, "term": tables}
 NUMBER = real(-1e12, 1e12)
 

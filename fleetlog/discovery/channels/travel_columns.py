@@ -25,7 +25,7 @@ STEP = 0.02  # Finite differences, as a share of a parameter's range
 
 def drive_times(path: Path, physics: Physics) -> tuple[Floats, Mask]:
     """Return the time of the step to each node, (G,) [s], and whether a cap holds the speed down there."""
-    from fleetlog.physics.motion.kernels.profile import clock, passes
+    from fleetlog.physics.kernels import clock, passes
 
     if physics.own:
         parts = [(w, *drive_times(path, p)) for w, p in physics.phases(path.motion.time)]

@@ -1,11 +1,11 @@
 """Load, forks, power and slope of a log as a motion needs them."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetlog.core.trajectory import Floats, Trajectory
+from fleetlog.physics.motion.rows import Flags
 
 LONGEST_HOLD = 60.0  # A load is held through a silence of its channel up to this [s]
 
@@ -18,17 +18,12 @@ def payload(t: Floats, trajectory: Trajectory) -> Floats:
     return np.asarray(np.maximum(np.nan_to_num(held), 0.0))
 
 
-@dataclass(frozen=True)
-class Forks:
-    """Height [m] of the forks at knots in time [s], linear between them.
-
-    ``doubt`` (N - 1,) between rows: share of what is lifted there that may lie in either half, a standard
-    deviation.
-    """
+class Forks(NamedTuple):
+    """Height [m] of the forks at knots in time [s], linear between them."""
 
     time: Floats
     height: Floats
-    doubt: Floats
+    doubt: Floats  # (N - 1,) of what is lifted between rows, share that may lie in either half; a deviation
 
     def at(self, moment: Floats) -> Floats:
         """(n,) height [m] at (n,) moments."""
@@ -65,9 +60,11 @@ def forks(t: Floats, trajectory: Trajectory) -> Forks:
     doubt[moved] = np.where(before == after, 0.5 * (1.0 - lasts / step), 0.0)
     share = np.where(before == after, 0.5, np.where(before, 0.0, 1.0))
     begin = t[moved] + share * (step - lasts)
-    time = np.stack([begin, begin + lasts], axis=1).ravel()
-    knots = np.stack([height[moved], height[moved + 1]], axis=1).ravel()
-    return Forks(np.append(t[0], time), np.append(height[0], knots), doubt)
+    ends, heights = (
+        np.column_stack([begin, begin + lasts]),
+        np.column_stack([height[moved], height[moved + 1]]),
+    )
+    return Forks(np.append(t[0], ends), np.append(height[0], heights), doubt)
 
 
 def _usual(rate: Floats) -> float:
@@ -89,13 +86,11 @@ def _jitter(height: Floats) -> float:
 def measured_power(trajectory: Trajectory) -> Floats:
     """(N,) battery power [W]: measured, else voltage times current, else NaN."""
     power = trajectory.floats("battery_power")
-    if "battery_voltage" not in trajectory or "battery_current" not in trajectory:
-        return power
     product = trajectory.floats("battery_voltage") * trajectory.floats("battery_current")
     return np.where(np.isfinite(power), power, product)
 
 
-def slope_from_height(coordinate: Floats, z: Floats, breaks: NDArray[np.bool_]) -> Floats:
+def slope_from_height(coordinate: Floats, z: Floats, breaks: Flags) -> Floats:
     """(N,) slope angle [rad] from measured heights over the path coordinate; 0 where there are none.
 
     A straight line fitted to the heights within half a window before and after each row; the window is as

@@ -179,7 +179,7 @@ def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
     (Bobrow, Dubowsky and Gibson 1985).  Gathering speed is limited by max_power at the wheel less rolling
     and slope; braking is not.
     """
-    from fleetlog.physics.motion.kernels.profile import clock, passes
+    from fleetlog.physics.kernels import clock, passes
 
     truck, path = physics.actual_truck(), leg.path
     drive, wait = truck.drive, np.zeros(len(path))

@@ -17,15 +17,12 @@ from fleetlog.core.trajectory import Floats, Ints
 from fleetlog.physics.motion.rows import Codes, Flags
 
 SAMPLE = 12_000  # Rows on which the noise is measured, in up to six runs
-PERSISTENCE = 3.0
-"""An acceleration lasts as long as a truck takes to gather speed [s]: the jerk is the same at every rate."""
+PERSISTENCE = 3.0  # Of an acceleration: as long as a truck gathers speed [s]; the jerk is that of any rate
 COARSE = 0.5  # Of a denser log so much is enough to see how strong the jerk is [s]
-ROUNDS = 3
-"""Of expectation and maximisation for the jerk's strength: a fourth changes no energy by a thousandth."""
+ROUNDS = 3  # To find the jerk's strength: a fourth changes no energy by a thousandth
 ENCODER = 0.03  # Noise of a usual speed channel, 1 % of a truck's speed [m/s]
-PATH = 1.0
-"""The way through a corner is known to about this [m], whatever the positions: speed knows better ..."""
-SELDOM = 2.0  # ... where its rows are closer than this [s].
+PATH = 1.0  # The way through a corner is known to about this, whatever the positions; speed knows better [m]
+SELDOM = 2.0  # ... where its rows are closer than this [s]
 NORMAL_QUARTER = 0.3186  # A quarter of normal variables are no larger than this many standard deviations
 BENDS = 0.03  # A mean speed is off that of the middle of its step by so much a second of it [m/s2]
 BOUNDS = {"jerk": (1e-4, 30.0), "position": (0.003, 30.0), "speed": (0.003, 2.0)}
@@ -158,14 +155,12 @@ class Smoothed(NamedTuple):
     gain: NDArray[np.float32]  # (N, 9)
 
 
-def smooth(o: Observed, noise: Noise, jerk: Floats | None = None) -> Smoothed:
+def smooth(o: Observed, noise: Noise, jerk: Floats) -> Smoothed:
     """The smoothed states, and the gains of the backward pass, which tie the states of different times."""
     from fleetlog.physics.motion.kernels.filter import smooth_backward
 
-    n = len(o.t)
-    jerk = np.full(n, noise.jerk) if jerk is None else jerk
-    _, mean, cov = _filtered(o, noise, jerk, n)
-    gain = np.zeros((n, 9), np.float32)
+    _, mean, cov = _filtered(o, noise, jerk, len(o.t))
+    gain = np.zeros((len(o.t), 9), np.float32)
     smooth_backward(o.t, o.link, jerk, 1.0 / PERSISTENCE, mean, cov, gain)
     return Smoothed(mean, cov, gain)
 

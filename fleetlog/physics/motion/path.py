@@ -14,11 +14,9 @@ from fleetlog.physics.motion.noise import Noise, Observed, estimate_noise, smoot
 from fleetlog.physics.motion.rows import Codes, Flags, Rows
 
 RADIUS = 2.5  # Of a corner [m], where no truck says otherwise
-BOW = 0.1
-"""A gentle kink is rounded as widely as it can be while the curve stays this close to the corner [m]."""
+BOW = 0.1  # A gentle kink is rounded as widely as the curve stays this close to the corner [m]
 SHARPEST = 3.0  # A sharper angle is a turn on the spot, not a bend [rad]
-MOST_ALONG = 10.0
-"""A position farther than this along the edge from its place there does not correct the place [m]."""
+MOST_ALONG = 10.0  # A position farther along the edge from its place there does not correct it [m]
 BACK = 5.0  # A match may go back so far on its edge without leaving it [m]
 HELD = 0.2  # Below this speed noisy positions have no direction: the last one holds [m/s]
 
@@ -89,7 +87,8 @@ def track_of(rows: Rows) -> Track:
     x, y = (np.where(rows.fresh, v, np.nan) for v in (rows.x, rows.y))
     both = Observed(np.tile(t, 2), np.append(x, y), np.tile(nan, 2), np.tile(rest, 2), np.tile(link, 2))
     noise = estimate_noise(both, Noise(jerk=0.3, position=0.5))
-    mx, my = (smooth(Observed(t, v, nan, rest, link), noise).mean for v in (x, y))
+    jerk = np.full(len(t), noise.jerk)
+    mx, my = (smooth(Observed(t, v, nan, rest, link), noise, jerk).mean for v in (x, y))
     pace, h = np.hypot(mx[:, 1], my[:, 1]), np.diff(t)
     heading = _held_heading(mx[:, 1], my[:, 1], pace > HELD)
     # The length of the cubic from row to row, by Simpson's rule over its speed.

@@ -16,10 +16,8 @@ Flags = NDArray[np.bool_]
 Codes = NDArray[np.uint8]
 
 SHORTEST_GAP = 10.0  # A silence of this and of five usual intervals ends a stretch [s]
-STANDING = 0.05
-"""Below this the log's speed is a standstill [m/s]: the creep and the noise of a speed sensor at rest."""
-UNSURE_END = 1.5
-"""Both ends of a standstill that only positions show are left to the smoother for this long [s]."""
+STANDING = 0.05  # Below this speed a truck stands [m/s]: the creep and the noise of a speed sensor at rest
+UNSURE_END = 1.5  # Of a standstill that only positions show, at either end left to the smoother [s]
 OFF_LANE = 2.0  # Farther than this from the middle of its road, and than its noise, a truck is beside it [m]
 CHANGES = 0.2  # A change of speed from row to row that shows whether it is a mean [m/s]
 LONG = 50.0  # A way over which an odometer and the map are compared [m]
@@ -75,16 +73,14 @@ def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> 
     t, speed = trajectory.seconds(), trajectory.floats("speed") / scale
     raw_x, raw_y = trajectory.floats("x"), trajectory.floats("y")
     if not np.isfinite(raw_x).any() and not np.isfinite(speed).any():
-        raise DataError(
-            f"vehicle {trajectory.vehicle_id} has neither positions nor speeds",
-            do="map one of them in a profile",
-        )
+        what = f"vehicle {trajectory.vehicle_id} has neither positions nor speeds"
+        raise DataError(what, do="map one of them in a profile")
     step = np.diff(t)
     breaks = np.append(True, step > max(SHORTEST_GAP, 5.0 * float(np.median(step)) if len(step) else 0.0))
     fresh = updates(t, raw_x, raw_y, speed)
     # Between two updates a vehicle moved along the line between them as far as its speed says.
     driven = t if not np.isfinite(speed).any() else metres_driven(t, speed) + 1e-6 * t
-    x, y = (_filled(driven, np.where(fresh, v, np.nan)) for v in (raw_x, raw_y))
+    x, y = (_filled(driven, v, fresh) for v in (raw_x, raw_y))
     edge = _matched(trajectory, network, position_noise(x, y))
     return Rows(t, x, y, fresh, speed, breaks, edge, np.nan_to_num(trajectory.floats("edge_offset")))
 
@@ -95,8 +91,8 @@ def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
     A position that is repeated while the speed says that the truck moved was not measured again; without a
     speed, one that is repeated no longer than twice as long as is usual in this log.
     """
-    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     fresh = np.isfinite(x) & np.isfinite(y)
+    known = np.flatnonzero(fresh)
     new = np.append(True, (np.diff(x[known]) != 0.0) | (np.diff(y[known]) != 0.0))
     if new.all():
         return fresh
@@ -104,8 +100,7 @@ def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
     way = metres_driven(t, speed)[known]
     moved = np.abs(way[np.append(np.flatnonzero(new)[1:], len(known) - 1)] - way[new])[run] > MOVED
     lasts = np.diff(np.append(t[known][new], t[known][-1]))
-    brief = (lasts <= 2.0 * np.median(lasts))[run]
-    brief &= np.median(np.bincount(run)) > 1
+    brief = (lasts <= 2.0 * np.median(lasts))[run] & (np.median(np.bincount(run)) > 1)
     fresh[known] = new | ~np.where(np.isfinite(speed[known]), moved, brief)
     return fresh
 
@@ -115,9 +110,8 @@ def metres_driven(t: Floats, speed: Floats) -> Floats:
     return np.cumsum(np.append(0.0, np.nan_to_num(0.5 * (speed[1:] + speed[:-1])) * np.diff(t)))
 
 
-def _filled(t: Floats, value: Floats) -> Floats:
+def _filled(t: Floats, value: Floats, known: Flags) -> Floats:
     """Unknown values interpolated; 0 where nothing is known."""
-    known = np.isfinite(value)
     if known.all():
         return value
     return np.interp(t, t[known], value[known]) if known.any() else np.zeros(len(t))

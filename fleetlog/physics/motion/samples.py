@@ -14,8 +14,7 @@ from fleetlog.physics.motion.rows import Rows
 
 FINEST = 0.25  # Length of a step that resolves a braking truck [s]
 STEERING = 0.85  # Half the length over which the wheel is turned [m]: curvature is a mean over it
-TRACK = 2.5
-"""Half the length of track whose turning is taken together [m]: noise of the positions is divided by it."""
+TRACK = 2.5  # The same off the map [m]: it divides the noise of the positions
 
 
 class Grid(NamedTuple):

@@ -24,9 +24,7 @@ Covariance = tuple[float, float, float, float, float, float]  # ss, sv, sa, vv, 
 ON, JUMP, BREAK = 0, 1, 2
 """How a row follows the one before: on the same coordinate; on a new one, at the same speed; after a gap."""
 BLOCK = 1.0  # The jerk of a truck is as strong as it is for about this long [s]
-FREEDOM = 1.0
-"""Of the jerk's strength: nearly none while a truck cruises, a hundred times the usual where it begins
-to brake."""
+FREEDOM = 1.0  # Of its strength: nearly none in a cruise, a hundred times the usual where braking begins
 START_SPEED_VAR, START_ACCEL_VAR = 400.0, 1.0
 NEW_COORDINATE_VAR = 1e4
 REST_SPEED_VAR, REST_ACCEL_VAR = 4e-4, 2.5e-3

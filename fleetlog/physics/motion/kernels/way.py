@@ -7,10 +7,8 @@ import numpy as np
 from fleetlog.compiling import kernel
 from fleetlog.physics.motion.kernels.filter import BREAK, JUMP, ON, Codes, Flags, Floats, Index
 
-MOST_EXTRA = 8.0
-"""Length that a way may exceed twice the distance of the positions by [m]: noise, and corners."""
-NEAR_REACH = 3
-"""Edges between two rows at most that the walk below finds; farther apart the coordinate starts anew."""
+MOST_EXTRA = 8.0  # By which a way may exceed twice the distance of the positions [m]: noise, and corners
+NEAR_REACH = 3  # Edges between two rows at most; farther apart the coordinate starts anew
 
 
 @kernel()
