@@ -60,10 +60,8 @@ class Field:
         from scipy.spatial import cKDTree
 
         reach = MARGIN + 0.5 * (self.end - self.start)
-        near = min(8, len(self))
         tree = cKDTree(np.column_stack([self.x, self.y]))
-        found = tree.query(np.column_stack([x, y]), k=near)
-        distance, k = (np.asarray(part).reshape(len(x), near) for part in found)
+        distance, k = tree.query(np.column_stack([x, y]), k=np.arange(1, min(8, len(self)) + 1))
         turn = np.abs(np.angle(np.exp(1j * (heading[:, None] - self.heading[k]))))
         fits = (distance <= reach[k]) & (turn < MAX_TURN)
         best = np.argmax(fits, axis=1)

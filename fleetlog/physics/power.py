@@ -117,8 +117,8 @@ class Physics:
         """The motion with the load that acts, where a term replaces it."""
         for term in self.active():
             if term.acts == "load" and term.function is not None:
-                payload = term.function(motion, self.truck, self.values_along(term, motion))
-                motion = motion.replaced(payload=payload)
+                load = term.function(motion, self.truck, self.values_along(term, motion))
+                motion = motion.replaced(payload=load)
         return motion
 
 

@@ -91,12 +91,10 @@ def filter_forward(
             x = (s + moved, v + fv * a, a * fa)
             p = (
                 ss + (2.0 * (h * sv + fs * sa) + h * h * vv + 2.0 * h * fs * va + fs * fs * aa + added[0]),
-                sv + (h * vv + fs * va + fv * gone + added[1]),
-                fa * gone + added[2],
-                vv + (2.0 * fv * va + fv * fv * aa + added[3]),
-                fa * (va + fv * aa) + added[4],
+                sv + (h * vv + fs * va + fv * gone + added[1]), fa * gone + added[2],
+                vv + (2.0 * fv * va + fv * fv * aa + added[3]), fa * (va + fv * aa) + added[4],
                 fa * fa * aa + added[5],
-            )
+            )  # fmt: skip
             if link[i] == JUMP:
                 x = (x[0] if math.isnan(seen[i]) else seen[i], x[1], x[2])
                 p = (NEW_COORDINATE_VAR, 0.0, 0.0, p[3], p[4], p[5])
