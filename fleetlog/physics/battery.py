@@ -64,8 +64,7 @@ CHEMISTRIES: dict[str, BatteryModel] = {
 def battery_of(truck: Truck, chemistry: str = "constant", peukert: float = 1.0) -> BatteryModel:
     """The battery of a truck file, with the shape of a chemistry (``constant``, ``lfp``, ``lead``).
 
-    The charge is capacity_wh / voltage; with ``peukert`` other than 1 it stands in place of the file's
-    resistance.
+    Its charge is capacity_wh / voltage; a ``peukert`` other than 1 stands in place of the resistance.
     """
     if chemistry not in CHEMISTRIES:
         raise TruckError(f"unknown chemistry {chemistry!r}", do=nearest(chemistry, CHEMISTRIES))
@@ -92,11 +91,8 @@ class Discharge(NamedTuple):
 def discharge(
     power: Floats, dt: Floats, battery: BatteryModel, soc: float, temperature: float = float("nan")
 ) -> Discharge:
-    """Follow a battery through (N,) terminal powers [W] of (N,) durations [s] from a state of charge.
-
-    The charge is kept within 0 and 1; samples that would leave it empty are marked.  A NaN temperature
-    counts as 20 degC.
-    """
+    """Follow a battery through (N,) terminal powers [W] of (N,) durations [s] from a state of charge, kept
+    within 0 and 1; samples that would leave it empty are marked.  A NaN temperature counts as 20 degC."""
     from fleetlog.physics.kernels import follow
 
     below = 0.0 if np.isnan(temperature) else REFERENCE_TEMPERATURE - temperature

@@ -53,10 +53,8 @@ def passes(
     distance: Floats, cap: Floats, slope: Floats, mass: Floats, up: float, down: float, power: float,
     rolling: float
 ) -> Floats:  # fmt: skip
-    """(N,) speeds: never above ``cap``, gathered with ``up`` and the power at the wheel, shed with ``down``.
-
-    Between two nodes the acceleration is constant, so the square of the speed is linear in distance.
-    """
+    """(N,) speeds: never above ``cap``, gathered with ``up`` and the power at the wheel, shed with ``down``;
+    between two nodes the acceleration is constant, so the square of the speed is linear in distance."""
     n = len(distance)
     square = cap * cap
     for i in range(n - 1):
@@ -75,10 +73,8 @@ def passes(
 
 @kernel()
 def clock(distance: Floats, speed: Floats, wait: Floats, up: float, down: float) -> Floats:
-    """(N,) arrival times [s]; ``wait`` is spent at a node before going on.
-
-    A stretch with a stop at either end, or a hair from one, is driven up and down again within it.
-    """
+    """(N,) arrival times [s]; ``wait`` is spent at a node before going on.  A stretch with a stop at either
+    end, or a hair from one, is driven up and down again within it."""
     n = len(distance)
     time = np.zeros(n)
     for i in range(n - 1):

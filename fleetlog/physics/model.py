@@ -83,10 +83,8 @@ def _term_tables(of: Physics | Own, folder: Path, network: Network | None) -> di
 
 
 def load_physics(path: str | Path, truck: Truck, network: Network | None = None) -> Physics:
-    """The physics of a model file, or of its folder, for a truck and the network that motions will lie on.
-
-    :class:`InputError` names the file, the term or parameter at fault and the nearest known one.
-    """
+    """The physics of a model file, or of its folder, for a truck and the network that motions will lie on;
+    :class:`InputError` names the file, the term or parameter at fault and the nearest known one."""
     path = Path(path)
     file = path / FILE if path.is_dir() else path
     do = "give the output of fleetlog diagnose, or its model.toml"

@@ -33,21 +33,16 @@ def all_terms() -> dict[str, Term]:
 
 @dataclass(frozen=True)
 class Physics:
-    """The nominal truck and the values of the terms that were added or changed; the one list of terms.
-
-    ``values[term]`` maps the term's parameters to numbers, or to (N,) arrays along a given motion.  Terms in
-    ``off`` are left out of the sum, nominal or not.  ``fields[term]`` holds the first parameter of a field
-    term where it varies over the roads; its edges are those of the network that the motions lie on.
-    ``intervals[term][parameter]`` is (low, high).  ``own`` holds what some vehicles, or some hours, have in
-    place of that; see :meth:`of` and :meth:`phases`.
-    """
+    """The nominal truck and the values of the terms that were added or changed; the one list of terms."""
 
     truck: Truck
     values: dict[str, Values] = field(default_factory=dict)
-    off: frozenset[str] = frozenset()
+    """By term: its parameters as numbers, or as (N,) arrays along a given motion."""
+    off: frozenset[str] = frozenset()  # Terms left out of the sum, nominal or not
     fields: dict[str, Field] = field(default_factory=dict)
-    intervals: dict[str, dict[str, tuple[float, float]]] = field(default_factory=dict)
-    own: tuple[Own, ...] = ()
+    """By term: its first parameter where it varies over the roads of the network that the motions lie on."""
+    intervals: dict[str, dict[str, tuple[float, float]]] = field(default_factory=dict)  # Low and high
+    own: tuple[Own, ...] = ()  # What some vehicles, or hours, have instead; see :meth:`of`, :meth:`phases`
 
     def of(self, vehicle: str, start: float = 0.0) -> Physics:
         """Return the physics of one vehicle, by its name; times count from ``start`` [s since 1970]."""
@@ -70,10 +65,7 @@ class Physics:
 
     def phases(self, time: Floats) -> list[tuple[Floats, Physics]]:
         """Return what holds along the (N,) times of one vehicle's motion: shares (N,), summing to 1, each
-        with a physics.
-
-        A drift is told by its two ends, so that power in between is a mean of both.
-        """
+        with a physics; a drift by its two ends, so that power in between is a mean of both."""
         out = [(np.ones(len(time)), self.fleet)]
         for o in self.own:
             part = share(time, o.begin, o.until, o.drift)
@@ -128,10 +120,8 @@ def term_forces(motion: Motion, physics: Physics) -> dict[str, Floats]:
 
 
 def ledger(motion: Motion, physics: Physics, forces: dict[str, Floats] | None = None) -> dict[str, Floats]:
-    """Battery power by term, (N,) watts each; the sum over terms is the model's power.
-
-    ``forces`` are the :func:`term_forces` where they are at hand already.
-    """
+    """Battery power by term, (N,) watts each; the sum over terms is the model's power.  ``forces`` are the
+    :func:`term_forces` where they are at hand already."""
     if physics.own:
         return _over_phases(motion, physics, lambda p: ledger(motion, p))
     forces = term_forces(motion, physics) if forces is None else forces

@@ -154,10 +154,7 @@ def joined(parts: list[Leg]) -> Leg:
 
 
 def speed_limits(site: Site, path: Motion) -> Floats:
-    """(N,) limit [m/s] of roads and zones along a path, inf where there is none.
-
-    Where two roads meet the lower one holds.
-    """
+    """(N,) limit [m/s] of roads and zones along a path, inf for none; where roads meet the lower holds."""
     limit = np.full(len(path), np.inf)
     if site.network is not None:
         signs = site.network.speed_limit

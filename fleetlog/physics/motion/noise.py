@@ -57,10 +57,8 @@ class Observed(NamedTuple):
         return part
 
     def at(self, moments: Floats) -> tuple[Observed, Ints]:
-        """With further moments between its own, in each of which nothing is seen; and the index of each.
-
-        Between two rows at rest the truck rests.
-        """
+        """With further moments between its own, in which nothing is seen, and the index of each; between two
+        rows at rest the truck rests."""
         if np.array_equal(self.t, moments):
             return self, np.arange(len(moments))
         t, inverse = np.unique(np.append(self.t, moments), return_inverse=True)

@@ -79,10 +79,7 @@ def mean_curvature(way: Floats, half: Floats, driven: Floats, turned: Floats) ->
 
 
 def track_of(rows: Rows) -> Track:
-    """Smooth the positions in the plane; the noise is measured on both axes together.
-
-    So turning the frame changes nothing.
-    """
+    """Smooth the positions in the plane; the noise is of both axes, so turning the frame changes nothing."""
     t, rest, link, nan = rows.t, rows.rest, rows.link, np.full(len(rows.t), np.nan)
     x, y = (np.where(rows.fresh, v, np.nan) for v in (rows.x, rows.y))
     both = Observed(np.tile(t, 2), np.append(x, y), np.tile(nan, 2), np.tile(rest, 2), np.tile(link, 2))

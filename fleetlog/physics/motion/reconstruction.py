@@ -54,10 +54,8 @@ class Reconstruction:
 
     @property
     def likeliest(self) -> Motion:
-        """The motion without the spread of its accelerations.
-
-        What power costs less on it is what sampling hides: no noise that averages out.
-        """
+        """The motion without the spread of its accelerations: what power costs less on it is what sampling
+        hides, no noise that averages out."""
         mean = np.where(self.standing, 0.0, self.states.mean[self.node, 2])
         return self.motion.replaced(acceleration=mean)
 
@@ -169,11 +167,10 @@ def _nothing(noise: Noise) -> Reconstruction:
 
 
 def _spread(deviation: Floats) -> Floats:
-    """(n,) up and down by the mean size of a normal of this deviation, so that a row keeps its mean.
+    """(n,) up and down by the mean size of a normal of this deviation, so that a row keeps its mean: of its
+    samples (large, small, small, large) the outer and the inner ones cancel.
 
-    The deviation is small at a row and large between two: of a row's samples (large, small, small, large) the
-    outer and the inner ones cancel.  Power has a kink where traction turns into braking: its expectation is
-    more than its value at the expected acceleration.
+    Power has a kink where traction turns into braking: its expectation is more than its value there.
     """
     turns = [1.0, -1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0]
     return np.asarray(np.sqrt(2.0 / np.pi) * deviation * np.resize(turns, len(deviation)))

@@ -71,18 +71,26 @@ def measured_channels(trajectory: Trajectory, meta: Mapping[str, Any]) -> Trajec
 def read_rows(trajectory: Trajectory, network: Network | None, scale: float) -> Rows:
     """The rows of a log of one vehicle; ``scale`` is what its speed channel reads over the truth."""
     t, speed = trajectory.seconds(), trajectory.floats("speed") / scale
-    raw_x, raw_y = trajectory.floats("x"), trajectory.floats("y")
-    if not np.isfinite(raw_x).any() and not np.isfinite(speed).any():
+    x, y, offset = (trajectory.floats(name) for name in ("x", "y", "edge_offset"))
+    if not np.isfinite(x).any() and not np.isfinite(speed).any():
         what = f"vehicle {trajectory.vehicle_id} has neither positions nor speeds"
         raise DataError(what, do="map one of them in a profile")
     step = np.diff(t)
     breaks = np.append(True, step > max(SHORTEST_GAP, 5.0 * float(np.median(step)) if len(step) else 0.0))
-    fresh = updates(t, raw_x, raw_y, speed)
-    # Between two updates a vehicle moved along the line between them as far as its speed says.
-    driven = t if not np.isfinite(speed).any() else metres_driven(t, speed) + 1e-6 * t
-    x, y = (_filled(driven, v, fresh) for v in (raw_x, raw_y))
-    edge = _matched(trajectory, network, position_noise(x, y))
-    return Rows(t, x, y, fresh, speed, breaks, edge, np.nan_to_num(trajectory.floats("edge_offset")))
+    fresh = updates(t, x, y, speed)
+    if not fresh.any():
+        x = y = np.zeros(len(t))
+    elif not fresh.all():
+        # Between two updates a vehicle moved along the line between them as far as its speed says.
+        driven = t if not np.isfinite(speed).any() else metres_driven(t, speed) + 1e-6 * t
+        x, y = (np.interp(driven, driven[fresh], v[fresh]) for v in (x, y))
+    edge = trajectory.labels("edge_id").recode({} if network is None else network.index)
+    # In a bay beside its road the positions are the path.
+    beside = np.abs(np.nan_to_num(trajectory.floats("lateral_offset"))) > max(
+        OFF_LANE, 4 * position_noise(x, y)
+    )
+    edge = np.where(np.isfinite(offset) & ~beside, edge, -1).astype(np.int32)
+    return Rows(t, x, y, fresh, speed, breaks, edge, np.nan_to_num(offset))
 
 
 def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
@@ -108,20 +116,6 @@ def updates(t: Floats, x: Floats, y: Floats, speed: Floats) -> Flags:
 def metres_driven(t: Floats, speed: Floats) -> Floats:
     """Return the (N,) metres since the first row by the speed channel."""
     return np.cumsum(np.append(0.0, np.nan_to_num(0.5 * (speed[1:] + speed[:-1])) * np.diff(t)))
-
-
-def _filled(t: Floats, value: Floats, known: Flags) -> Floats:
-    """Unknown values interpolated; 0 where nothing is known."""
-    if known.all():
-        return value
-    return np.interp(t, t[known], value[known]) if known.any() else np.zeros(len(t))
-
-
-def _matched(trajectory: Trajectory, network: Network | None, noise: float) -> Index:
-    """Edge of the rows that lie on their road, else -1: in a bay beside it the positions are the path."""
-    edge = trajectory.labels("edge_id").recode({} if network is None else network.index)
-    beside = np.abs(np.nan_to_num(trajectory.floats("lateral_offset"))) > max(OFF_LANE, 4.0 * noise)
-    return np.where(np.isfinite(trajectory.floats("edge_offset")) & ~beside, edge, -1).astype(np.int32)
 
 
 def _inner(t: Floats, rest: Flags) -> Flags:

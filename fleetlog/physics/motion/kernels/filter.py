@@ -127,10 +127,8 @@ def times(row: State, m: Covariance) -> State:
 def smooth_backward(
     t: Floats, link: Codes, jerk: Floats, decay: float, mean: Floats, cov: Floats, gain: Singles
 ) -> None:
-    """Rauch, Tung and Striebel's backward pass.
-
-    Filtered means and covariances become smoothed ones, in place.  ``gain`` (N, 9) takes the gains.
-    """
+    """Rauch, Tung and Striebel's backward pass: filtered means and covariances become smoothed ones, in
+    place.  ``gain`` (N, 9) takes the gains."""
     last = lastq = -1.0
     for i in range(len(t) - 2, -1, -1):
         if link[i + 1] == BREAK:
@@ -219,8 +217,7 @@ def energy_variance(
 ) -> Floats:
     """(count,) variance of the sum over each window of ``by_speed`` v + ``by_acceleration`` a, (N,) each.
 
-    Exact for the smoothed states: backwards, with c = cov(x_i, sum of the window from i on), which the
-    gains carry on.
+    Exact: backwards, with c = cov(x_i, sum of the window from i on), which the gains carry on.
     """
     out = np.zeros(count)
     c = np.zeros(3)

@@ -13,10 +13,8 @@ NEAR_REACH = 3  # Edges between two rows at most; farther apart the coordinate s
 
 @kernel()
 def way_between(a: int, b: int, next_first: Index, next_edges: Index, length: Floats, between: Index) -> int:
-    """The shortest way from the end of edge a to the start of b over at most ``NEAR_REACH`` edges.
-
-    Its edges into ``between``.  Returns how many edges lie between, -1 where there is no such way.
-    """
+    """How many edges lie on the shortest way from the end of edge a to the start of b, fewer than
+    ``NEAR_REACH``, -1 where there is no such way; they are written into ``between``."""
     best, count = np.inf, -1
     for i in range(next_first[a], next_first[a + 1]):
         e = next_edges[i]
@@ -117,10 +115,8 @@ def stays(t: Floats, x: Floats, y: Floats, link: Codes, radius: float, min_durat
 def on_edges(
     edge: Index, offset: Floats, x: Floats, y: Floats, points: Floats, first: Index, distance: Floats
 ) -> Floats:
-    """(3, N) heading and slope of the edge [rad] at N places on it; how far (x, y) lie ahead of them [m].
-
-    0 off the map (edge -1).
-    """
+    """(3, N) heading and slope of the edge [rad] at N places on it, how far (x, y) lie ahead of them [m];
+    0 off the map (edge -1)."""
     out = np.zeros((3, len(edge)))
     last, k = -1, 0
     for i in range(len(edge)):
