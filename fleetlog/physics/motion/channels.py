@@ -44,7 +44,7 @@ def forks(t: Floats, trajectory: Trajectory) -> Forks:
 
     height = trajectory.floats("fork_height")
     known = np.isfinite(height)
-    if not trajectory.has("fork_height") or known.sum() < 2:
+    if known.sum() < 2:
         return Forks(np.zeros(1), np.zeros(1), np.zeros(max(len(t) - 1, 0)))
     if not known.all():
         height = np.interp(t, t[known], height[known])
@@ -55,15 +55,12 @@ def forks(t: Floats, trajectory: Trajectory) -> Forks:
     lasts = np.minimum(np.abs(rise) / np.maximum(usual, 1e-9), step)
     goes_on = (np.diff(moved) == 1) & (np.sign(rise[1:]) == np.sign(rise[:-1]))
     before, after = np.append(False, goes_on), np.append(goes_on, False)
-    # Alone in its interval a lift may be anywhere; one that fills the interval is spread evenly over both
-    # halves.
+    # Alone in its interval a lift may be anywhere, but one that fills it is spread evenly over both halves.
     doubt[moved] = np.where(before == after, 0.5 * (1.0 - lasts / step), 0.0)
     share = np.where(before == after, 0.5, np.where(before, 0.0, 1.0))
     begin = t[moved] + share * (step - lasts)
-    ends, heights = (
-        np.column_stack([begin, begin + lasts]),
-        np.column_stack([height[moved], height[moved + 1]]),
-    )
+    ends = np.column_stack([begin, begin + lasts])
+    heights = np.column_stack([height[moved], height[moved + 1]])
     return Forks(np.append(t[0], ends), np.append(height[0], heights), doubt)
 
 
@@ -93,17 +90,15 @@ def measured_power(trajectory: Trajectory) -> Floats:
 def slope_from_height(coordinate: Floats, z: Floats, breaks: Flags) -> Floats:
     """(N,) slope angle [rad] from measured heights over the path coordinate; 0 where there are none.
 
-    A straight line fitted to the heights within half a window before and after each row; the window is as
-    long as it takes for the noise of the heights to leave the slope good to about half a per cent, at least
-    10 m.
+    A straight line fitted to the heights within half a window before and after each row; the window is so
+    long that the noise of the heights leaves the slope good to about half a per cent, at least 10 m.
     """
     known, chain, out = np.isfinite(z), np.cumsum(breaks), np.zeros(len(z))
     for c in np.unique(chain[known]):
         there = chain == c
         s, heights = coordinate[there & known], z[there & known]
         if len(s) >= 5:
-            # A receiver often repeats a height for many rows of a faster log: between the known ones the
-            # slope goes over.
+            # A receiver often repeats a height for many rows of a faster log: there the slope goes over.
             out[there] = np.interp(coordinate[there], s, _running_slope(s, heights))
     return out
 

@@ -15,6 +15,7 @@ from fleetlog.physics.power import Physics, allowed_speed
 STEP = 0.5  # Between the nodes of a leg, at most [m]
 BRIEFEST = 0.5  # A shorter standstill is the doubt about a slow moment, not a stop [s]
 SHORTEST = 0.5  # A shorter leg is the doubt about a standstill [m]
+SLOWEST = 0.05  # Speed that every limit leaves [m/s]
 
 
 @dataclass(frozen=True)
@@ -176,22 +177,33 @@ def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
     (Bobrow, Dubowsky and Gibson 1985).  Gathering speed is limited by max_power at the wheel less rolling
     and slope; braking is not.
     """
-    from fleetlog.physics.kernels import clock, passes
-
-    truck, path = physics.actual_truck(), leg.path
-    drive, wait = truck.drive, np.zeros(len(path))
-    allowed = np.minimum(limit * drive.speed_factor, drive.max_speed)
-    cap = np.clip(allowed_speed(path.replaced(speed=allowed), physics), 0.05, drive.max_speed)
+    path, rest, wait = leg.path.replaced(speed=limit), np.zeros(len(limit), bool), np.zeros(len(limit))
     stops = dict(leg.stops)
     if "waiting" in physics.fields and "waiting" not in physics.off:
         stops.update(waits(physics.fields["waiting"].along(path, 0.0)))
     for node, seconds in stops.items():
-        cap[node], wait[node] = 0.0, seconds
-    cap[[0, -1]] = 0.0
+        rest[node], wait[node] = True, seconds
+    rest[[0, -1]] = True
+    speed, time, _ = quickest(leg.distance, path, physics, rest, wait)
+    return SpeedProfile(leg.distance, speed, time, wait)
+
+
+def quickest(
+    distance: Floats, path: Motion, physics: Physics, rest: Flags, wait: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """(N,) speeds [m/s], arrival times [s] and the speeds that are allowed on a path, where ``path.speed`` is
+    the limit; a truck stops where it is at ``rest``, and stands for ``wait`` [s]."""
+    from fleetlog.physics.kernels import clock, passes
+
+    truck = physics.actual_truck()
+    drive = truck.drive
+    allowed = np.minimum(path.speed * drive.speed_factor, drive.max_speed)
+    cap = np.clip(allowed_speed(path.replaced(speed=allowed), physics), SLOWEST, drive.max_speed)
     up, down = drive.max_acceleration, drive.max_deceleration
-    mass, rolling = truck.chassis.mass + path.payload, truck.resistance.rolling
-    speed = passes(leg.distance, cap, path.slope, mass, up, down, drive.max_power, rolling)
-    return SpeedProfile(leg.distance, speed, clock(leg.distance, speed, wait, up, down), wait)
+    mass, slope = truck.chassis.mass + path.payload.astype(float), path.slope.astype(float)
+    most = np.where(rest, 0.0, cap).astype(float)
+    speed = passes(distance, most, slope, mass, up, down, drive.max_power, truck.resistance.rolling)
+    return speed, clock(distance, speed, wait, up, down), cap
 
 
 def waits(seconds: Floats) -> dict[int, float]:
