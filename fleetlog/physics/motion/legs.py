@@ -178,11 +178,14 @@ def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
     and slope; braking is not.
     """
     path, rest, wait = leg.path.replaced(speed=limit), np.zeros(len(limit), bool), np.zeros(len(limit))
-    stops = dict(leg.stops)
-    if "waiting" in physics.fields and "waiting" not in physics.off:
-        stops.update(waits(physics.fields["waiting"].along(path, 0.0)))
-    for node, seconds in stops.items():
+    for node, seconds in leg.stops.items():
         rest[node], wait[node] = True, seconds
+    if "waiting" in physics.fields and "waiting" not in physics.off:
+        # In the middle of every stretch with a waiting time.
+        stands = physics.fields["waiting"].along(path, 0.0)
+        first, end = np.flatnonzero(np.diff(stands > 0.0, prepend=False, append=False)).reshape(-1, 2).T
+        middle = (first + end - 1) // 2
+        rest[middle], wait[middle] = True, stands[middle]
     rest[[0, -1]] = True
     speed, time, _ = quickest(leg.distance, path, physics, rest, wait)
     return SpeedProfile(leg.distance, speed, time, wait)
@@ -204,10 +207,3 @@ def quickest(
     most = np.where(rest, 0.0, cap).astype(float)
     speed = passes(distance, most, slope, mass, up, down, drive.max_power, truck.resistance.rolling)
     return speed, clock(distance, speed, wait, up, down), cap
-
-
-def waits(seconds: Floats) -> dict[int, float]:
-    """Node in the middle of every stretch with a waiting time, and that time [s]."""
-    on = np.concatenate([[False], seconds > 0.0, [False]])
-    edges = np.flatnonzero(np.diff(on.astype(np.int8))).reshape(-1, 2)
-    return {int((a + b - 1) // 2): float(seconds[(a + b - 1) // 2]) for a, b in edges}

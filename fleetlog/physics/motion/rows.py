@@ -120,9 +120,8 @@ def metres_driven(t: Floats, speed: Floats) -> Floats:
 
 def _inner(t: Floats, rest: Flags) -> Flags:
     """Standstills without their ends: positions cannot tell the last creeping metre from standing."""
-    change = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]]).astype(np.int8)))
     inner = np.zeros(len(rest), np.bool_)
-    for begin, end in zip(change[::2].tolist(), change[1::2].tolist(), strict=True):
+    for begin, end in np.flatnonzero(np.diff(rest, prepend=False, append=False)).reshape(-1, 2).tolist():
         margin = min(UNSURE_END, 0.3 * (t[end - 1] - t[begin]))
         lo, hi = np.searchsorted(t, [t[begin] + margin - 1e-6, t[end - 1] - margin + 1e-6])
         inner[lo:hi] = True

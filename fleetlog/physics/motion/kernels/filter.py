@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetlog.compiling import kernel
+from fleetlog.core.network import Floats, Index
+from fleetlog.core.trajectory import Ints
+from fleetlog.physics.motion.rows import Codes, Flags
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Codes = NDArray[np.uint8]
-Index = NDArray[np.int32]
-Ints = NDArray[np.int64]
 Singles = NDArray[np.float32]
 State = tuple[float, float, float]  # Of way, speed and acceleration
 Covariance = tuple[float, float, float, float, float, float]  # ss, sv, sa, vv, va, aa

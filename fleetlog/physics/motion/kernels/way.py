@@ -5,7 +5,9 @@ import math
 import numpy as np
 
 from fleetlog.compiling import kernel
-from fleetlog.physics.motion.kernels.filter import BREAK, JUMP, ON, Codes, Flags, Floats, Index
+from fleetlog.core.network import Floats, Index
+from fleetlog.physics.motion.kernels.filter import BREAK, JUMP, ON
+from fleetlog.physics.motion.rows import Codes, Flags
 
 MOST_EXTRA = 8.0  # By which a way may exceed twice the distance of the positions [m]: noise, and corners
 NEAR_REACH = 3  # Edges between two rows at most; farther apart the coordinate starts anew
