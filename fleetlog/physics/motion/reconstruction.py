@@ -128,9 +128,9 @@ def reconstruct(
     track = track_of(rows) if trajectory.has("x") and (rows.edge < 0).any() else None
     path = follow(network, rows, track, RADIUS if truck is None else truck.chassis.turn_radius)
     longer, lost = against_odometer(rows, path.seen, path.link != 0)
-    link = np.where(lost & (path.link == 0), 1, path.link).astype(np.uint8)
-    seen = by_second(rows.t, np.where(rows.fresh, path.seen / longer, np.nan), link)
-    observed = Observed(rows.t, seen, rows.speed, rows.rest, link)
+    path.link[lost & (path.link == 0)] = 1
+    seen = by_second(rows.t, np.where(rows.fresh, path.seen / longer, np.nan), path.link)
+    observed = Observed(rows.t, seen, rows.speed, rows.rest, path.link)
     mean_over = 0.0
     if speed_is_mean(rows, path.seen):
         observed, mean_over = observed.with_mean_speed(), float(np.median(np.diff(rows.t)))

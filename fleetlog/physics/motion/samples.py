@@ -41,17 +41,15 @@ def sample_grid(rows: Rows, height: Floats, lag: float) -> Grid:
     quiet = rest & np.append(still, True) & np.append(True, still)
     before, after = row_spans(rows)
     whole = quiet | (before + after <= FINEST * (1.0 + 1e-6))
-    left, right = (
-        np.where(whole, n, np.ceil(part / FINEST - 1e-6)).astype(np.int64)
-        for n, part in ((1, before), (0, after))
-    )
-    row = np.repeat(np.arange(len(t)), left + right)
-    place = np.arange(len(row)) - np.repeat(np.cumsum(left + right) - left - right, left + right)
-    back, single = place < left[row], whole[row]
-    early, late = (before / np.maximum(left, 1))[row], (after / np.maximum(right, 1))[row]
-    begin = t[row] + np.where(back, early * place - before[row], late * (place - left[row]))
-    dt = np.where(single, (before + after)[row], np.where(back, early, late))
-    time = np.where(single, t[row], begin + 0.5 * dt)
+    # The two halves of every row, one after the other; the first one has it all where the row is whole.
+    start = np.column_stack([before, np.zeros(len(t))]).ravel()
+    length = np.column_stack([np.where(whole, before + after, before), np.where(whole, 0.0, after)]).ravel()
+    count = np.ceil(length / FINEST - 1e-6).astype(np.int64)
+    count[::2][whole] = 1
+    half = np.repeat(np.arange(len(count)), count)
+    row, dt = half // 2, (length / np.maximum(count, 1))[half]
+    begin = t[row] + (dt * (np.arange(len(half)) - (np.cumsum(count) - count)[half]) - start[half])
+    time = np.where(whole[row], t[row], begin + 0.5 * dt)
     # When it was done lies within the stretch of the row.
     first = np.flatnonzero(breaks)
     last, stretch = np.append(first[1:], len(t)) - 1, (np.cumsum(breaks) - 1)[row]
