@@ -139,7 +139,7 @@ def _rounded(network: Network, visits: Visits, stood: Floats, radius: float) -> 
     if not real.any():
         return STRAIGHT
     where, angle, size, reach = where[real], angle[real], size[real], reach[real]
-    saved = 1.0 - np.maximum(0.5 * size / np.tan(np.maximum(0.5 * size, 1e-6)), 0.4)
+    saved = 1.0 - np.maximum(0.5 * size / np.tan(0.5 * size), 0.4)
     knots = np.concatenate([where - reach, where + reach])
     order = np.argsort(knots, kind="stable")
     knots = knots[order]
