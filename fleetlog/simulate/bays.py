@@ -7,7 +7,7 @@ import numpy as np
 
 from fleetlog.core.site import Place
 from fleetlog.core.truck import Truck
-from fleetlog.simulate.arrays import Flags, Floats
+from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.doors import SHARES, Bay, Door, Stand, door_beside, opposite_spur, span
 from fleetlog.simulate.junctions import Junctions, half_box
 from fleetlog.simulate.track import SPACING, Track, arc, even, moved
@@ -25,6 +25,8 @@ class BayMaker:
     ) -> None:
         from scipy.spatial import cKDTree
 
+        from fleetlog.simulate.kernels.geometry import PASSED, SAFE, new_cells, put
+
         self.track, self.junctions, self.truck, self.side = track, junctions, truck, side
         self.stands = stands
         self.half = half_box(truck)
@@ -34,7 +36,10 @@ class BayMaker:
         self.lasting = np.ones(lanes, dtype=bool)
         """(E,) lanes that bays may lie on."""
         self.bays: list[Bay] = []
-        self._ground = Ground(track, junctions.resource < 0, self.half)
+        boxes = np.column_stack([track.x, track.y, track.heading])
+        self._ground = new_cells(track.x, track.y, 2.0 * float(np.hypot(*self.half)), len(boxes))
+        kind = np.where(junctions.resource < 0, SAFE, PASSED).astype(np.int32)
+        put(self._ground, boxes, track.owner, kind)
 
     def lanes_near(self, x: float, y: float) -> list[tuple[float, int, float]]:
         """(distance, lane, offset) of the lanes within reach of a point, nearest first."""
@@ -66,10 +71,15 @@ class BayMaker:
         return self._kept(place, self._try(place, lane, at, 0.0, False))
 
     def _kept(self, place: Place, door: Door | None) -> Bay | None:
+        from fleetlog.simulate.kernels.geometry import PARKED, PASSED, grown, put
+
         if door is None:
             return None
         self.bays.append(Bay(place, door))
-        self._ground.take(door.path)
+        kind = np.full(len(door.path), PASSED, np.int32)
+        kind[-1] = PARKED
+        self._ground = grown(self._ground, len(kind))
+        put(self._ground, door.path, np.full_like(kind, -1), kind)
         return self.bays[-1]
 
     def from_both(self, lane: int, centre: float, radius: float) -> bool:
@@ -107,7 +117,7 @@ class BayMaker:
                     continue
                 for side in sides:
                     door = self._shape(place, lane, centre - radius, radius, side)
-                    if door is not None and self._free(door) and (not both or self._opposite_free(door)):
+                    if door is not None and self._fits(door, both):
                         return door
         return None
 
@@ -123,48 +133,20 @@ class BayMaker:
         shape, length = _into(radius, max(radius, need, min(aside, OFF_ROADS)), side)
         return Door(lane, at, moved(shape, x, y, heading), length, max(radius + self.half[1], self.half[0]))
 
-    def _free(self, door: Door) -> bool:
-        """Whether no piece or bay touches its ground, no bay or other lane's safe part its spur."""
-        own = door.lane
-        narrow = self.junctions.stop[own] < self.junctions.clear[own]
-        return self._ground.is_free(door.path, own, int(self.track.network.reverse[own]) if narrow else -1)
-
-    def _opposite_free(self, own: Door) -> bool:
-        """Whether the opposite lane of its road leads to it too; True where there is none."""
-        reverse = int(self.track.network.reverse[own.lane])
-        doors = (opposite_spur(self.track, self.junctions, own, r, self.half[1]) for r in self.radii)
-        return reverse < 0 or any(d and self._ground.is_free(d.path, own.lane, reverse) for d in doors)
-
-
-class Ground:
-    """What trucks stand on and drive over, in cells."""
-
-    def __init__(self, track: Track, safe: Flags, half: tuple[float, float]) -> None:
-        from fleetlog.simulate.kernels.geometry import new_cells, put
-
-        self.half, cell = half, 2.0 * float(np.hypot(*half))
-        boxes = np.column_stack([track.x, track.y, track.heading])
-        self._extent = (track.x, track.y, cell)
-        self.every = new_cells(*self._extent, len(boxes))
-        self.safe = new_cells(*self._extent, int(safe.sum()))
-        put(self.every, boxes, track.owner)
-        put(self.safe, boxes[safe], track.owner[safe])
-        self.parked, self.swept = new_cells(*self._extent, 64), new_cells(*self._extent, 4096)
-
-    def is_free(self, path: Floats, lane: int, reverse: int) -> bool:
-        """See ``spur_is_free``."""
+    def _free(self, door: Door, lane: int, reverse: int) -> bool:
+        """Whether no piece or bay touches its ground, no bay or safe part of other lanes its spur."""
         from fleetlog.simulate.kernels.geometry import spur_is_free
 
-        cells = (self.every, self.safe, self.parked, self.swept)
-        return bool(spur_is_free(path, *cells, *self.half, lane, reverse))
+        return bool(spur_is_free(self._ground, door.path, *self.half, lane, reverse))
 
-    def take(self, path: Floats) -> None:
-        """A truck may stand at the end of ``path`` (n, 4) and drive over all of it."""
-        from fleetlog.simulate.kernels.geometry import grown, put
-
-        self.parked, self.swept = grown(self.parked, 1), grown(self.swept, len(path))
-        put(self.parked, path[-1:], np.zeros(1, np.int32))
-        put(self.swept, path, np.zeros(len(path), np.int32))
+    def _fits(self, door: Door, both: bool) -> bool:
+        """Whether there is room for a door, with ``both`` also for one from the opposite lane."""
+        j, reverse = self.junctions, int(self.track.network.reverse[door.lane])
+        narrow = j.stop[door.lane] < j.clear[door.lane]
+        if not self._free(door, door.lane, reverse if narrow else -1):
+            return False
+        doors = (opposite_spur(self.track, j, door, r, self.half[1]) for r in self.radii)
+        return not both or reverse < 0 or any(d and self._free(d, door.lane, reverse) for d in doors)
 
 
 @lru_cache(maxsize=4096)

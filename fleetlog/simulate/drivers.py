@@ -13,6 +13,7 @@ from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.simulate.arrays import Flags, Floats
 from fleetlog.simulate.state import DRIVER, PLAN
 from fleetlog.simulate.track import SWING, Track, build_track
+from fleetlog.simulate.world import zone_limits
 from fleetlog.store.dataset import Dataset
 
 LEAST = 30.0  # Seconds of cruising, of speeding up, of braking, of turning that tell what a driver does there
@@ -44,7 +45,10 @@ def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[Truck, ...]:
 def driven(motion: Motion, site: Site, truck: Truck, track: Track) -> Truck:
     """The truck with the typical speed, acceleration and braking of a recorded motion."""
     speed, change = motion.speed, motion.acceleration
-    limit = np.minimum(limits_along(motion, site), truck.drive.max_speed)
+    # The last one holds off the roads, where the edge is -1.
+    signs = np.append(np.nan_to_num(site.roads().speed_limit, nan=np.inf), np.inf)
+    limit = np.minimum(signs[motion.edge], zone_limits(site, motion.x, motion.y))
+    limit = np.minimum(limit, truck.drive.max_speed)
     drives = (speed > 0.5) & (motion.dt > 0.0)
     straight = drives & (np.abs(motion.curvature) < STRAIGHT)
     steady, slow = straight & (np.abs(change) < STEADY), straight & (speed < 0.8 * limit)
@@ -72,19 +76,6 @@ def _in_turns(motion: Motion, track: Track) -> float | None:
                 found.append(float(motion.speed[near].min()) ** 2 * bend)
     # Who has just set off, or waits, is slower than the turn asks for.
     return round(float(np.quantile(found, 0.85)), 3) if len(found) >= FEW else None
-
-
-def limits_along(motion: Motion, site: Site) -> Floats:
-    """(N,) limit of road and zones [m/s], inf where there is none."""
-    limit = np.full(len(motion.speed), np.inf)
-    if site.network is not None:
-        on = motion.edge >= 0
-        road = site.network.speed_limit[motion.edge[on]]
-        limit[on] = np.where(np.isfinite(road), road, np.inf)
-    for zone in site.zones:
-        if np.isfinite(zone.speed_limit):
-            limit = np.where(zone.contains(motion.x, motion.y), np.minimum(limit, zone.speed_limit), limit)
-    return limit
 
 
 def _typical(values: Floats, chosen: Flags, weight: Floats) -> float | None:

@@ -18,7 +18,7 @@ from fleetlog.simulate.junctions import GAP
 from fleetlog.simulate.limits import Summary, Tally
 from fleetlog.simulate.occupancy import Policy
 from fleetlog.simulate.record import Meter, Recorder, columns_of, locate
-from fleetlog.simulate.state import STANDS, Mode, Trucks, limits_of, log_of, new_fleet, new_log
+from fleetlog.simulate.state import STANDS, Log, Mode, Trucks, limits_of, new_fleet, new_log
 from fleetlog.simulate.tasks import Demand, check_vehicles
 from fleetlog.simulate.world import Crossings, World, build_world
 from fleetlog.store.writer import DatasetWriter
@@ -203,15 +203,16 @@ class Run:
 
     def _account(self, which: slice, bay: Index, step0: int) -> None:
         """Place, power and rows of some trucks over a batch."""
-        log, dt = log_of(self.log, which), self.settings.step
+        log, dt = Log._make(values[which] for values in self.log), self.settings.step
         place = locate(self.world.ground, log)
         energy = self.meter.batch(log, place, bay[which], step0, which)
-        self.used += float(np.maximum(energy.power, 0.0).sum()) * dt / 3600.0
-        charging = np.where(log.mode == Mode.CHARGING, energy.power, 0.0)
+        power = energy["battery_power"]
+        self.used += float(np.maximum(power, 0.0).sum()) * dt / 3600.0
+        charging = np.where(log.mode == Mode.CHARGING, power, 0.0)
         self.charged -= float(np.minimum(charging, 0.0).sum()) * dt / 3600.0
         slow = (log.v < STANDS) & IN_TRAFFIC[log.mode]
         self.waiting += float(slow.sum()) * dt
-        self.recorder.add(which, log, place, energy)
+        self.recorder.add(which, log, place | energy)
 
     def _stop_empty(self) -> None:
         f = self.fleet
@@ -224,6 +225,8 @@ class Run:
     def _summary(self, total: int) -> Summary:
         d = self.dispatcher
         notes = list(self.world.notes)
+        dropped = d.book.numbers("dropped")
+        d.count.tasks_given, d.count.tasks_done = len(dropped), int((dropped >= 0.0).sum())
         if not (d.kind == "charge").any():
             notes.append("the site has no charger: nobody charges")
         rows = total // self.recorder.every * len(self.names)

@@ -12,8 +12,12 @@ from fleetlog.simulate.watch import Count
 MATERIAL = 0.1
 """Places, chargers or traffic limit a fleet that spends more than this share of its time waiting for them."""
 BUSY = 0.85  # Trucks limit a fleet that has work for more than this share of its time
-PLACES = {"pick places": PICK_PLACE, "drop places": DROP_PLACE, "chargers": CHARGER}
-KIND_OF = {"pick places": "pick", "drop places": "drop", "chargers": "charge"}
+PLACES = {
+    "pick places": ("pick", PICK_PLACE),
+    "drop places": ("drop", DROP_PLACE),
+    "chargers": ("charge", CHARGER),
+}
+"""The kind of each, and what trucks that wait for it lack."""
 
 
 @dataclass(frozen=True)
@@ -91,10 +95,10 @@ class Tally:
     def limits(self, traffic: float) -> Limits:
         """What the run came to; ``traffic`` truck seconds of waiting on the road and before bays."""
         d = self.dispatcher
-        waiting = {"traffic": traffic, **{k: float(self.lacking[code]) for k, code in PLACES.items()}}
+        waiting = {"traffic": traffic, **{k: float(self.lacking[code]) for k, (_, code) in PLACES.items()}}
         earliest, assigned = d.book.numbers("earliest"), d.book.numbers("assigned")
         tasks = np.where(assigned < 0.0, float(self.seconds), assigned) - earliest
-        found = [self._places(kind) for kind in PLACES if (d.kind == KIND_OF[kind]).any()]
+        found = [self._places(name, *of) for name, of in PLACES.items() if of[0] in d.kind]
         busy = 1.0 - self.idle / (len(d.names) * self.seconds)
         trucks = Resource("trucks", len(d.names), None, busy, float(tasks.sum()) / self.seconds)
         found += [self._junctions(traffic), trucks]
@@ -107,14 +111,14 @@ class Tally:
         summary = dict(zip(("mean", "p95", "longest"), map(float, waits), strict=True))
         return Limits(bottleneck, tuple(found), waiting, summary)
 
-    def _places(self, kind: str) -> Resource:
+    def _places(self, what: str, kind: str, lack: int) -> Resource:
         d = self.dispatcher
-        bays = np.flatnonzero(d.kind == KIND_OF[kind])
+        bays = np.flatnonzero(d.kind == kind)
         places = np.unique(d.place_of[bays])
         most = int(places[np.argmax(self.wanted[places])])
         name = d.places[most] if self.wanted[most] > 0.0 else None
         taken = self.held[bays if name is None else np.flatnonzero(d.place_of == most)].mean() / self.seconds
-        return Resource(kind, len(bays), name, float(taken), float(self.caused[PLACES[kind]] / self.seconds))
+        return Resource(what, len(bays), name, float(taken), float(self.caused[lack] / self.seconds))
 
     def _junctions(self, traffic: float) -> Resource:
         most = int(np.argmax(self.before))

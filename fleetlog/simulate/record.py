@@ -3,9 +3,10 @@
 import os
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.core.motion import Motion
 from fleetlog.core.trajectory import Labels, Trajectory, Values
@@ -33,39 +34,17 @@ TOGETHER = 16  # Trucks that are written at once, where there are as many
 BEHIND = 8  # Such groups that may wait to be written; the fleet waits when there are more
 
 
-class Energy(NamedTuple):
-    """(V, K) battery power [W], charge at the start of each step, voltage [V], current [A] or None."""
-
-    power: Floats
-    soc: Floats
-    voltage: Floats | None
-    current: Floats | None
+Columns = dict[str, NDArray[Any]]  # (V, K) of a batch, by name
 
 
-class Batch(NamedTuple):
-    """(V, K) of a batch beside the log: place on the map."""
-
-    x: Floats
-    y: Floats
-    z: Floats
-    heading: Floats
-    curvature: Floats
-    slope: Floats
-    offset: Floats
-    lateral: Floats
-    edge: Index
-
-
-def locate(ground: Track, log: Log) -> Batch:
+def locate(ground: Track, log: Log) -> Columns:
     """Where on the map every logged state is."""
     from fleetlog.simulate.kernels.geometry import expand
 
-    t, shape = ground, log.piece.shape
-    out, edge = expand(
-        log.piece.ravel(), log.s.ravel(), (log.mode == Mode.LEAVING).ravel(), t.first, t.spacing, t.x, t.y,
-        t.z, t.heading, t.curvature, t.slope, t.edge, t.offset, t.lateral,
-    )  # fmt: skip
-    return Batch._make([*out.reshape(-1, *shape), edge.reshape(shape)])
+    t, back = ground, (log.mode == Mode.LEAVING).ravel()
+    out, edge = expand(log.piece.ravel(), log.s.ravel(), back, t.first, t.spacing, t.samples, t.edge)
+    names = ("x", "y", "z", "heading", "curvature", "slope", "edge_offset", "lateral_offset", "edge")
+    return {n: values.reshape(log.piece.shape) for n, values in zip(names, [*out, edge], strict=True)}
 
 
 @dataclass
@@ -93,26 +72,25 @@ class Meter:
         wanted = sum(float(self._charge_power(bay[v : v + 1], slice(v, v + 1))[0]) for v in charging.tolist())
         self.share = min(1.0, self.limit / wanted) if wanted > 0.0 else 1.0
 
-    def batch(self, log: Log, place: Batch, bay: Index, step0: int, which: slice) -> Energy:
+    def batch(self, log: Log, place: Columns, bay: Index, step0: int, which: slice) -> Columns:
         """Power and charge of ``which`` trucks, of one kind, from step ``step0``; ``bay`` (V,) of each."""
         trucks, steps = log.piece.shape
         n, first, physics = trucks * steps, which.start, self.physics[self.of[which.start]]
         motion = Motion(
             time=np.tile((step0 + np.arange(steps)) * self.dt, trucks), dt=np.full(n, self.dt),
             speed=np.maximum(log.v + 0.5 * log.a * self.dt, 0.0).ravel(), acceleration=log.a.ravel(),
-            slope=place.slope.ravel(), curvature=place.curvature.ravel(), heading=place.heading.ravel(),
             payload=log.load.ravel(), lift_speed=log.lift.ravel(), fork_height=log.height.ravel(),
-            x=place.x.ravel(), y=place.y.ravel(), edge=place.edge.ravel(), edge_offset=place.offset.ravel(),
             ambient_temperature=np.full(n, self.temperature), soc=np.repeat(self.soc[which], steps),
             vehicle=np.repeat(np.arange(first, first + trucks), steps),
             trip=log.trip.ravel().astype(np.int64), power=np.zeros(n),
+            **{name: place[name].ravel() for name in place.keys() - {"z", "lateral_offset"}},
         )  # fmt: skip
         power = battery_power(motion, physics).reshape(trucks, steps)
         charging = log.mode == Mode.CHARGING
         if charging.any():
             power = power - np.where(charging, self.share * self._charge_power(bay, which)[:, None], 0.0)
         power[log.mode == Mode.EMPTY] = 0.0
-        return self._follow(power, which)
+        return {"battery_power": power, **self._follow(power, which)}
 
     def _charge_power(self, bay: Index, which: slice) -> Floats:
         truck = self.physics[self.of[which.start]].truck
@@ -121,28 +99,28 @@ class Meter:
         taper = 1.0 - 0.9 * np.clip((self.soc[which] - TAPER_FROM) / (1.0 - TAPER_FROM), 0.0, 1.0)
         return np.asarray(rate * taper)
 
-    def _follow(self, power: Floats, which: slice) -> Energy:
-        truck: Truck = self.physics[self.of[which.start]].actual_truck()
+    def _follow(self, power: Floats, which: slice) -> Columns:
+        """The charge at the start of each step; by a battery's chemistry also voltage [V] and current [A]."""
         if self.battery is not None:
-            return self._chemistry(power, which)
+            return self._chemistry(power, self.battery, which)
+        truck: Truck = self.physics[self.of[which.start]].actual_truck()
         soc = np.zeros((len(power), power.shape[1] + 1))
         np.cumsum(cell_power(power, truck), axis=1, out=soc[:, 1:])
         soc *= -self.dt / (3600.0 * truck.battery.capacity_wh)
         soc += self.soc[which, None]
         np.clip(soc, 0.0, 1.0, out=soc)
         self.soc[which] = soc[:, -1]
-        return Energy(power, np.ascontiguousarray(soc[:, :-1]), None, None)
+        return {"soc": np.ascontiguousarray(soc[:, :-1])}
 
-    def _chemistry(self, power: Floats, which: slice) -> Energy:
-        assert self.battery is not None
-        soc, volts, amps = np.empty_like(power), np.empty_like(power), np.empty_like(power)
+    def _chemistry(self, power: Floats, battery: BatteryModel, which: slice) -> Columns:
+        soc, volts, amps = np.empty((3, *power.shape))
         dt = np.full(power.shape[1], self.dt)
         charge = self.soc[which]
         for v in range(len(power)):
-            d = discharge(power[v], dt, self.battery, float(charge[v]), self.temperature)
+            d = discharge(power[v], dt, battery, float(charge[v]), self.temperature)
             soc[v, 0], soc[v, 1:] = charge[v], d.soc[:-1]
             volts[v], amps[v], charge[v] = d.voltage, d.current, d.soc[-1]
-        return Energy(power, soc, volts, amps)
+        return {"soc": soc, "battery_voltage": volts, "battery_current": amps}
 
 
 class Recorder:
@@ -180,24 +158,18 @@ class Recorder:
     def __exit__(self, *error: object) -> None:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def add(self, trucks: slice, log: Log, place: Batch, energy: Energy) -> None:
+    def add(self, trucks: slice, log: Log, found: Columns) -> None:
         """One batch of some trucks; :meth:`next` when it was added for all of them."""
-        known = {
-            "x": place.x, "y": place.y, "z": place.z, "heading": place.heading, "speed": log.v,
-            "edge_offset": place.offset, "lateral_offset": place.lateral, "payload": log.load,
-            "fork_height": log.height, "battery_power": energy.power, "battery_voltage": energy.voltage,
-            "battery_current": energy.current, "soc": energy.soc,
-        }  # fmt: skip
+        known = {**found, "speed": log.v, "payload": log.load, "fork_height": log.height}
         batch, middle = self._batch[trucks], self.every // 2
         for k, name in enumerate(self.columns):
             values = known[name]
-            assert values is not None
             if name in MEANS:
                 rows = sum(values[:, i :: self.every] for i in range(self.every)) / self.every
             else:
                 rows = values[:, middle :: self.every]
             batch[:, k] = np.nan_to_num(np.rint(rows * 10.0 ** DIGITS[name]), nan=NULL)
-        batch[:, -2], batch[:, -1] = (codes[:, middle :: self.every] for codes in (place.edge, log.trip))
+        batch[:, -2], batch[:, -1] = (codes[:, middle :: self.every] for codes in (found["edge"], log.trip))
 
     def next(self) -> None:
         """All trucks have had their batch: groups that are due are written."""

@@ -91,7 +91,6 @@ class Fleet(NamedTuple):
     held_from: Index
     held_to: Index
     ahead: Index
-    behind: Index
     waits: Floats
     load: Floats
     trip: Index
@@ -143,13 +142,8 @@ def new_log(trucks: int, steps: int) -> Log:
     return Log(*(np.zeros((trucks, steps), kinds.get(name, np.float64)) for name in Log._fields))
 
 
-def log_of(log: Log, trucks: slice) -> Log:
-    """The log of some trucks."""
-    return log._replace(**{name: getattr(log, name)[trucks] for name in Log._fields})
-
-
 NOT_ZERO: dict[str, float] = {
-    "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1, "behind": -1,
+    "piece": -1, "door": -1, "goal": -1, "route": -1, "last": -1, "held_to": -1, "ahead": -1,
     "left": -1, "tail": -1, "last_out": -1, "asks": -1, "crossed": -1, "waits": np.inf, "hand_start": -np.inf,
     "until": np.inf, "attention": 1,
 }  # fmt: skip

@@ -164,6 +164,13 @@ class Track:
         return np.repeat(np.arange(len(self), dtype=np.int32), np.diff(self.first))
 
     @cached_property
+    def samples(self) -> Floats:
+        """(S, 8) x, y, z, heading, curvature, slope, offset, lateral."""
+        return np.column_stack([
+            self.x, self.y, self.z, self.heading, self.curvature, self.slope, self.offset, self.lateral,
+        ])  # fmt: skip
+
+    @cached_property
     def swings(self) -> Flags:
         """(P,) connectors that turn by more than ``SWING``: their two lanes lie side by side."""
         turn = self.heading[self.first[1:] - 1] - self.heading[self.first[:-1]]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fleetlog.simulate.kernels.lanes import drop, inner, is_safe_lane, push, release
+from fleetlog.simulate.kernels.lanes import drop, inner, is_safe_lane, release
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 NEAR = 0.02  # At rest this close to its mark a truck is there [m]
@@ -32,8 +32,7 @@ def cross(r: Roads, f: Fleet, v: int) -> None:
             f.on[q] += 1
             if is_safe_lane(r, q) and f.held_to[v] == f.at[v]:
                 f.inbound[q] -= 1
-        push(f, v, q)
-        f.piece[v] = q
+        f.ahead[v], f.tail[q], f.piece[v] = f.tail[q], v, q
 
 
 @inner
@@ -49,57 +48,36 @@ def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
 
 
 @inner
-def arrive(r: Roads, f: Fleet, v: int) -> None:
-    """Wait before the bay when its mark is reached."""
-    if f.at[v] == f.last[v] and f.v[v] < REST and abs(f.s[v] - r.door_at[f.door[v]]) < NEAR:
-        f.s[v] = r.door_at[f.door[v]]
-        f.v[v] = 0.0
-        f.mode[v] = Mode.AT_BAY
-        f.waits[v] = np.inf
-
-
-@inner
-def roll_in(r: Roads, f: Fleet, v: int) -> None:
-    """Turn onto the spur where its door is passed."""
+def reach_door(r: Roads, f: Fleet, v: int) -> None:
+    """Turn onto the spur where its door is passed and its ground reserved, or wait at rest before it."""
     past = f.s[v] - r.door_at[f.door[v]]
     if f.entry[v] and past >= 0.0:
-        f.spur[v], f.s[v] = past, r.door_at[f.door[v]]
-        f.mode[v] = Mode.ENTERING
-        f.waits[v] = np.inf
-
-
-@inner
-def clear_lane(r: Roads, f: Fleet, d: int) -> None:
-    """The lane that door ``d`` crosses is free again."""
-    if r.door_crosses[d] >= 0:
-        f.crossed[r.door_crosses[d]] = -1
+        f.mode[v], f.spur[v] = Mode.ENTERING, past
+    elif f.v[v] < REST and abs(past) < NEAR:
+        f.mode[v], f.v[v] = Mode.AT_BAY, 0.0
+    else:
+        return
+    f.s[v], f.waits[v] = r.door_at[f.door[v]], np.inf
 
 
 @inner
 def end_spur(r: Roads, f: Fleet, v: int) -> None:
     """Stand in the bay, or on the lane, at the end of a spur."""
-    d = f.door[v]
-    lane = r.door_lane[d]
-    spur = len(r.length) + 2 * len(r.clear) + d
-    if f.mode[v] == Mode.ENTERING and r.door_length[d] - f.spur[v] < NEAR and f.v[v] < REST:
-        f.spur[v] = r.door_length[d]
-        f.v[v] = 0.0
-        f.held[spur] -= 1
-        clear_lane(r, f, d)
+    d, enters = f.door[v], f.mode[v] == Mode.ENTERING
+    rest = r.door_length[d] - f.spur[v] if enters else f.spur[v]
+    if rest >= NEAR or f.v[v] >= REST:
+        return
+    f.held[len(r.length) + 2 * len(r.clear) + d] -= 1
+    if r.door_crosses[d] >= 0:
+        f.crossed[r.door_crosses[d]] = -1
+    f.v[v], f.attention[v] = 0.0, True
+    if enters:
+        lane = r.door_lane[d]
         drop(f, v, lane)
         f.on[lane] -= 1
         if f.held_to[v] >= f.held_from[v]:
             release(r, f, v, f.held_to[v] + 1)
-        f.mode[v], f.entry[v] = Mode.PARKED, False
-        f.piece[v] = -1
-        f.left[v] = -1
-        f.attention[v] = True
-    elif f.mode[v] == Mode.LEAVING and f.spur[v] < NEAR and f.v[v] < REST:
-        f.spur[v] = 0.0
-        f.v[v] = 0.0
-        f.held[spur] -= 1
-        clear_lane(r, f, d)
-        f.mode[v] = Mode.DRIVING
-        f.at[v] = 0
-        f.door[v] = f.goal[v]
-        f.attention[v] = True
+        f.mode[v], f.entry[v], f.spur[v] = Mode.PARKED, False, r.door_length[d]
+        f.piece[v], f.left[v] = -1, -1
+    else:
+        f.mode[v], f.at[v], f.door[v], f.spur[v] = Mode.DRIVING, 0, f.goal[v], 0.0

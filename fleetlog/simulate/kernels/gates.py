@@ -2,15 +2,7 @@
 
 import numpy as np
 
-from fleetlog.simulate.kernels.lanes import (
-    acquire,
-    front,
-    inner,
-    insert,
-    is_free,
-    is_free_ahead,
-    is_safe_lane,
-)
+from fleetlog.simulate.kernels.lanes import acquire, inner, insert, is_free, is_safe_lane
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 SHORT = 0.3  # Who stops for another stops this much early: a hair too far, and both would wait for ever [m]
@@ -104,7 +96,10 @@ def may_leave(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
                 return False
         else:
             need = f.v[u] * f.v[u] / (2.0 * x.plan[u]) + 0.6 * f.v[u]
-            if front(r, f, u, x) + need > rear or f.held_to[u] > f.at[u]:
+            reach = 0.5 * x.length
+            if f.mode[u] == Mode.LEAVING or f.mode[u] == Mode.ENTERING:
+                reach = max(reach, r.door_ahead[f.door[u]])
+            if f.s[u] + reach + need > rear or f.held_to[u] > f.at[u]:
                 return False
         u = f.ahead[u]
     out = f.last_out[lane]
@@ -122,7 +117,7 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
     late = now - f.waits[v] > x.patience
     if late:
         ask(r, f, v, x)
-    if not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur):
+    if not may_leave(r, f, v, x) or not may_cross(r, f, v, x) or not is_free(r, f, v, spur, False):
         return 1
     if not is_safe_lane(r, lane) and acquire(r, f, v, 0, x, late) != 0:
         return 1
@@ -155,7 +150,7 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
         return 1
     if not f.entry[v]:
         # It is on the road already: whoever has claimed the junction waits for it to be gone.
-        if not is_free_ahead(r, f, v, spur):
+        if not is_free(r, f, v, spur, True):
             return 1
         if now - f.waits[v] > x.patience:
             ask(r, f, v, x)

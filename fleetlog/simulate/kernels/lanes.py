@@ -38,51 +38,29 @@ def is_safe_lane(r: Roads, piece: int) -> bool:
 
 
 @inner
-def push(f: Fleet, v: int, piece: int) -> None:
-    """Join the end of a piece's queue."""
-    f.ahead[v] = f.tail[piece]
-    f.behind[v] = -1
-    if f.tail[piece] >= 0:
-        f.behind[f.tail[piece]] = v
-    f.tail[piece] = v
-
-
-@inner
 def drop(f: Fleet, v: int, piece: int) -> None:
     """Leave a piece's queue."""
-    a, b = f.ahead[v], f.behind[v]
-    if a >= 0:
-        f.behind[a] = b
-    if b >= 0:
-        f.ahead[b] = a
     if f.tail[piece] == v:
-        f.tail[piece] = a
+        f.tail[piece] = f.ahead[v]
+    else:
+        u = f.tail[piece]
+        while f.ahead[u] != v:
+            u = f.ahead[u]
+        f.ahead[u] = f.ahead[v]
     f.ahead[v] = -1
-    f.behind[v] = -1
 
 
 @inner
 def insert(f: Fleet, v: int, piece: int) -> None:
     """Join a piece's queue at one's own offset."""
-    b, a = -1, f.tail[piece]
-    while a >= 0 and f.s[a] < f.s[v]:
-        b, a = a, f.ahead[a]
-    f.ahead[v], f.behind[v] = a, b
-    if a >= 0:
-        f.behind[a] = v
-    if b >= 0:
-        f.ahead[b] = v
+    behind, ahead = -1, f.tail[piece]
+    while ahead >= 0 and f.s[ahead] < f.s[v]:
+        behind, ahead = ahead, f.ahead[ahead]
+    f.ahead[v] = ahead
+    if behind >= 0:
+        f.ahead[behind] = v
     else:
         f.tail[piece] = v
-
-
-@inner
-def front(r: Roads, f: Fleet, v: int, x: Limits) -> float:
-    """How far along its lane a truck reaches [m]."""
-    reach = 0.5 * x.length
-    if f.mode[v] == Mode.LEAVING or f.mode[v] == Mode.ENTERING:
-        reach = max(reach, r.door_ahead[f.door[v]])
-    return f.s[v] + reach
 
 
 @inner
@@ -108,45 +86,27 @@ def holds(r: Roads, f: Fleet, v: int, what: int) -> bool:
 
 
 @inner
-def held_by_others(r: Roads, f: Fleet, v: int, what: int) -> int:
-    """How often a resource is held, but for truck ``v`` itself."""
-    others = f.held[what]
-    return others - 1 if others > 0 and holds(r, f, v, what) else others
+def is_free(r: Roads, f: Fleet, v: int, what: int, ahead: bool) -> bool:
+    """Whether nobody else holds or has claimed what excludes resource ``what``.
 
-
-@inner
-def is_free(r: Roads, f: Fleet, v: int, what: int) -> bool:
-    """Whether nobody else holds or has claimed what excludes resource ``what``."""
+    For who is ``ahead``, on the road already, claims do not count, nor trucks behind it on its piece.
+    """
     for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
         q = r.conflicts[i]
-        if held_by_others(r, f, v, q) > 0 or f.claimed[q] == f.round[0]:
+        others = f.held[q]
+        if others > 0 and holds(r, f, v, q):
+            others -= 1
+        if ahead:
+            u = f.tail[f.piece[v]]
+            while others > 0 and u != v:
+                if holds(r, f, u, q):
+                    others -= 1
+                u = f.ahead[u]
+        elif f.claimed[q] == f.round[0]:
             return False
-    return True
-
-
-@inner
-def is_free_ahead(r: Roads, f: Fleet, v: int, what: int) -> bool:
-    """Whether only trucks behind ``v`` on its piece, who stay there, hold what excludes ``what``."""
-    for i in range(r.conflict_first[what], r.conflict_first[what + 1]):
-        q = r.conflicts[i]
-        others = held_by_others(r, f, v, q)
-        u = f.behind[v]
-        while others > 0 and u >= 0:
-            if holds(r, f, u, q):
-                others -= 1
-            u = f.behind[u]
         if others > 0:
             return False
     return True
-
-
-@inner
-def passage_end(r: Roads, f: Fleet, v: int, low: int) -> int:
-    """Route position of the next lane with a safe part after ``low``, or of the last piece."""
-    k = low + 1
-    while k < f.last[v] and not is_safe_lane(r, f.route[v, k]):
-        k += 1
-    return min(k, f.last[v])
 
 
 @inner
@@ -179,7 +139,9 @@ def ends_here(r: Roads, f: Fleet, piece: int) -> bool:
 @inner
 def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int:
     """Reserve the way to the next safe lane, whole: 0 done, 1 others are in the way, 2 no room there."""
-    high = passage_end(r, f, v, low)
+    high = min(low + 1, f.last[v])
+    while high < f.last[v] and not is_safe_lane(r, f.route[v, high]):
+        high += 1
     ends_safe = is_safe_lane(r, f.route[v, high])
     if ends_safe and high > low and not has_room(r, f, v, f.route[v, high], x):
         return 2
@@ -192,7 +154,7 @@ def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int
             f.claimed[f.route[v, low]] = f.round[0]
         return 1
     for k in range(low, high + 1):
-        if not is_free(r, f, v, resource(r, f, v, k, low, high)):
+        if not is_free(r, f, v, resource(r, f, v, k, low, high), False):
             if claim:
                 for j in range(low, high + 1):
                     f.claimed[resource(r, f, v, j, low, high)] = f.round[0]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fleetlog.compiling import kernel
-from fleetlog.simulate.kernels.arrivals import REST, arrive, cross, end_spur, let_go, roll_in
+from fleetlog.simulate.kernels.arrivals import cross, end_spur, let_go, reach_door
 from fleetlog.simulate.kernels.gates import may_ask, past_door, reservations
 from fleetlog.simulate.kernels.lanes import cap_at, inner, is_safe_lane, safe
 from fleetlog.simulate.state import Fleet, Limits, Log, Mode, Roads
@@ -158,7 +158,7 @@ def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, st
             write(r, f, log, v, column + k)
             if f.v[v] == 0.0 and f.a[v] == 0.0:
                 if m == Mode.DRIVING and f.at[v] == f.last[v]:
-                    arrive(r, f, v)
+                    reach_door(r, f, v)
                 elif m == Mode.ENTERING or m == Mode.LEAVING:
                     end_spur(r, f, v)
                 continue
@@ -180,6 +180,4 @@ def advance(r: Roads, f: Fleet, x: Limits, log: Log, column: int, steps: int, st
                 if f.held_to[v] >= f.held_from[v]:
                     let_go(r, f, v, x)
                 if m == Mode.DRIVING and f.at[v] == f.last[v]:
-                    roll_in(r, f, v)
-                    if f.mode[v] == Mode.DRIVING and f.v[v] < REST:
-                        arrive(r, f, v)
+                    reach_door(r, f, v)
