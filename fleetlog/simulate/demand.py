@@ -28,22 +28,17 @@ def carried(stands: Stands, cluster: Ints, names: list[str]) -> list[Task]:
     on the road, so the way into a bay and out of it counts as time at the place.
     """
     tasks: list[Task] = []
-    held: tuple[int, int] | None = None
-    for i in range(len(stands)):
-        change = stands.after[i] - stands.before[i]
-        if change > MIN_LOAD_CHANGE:
-            held = (i, int(stands.vehicle[i]))
-        elif change < -MIN_LOAD_CHANGE and held is not None:
-            k, vehicle = held
-            held = None
-            a, b = int(cluster[k]), int(cluster[i])
-            if vehicle != stands.vehicle[i] or a < 0 or b < 0 or names[a] == names[b]:
-                continue
+    change, held = stands.after - stands.before, -1
+    for i in np.flatnonzero(np.abs(change) > MIN_LOAD_CHANGE).tolist():
+        k, held, vehicle = held, i if change[i] > 0.0 else -1, stands.vehicle[i]
+        if held >= 0 or k < 0 or stands.vehicle[k] != vehicle:
+            continue
+        a, b = int(cluster[k]), int(cluster[i])
+        if a >= 0 and b >= 0 and names[a] != names[b]:
             known = k > 0 and stands.vehicle[k - 1] == vehicle
             day = float((stands.end[k - 1] if known else stands.start[k]) % 86_400_000_000) * 1e-6
-            load = float(stands.after[k] - stands.before[k])
             dwell, height = ((float(v[k]), float(v[i])) for v in (stands.dwell, stands.height))
-            tasks.append(Task(None, names[a], names[b], load, day, dwell, height, True))
+            tasks.append(Task(None, names[a], names[b], float(change[k]), day, dwell, height, True))
     return tasks
 
 

@@ -1,5 +1,6 @@
 """Who does what next: tasks, and places that are free for them."""
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -35,8 +36,7 @@ class Dispatcher(Occupancy):
     ) -> None:  # fmt: skip
         super().__init__(world, fleet, policy)
         self.names, self.demand, self.trucks, self.book = names, demand, world.trucks, TaskBook(names)
-        self.pending: list[Task] = list(demand.given)
-        self.given, self.start, self.resting = 0, start, False
+        self.pending, self.start, self.resting = deque(demand.given), start, False
         self._due: list[Task] = []
         self._blocked: list[Task] = []
         self._wanted: list[tuple[int, list[int]]] = []
@@ -72,10 +72,9 @@ class Dispatcher(Occupancy):
                 self.owner[self.home[v]] = -1
             elif f.mode[v] == Mode.PARKED:
                 self._parked(v, now)
-        while self.given < len(self.pending) and self.pending[self.given].earliest <= now:
-            self._due.append(self.pending[self.given])
-            self.book.give(self.pending[self.given])
-            self.given += 1
+        while self.pending and self.pending[0].earliest <= now:
+            self._due.append(self.pending.popleft())
+            self.book.give(self._due[-1])
         self._charging(now, bool(self._due))
         self._wanted, self._wanted_now, self._blocked = self._wanted_now, [], []
         # Who has waited longest chooses first, so that nobody waits for ever for a place.

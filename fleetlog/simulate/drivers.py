@@ -67,7 +67,7 @@ def _in_turns(motion: Motion, track: Track) -> float | None:
     changes = np.flatnonzero((np.diff(motion.edge) != 0) & (motion.edge[1:] >= 0) & (motion.edge[:-1] >= 0))
     found = []
     for k in changes.tolist():
-        piece = track.turn(int(motion.edge[k]), int(motion.edge[k + 1]))
+        piece = track.by_turn.get((int(motion.edge[k]), int(motion.edge[k + 1])), -1)
         near = slice(*np.searchsorted(motion.time, motion.time[k] + np.array([-NEAR, NEAR])))
         if piece >= 0:
             path = track.curvature[track.first[piece] : track.first[piece + 1]]

@@ -10,14 +10,13 @@ from fleetlog.core.truck import Truck
 from fleetlog.errors import DataError, SiteError
 from fleetlog.physics.battery import BatteryModel
 from fleetlog.physics.power import Physics
-from fleetlog.simulate.arrays import Index
 from fleetlog.simulate.demand import at_places
 from fleetlog.simulate.dispatch import Dispatcher
 from fleetlog.simulate.events import EventLog
 from fleetlog.simulate.junctions import GAP
 from fleetlog.simulate.limits import Summary, Tally
 from fleetlog.simulate.occupancy import Policy
-from fleetlog.simulate.record import Meter, Recorder, columns_of, locate
+from fleetlog.simulate.record import Meter, Recorder, locate
 from fleetlog.simulate.state import STANDS, Log, Mode, Trucks, limits_of, new_fleet, new_log
 from fleetlog.simulate.tasks import Demand, check_vehicles
 from fleetlog.simulate.world import Crossings, World, build_world
@@ -150,22 +149,12 @@ class Run:
         self.crossings = Crossings(world.site, world.walks, settings.seed)
         self.tally = Tally(self.dispatcher)
         self.events = EventLog(self.dispatcher, writer, settings.start)
-        charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])
         self.bay_of = np.array([d.bay for d in world.doors], dtype=np.int32)
-        soc = np.full(n, settings.soc)
-        weather, battery = settings.temperature, settings.battery
-        self.meter = Meter(
-            world.physics, trucks.of, world.ground, charger, dt, soc, weather, battery, world.site.power_limit
-        )
-        columns = columns_of(bool(np.any(world.ground.z)), battery is not None)
-        edges = world.track.network.edge_ids
-        self.recorder = Recorder(
-            writer, names, edges, settings.start, dt, every, self.steps, self.total, columns
-        )
+        self.meter = Meter(world, settings)
+        self.recorder = Recorder(writer, names, world, settings, self.steps, self.total)
         self.limits = limits_of([p.actual_truck() for p in world.physics], trucks.of, length, GAP)
         self.groups = list(trucks.alike(TOGETHER))
-        self.used = self.charged = self.waiting = 0.0
-        self.soc_lowest, self.soc_sum = settings.soc, 0.0
+        self.soc_lowest, self.soc_sum, self.waiting = settings.soc, 0.0, 0.0
 
     def all(self, progress: Progress | None = None) -> Summary:
         """To the end."""
@@ -195,24 +184,15 @@ class Run:
             advance(self.world.roads, self.fleet, self.limits, self.log, k, self.second, step0 + k, dt)
         self.meter.share_site_power(self.fleet.mode, bay)
         for which in self.groups:
-            self._account(which, bay, step0)
+            log = Log._make(values[which] for values in self.log)
+            place = locate(self.world.ground, log)
+            energy = self.meter.batch(log, place, bay[which], step0, which)
+            self.waiting += float(((log.v < STANDS) & IN_TRAFFIC[log.mode]).sum()) * dt
+            self.recorder.add(which, log, place | energy)
         self.soc_lowest = min(self.soc_lowest, float(self.meter.soc.min()))
         self.soc_sum += float(self.meter.soc.mean()) * self.steps
         self.recorder.next()
         self._stop_empty()
-
-    def _account(self, which: slice, bay: Index, step0: int) -> None:
-        """Place, power and rows of some trucks over a batch."""
-        log, dt = Log._make(values[which] for values in self.log), self.settings.step
-        place = locate(self.world.ground, log)
-        energy = self.meter.batch(log, place, bay[which], step0, which)
-        power = energy["battery_power"]
-        self.used += float(np.maximum(power, 0.0).sum()) * dt / 3600.0
-        charging = np.where(log.mode == Mode.CHARGING, power, 0.0)
-        self.charged -= float(np.minimum(charging, 0.0).sum()) * dt / 3600.0
-        slow = (log.v < STANDS) & IN_TRAFFIC[log.mode]
-        self.waiting += float(slow.sum()) * dt
-        self.recorder.add(which, log, place | energy)
 
     def _stop_empty(self) -> None:
         f = self.fleet
@@ -232,7 +212,7 @@ class Run:
         rows = total // self.recorder.every * len(self.names)
         return Summary(
             len(self.names), total * self.settings.step, rows, total * len(self.names),
-            d.count, float(self.fleet.moved.sum()), self.used, self.charged, self.meter.soc.tolist(),
-            self.soc_lowest, self.soc_sum / total,
+            d.count, float(self.fleet.moved.sum()), self.meter.used, self.meter.charged,
+            self.meter.soc.tolist(), self.soc_lowest, self.soc_sum / total,
             self.tally.limits(self.waiting), d.watch.longest, notes,
         )  # fmt: skip

@@ -55,7 +55,7 @@ class EventLog:
         self._end_stretches(self.since < ms, ms)
         self._end_reservations(self.held[1] < ms, ms)
         self._write()
-        for status, tasks in ((LATER, d.pending[d.given :]), (LEFT_OUT, d.demand.left_out)):
+        for status, tasks in ((LATER, d.pending), (LEFT_OUT, d.demand.left_out)):
             for task in tasks:
                 book.give(task, status)
         self.tables.add("tasks", book.columns(self.start))

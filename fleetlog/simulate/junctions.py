@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fleetlog.core.truck import Truck
 from fleetlog.simulate.arrays import Flags, Floats, Index, Ints
 from fleetlog.simulate.track import Track
+from fleetlog.store.trips import runs
 
 MARGIN = 0.15  # Kept free round every truck [m]
 GAP = 1.0  # Between standing trucks, bumper to bumper [m]
@@ -63,7 +64,7 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     resource = owner.copy()
     for lane in range(lanes):
         low, high, step = track.first[lane], track.first[lane + 1], track.spacing[lane]
-        begin, end = _longest(~touched[low:high])
+        begin, end = max(runs(~touched[low:high]), key=lambda run: run[1] - run[0], default=(0, 0))
         last = min((end - 1) * step, track.length[lane] - STOP)
         if last >= START:
             clear[lane], stop[lane] = begin * step, max(last, begin * step)
@@ -113,14 +114,6 @@ def _follow_each_other(track: Track, a: Index, b: Index) -> Flags:
         pair |= (track.source[one] == other) | (track.target[one] == other)
         pair[lanes] |= np.isin(one[lanes].astype(np.int64) * len(track) + other[lanes], _turns(track))
     return pair
-
-
-def _longest(free: Flags) -> tuple[int, int]:
-    """Where the longest run begins and where it has ended; 0, 0 where there is none."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(np.int8)))
-    runs = edges.reshape(-1, 2).tolist()
-    begin, end = max(runs, key=lambda run: run[1] - run[0], default=(0, 0))
-    return begin, end
 
 
 def lanes_at(track: Track, count: int) -> Ints:

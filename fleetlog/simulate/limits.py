@@ -1,5 +1,6 @@
 """What a simulation came to, and what limits the fleet: how busy its trucks, places and junctions are."""
 
+import json
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -161,7 +162,8 @@ class Summary:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        c = self.count
+        c, text = self.count, json.dumps(asdict(self.limits))
+        limits = json.loads(text, parse_float=lambda digits: round(float(digits), 4))
         return {
             "vehicles": self.vehicles, "duration_s": self.duration_s, "rows": self.rows,
             "vehicle_steps": self.vehicle_steps, "tasks_given": c.tasks_given, "tasks_done": c.tasks_done,
@@ -172,7 +174,7 @@ class Summary:
             "longest_wait_s": round(self.longest_wait_s, 1),
             "charges": c.charges, "deadlocks": c.deadlocks, "deadlocks_released": c.deadlocks_released,
             "detours": c.detours, "made_room": c.made_room, "empty": c.empty,
-            "limits": {**_rounded(asdict(self.limits)), "one_more": self.one_more}, "notes": self.notes,
+            "limits": {**limits, "one_more": self.one_more}, "notes": self.notes,
         }  # fmt: skip
 
     def lines(self) -> list[str]:
@@ -195,11 +197,3 @@ class Summary:
         if c.empty:
             out.append(f"battery empty: {', '.join(c.empty)}")
         return out
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _rounded(v) for k, v in value.items()}
-    if isinstance(value, tuple):
-        return [_rounded(v) for v in value]
-    return round(value, 4) if isinstance(value, float) else value

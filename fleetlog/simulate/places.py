@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.errors import DataError
-from fleetlog.simulate.arrays import Flags, Floats, Ints
+from fleetlog.simulate.arrays import Floats, Ints
 from fleetlog.store.dataset import Dataset
 from fleetlog.store.days import each_day
-from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED
+from fleetlog.store.trips import MAX_GAP, MIN_LOAD_CHANGE, STANDING_SPEED, runs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,11 +79,10 @@ def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
     t = dataset.read(vehicle, date, COLUMNS)
     still = np.nan_to_num(t.floats("speed"), nan=1.0) <= STANDING_SPEED
     gap = np.diff(t.time, prepend=t.time[:1]) * 1e-6 > MAX_GAP
-    edge = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
     load, height = np.nan_to_num(t.floats("payload")), np.nan_to_num(t.floats("fork_height"))
     x, y, soc = t.floats("x"), t.floats("y"), t.floats("soc")
     out = []
-    for a, b in edge.reshape(-1, 2):
+    for a, b in runs(still):
         first, last = max(a - 1, 0), min(b, len(t) - 1)
         changes = abs(load[last] - load[first]) > MIN_LOAD_CHANGE
         if gap[a + 1 : b].any() or ((t.time[b - 1] - t.time[a]) * 1e-6 < MIN_DWELL and not changes):
@@ -136,14 +135,12 @@ def clusters(stands: Stands, min_visits: int = MIN_VISITS) -> Ints:
     return np.asarray(number[code])
 
 
-def kind_of(stands: Stands, mine: Flags) -> PlaceKind:
-    """What a place is for, from loads and charge; ``park`` where neither changes or the log has neither."""
-    up = float(np.mean(stands.after[mine] - stands.before[mine] > MIN_LOAD_CHANGE))
-    down = float(np.mean(stands.before[mine] - stands.after[mine] > MIN_LOAD_CHANGE))
-    if float(np.mean(stands.charged[mine] > MIN_CHARGE)) > MAJORITY:
+def kind_of(picks: float, drops: float, charges: float) -> PlaceKind:
+    """What a place is for, from the shares of visits; ``park`` where the log has neither loads nor charge."""
+    if charges > MAJORITY:
         return "charge"
-    if up + down > MAJORITY:
-        return "pick" if up >= down else "drop"
+    if picks + drops > MAJORITY:
+        return "pick" if picks >= drops else "drop"
     return "park"
 
 
@@ -154,19 +151,18 @@ def place_table(stands: Stands, cluster: Ints) -> pd.DataFrame:
     rows, counts = [], Counter[str]()
     for k in range(int(cluster.max(initial=-1)) + 1):
         mine = cluster == k
-        kind = kind_of(stands, mine)
+        change, dwell = stands.after[mine] - stands.before[mine], stands.dwell[mine]
+        shares = change > MIN_LOAD_CHANGE, change < -MIN_LOAD_CHANGE, stands.charged[mine] > MIN_CHARGE
+        picks, drops, charges = (float(np.mean(share)) for share in shares)
+        kind = kind_of(picks, drops, charges)
         counts[kind] += 1
         x, y = float(np.median(stands.x[mine])), float(np.median(stands.y[mine]))
-        change, dwell = stands.after[mine] - stands.before[mine], stands.dwell[mine]
-        rows.append({
-            "place": f"{kind}-{counts[kind]}", "kind": kind, "x": x, "y": y,
-            "spread": float(np.median(np.hypot(stands.x[mine] - x, stands.y[mine] - y))),
-            "visits": int(mine.sum()), "vehicles": len(np.unique(stands.vehicle[mine])),
-            "dwell_median": float(np.median(dwell)), "dwell_total": float(dwell.sum()),
-            "picks": float(np.mean(change > MIN_LOAD_CHANGE)),
-            "drops": float(np.mean(change < -MIN_LOAD_CHANGE)),
-            "charges": float(np.mean(stands.charged[mine] > MIN_CHARGE)),
-        })  # fmt: skip
+        spread = float(np.median(np.hypot(stands.x[mine] - x, stands.y[mine] - y)))
+        rows.append((
+            f"{kind}-{counts[kind]}", kind, x, y, spread, int(mine.sum()),
+            len(np.unique(stands.vehicle[mine])), float(np.median(dwell)), float(dwell.sum()),
+            picks, drops, charges,
+        ))  # fmt: skip
     names = "place kind x y spread visits vehicles dwell_median dwell_total picks drops charges"
     return pd.DataFrame(rows, columns=names.split())
 

@@ -1,9 +1,10 @@
 """From steps to power and charge, and to rows of the dataset, written by threads as the fleet drives on."""
 
+from __future__ import annotations
+
 import os
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,15 @@ from fleetlog.core.motion import Motion
 from fleetlog.core.trajectory import Labels, Trajectory, Values
 from fleetlog.core.truck import Truck
 from fleetlog.physics.battery import BatteryModel, discharge
-from fleetlog.physics.power import Physics, battery_power, cell_power
+from fleetlog.physics.power import battery_power, cell_power
 from fleetlog.simulate.arrays import Floats, Index, Modes
 from fleetlog.simulate.state import Log, Mode
 from fleetlog.simulate.track import Track
 from fleetlog.store.writer import DatasetWriter
+
+if TYPE_CHECKING:
+    from fleetlog.simulate.engine import Settings
+    from fleetlog.simulate.world import World
 
 CHARGE_RATE = 0.25  # Power of a charger that the site does not state, in battery capacities an hour
 TAPER_FROM = 0.8
@@ -47,24 +52,16 @@ def locate(ground: Track, log: Log) -> Columns:
     return {n: values.reshape(log.piece.shape) for n, values in zip(names, [*out, edge], strict=True)}
 
 
-@dataclass
 class Meter:
-    """Follows the charge of trucks; no ``battery``: nominal.
+    """Follows the charge of trucks (V,), and sums up the energy used and charged [Wh]."""
 
-    ``physics`` of each kind, ``of`` (V,) the kind of each truck; ``charger`` (B,) [W] of bays, NaN: none;
-    ``limit`` [W] of all chargers together.
-    """
-
-    physics: list[Physics]
-    of: Index
-    ground: Track
-    charger: Floats
-    dt: float
-    soc: Floats
-    temperature: float = 20.0
-    battery: BatteryModel | None = None
-    limit: float = np.inf
-    share: float = 1.0  # Of its power that each charger gives now
+    def __init__(self, world: World, settings: Settings) -> None:
+        self.physics, self.of, self.limit = world.physics, world.trucks.of, world.site.power_limit
+        self.dt, self.temperature, self.battery = settings.step, settings.temperature, settings.battery
+        self.charger = np.array([b.place.power if b.place.kind == "charge" else np.nan for b in world.bays])
+        self.soc = np.full(len(self.of), settings.soc)
+        self.share = 1.0  # Of its power that each charger gives now
+        self.used = self.charged = 0.0
 
     def share_site_power(self, mode: Modes, bay: Index) -> None:
         """What each charger may give of its power, so that all together keep to the limit of the site."""
@@ -90,6 +87,8 @@ class Meter:
         if charging.any():
             power = power - np.where(charging, self.share * self._charge_power(bay, which)[:, None], 0.0)
         power[log.mode == Mode.EMPTY] = 0.0
+        self.used += float(np.maximum(power, 0.0).sum()) * self.dt / 3600.0
+        self.charged -= float(np.minimum(np.where(charging, power, 0.0), 0.0).sum()) * self.dt / 3600.0
         return {"battery_power": power, **self._follow(power, which)}
 
     def _charge_power(self, bay: Index, which: slice) -> Floats:
@@ -127,18 +126,27 @@ class Recorder:
     """Takes batches of ``steps`` steps, keeps every ``every``-th one as a row, and writes a group of trucks'
     rows when enough have come together, or the ``total`` of steps is reached.
 
-    Power of a row is the mean over the ``every`` steps around it, so that power times the time between rows
-    adds up to the energy.  Groups are written in turn, each by one thread at a time: the same bytes whatever
-    the number of threads.  Leaving the block without :meth:`flush` gives up what is not written.
+    Height is known of hilly sites, voltage and current by a battery's chemistry.  Power of a row is the mean
+    over the ``every`` steps around it, so that power times the time between rows adds up to the energy.
+    Groups are written in turn, each by one thread at a time: the same bytes whatever the number of threads.
+    Leaving the block without :meth:`flush` gives up what is not written.
     """
 
     def __init__(
-        self, writer: DatasetWriter, names: list[str], edges: tuple[str, ...], start: int, dt: float,
-        every: int, steps: int, total: int, columns: tuple[str, ...],
-    ) -> None:  # fmt: skip
-        self.writer, self.names, self.edges, self.columns = writer, names, edges, columns
-        self.every, self.interval = every, every * round(dt * 1e6)
-        self.start = start + every // 2 * round(dt * 1e6)
+        self,
+        writer: DatasetWriter,
+        names: list[str],
+        world: World,
+        settings: Settings,
+        steps: int,
+        total: int,
+    ) -> None:
+        self.writer, self.names, self.edges = writer, names, world.track.network.edge_ids
+        flat, nominal = not np.any(world.ground.z), settings.battery is None
+        unknown = ("z",) * flat + MEANS[1:] * nominal
+        self.columns = tuple(c for c in DIGITS if c not in unknown)
+        every, dt = round(settings.interval / settings.step), round(settings.step * 1e6)
+        self.every, self.interval, self.start = every, every * dt, settings.start + every // 2 * dt
         trucks, batches = len(names), total // steps
         groups = -(-trucks // min(TOGETHER, trucks))
         self._most = min(max(ROWS * every // (trucks * steps), 1), batches)
@@ -146,7 +154,7 @@ class Recorder:
         # where all rows can be kept, all at the end.
         share = 1.0 if self._most == batches else 0.5 + 0.5 * (np.arange(groups) + 1) / (groups + 1)
         self._due = np.full(groups, np.maximum(share * self._most, 1.0)).astype(int)
-        self._batch = np.zeros((trucks, len(columns) + 2, steps // every), np.int32)
+        self._batch = np.zeros((trucks, len(self.columns) + 2, steps // every), np.int32)
         self._rows = np.zeros(groups, np.int64)
         self._kept: list[list[Index]] = [[] for _ in range(groups)]
         self._pool = ThreadPoolExecutor(min(os.cpu_count() or 1, 4))
@@ -215,9 +223,3 @@ class Recorder:
 def rounded(columns: dict[str, Floats]) -> dict[str, Values]:
     """Columns to the decimals that a simulation writes."""
     return {name: np.round(values, DIGITS[name]) for name, values in columns.items()}
-
-
-def columns_of(hilly: bool, chemistry: bool) -> tuple[str, ...]:
-    """Columns that are known: height of hilly sites, voltage and current by a battery's chemistry."""
-    unknown = (() if hilly else ("z",)) + (() if chemistry else ("battery_voltage", "battery_current"))
-    return tuple(c for c in DIGITS if c not in unknown)

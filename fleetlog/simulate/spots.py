@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fleetlog.core.site import Place, Site
+from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.errors import SiteError
 from fleetlog.simulate.bays import OFF_ROADS, BayMaker
 from fleetlog.simulate.doors import Bay, span
@@ -74,7 +74,7 @@ def _drawn(site: Site, maker: BayMaker, vehicles: int) -> list[str]:
         notes.append(f"the site has no pick or drop place: {len(made)} were drawn along its roads")
     free = sum(b.place.kind != "charge" for b in maker.bays)
     if free < 2 * vehicles + 2:
-        made = _spare(maker, 2 * vehicles + 2 - free)
+        made = auto_places(maker, 2 * vehicles + 2 - free, ("park",), "spot")
         if made:
             notes.append(
                 f"{len(made)} further parking spots were drawn along the roads for {vehicles} trucks"
@@ -82,17 +82,10 @@ def _drawn(site: Site, maker: BayMaker, vehicles: int) -> list[str]:
     return notes
 
 
-def _spare(maker: BayMaker, wanted: int) -> list[Bay]:
-    made = auto_places(maker, wanted, ("park",))
-    start = len(maker.bays) - len(made)
-    for i, bay in enumerate(made):
-        spot = Place(f"spot-{i + 1}", "park", float(bay.door.path[-1, 0]), float(bay.door.path[-1, 1]))
-        maker.bays[start + i] = bay._replace(place=spot)
-    return made
-
-
-def auto_places(maker: BayMaker, wanted: int, kinds: tuple[str, ...] = ("park", "pick", "drop")) -> list[Bay]:
-    """Bays evenly over the roads; at most ``wanted``."""
+def auto_places(
+    maker: BayMaker, wanted: int, kinds: tuple[PlaceKind, ...] = ("park", "pick", "drop"), name: str = ""
+) -> list[Bay]:
+    """Bays evenly over the roads, at most ``wanted``, called after their kinds or a ``name``."""
     pitch, radius = maker.truck.chassis.width + 2.0 * GAP, maker.truck.chassis.turn_radius
     spots: list[tuple[bool, float, int, float]] = []
     for lane in np.flatnonzero(maker.lasting).tolist():
@@ -101,8 +94,9 @@ def auto_places(maker: BayMaker, wanted: int, kinds: tuple[str, ...] = ("park", 
         for i in range(n):
             at = low + (i + 0.5) / n * (high - low)
             # First those that both lanes of a road lead to; of these the middle of a lane, then its quarters
-            # ...: a few bays lie spread over all roads.
-            spots.append((not maker.from_both(lane, at, radius), _spread(i), lane, at))
+            # ..., by the binary digits mirrored (van der Corput): a few bays lie spread over all roads.
+            spread = int(f"{i:b}"[::-1], 2) / 2 ** i.bit_length()
+            spots.append((not maker.from_both(lane, at, radius), spread, lane, at))
     made: list[Bay] = []
     for *_, lane, at in sorted(spots):
         if len(made) >= wanted:
@@ -110,17 +104,7 @@ def auto_places(maker: BayMaker, wanted: int, kinds: tuple[str, ...] = ("park", 
         kind = kinds[len(made) % len(kinds)]
         spot = maker.track.first[lane] + int(at / maker.track.spacing[lane])
         x, y = float(maker.track.x[spot]), float(maker.track.y[spot])
-        place = Place(f"{kind}-{len(made) + 1}", kind, x, y)  # type: ignore[arg-type]
-        bay = maker.along(lane, at, place)
+        bay = maker.along(lane, at, Place(f"{name or kind}-{len(made) + 1}", kind, x, y))
         if bay is not None:
             made.append(bay)
     return made
-
-
-def _spread(i: int) -> float:
-    """Van der Corput's sequence of base 2: an order in which any first few are far apart."""
-    out, share = 0.0, 0.5
-    while i:
-        out += share * (i & 1)
-        i, share = i >> 1, share / 2.0
-    return out

@@ -94,13 +94,9 @@ def joined(start: Floats, out: float, end: Floats, into: float) -> Floats:
         if first > 1e-3 and last > 1e-3 and abs(turn) < 2.6:
             bow = arc(start + first * a, a, turn, min(first, last))
             return np.concatenate([[start], bow, [end]])
-    return _cubic(start, a, end, b)
-
-
-def _cubic(start: Floats, a: Floats, end: Floats, b: Floats) -> Floats:
-    handle = max(0.65 * float(np.hypot(*(end - start))), 0.5)
-    u = np.linspace(0.0, 1.0, 41)[:, None]
-    p1, p2 = start + handle * a, end - handle * b
+    # A cubic whose handles point along the headings.
+    handle = max(0.65 * float(np.hypot(*gap)), 0.5)
+    u, p1, p2 = np.linspace(0.0, 1.0, 41)[:, None], start + handle * a, end - handle * b
     return np.asarray((1 - u) ** 3 * start + 3 * u * (1 - u) ** 2 * p1 + 3 * u**2 * (1 - u) * p2 + u**3 * end)
 
 
@@ -177,19 +173,16 @@ class Track:
         return np.asarray((np.abs(np.angle(np.exp(1j * turn))) > SWING) & (self.source >= 0))
 
     @cached_property
-    def _by_turn(self) -> dict[tuple[int, int], int]:
+    def by_turn(self) -> dict[tuple[int, int], int]:
+        """The connector from one edge to another."""
         turns = zip(self.source.tolist(), self.target.tolist(), strict=True)
         return {turn: p for p, turn in enumerate(turns) if turn[0] >= 0}
-
-    def turn(self, a: int, b: int) -> int:
-        """The connector from one edge to another, -1: none."""
-        return self._by_turn.get((a, b), -1)
 
     def pieces(self, edges: NDArray[np.integer]) -> Index:
         """Lanes and connectors along a chain of edges."""
         out = [int(edges[0])]
         for a, b in itertools.pairwise(edges):
-            out += [self._by_turn[int(a), int(b)], int(b)]
+            out += [self.by_turn[int(a), int(b)], int(b)]
         return np.array(out, dtype=np.int32)
 
 

@@ -191,16 +191,13 @@ class Untangler:
                 self._other_door(v)
         still = self.watch.still(now)
         stuck: list[int] = np.flatnonzero(still > STUCK).tolist()
-        if not stuck:
-            self._known = {}
-            return
-        found = {frozenset(ring) for ring in rings(self.watch.blockers(stuck))}
+        found = {frozenset(ring) for ring in rings(self.watch.blockers(stuck))} if stuck else set()
+        known, self._known = self._known, {}
         for ring in sorted(found, key=min):
-            released = self._break(sorted(ring))
-            self.count.deadlocks += ring not in self._known
-            self.count.deadlocks_released += released and not self._known.get(ring, False)
-            self._known[ring] = released or self._known.get(ring, False)
-        self._known = {ring: done for ring, done in self._known.items() if ring in found}
+            before, released = known.get(ring), self._break(sorted(ring))
+            self.count.deadlocks += before is None
+            self.count.deadlocks_released += released and not before
+            self._known[ring] = released or bool(before)
         for v in stuck:
             if f.mode[v] == Mode.DRIVING and f.why[v] == 2 and now - f.waits[v] > DETOUR:
                 self._detour(v)
@@ -211,16 +208,14 @@ class Untangler:
         if any(self._other_door(v) if f.mode[v] != Mode.DRIVING else self._detour(v) for v in ring):
             return True
         full = any(f.why[v] == 2 for v in ring)
-        if full:
-            f.force[np.array(ring)] = True
+        f.force[ring] |= full
         return full
 
     def _other_door(self, v: int) -> bool:
         """Send who cannot get into its bay, or out of it, by another door; on the road it drives on."""
         f, ways, door = self.fleet, self.world.ways, self.world.doors[self.fleet.door[v]]
-        if f.entry[v] or f.mode[v] not in (Mode.AT_BAY, Mode.WANTS_OUT):
-            return False
-        if f.held_to[v] >= f.held_from[v]:
+        stands = f.mode[v] in (Mode.AT_BAY, Mode.WANTS_OUT) and not f.entry[v]
+        if not stands or f.held_to[v] >= f.held_from[v]:
             # What it has reserved is counted along its old way.
             return False
         if f.mode[v] == Mode.WANTS_OUT:

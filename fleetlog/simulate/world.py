@@ -71,7 +71,7 @@ def build_world(
     network = site.roads()
     trucks = Trucks.given(trucks, vehicles) if isinstance(trucks, Truck) else trucks
     truck = trucks.envelope
-    own = trucks.physics((physics or Physics(truck)).fleet)
+    own = [replace((physics or Physics(truck)).fleet, truck=kind) for kind in trucks.kinds]
     fastest = max((p.actual_truck().drive for p in own), key=lambda d: d.max_speed * d.speed_factor)
     track = build_track(network, truck, site.traffic)
     junctions = find_junctions(track, truck)

@@ -43,12 +43,9 @@ def ask(r: Roads, f: Fleet, v: int, x: Limits) -> None:
 @inner
 def unask(r: Roads, f: Fleet, v: int) -> None:
     """Ask no longer."""
-    d = f.door[v]
-    if f.asks[r.door_lane[d]] == v:
-        f.asks[r.door_lane[d]] = -1
-    c = r.door_crosses[d]
-    if c >= 0 and f.asks[c] == v:
-        f.asks[c] = -1
+    for lane in (r.door_lane[f.door[v]], r.door_crosses[f.door[v]]):
+        if lane >= 0 and f.asks[lane] == v:
+            f.asks[lane] = -1
 
 
 @inner
@@ -168,24 +165,15 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
 
 
 @inner
-def wants_entry(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
-    """Whether a truck comes near its door without a reservation of the ground there."""
-    if f.at[v] < f.last[v] or f.entry[v]:
+def comes_near(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
+    """Whether a truck comes near its door, or first near the end of its lane, without a reservation."""
+    look = f.v[v] * f.v[v] / (2.0 * x.plan[v]) + 1.2 * f.v[v]
+    p, a = f.piece[v], f.ahead[v]
+    if f.at[v] == f.last[v]:
+        return not f.entry[v] and r.door_at[f.door[v]] - f.s[v] < look + 1.0
+    if f.held_to[v] >= f.at[v] or not is_safe_lane(r, p) or (a >= 0 and f.held_to[a] <= f.at[a]):
         return False
-    return r.door_at[f.door[v]] - f.s[v] < f.v[v] * f.v[v] / (2.0 * x.plan[v]) + 1.2 * f.v[v] + 1.0
-
-
-@inner
-def wants_passage(r: Roads, f: Fleet, v: int, x: Limits) -> bool:
-    """Whether a truck comes near the end of its lane without a reservation, and is the first to."""
-    if f.held_to[v] >= f.at[v] or f.at[v] >= f.last[v]:
-        return False
-    p = f.piece[v]
-    if not is_safe_lane(r, p):
-        return False
-    if f.ahead[v] >= 0 and f.held_to[f.ahead[v]] <= f.at[f.ahead[v]]:
-        return False
-    return r.stop[p] - f.s[v] < f.v[v] * f.v[v] / (2.0 * x.plan[v]) + 1.2 * f.v[v] + 3.0
+    return r.stop[p] - f.s[v] < look + 3.0
 
 
 @inner
@@ -195,8 +183,7 @@ def reservations(r: Roads, f: Fleet, x: Limits, now: float) -> None:
     n = 0
     for v in range(len(f.mode)):
         m = f.mode[v]
-        comes = m == Mode.DRIVING and (wants_entry(r, f, v, x) or wants_passage(r, f, v, x))
-        if comes or m == Mode.WANTS_OUT or m == Mode.AT_BAY:
+        if m == Mode.WANTS_OUT or m == Mode.AT_BAY or (m == Mode.DRIVING and comes_near(r, f, v, x)):
             if f.waits[v] == np.inf:
                 f.waits[v] = now
             # Into the line behind all who have waited as long.

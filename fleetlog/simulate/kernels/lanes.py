@@ -1,9 +1,15 @@
-"""Lanes and junctions: how fast on them, who is in line there; passages are reserved whole or not at all."""
+"""Lanes and junctions: how fast on them, who is in line there; passages are reserved whole or not at all.
+
+From piece to piece of a route, and into a bay and out of it.
+"""
 
 import numpy as np
 
 from fleetlog.compiling import kernel
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
+
+NEAR = 0.02  # At rest this close to its mark a truck is there [m]
+REST = 0.01  # Slower than this it is at rest [m/s]
 
 inner = kernel(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 """How kernels are compiled that only other kernels call.
@@ -19,16 +25,6 @@ def safe(v: float, room: float, u: float, brake: float, dt: float) -> float:
     """Speed that still stops behind one ``room`` m ahead who brakes from ``u`` (Krauss 1998)."""
     q = 0.25 * brake * brake * dt * dt + 2.0 * brake * (room - 0.5 * v * dt) + u * u
     return -0.5 * brake * dt + np.sqrt(q) if q > 0.0 else 0.0
-
-
-@inner
-def cap_at(r: Roads, piece: int, s: float, row: int) -> float:
-    """Speed cap on a piece; its square is linear between samples."""
-    x = min(max(s, 0.0), r.length[piece]) / r.spacing[piece]
-    low = r.first[piece]
-    i = min(int(x), r.first[piece + 1] - low - 2)
-    a, b = r.cap[row, low + i], r.cap[row, low + i + 1]
-    return np.sqrt(a * a + (x - i) * (b * b - a * a))
 
 
 @inner
@@ -126,17 +122,6 @@ def has_room(r: Roads, f: Fleet, v: int, lane: int, x: Limits) -> bool:
 
 
 @inner
-def ends_here(r: Roads, f: Fleet, piece: int) -> bool:
-    """Whether somebody on a piece goes into a bay there: a reservation beyond it could be in his way."""
-    u = f.tail[piece]
-    while u >= 0:
-        if f.at[u] == f.last[u]:
-            return True
-        u = f.ahead[u]
-    return False
-
-
-@inner
 def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int:
     """Reserve the way to the next safe lane, whole: 0 done, 1 others are in the way, 2 no room there."""
     high = min(low + 1, f.last[v])
@@ -146,8 +131,12 @@ def acquire(r: Roads, f: Fleet, v: int, low: int, x: Limits, claim: bool) -> int
     if ends_safe and high > low and not has_room(r, f, v, f.route[v, high], x):
         return 2
     for k in range(low + 1, high):
-        if ends_here(r, f, f.route[v, k]):
-            return 1
+        # Who goes into a bay there could find a reservation beyond it in its way.
+        u = f.tail[f.route[v, k]]
+        while u >= 0:
+            if f.at[u] == f.last[u]:
+                return 1
+            u = f.ahead[u]
     if f.mode[v] == Mode.WANTS_OUT and f.held[f.route[v, low]] > 0:
         # Who comes along a single-lane aisle may have a reservation beyond it already: it goes first.
         if claim:
@@ -178,3 +167,77 @@ def release(r: Roads, f: Fleet, v: int, upto: int) -> None:
         f.held_from[v], f.held_to[v] = 0, -1
     elif upto > low:
         f.held_from[v] = upto
+
+
+@inner
+def cross(r: Roads, f: Fleet, v: int) -> None:
+    """Go over to the next pieces of the route where the end of one is passed."""
+    while f.s[v] > r.length[f.piece[v]] and f.at[v] < f.last[v]:
+        p = f.piece[v]
+        if is_safe_lane(r, p) and f.held_to[v] <= f.at[v]:
+            # A hair beyond the stop line by rounding, without a reservation: not over it.
+            f.s[v] = r.length[p]
+            return
+        f.s[v] -= r.length[p]
+        drop(f, v, p)
+        f.at[v] += 1
+        q = f.route[v, f.at[v]]
+        if p < len(r.clear):
+            f.on[p] -= 1
+            f.last_out[p] = v
+            f.left[v] = p
+            f.left_by[v] = f.s[v]
+            f.left_hold[v] = r.length[q] + 1.0 if r.swings[q] else 0.0
+        if q < len(r.clear):
+            f.on[q] += 1
+            if is_safe_lane(r, q) and f.held_to[v] == f.at[v]:
+                f.inbound[q] -= 1
+        f.ahead[v], f.tail[q], f.piece[v] = f.tail[q], v, q
+
+
+@inner
+def let_go(r: Roads, f: Fleet, v: int, x: Limits) -> None:
+    """Give back what is behind the truck."""
+    if f.held_to[v] < f.held_from[v]:
+        return
+    p = f.piece[v]
+    if f.at[v] == f.held_to[v] and is_safe_lane(r, p) and f.s[v] >= r.clear[p]:
+        release(r, f, v, f.held_to[v] + 1)
+    elif f.s[v] > 0.5 * x.length + 0.3:
+        release(r, f, v, min(f.at[v], f.held_to[v]))
+
+
+@inner
+def reach_door(r: Roads, f: Fleet, v: int) -> None:
+    """Turn onto the spur where its door is passed and its ground reserved, or wait at rest before it."""
+    past = f.s[v] - r.door_at[f.door[v]]
+    if f.entry[v] and past >= 0.0:
+        f.mode[v], f.spur[v] = Mode.ENTERING, past
+    elif f.v[v] < REST and abs(past) < NEAR:
+        f.mode[v], f.v[v] = Mode.AT_BAY, 0.0
+    else:
+        return
+    f.s[v], f.waits[v] = r.door_at[f.door[v]], np.inf
+
+
+@inner
+def end_spur(r: Roads, f: Fleet, v: int) -> None:
+    """Stand in the bay, or on the lane, at the end of a spur."""
+    d, enters = f.door[v], f.mode[v] == Mode.ENTERING
+    rest = r.door_length[d] - f.spur[v] if enters else f.spur[v]
+    if rest >= NEAR or f.v[v] >= REST:
+        return
+    f.held[len(r.length) + 2 * len(r.clear) + d] -= 1
+    if r.door_crosses[d] >= 0:
+        f.crossed[r.door_crosses[d]] = -1
+    f.v[v], f.attention[v] = 0.0, True
+    if enters:
+        lane = r.door_lane[d]
+        drop(f, v, lane)
+        f.on[lane] -= 1
+        if f.held_to[v] >= f.held_from[v]:
+            release(r, f, v, f.held_to[v] + 1)
+        f.mode[v], f.entry[v], f.spur[v] = Mode.PARKED, False, r.door_length[d]
+        f.piece[v], f.left[v] = -1, -1
+    else:
+        f.mode[v], f.at[v], f.door[v], f.spur[v] = Mode.DRIVING, 0, f.goal[v], 0.0

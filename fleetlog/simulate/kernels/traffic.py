@@ -3,13 +3,22 @@
 import numpy as np
 
 from fleetlog.compiling import kernel
-from fleetlog.simulate.kernels.arrivals import cross, end_spur, let_go, reach_door
 from fleetlog.simulate.kernels.gates import may_ask, past_door, reservations
-from fleetlog.simulate.kernels.lanes import cap_at, inner, is_safe_lane, safe
+from fleetlog.simulate.kernels.lanes import cross, end_spur, inner, is_safe_lane, let_go, reach_door, safe
 from fleetlog.simulate.state import Fleet, Limits, Log, Mode, Roads
 
 GRAVITY = 9.81
 ROUND = 5  # Steps between two rounds of reservations
+
+
+@inner
+def cap_at(r: Roads, piece: int, s: float, row: int) -> float:
+    """Speed cap on a piece; its square is linear between samples."""
+    x = min(max(s, 0.0), r.length[piece]) / r.spacing[piece]
+    low = r.first[piece]
+    i = min(int(x), r.first[piece + 1] - low - 2)
+    a, b = r.cap[row, low + i], r.cap[row, low + i + 1]
+    return np.sqrt(a * a + (x - i) * (b * b - a * a))
 
 
 @inner
