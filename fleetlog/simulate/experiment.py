@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fleetlog import engines
 from fleetlog.core.result import Result, Spread, half_width
 from fleetlog.core.site import Site
 from fleetlog.errors import DataError, nearest
 from fleetlog.simulate.limits import Summary
 from fleetlog.simulate.occupancy import Policy
-from fleetlog.simulate.scenario import Scenario, run_all, with_plugs
+from fleetlog.simulate.scenario import Scenario, attempt, with_plugs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -129,7 +130,8 @@ def experiment(
 
     plan = [(k, base.settings.seed, *v) for base in bases for k, v in enumerate(variants(base, factors))]
     rows = []
-    results = run_all([scenario for *_, scenario in plan])
+    scenarios = [scenario for *_, scenario in plan]
+    results = engines.current().run(attempt, scenarios, lambda s: f"seed {s.settings.seed}")
     for (number, seed, values, _), outcome in zip(plan, results, strict=True):
         rows.append({"variant": number, "seed": seed, **values, **_measured(outcome)})
         progress(float(len(rows)), float(len(plan)))

@@ -105,7 +105,8 @@ def meet_again(replays: Sequence[VehicleReplay], truck: Truck) -> tuple[float, i
     for k, (u, trip) in enumerate(trips):
         stops = _own_stops(_leg(trip), nodes.recorded.to_numpy(), was, int(first[k]))
         if len(stops) < len(_leg(trip).stops):
-            replays[u].drive_on(trip, replace(_leg(trip), stops=stops))
+            trip.leg = replace(_leg(trip), stops=stops)
+            trip.drive = replays[u].free_flow(trip.leg)
     gates = _gates(_nodes(replays, trips, clock), half)
     return _driven(replays, trips, clock, first, gates)
 

@@ -102,19 +102,15 @@ class VehicleReplay:
         self.totals[:3] += leg.distance[-1], leg.duration, self.energy[a:b].sum()
         leave, arrive = float(leg.path.time[0]), float(leg.path.time[-1])
         payload, work = float(np.median(leg.path.payload)), self._work(rows, arrive)
-        drive = self._free_flow(leg)
+        drive = self.free_flow(leg)
         return Trip(number, rows, leave, arrive, self._beside(leg), drive, payload, leave, work)
 
-    def _free_flow(self, leg: Leg) -> SpeedProfile:
+    def free_flow(self, leg: Leg) -> SpeedProfile:
         """Speeds on a leg; into a bay and out of it a truck creeps."""
         limit, off = speed_limits(self.site, leg.path), leg.path.edge < 0
         slow = np.minimum(limit, creep_speed(self.physics.actual_truck()))
         limit = np.where(off & (not off.all()), slow, limit)
         return free_flow(leg, self.physics.at(leg.path.time[0]), limit)
-
-    def drive_on(self, trip: Trip, leg: Leg) -> None:
-        """Drive another leg on a trip."""
-        trip.leg, trip.drive = leg, self._free_flow(leg)
 
     def _drawn(self, leg: Leg) -> Leg:
         """The leg on the middle of its roads, where it lies on roads."""
@@ -221,10 +217,9 @@ class VehicleReplay:
         if np.isfinite(at.ambient_temperature).any():
             columns["ambient_temperature"] = np.round(at.ambient_temperature, 2)
         if self.site.network is not None and (at.edge >= 0).any():
-            used, places = np.unique(at.edge, return_inverse=True)
-            names = self.site.network.edge_ids
-            codes = np.where(at.edge < 0, -1, places - int(used[0] < 0)).astype(np.int32)
-            columns["edge_id"] = Labels(codes, tuple(names[i] for i in used if i >= 0))
+            used, names = np.unique(at.edge[at.edge >= 0]), self.site.network.edge_ids
+            codes = np.where(at.edge < 0, -1, np.searchsorted(used, at.edge)).astype(np.int32)
+            columns["edge_id"] = Labels(codes, tuple(names[i] for i in used))
             length = self.site.network.length[np.maximum(at.edge, 0)]
             columns["edge_offset"] = np.where(
                 at.edge < 0, np.nan, np.round(np.clip(at.edge_offset, 0.0, length), 3)

@@ -1,12 +1,11 @@
-"""What one simulation is made of; runs of many, and what one more of a scarce thing brings."""
+"""What one simulation is made of, and what one more of a scarce thing brings."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from fleetlog import engines
 from fleetlog.core.site import Site
 from fleetlog.core.truck import Truck
 from fleetlog.errors import FleetlogError
@@ -50,11 +49,6 @@ def attempt(scenario: Scenario) -> Summary | str:
         return scenario.run()
     except FleetlogError as error:
         return str(error)
-
-
-def run_all(scenarios: Sequence[Scenario]) -> Iterator[Summary | str]:
-    """What becomes of every scenario, in their order, on the engine in use."""
-    yield from engines.current().run(attempt, scenarios, lambda s: f"seed {s.settings.seed}")
 
 
 def with_plugs(site: Site, place: str, plugs: int) -> Site:

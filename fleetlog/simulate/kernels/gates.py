@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from fleetlog.simulate.kernels.lanes import acquire, inner, insert, is_free, is_safe_lane
+from fleetlog.roads.kernels.compiling import inner
+from fleetlog.simulate.kernels.lanes import acquire, insert, is_free, is_safe_lane
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 SHORT = 0.3  # Who stops for another stops this much early: a hair too far, and both would wait for ever [m]

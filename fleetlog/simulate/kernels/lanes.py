@@ -5,19 +5,11 @@ From piece to piece of a route, and into a bay and out of it.
 
 import numpy as np
 
-from fleetlog.compiling import kernel
+from fleetlog.roads.kernels.compiling import inner
 from fleetlog.simulate.state import Fleet, Limits, Mode, Roads
 
 NEAR = 0.02  # At rest this close to its mark a truck is there [m]
 REST = 0.01  # Slower than this it is at rest [m/s]
-
-inner = kernel(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""How kernels are compiled that only other kernels call.
-
-Nothing in them allocates, so counting references of sixty arrays at every access, which would take most of
-the time, is switched off; and without an entrance from Python, which would unpack them all, a third of the
-time of compiling is saved.
-"""
 
 
 @inner

@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from fleetlog.compiling import kernel
+from fleetlog.roads.kernels.compiling import inner
 from fleetlog.simulate.arrays import Flags, Floats, Ints
-from fleetlog.simulate.kernels.lanes import inner, safe
+from fleetlog.simulate.kernels.lanes import safe
 
 STEP = 0.1  # [s]
 BEFORE = 0.3  # A truck waits this far before the first node that it may not reach [m]
