@@ -14,7 +14,7 @@ from fleetlog.discovery.recording.splits import HELD_OUT
 from fleetlog.discovery.report.finding import ChannelFit, Errors
 from fleetlog.discovery.search.joint import Joint
 from fleetlog.discovery.search.problem import Problem
-from fleetlog.discovery.search.sizes import predicted
+from fleetlog.discovery.search.sizes import hidden, predicted
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -25,16 +25,17 @@ FEWEST = 50  # Windows from which on a noise floor is told
 
 
 def judge(
-    problem: Problem, before: Model, after: Model, without: dict[Hypothesis, Model], beside: dict[Hypothesis,
+    problem: Problem, before: Model, after: Joint, without: dict[Hypothesis, Model], beside: dict[Hypothesis,
     Joint],
-) -> tuple[ChannelFit, dict[Hypothesis, Errors]]:  # fmt: skip
+) -> tuple[ChannelFit, dict[Hypothesis, Errors], float | None]:  # fmt: skip
     """Return the errors of a model before and after on what was held out, and of each finding: of the model
-    ``without`` it, or of the fit with a free curve ``beside``."""
+    ``without`` it, or of the fit with a free curve ``beside``; and the error after beside what sampling
+    hides."""
     channel, units = problem.channel, list(problem.held_out())
     energy = _pooled(units, lambda u: u.recorded)
     if not len(energy) or not energy.any():
         reason = "too few trips to hold some out; record more"
-        return ChannelFit(channel.name, channel.metric, None, None, None, reason), {}
+        return ChannelFit(channel.name, channel.metric, None, None, None, reason), {}, None
     size = float(np.sqrt(np.mean(energy**2)))
 
     def left(model: Model) -> Floats:
@@ -46,7 +47,7 @@ def judge(
     def error(residual: Floats) -> float:
         return float(np.sqrt(np.mean(residual**2))) / size
 
-    new, cluster = left(after), _clusters(problem, units)
+    new, cluster = left(after.model), _clusters(problem, units)
     pairs = {h: (left(model), new) for h, model in without.items()}
     pairs |= {h: (new, kept_back(joint)) for h, joint in beside.items()}
     told = {
@@ -55,7 +56,8 @@ def judge(
     }
     floor = _floor(problem, before)
     told_floor = None if floor is None else floor / size
-    return ChannelFit(channel.name, channel.metric, error(left(before)), error(new), told_floor), told
+    fit = ChannelFit(channel.name, channel.metric, error(left(before)), error(new), told_floor)
+    return fit, told, error(new - _pooled(units, lambda u: hidden(problem, u, after)))
 
 
 def strongest(problem: Problem, base: Joint, joint: Joint) -> float | None:
