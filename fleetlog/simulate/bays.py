@@ -1,16 +1,21 @@
-"""Where trucks stand beside the road: a bay at every place, reached from a lane over a spur."""
+"""Where trucks stand beside the road: a bay at every place, reached from a lane over a spur.
+
+Where a site has no places, or too few, bays are drawn along its roads.
+"""
 
 from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
 
-from fleetlog.core.site import Place
+from fleetlog.core.site import Place, PlaceKind, Site
 from fleetlog.core.truck import Truck
+from fleetlog.errors import SiteError
 from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.doors import SHARES, Bay, Door, Stand, door_beside, opposite_spur, span
-from fleetlog.simulate.junctions import Junctions, half_box
+from fleetlog.simulate.junctions import GAP, Junctions, half_box
 from fleetlog.simulate.track import SPACING, Track, arc, even, moved
+from fleetlog.simulate.ways import main_part
 
 OFF_ROADS = 15.0  # A place farther than this from every road is not on the site [m]
 REACH = 25.0  # A bay is drawn at most this far along the road from its place [m]
@@ -93,18 +98,11 @@ class BayMaker:
         return bool(low + SPACING <= at <= high)
 
     def _nearest(self, place: Place, near: list[tuple[float, int, float]], both: bool) -> Door | None:
-        best: tuple[float, Door] | None = None
-        for gap, lane, at in near:
-            if best is not None and gap > best[0] + REACH:
-                break
-            for shift in np.arange(0.0, REACH, STEP):
-                if best is not None and gap + shift >= best[0]:
-                    break
-                door = self._try(place, lane, at, float(shift), both)
-                if door is not None:
-                    best = (gap + shift, door)
-                    break
-        return None if best is None else best[1]
+        """The door that is nearest to the place, across the road and along it."""
+        shifts = np.arange(0.0, REACH, STEP).tolist()
+        spots = sorted((gap + s, n, lane, at, s) for n, (gap, lane, at) in enumerate(near) for s in shifts)
+        doors = (self._try(place, lane, at, shift, both) for _, _, lane, at, shift in spots)
+        return next((door for door in doors if door is not None), None)
 
     def _try(self, place: Place, lane: int, at: float, shift: float, both: bool) -> Door | None:
         # Lanes of one road lie beside its centre line all along, by the same distance.
@@ -161,3 +159,87 @@ def _offsets(t: Track, lane: int) -> tuple[Floats, Floats]:
     """Metres along a lane of its samples, and along its road."""
     rows = slice(t.first[lane], t.first[lane + 1])
     return np.arange(rows.stop - rows.start) * t.spacing[lane], t.offset[rows]
+
+
+def lay_out(site: Site, maker: BayMaker, vehicles: int, mined: frozenset[str], spots: int) -> list[str]:
+    """Make bays at places and for ``spots`` trucks; notes, or :class:`SiteError` (see ``_at_place``)."""
+    notes = _lasting_lanes(site, maker, mined)
+    notes += [note for place in site.places if (note := _at_place(maker, place, place.id in mined))]
+    notes += _drawn(site, maker, spots)
+    room = sum(b.place.kind != "charge" for b in maker.bays)
+    if vehicles > room - 1:
+        what = f"{vehicles} trucks are more than the site can hold: there is room to park {max(room - 1, 0)}"
+        raise SiteError(what, do="simulate fewer trucks or add roads and parking places")
+    return notes
+
+
+def _lasting_lanes(site: Site, maker: BayMaker, mined: frozenset[str]) -> list[str]:
+    """Restrict bays to the lanes that lead to one another and to most of the places."""
+    network, near = maker.track.network, []
+    for place in site.places:
+        lanes = maker.lanes_near(place.x, place.y)
+        if place.id not in mined and (not lanes or lanes[0][0] > OFF_ROADS):
+            do = f"move it to within {OFF_ROADS:.0f} m of a road, or draw the road that leads there"
+            raise SiteError(f"place {place.id!r} at ({place.x:.1f}, {place.y:.1f}) is off the roads", do=do)
+        near.append(np.array([lane for _, lane, _ in lanes], dtype=np.int64))
+    maker.lasting = main_part(network, near)
+    out = ~maker.lasting
+    told = f"{out.sum()} of {len(network)} lanes ({network.length[out].sum():.0f} m)"
+    return [f"{told} cannot be reached and left again: nobody stops there"] if out.any() else []
+
+
+def _at_place(maker: BayMaker, place: Place, mined: bool) -> str | None:
+    """Make the bays of a place; what to say where it gets none."""
+    if not mined and not maker.lanes_near(place.x, place.y):
+        return f"place {place.id!r} cannot be reached from the others and left again: it is left out"
+    wanted = max(place.plugs, 1)
+    made = sum(maker.place(place) is not None for _ in range(wanted))
+    if made >= (wanted if place.kind == "charge" and not mined else 1):
+        return None
+    if mined:
+        return f"no room for a truck beside the road at the mined place {place.id!r}: it is left out"
+    what = f"no room for a truck of {maker.truck.chassis.length:g} m beside the road at place {place.id!r}"
+    raise SiteError(what, do="move the place to a longer stretch of road, or away from its neighbours")
+
+
+def _drawn(site: Site, maker: BayMaker, vehicles: int) -> list[str]:
+    """Draw the bays that the site lacks; what to say about them."""
+    notes, kinds = [], {b.place.kind for b in maker.bays}
+    if not site.places:
+        made = auto_places(maker, max(24, 3 * vehicles))
+        return [f"the site has no places: {made} parking, pick and drop spots were drawn along its roads"]
+    if not kinds & {"pick", "drop"}:
+        made = auto_places(maker, max(12, 2 * vehicles), ("pick", "drop"))
+        notes.append(f"the site has no pick or drop place: {made} were drawn along its roads")
+    free = sum(b.place.kind != "charge" for b in maker.bays)
+    if free < 2 * vehicles + 2:
+        made = auto_places(maker, 2 * vehicles + 2 - free, ("park",), "spot")
+        more = f"{made} further parking spots were drawn along the roads for {vehicles} trucks"
+        notes += [more] if made else []
+    return notes
+
+
+def auto_places(
+    maker: BayMaker, wanted: int, kinds: tuple[PlaceKind, ...] = ("park", "pick", "drop"), name: str = ""
+) -> int:
+    """Make at most so many bays, evenly over the roads, called after their kinds or a ``name``; how many."""
+    pitch, radius = maker.truck.chassis.width + 2.0 * GAP, maker.truck.chassis.turn_radius
+    spots: list[tuple[bool, float, int, float]] = []
+    for lane in np.flatnonzero(maker.lasting).tolist():
+        low, high = span(maker.track, maker.junctions, lane)
+        n = int(max(high - low, 0.0) / pitch)
+        for i in range(n):
+            at = low + (i + 0.5) / n * (high - low)
+            # First those that both lanes of a road lead to; of these the middle of a lane, then its quarters
+            # ..., by the binary digits mirrored (van der Corput): a few bays lie spread over all roads.
+            spread = int(f"{i:b}"[::-1], 2) / 2 ** i.bit_length()
+            spots.append((not maker.from_both(lane, at, radius), spread, lane, at))
+    made = 0
+    for *_, lane, at in sorted(spots):
+        if made >= wanted:
+            break
+        kind = kinds[made % len(kinds)]
+        spot = maker.track.first[lane] + int(at / maker.track.spacing[lane])
+        x, y = float(maker.track.x[spot]), float(maker.track.y[spot])
+        made += maker.along(lane, at, Place(f"{name or kind}-{made + 1}", kind, x, y)) is not None
+    return made

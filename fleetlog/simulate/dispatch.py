@@ -278,8 +278,6 @@ class Dispatcher(Occupancy):
         if task.vehicle is not None:
             return True
         start, parked = self.bays_of[task.source][:1], np.flatnonzero(self.fleet.mode == Mode.PARKED).tolist()
-        rivals = (
-            u for u in parked if self._idles(u) and self._can(u, task) and self.soc[u] > self.policy.low
-        )
+        rivals = (u for u in parked if self._idles(u) and self.soc[u] > self.policy.low)
         mine = (self._gaps(start, v)[0], v)
-        return not any((self._gaps(start, u)[0], u) < mine for u in rivals)
+        return not any((self._gaps(start, u)[0], u) < mine for u in rivals if self._can(u, task))

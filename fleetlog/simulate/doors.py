@@ -202,9 +202,8 @@ def _checked(
     bay = np.array([d.bay for d in doors])
     near = np.array([bays[b].door.lane for b in bay])
     ends, shape = np.array([b.door.path[-1] for b in bays]), np.concatenate([d.path for d in doors])
-    x, y, heading = (
-        np.concatenate([t, ends[:, k], shape[:, k]]) for k, t in enumerate((track.x, track.y, track.heading))
-    )
+    parts = zip((track.x, track.y, track.heading), ends.T, shape.T, strict=False)
+    x, y, heading = (np.concatenate(part) for part in parts)
     number = np.repeat(np.arange(len(doors)), [len(d.path) for d in doors])
     floor = track.z[track.first[[b.door.lane for b in bays]]]
     z = np.concatenate([track.z, floor, floor[bay[number]]])

@@ -1,6 +1,5 @@
 """How the drivers of a recording drive: what each asks of speed limit, acceleration, brakes and turns."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +12,6 @@ from fleetlog.physics.motion import measured_channels, reconstruct
 from fleetlog.simulate.arrays import Flags, Floats
 from fleetlog.simulate.state import DRIVER, PLAN
 from fleetlog.simulate.track import SWING, Track, build_track
-from fleetlog.simulate.world import zone_limits
 from fleetlog.store.dataset import Dataset
 
 LEAST = 30.0  # Seconds of cruising, of speeding up, of braking, of turning that tell what a driver does there
@@ -37,8 +35,10 @@ def recorded_drivers(dataset: Dataset, truck: Truck) -> tuple[Truck, ...]:
     out = list(found)
     by_speed = np.argsort([t.drive.speed_factor for t in found], kind="stable")
     for group in np.array_split(by_speed, min(len(found), MOST)):
+        drives = [found[k].drive for k in group]
+        mean: dict[str, Any] = {n: float(np.mean([getattr(d, n) for d in drives])) for n in DRIVER}
         for k in group:
-            out[k] = middle([found[i] for i in group])
+            out[k] = replace(truck, drive=replace(truck.drive, **mean))
     return tuple(out)
 
 
@@ -47,7 +47,7 @@ def driven(motion: Motion, site: Site, truck: Truck, track: Track) -> Truck:
     speed, change = motion.speed, motion.acceleration
     # The last one holds off the roads, where the edge is -1.
     signs = np.append(np.nan_to_num(site.roads().speed_limit, nan=np.inf), np.inf)
-    limit = np.minimum(signs[motion.edge], zone_limits(site, motion.x, motion.y))
+    limit = np.minimum(signs[motion.edge], site.zone_limit(motion.x, motion.y))
     limit = np.minimum(limit, truck.drive.max_speed)
     drives = (speed > 0.5) & (motion.dt > 0.0)
     straight = drives & (np.abs(motion.curvature) < STRAIGHT)
@@ -85,10 +85,3 @@ def _typical(values: Floats, chosen: Flags, weight: Floats) -> float | None:
     if not len(time) or time[-1] < LEAST:
         return None
     return round(float(values[chosen][order][np.searchsorted(time, SHARE * time[-1])]), 3)
-
-
-def middle(trucks: Sequence[Truck]) -> Truck:
-    """The truck with the mean of what several drivers ask."""
-    drives = [t.drive for t in trucks]
-    mean: dict[str, Any] = {n: float(np.mean([getattr(d, n) for d in drives])) for n in DRIVER}
-    return replace(trucks[0], drive=replace(drives[0], **mean))

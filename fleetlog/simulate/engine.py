@@ -88,19 +88,16 @@ def simulate(
 
 def reachable(demand: Demand, world: World) -> tuple[Demand, list[str]]:
     """The demand without the given tasks from or to places that have no bay; and what to say about it."""
-    known = set(world.by_place)
+    known = {bay.place.id for bay in world.bays}
     demand = replace(demand, visits=at_places(demand.visits, known))
     doable = [t for t in demand.given if {t.source, t.target} <= known]
     left_out = [t for t in demand.given if not {t.source, t.target} <= known]
     if not left_out:
         return demand, []
     if not doable and not demand.endless:
-        first = left_out[0]
-        raise SiteError(
-            f"place {first.target!r} cannot be reached from {first.source!r} and back,"
-            " nor any place of another task",
-            do="check one-way roads and turns of the map",
-        )
+        source, target = left_out[0].source, left_out[0].target
+        what = f"place {target!r} cannot be reached from {source!r} and back, nor any place of another task"
+        raise SiteError(what, do="check one-way roads and turns of the map")
     note = f"{len(left_out)} tasks from or to places that were left out are dropped"
     return replace(demand, given=doable, left_out=left_out), [note]
 
@@ -112,18 +109,14 @@ def vehicle_names(n: int) -> list[str]:
 
 
 def _check(settings: Settings) -> None:
-    if settings.vehicles < 1:
-        raise DataError(
-            f"{settings.vehicles} vehicles cannot be simulated", do="ask for one at least with --vehicles"
-        )
+    n, ratio = settings.vehicles, settings.interval / settings.step
+    if n < 1:
+        raise DataError(f"{n} vehicles cannot be simulated", do="ask for one at least with --vehicles")
     if not 0.01 <= settings.step <= 0.25:
         raise DataError(f"a step of {settings.step:g} s is too coarse or too fine", do="take 0.01 to 0.25 s")
-    ratio = settings.interval / settings.step
     if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6:
-        raise DataError(
-            f"rows every {settings.interval:g} s are not a whole number of steps of {settings.step:g} s",
-            do="choose --rate so that 1 / rate is a multiple of --step",
-        )
+        what = f"rows every {settings.interval:g} s are not a whole number of steps of {settings.step:g} s"
+        raise DataError(what, do="choose --rate so that 1 / rate is a multiple of --step")
     if settings.duration < settings.interval:
         raise DataError("the duration is shorter than the time between two rows", do="simulate longer")
 

@@ -64,9 +64,8 @@ def _values(part: str) -> Iterator[str]:
 
 def _whole(value: str, name: str) -> int:
     if not re.fullmatch("[0-9]{1,5}", value) or int(value) < 1:
-        raise DataError(
-            f"{name}={value[:40]} is no number from 1 to 99,999", do=f"write {name}=2..6 or {name}=1,2,4"
-        )
+        what = f"{name}={value[:40]} is no number from 1 to 99,999"
+        raise DataError(what, do=f"write {name}=2..6 or {name}=1,2,4")
     return int(value)
 
 

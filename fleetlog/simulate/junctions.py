@@ -79,10 +79,8 @@ def find_junctions(track: Track, truck: Truck) -> Junctions:
     keep = (ra >= 0) & (rb >= 0) & (ra != rb)
     apart = unique_pairs(ra[keep], rb[keep])
     apart = apart[~_in_line(track, *apart.T)]
-    alone = np.flatnonzero(bent)
-    return Junctions(
-        clear, stop, capacity, resource, np.append(apart, np.column_stack([alone, alone]), axis=0)
-    )
+    conflicts = np.append(apart, np.tile(np.flatnonzero(bent)[:, None], 2), axis=0)
+    return Junctions(clear, stop, capacity, resource, conflicts)
 
 
 def _turns(track: Track) -> Ints:

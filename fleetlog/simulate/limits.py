@@ -14,10 +14,8 @@ MATERIAL = 0.1
 """Places, chargers or traffic limit a fleet that spends more than this share of its time waiting for them."""
 BUSY = 0.85  # Trucks limit a fleet that has work for more than this share of its time
 PLACES = {
-    "pick places": ("pick", PICK_PLACE),
-    "drop places": ("drop", DROP_PLACE),
-    "chargers": ("charge", CHARGER),
-}
+    "pick places": ("pick", PICK_PLACE), "drop places": ("drop", DROP_PLACE), "chargers": ("charge", CHARGER),
+}  # fmt: skip
 """The kind of each, and what trucks that wait for it lack."""
 
 

@@ -69,9 +69,10 @@ class Occupancy(Untangler):
         self.home, self.soc = np.full(trucks, -1, np.int64), np.ones(trucks)
         self.lacks, self.wants = np.zeros(trucks, np.int8), dict[int, Sequence[int]]()
         self.owner = np.full(len(world.bays), -1, np.int64)
-        self.bays_of = world.by_place
-        self.places = list(self.bays_of)
+        self.places = list(dict.fromkeys(b.place.id for b in world.bays))
         self.place_of = np.array([self.places.index(b.place.id) for b in world.bays])
+        bays_of = (np.flatnonzero(self.place_of == k).tolist() for k in range(len(self.places)))
+        self.bays_of: dict[str, list[int]] = dict(zip(self.places, bays_of, strict=True))
         self.kind = np.array([b.place.kind for b in world.bays])
         self.where = np.array([b.door.path[-1, :2] for b in world.bays])
         work = np.isin(self.kind, ("pick", "drop"))

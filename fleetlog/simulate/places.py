@@ -63,10 +63,8 @@ class Stands:
 def find_stands(dataset: Dataset) -> Stands:
     """All standstills of a dataset; one pass over its rows."""
     code = {v: float(i) for i, v in enumerate(dataset.vehicles)}
-    found = [
-        np.insert(table, 0, code[vehicle], axis=1)
-        for vehicle, table in each_day(dataset, _stands, kinds=(Stands,), cost=0.5e-6)
-    ]
+    days = each_day(dataset, _stands, kinds=(Stands,), cost=0.5e-6)
+    found = [np.insert(table, 0, code[vehicle], axis=1) for vehicle, table in days]
     if not found:
         raise DataError("the dataset has no rows", where=dataset.path)
     table = np.concatenate(found)
@@ -91,9 +89,8 @@ def _stands(dataset: Dataset, vehicle: str, date: str) -> tuple[str, Floats]:
         rise = np.nan_to_num(soc[b - 1] - soc[a])
         row = (t.time[a], t.time[b - 1], *at, load[first], load[last], rise, height[a:b].max())
         before, after = slice(max(a - MOTION, 0), a), slice(b, b + MOTION)
-        out.append(
-            (*row, _direction(x[before][::-1], y[before][::-1]) + np.pi, _direction(x[after], y[after]))
-        )
+        into = _direction(x[before][::-1], y[before][::-1]) + np.pi
+        out.append((*row, into, _direction(x[after], y[after])))
     return vehicle, np.array(out, dtype=np.float64).reshape(-1, 10)
 
 
@@ -193,7 +190,6 @@ def with_room(site: Site, stands: Stands, cluster: Ints, names: list[str]) -> Si
         # Who leaves as another comes makes room for it.
         together = np.cumsum(step[np.lexsort((step, time))])
         most[name] = max(most.get(name, 1), int(together.max(initial=1)))
-    places = (
-        p if p.kind == "charge" else replace(p, plugs=max(p.plugs, most.get(p.id, 1))) for p in site.places
-    )
+    more = {p.id: most.get(p.id, 1) for p in site.places if p.kind != "charge"}
+    places = (replace(p, plugs=max(p.plugs, more.get(p.id, p.plugs))) for p in site.places)
     return replace(site, places=tuple(places))

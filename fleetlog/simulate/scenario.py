@@ -74,9 +74,8 @@ def one_more(scenario: Scenario, before: Summary) -> dict[str, Any]:
         what = "one more truck"
         more = replace(scenario, settings=replace(scenario.settings, vehicles=scarce.count + 1))
     elif place is not None:
-        what = (
-            f"one more {'plug' if scarce.kind == 'chargers' else scarce.kind.removesuffix('s')} at {place.id}"
-        )
+        thing = "plug" if scarce.kind == "chargers" else scarce.kind.removesuffix("s")
+        what = f"one more {thing} at {place.id}"
         more = replace(scenario, site=with_plugs(scenario.site, place.id, max(place.plugs, 1) + 1))
     else:
         return {}

@@ -180,9 +180,9 @@ def limits_of(kinds: Sequence[Truck], of: Index, length: float, gap: float) -> L
     )  # fmt: skip
 
 
-DRIVER = dict.fromkeys(
-    ("speed_factor", "max_acceleration", "max_deceleration", "max_lateral_acceleration"), 1.0
-)
+DRIVER = {
+    "speed_factor": 1.0, "max_acceleration": 1.0, "max_deceleration": 1.0, "max_lateral_acceleration": 1.0,
+}  # fmt: skip
 """What a driver asks of a truck; power follows from the motion, whoever drives."""
 
 
@@ -199,10 +199,9 @@ class Trucks:
         if isinstance(trucks, Truck):
             others = [truck for truck, count in trucks.others for _ in range(count)]
             if len(others) > vehicles:
-                raise DataError(
-                    f"{len(others)} trucks of other types are more than the {vehicles} vehicles",
-                    do="ask for more with --vehicles, or for fewer in the truck's [[fleet]]",
-                )
+                what = f"{len(others)} trucks of other types are more than the {vehicles} vehicles"
+                do = "ask for more with --vehicles, or for fewer in the truck's [[fleet]]"
+                raise DataError(what, do=do)
             trucks = [replace(trucks, others=())] * (vehicles - len(others)) + others
         kinds = tuple(dict.fromkeys(trucks))
         return cls(kinds, np.array([kinds.index(trucks[v % len(trucks)]) for v in range(vehicles)], np.int32))

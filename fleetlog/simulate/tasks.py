@@ -17,7 +17,7 @@ from fleetlog.core.site import Site
 from fleetlog.core.trajectory import Labels
 from fleetlog.core.truck import Truck
 from fleetlog.errors import InputError, nearest
-from fleetlog.simulate.arrays import Floats, Ints
+from fleetlog.simulate.arrays import Floats
 from fleetlog.simulate.doors import Stand
 from fleetlog.store.events import Columns
 
@@ -213,16 +213,10 @@ class TaskBook:
 
     def columns(self, start: int) -> Columns:
         """The table of tasks; ``start`` of the simulation [us]."""
-
-        def text(name: str) -> Labels:
-            return Labels.of([line.get(name) or None for line in self.lines])
-
-        def time(name: str) -> Ints:
+        columns: dict[str, Any] = {"task": np.arange(len(self.lines)), "payload": self.numbers("payload")}
+        for name in ("vehicle_id", "from_place", "to_place", "status"):
+            columns[name] = Labels.of([line.get(name) or None for line in self.lines])
+        for name in ("earliest", "assigned", "picked", "dropped"):
             seconds = self.numbers(name)
-            return np.where(seconds < 0.0, -1, start + np.rint(seconds * 1e6).astype(np.int64))
-
-        return {
-            "task": np.arange(len(self.lines)), "payload": self.numbers("payload"),
-            **{name: text(name) for name in ("vehicle_id", "from_place", "to_place", "status")},
-            **{name: time(name) for name in ("earliest", "assigned", "picked", "dropped")},
-        }  # fmt: skip
+            columns[name] = np.where(seconds < 0.0, -1, start + np.rint(seconds * 1e6).astype(np.int64))
+        return columns

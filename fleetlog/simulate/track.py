@@ -40,11 +40,8 @@ def shifted(points: Floats, left: float) -> Floats:
 
 def simplified(points: Floats) -> Floats:
     """Without vertices that repeat the one before."""
-    x, y = points[:, 0], points[:, 1]
-    repeats = np.flatnonzero(np.hypot(x[1:] - x[:-1], y[1:] - y[:-1]) <= 1e-6) + 1
-    if not len(repeats):
-        return points
-    kept = np.delete(points, repeats, axis=0)
+    dx, dy = np.diff(points, axis=0).T
+    kept = points[np.append(True, np.hypot(dx, dy) > 1e-6)]
     return kept if len(kept) >= 2 else points[[0, -1]]
 
 
@@ -241,9 +238,8 @@ def _trims(network: Network, radius: float, shift: Floats) -> tuple[Floats, Floa
     enter = network.heading(every, np.zeros(len(network)))
     owner = np.repeat(every, np.diff(network.next_first))
     turn = np.abs(np.angle(np.exp(1j * (enter[network.next_edges] - leave[owner]))))
-    need = (radius + np.maximum(shift[owner], shift[network.next_edges])) * np.tan(
-        np.minimum(turn, 1.9) / 2.0
-    )
+    wide = radius + np.maximum(shift[owner], shift[network.next_edges])
+    need = wide * np.tan(np.minimum(turn, 1.9) / 2.0)
     # Turning round at a dead end is done beyond the last metre.
     need = np.where(turn > 2.8, 1.0, need) + 0.05
     before, after = np.full(len(network), 0.05), np.full(len(network), 0.05)

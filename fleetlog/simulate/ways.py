@@ -26,6 +26,7 @@ NODE, SEEN = 20.0, 2
 TURN_REACH = 30.0
 """A truck turns round at the open end of a lane onto lanes that begin at most this far away [m]."""
 CROSSING = 3.0  # What crossing a lane on the way into a bay or out of it costs in choosing a way [s]
+NO_WAY_BACK = "no lane of the map leads back to where it began"
 AHEAD = 0.5  # A door this much farther along the lane can be reached without a way round [m]
 
 
@@ -106,12 +107,9 @@ def with_loops(site: Site) -> tuple[Site, list[str]]:
         return site, []
     network, count = turning_round(network)
     if (parts(network) < 0).all():
-        raise SiteError(
-            "no lane of the map leads back to where it began: a truck that leaves a place could not return",
-            do="join the ends of the lanes, or draw roads in both directions",
-        )
-    note = f"no lane of the map leads back to where it began: trucks turn round at {count} open ends"
-    return replace(site, network=network), [note]
+        what = f"{NO_WAY_BACK}: a truck that leaves a place could not return"
+        raise SiteError(what, do="join the ends of the lanes, or draw roads in both directions")
+    return replace(site, network=network), [f"{NO_WAY_BACK}: trucks turn round at {count} open ends"]
 
 
 class Itinerary(NamedTuple):

@@ -14,7 +14,7 @@ from fleetlog.core.truck import Truck
 from fleetlog.physics.power import Physics, allowed_speed
 from fleetlog.roads.routing import Router
 from fleetlog.simulate.arrays import Flags, Floats, Ints
-from fleetlog.simulate.bays import BayMaker
+from fleetlog.simulate.bays import BayMaker, lay_out
 from fleetlog.simulate.doors import Bay, Door, Stand, all_doors
 from fleetlog.simulate.junctions import (
     Junctions,
@@ -24,7 +24,6 @@ from fleetlog.simulate.junctions import (
     lanes_at,
     unique_pairs,
 )
-from fleetlog.simulate.spots import lay_out
 from fleetlog.simulate.state import PLAN, Roads, Trucks, creep_speed
 from fleetlog.simulate.track import Track, assemble, build_track
 from fleetlog.simulate.ways import Ways, with_loops
@@ -52,14 +51,6 @@ class World:
     ways: Ways
     walks: Floats  # (Z, E) where trucks stop before each zone that people cross [m]; inf: nowhere
     notes: list[str] = field(default_factory=list)
-
-    @property
-    def by_place(self) -> dict[str, list[int]]:
-        """Bays of every place, by its id."""
-        out: dict[str, list[int]] = {}
-        for b, bay in enumerate(self.bays):
-            out.setdefault(bay.place.id, []).append(b)
-        return out
 
 
 def build_world(
@@ -100,12 +91,6 @@ def with_spurs(track: Track, doors: list[Door]) -> Track:
     return replace(track, **joined)
 
 
-def zone_limits(site: Site, x: Floats, y: Floats) -> Floats:
-    """(N,) limit of the zones [m/s], inf where there is none."""
-    limits = [np.where(zone.contains(x, y), zone.speed_limit, np.nan) for zone in site.zones]
-    return np.asarray(np.fmin.reduce([np.full(len(x), np.inf), *limits]))
-
-
 def speed_limits(site: Site, track: Track) -> Floats:
     """(S,) limit [m/s] of road and zones at every sample, inf where there is none."""
     limit = np.nan_to_num(track.network.speed_limit, nan=np.inf)[track.edge]
@@ -113,7 +98,7 @@ def speed_limits(site: Site, track: Track) -> Floats:
     change = np.flatnonzero(np.diff(track.edge) != 0)
     change = change[track.source[track.owner[change]] >= 0]
     limit[change] = limit[change + 1] = np.minimum(limit[change], limit[change + 1])
-    return np.minimum(limit, zone_limits(site, track.x, track.y))
+    return np.minimum(limit, site.zone_limit(track.x, track.y))
 
 
 def caps(site: Site, track: Track, physics: Physics) -> Floats:
@@ -148,9 +133,8 @@ def _roads(
     site: Site, track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck,
     physics: list[Physics], walks: Floats,
 ) -> Roads:  # fmt: skip
-    count = len(track) + 2 * len(track.network) + len(doors)
-    apart = np.append(j.conflicts, _spur_conflicts(track, j, doors, ground, truck, count), axis=0)
-    first, conflicts = conflict_lists(apart, count)
+    apart = np.append(j.conflicts, _spur_conflicts(track, j, doors, ground, truck), axis=0)
+    first, conflicts = conflict_lists(apart, len(track) + 2 * len(track.network) + len(doors))
     cap = np.concatenate([caps(site, track, p) for p in physics])
     kinds = {"lane": np.int32, "crosses": np.int32}
     by_door: dict[str, Any] = {
@@ -163,13 +147,11 @@ def _roads(
     )  # fmt: skip
 
 
-def _spur_conflicts(
-    track: Track, j: Junctions, doors: list[Door], ground: Track, truck: Truck, count: int
-) -> Ints:
+def _spur_conflicts(track: Track, j: Junctions, doors: list[Door], g: Track, truck: Truck) -> Ints:
     """(N, 2) resources that exclude each other because of a spur, but for those that lead onto its lane."""
     from fleetlog.simulate.kernels.geometry import meetings
 
-    g, samples, spurs = ground, len(track.x), count - len(doors)
+    samples, spurs = len(track.x), len(track) + 2 * len(track.network)
     ask, skip = np.arange(len(g.x)) >= samples, np.full(len(g.x), -1, np.int32)
     pairs = meetings(g.x, g.y, g.z, g.heading, g.owner, ask, *half_box(truck), skip)
     resource = np.append(j.resource, g.owner[samples:] - len(track) + spurs).astype(np.int64)
@@ -179,7 +161,7 @@ def _spur_conflicts(
     keep = (a >= 0) & ~passed[a] & ~passed[b]
     found = unique_pairs(a[keep], b[keep])
     lane = np.array([d.lane for d in doors], dtype=np.int64)[found[:, 1] - spurs]
-    _, entered, _, target = lanes_at(track, count)[:, found[:, 0]]
+    _, entered, _, target = lanes_at(track, spurs + len(doors))[:, found[:, 0]]
     return np.asarray(found[(entered != lane) & (target != lane)])
 
 
