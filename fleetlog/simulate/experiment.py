@@ -116,10 +116,9 @@ def variants(base: Scenario, factors: Sequence[Factor]) -> list[tuple[dict[str, 
 
 
 def experiment(
-    bases: Sequence[Scenario],
-    factors: Sequence[Factor],
+    bases: Sequence[Scenario], factors: Sequence[Factor],
     progress: Callable[[float, float], None] = lambda done, total: None,
-) -> Result:
+) -> Result:  # fmt: skip
     """Run every variant of every base, which differ in their seeds alone.
 
     Tables ``runs`` (a row a variant and seed) and ``variants`` (means over the seeds, half widths of their

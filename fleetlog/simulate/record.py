@@ -133,14 +133,9 @@ class Recorder:
     """
 
     def __init__(
-        self,
-        writer: DatasetWriter,
-        names: list[str],
-        world: World,
-        settings: Settings,
-        steps: int,
+        self, writer: DatasetWriter, names: list[str], world: World, settings: Settings, steps: int,
         total: int,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.writer, self.names, self.edges = writer, names, world.track.network.edge_ids
         flat, nominal = not np.any(world.ground.z), settings.battery is None
         unknown = ("z",) * flat + MEANS[1:] * nominal
