@@ -139,6 +139,8 @@ class About:
 
     def _along_kinks(self) -> Floats:
         """(W,) seconds that following every kink of the map's line adds."""
+        if not self.path.kink.any():
+            return np.zeros(len(self.path.behind))
         bend = np.maximum(np.abs(self.path.motion.curvature), self.path.kink)
         path = replace(self.path, motion=self.path.motion.replaced(curvature=bend))
         return summed(self.path, drive_times(path, self.physics)[0] - self.seconds)
