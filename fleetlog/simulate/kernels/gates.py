@@ -42,11 +42,15 @@ def ask(r: Roads, f: Fleet, v: int, x: Limits) -> None:
 
 
 @inner
-def unask(r: Roads, f: Fleet, v: int) -> None:
-    """Ask no longer."""
-    for lane in (r.door_lane[f.door[v]], r.door_crosses[f.door[v]]):
+def take_spur(r: Roads, f: Fleet, v: int) -> None:
+    """Reserve the way into a bay or out of it, and the lane that it crosses; ask no longer."""
+    d = f.door[v]
+    for lane in (r.door_lane[d], r.door_crosses[d]):
         if lane >= 0 and f.asks[lane] == v:
             f.asks[lane] = -1
+    if r.door_crosses[d] >= 0:
+        f.crossed[r.door_crosses[d]] = v
+    f.held[len(r.length) + 2 * len(r.clear) + d] += 1
 
 
 @inner
@@ -119,14 +123,10 @@ def try_leave(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
         return 1
     if not is_safe_lane(r, lane) and acquire(r, f, v, 0, x, late) != 0:
         return 1
-    unask(r, f, v)
-    f.s[v] = r.door_at[d]
-    f.piece[v] = lane
+    take_spur(r, f, v)
+    f.s[v], f.piece[v] = r.door_at[d], lane
     insert(f, v, lane)
     f.on[lane] += 1
-    f.held[spur] += 1
-    if r.door_crosses[d] >= 0:
-        f.crossed[r.door_crosses[d]] = v
     f.mode[v] = Mode.LEAVING
     f.trip[v] += 1
     return 0
@@ -154,10 +154,7 @@ def try_enter(r: Roads, f: Fleet, v: int, x: Limits, now: float) -> int:
             ask(r, f, v, x)
         if not may_cross(r, f, v, x):
             return 1
-        unask(r, f, v)
-        if r.door_crosses[d] >= 0:
-            f.crossed[r.door_crosses[d]] = v
-        f.held[spur] += 1
+        take_spur(r, f, v)
         f.entry[v] = True
     if f.mode[v] == Mode.AT_BAY:
         f.mode[v] = Mode.ENTERING
