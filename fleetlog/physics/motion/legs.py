@@ -161,10 +161,7 @@ def speed_limits(site: Site, path: Motion) -> Floats:
         signs = site.network.speed_limit
         limit = np.append(np.where(np.isfinite(signs), signs, np.inf), np.inf)[path.edge]  # -1 is the last
         limit = np.minimum(limit, np.append(limit[:1], limit[:-1]))
-    for zone in site.zones:
-        if np.isfinite(zone.speed_limit):
-            limit = np.where(zone.contains(path.x, path.y), np.minimum(limit, zone.speed_limit), limit)
-    return limit
+    return np.asarray(np.minimum(limit, site.zone_limit(path.x, path.y)))
 
 
 def free_flow(leg: Leg, physics: Physics, limit: Floats) -> SpeedProfile:
