@@ -180,7 +180,7 @@ def read_recording(
 ) -> Generator[RawBatch, None, int]:
     """Positions and batteries of a container, in its order; gives the number of whole messages.
 
-    ``name`` is the vehicle's where the topics name none.  Without a summary the file is walked once for its
+    ``name`` is the vehicle's where the topics name none.  Without an index the file is walked once for its
     channels.
     """
     refuse_packed(path)
@@ -189,18 +189,17 @@ def read_recording(
             what = f"is not {kind.called} (its first bytes are wrong)"
             raise FormatError(what, where=path, do="check the format")
         walk = kind(path, stream, options.report)
-        summary = walk.summary()
-        if summary is None:
+        if not walk.index():
             scan = kind(path, stream, ReadReport(path))
-            for _ in scan.messages(None):
+            for _ in scan.messages():
                 pass
-            walk.channels |= scan.channels
+            walk.channels = scan.channels
             if not scan.channels and scan.report.damage:
                 raise scan.report.nothing("nothing in it is whole", "record it again")
         topics = walk.channels.values()
         roles = plan(topics, path, name or plain_stem(path), options.vehicle, options.report)
         decoder = Decoder(roles, options.report, walk.share)
-        for channel, time, data in walk.messages(summary):
+        for channel, time, data in walk.messages():
             yield from decoder.feed(channel.name, time, data)
         yield from decoder.finish()
         return walk.count
