@@ -8,9 +8,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from fleetlog.core.trajectory import Ints
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes
 from fleetlog.importers._report import ReadReport
@@ -31,16 +28,9 @@ class Block:
     progress: float
     cut: bool = False
 
-    def lines(self) -> Ints:
+    def lines(self) -> list[int]:
         """Numbers of the lines that are not blank."""
-        raw = np.frombuffer(self.text, np.uint8)
-        ends = np.flatnonzero(raw == 10)
-        if len(raw) and raw[-1] != 10:
-            ends = np.append(ends, len(raw))
-        starts = np.concatenate([[0], ends[:-1] + 1]) if len(ends) else ends
-        length = ends - starts
-        carriage = (length == 1) & (raw[np.minimum(starts, len(raw) - 1)] == 13) if len(ends) else length > 0
-        return np.asarray(self.first + np.flatnonzero((length > 0) & ~carriage), dtype=np.int64)
+        return [n for n, line in enumerate(self.text.split(b"\n"), self.first) if line not in (b"", b"\r")]
 
     def texts(self, numbers: list[int]) -> list[str]:
         """The text of some lines, by their numbers."""

@@ -63,7 +63,7 @@ class Part:
 
 
 class _Layout(NamedTuple):
-    """Where the cells of a sentence stand: least number, time of day, state, position and its rank, values."""
+    """Where the cells of a sentence stand, their least number, and the rank of its position."""
 
     least: int
     tod: int | None
