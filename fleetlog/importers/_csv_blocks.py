@@ -8,6 +8,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from fleetlog.core.trajectory import Ints
 from fleetlog.errors import FormatError
 from fleetlog.importers._open import open_bytes
 from fleetlog.importers._report import ReadReport
@@ -28,9 +31,13 @@ class Block:
     progress: float
     cut: bool = False
 
-    def lines(self) -> list[int]:
+    def lines(self) -> Ints:
         """Numbers of the lines that are not blank."""
-        return [n for n, line in enumerate(self.text.split(b"\n"), self.first) if line not in (b"", b"\r")]
+        raw = np.frombuffer(self.text + b"\n", np.uint8)
+        ends = np.flatnonzero(raw == ord("\n"))
+        size = np.diff(ends, prepend=-1) - 1
+        blank = (size == 0) | ((size == 1) & (raw[ends - 1] == ord("\r")))
+        return np.asarray(self.first + np.flatnonzero(~blank), dtype=np.int64)
 
     def texts(self, numbers: list[int]) -> list[str]:
         """The text of some lines, by their numbers."""

@@ -59,10 +59,10 @@ class TableReader:
         table, lines = self._whole(self._as_utf8(block)), block.lines()
         rejects: list[Reject] = []
         if table is None or len(table) != len(lines):
-            text, lines, rejects = self._one_by_one(block)
-            table = self._whole(text)
+            text, numbers, rejects = self._one_by_one(block)
+            table, lines = self._whole(text), np.array(numbers, dtype=np.int64)
             assert table is not None
-        return table, np.array(lines, dtype=np.int64), rejects
+        return table, lines, rejects
 
     def _as_utf8(self, block: Block) -> bytes:
         try:
