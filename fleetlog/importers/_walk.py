@@ -101,12 +101,11 @@ class Walk(ABC):
             if record.kind in self.ends:
                 break
             is_chunk = record.kind == self.chunk
+            known = self.inner if is_chunk else self.kinds
             try:
-                items: Iterable[Item] = [record[:3]]
-                if is_chunk:
-                    items = (item for item in self._items(record) if item[0] in self.inner)
-                for item in items:
-                    if (message := self._take(*item)) is None:
+                for item in self._items(record) if is_chunk else [record[:3]]:
+                    message = self._take(*item) if item[0] in known else None
+                    if message is None:
                         continue
                     number, time, data = message
                     if (channel := self.channels.get(number)) is None:

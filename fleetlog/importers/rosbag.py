@@ -16,7 +16,7 @@ from fleetlog.core.words import count
 from fleetlog.errors import FleetlogError, FormatError
 from fleetlog.importers._messages import Topic
 from fleetlog.importers._open import LIMIT, Damaged, plain_stem, plain_suffix, refuse_packed, unpack
-from fleetlog.importers._topics import Decoder, plan, read_recording
+from fleetlog.importers._topics import LOOKED_FOR, Decoder, plan, read_recording
 from fleetlog.importers._walk import Item, Message, Record, Walk
 from fleetlog.importers.base import Importer, RawBatch, ReadOptions
 from fleetlog.importers.mcap import McapWalk
@@ -198,7 +198,9 @@ def _ros2(path: Path, options: ReadOptions) -> Iterator[RawBatch]:
             decoder = Decoder(roles, options.report, lambda: decoder.record / total if decoder else 0.0)
             wanted = [c for c in bag.connections if c.topic in roles]
             for connection, time, data in bag.messages(connections=wanted):
-                yield from decoder.feed(connection.topic, (time + 500) // 1000, data)
+                decoder.feed(connection.topic, (time + 500) // 1000, data)
+                if decoder.record % LOOKED_FOR == 0:
+                    yield from decoder.ready()
         if decoder.record < (stated := sum(c.msgcount for c in wanted)):
             what = f"{decoder.record:,} of the {stated:,} messages"
             options.report.damaged(f"{what} that the bag counts are in it")
