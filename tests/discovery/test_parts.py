@@ -14,6 +14,7 @@ from fleetlog.core.network import Edge, build_network, reversed_edge
 from fleetlog.core.trajectory import Trajectory
 from fleetlog.core.truck import Chassis, Truck
 from fleetlog.discovery.channels.evaluate import Evaluation
+from fleetlog.discovery.channels.paths import kinks
 from fleetlog.discovery.hypotheses.squares import make_squares
 from fleetlog.discovery.hypotheses.stretches import make_stretches
 from fleetlog.discovery.recording import windows
@@ -21,6 +22,7 @@ from fleetlog.discovery.recording.blocks import block
 from fleetlog.discovery.recording.fleet import Fleet
 from fleetlog.discovery.recording.sensors import examine
 from fleetlog.discovery.recording.splits import make_split
+from fleetlog.discovery.recording.turns import Turn, _map_explains
 from fleetlog.physics.power import Physics, all_terms, battery_power
 
 TRUCK = Truck(Chassis(4500.0))
@@ -44,6 +46,26 @@ def drive(rows: int = 600, seed: int = 0, step: float = 1.0) -> Trajectory:
     track = Trajectory("T", (t * 1e6).astype(np.int64), columns)
     b = block(track, 0, None, TRUCK)
     return track.with_columns(battery_power=b.rows(battery_power(b.motion, Physics(TRUCK))))
+
+
+def bent(angle: float):
+    """A road of two straights of 20 m that meet at an angle [rad], one way."""
+    end = [20.0 + 20.0 * np.cos(angle), 20.0 * np.sin(angle), 0.0]
+    return build_network([Edge("a", "n0", "n1", np.array([[0.0, 0, 0], [20.0, 0, 0], end]), "a", 3.0)])
+
+
+@pytest.mark.parametrize("angle", [0.06, -0.3])
+def test_a_kink_of_the_map_is_one_turn_within_a_metre(angle: float) -> None:
+    """The curvature of a truck that follows the line turns it by the angle of the kink, and nowhere else."""
+    s = np.arange(0.005, 40.0, 0.01)
+    curvature = kinks(bent(angle), np.zeros(len(s), int), s)
+    assert (curvature * 0.01).sum() == pytest.approx(abs(angle), rel=0.02)
+    assert (np.abs(s[curvature > 0.0] - 20.0) < 0.51).all()
+
+
+@pytest.mark.parametrize("angle", [0.0, 1.2])
+def test_straights_have_no_kinks_and_corners_are_rounded(angle: float) -> None:
+    assert not kinks(bent(angle), np.zeros(50, int), np.linspace(0.0, 40.0, 50)).any()
 
 
 def test_windows_keep_the_energy_and_never_straddle_a_trip() -> None:
@@ -141,3 +163,23 @@ def test_squares_hold_a_vector_for_an_odd_field() -> None:
         squares.along(Motion.of(1, x=30.0, y=30.0, heading=h), values)[0] for h in (0.0, np.pi / 2, np.pi)
     )
     assert (east, north, west) == pytest.approx((0.03, 0.0, -0.03), abs=1e-12)
+
+
+def turn(angle: float, speed: float, length: float, corner: float) -> Turn:
+    return Turn(angle, 0.0, length, speed, 4.0, corner)
+
+
+@pytest.mark.parametrize("lateral", [0.4, 1.2, 2.5])
+@pytest.mark.parametrize("own", [True, False])
+def test_turns_are_measured_where_the_map_does_not_tell_where_trucks_slow_down(
+    lateral: float, own: bool
+) -> None:
+    """Speeds follow either the bends that trucks drive or the corners of the map, at one lateral acceleration."""
+    rng = np.random.default_rng(4)
+    known = []
+    for _ in range(30):
+        angle, length, corner = rng.uniform(0.7, 2.0), rng.uniform(4.0, 12.0), rng.uniform(0.05, 0.5)
+        bend = angle / length if own else corner
+        speed = min(4.0, np.sqrt(lateral / bend)) * rng.normal(1.0, 0.03)
+        known.append(turn(angle, speed, length, corner))
+    assert _map_explains(known) is not own

@@ -1,7 +1,7 @@
 """Columns of the speed channel: how the time on a path changes with each number, field and free curve."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,39 +12,25 @@ from fleetlog.discovery.hypotheses.curves import UNIT, FreeCurve
 from fleetlog.discovery.hypotheses.sources import ErrorSource, FieldSource, KnobSource, Source
 from fleetlog.discovery.hypotheses.stretches import Stretches
 from fleetlog.discovery.model import Model
-from fleetlog.physics.power import Physics, all_terms, allowed_speed
+from fleetlog.physics.motion.legs import quickest
+from fleetlog.physics.power import Physics, all_terms
 from fleetlog.physics.term import Term
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-SLOWEST = 0.05  # Speed that every cap leaves [m/s]
 STEP = 0.02  # Finite differences, as a share of a parameter's range
 
 
 def drive_times(path: Path, physics: Physics) -> tuple[Floats, Mask]:
     """Return the time of the step to each node, (G,) [s], and whether a cap holds the speed down there."""
-    from fleetlog.physics.motion.kernels.profile import clock, passes
-
     if physics.own:
         parts = [(w, *drive_times(path, p)) for w, p in physics.phases(path.motion.time)]
         held = np.any([capped & (w > 0.5) for w, _, capped in parts], axis=0)
         return np.asarray(sum(w * time for w, time, _ in parts)), held
-    truck = physics.actual_truck()
-    drive = truck.drive
-    allowed = np.minimum(path.motion.speed * drive.speed_factor, drive.max_speed)
-    cap = np.maximum(
-        np.minimum(allowed, allowed_speed(path.motion.replaced(speed=allowed), physics)), SLOWEST
-    )
     ends = ~path.inside | path.last
-    mass = truck.chassis.mass + path.motion.payload.astype(float)
-    most, slope = np.where(ends, 0.0, cap).astype(float), path.motion.slope.astype(float)
-    speed = passes(
-        path.s, most, slope, mass, drive.max_acceleration, drive.max_deceleration, drive.max_power,
-        truck.resistance.rolling,
-    )  # fmt: skip
-    time = clock(path.s, speed, np.zeros(len(cap)), drive.max_acceleration, drive.max_deceleration)
+    speed, time, cap = quickest(path.s, path.motion, physics, ends, np.zeros(len(ends)))
     return np.where(path.inside, np.diff(time, prepend=0.0), 0.0), (speed > 0.97 * cap) & path.inside
 
 
@@ -120,6 +106,8 @@ class About:
         return np.asarray(np.sum(parts, axis=0))
 
     def _error(self, source: ErrorSource) -> Floats:
+        if source.name == "kinks":
+            return self._along_kinks()[:, None]
         step = np.diff(self.path.s, prepend=self.path.s[:1])
         pace = np.where(self.path.inside, self.seconds / np.maximum(step, 1e-9), 0.0)
         dip = (
@@ -134,3 +122,11 @@ class About:
             "slowing down": dip & ~self.path.last,
         }[source.name]
         return summed(self.path, which.astype(float))[:, None]
+
+    def _along_kinks(self) -> Floats:
+        """(W,) seconds that following every kink of the map's line adds."""
+        if not self.path.kink.any():
+            return np.zeros(len(self.path.behind))
+        bend = np.maximum(np.abs(self.path.motion.curvature), self.path.kink)
+        path = replace(self.path, motion=self.path.motion.replaced(curvature=bend))
+        return summed(self.path, drive_times(path, self.physics)[0] - self.seconds)
