@@ -1,5 +1,7 @@
 """Rows of a track, and the groups that one step of the matching model sees."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,12 +26,16 @@ def track_of(trajectory: Trajectory) -> tuple[Track, Ints, Ints]:
     spike = out_of_line(t[rows], x[rows], y[rows])
     rows, outliers = rows[~spike], rows[spike]
     speed, heading = (trajectory.floats(name)[rows] for name in ("speed", "heading"))
-    return Track(t[rows], x[rows], y[rows], speed, heading, np.zeros(len(rows), np.int64)), rows, outliers
+    return _track(t[rows], x[rows], y[rows], speed, heading, np.zeros(len(rows), np.int64)), rows, outliers
+
+
+def _track(t: Floats, *columns: Any) -> Track:
+    return Track(t, *columns, float(np.median(np.diff(t))) if len(t) > 1 else 1.0)
 
 
 def usual_gap(track: Track) -> float:
     """Silence that breaks a chain: 30 s, or ten usual intervals where the log is sparser [s]."""
-    return max(30.0, 10.0 * _interval(track)) if len(track.t) > 1 else 30.0
+    return max(30.0, 10.0 * track.interval) if len(track.t) > 1 else 30.0
 
 
 def with_gap(track: Track, gap: float) -> Track:
@@ -37,14 +43,9 @@ def with_gap(track: Track, gap: float) -> Track:
     return track._replace(chain=np.cumsum(np.diff(track.t, prepend=track.t[:1]) > gap))
 
 
-def _interval(track: Track) -> float:
-    """Usual time between rows [s]."""
-    return float(np.median(np.diff(track.t))) if len(track.t) > 1 else 1.0
-
-
 def _usual_speed(track: Track, noise: float) -> float:
     """Median speed while moving, from the log or from positions some noise apart [m/s]."""
-    known, n, interval = track.speed[track.speed > 0.3], len(track.t), _interval(track)
+    known, n, interval = track.speed[track.speed > 0.3], len(track.t), track.interval
     if len(known) > 10:
         return float(np.median(known))
     if n < 3:
@@ -59,12 +60,12 @@ def _usual_speed(track: Track, noise: float) -> float:
 def sample(track: Track, groups: int, noise: float) -> Track:
     """About ``groups`` groups' worth of rows in up to eight runs, each a chain of its own."""
     runs, n = 8, len(track.t)
-    rows = groups * max(1, round(group_span(track, noise) / _interval(track)))
+    rows = groups * max(1, round(group_span(track, noise) / track.interval))
     if rows >= n:
         return track
     starts = np.linspace(0, n - rows // runs, runs).astype(int)
     index = np.concatenate([np.arange(s, s + rows // runs) for s in starts])
-    picked = Track(*(column[index] for column in track))
+    picked = _track(*(column[index] for column in track[:6]))
     run = np.repeat(np.arange(runs), rows // runs)
     new = (np.diff(picked.chain, prepend=picked.chain[:1]) != 0) | (np.diff(run, prepend=0) != 0)
     return picked._replace(chain=np.cumsum(new))
@@ -105,7 +106,7 @@ def white_noise(track: Track) -> float:
 
 def group_span(track: Track, noise: float) -> float:
     """Seconds of motion in a group: a step twice the noise of the mean of its k rows, noise / sqrt(k)."""
-    h, v = _interval(track), _usual_speed(track, noise)
+    h, v = track.interval, _usual_speed(track, noise)
     rows = max((2.0 * noise / (v * h)) ** (2.0 / 3.0), 1.0)
     return float(min(max(rows * h, SHORTEST_STEP / v), LONGEST_SPAN, LONGEST_STEP / v))
 
