@@ -27,6 +27,8 @@ ROUNDS = 12
 SCATTER = 0.1
 """Directions with a smaller share of what is driven about there pull by that share, the others alike."""
 
+Counts = NDArray[np.int64]
+
 
 @dataclass(frozen=True)
 class Cells:
@@ -97,52 +99,49 @@ def gathered(cells: Cells, noise: float, lane: float) -> Cells:
 def _shifted(cells: Cells, across: float, *, either: bool, rounds: int = ROUNDS) -> tuple[Cells, Floats]:
     """Cells moved across their heading to the local mean, in their order; and the weight about each."""
     side = max(3.0 * ALONG, across if either else 3.0 * across) + 1.0
-    x0, y0 = cells.x.min(), cells.y.min()
-    i, j = ((v - low) // side for v, low in ((cells.x, x0), (cells.y, y0)))
-    columns, rows = int(i.max()) + 1, int(j.max()) + 1
-    block = i.astype(np.int64) * rows + j.astype(np.int64)
+    low = np.array([cells.x.min(), cells.y.min()])
+    at = ((np.column_stack([cells.x, cells.y]) - low) // side).astype(np.int64)
+    shape = at.max(axis=0) + 1
+    block = at @ [shape[1], 1]
     order = np.argsort(block, kind="stable")
     x, y, heading, weight = (v[order] for v in (cells.x, cells.y, cells.heading, cells.weight))
-    first = np.searchsorted(block[order], np.arange(columns * rows + 1))
-    left, near = np.empty(len(x)), np.empty(len(x))
-    left[order], near[order] = _shift(
-        x, y, np.cos(heading), np.sin(heading), weight, first, columns, rows, float(x0), float(y0), side,
-        ALONG, across, ALIKE, either, rounds,
-    )  # fmt: skip
+    first = np.searchsorted(block[order], np.arange(shape.prod() + 1))
+    left, near = np.empty((2, len(x)))
+    rows = np.stack([x, y, np.cos(heading), np.sin(heading), weight])
+    left[order], near[order] = _shift(*rows, first, shape, low, side, across, either, rounds)
     moved = replace(cells, x=cells.x - np.sin(cells.heading) * left, y=cells.y + np.cos(cells.heading) * left)
     return moved, near
 
 
 @kernel()
 def _shift(
-    x: Floats, y: Floats, cos: Floats, sin: Floats, weight: Floats, first: NDArray[np.int64], columns: int,
-    rows: int, x0: float, y0: float, side: float, along: float, across: float, alike: float, either: bool,
-    rounds: int,
+    x: Floats, y: Floats, cos: Floats, sin: Floats, weight: Floats, first: Counts, shape: Counts, low: Floats,
+    side: float, across: float, either: bool, rounds: int,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """(N,) metres to the left to the local mean of cells that head alike, and the weight about there.
 
     Cells are sorted by block of ``side`` m, column after column; block b owns ``first[b]`` to ``first[b +
-    1]``. ``along``, ``across`` are the standard deviations of the kernel [m], ``alike`` the least cosine
-    between headings that count as one direction.  With ``either`` the opposite one counts too, and the kernel
-    is flat up to ``across``: lines farther apart than that do not pull at one another at all.
+    1]``.  ``across`` is the standard deviation of the kernel across the way [m].  With ``either`` the opposite
+    direction counts too, and the kernel is flat up to ``across``: lines farther apart do not pull at all.
     """
+    columns, rows = shape
     out, near = np.zeros(len(x)), np.zeros(len(x))
     for i in range(len(x)):
         moved = 0.0
         for _ in range(rounds):
             px, py = x[i] - sin[i] * moved, y[i] + cos[i] * moved
-            bi, bj = int((px - x0) / side), int((py - y0) / side)
+            bi, bj = int((px - low[0]) / side), int((py - low[1]) / side)
             total = value = 0.0
             for a in range(max(bi - 1, 0), min(bi + 2, columns)):
-                low, high = max(bj - 1, 0), min(bj + 2, rows)
-                if low >= high:
+                begin, end = max(bj - 1, 0), min(bj + 2, rows)
+                if begin >= end:
                     continue
-                for k in range(first[a * rows + low], first[a * rows + high]):
+                for k in range(first[a * rows + begin], first[a * rows + end]):
                     facing = cos[k] * cos[i] + sin[k] * sin[i]
-                    if facing < alike and not (either and facing < -alike):
+                    if facing < ALIKE and not (either and facing < -ALIKE):
                         continue
                     dx, dy = x[k] - px, y[k] - py
-                    ahead = (dx * cos[i] + dy * sin[i]) / along
+                    ahead = (dx * cos[i] + dy * sin[i]) / ALONG
                     left = dy * cos[i] - dx * sin[i]
                     far = ahead * ahead
                     if not either:

@@ -1,7 +1,5 @@
 """Rows of a track, and the groups that one step of the matching model sees."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,11 +24,12 @@ def track_of(trajectory: Trajectory) -> tuple[Track, Ints, Ints]:
     spike = out_of_line(t[rows], x[rows], y[rows])
     rows, outliers = rows[~spike], rows[spike]
     speed, heading = (trajectory.floats(name)[rows] for name in ("speed", "heading"))
-    return _track(t[rows], x[rows], y[rows], speed, heading, np.zeros(len(rows), np.int64)), rows, outliers
+    columns = t[rows], x[rows], y[rows], speed, heading, np.zeros(len(rows), np.int64)
+    return Track(*columns, _interval(t[rows])), rows, outliers
 
 
-def _track(t: Floats, *columns: Any) -> Track:
-    return Track(t, *columns, float(np.median(np.diff(t))) if len(t) > 1 else 1.0)
+def _interval(t: Floats) -> float:
+    return float(np.median(np.diff(t))) if len(t) > 1 else 1.0
 
 
 def usual_gap(track: Track) -> float:
@@ -65,7 +64,7 @@ def sample(track: Track, groups: int, noise: float) -> Track:
         return track
     starts = np.linspace(0, n - rows // runs, runs).astype(int)
     index = np.concatenate([np.arange(s, s + rows // runs) for s in starts])
-    picked = _track(*(column[index] for column in track[:6]))
+    picked = Track._make([*(column[index] for column in track[:6]), _interval(track.t[index])])
     run = np.repeat(np.arange(runs), rows // runs)
     new = (np.diff(picked.chain, prepend=picked.chain[:1]) != 0) | (np.diff(run, prepend=0) != 0)
     return picked._replace(chain=np.cumsum(new))

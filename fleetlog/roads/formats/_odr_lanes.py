@@ -9,7 +9,7 @@ import numpy as np
 
 from fleetlog.core.network import Edge, Floats, reverse_id
 from fleetlog.roads.formats._odr_geometry import sample
-from fleetlog.roads.formats._odr_parse import End, Lane, Road, Section
+from fleetlog.roads.formats._odr_parse import ENDS, End, Lane, Road, Section
 from fleetlog.roads.formats.base import Tally
 
 DRIVEN = frozenset({
@@ -22,7 +22,6 @@ MICRO = 1e-3  # a lane section shorter than this [m] is no edge; its links are c
 THIN = 0.05  # a lane that is nowhere wider than this [m] is not there
 BEFORE_END = 1e-7
 """Records that start at the end of a section speak of the next one: it is read this far before it [m]."""
-ENDS: tuple[End, End] = ("start", "end")
 
 
 class LaneEnd(NamedTuple):
@@ -43,16 +42,14 @@ def lane_edges(
     """The edges of a road, from lane end to lane end; ``skipped`` gathers the metres left out, by type."""
     for k, section in enumerate(road.sections):
         length = section.end - section.start
+        some = np.linspace(section.start, section.end - BEFORE_END, 9)
         for lane in section.lanes.values():
             if lane.id == 0:
                 continue
-            inner, outer = _sides(
-                road, section, lane, np.linspace(section.start, section.end - BEFORE_END, 9)
-            )
-            widths = np.abs(outer - inner)
+            widths = np.abs(np.diff(_sides(road, section, lane, some), axis=0))
             if lane.type not in driven:
                 tally.dropped[f"lane type {lane.type}"] += 1
-                skipped[lane.type] = skipped.get(lane.type, 0.0) + length
+                skipped[lane.type] += length
             elif length < MICRO:
                 tally.dropped["shorter than 1 mm"] += 1
             elif widths.max() < THIN:
@@ -111,20 +108,18 @@ def _stations(road: Road, section: Section, lanes: list[Lane]) -> Floats:
     marks = np.concatenate([road.plan.starts, *(table.starts for table in cubics)])
     inner = marks[(marks > section.start + 1e-6) & (marks < section.end - 1e-6)]
     pieces = max(1, math.ceil((section.end - section.start) / 25.0))
-    s = np.unique(np.concatenate([inner, np.linspace(section.start, section.end, 1 + pieces)]))
-    keep = np.append(True, np.diff(s) > 1e-6)
-    keep[-1] = True
-    return np.asarray(s[keep], dtype=np.float64)
+    s = np.unique([*inner, *np.linspace(section.start, section.end, 1 + pieces)])
+    # the last one is the end of the section, and stays
+    return np.asarray(s[np.append(np.diff(s[:-1], prepend=-np.inf) > 1e-6, True)])
 
 
 def _sides(road: Road, section: Section, lane: Lane, s: Floats) -> tuple[Floats, Floats]:
     """(N,) lateral places t [m] of the inner and outer border of a lane, left positive."""
-    side = 1 if lane.id > 0 else -1
     inner = outer = offset = road.offset.at(s)
     for inward in _inward(section, lane):
         inner = outer
         if len(inward.widths.starts) or not len(inward.borders.starts):
-            outer = inner + side * np.maximum(inward.widths.at(s), 0.0)
+            outer = inner + np.sign(lane.id) * np.maximum(inward.widths.at(s), 0.0)
         else:
             outer = offset + inward.borders.at(s)
     return inner, outer
@@ -133,8 +128,7 @@ def _sides(road: Road, section: Section, lane: Lane, s: Floats) -> tuple[Floats,
 def _lasting(records: tuple[tuple[float, float], ...], section: Section) -> float:
     """Of (s, limit) the limit on the greatest part of a section [m/s]; NaN unknown."""
     best, longest = math.nan, 0.0
-    rows = [*sorted(records, key=lambda r: r[0]), (math.inf, math.nan)]
-    for (s, limit), (until, _) in pairwise(rows):
+    for (s, limit), (until, _) in pairwise([*sorted(records), (math.inf, math.nan)]):
         part = min(until, section.end) - max(s, section.start)
         if part > longest + 1e-9:
             best, longest = limit, part

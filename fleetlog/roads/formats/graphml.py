@@ -16,18 +16,8 @@ from fleetlog.core.frames import geographic
 from fleetlog.core.network import Edge, Floats, reverse_id
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats.base import (
-    KMH,
-    MapOptions,
-    Nodes,
-    Reader,
-    RoadMap,
-    Tally,
-    at,
-    number,
-    osm_speed,
-    osm_width,
-)
+from fleetlog.roads.formats.base import KMH, MapOptions, Nodes, Reader, RoadMap, Tally, at, number, spot
+from fleetlog.roads.formats.osm import osm_speed, osm_width
 
 Attributes = dict[str, str]
 
@@ -43,10 +33,12 @@ def read(path: Path, options: MapOptions) -> RoadMap:
     graph = root.find("graph")
     if graph is None:
         raise SiteError("has no graph", do="save it with OSMnx's save_graphml")
-    nodes = Nodes((str(n.get("id")), _spot(n, names)) for n in graph.iterfind("node"))
-    heights = all(math.isfinite(p[2]) for p in nodes.values())
-    for spot in nodes.values():
-        spot[2] = spot[2] if heights else 0.0
+    said = {str(n.get("id")): _attributes(n, names) for n in graph.iterfind("node")}
+    heights = all(a.get("elevation") for a in said.values())
+    nodes = Nodes()
+    for name, a in said.items():
+        height = a["elevation"] if heights else 0.0
+        nodes[name] = spot(a.get("x"), a.get("y"), f"node {name}", height)
     against: set[str] = set()
     for n, element in enumerate(graph.iterfind("edge")):
         u, v = str(element.get("source")), str(element.get("target"))
@@ -73,12 +65,6 @@ def read(path: Path, options: MapOptions) -> RoadMap:
 
 def _attributes(element: Element, names: dict[str, str]) -> Attributes:
     return {names.get(str(d.get("key")), ""): d.text or "" for d in element.iterfind("data")}
-
-
-def _spot(node: Element, names: dict[str, str]) -> Floats:
-    place, a = f"node {node.get('id')}", _attributes(node, names)
-    height = number(a["elevation"], place) if a.get("elevation") else math.nan
-    return np.array([number(a.get("x"), place), number(a.get("y"), place), height])
 
 
 def _line(text: str, start: Floats, end: Floats) -> Floats:

@@ -8,6 +8,7 @@ included files.
 
 import math
 import re
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
@@ -21,14 +22,14 @@ from fleetlog.roads.formats._odr_links import connect
 from fleetlog.roads.formats._odr_parse import Road, parse_road
 from fleetlog.roads.formats.base import HUGE, Inverse, MapOptions, Reader, RoadMap, Tally, at, number
 
-NOWHERE = "so the map has no place on earth"
-
 
 def read(path: Path, options: MapOptions) -> RoadMap:
     """Read an OpenDRIVE file; see the module."""
     tally = Tally()
     root = parse_xml(path, "OpenDRIVE", tally.notes)
-    version = _version(root)
+    header = root.find("header")
+    parts = [] if header is None else [header.get(k, "0") for k in ("revMajor", "revMinor")]
+    version = ".".join(f"{number(part, 'header'):.0f}" for part in parts) or "without header"
     roads = _roads(root, tally.notes)
     _add_lanes(roads, options, tally)
     allowed = connect(roads, root.findall("junction"), tally)
@@ -42,14 +43,6 @@ def read(path: Path, options: MapOptions) -> RoadMap:
         geographic_of=_earth(root, tally.notes),
         has_elevation=any(len(road.elevation.starts) for road in roads.values()),
     )  # fmt: skip
-
-
-def _version(root: Element) -> str:
-    header = root.find("header")
-    if header is None:
-        return "without header"
-    major, minor = (int(number(header.get(k, "0"), f"header, {k}")) for k in ("revMajor", "revMinor"))
-    return f"{major}.{minor}"
 
 
 def _roads(root: Element, notes: list[str]) -> dict[str, Road]:
@@ -72,15 +65,15 @@ def _roads(root: Element, notes: list[str]) -> dict[str, Road]:
 
 
 def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> None:
-    skipped: dict[str, float] = {}
+    skipped: dict[str, float] = defaultdict(float)
     default = "LHT" if options.traffic == "left" else "RHT"
     driven = options.lane_types or DRIVEN
     for road in roads.values():
-        for edge in lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped):
-            if float(np.abs(edge.points).max()) > HUGE:
-                place = f"road {road.id}"
-                raise SiteError("its lanes lie beyond the earth", place=place, do="correct the map")
-            tally.edges.append(edge)
+        edges = [*lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped)]
+        if not all((np.abs(edge.points) <= HUGE).all() for edge in edges):
+            place = f"road {road.id}"
+            raise SiteError("its lanes lie beyond the earth", place=place, do="correct the map")
+        tally.edges += edges
     if skipped:
         parts = ", ".join(f"{kind} {length:.0f} m" for kind, length in sorted(skipped.items()))
         tally.notes.append(f"length of the lanes that are left out, by type: {parts}")
@@ -99,22 +92,18 @@ def _earth(root: Element, notes: list[str]) -> Inverse | None:
         text = f"+proj=tmerc {text}"
     # Vertical grids are not part of an installation and do not move anything in the plane.
     plain = re.sub(r"\+(geoidgrids|vunits)=\S+", "", text) if text.startswith("+") else text
-    if why := _no_place(plain):
-        notes.append(why)
-        return None
-    offset = root.find("header/offset")
-    by = [
-        0.0 if offset is None else number(offset.get(k, "0"), f"header offset, {k}")
-        for k in ("x", "y", "hdg")
-    ]
+    offset = [(k, root.xpath(f"string(header/offset/@{k})") or 0.0) for k in ("x", "y", "hdg")]
+    by = [number(value, f"header offset, {k}") for k, value in offset]
 
     def inverse(x: Floats, y: Floats) -> tuple[Floats, Floats]:
         return geographic(plain, *moved(x, y, *by))
 
-    if not np.isfinite(inverse(np.zeros(1), np.zeros(1))).all():
-        notes.append(f"the geoReference does not reach the map's coordinates, {NOWHERE}")
-        return None
-    return inverse
+    why = _no_place(plain)
+    if not why and not np.isfinite(inverse(np.zeros(1), np.zeros(1))).all():
+        why = "the geoReference does not reach the map's coordinates"
+    if why:
+        notes.append(f"{why}, so the map has no place on earth; state [frame] in a site.toml to give it one")
+    return None if why else inverse
 
 
 def moved(x: Floats, y: Floats, east: float, north: float, heading: float) -> tuple[Floats, Floats]:
@@ -130,17 +119,16 @@ def _no_place(text: str) -> str:
     from pyproj.exceptions import ProjError
 
     if not text:
-        return f"there is no geoReference, {NOWHERE}; state [frame] in a site.toml to give it one"
+        return "there is no geoReference"
     zone, longitude = re.search(r"\+zone=(\d+)", text), re.search(r"\+lon_0=(-?[\d.]+)", text)
     if "+proj=utm" in text and zone and longitude and abs(6 * int(zone[1]) - 183 - float(longitude[1])) > 6.0:
-        fault = f"UTM zone {zone[1]} and lon_0 {longitude[1]}"
-        return f"the geoReference contradicts itself ({fault}), {NOWHERE}"
+        return f"the geoReference contradicts itself (UTM zone {zone[1]} and lon_0 {longitude[1]})"
     try:
         crs = CRS.from_user_input(text)
         geographic(text, [], [])
     except ProjError as error:
-        return f"the geoReference is not understood ({str(error).splitlines()[0]}), {NOWHERE}"
-    return "" if crs.is_projected else f"the geoReference is no projection to metres, {NOWHERE}"
+        return f"the geoReference is not understood ({str(error).splitlines()[0]})"
+    return "" if crs.is_projected else "the geoReference is no projection to metres"
 
 
 READER = Reader("OpenDRIVE", (".xodr",), "<OpenDRIVE", read)

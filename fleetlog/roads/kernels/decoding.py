@@ -8,6 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetlog.roads.kernels.compiling import fast_inner, fast_outer
 from fleetlog.roads.kernels.costs import BY_JUMP, CHAIN_END, JUMP, LEAVE, LEFT, RARE, reach_of, step_costs
@@ -35,7 +36,7 @@ def ensure_all(store: Store, roads: Roads, near: Candidates, groups: Groups, bet
 class Scratch(NamedTuple):
     """For blocks of at most B groups with at most W states."""
 
-    steps: Floats  # (B W W,) probabilities of steps
+    steps: NDArray[np.float32]  # (B W W,) probabilities of steps
     delta: Floats  # (B W,), as the next four
     alpha: Floats
     gamma: Floats
@@ -51,9 +52,14 @@ def scratch(near: Candidates, edges: int) -> Scratch:
     """Room for decoding."""
     widest = int(np.diff(near.ptr).max()) + 1
     groups = min(len(near.ptr), BLOCK + AHEAD + 1)
-    steps, states = np.empty(groups * widest * widest, np.float32), np.empty((4, groups * widest))
-    came, cost = np.empty(groups * widest, np.int64), np.empty((widest, widest))
-    return Scratch(steps, *states, came, cost, *np.empty((2, widest)), np.full(edges, -1, np.int64))
+    delta, alpha, gamma, own = np.empty((4, groups * widest))
+    came, cost, (beta, later) = (
+        np.empty(groups * widest, int),
+        np.empty((widest, widest)),
+        np.empty((2, widest)),
+    )
+    steps, slot = np.empty(groups * widest * widest, np.float32), np.full(edges, -1)
+    return Scratch(steps, delta, alpha, gamma, own, came, cost, beta, later, slot)
 
 
 @fast_outer
