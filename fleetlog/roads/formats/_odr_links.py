@@ -14,7 +14,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
-from fleetlog.core.network import Edge, Floats
+from fleetlog.core.network import Floats
 from fleetlog.roads.formats._documents import Element
 from fleetlog.roads.formats._odr_lanes import MICRO, LaneEnd
 from fleetlog.roads.formats._odr_parse import ENDS, End, Road, contact
@@ -22,40 +22,27 @@ from fleetlog.roads.formats.base import Tally, at, number
 
 Pair = tuple[LaneEnd, LaneEnd] | None
 """Two lane ends that a link joins; None where one of their roads does not exist."""
-GAP, BEND = 0.5, np.radians(20.0)
-"""Edges that follow one another but lie farther apart [m] or turn more sharply [rad] are told of."""
 
 
 def connect(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> list[tuple[str, str]]:
     """The allowed turns, (edge id, next edge id), of the tally's lanes, whose nodes are lane ends.
 
-    Lane ends that touch become one node; gaps, kinks and dead ends are noted.
+    Lane ends that touch become one node; dead ends are noted.
     """
     lanes, touching = tally.edges, _touching(roads, junctions, tally)
-    entering: dict[str, list[Edge]] = defaultdict(list)
+    entering: dict[str, list[str]] = defaultdict(list)
     nodes: dict[str, str] = {}
     for lane in lanes:
-        entering[lane.start].append(lane)
+        entering[lane.start].append(lane.id)
         for spot in (lane.start, lane.end):
             touching.add_node(spot)
             if spot not in nodes:
                 nodes |= dict.fromkeys(nx.node_connected_component(touching, spot), spot)
     tally.edges = [replace(lane, start=nodes[lane.start], end=nodes[lane.end]) for lane in lanes]
-    pairs = [(lane, f) for lane in lanes for end in touching[lane.end] for f in entering[end]]
-    turns = [(a.id, b.id) for a, b in pairs]
-    broken = [turn for turn, (a, b) in zip(turns, pairs, strict=True) if not _joins(a.points, b.points)]
-    if broken:
-        what = f"a gap over {GAP:g} m or a kink over 20 degrees, the first {' to '.join(broken[0])}"
-        tally.notes.append(f"{len(broken)} turns have {what}")
+    turns = [(lane.id, f) for lane in lanes for end in touching[lane.end] for f in entering[end]]
     if dead := len(lanes) - len({a for a, _ in turns}):
         tally.notes.append(f"{dead} lanes end with no lane to follow")
     return turns
-
-
-def _joins(a: Floats, b: Floats) -> bool:
-    p, q = a[-1] - a[-2], b[1] - b[0]
-    turn = np.arctan2(p[0] * q[1] - p[1] * q[0], p[0] * q[0] + p[1] * q[1])
-    return bool(np.linalg.norm(a[-1] - b[0]) <= GAP and abs(turn) <= BEND)
 
 
 def _touching(roads: dict[str, Road], junctions: list[Element], tally: Tally) -> "nx.Graph[str]":

@@ -53,12 +53,9 @@ def scratch(near: Candidates, edges: int) -> Scratch:
     widest = int(np.diff(near.ptr).max()) + 1
     groups = min(len(near.ptr), BLOCK + AHEAD + 1)
     delta, alpha, gamma, own = np.empty((4, groups * widest))
-    came, cost, (beta, later) = (
-        np.empty(groups * widest, int),
-        np.empty((widest, widest)),
-        np.empty((2, widest)),
-    )
-    steps, slot = np.empty(groups * widest * widest, np.float32), np.full(edges, -1)
+    came, cost = np.empty(groups * widest, np.int64), np.empty((widest, widest))
+    steps, (beta, later) = np.empty(groups * widest * widest, np.float32), np.empty((2, widest))
+    slot = np.full(edges, -1, np.int64)
     return Scratch(steps, delta, alpha, gamma, own, came, cost, beta, later, slot)
 
 
