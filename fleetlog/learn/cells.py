@@ -24,8 +24,7 @@ ASIDE = 0.1  # weight of a metre of manoeuvre: it counts only where nothing else
 ALIKE = np.cos(np.radians(35.0))  # headings closer than this go one way
 ALONG = 1.0  # standard deviation along the way of what is averaged [m]
 ROUNDS = 12
-SCATTER = 0.1
-"""Directions with a smaller share of what is driven about there pull by that share, the others alike."""
+SCATTER = 0.1  # directions with a smaller share of what is driven there pull by that share, others alike
 
 Counts = NDArray[np.int64]
 
@@ -104,26 +103,27 @@ def _shifted(cells: Cells, across: float, *, either: bool, rounds: int = ROUNDS)
     shape = at.max(axis=0) + 1
     block = at @ [shape[1], 1]
     order = np.argsort(block, kind="stable")
-    x, y, heading, weight = (v[order] for v in (cells.x, cells.y, cells.heading, cells.weight))
     first = np.searchsorted(block[order], np.arange(shape.prod() + 1))
-    left, near = np.empty((2, len(x)))
-    rows = np.stack([x, y, np.cos(heading), np.sin(heading), weight])
-    left[order], near[order] = _shift(*rows, first, shape, low, side, across, either, rounds)
+    rows = np.stack([cells.x, cells.y, np.cos(cells.heading), np.sin(cells.heading), cells.weight])[:, order]
+    left, near = np.empty((2, len(cells)))
+    left[order], near[order] = _shift(rows, first, shape, low, side, across, either, rounds)
     moved = replace(cells, x=cells.x - np.sin(cells.heading) * left, y=cells.y + np.cos(cells.heading) * left)
     return moved, near
 
 
 @kernel()
 def _shift(
-    x: Floats, y: Floats, cos: Floats, sin: Floats, weight: Floats, first: Counts, shape: Counts, low: Floats,
-    side: float, across: float, either: bool, rounds: int,
+    cells: Floats, first: Counts, shape: Counts, low: Floats, side: float, across: float, either: bool,
+    rounds: int,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """(N,) metres to the left to the local mean of cells that head alike, and the weight about there.
 
-    Cells are sorted by block of ``side`` m, column after column; block b owns ``first[b]`` to ``first[b +
-    1]``.  ``across`` is the standard deviation of the kernel across the way [m].  With ``either`` the opposite
-    direction counts too, and the kernel is flat up to ``across``: lines farther apart do not pull at all.
+    ``cells`` (5, N) are x, y, cosine and sine of the heading, and weight, by block of ``side`` m, column
+    after column; block b owns ``first[b]`` to ``first[b + 1]``.  ``across`` is the kernel's deviation
+    across the way [m].  With ``either`` the opposite direction counts too, and the kernel is flat up to
+    ``across``: lines farther apart do not pull at one another at all.
     """
+    x, y, cos, sin, weight = cells
     columns, rows = shape
     out, near = np.zeros(len(x)), np.zeros(len(x))
     for i in range(len(x)):

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fleetlog.core.network import Floats, Network
+from fleetlog.roads.kernels.candidates import find_candidates
+from fleetlog.roads.kernels.decoding import ensure_all
+from fleetlog.roads.kernels.distances import new_store, roomier
 from fleetlog.roads.kernels.records import Candidates, Grid, Groups, Roads, Store
 
-MOST_CANDIDATES = 24
-"""Candidates kept for one position, nearest first: more never changed a decision on aisle grids."""
+MOST_CANDIDATES = 24  # of one position, the nearest: more never changed a decision on aisle grids
 
 
 @dataclass
@@ -22,8 +24,6 @@ class Prepared:
 
     def candidates(self, x: Floats, y: Floats, radius: float, margin: float) -> Candidates:
         """The edges within ``radius`` of every position, ``margin`` [m] behind the nearest at most."""
-        from fleetlog.roads.kernels.candidates import find_candidates
-
         n, room = len(x), 8 * len(x) + MOST_CANDIDATES
         found = Candidates(np.zeros(n + 1, np.int64), np.empty(room, np.int32), np.empty((4, room)))
         lines = np.empty(MOST_CANDIDATES // 2, np.int64), np.empty((2, MOST_CANDIDATES // 2))
@@ -36,9 +36,6 @@ class Prepared:
 
     def reach(self, near: Candidates, groups: Groups, beta: float) -> None:
         """Find the distances that the steps between candidates need."""
-        from fleetlog.roads.kernels.decoding import ensure_all
-        from fleetlog.roads.kernels.distances import roomier
-
         at = 0
         while (at := ensure_all(self.store, self.roads, near, groups, beta, at)) < len(groups.t):
             self.store = roomier(self.store)
@@ -59,8 +56,6 @@ def prepare(network: Network) -> Prepared:
 
 
 def _prepare(network: Network) -> Prepared:
-    from fleetlog.roads.kernels.distances import new_store
-
     # equal alternatives are decided by the edges' names, so that the order of a map file means nothing
     rank = np.empty(len(network), np.int64)
     rank[np.argsort(np.array(network.edge_ids))] = np.arange(len(network))

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Floats
 from fleetlog.core.trajectory import Trajectory
+from fleetlog.roads.kernels.grouping import find_stops, group_means, group_points
 from fleetlog.roads.kernels.records import Groups, Track
 
 Ints = NDArray[np.int64]
@@ -13,8 +14,7 @@ STANDING_SPEED = 0.1  # a log speed below this is a standstill [m/s]
 MOST_ACCELERATION = 15.0  # no vehicle on wheels exceeds it [m/s2]
 LONGEST_SPAN = 2.0  # longest motion that one group may hold [s]
 LONGEST_STEP = 3.0  # and the farthest [m]: longer ones would cut the corners of aisles
-SHORTEST_STEP = 1.0
-"""Dense rows of clean positions are grouped to this much motion [m]: more rows tell the model nothing new."""
+SHORTEST_STEP = 1.0  # dense rows of clean positions are grouped to this much: more tell nothing new [m]
 
 
 def track_of(trajectory: Trajectory) -> tuple[Track, Ints, Ints]:
@@ -123,14 +123,8 @@ def direction_of(groups: Groups, sigma: float) -> tuple[Floats, Floats]:
     return np.vstack([dx, dy]) / np.maximum(far, 1e-9), sharp
 
 
-HEADING_WEIGHT = 1.0
-"""Cost of a heading square to the road; it may point against the motion, so only its axis counts."""
-
-
 def group_track(track: Track, noise: float, sigma: float) -> Groups:
     """Groups of a track: standstills that speed or positions show, and steps of motion between."""
-    from fleetlog.roads.kernels.grouping import find_stops, group_points
-
     span = group_span(track, noise)
     travelled = _travelled(track)
     first, still = np.empty(len(track.t) + 1, np.int64), np.zeros(len(track.t), np.bool_)
@@ -146,14 +140,13 @@ def group_track(track: Track, noise: float, sigma: float) -> Groups:
     blur = 2.0 * noise**2 / np.maximum(np.minimum(np.diff(first)[1:], np.diff(first)[:-1]), 1)
     by_position = np.sqrt(np.maximum(chord**2 - blur, 0.0))
     moved = np.where(np.isfinite(np.diff(s)), np.diff(s), by_position)
-    axis = HEADING_WEIGHT * np.vstack([c2, s2])
+    # a heading may point against the motion, so only its axis counts
+    axis = np.vstack([c2, s2])
     return Groups(first, t, x, y, np.append(moved, 0.0), axis, still, track.chain[first[:-1]])
 
 
 def _means(track: Track, first: Ints, travelled: Floats) -> Floats:
     """(6, G) means of groups; see the kernel."""
-    from fleetlog.roads.kernels.grouping import group_means
-
     out = np.empty((6, len(first) - 1))
     group_means(first, track, travelled, out)
     return out

@@ -16,8 +16,7 @@ import numpy as np
 
 from fleetlog.core.network import Floats
 from fleetlog.roads.formats._documents import Element
-from fleetlog.roads.formats._odr_lanes import MICRO, LaneEnd
-from fleetlog.roads.formats._odr_parse import ENDS, End, Road, contact
+from fleetlog.roads.formats._odr_parse import ENDS, MICRO, End, LaneEnd, Road, contact
 from fleetlog.roads.formats.base import Tally, at, number
 
 Pair = tuple[LaneEnd, LaneEnd] | None

@@ -15,9 +15,9 @@ from fleetlog.roads.formats.base import SPEED_UNITS, at, number
 End = Literal["start", "end"]
 ENDS: tuple[End, End] = ("start", "end")
 SIDES = tuple(zip(ENDS, ("link/predecessor", "link/successor"), strict=True))
-LONGEST, TIGHTEST = 1e6, 100.0
-"""A road longer than this [m] or a turn of more than this [rad] in one piece is a wrong number."""
+LONGEST, TIGHTEST = 1e6, 100.0  # a longer road [m], or more of a turn in one piece [rad], is wrong
 AGAIN = "correct the map"
+MICRO = 1e-3  # a lane section shorter than this [m] is no edge; its links are carried through
 
 
 class Lane(NamedTuple):
@@ -46,6 +46,18 @@ class RoadLink(NamedTuple):
     kind: str
     id: str
     contact: End | None
+
+
+class LaneEnd(NamedTuple):
+    """One end of a lane of a section."""
+
+    road: str
+    section: int
+    lane: int
+    end: End
+
+    def __str__(self) -> str:
+        return f"{self.road}:{self.section}:{self.lane}:{self.end}"
 
 
 class Road(NamedTuple):

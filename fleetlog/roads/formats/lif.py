@@ -26,8 +26,7 @@ KINDS: tuple[tuple[str, PlaceKind], ...] = (
     ("startCharging", "charge"), ("pick", "pick"), ("drop", "drop"), ("park", "park"),
 )  # fmt: skip
 CHORD = 0.01  # largest distance [m] of a trajectory from its polyline
-LEAST, APART = 1e-6, 1e-9
-"""Smallest weight of a control point, and distance of two different knots, as a share of all."""
+LEAST, APART = 1e-6, 1e-9  # smallest weight of a control point; distance of two knots, as a share of all
 
 
 def read(path: Path, options: MapOptions) -> RoadMap:

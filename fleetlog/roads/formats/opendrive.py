@@ -9,18 +9,29 @@ included files.
 import math
 import re
 from collections import defaultdict
+from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from fleetlog.core.frames import geographic
-from fleetlog.core.network import Floats
+from fleetlog.core.network import Edge, Floats, reverse_id
 from fleetlog.errors import SiteError
 from fleetlog.roads.formats._documents import Element, parse_xml
-from fleetlog.roads.formats._odr_lanes import DRIVEN, lane_edges
+from fleetlog.roads.formats._odr_geometry import sample
 from fleetlog.roads.formats._odr_links import connect
-from fleetlog.roads.formats._odr_parse import Road, parse_road
+from fleetlog.roads.formats._odr_parse import ENDS, MICRO, Lane, LaneEnd, Road, Section, parse_road
 from fleetlog.roads.formats.base import HUGE, Inverse, MapOptions, Reader, RoadMap, Tally, at, number
+
+DRIVEN = frozenset({
+    "driving", "bidirectional", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane",
+    "mwyEntry", "mwyExit",
+})  # fmt: skip
+"""Lane types that are driven unless the user says otherwise."""
+CHORD = 0.005  # largest distance [m] of a lane's centre line from its polyline
+THIN = 0.05  # a lane that is nowhere wider than this [m] is not there
+BEFORE_END = 1e-7  # a section is read this far before its end, where records of the next one start [m]
 
 
 def read(path: Path, options: MapOptions) -> RoadMap:
@@ -69,7 +80,7 @@ def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> Non
     default = "LHT" if options.traffic == "left" else "RHT"
     driven = options.lane_types or DRIVEN
     for road in roads.values():
-        edges = [*lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped)]
+        edges = [*_lane_edges(road, driven, (road.rule or default) == "LHT", tally, skipped)]
         if not all((np.abs(edge.points) <= HUGE).all() for edge in edges):
             place = f"road {road.id}"
             raise SiteError("its lanes lie beyond the earth", place=place, do="correct the map")
@@ -81,6 +92,105 @@ def _add_lanes(roads: dict[str, Road], options: MapOptions, tally: Tally) -> Non
     if options.traffic and against:
         what = f"a rule of their own that differs from traffic = {options.traffic!r}; it holds there"
         tally.notes.append(f"{against} roads have {what}")
+
+
+def _lane_edges(
+    road: Road, driven: frozenset[str], left: bool, tally: Tally, skipped: dict[str, float]
+) -> Iterator[Edge]:
+    """The edges of a road, from lane end to lane end; ``skipped`` gathers the metres left out, by type."""
+    for k, section in enumerate(road.sections):
+        length = section.end - section.start
+        some = np.linspace(section.start, section.end - BEFORE_END, 9)
+        for lane in section.lanes.values():
+            if lane.id == 0:
+                continue
+            widths = np.abs(np.diff(_sides(road, section, lane, some), axis=0))
+            if lane.type not in driven:
+                tally.dropped[f"lane type {lane.type}"] += 1
+                skipped[lane.type] += length
+            elif length < MICRO:
+                tally.dropped["shorter than 1 mm"] += 1
+            elif widths.max() < THIN:
+                tally.dropped["without width"] += 1
+            else:
+                tally.kept += 1
+                yield from _directed(road, k, lane, left, float(widths.mean()))
+
+
+def _directed(road: Road, k: int, lane: Lane, left: bool, width: float) -> Iterator[Edge]:
+    section = road.sections[k]
+    points, name = _centre_line(road, section, lane), f"{road.id}:{k}:{lane.id}"
+    # The limit on the greatest part of the section, the lane's or else the road's.
+    limit = _lasting(lane.speeds or road.speeds, section)
+    low, high = (str(LaneEnd(road.id, k, lane.id, end)) for end in ENDS)
+    for edge_id, forward in zip((name, reverse_id(name)), _directions(lane, left), strict=False):
+        start, end, line = (low, high, points) if forward else (high, low, points[::-1].copy())
+        yield Edge(edge_id, start, end, line, name, limit, width)
+
+
+def _directions(lane: Lane, left: bool) -> tuple[bool, ...]:
+    """Whether the lane is driven along s (True) or against it; two-way lanes both, the usual way first."""
+    usual = (lane.id < 0) != left
+    if lane.direction in ("+s", "-s"):
+        return (lane.direction == "+s",)
+    if lane.direction == "both" or lane.type == "bidirectional":
+        return (usual, not usual)
+    return (not usual,) if lane.direction == "reversed" else (usual,)
+
+
+def _inward(section: Section, lane: Lane) -> list[Lane]:
+    """The lanes from the centre to this one, itself included."""
+    side = 1 if lane.id > 0 else -1
+    return [section.lanes[i] for i in range(side, lane.id + side, side)]
+
+
+def _centre_line(road: Road, section: Section, lane: Lane) -> Floats:
+    """(n, 3) centre of a lane [m] along s; chords within 5 mm of it."""
+
+    def at(s: Floats) -> Floats:
+        s = np.minimum(s, section.end - BEFORE_END)
+        x, y, heading = road.plan.at(s)
+        t = np.mean(_sides(road, section, lane, s), axis=0)
+        roll = road.superelevation.at(s)
+        flat = t * np.cos(roll)
+        z = road.elevation.at(s) + t * np.sin(roll)
+        return np.column_stack([x - flat * np.sin(heading), y + flat * np.cos(heading), z])
+
+    return at(sample(at, _stations(road, section, _inward(section, lane)), CHORD))
+
+
+def _stations(road: Road, section: Section, lanes: list[Lane]) -> Floats:
+    """s [m] of a section's ends, of every record that starts inside it, and at most 25 m apart."""
+    cubics = [road.elevation, road.superelevation, road.offset]
+    cubics += [table for lane in lanes for table in (lane.widths, lane.borders)]
+    marks = np.concatenate([road.plan.starts, *(table.starts for table in cubics)])
+    inner = marks[(marks > section.start + 1e-6) & (marks < section.end - 1e-6)]
+    pieces = max(1, math.ceil((section.end - section.start) / 25.0))
+    s = np.unique([*inner, *np.linspace(section.start, section.end, 1 + pieces)])
+    # the last one is the end of the section, and stays
+    return np.asarray(s[np.append(np.diff(s[:-1], prepend=-np.inf) > 1e-6, True)])
+
+
+def _sides(road: Road, section: Section, lane: Lane, s: Floats) -> tuple[Floats, Floats]:
+    """(N,) lateral places t [m] of the inner and outer border of a lane, left positive."""
+    inner = outer = offset = road.offset.at(s)
+    for inward in _inward(section, lane):
+        inner = outer
+        if len(inward.widths.starts) or not len(inward.borders.starts):
+            outer = inner + np.sign(lane.id) * np.maximum(inward.widths.at(s), 0.0)
+        else:
+            outer = offset + inward.borders.at(s)
+    return inner, outer
+
+
+def _lasting(records: tuple[tuple[float, float], ...], section: Section) -> float:
+    """Of (s, limit) the limit on the greatest part of a section [m/s]; NaN unknown."""
+    best, longest = math.nan, 0.0
+    for (s, limit), (until, _) in pairwise([*sorted(records), (math.inf, math.nan)]):
+        part = min(until, section.end) - max(s, section.start)
+        if part > longest + 1e-9:
+            best, longest = limit, part
+    return best
 
 
 def _earth(root: Element, notes: list[str]) -> Inverse | None:
