@@ -47,10 +47,15 @@ def moving(trajectory: Trajectory) -> tuple[Cells, float]:
     found = reconstruct(trajectory)
     m = found.motion
     metres = np.where(found.standing, 0.0, m.speed * m.dt)
-    metres *= np.where(_manoeuvres(metres, m.dt, found.standing), ASIDE, 1.0)
-    keep = ~found.standing & np.isfinite(m.x) & np.isfinite(m.y) & (metres > 0.0)
-    keep &= (np.abs(m.x) < LIMIT) & (np.abs(m.y) < LIMIT)
-    return Cells(m.x[keep], m.y[keep], m.heading[keep], metres[keep]), float(found.noise.position)
+    weight = metres * np.where(_manoeuvres(metres, m.dt, found.standing), ASIDE, 1.0)
+    keep = np.flatnonzero((metres > 0.0) & (np.abs(m.x) < LIMIT) & (np.abs(m.y) < LIMIT))
+    # who drives fast is sampled at places farther apart than what makes a line: several stand for one
+    count = np.ceil(metres[keep] / ALONG).astype(int)
+    row, nth = np.repeat(keep, count), np.concatenate([np.arange(n) for n in [0, *count]])
+    count, heading = np.repeat(count, count), m.heading[row]
+    ahead = ((nth + 0.5) / count - 0.5) * metres[row]
+    x, y = m.x[row] + np.cos(heading) * ahead, m.y[row] + np.sin(heading) * ahead
+    return Cells(x, y, heading, weight[row] / count), float(found.noise.position)
 
 
 def _manoeuvres(metres: Floats, dt: Floats, standing: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fleetlog.core.network import Network, build_network
 from fleetlog.core.result import EdgeValues, Grid, Marks, Result, Shape
-from fleetlog.core.site import Site
+from fleetlog.core.site import Frame, Site
 from fleetlog.errors import DataError
 from fleetlog.learn.cells import SIDE, Cells, gather, moving
 from fleetlog.learn.compare import proposals, sentence
@@ -53,7 +53,7 @@ def learn(
     base = Site(name, dataset.site.frame, network, dataset.site.traffic, zones=zones)
     learned, places = with_places(base, dataset, min_visits)
     table = road_table(network, found)
-    lacking = proposals(network, table, site.roads()) if site is not None else []
+    lacking = proposals(network, table, _in_frame(site, base.frame)) if site is not None else []
     return learned, _result(learned, cells, table, places, lacking, found.evidence)
 
 
@@ -62,6 +62,15 @@ def write_learned(site: Site, result: Result, folder: Path) -> None:
     rows, names = result.tables["roads"].to_dict("records"), ("passes", "trucks", "days")
     write_site(site, folder, {row["edge_id"]: {name: row[name] for name in names} for row in rows})
     write_result(result, folder, site.frame)
+
+
+def _in_frame(site: Site, frame: Frame | None) -> Network:
+    """The roads of a site in another frame; as they are where either has no place on earth."""
+    network = site.roads()
+    if frame is None or site.frame in (None, frame):
+        return network
+    x, y = frame.to_local(*site.frame.to_geographic(*network.points[:, :2].T))
+    return replace(network, points=np.column_stack([x, y, network.points[:, 2]]))
 
 
 def _driven(dataset: Dataset) -> tuple[Cells, float]:

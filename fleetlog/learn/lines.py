@@ -53,7 +53,7 @@ def centre_lines(cells: Cells, tube: float, least: float) -> Picture:
     # a line that is driven once has one metre a metre: blurred, 1 / (sqrt(2 pi) sigma) a metre across
     passes = ndimage.gaussian_filter(metres, blur) * np.sqrt(2.0 * np.pi) * blur / side
     near = ndimage.maximum_filter(passes, size=2 * int(NEARBY / side) + 1)
-    line = (metres > 0.0) & (passes >= np.maximum(least * 0.5, STRAY * near))
+    line = (metres > 0.0) & (passes >= np.maximum(least, STRAY * near))
     road = ndimage.distance_transform_edt(~line) <= max(0.5 * tube / side, 2.0)
     label, count = ndimage.label(~road)
     small = np.bincount(label.ravel(), minlength=count + 1) * side**2 < ISLET
