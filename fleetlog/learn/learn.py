@@ -134,25 +134,25 @@ def _result(
     e: Evidence,
 ) -> Result:  # fmt: skip
     network, kinds = site.roads(), places.kind.value_counts().to_dict()
-    roads, oneway = len(set(network.roads)), int((network.reverse < 0).sum())
-    metres, nodes = float(network.length.sum()), len(network.node_ids)
     summary = {
-        "roads": roads, "oneway": oneway, "length_m": metres, "nodes": nodes, "places": len(places),
+        "roads": len(set(network.roads)), "oneway": int((network.reverse < 0).sum()),
+        "length_m": float(network.length.sum()), "nodes": len(network.node_ids), "places": len(places),
         "kinds": kinds, "zones": len(site.zones), "rows": e.rows, "rows_on_roads": e.matched,
         "proposals": lacking,
     }  # fmt: skip
     told = ": " + ", ".join(f"{n} {k}" for k, n in kinds.items()) if kinds else ""
+    what = "{roads} roads, {oneway} of them one-way, {nodes} nodes, {length_m:,.0f} m of directed edges"
     lines = [
-        f"{roads} roads, {oneway} of them one-way, {nodes} nodes, {metres:,.0f} m of directed edges",
+        what.format(**summary),
         f"{100.0 * e.matched / max(e.rows, 1):.1f} % of {e.rows:,} rows lie on them",
         f"{len(places)} places{told}; {len(site.zones)} slow zones",
         *map(sentence, lacking[:8]),
     ]
     if len(lacking) > 8:
         lines.append(f"and {len(lacking) - 8} more proposals in proposals.parquet")
-    edges, passes = np.arange(len(network), dtype=np.int32), e.mean_passes(network).astype(np.float64)
+    edges, passes = np.arange(len(network), dtype=np.int32), table["passes"].to_numpy(float)
     driven = EdgeValues("roads", edges, np.zeros(len(network)), network.length, passes, "passes")
-    tables: dict[str, pd.DataFrame] = {"roads": table}
+    tables = {"roads": table}
     shapes: list[Shape] = [_traces(cells), driven]
     if lacking:
         tables["proposals"] = pd.DataFrame(lacking)

@@ -176,10 +176,8 @@ def _map_file(name: str, path: Path) -> Path:
     """The map that a site file names, by an absolute name or one that stays in the site's folder."""
     file = path.parent / name
     if not Path(name).is_absolute() and not file.resolve().is_relative_to(path.parent.resolve()):
-        raise SiteError(
-            f"{name!r} leads out of the site's folder", where=path, place="network.file",
-            do="put the map beside the site file or write its absolute path",
-        )  # fmt: skip
+        what, do = f"{name!r} leads out of the site's folder", "put the map there or write its absolute path"
+        raise SiteError(what, where=path, place="network.file", do=do)
     if not file.is_file():
         raise SiteError(f"no such file {name!r}", where=path, place="network.file", do="correct the name")
     return file

@@ -55,6 +55,7 @@ def _touching(roads: dict[str, Road], junctions: list[Element], tally: Tally) ->
             odd += 1
         elif pair[0] != pair[1]:
             said.add_edge(*pair)
+    # a junction lists the links of the roads that it meets in their stead
     unanswered = (b for a, b in said.edges if not said.has_edge(b, a))
     if one := sum(not _at_junction(roads[spot.road], spot) for spot in unanswered):
         what = "given in one direction only; they are taken to hold in both"

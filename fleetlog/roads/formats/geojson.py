@@ -113,10 +113,8 @@ def _points(raw: Any) -> Floats:
         rows.append([*map(number, vertex[:3]), math.nan][:3])
     points = np.array(rows, dtype=np.float64).reshape(-1, 3)
     if (np.abs(points[:, :2]) > [180.0, 90.0]).any():
-        raise SiteError(
-            "coordinates are not longitude and latitude in degrees",
-            do="export the roads in degrees (RFC 7946); local metres belong into an OpenDRIVE or LIF file",
-        )
+        do = "export the roads in degrees (RFC 7946); local metres belong into an OpenDRIVE or LIF file"
+        raise SiteError("coordinates are not longitude and latitude in degrees", do=do)
     return points
 
 

@@ -105,17 +105,13 @@ def _nurbs(raw: Any) -> Floats:
     rows = [[number(p.get(key), "controlPoints") for key in ("x", "y", "weight")] for p in named]
     x, y, weight = np.array(rows).reshape(-1, 3).T
     gaps = np.diff(knots)
-    short = not 1 <= degree < len(x)
-    if short or len(knots) != len(x) + degree + 1 or bool((gaps < 0).any()):
-        raise SiteError(
-            f"its trajectory of degree {degree} has {len(knots)} knots for {len(x)} control points",
-            do="there must be points + degree + 1 knots in rising order",
-        )
-    close = bool(((gaps > 0.0) & (gaps < APART * np.ptp(knots))).any())
-    if close or knots[degree] == knots[len(x)] or bool((weight < LEAST).any()):
-        raise SiteError(
-            f"its knots nearly coincide or leave no curve, or a weight is below {LEAST:g}", do=again
-        )
+    if not 1 <= degree < len(x) or len(knots) != len(x) + degree + 1 or (gaps < 0).any():
+        what = f"its trajectory of degree {degree} has {len(knots)} knots for {len(x)} control points"
+        raise SiteError(what, do="there must be points + degree + 1 knots in rising order")
+    close = ((gaps > 0.0) & (gaps < APART * np.ptp(knots))).any()
+    if close or knots[degree] == knots[len(x)] or (weight < LEAST).any():
+        what = f"its knots nearly coincide or leave no curve, or a weight is below {LEAST:g}"
+        raise SiteError(what, do=again)
     spline = BSpline(knots, np.column_stack([x * weight, y * weight, weight]), degree)
 
     def at(u: Floats) -> Floats:

@@ -58,17 +58,13 @@ def read(path: Path, options: MapOptions) -> RoadMap:
 
 def _roads(root: Element, notes: list[str]) -> dict[str, Road]:
     roads: dict[str, Road] = {}
-    bare = 0
-    for element in root.iterfind("road"):
+    elements = root.findall("road")
+    for element in elements:
         with at(f"road {element.get('id')}"):
             road = parse_road(element)
-        if road is None:
-            bare += 1
-        elif road.id in roads:
+        if road and roads.setdefault(road.id, road) is not road:
             raise SiteError(f"two roads have the id {road.id!r}", place=f"line {element.sourceline}")
-        else:
-            roads[road.id] = road
-    if bare:
+    if bare := len(elements) - len(roads):
         notes.append(f"{bare} roads have no geometry or no lanes and are left out")
     if root.find(".//include") is not None:
         notes.append("included files are not read")

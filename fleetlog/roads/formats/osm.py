@@ -114,21 +114,17 @@ def _forbidden(root: Element, parts: dict[str, list[Edge]], tally: Tally) -> fro
     out: set[tuple[str, str]] = set()
     unread = 0
     for relation in root.iterfind("relation"):
-        tags = _tags(relation)
-        rule = tags.get("restriction", "")
-        if tags.get("type") != "restriction" or not rule.startswith(("no_", "only_")):
+        rule = _tags(relation).get("restriction", "")
+        if _tags(relation).get("type") != "restriction" or not rule.startswith(("no_", "only_")):
             continue
-        members = {str(m.get("role")): m for m in relation.iterfind("member")}
-        refs = {role: str(member.get("ref")) for role, member in members.items()}
-        node = refs.get("via")
-        if node is None or members["via"].get("type") != "node":
-            unread += 1
-            continue
-        incoming = [e.id for e in parts.get(refs.get("from", ""), ()) if e.end == node]
-        onward = {e.id for e in parts.get(refs.get("to", ""), ()) if e.start == node}
+        refs = {(m.get("role"), m.get("type")): m.get("ref") for m in relation.iterfind("member")}
+        node = refs.get(("via", "node"))
+        unread += node is None
+        incoming = [e.id for e in parts.get(refs.get(("from", "way"), ""), ()) if e.end == node]
+        onward = {e.id for e in parts.get(refs.get(("to", "way"), ""), ()) if e.start == node}
         if rule.startswith("only_"):
             # Without the way that it leads to (beyond the extract) the rule would close the road.
-            onward = leaving[node] - onward if onward else set()
+            onward = leaving[str(node)] - onward if onward else set()
         out |= {(a, b) for a in incoming for b in onward}
     if unread:
         tally.notes.append(f"{unread} turn restrictions that lead over ways are not read")
