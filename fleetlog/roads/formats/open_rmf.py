@@ -81,16 +81,15 @@ def _vertices(level: Level) -> tuple[Floats, list[dict[str, Any]]]:
 
 def _scale(level: Level, spots: Floats) -> float:
     """Metres a pixel: the mean over the measured lines."""
-    found = []
-    for row in _rows(level, "measurements", 3):
-        a, b = (_index(v, len(spots)) for v in row[:2])
-        pixels = float(np.hypot(*(spots[a] - spots[b])[:2]))
-        if pixels > 0.0:
-            found.append(number(_options(row).get("distance")) / pixels)
-    if not found or not np.mean(found) > 0.0:
+    rows = _rows(level, "measurements", 3)
+    ends = np.array([[_index(v, len(spots)) for v in row[:2]] for row in rows], int).reshape(-1, 2)
+    metres = np.array([number(_options(row).get("distance")) for row in rows])
+    pixels = np.linalg.norm(spots[ends[:, 0]] - spots[ends[:, 1]], axis=1)
+    scale = float(np.mean(metres[pixels > 0.0] / pixels[pixels > 0.0])) if pixels.any() else 0.0
+    if not scale > 0.0:
         do = "measure a line in the traffic editor"
         raise SiteError("has no measurement, so its scale is unknown", do=do)
-    return float(np.mean(found))
+    return scale
 
 
 def _index(value: Any, count: int) -> int:
